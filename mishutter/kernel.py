@@ -1,0 +1,267 @@
+r"""The exposure integral: how much light of a moving point falls on each pixel.
+
+One evaluation serves both frames, every speed and every acceleration. The path falls
+into two arms, before and after its vertex, on each of which position is a monotone
+function of time. On an arm, a tap $[e_k, e_{k+1}]$ and a piece of the shutter overlap in
+an interval of positions; the time spent there is $2\,\Delta x/(u_k + u_{k+1})$ and the
+light is that time, times the piece's mean transmittance over it.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter.doubleword import DoubleWord, add, negate, two_sum
+from mishutter.motion import AbstractMotion
+from mishutter.path import Path, path, speed_at
+from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter
+from mishutter.shutters.sampled import piecewise
+from mishutter.types import (
+    common_dtype,
+    is_concrete,
+    require,
+    require_finite,
+    require_positive_int,
+    require_scalar,
+)
+
+_BLOCK_SIZE = 1 << 16
+"""Taps times pieces above which taps are done block by block, to bound memory."""
+
+
+def blur_kernel(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    *,
+    speed: ArrayLike = 0.0,
+    num_taps: int,
+    phase: ArrayLike = 0.0,
+) -> Array:
+    r"""Blur kernel of a moving point, aligned at the vertex of its path.
+
+    $h_k = \frac12\int_{r_k}^{r_{k+1}} [w(\nu + r) + w(\nu - r)]\,dr$ with
+    $r_k = \sqrt{\max(e_k, 0)/aT^2}$, $e_k = k + \text{phase}$ and $\nu = s/(2aT)$: the
+    paper's area integration (its section 3), with the inverse square root of (8)-(9)
+    removed by the change of variable and the shutter integrated rather than sampled.
+
+    With no acceleration the vertex of a moving object is infinitely far away and the
+    kernel is zero; that of an object at rest is all in the tap that holds position 0.
+    The derivative with respect to `phase` is infinite where an edge lies exactly on the
+    vertex under an open shutter; that edge's share is then left out, which is the
+    derivative from below.
+
+    Args:
+        shutter: Transmittance over the exposure.
+        motion: Motion of the sensor.
+        speed: Object speed $s$, px/s; scalar, either sign.
+        num_taps: Number of taps $n$; static.
+        phase: Offset of the first tap's edge from the vertex, px; scalar.
+
+    Returns:
+        Share of a fully open exposure that falls on each pixel; shape `(n,)`. The taps
+        sum to the efficiency once they cover the support
+        $[0, aT^2(1 + |\nu|)^2]$.
+
+    Raises:
+        ValueError: if `num_taps` is not a positive integer, or `speed` or `phase` is
+            not a finite scalar.
+    """
+    require_positive_int("blur_kernel(num_taps=...)", num_taps)
+    for name, value in (("speed", speed), ("phase", phase)):
+        require_scalar(f"blur_kernel({name}=...)", value)
+        require_finite(f"blur_kernel({name}=...)", value)
+    dtype = _dtype(shutter, motion, speed, phase)
+    first = jnp.asarray(phase, dtype)
+    edges = two_sum(jnp.arange(num_taps + 1, dtype=dtype), jnp.broadcast_to(first, num_taps + 1))
+    return _exposure(shutter, motion, jnp.asarray(speed, dtype), edges, from_vertex=True)
+
+
+def binned_exposure(
+    shutter: AbstractShutter, motion: AbstractMotion, *, speed: ArrayLike, edges: ArrayLike
+) -> Array:
+    r"""Exposure between given positions on the sensor, relative to mid-exposure.
+
+    $h_k = \frac{1}{2T}\int w(t/T)\,[e_k \le a t^2 - s t < e_{k+1}]\,dt$. It exists for
+    every $a \ge 0$, zero included, where a rect shutter gives a box, and tends to that
+    smoothly. A point that does not move at all falls on one pixel.
+
+    The derivative with respect to an edge exactly at the vertex is infinite under an
+    open shutter, and is given from the side on which no light falls.
+
+    Args:
+        shutter: Transmittance over the exposure.
+        motion: Motion of the sensor.
+        speed: Object speed $s$, px/s; scalar, either sign.
+        edges: Pixel edges, ascending, px; shape `(n + 1,)`.
+
+    Returns:
+        Share of a fully open exposure in each interval; shape `(n,)`.
+
+    Raises:
+        ValueError: if `edges` are not finite and ascending, or fewer than two, or
+            `speed` is not a finite scalar.
+    """
+    require_scalar("binned_exposure(speed=...)", speed)
+    require_finite("binned_exposure(speed=...)", speed)
+    _check_edges(edges)
+    dtype = _dtype(shutter, motion, speed, edges)
+    edge_array = jnp.asarray(edges, dtype)
+    ends = DoubleWord(edge_array, jnp.zeros_like(edge_array))
+    return _exposure(shutter, motion, jnp.asarray(speed, dtype), ends, from_vertex=False)
+
+
+def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
+    r"""Far end of the vertex-frame kernel, $aT^2 (1 + |\nu|)^2$; px, shape of `speed`."""
+    reach = motion.top_speed + jnp.abs(jnp.asarray(speed))
+    moving = motion.acceleration > 0
+    return jnp.where(moving, reach**2 / (4 * jnp.where(moving, motion.acceleration, 1.0)), 0.0)
+
+
+def _check_edges(edges: ArrayLike) -> None:
+    subject = "binned_exposure(edges=...)"
+    require(jnp.ndim(edges) == 1, subject, "be one row", f"shape {jnp.shape(edges)}")
+    require(jnp.size(edges) >= 2, subject, "hold at least two edges", jnp.size(edges))
+    require_finite(subject, edges)
+    if is_concrete(edges):
+        ascending = bool(np.all(np.diff(np.asarray(edges)) >= 0))
+        require(ascending, subject, "ascend", edges)
+
+
+def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: ArrayLike) -> np.dtype:
+    return common_dtype(*jax.tree.leaves((shutter, motion)), *values)
+
+
+def _exposure(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    speed: Array,
+    edges: DoubleWord,
+    *,
+    from_vertex: bool,
+) -> Array:
+    profile = piecewise(shutter)
+    a = motion.acceleration.astype(speed.dtype)
+    T = motion.half_exposure.astype(speed.dtype)
+    tau = profile.breakpoints(np.dtype(speed.dtype))
+    track = path(a, T, speed, tau, from_vertex=from_vertex)
+    pieces = _Pieces(jnp.diff(tau.high) + jnp.diff(tau.low), track)
+
+    def block(ends: DoubleWord) -> Array:
+        inside = DoubleWord(*(_bring_inside(e, track) for e in ends))
+        velocity = speed_at(a, T, speed, inside, from_vertex=from_vertex)
+        arms = [_arm(profile, pieces, ends, velocity, after) for after in (False, True)]
+        return (arms[0] + arms[1]) / 2
+
+    taps = _by_blocks(block, edges, num_pieces=tau.high.size - 1)
+    return _with_points_at_rest(taps, edges, track, profile, from_vertex)
+
+
+def _with_points_at_rest(taps, edges, track, profile, from_vertex):
+    """The limits at zero stroke: a point at rest, or a vertex at infinity."""
+    no_stroke, no_smear = track.stroke == 0, track.smear == 0
+    holds_origin = (edges.high[:-1] <= 0) & (edges.high[1:] > 0)
+    light = profile.efficiency().astype(taps.dtype)
+    point = jnp.where(holds_origin, light, jnp.zeros_like(light))
+    taps = jnp.where(no_stroke & no_smear, point, taps)
+    return jnp.where(no_stroke & ~no_smear, jnp.zeros_like(taps), taps) if from_vertex else taps
+
+
+class _Pieces(NamedTuple):
+    length: Array
+    track: Path
+
+
+def _arm(
+    profile: AbstractPiecewiseShutter,
+    pieces: _Pieces,
+    edges: DoubleWord,
+    velocity: Array,
+    after: bool,
+) -> Array:
+    """Light of one arm of the path, in units of tau; shape `(n,)`.
+
+    Each piece reaches from its inner end, nearer the vertex, to its outer end. Where
+    the vertex lies inside or beyond a piece, the vertex takes the inner end's place.
+    """
+    length, track = pieces
+    on_arm = track.velocity >= 0 if after else track.velocity <= 0
+    speeds = jnp.where(on_arm, jnp.abs(track.velocity), 0.0)
+    high = jnp.where(on_arm, track.position.high, track.vertex.high)
+    low = jnp.where(on_arm, track.position.low, track.vertex.low)
+    inner, outer = (slice(None, -1), slice(1, None)) if after else (slice(1, None), slice(None, -1))
+    inner_end = DoubleWord(high[inner, None], low[inner, None])
+    outer_end = DoubleWord(high[outer, None], low[outer, None])
+    inner_speed, outer_speed = speeds[inner, None], speeds[outer, None]
+
+    below = (edges.high - inner_end.high) + (edges.low - inner_end.low) <= 0
+    above = (edges.high - outer_end.high) + (edges.low - outer_end.low) >= 0
+
+    def clipped(edge, at_inner, at_outer):
+        return jnp.where(below, at_inner, jnp.where(above, at_outer, edge))
+
+    u = clipped(velocity, inner_speed, outer_speed)
+    x = DoubleWord(
+        clipped(edges.high, inner_end.high, outer_end.high),
+        clipped(edges.low, inner_end.low, outer_end.low),
+    )
+    width = _time(_difference(x, 1), u[:, :-1] + u[:, 1:])
+    from_inner = _time(_distance(x, inner_end), u + inner_speed)
+    from_outer = _time(_distance(outer_end, x), u + outer_speed)
+    to_vertex = _vertex_offset(track, length, after)[:, None]
+    if after:
+        start, remaining = to_vertex + from_inner[:, :-1], from_outer[:, 1:]
+    else:
+        start, remaining = from_outer[:, 1:], to_vertex + from_inner[:, :-1]
+    mean = profile.piece_mean(start, width, remaining)
+    return jnp.sum(width * _within_unit(mean), axis=0)
+
+
+def _vertex_offset(track: Path, length: Array, after: bool) -> Array:
+    """Time from a piece's inner end to the vertex, where the vertex cuts the piece."""
+    inner_velocity = track.velocity[:-1] if after else -track.velocity[1:]
+    beyond = inner_velocity < 0
+    rate = 2 * track.stroke
+    safe = beyond & (rate > 0)
+    offset = jnp.where(safe, -inner_velocity / jnp.where(rate > 0, rate, 1.0), 0.0)
+    return jnp.where(offset < length, offset, length)
+
+
+def _time(distance: Array, sum_of_speeds: Array) -> Array:
+    moving = sum_of_speeds > 0
+    return jnp.where(moving, 2 * distance / jnp.where(moving, sum_of_speeds, 1.0), 0.0)
+
+
+def _difference(x: DoubleWord, axis: int) -> Array:
+    return jnp.diff(x.high, axis=axis) + jnp.diff(x.low, axis=axis)
+
+
+def _distance(x: DoubleWord, y: DoubleWord) -> Array:
+    return add(x, negate(y)).high
+
+
+def _within_unit(mean: Array) -> Array:
+    """Undo a last-digit excursion from [0, 1] and leave the derivative alone."""
+    return mean + jax.lax.stop_gradient(jnp.clip(mean, 0, 1) - mean)
+
+
+def _bring_inside(edge: Array, track: Path) -> Array:
+    """Edges, with those beyond all light brought near enough not to overflow."""
+    reach = 2 * jnp.max(jnp.abs(track.position.high)) + jnp.abs(track.vertex.high) + 1
+    return jnp.clip(edge, -reach, reach)
+
+
+def _by_blocks(function, edges: DoubleWord, *, num_pieces: int) -> Array:
+    """`function` over runs of taps short enough that memory does not grow with pieces."""
+    num_taps = edges.high.size - 1
+    length = max(1, _BLOCK_SIZE // num_pieces)
+    if num_taps <= length:
+        return function(edges)
+    num_blocks = -(-num_taps // length)
+    index = np.minimum(
+        np.arange(num_blocks)[:, None] * length + np.arange(length + 1), num_taps
+    )
+    blocks = DoubleWord(edges.high[index], edges.low[index])
+    return jax.lax.map(jax.checkpoint(function), blocks).reshape(-1)[:num_taps]

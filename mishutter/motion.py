@@ -1,0 +1,98 @@
+"""How the sensor moves while the shutter is open."""
+
+from typing import final
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike
+
+from mishutter.types import as_float, is_concrete, require, require_finite
+
+
+class AbstractMotion(eqx.Module):
+    r"""A sensor on the path $x(t) = a t^2$, $t \in [-T, T]$ (equation (5) of the paper).
+
+    A point that moves at speed $s$ then passes over the sensor along
+    $x(t) = a t^2 - s t$.
+    """
+
+    acceleration: eqx.AbstractVar[Array]
+    half_exposure: eqx.AbstractVar[Array]
+
+    @property
+    def stroke(self) -> Array:
+        """Travel from mid-exposure to either end, $aT^2$; px."""
+        return (self.acceleration * self.half_exposure) * self.half_exposure
+
+    @property
+    def top_speed(self) -> Array:
+        """Speed at either end of the exposure, $2aT$; px/s."""
+        return 2 * self.acceleration * self.half_exposure
+
+    @property
+    def exposure(self) -> Array:
+        """Time from first to last light, $2T$; s."""
+        return 2 * self.half_exposure
+
+
+@final
+class ParabolicMotion(AbstractMotion):
+    r"""Constant acceleration: the motion-invariant camera.
+
+    Args:
+        acceleration: The parameter $a$ of $x(t) = a t^2$, half the mechanical
+            acceleration; px/s^2, at least 0.
+        half_exposure: $T$; s, above 0.
+
+    Raises:
+        ValueError: if either is not finite or out of its range.
+    """
+
+    acceleration: Array
+    half_exposure: Array
+
+    def __init__(self, *, acceleration: ArrayLike, half_exposure: ArrayLike):
+        self.acceleration = as_float(acceleration)
+        self.half_exposure = as_float(half_exposure)
+
+    def __check_init__(self) -> None:
+        _check_acceleration(self.acceleration)
+        _check_half_exposure("ParabolicMotion(half_exposure=...)", self.half_exposure)
+
+
+@final
+class StillCamera(AbstractMotion):
+    """A sensor at rest: a snapshot, or a flutter shutter, by the same integrals.
+
+    Args:
+        half_exposure: $T$; s, above 0.
+
+    Raises:
+        ValueError: if it is not finite and positive.
+    """
+
+    half_exposure: Array
+
+    def __init__(self, *, half_exposure: ArrayLike):
+        self.half_exposure = as_float(half_exposure)
+
+    def __check_init__(self) -> None:
+        _check_half_exposure("StillCamera(half_exposure=...)", self.half_exposure)
+
+    @property
+    def acceleration(self) -> Array:  # type: ignore[override]
+        """Zero; px/s^2."""
+        return jnp.zeros_like(self.half_exposure)
+
+
+def _check_acceleration(value: Array) -> None:
+    subject = "ParabolicMotion(acceleration=...)"
+    require_finite(subject, value)
+    if is_concrete(value):
+        require(bool(jnp.all(value >= 0)), subject, "be at least 0 px/s^2", value)
+
+
+def _check_half_exposure(subject: str, value: Array) -> None:
+    require_finite(subject, value)
+    if is_concrete(value):
+        require(bool(jnp.all(value > 0)), subject, "be above 0 s", value)

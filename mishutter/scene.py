@@ -1,0 +1,200 @@
+"""What is photographed: the speeds that occur, the light, the sensor's noise and limits."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter.motion import AbstractMotion
+from mishutter.types import (
+    as_float,
+    is_concrete,
+    require,
+    require_finite,
+    require_positive_int,
+    require_scalar,
+)
+
+DEFAULT_MEAN = 0.25
+DEFAULT_DEVIATION = 0.2
+CORNER_FREQUENCY = 0.01
+"""Mean, standard deviation (linear light, white = 1) and corner (cycles/px) of the
+spectrum that stands for a photograph where a scene brings none."""
+
+
+class Limits(eqx.Module):
+    """What the mechanism and the exposure may reach.
+
+    Args:
+        max_stroke: Largest $aT^2$; px.
+        max_top_speed: Largest $2aT$; px/s.
+        min_half_exposure: Shortest $T$; s.
+        max_half_exposure: Longest $T$; s.
+
+    Raises:
+        ValueError: if one is not positive, or the exposures are out of order.
+    """
+
+    max_stroke: Array
+    max_top_speed: Array
+    min_half_exposure: Array
+    max_half_exposure: Array
+
+    def __init__(
+        self,
+        *,
+        max_stroke: ArrayLike = 200.0,
+        max_top_speed: ArrayLike = 1e5,
+        min_half_exposure: ArrayLike = 1e-4,
+        max_half_exposure: ArrayLike = 0.5,
+    ):
+        self.max_stroke = as_float(max_stroke)
+        self.max_top_speed = as_float(max_top_speed)
+        self.min_half_exposure = as_float(min_half_exposure)
+        self.max_half_exposure = as_float(max_half_exposure)
+
+    def __check_init__(self) -> None:
+        for name in ("max_stroke", "max_top_speed", "min_half_exposure", "max_half_exposure"):
+            _check_at_least(f"Limits({name}=...)", getattr(self, name), "above 0", strict=True)
+        if is_concrete(self.min_half_exposure) and is_concrete(self.max_half_exposure):
+            require(
+                bool(self.min_half_exposure <= self.max_half_exposure),
+                "Limits(min_half_exposure=...)",
+                f"be at most max_half_exposure = {float(self.max_half_exposure):g} s",
+                self.min_half_exposure,
+            )
+
+
+class Scene(eqx.Module):
+    r"""Speeds with their weights, light, noise, and the power spectrum of what is seen.
+
+    Args:
+        speeds: Speeds $s_i$ that occur, px/s, either sign; shape `(n,)`.
+        weights: How often each occurs, $p_i$, summing to 1; equal by default.
+        photon_rate: Photo-electrons a second at a white pixel; e-/s.
+        read_noise: Standard deviation of the read noise $\sigma$; e-.
+        mean_level: Mean of the picture in linear light, white = 1.
+        deviation: Standard deviation of the picture in linear light.
+        power_spectrum: Power of the picture's rows at `num_frequencies` equal
+            steps' centres in (0, 0.5) cycles/px, on any scale; the spectrum
+            $1/(f^2 + 0.01^2)$ by default. Shape `(m,)`.
+        limits: What the mechanism and the exposure may reach.
+        motion: Motion to start from or to compare at; None leaves it to the caller.
+        picture: Path of the photograph to show results on; None for none.
+
+    Raises:
+        ValueError: if a value is not finite or out of its range, the weights do not
+            sum to 1, or lengths differ.
+    """
+
+    speeds: Array
+    weights: Array
+    photon_rate: Array
+    read_noise: Array
+    mean_level: Array
+    deviation: Array
+    power_spectrum: Array | None
+    limits: Limits
+    motion: AbstractMotion | None
+    picture: str | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        speeds: ArrayLike,
+        weights: ArrayLike | None = None,
+        *,
+        photon_rate: ArrayLike,
+        read_noise: ArrayLike,
+        mean_level: ArrayLike = DEFAULT_MEAN,
+        deviation: ArrayLike = DEFAULT_DEVIATION,
+        power_spectrum: ArrayLike | None = None,
+        limits: Limits | None = None,
+        motion: AbstractMotion | None = None,
+        picture: str | None = None,
+    ):
+        self.speeds = as_float(speeds)
+        count = max(self.speeds.size, 1)
+        equal = jnp.full(self.speeds.shape, 1 / count, self.speeds.dtype)
+        self.weights = equal if weights is None else as_float(weights)
+        self.photon_rate = as_float(photon_rate)
+        self.read_noise = as_float(read_noise)
+        self.mean_level = as_float(mean_level)
+        self.deviation = as_float(deviation)
+        self.power_spectrum = None if power_spectrum is None else as_float(power_spectrum)
+        self.limits = Limits() if limits is None else limits
+        self.motion = motion
+        self.picture = picture
+
+    def __check_init__(self) -> None:
+        shape = self.speeds.shape
+        require(
+            self.speeds.ndim == 1 and self.speeds.size >= 1,
+            "Scene(speeds=...)",
+            "be one row of at least one speed",
+            f"shape {shape}",
+        )
+        require_finite("Scene(speeds=...)", self.speeds)
+        matches = self.weights.shape == shape
+        require(matches, "Scene(weights=...)", f"have shape {shape}", self.weights.shape)
+        _check_at_least("Scene(weights=...)", self.weights, "at least 0")
+        if is_concrete(self.weights):
+            total = float(np.sum(np.asarray(self.weights)))
+            require(abs(total - 1) < 1e-5, "Scene(weights=...)", "sum to 1", total)
+        for name in ("photon_rate", "read_noise", "mean_level", "deviation"):
+            value = getattr(self, name)
+            require_scalar(f"Scene({name}=...)", value)
+            _check_at_least(f"Scene({name}=...)", value, "at least 0")
+        if self.power_spectrum is not None:
+            _check_at_least("Scene(power_spectrum=...)", self.power_spectrum, "at least 0")
+
+    @staticmethod
+    def uniform(
+        *, max_speed: float, num_speeds: int = 9, min_speed: float | None = None, **others: object
+    ) -> "Scene":
+        """Equally likely speeds, evenly spaced from `min_speed` (`-max_speed`) to `max_speed`.
+
+        Args:
+            max_speed: Largest speed, px/s.
+            num_speeds: How many; one stands in the middle of the range.
+            min_speed: Smallest speed, px/s; `-max_speed` by default.
+            others: The arguments of `Scene`.
+
+        Raises:
+            ValueError: as `Scene`, or if the range is reversed.
+        """
+        require_positive_int("Scene.uniform(num_speeds=...)", num_speeds)
+        for name, value in (("max_speed", max_speed), ("min_speed", min_speed)):
+            if value is not None:
+                require_finite(f"Scene.uniform({name}=...)", value)
+        low = -max_speed if min_speed is None else min_speed
+        ordered = low <= max_speed
+        require(ordered, "Scene.uniform(max_speed=...)", f"be at least {low:g} px/s", max_speed)
+        if num_speeds == 1:
+            speeds = np.array([(low + max_speed) / 2])
+        else:
+            speeds = np.linspace(low, max_speed, num_speeds)
+        return Scene(speeds, **others)  # type: ignore[arg-type]
+
+    @staticmethod
+    def load(path: str) -> "Scene":
+        """Read a scene from a TOML file; see `mishutter.scene_file` for its keys.
+
+        Raises:
+            ValueError: if the file is not a scene; the line says which key and why.
+            OSError: if it cannot be read.
+        """
+        from mishutter.scene_file import read_scene
+
+        return read_scene(path)
+
+    @property
+    def max_speed(self) -> Array:
+        """Largest speed of either sign; px/s."""
+        return jnp.max(jnp.abs(self.speeds))
+
+
+def _check_at_least(subject: str, value: Array, bound: str, *, strict: bool = False) -> None:
+    require_finite(subject, value)
+    if is_concrete(value):
+        array = np.asarray(value)
+        require(bool(np.all(array > 0 if strict else array >= 0)), subject, f"be {bound}", value)

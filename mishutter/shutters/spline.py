@@ -1,0 +1,219 @@
+"""The free-form shutter that is optimised."""
+
+from functools import lru_cache
+from typing import ClassVar, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter.doubleword import DoubleWord
+from mishutter.shutters.base import (
+    AbstractAdjustableShutter,
+    AbstractShutter,
+    uniform_breakpoints,
+)
+from mishutter.shutters.polynomial import (
+    bernstein_mean,
+    bernstein_value,
+    expand,
+    split_control,
+)
+from mishutter.types import (
+    as_float,
+    common_dtype,
+    require,
+    require_finite,
+    require_positive_int,
+)
+
+_DEGREE = 3
+_FIT_SAMPLES_PER_PIECE = 16
+
+
+@final
+class SplineShutter(AbstractAdjustableShutter):
+    r"""Clamped uniform cubic B-spline, $w(\tau) = \sum_j c_j B_j(\tau)$, $c_j \in [0, 1]$.
+
+    The basis is non-negative and sums to one, so a profile with coefficients in
+    $[0, 1]$ stays there; all ones are a rect shutter, edges included. A parameter
+    outside $[0, 1]$ is folded back by reflection at 0 and 1, so that every parameter
+    is a shutter and no bound flattens the derivative.
+
+    Args:
+        parameters: $c_j$ before folding; shape `(n,)` with `n >= 4`, or, for a
+            symmetric shutter, the first half (middle one included) of them.
+        symmetric: Whether $w(-\tau) = w(\tau)$ is imposed by mirroring the parameters.
+        num_coefficients: $n$, where `symmetric` leaves it open; twice the number of
+            parameters by default.
+
+    Raises:
+        ValueError: if there are too few parameters or one is not finite.
+    """
+
+    parameters: Array
+    symmetric: bool = eqx.field(static=True)
+    num_coefficients: int = eqx.field(static=True)
+    panels_per_piece: ClassVar[int] = 1
+    linear: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        parameters: ArrayLike,
+        *,
+        symmetric: bool = False,
+        num_coefficients: int | None = None,
+    ):
+        self.parameters = as_float(parameters)
+        self.symmetric = symmetric
+        count = self.parameters.size * (2 if symmetric else 1)
+        self.num_coefficients = count if num_coefficients is None else num_coefficients
+
+    def __check_init__(self) -> None:
+        subject, count = "SplineShutter(parameters=...)", self.num_coefficients
+        expected = (count + 1) // 2 if self.symmetric else count
+        require(
+            self.parameters.shape == (expected,) and count > _DEGREE,
+            subject,
+            f"be one row for at least {_DEGREE + 1} coefficients",
+            f"shape {self.parameters.shape}",
+        )
+        require_finite(subject, self.parameters)
+
+    @property
+    def coefficients(self) -> Array:
+        """B-spline coefficients in `[0, 1]`; shape `(n,)`."""
+        folded = _fold(self.parameters)
+        if not self.symmetric:
+            return folded
+        return jnp.concatenate([folded, folded[: self.num_coefficients // 2][::-1]])
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        tau = jnp.asarray(tau, common_dtype(self.parameters, tau))
+        control = self._control_points().astype(tau.dtype)
+        count = control.shape[0]
+        position = (jnp.clip(tau, -1, 1) + 1) * (count / 2)
+        piece = jnp.clip(position.astype(jnp.int32), 0, count - 1)
+        value = bernstein_value(
+            split_control(control[piece]), position - piece.astype(tau.dtype)
+        )
+        return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
+
+    def dtype(self) -> np.dtype | None:
+        return np.dtype(self.parameters.dtype)
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        return uniform_breakpoints(self.num_coefficients - _DEGREE, dtype)
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        share = offset * ((self.num_coefficients - _DEGREE) / 2)
+        return bernstein_value(expand(split_control(self._control_points()), share), share)
+
+    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+        pieces_per_tau = (self.num_coefficients - _DEGREE) / 2
+        return bernstein_mean(
+            expand(split_control(self._control_points()), width),
+            start * pieces_per_tau,
+            width * pieces_per_tau,
+            remaining * pieces_per_tau,
+        )
+
+    def _control_points(self) -> Array:
+        """Bernstein control points of each piece; shape `(n - 3, 4)`."""
+        extraction = jnp.asarray(bezier_extraction(self.num_coefficients))
+        return extraction.astype(self.parameters.dtype) @ self.coefficients
+
+    def box(self) -> Array:
+        return _fold(self.parameters)
+
+    def at(self, box: Array) -> "SplineShutter":
+        return SplineShutter(
+            box, symmetric=self.symmetric, num_coefficients=self.num_coefficients
+        )
+
+    @staticmethod
+    def fit(
+        shutter: AbstractShutter, num_coefficients: int = 24, *, symmetric: bool = False
+    ) -> "SplineShutter":
+        r"""Least-squares spline of another shutter, subject to $c_j \in [0, 1]$.
+
+        Args:
+            shutter: The profile to start from.
+            num_coefficients: $n$, at least 4.
+            symmetric: Whether to return the symmetric variant.
+
+        Raises:
+            ValueError: if `num_coefficients` is not a whole number of at least 4.
+        """
+        subject = "SplineShutter.fit(num_coefficients=...)"
+        require_positive_int(subject, num_coefficients)
+        require(num_coefficients > _DEGREE, subject, "be at least 4", num_coefficients)
+        coefficients = _fit_coefficients(shutter, num_coefficients, symmetric)
+        parameters = coefficients[: (num_coefficients + 1) // 2] if symmetric else coefficients
+        return SplineShutter(
+            jnp.asarray(parameters, common_dtype(*_arrays(shutter))),
+            symmetric=symmetric,
+            num_coefficients=num_coefficients,
+        )
+
+
+def _arrays(shutter: AbstractShutter) -> list[Array]:
+    import jax
+
+    return [x for x in jax.tree.leaves(shutter) if hasattr(x, "dtype")]
+
+
+def _fold(parameters: Array) -> Array:
+    inside = (parameters >= 0) & (parameters <= 1)
+    return jnp.where(inside, parameters, jnp.abs(jnp.mod(parameters + 1, 2.0) - 1))
+
+
+def _fit_coefficients(shutter: AbstractShutter, count: int, symmetric: bool) -> np.ndarray:
+    from scipy.interpolate import BSpline
+    from scipy.optimize import lsq_linear
+
+    num_samples = _FIT_SAMPLES_PER_PIECE * (count - _DEGREE)
+    tau = (2 * np.arange(num_samples) + 1) / num_samples - 1
+    target = np.asarray(shutter.transmittance(jnp.asarray(tau, common_dtype())), np.float64)
+    if symmetric:
+        target = (target + target[::-1]) / 2
+    basis = BSpline.design_matrix(tau, _knots(count), _DEGREE).toarray()
+    solution = np.clip(lsq_linear(basis, target, bounds=(0, 1), tol=1e-14).x, 0, 1)
+    snapped = np.where(np.abs(solution - np.round(solution)) < 1e-9, np.round(solution), solution)
+    return (snapped + snapped[::-1]) / 2 if symmetric else snapped
+
+
+def _knots(count: int) -> np.ndarray:
+    inner = np.linspace(-1, 1, count - _DEGREE + 1)
+    return np.concatenate([np.full(_DEGREE, -1.0), inner, np.full(_DEGREE, 1.0)])
+
+
+@lru_cache
+def bezier_extraction(count: int) -> np.ndarray:
+    """Matrix from B-spline coefficients to control points; shape `(n - 3, 4, n)`.
+
+    Knots are inserted until each has full multiplicity (Boehm's algorithm); the
+    coefficients are then the control points of the pieces.
+    """
+    knots, rows = _knots(count), np.eye(count)
+    for knot in np.linspace(-1, 1, count - _DEGREE + 1)[1:-1]:
+        for _ in range(_DEGREE - 1):
+            knots, rows = _insert_knot(knots, rows, knot)
+    return np.stack([rows[_DEGREE * j : _DEGREE * j + 4] for j in range(count - _DEGREE)])
+
+
+def _insert_knot(
+    knots: np.ndarray, rows: np.ndarray, knot: float
+) -> tuple[np.ndarray, np.ndarray]:
+    span = int(np.searchsorted(knots, knot, side="right")) - 1
+    inserted = [
+        rows[i] if i <= span - _DEGREE else rows[i - 1]
+        for i in range(rows.shape[0] + 1)
+    ]
+    for i in range(span - _DEGREE + 1, span + 1):
+        share = (knot - knots[i]) / (knots[i + _DEGREE] - knots[i])
+        inserted[i] = share * rows[i] + (1 - share) * rows[i - 1] if i < len(rows) else rows[i - 1]
+    return np.insert(knots, span + 1, knot), np.stack(inserted)
+
+

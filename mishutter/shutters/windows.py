@@ -1,0 +1,263 @@
+"""The fixed windows of the field: rect, Hann, triangle, Gaussian, Tukey."""
+
+from typing import ClassVar, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter.doubleword import DoubleWord, two_sum
+from mishutter.shutters.base import (
+    AbstractAdjustableShutter,
+    AbstractPiecewiseShutter,
+    uniform_breakpoints,
+)
+from mishutter.types import as_float, common_dtype, is_concrete, require, require_scalar
+
+_MIN_SIGMA, _MAX_SIGMA = 0.05, 5.0
+
+
+@final
+class RectShutter(AbstractPiecewiseShutter):
+    r"""An ordinary shutter: $w(\tau) = 1$ on $[-1, 1]$."""
+
+    panels_per_piece: ClassVar[int] = 1
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        tau = as_float(tau)
+        return _inside(tau, jnp.ones_like(tau))
+
+    def dtype(self) -> np.dtype | None:
+        return None
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        return uniform_breakpoints(1, dtype)
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        return jnp.ones_like(offset)
+
+    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+        return jnp.ones_like(width)
+
+
+@final
+class HannShutter(AbstractPiecewiseShutter):
+    r"""$w(\tau) = \cos^2(\pi\tau/2)$."""
+
+    panels_per_piece: ClassVar[int] = 2
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        tau = as_float(tau)
+        return _inside(tau, jnp.sin((jnp.pi / 2) * (1 - jnp.abs(tau))) ** 2)
+
+    def dtype(self) -> np.dtype | None:
+        return None
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        return uniform_breakpoints(1, dtype)
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        return jnp.sin((jnp.pi / 2) * offset) ** 2
+
+    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+        return _cosine_ramp_mean(jnp.minimum(start, remaining), width)
+
+
+@final
+class TriangleShutter(AbstractPiecewiseShutter):
+    r"""$w(\tau) = 1 - |\tau|$."""
+
+    panels_per_piece: ClassVar[int] = 1
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        tau = as_float(tau)
+        return _inside(tau, 1 - jnp.abs(tau))
+
+    def dtype(self) -> np.dtype | None:
+        return None
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        return uniform_breakpoints(2, dtype)
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        return jnp.stack([offset[0], 1 - offset[1]])
+
+    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+        return jnp.stack([start[0], remaining[1]]) + width / 2
+
+
+@final
+class GaussianShutter(AbstractAdjustableShutter):
+    r"""$w(\tau) = \exp(-\tau^2 / 2\sigma^2)$, cut off at $\pm 1$.
+
+    Args:
+        sigma: $\sigma$, in units of $\tau$; from 0.05 to 5.
+
+    Raises:
+        ValueError: if `sigma` is out of its range.
+    """
+
+    sigma: Array
+    panels_per_piece: ClassVar[int] = 16
+    linear: ClassVar[bool] = False
+
+    def __init__(self, sigma: ArrayLike = 0.4):
+        self.sigma = as_float(sigma)
+
+    def __check_init__(self) -> None:
+        subject = "GaussianShutter(sigma=...)"
+        if is_concrete(self.sigma):
+            inside = bool(jnp.all((self.sigma >= _MIN_SIGMA * 0.999) & (self.sigma <= 5.001)))
+            require(inside, subject, f"lie in [{_MIN_SIGMA}, {_MAX_SIGMA}]", self.sigma)
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        tau = jnp.asarray(tau, common_dtype(self.sigma, tau))
+        return _inside(tau, self._profile(tau))
+
+    def _profile(self, tau: Array) -> Array:
+        return jnp.exp(-((tau / self.sigma.astype(tau.real.dtype)) ** 2) / 2)
+
+    def dtype(self) -> np.dtype | None:
+        return np.dtype(self.sigma.dtype)
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        return uniform_breakpoints(1, dtype)
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        return self._profile(offset - 1)
+
+    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+        distance = jnp.abs(start - remaining) / 2
+        return _gaussian_mean(distance, width / 2, self.sigma.astype(width.dtype))
+
+    def box(self) -> Array:
+        span = np.log(_MAX_SIGMA / _MIN_SIGMA)
+        return jnp.clip(jnp.log(self.sigma / _MIN_SIGMA) / span, 0, 1)[None]
+
+    def at(self, box: Array) -> "GaussianShutter":
+        return GaussianShutter(_MIN_SIGMA * (_MAX_SIGMA / _MIN_SIGMA) ** box[0])
+
+
+@final
+class TukeyShutter(AbstractAdjustableShutter):
+    r"""Flat with cosine ramps: 1 for $|\tau| \le 1 - \alpha$, then $\sin^2$ down to 0.
+
+    Args:
+        taper: $\alpha$, the share of the exposure spent in the two ramps: 0 is rect,
+            1 is Hann.
+
+    Raises:
+        ValueError: if `taper` is not in [0, 1].
+    """
+
+    taper: Array
+    panels_per_piece: ClassVar[int] = 1
+    linear: ClassVar[bool] = False
+
+    def __init__(self, taper: ArrayLike = 0.5):
+        self.taper = as_float(taper)
+
+    def __check_init__(self) -> None:
+        require_scalar("TukeyShutter(taper=...)", self.taper)
+        if is_concrete(self.taper):
+            inside = bool((self.taper >= 0) & (self.taper <= 1))
+            require(inside, "TukeyShutter(taper=...)", "lie in [0, 1]", self.taper)
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        tau = jnp.asarray(tau, common_dtype(self.taper, tau))
+        depth = jnp.maximum(1 - jnp.abs(tau), 0)
+        taper = self.taper.astype(tau.dtype)
+        ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / _nonzero(taper), 1)) ** 2
+        return _inside(tau, jnp.where(depth >= taper, 1.0, ramp))
+
+    def dtype(self) -> np.dtype | None:
+        return np.dtype(self.taper.dtype)
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        taper = self.taper.astype(dtype)
+        one, zero = jnp.ones_like(taper), jnp.zeros_like(taper)
+        high, low = two_sum(one, -taper)
+        return DoubleWord(
+            jnp.stack([-one, -high, high, one]), jnp.stack([zero, -low, low, zero])
+        )
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        taper = _nonzero(self.taper.astype(offset.real.dtype))
+        quarter_turn = jnp.pi / (2 * taper)
+        return jnp.stack(
+            [
+                jnp.sin(quarter_turn * offset[0]) ** 2,
+                jnp.ones_like(offset[1]),
+                jnp.cos(quarter_turn * offset[2]) ** 2,
+            ]
+        )
+
+    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+        taper = _nonzero(self.taper.astype(width.dtype))
+        rise = _cosine_ramp_mean(start[0] / taper, width[0] / taper)
+        fall = _cosine_ramp_mean(remaining[2] / taper, width[2] / taper)
+        return jnp.stack([rise, jnp.ones_like(rise), fall])
+
+    def box(self) -> Array:
+        return self.taper[None]
+
+    def at(self, box: Array) -> "TukeyShutter":
+        return TukeyShutter(box[0])
+
+
+def _inside(tau: Array, value: Array) -> Array:
+    return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
+
+
+def _nonzero(taper: Array) -> Array:
+    return jnp.where(taper > 0, taper, jnp.ones_like(taper))
+
+
+def _cosine_ramp_mean(start: Array, width: Array) -> Array:
+    r"""Mean of $\sin^2(\pi v/2)$ over $[v_0, v_0 + 2d]$, without cancellation.
+
+    $\frac12(1 - \operatorname{sinc} d\,\cos \pi c)
+    = \frac12(1 - \operatorname{sinc} d) + \operatorname{sinc} d\,\sin^2(\pi c/2)$ at the
+    centre $c = v_0 + d$.
+    """
+    half = width / 2
+    deficit = _sinc_deficit(half)
+    return deficit / 2 + (1 - deficit) * jnp.sin((jnp.pi / 2) * (start + half)) ** 2
+
+
+def _sinc_deficit(d: Array) -> Array:
+    r"""$1 - \sin(\pi d)/(\pi d)$ for $d \in [0, 1]$, accurate to its last digits at small $d$."""
+    x = jnp.pi * d
+    small = x < 1
+    x_small = jnp.where(small, x, jnp.zeros_like(x)) ** 2
+    series = jnp.zeros_like(x)
+    for order in range(8, 0, -1):
+        series = x_small / ((2 * order) * (2 * order + 1)) * (1 - series)
+    x_large = jnp.where(small, jnp.ones_like(x), x)
+    return jnp.where(small, series, 1 - jnp.sin(x_large) / x_large)
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
+
+
+def _gaussian_mean(centre: Array, half: Array, sigma: Array) -> Array:
+    """Mean of a Gaussian over `centre +- half`, `centre >= 0`, by width.
+
+    Narrow intervals by Gauss-Legendre (all terms positive), wide ones by the error
+    function, on the side where its complement does not cancel.
+    """
+    c, d = centre / sigma, half / sigma
+    narrow = d < 0.25
+    d_narrow = jnp.where(narrow, d, jnp.zeros_like(d))
+    by_nodes = sum(
+        (0.5 * weight) * jnp.exp(-((c + node * d_narrow) ** 2) / 2)
+        for node, weight in zip(_NODES.tolist(), _WEIGHTS.tolist(), strict=True)
+    )
+    d_wide = jnp.where(narrow, jnp.full_like(d, 0.25), d)
+    near, far = (c - d_wide) / np.sqrt(2), (c + d_wide) / np.sqrt(2)
+    one_sided = near > 0.5
+    erf, erfc = jax.scipy.special.erf, jax.scipy.special.erfc
+    difference = jnp.where(one_sided, erfc(near) - erfc(far), erf(far) - erf(near))
+    by_error_function = difference * float(np.sqrt(np.pi / 8)) / d_wide
+    return jnp.where(narrow, by_nodes, by_error_function)

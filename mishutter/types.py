@@ -1,0 +1,85 @@
+"""Array aliases, the table of units, and the checks that every public name shares.
+
+| quantity | unit |
+|---|---|
+| position, tap edge, stroke | px |
+| time, exposure | s |
+| speed | px/s |
+| acceleration parameter `a` of `x(t) = a t^2 - s t` | px/s^2 |
+| spatial frequency | cycles/px |
+| photon rate | e-/s at a white pixel |
+| read noise, full well | e- |
+| normalised time, transmittance, efficiency | 1 |
+"""
+
+import math
+
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Complex, Float
+
+Scalar = Float[Array, ""]
+Vector = Float[Array, " n"]
+ComplexArray = Complex[Array, "..."]
+FloatArray = Float[Array, "..."]
+
+
+def is_concrete(value: object) -> bool:
+    """Whether `value` can be looked at now, rather than being traced."""
+    return not isinstance(value, jax.core.Tracer)
+
+
+def common_dtype(*values: ArrayLike) -> np.dtype:
+    """Floating dtype that the arrays among `values` share; JAX's default without any.
+
+    Python numbers adapt to the arrays beside them, and a mix of precisions
+    widens, also under strict promotion.
+    """
+    dtypes = [np.dtype(v.dtype) for v in values if hasattr(v, "dtype")]
+    floating = [d for d in dtypes if jnp.issubdtype(d, jnp.floating)]
+    if not floating:
+        return np.dtype(jnp.result_type(float))
+    widest = max(floating, key=lambda d: d.itemsize)
+    return np.dtype(jax.dtypes.canonicalize_dtype(widest))
+
+
+def as_float(value: ArrayLike) -> Array:
+    """`value` as a floating array: its own precision if it has one, JAX's default if not."""
+    return jnp.asarray(value, dtype=common_dtype(value))
+
+
+def require(holds: bool, subject: str, requirement: str, got: object) -> None:
+    """Raise the one-line error of the house style unless `holds`."""
+    if not holds:
+        raise ValueError(f"`{subject}` must {requirement}; got {describe(got)}.")
+
+
+def require_finite(subject: str, value: ArrayLike) -> None:
+    """Refuse a NaN or an infinity where it can be seen before tracing."""
+    if is_concrete(value):
+        require(bool(np.all(np.isfinite(np.asarray(value)))), subject, "be finite", value)
+
+
+def require_scalar(subject: str, value: ArrayLike) -> None:
+    """Refuse anything but a scalar number."""
+    if isinstance(value, str | bytes) or value is None:
+        require(False, subject, "be a number", value)
+    require(jnp.ndim(value) == 0, subject, "be a scalar", f"shape {jnp.shape(value)}")
+
+
+def require_positive_int(subject: str, value: object) -> None:
+    """Refuse anything but a whole number of at least one."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    require(whole and value >= 1, subject, "be a positive integer", value)  # type: ignore[operator]
+
+
+def describe(value: object) -> str:
+    """A short text of a value, for an error message."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if hasattr(value, "shape") and getattr(value, "size", 0) == 1:
+        return str(np.asarray(value).item())
+    text = repr(value) if not hasattr(value, "shape") else str(np.asarray(value).tolist())
+    return text if len(text) <= 80 else text[:77] + "..."
