@@ -187,6 +187,7 @@ def _arm(
     the vertex lies inside or beyond a piece, the vertex takes the inner end's place.
     """
     length, track = pieces
+    edges, velocity = DoubleWord(edges.high[None], edges.low[None]), velocity[None]
     on_arm = track.velocity >= 0 if after else track.velocity <= 0
     speeds = jnp.where(on_arm, jnp.abs(track.velocity), 0.0)
     high = jnp.where(on_arm, track.position.high, track.vertex.high)
