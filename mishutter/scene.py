@@ -1,5 +1,7 @@
 """What is photographed: the speeds that occur, the light, the sensor's noise and limits."""
 
+from typing import final
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +24,7 @@ CORNER_FREQUENCY = 0.01
 spectrum that stands for a photograph where a scene brings none."""
 
 
+@final
 class Limits(eqx.Module):
     """What the mechanism and the exposure may reach.
 
@@ -65,6 +68,7 @@ class Limits(eqx.Module):
             )
 
 
+@final
 class Scene(eqx.Module):
     r"""Speeds with their weights, light, noise, and the power spectrum of what is seen.
 
