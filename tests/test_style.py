@@ -11,10 +11,11 @@ import mishutter
 PACKAGE = Path(mishutter.__file__).parent
 
 LAYERS = """
-__init__ __main__ cli tables plots
-sweep reproduce restoration compare polish optimise starts design losses metrics
-simulate decoders quality plan pictures
-scene_file scene response spectrum kernel path motion shutters doubleword files types
+__init__ __main__ cli tables figures plots
+sweep reproduce restoration compare optimise solvers objective design_space design losses metrics
+simulate noise rows decoders quality response plan
+scene_file scene_schema pictures png scene spectrum descent kernel path motion shutters
+doubleword files types
 """.split()
 """Imports point downwards in this list only, from one module or folder to a later one."""
 

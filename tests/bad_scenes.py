@@ -1,0 +1,125 @@
+"""Scene files with one thing wrong each, as edits of the built-in one."""
+
+import re
+from importlib import resources
+
+EXAMPLE = (resources.files("mishutter") / "example_scene.toml").read_text()
+
+_RATE, _NOISE, _SPEEDS = "photon_rate_per_s", "read_noise_e", "uniform"
+_LIST = "list_px_per_s = "
+
+LINES = {
+    "negative-light": (_RATE, f"{_RATE} = -3", "must be above 0; got -3"),
+    "no-light": (_RATE, f"{_RATE} = 0", "must be above 0; got 0"),
+    "light-nan": (_RATE, f"{_RATE} = nan", "must be finite; got nan"),
+    "light-infinite": (_RATE, f"{_RATE} = inf", "must be finite; got inf"),
+    "light-astronomic": (_RATE, f"{_RATE} = 1e200", "must be at most 1e+12; got 1e+200"),
+    "light-as-text": (_RATE, f'{_RATE} = "3"', "must be a number; got '3'"),
+    "light-as-truth": (_RATE, f"{_RATE} = true", "must be a number; got True"),
+    "light-as-date": (_RATE, f"{_RATE} = 2020-01-01", "must be a number; got datetime.date"),
+    "light-missing": (_RATE, "", "`[light] photon_rate_per_s` must be given; got nothing"),
+    "light-without-unit": (
+        _RATE,
+        "photon_rate = 3e4",
+        "perhaps `[light] photon_rate_per_s`; got 'photon_rate'",
+    ),
+    "key-of-another-section": (_RATE, "read_noise = 3", "perhaps `[sensor] read_noise_e`"),
+    "unknown-section": ("[light]", "[lihgt]", "perhaps `[light]`; got 'lihgt'"),
+    "section-twice": ("[light]", "[speeds]", "must be a TOML file; got: Cannot declare"),
+    "not-toml": ("[light]", "[light", "must be a TOML file; got: "),
+    "negative-noise": (_NOISE, f"{_NOISE} = -0.1", "must be at least 0; got -0.1"),
+    "no-speeds": (_SPEEDS, "", "must hold one of uniform, normal and list_px_per_s; got no sp"),
+    "empty-speeds": (_SPEEDS, _LIST + "[]", "must hold at least 1 value; got []"),
+    "two-forms-of-speeds": (
+        _SPEEDS,
+        _LIST + "[1]\nuniform = { min_px_per_s = 1, max_px_per_s = 2, count = 3 }",
+        "got uniform and list",
+    ),
+    "speed-nan": (_SPEEDS, _LIST + "[1, nan]", "list_px_per_s[1]` must be finite; got nan"),
+    "speed-of-light": (_SPEEDS, _LIST + "[3e8]", "must be at most 1e+07; got 3"),
+    "speeds-nested": (_SPEEDS, _LIST + "[[1, 2]]", "must be a number; got [1, 2]"),
+    "speeds-reversed": (
+        _SPEEDS,
+        "uniform = { min_px_per_s = 4, max_px_per_s = 2, count = 3 }",
+        "`[speeds] uniform.max_px_per_s` must be at least min_px_per_s = 4; got 2",
+    ),
+    "half-a-speed": (
+        _SPEEDS,
+        "uniform = { min_px_per_s = 1, max_px_per_s = 2, count = 2.5 }",
+        "`[speeds] uniform.count` must be a whole number; got 2.5",
+    ),
+    "countless-speeds": (
+        _SPEEDS,
+        "uniform = { min_px_per_s = 1, max_px_per_s = 2, count = 1000000 }",
+        "must be at most 1000; got 1000000",
+    ),
+    "normal-without-width": (
+        _SPEEDS,
+        "normal = { mean_px_per_s = 1, deviation_px_per_s = 0, count = 3 }",
+        "`[speeds] normal.deviation_px_per_s` must be above 0; got 0",
+    ),
+    "weights-off": (_SPEEDS, _LIST + "[1, 2]\nweights = [0.5, 0.6]", "must sum to 1; got 1.1"),
+    "weights-short": (_SPEEDS, _LIST + "[1, 2]\nweights = [1.0]", "must be 2, one a speed; got 1"),
+    "weights-negative": (
+        _SPEEDS,
+        _LIST + "[1, 2]\nweights = [1.0, -0.1]",
+        "`[speeds] weights[1]` must be at least 0; got -0.1",
+    ),
+    "weights-of-a-range": (
+        _SPEEDS,
+        "uniform = { min_px_per_s = 1, max_px_per_s = 2, count = 2 }\nweights = [0.5, 0.5]",
+        "must go with list_px_per_s; got uniform",
+    ),
+    "zero-exposure": ("half_exposure_ms", "half_exposure_ms = 0", "must be at least 0.001; got 0"),
+    "exposure-beyond-limits": (
+        "half_exposure_ms",
+        "half_exposure_ms = 99",
+        "must lie in the limits 0.5 to 40; got 99",
+    ),
+    "limits-reversed": (
+        "max_half_exposure_ms",
+        "max_half_exposure_ms = 0.1",
+        "must be at least min_half_exposure_ms = 0.5; got 0.1",
+    ),
+    "smear-of-a-mile": (
+        "max_half_exposure_ms",
+        "max_half_exposure_ms = 90000",
+        "must let the fastest object travel at most 10000 px; got 810000 px",
+    ),
+    "stroke-beyond-limits": (
+        "stroke_px",
+        "stroke_px = 60",
+        "must keep the stroke within max_stroke_px = 45; got 60 px",
+    ),
+    "top-speed-beyond-limits": (
+        "max_top_speed_px_per_s",
+        "max_top_speed_px_per_s = 100",
+        "must keep the top speed within max_top_speed_px_per_s = 100; got 9000 px/s",
+    ),
+    "no-stroke": ("stroke_px", "", "hold one of stroke_px and acceleration_px_per_s2; got neither"),
+    "stroke-and-acceleration": (
+        "stroke_px",
+        "stroke_px = 45\nacceleration_px_per_s2 = 4.5e5",
+        "got stroke_px and acceleration_px_per_s2",
+    ),
+    "picture-missing": ("path", 'path = "no.png"', "must name a file; got "),
+    "picture-a-folder": ("path", 'path = "."', "must name a file; got the folder"),
+    "picture-a-number": ("path", "path = 3", "`[picture] path` must be text; got 3"),
+    "picture-unnamed": ("path", 'path = ""', "must not be empty; got ''"),
+    "picture-and-level": (
+        "path",
+        'path = "example"\nmean_level = 0.2',
+        "`[picture] mean_level` must not stand beside path; got 'example'",
+    ),
+    "level-above-white": ("path", "mean_level = 1.2", "must be at most 1; got 1.2"),
+}
+"""Slug to the line that is replaced, by what it starts with; its replacement; the error."""
+
+
+def edited(start: str, replacement: str) -> str:
+    """The built-in scene file with one line replaced."""
+    pattern = re.compile(f"^{re.escape(start)}.*$", flags=re.MULTILINE)
+    text, count = pattern.subn(replacement, EXAMPLE)
+    if count != 1:
+        raise ValueError(f"{count} lines of the example start with {start!r}")
+    return text
