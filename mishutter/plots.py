@@ -1,0 +1,195 @@
+"""Pictures of profiles, kernels, transfer functions, searches and restored photographs.
+
+Every function returns a `matplotlib.figure.Figure`; nothing is shown and no global state
+is touched. Lines differ in style as well as colour, so that they survive a grey printout.
+"""
+
+import io
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from mishutter.files import write_bytes
+from mishutter.kernel import support
+from mishutter.motion import AbstractMotion
+from mishutter.pictures import to_display
+from mishutter.response import aligned_kernel, kernel_phase
+from mishutter.restoration import RestoredPhotograph
+from mishutter.shutters.base import AbstractShutter
+from mishutter.spectrum import transfer_function
+from mishutter.types import require
+
+Named = Mapping[str, tuple[AbstractMotion, AbstractShutter]]
+"""Designs by the name that a legend shows."""
+
+_COLOURS = ("#0072b2", "#d55e00", "#000000", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+_DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
+_NUM_POINTS = 1001
+_LEAST_RESPONSE = 1e-4
+_CROP = (160, 240)
+_DOTS_PER_INCH = 130
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure as a PNG, whole or not at all.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
+    write_bytes(path, buffer.getvalue())
+
+
+def plot_profiles(designs: Named) -> Figure:
+    """Transmittance over the exposure, each design over its own time in ms."""
+    figure, (axes,) = _new(1)
+    tau = np.linspace(-1, 1, _NUM_POINTS)
+    for (name, (motion, shutter)), style in zip(designs.items(), _styles(), strict=False):
+        half = float(motion.half_exposure) * 1e3
+        w = np.asarray(shutter.transmittance(jnp.asarray(tau, motion.half_exposure.dtype)))
+        time, w = np.pad(tau * half, 1, "edge"), np.pad(w, 1)
+        axes.plot(time, w, label=f"{name}, lets {float(shutter.efficiency()):.0%} through", **style)
+    axes.set(xlabel="time from mid-exposure / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    return figure
+
+
+def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
+    """Blur kernels aligned at the vertex: one panel a design, one line a speed in px/s."""
+    reaches = [_kernel_reach(motion, speeds) for motion, _ in designs.values()]
+    num_taps = int(max(reaches)) + 2
+    figure, panels = _new(len(designs), height=2.0, share=True)
+    for axes, (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
+        phase = kernel_phase(motion, num_taps)
+        edges = np.arange(num_taps + 1) + phase
+        for speed, style in zip(speeds, _styles(), strict=False):
+            dtype = motion.half_exposure.dtype
+            taps = aligned_kernel(shutter, motion, jnp.asarray(speed, dtype), num_taps)
+            axes.stairs(np.asarray(taps), edges, label=f"{speed:g} px/s", **style)
+        axes.set_title(f"{name}, stroke {float(motion.stroke):.3g} px", fontsize="medium")
+        axes.set_ylabel("light / px")
+    panels[0].legend()
+    panels[-1].set_xlabel("position from the vertex of the path / px")
+    panels[0].set_xlim(-2, num_taps)
+    return figure
+
+
+def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
+    fastest = max(abs(s) for s in speeds)
+    smear = 2 * fastest * float(motion.half_exposure)
+    return max(float(support(motion, fastest)), smear + 1)
+
+
+def plot_transfer(designs: Named, speeds: Sequence[float]) -> Figure:
+    """Modulation transfer, pixel aperture included: one panel a speed, one line a design."""
+    figure, panels = _new(len(speeds), height=2.4, share=True)
+    frequency = np.linspace(0, 0.5, _NUM_POINTS)
+    for axes, speed in zip(panels, speeds, strict=True):
+        for (name, (motion, shutter)), style in zip(designs.items(), _styles(), strict=False):
+            f = jnp.asarray(frequency, motion.half_exposure.dtype)
+            response = np.abs(transfer_function(shutter, motion, speed=speed, frequency=f))
+            shown = np.maximum(response * np.sinc(frequency), _LEAST_RESPONSE)
+            axes.semilogy(frequency, shown, label=name, **style)
+        axes.set_title(f"object at {speed:g} px/s", fontsize="medium")
+        axes.set_ylabel("modulation transfer")
+    panels[0].legend(ncols=2)
+    panels[-1].set(xlabel="spatial frequency / (cycles/px)", ylim=(1e-3, 1.2), xlim=(0, 0.5))
+    return figure
+
+
+def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False) -> Figure:
+    """PSNR of the restored photograph against object speed, with its standard error."""
+    figure, (axes,) = _new(1)
+    for (name, result), style in zip(results.items(), _styles(), strict=False):
+        level = result.linear_psnr if linear else result.psnr
+        error = result.linear_standard_error if linear else result.standard_error
+        order = np.argsort(result.speeds)
+        error = None if np.any(np.isnan(error)) else error[order]
+        marks = {"marker": "o", "markersize": 3, "capsize": 2}
+        axes.errorbar(result.speeds[order], level[order], error, label=name, **marks, **style)
+    kind = "linear light" if linear else "gamma put back"
+    axes.set(xlabel="object speed / (px/s)", ylabel=f"PSNR of restored picture / dB ({kind})")
+    axes.legend()
+    return figure
+
+
+def plot_photograph(
+    results: Mapping[str, RestoredPhotograph], speed: float, *, crop: tuple[int, int] = _CROP
+) -> Figure:
+    """A photograph captured above and restored below, one column a design.
+
+    Args:
+        results: What `restore_photograph` gave for each design, at the same speeds.
+        speed: The speed to show, the nearest that was tried; px/s.
+        crop: Rows and columns to show, from the middle of the picture; px.
+
+    Raises:
+        ValueError: if there is nothing to show.
+    """
+    require(len(results) > 0, "plot_photograph(results=...)", "hold a result", 0)
+    rows, columns = crop
+    scale = 2.6 / columns
+    count = len(results) + 1
+    size = (count * columns * scale + 0.1, 2 * rows * scale + 1.0)
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(2, count, squeeze=False)
+    reference = next(iter(results.values())).reference
+    _show(panels[0, 0], reference, crop, "the scene, at rest")
+    panels[1, 0].axis("off")
+    for column, (name, result) in enumerate(results.items(), start=1):
+        index = int(np.argmin(np.abs(result.speeds - speed)))
+        nearest, level = result.speeds[index], result.psnr[index]
+        captured = result.captured[index]
+        gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
+        _show(panels[0, column], captured * gain, crop, f"{name}, captured\nat {nearest:g} px/s")
+        _show(panels[1, column], result.restored[index], crop, f"restored, {level:.1f} dB")
+    return figure
+
+
+def _show(axes: Axes, light: np.ndarray, crop: tuple[int, int], title: str) -> None:
+    starts = [max(0, (size - wanted) // 2) for size, wanted in zip(light.shape, crop, strict=False)]
+    rows, columns = (slice(a, a + wanted) for a, wanted in zip(starts, crop, strict=True))
+    shown = to_display(light[rows, columns])
+    grey = shown.ndim == 2 or shown.shape[2] == 1
+    axes.imshow(shown[..., 0] if grey and shown.ndim == 3 else shown, cmap="gray", vmin=0, vmax=1)
+    axes.set_title(title, fontsize="small")
+    axes.axis("off")
+
+
+def plot_history(history: ArrayLike, *, loss_name: str = "loss") -> Figure:
+    """Smallest loss so far against the step of the search."""
+    figure, (axes,) = _new(1)
+    losses = np.asarray(history)
+    axes.plot(np.arange(losses.size), losses, color=_COLOURS[0], linewidth=1.6)
+    axes.set(xlabel="step", ylabel=f"smallest {loss_name} so far")
+    return figure
+
+
+def shown_speeds(speeds: ArrayLike) -> list[float]:
+    """The slowest, a middling and the fastest of a scene's speeds, by size; px/s."""
+    ordered = np.unique(np.abs(np.asarray(speeds, np.float64)))
+    chosen = {0: None, (ordered.size - 1) // 2: None, ordered.size - 1: None}
+    return [float(ordered[index]) for index in chosen]
+
+
+def _styles() -> Any:
+    pairs = zip(cycle(_COLOURS), cycle(_DASHES), strict=False)
+    return ({"color": colour, "linestyle": dash, "linewidth": 1.6} for colour, dash in pairs)
+
+
+def _new(num_panels: int, *, height: float = 4.2, share: bool = False) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(7.0, height * num_panels + 0.4), layout="constrained")
+    panels = figure.subplots(num_panels, 1, squeeze=False, sharex=share, sharey=share)
+    for axes in panels[:, 0]:
+        axes.grid(True, color="0.88", linewidth=0.6)
+    return figure, list(panels[:, 0])
