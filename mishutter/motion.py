@@ -85,6 +85,12 @@ class StillCamera(AbstractMotion):
         return jnp.zeros_like(self.half_exposure)
 
 
+def settled(motion: AbstractMotion) -> AbstractMotion:
+    """`motion`, or a still camera where its acceleration is known to be zero."""
+    at_rest = is_concrete(motion.acceleration) and bool(jnp.all(motion.acceleration == 0))
+    return StillCamera(half_exposure=motion.half_exposure) if at_rest else motion
+
+
 def _check_acceleration(value: Array) -> None:
     subject = "ParabolicMotion(acceleration=...)"
     require_finite(subject, value)

@@ -191,6 +191,19 @@ class Scene(eqx.Module):
 
         return read_scene(path)
 
+    def bare(self) -> "Scene":
+        """The same numbers without what no integral sees: the picture's path and the motion."""
+        return Scene(
+            self.speeds,
+            self.weights,
+            photon_rate=self.photon_rate,
+            read_noise=self.read_noise,
+            mean_level=self.mean_level,
+            deviation=self.deviation,
+            power_spectrum=self.power_spectrum,
+            limits=self.limits,
+        )
+
     @property
     def max_speed(self) -> Array:
         """Largest speed of either sign; px/s."""

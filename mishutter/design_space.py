@@ -1,0 +1,162 @@
+r"""The designs a solver may reach, as a unit box.
+
+A point of the box is a shutter's coordinates, then the half exposure, then the
+acceleration, each only if it is free. The motion's coordinates are logarithmic between
+bounds that hold stroke, top speed and exposure at every point: the half exposure
+between its limits, and the acceleration between the slowest that still keeps up with
+the fastest object, $a = S/(2T)$, and the largest that
+$aT^2 \le$ stroke and $2aT \le$ top speed allow.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter.motion import AbstractMotion, ParabolicMotion, StillCamera
+from mishutter.scene import Limits, Scene
+from mishutter.shutters.base import AbstractAdjustableShutter, AbstractShutter
+from mishutter.types import common_dtype, require
+
+FREE_NAMES = ("shutter", "acceleration", "half_exposure")
+_SLOWEST = 1e-2
+"""Share of the largest acceleration that is explored where every object is at rest."""
+
+
+class DesignSpace(eqx.Module):
+    """A unit box of designs around a shutter and a motion.
+
+    Attributes:
+        shutter: Profile that is held, or whose kind is moved.
+        motion: Motion that is held where it is not free.
+        limits: Bounds on stroke, top speed and exposure.
+        max_speed: Fastest object; px/s.
+        free: What may move.
+    """
+
+    shutter: AbstractShutter
+    motion: AbstractMotion
+    limits: Limits
+    max_speed: Array
+    free: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def num_profile_coordinates(self) -> int:
+        """How many of the coordinates belong to the shutter."""
+        return self.box_of_shutter(self.shutter).size if "shutter" in self.free else 0
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return self.num_profile_coordinates + len(set(self.free) - {"shutter"})
+
+    @staticmethod
+    def box_of_shutter(shutter: AbstractShutter) -> Array:
+        """Coordinates of a profile that has any; shape `(p,)`."""
+        require_adjustable(shutter)
+        return shutter.box()  # type: ignore[attr-defined]
+
+    def at(self, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
+        """The design at a point of the box; shape `(size,)`."""
+        count = self.num_profile_coordinates
+        shutter = self.shutter
+        if count:
+            shutter = self.shutter.at(box[:count])  # type: ignore[attr-defined]
+        rest = list(box[count:])
+        half_exposure = self.motion.half_exposure
+        if "half_exposure" in self.free:
+            half_exposure = _between(*self._half_exposure_bounds(), rest.pop(0))
+        if isinstance(self.motion, StillCamera):
+            return shutter, StillCamera(half_exposure=half_exposure)
+        acceleration = self.motion.acceleration
+        if "acceleration" in self.free:
+            acceleration = _between(*self._acceleration_bounds(half_exposure), rest.pop(0))
+        return shutter, ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
+
+    def box(self, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
+        """The point of the box nearest to a design; shape `(size,)`."""
+        dtype = common_dtype(self.max_speed, motion.half_exposure)
+        parts = []
+        if "shutter" in self.free:
+            parts.append(jnp.clip(self.box_of_shutter(shutter), 0, 1).astype(dtype))
+        half_exposure = motion.half_exposure
+        if "half_exposure" in self.free:
+            share = _share(*self._half_exposure_bounds(), half_exposure)
+            parts.append(share.astype(dtype)[None])
+            half_exposure = _between(*self._half_exposure_bounds(), share)
+        if "acceleration" in self.free:
+            bounds = self._acceleration_bounds(half_exposure)
+            parts.append(_share(*bounds, motion.acceleration).astype(dtype)[None])
+        return jnp.concatenate(parts)
+
+    def _half_exposure_bounds(self) -> tuple[Array, Array]:
+        low, high = self.limits.min_half_exposure, self.limits.max_half_exposure
+        if "acceleration" not in self.free and not isinstance(self.motion, StillCamera):
+            a = self.motion.acceleration
+            safe = jnp.where(a > 0, a, 1.0)
+            longest = jnp.minimum(
+                jnp.sqrt(self.limits.max_stroke / safe), self.limits.max_top_speed / (2 * safe)
+            )
+            high = jnp.where(a > 0, jnp.clip(longest, low, high), high)
+        return low, high
+
+    def _acceleration_bounds(self, half_exposure: Array) -> tuple[Array, Array]:
+        by_stroke = self.limits.max_stroke / half_exposure / half_exposure
+        by_speed = self.limits.max_top_speed / (2 * half_exposure)
+        high = jnp.minimum(by_stroke, by_speed)
+        keeping_up = self.max_speed / (2 * half_exposure)
+        return jnp.clip(keeping_up, _SLOWEST * high, high), high
+
+
+def design_space(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, free: tuple[str, ...]
+) -> DesignSpace:
+    """The space of what `free` names, within the scene's limits.
+
+    Raises:
+        ValueError: if `free` is empty or names something that cannot move.
+    """
+    names = (free,) if isinstance(free, str) else tuple(free)
+    subject = "optimise(free=...)"
+    known = bool(names) and all(name in FREE_NAMES for name in names)
+    require(known, subject, f"name some of {', '.join(FREE_NAMES)}", free)
+    if "shutter" in names:
+        require_adjustable(shutter)
+    if isinstance(motion, StillCamera):
+        require("acceleration" not in names, subject, "leave a still camera at rest", free)
+    dtype = common_dtype(motion.half_exposure, scene.speeds)
+    limits = Limits(
+        **{
+            name: getattr(scene.limits, name).astype(dtype)
+            for name in (
+                "max_stroke",
+                "max_top_speed",
+                "min_half_exposure",
+                "max_half_exposure",
+            )
+        }
+    )
+    ordered = tuple(name for name in FREE_NAMES if name in names)
+    return DesignSpace(shutter, motion, limits, scene.max_speed.astype(dtype), ordered)
+
+
+def require_adjustable(shutter: AbstractShutter) -> None:
+    """Refuse a shutter with nothing to move."""
+    require(
+        isinstance(shutter, AbstractAdjustableShutter),
+        "optimise(shutter=...)",
+        "have parameters, as a SplineShutter or TukeyShutter has, for free to name it",
+        type(shutter).__name__,
+    )
+
+
+def _between(low: Array, high: Array, share: Array) -> Array:
+    """Point of a logarithmic interval, inside it also after rounding."""
+    return jnp.clip(low * jnp.exp(share * jnp.log(high / low)), low, high)
+
+
+def _share(low: Array, high: Array, value: Array) -> Array:
+    wide = high > low
+    span = jnp.log(jnp.where(wide, high, 2 * low) / low)
+    positive = jnp.maximum(value, np.finfo(np.dtype(low.dtype)).tiny)
+    return jnp.clip(jnp.where(wide, jnp.log(positive / low) / span, 0.5), 0, 1)

@@ -1,0 +1,109 @@
+"""What a loss is, and how losses add up."""
+
+from abc import abstractmethod
+from typing import final
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from mishutter.motion import AbstractMotion, settled
+from mishutter.plan import Plan, sizes
+from mishutter.response import Response, respond
+from mishutter.scene import Scene
+from mishutter.shutters.base import AbstractShutter
+
+
+class AbstractLoss(eqx.Module):
+    """A scalar to be made small: `loss(scene, motion, shutter, plan=...)`.
+
+    One's own loss is one small class with a `__call__`. Losses add and take factors:
+    `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
+    """
+
+    @abstractmethod
+    def __call__(
+        self,
+        scene: Scene,
+        motion: AbstractMotion,
+        shutter: AbstractShutter,
+        *,
+        plan: Plan | None = None,
+    ) -> Array:
+        """The loss; scalar. `plan=None` computes everything."""
+
+    def __add__(self, other: "AbstractLoss") -> "AbstractLoss":
+        if not isinstance(other, AbstractLoss):
+            return NotImplemented
+        terms = [term for loss in (self, other) for term in _terms(loss)]
+        return WeightedSum(tuple(t[0] for t in terms), tuple(t[1] for t in terms))
+
+    def __mul__(self, factor: float) -> "AbstractLoss":
+        terms = _terms(self)
+        return WeightedSum(tuple(t[0] for t in terms), tuple(factor * t[1] for t in terms))
+
+    __rmul__ = __mul__
+
+
+class AbstractResponseLoss(AbstractLoss):
+    """A loss that sees the shutter through its kernels, transfer functions and light.
+
+    The response is linear in the transmittance, which a solver can use.
+    """
+
+    needs_kernels: eqx.AbstractClassVar[bool]
+    needs_spectra: eqx.AbstractClassVar[bool]
+
+    @abstractmethod
+    def of_response(
+        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+    ) -> Array:
+        """The loss of a response; scalar."""
+
+    def __call__(
+        self,
+        scene: Scene,
+        motion: AbstractMotion,
+        shutter: AbstractShutter,
+        *,
+        plan: Plan | None = None,
+    ) -> Array:
+        motion = settled(motion)
+        plan = sizes(scene, motion) if plan is None else plan
+        response = respond(
+            scene,
+            motion,
+            shutter,
+            plan,
+            kernels=self.needs_kernels,
+            spectra=self.needs_spectra,
+        )
+        return self.of_response(scene, motion, response, plan)
+
+
+@final
+class WeightedSum(AbstractLoss):
+    """Weighted sum of losses; what `+` and `*` build."""
+
+    losses: tuple[AbstractLoss, ...]
+    weights: tuple[float, ...]
+
+    def __call__(
+        self,
+        scene: Scene,
+        motion: AbstractMotion,
+        shutter: AbstractShutter,
+        *,
+        plan: Plan | None = None,
+    ) -> Array:
+        terms = [
+            weight * loss(scene, motion, shutter, plan=plan)
+            for weight, loss in zip(self.weights, self.losses, strict=True)
+        ]
+        return sum(terms, start=jnp.zeros_like(terms[0]))
+
+
+def _terms(loss: AbstractLoss) -> list[tuple[AbstractLoss, float]]:
+    if isinstance(loss, WeightedSum):
+        return list(zip(loss.losses, loss.weights, strict=True))
+    return [(loss, 1.0)]

@@ -1,0 +1,35 @@
+"""The loss that a restored picture shows."""
+
+from typing import ClassVar, final
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from mishutter.losses.base import AbstractResponseLoss
+from mishutter.metrics import expected_squared_error
+from mishutter.motion import AbstractMotion
+from mishutter.plan import Plan
+from mishutter.response import Response
+from mishutter.scene import Scene
+
+
+@final
+class ExpectedErrorLoss(AbstractResponseLoss):
+    r"""Expected RMS error of the restored picture over the picture's standard deviation.
+
+    The square root of `expected_squared_error` (the best single linear decoder for the
+    scene's speeds) over $\sigma_f$: 0 for a perfect picture, 1 where nothing is gained
+    over a grey one. 20 dB of PSNR are a factor of 10.
+    """
+
+    needs_kernels: ClassVar[bool] = False
+    needs_spectra: ClassVar[bool] = True
+
+    def of_response(
+        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+    ) -> Array:
+        squared = expected_squared_error(scene, motion, response)
+        variance = scene.deviation.astype(squared.dtype) ** 2
+        textured = (variance > 0) & (squared > 0)
+        ratio = jnp.where(textured, squared, 1.0) / jnp.where(textured, variance, 1.0)
+        return jnp.where(textured, jnp.sqrt(ratio), 0.0)

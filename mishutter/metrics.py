@@ -1,0 +1,168 @@
+"""The numbers of a shutter on a motion for a scene."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter.motion import AbstractMotion, settled
+from mishutter.plan import Plan, sizes
+from mishutter.response import Response, frequency_grid, kernel_phase, respond
+from mishutter.scene import CORNER_FREQUENCY, Scene
+from mishutter.shutters.base import AbstractShutter
+from mishutter.spectrum import condition_number
+
+
+class Metrics(eqx.Module):
+    """What is measured of a design; see `../README.md` for how to read it.
+
+    Attributes:
+        condition_number: $\\max|H|/\\min|H|$ of the still object's kernel, over a DFT of
+            `dft_length` points of the kernel at `phase`; `inf` at a spectral zero.
+        kernel_difference: RMS over taps and (weighted) speeds of $h_s - h_0$.
+        relative_kernel_difference: The same over the RMS of $h_0$.
+        efficiency: Share of light let through.
+        expected_psnr: PSNR of the best single linear decoder, in linear light; dB.
+        bound_share: $|K_s(f)|^2$ over the wedge bound, worst case over speeds and
+            frequencies.
+        phase: Offset of the first tap's edge from the point of alignment; px.
+        dft_length: Points of the DFT.
+        num_taps: Taps of the kernels.
+    """
+
+    condition_number: Array
+    kernel_difference: Array
+    relative_kernel_difference: Array
+    efficiency: Array
+    expected_psnr: Array
+    bound_share: Array
+    phase: float = eqx.field(static=True)
+    dft_length: int = eqx.field(static=True)
+    num_taps: int = eqx.field(static=True)
+
+
+def evaluate(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, *, plan: Plan | None = None
+) -> Metrics:
+    r"""Measure a design.
+
+    The definitions and their sources are those of the functions below.
+
+    Args:
+        scene: Speeds, light and noise.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+        plan: What to compute; everything the scene could need by default.
+
+    Returns:
+        The metrics; see `Metrics`.
+    """
+    motion = settled(motion)
+    plan = sizes(scene, motion) if plan is None else plan
+    return _evaluate(scene.bare(), motion, shutter, plan)
+
+
+@eqx.filter_jit
+def _evaluate(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, plan: Plan
+) -> Metrics:
+    response = respond(scene, motion, shutter, plan)
+    raw, relative = kernel_differences(scene, response)
+    return Metrics(
+        condition_number=condition_number(response.still_kernel, num_frequencies=plan.dft_length),
+        kernel_difference=raw,
+        relative_kernel_difference=relative,
+        efficiency=response.efficiency,
+        expected_psnr=-10 * jnp.log10(expected_squared_error(scene, motion, response)),
+        bound_share=bound_share(scene, motion, response),
+        phase=kernel_phase(motion, plan.num_taps),
+        dft_length=plan.dft_length,
+        num_taps=plan.num_taps,
+    )
+
+
+def kernel_differences(scene: Scene, response: Response) -> tuple[Array, Array]:
+    r"""Cross-speed kernel difference, raw and relative to the still object's kernel.
+
+    $\sqrt{\sum_i p_i\,\overline{(h_{s_i} - h_0)^2}}$ (the paper's Figure 3b, over the
+    scene's speeds), and the same over $\sqrt{\overline{h_0^2}}$. The derivative where
+    all kernels agree is 0.
+    """
+    weights = scene.weights.astype(response.kernels.dtype)
+    difference = response.kernels - response.still_kernel[None]
+    mean_square = jnp.sum(weights * jnp.mean(difference**2, axis=1))
+    raw = _root(mean_square)
+    still = _root(jnp.mean(response.still_kernel**2))
+    lit = still > 0
+    return raw, jnp.where(lit, raw / jnp.where(lit, still, 1.0), 0.0)
+
+
+def expected_squared_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
+    r"""Expected squared error of the best single linear decoder, white = 1; scalar.
+
+    With $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$ (aperture included) the filter
+    $G = S\bar m/(S(|m|^2 + v) + N)$ leaves $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2+v) + N)\,df$,
+    where $N = \eta\,\bar f/p + (\sigma/p)^2$ is the noise of equation (4) at
+    $p = \text{rate}\cdot 2T$. Nothing in it cancels. Without any light the picture's own
+    variance is left.
+    """
+    dtype = response.efficiency.dtype
+    num_frequencies = response.spectra.shape[1]
+    frequency = frequency_grid(num_frequencies, np.dtype(dtype))
+    power = picture_power(scene, num_frequencies, np.dtype(dtype))
+    spectra = response.spectra * jnp.sinc(frequency)
+    weights = scene.weights.astype(dtype)[:, None]
+    mean = jnp.sum(weights * spectra, axis=0)
+    deviation = spectra - mean
+    spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0)
+    coherent = mean.real**2 + mean.imag**2
+    electrons = scene.photon_rate.astype(dtype) * motion.exposure.astype(dtype)
+    noise = (
+        response.efficiency * scene.mean_level.astype(dtype) * electrons
+        + scene.read_noise.astype(dtype) ** 2
+    )
+    signal = power * electrons**2
+    remaining = signal * spread + noise
+    total = signal * (coherent + spread) + noise
+    dark = total <= 0
+    share = jnp.where(dark, 1.0, remaining / jnp.where(dark, 1.0, total))
+    return jnp.mean(power * share)
+
+
+def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
+    r"""Power spectrum of the picture's rows on the frequency grid; shape `(m,)`.
+
+    $1/(f^2 + 0.01^2)$ where the scene brings none. It is scaled so that
+    $2\int_0^{1/2} S\,df$, its mean over the grid, is the variance.
+    """
+    frequency = frequency_grid(num_frequencies, dtype)
+    if scene.power_spectrum is None:
+        power = 1 / (frequency**2 + CORNER_FREQUENCY**2)
+    else:
+        given = scene.power_spectrum.astype(dtype)
+        power = jnp.interp(frequency, frequency_grid(given.size, dtype), given)
+    total = jnp.mean(power)
+    lit = total > 0
+    scaled = power / jnp.where(lit, total, 1.0)
+    return scaled * scene.deviation.astype(dtype) ** 2
+
+
+def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
+    r"""Share of the wedge bound that the design reaches at its worst speed and frequency.
+
+    $|K_s(f)|^2 = (2T)^2 |H_s(f)|^2$ over $\min((2T)^2, T/(Sf))$ with $S = \max|s|$ (after
+    Levin et al. 2008), up to 0.5 cycles/px. No path and no shutter exceeds 1 at every
+    speed in $[-S, S]$.
+    """
+    spectra = response.spectra
+    frequency = frequency_grid(spectra.shape[1], np.dtype(response.efficiency.dtype))
+    exposure = motion.exposure.astype(frequency.dtype)
+    smear = 2 * scene.max_speed.astype(frequency.dtype) * exposure * frequency
+    power = spectra.real**2 + spectra.imag**2
+    occurs = (scene.weights > 0)[:, None]
+    return jnp.min(jnp.where(occurs, power * jnp.maximum(1.0, smear)[None], jnp.inf))
+
+
+def _root(square: Array) -> Array:
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)

@@ -1,0 +1,150 @@
+r"""What a shutter on a motion does to a scene: kernels, transfer functions, light.
+
+Everything here is linear in the transmittance. The transfer functions are taken at
+the centres of equal steps in (0, 0.5) cycles/px, by Gauss-Legendre quadrature between
+the shutter's breakpoints; on such a grid $e^{-2\pi i f_m x}$ factors into a coarse and a
+fine power, so that a node costs $2\sqrt{M}$ exponentials instead of $M$ and the rest is
+a matrix product.
+"""
+
+from functools import lru_cache
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter.kernel import binned_exposure, blur_kernel
+from mishutter.motion import AbstractMotion, StillCamera
+from mishutter.plan import Plan, sizes
+from mishutter.scene import Scene
+from mishutter.shutters.base import AbstractShutter, integrated_transmittance
+from mishutter.shutters.sampled import piecewise
+from mishutter.types import common_dtype
+
+
+class Response(eqx.Module):
+    """Kernels and transfer functions of a design at the speeds of a scene.
+
+    Attributes:
+        still_kernel: Blur kernel of a still object, phase 0; shape `(n,)`.
+        kernels: Blur kernels at the scene's speeds; shape `(s, n)`.
+        spectra: Transfer functions there, in the vertex frame, without the pixel
+            aperture; complex, shape `(s, m)`.
+        efficiency: Share of light let through; scalar.
+    """
+
+    still_kernel: Array | None
+    kernels: Array | None
+    spectra: Array | None
+    efficiency: Array
+
+
+def respond(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    plan: Plan | None = None,
+    *,
+    kernels: bool = True,
+    spectra: bool = True,
+) -> Response:
+    """Response of a design to a scene, with the parts asked for."""
+    plan = sizes(scene, motion) if plan is None else plan
+    dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
+    speeds = scene.speeds.astype(dtype)
+    profile = piecewise(shutter)
+    still = moving = response = None
+    if kernels:
+        with_rest = jnp.concatenate([jnp.zeros(1, dtype), speeds])
+        stack = jax.vmap(lambda s: aligned_kernel(profile, motion, s, plan.num_taps))(with_rest)
+        still, moving = stack[0], stack[1:]
+    if spectra:
+        response = aligned_spectra(profile, motion, speeds, plan)
+    light = integrated_transmittance(profile).astype(dtype) / 2
+    return Response(still, moving, response, light)
+
+
+def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:
+    """Offset of the first tap's edge from the point of alignment; px.
+
+    A moving sensor is aligned at the vertex, a camera at rest at mid-exposure, in the
+    middle of its middle tap.
+    """
+    return -0.5 - num_taps // 2 if isinstance(motion, StillCamera) else 0.0
+
+
+def aligned_kernel(
+    shutter: AbstractShutter, motion: AbstractMotion, speed: Array, num_taps: int
+) -> Array:
+    """Kernel with the displacement removed that no decoder can see; shape `(n,)`."""
+    if not isinstance(motion, StillCamera):
+        return blur_kernel(shutter, motion, speed=speed, num_taps=num_taps)
+    edges = jnp.arange(num_taps + 1, dtype=speed.dtype) + kernel_phase(motion, num_taps)
+    return binned_exposure(shutter, motion, speed=speed, edges=edges)
+
+
+def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Array:
+    """Centres of equal steps in (0, 0.5); cycles/px, shape `(m,)`."""
+    return (jnp.arange(num_frequencies, dtype=dtype) + 0.5) * (0.5 / num_frequencies)
+
+
+def aligned_spectra(
+    shutter: AbstractShutter, motion: AbstractMotion, speeds: Array, plan: Plan
+) -> Array:
+    """Transfer functions on the frequency grid, aligned as the kernels; `(s, m)`, complex."""
+    dtype = speeds.dtype
+    tau, light = _light_at_nodes(shutter, plan.num_nodes, np.dtype(dtype))
+    a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
+    stroke = a * half * half
+    smear = (speeds * half)[:, None]
+    vertex = -_safe_ratio(smear**2, 4 * stroke)
+    position = tau * (stroke * tau - smear) - vertex
+    return _sum_of_waves(position, light, plan.num_frequencies)
+
+
+def _safe_ratio(numerator: Array, denominator: Array) -> Array:
+    positive = denominator > 0
+    return jnp.where(positive, numerator / jnp.where(positive, denominator, 1.0), 0.0)
+
+
+def _light_at_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype):
+    """Times and quadrature weights times transmittance over the exposure; `(q,)` each."""
+    profile = piecewise(shutter)
+    ends = profile.breakpoints(dtype).high
+    num_pieces = ends.size - 1
+    nodes, weights = _panel_rule(
+        profile.panels_per_piece, -(-num_nodes // (num_pieces * profile.panels_per_piece))
+    )
+    length = jnp.diff(ends)[:, None]
+    offset = length * jnp.asarray(nodes, dtype)
+    light = length / 2 * jnp.asarray(weights, dtype) * profile.piece_transmittance(offset)
+    return (ends[:-1, None] + offset).ravel(), light.ravel()
+
+
+@lru_cache
+def _panel_rule(num_panels: int, num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Composite Gauss-Legendre rule on [0, 1]."""
+    per_panel = max(num_nodes, 8)
+    nodes, weights = np.polynomial.legendre.leggauss(per_panel)
+    panels = np.arange(num_panels)[:, None]
+    spread = (panels + (nodes + 1) / 2) / num_panels
+    return spread.ravel(), np.tile(weights / (2 * num_panels), num_panels)
+
+
+def _sum_of_waves(position: Array, light: Array, num_frequencies: int) -> Array:
+    r"""$\sum_q l_q e^{-2\pi i f_m x_q}$ on the frequency grid; `(s, m)`, complex."""
+    num_fine = 1 << (max(num_frequencies - 1, 1).bit_length() + 1) // 2
+    num_coarse = -(-num_frequencies // num_fine)
+    step = (np.pi / num_frequencies) * position[:, None, :]
+    fine = step * (jnp.arange(num_fine, dtype=position.dtype) + 0.5)[:, None]
+    coarse = step * (jnp.arange(num_coarse, dtype=position.dtype) * num_fine)[:, None]
+    left = jnp.concatenate([jnp.cos(coarse), jnp.sin(coarse)], axis=1)
+    right = jnp.concatenate([jnp.cos(fine), jnp.sin(fine)], axis=1) * light
+    product = jnp.einsum("spq,srq->spr", left, right)
+    (cc, cs), (sc, ss) = (
+        jnp.split(half, 2, axis=2) for half in jnp.split(product, 2, axis=1)
+    )
+    waves = jax.lax.complex(cc - ss, -(cs + sc))
+    return waves.reshape(position.shape[0], -1)[:, :num_frequencies]

@@ -1,0 +1,203 @@
+"""Minimisation over the unit box: many starts at once, then a polish of the winner."""
+
+import warnings
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array
+
+from mishutter.objective import AbstractObjective
+
+Progress = Callable[[int, float], None]
+_STEPS_PER_CALL = 20
+_MARGIN = 0.02
+_TOLERANCE = 1e-7
+
+
+class NonFiniteLossError(ArithmeticError):
+    """A loss or its gradient was not finite where the solver had to know it."""
+
+
+class Descent(NamedTuple):
+    """Where a descent from every start ended.
+
+    Attributes:
+        boxes: Final points; shape `(starts, size)`.
+        losses: Their losses; shape `(starts,)`.
+        history: Smallest loss so far after each step.
+        num_unfinished: Starts that still moved when the steps were used up.
+    """
+
+    boxes: np.ndarray
+    losses: np.ndarray
+    history: np.ndarray
+    num_unfinished: int
+
+
+def descend(
+    objective: AbstractObjective,
+    starts: Array,
+    *,
+    max_steps: int,
+    progress: Progress | None = None,
+) -> Descent:
+    r"""Optimistix BFGS from every start at once.
+
+    The box is reached through $x = \sin^2\theta$, whose bounds are ordinary points: a
+    solver arrives there, and leaves again, at finite $\theta$. Starts on a bound, where
+    the derivative by $\theta$ vanishes, are moved inside by 0.02.
+
+    Raises:
+        NonFiniteLossError: if a loss or gradient at an accepted point is not finite.
+    """
+    state = _start(objective, starts)
+    history: list[np.ndarray] = []
+    steps_left = max_steps
+    while steps_left > 0:
+        count = min(_STEPS_PER_CALL, steps_left)
+        state, best, finite, done = _advance(objective, state, jnp.asarray(count), _STEPS_PER_CALL)
+        _check_finite(finite)
+        steps_left -= count
+        best = np.asarray(best)[:count]
+        history.append(best[np.isfinite(best)])
+        if progress is not None and history[-1].size:
+            progress(max_steps - steps_left, float(history[-1][-1]))
+        if bool(np.all(np.asarray(done))):
+            break
+    boxes = np.sin(np.asarray(state.theta)) ** 2
+    losses = np.asarray(batched_loss(objective, jnp.asarray(boxes)))
+    lowest = np.minimum.accumulate(np.concatenate(history)) if history else np.array([])
+    return Descent(boxes, losses, lowest, int(np.sum(~np.asarray(state.done))))
+
+
+class _State(eqx.Module):
+    theta: Array
+    solver: eqx.Module
+    done: Array
+
+
+_SOLVER = optx.BFGS(rtol=_TOLERANCE, atol=_TOLERANCE)
+
+
+def _in_angles(objective: AbstractObjective):
+    return lambda theta, args: (objective(jnp.sin(theta) ** 2), None)
+
+
+@eqx.filter_jit
+def _start(objective: AbstractObjective, starts: Array) -> _State:
+    theta = jnp.arcsin(jnp.sqrt(jnp.clip(starts, _MARGIN, 1 - _MARGIN)))
+    scalar = jax.ShapeDtypeStruct((), theta.dtype)
+    function = _in_angles(objective)
+    state = eqx.filter_vmap(
+        lambda y: _SOLVER.init(function, y, None, {}, scalar, None, frozenset())
+    )(theta)
+    return _State(theta, state, jnp.zeros(theta.shape[0], bool))
+
+
+@eqx.filter_jit
+def _advance(objective: AbstractObjective, state: _State, num_steps: Array, capacity: int):
+    function = _in_angles(objective)
+    dynamic, static = eqx.partition(state, eqx.is_array)
+
+    def one(theta, solver_state, done):
+        moved, after, _ = _SOLVER.step(function, theta, None, {}, solver_state, frozenset())
+        ended, _ = _SOLVER.terminate(function, moved, None, {}, after, frozenset())
+        keep = lambda old, new: jnp.where(done, old, new)  # noqa: E731
+        old_arrays, _ = eqx.partition(solver_state, eqx.is_array)
+        new_arrays, rest = eqx.partition(after, eqx.is_array)
+        kept = eqx.combine(jax.tree.map(keep, old_arrays, new_arrays), rest)
+        return keep(theta, moved), kept, done | ended
+
+    def body(carry):
+        count, arrays, best, finite = carry
+        now = eqx.combine(arrays, static)
+        theta, solver, done = eqx.filter_vmap(one)(now.theta, now.solver, now.done)
+        loss, gradient = solver.f_info.f, solver.f_info.grad
+        finite &= jnp.isfinite(loss) & jnp.all(jnp.isfinite(gradient), axis=1)
+        best = best.at[count].set(jnp.min(loss))
+        arrays, _ = eqx.partition(_State(theta, solver, done), eqx.is_array)
+        return count + 1, arrays, best, finite
+
+    def unfinished(carry):
+        count, arrays, _, finite = carry
+        return (count < num_steps) & jnp.any(~arrays.done) & jnp.all(finite)
+
+    best = jnp.full(capacity, jnp.nan, state.theta.dtype)
+    first = (jnp.zeros((), jnp.int32), dynamic, best, jnp.ones_like(state.done))
+    _, arrays, best, finite = jax.lax.while_loop(unfinished, body, first)
+    return eqx.combine(arrays, static), best, finite, arrays.done
+
+
+def _check_finite(finite: Array) -> None:
+    bad = np.flatnonzero(~np.asarray(finite))
+    if bad.size:
+        raise NonFiniteLossError(
+            f"The loss and its gradient must be finite; got a NaN or an infinity from start "
+            f"{bad[0]} ({bad.size} of {np.asarray(finite).size} starts)."
+        )
+
+
+@eqx.filter_jit
+def batched_loss(objective: AbstractObjective, boxes: Array) -> Array:
+    """Loss at many points; shape `(n,)`."""
+    return jax.vmap(objective)(boxes)
+
+
+@eqx.filter_jit
+def loss_and_gradient(objective: AbstractObjective, box: Array) -> tuple[Array, Array]:
+    """Loss and gradient at a point of the box; scalar and `(size,)`."""
+    return jax.value_and_grad(objective)(box)
+
+
+def projected_gradient_norm(box: np.ndarray, gradient: np.ndarray) -> float:
+    r"""$\max|x - P(x - g)|$, the certificate of a minimum in the box: 0 at one."""
+    return float(np.max(np.abs(box - np.clip(box - gradient, 0, 1)), initial=0.0))
+
+
+class Polished(NamedTuple):
+    """A point after the polish, its loss, its certificate and the steps it took."""
+
+    box: np.ndarray
+    loss: float
+    certificate: float
+    num_steps: int
+
+
+def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> Polished:
+    """jaxopt's box-constrained L-BFGS-B, in the box's own coordinates.
+
+    Raises:
+        NonFiniteLossError: if the loss or gradient is not finite on the way.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        import jaxopt
+
+    def value_and_gradient(x):
+        loss, gradient = loss_and_gradient(objective, jnp.asarray(x, box.dtype))
+        if not (np.isfinite(loss) and np.all(np.isfinite(gradient))):
+            raise NonFiniteLossError(
+                "The loss and its gradient must be finite; got a NaN or an infinity "
+                "while polishing."
+            )
+        return loss, gradient
+
+    solver = jaxopt.ScipyBoundedMinimize(
+        fun=value_and_gradient,
+        value_and_grad=True,
+        method="L-BFGS-B",
+        maxiter=max_steps,
+        jit=False,
+        tol=1e-9,
+    )
+    low, high = jnp.zeros(box.shape, box.dtype), jnp.ones(box.shape, box.dtype)
+    point, info = solver.run(jnp.asarray(box), bounds=(low, high))
+    point = np.clip(np.asarray(point), 0, 1)
+    loss, gradient = value_and_gradient(point)
+    certificate = projected_gradient_norm(point, np.asarray(gradient))
+    return Polished(point, float(loss), certificate, int(info.iter_num))
