@@ -16,5 +16,7 @@ from mishutter.shutters import RectShutter as RectShutter
 from mishutter.shutters import SplineShutter as SplineShutter
 from mishutter.shutters import TriangleShutter as TriangleShutter
 from mishutter.shutters import TukeyShutter as TukeyShutter
+from mishutter.spectrum import condition_number as condition_number
+from mishutter.spectrum import transfer_function as transfer_function
 
 __version__ = "0.1.0"

@@ -261,8 +261,6 @@ def _by_blocks(function, edges: DoubleWord, *, num_pieces: int) -> Array:
     if num_taps <= length:
         return function(edges)
     num_blocks = -(-num_taps // length)
-    index = np.minimum(
-        np.arange(num_blocks)[:, None] * length + np.arange(length + 1), num_taps
-    )
+    index = np.minimum(np.arange(num_blocks)[:, None] * length + np.arange(length + 1), num_taps)
     blocks = DoubleWord(edges.high[index], edges.low[index])
     return jax.lax.map(jax.checkpoint(function), blocks).reshape(-1)[:num_taps]

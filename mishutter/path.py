@@ -132,9 +132,7 @@ def _vertex_distance(velocity: DoubleWord, stroke: DoubleWord, exists: Array) ->
         jnp.where(exists, 4 * stroke.high, 1.0), jnp.where(exists, 4 * stroke.low, 0.0)
     )
     distance = divide(square, divisor)
-    return DoubleWord(
-        jnp.where(exists, distance.high, 0.0), jnp.where(exists, distance.low, 0.0)
-    )
+    return DoubleWord(jnp.where(exists, distance.high, 0.0), jnp.where(exists, distance.low, 0.0))
 
 
 def _plain_vertex_distance(velocity: Array, stroke: Array, exists: Array) -> Array:

@@ -98,4 +98,3 @@ def uniform_breakpoints(num_pieces: int, dtype: np.dtype) -> DoubleWord:
     high = np.array([float(x) for x in exact]).astype(dtype)
     low = [float(x - Fraction(float(h))) for x, h in zip(exact, high, strict=True)]
     return DoubleWord(jnp.asarray(high), jnp.asarray(np.array(low, dtype)))
-

@@ -1,6 +1,7 @@
 """Polynomials in Bernstein form: values, and means over part of a piece."""
 
-import jax.numpy as jnp
+import itertools
+
 import numpy as np
 from jaxtyping import Array
 
@@ -9,7 +10,7 @@ def bernstein_value(control: list[Array], u: Array) -> Array:
     """Value at `u`, the share of the piece passed, by de Casteljau's rule."""
     points = control
     while len(points) > 1:
-        points = [a + u * (b - a) for a, b in zip(points[:-1], points[1:], strict=True)]
+        points = [a + u * (b - a) for a, b in itertools.pairwise(points)]
     return points[0]
 
 
@@ -30,7 +31,7 @@ def bernstein_mean(control: list[Array], start: Array, width: Array, remaining: 
 
 def _blend(points: list[Array], weights: tuple[Array, Array]) -> list[Array]:
     before, after = weights
-    return [before * a + after * b for a, b in zip(points[:-1], points[1:], strict=True)]
+    return [before * a + after * b for a, b in itertools.pairwise(points)]
 
 
 def bernstein_from_values(degree: int) -> tuple[np.ndarray, np.ndarray]:
@@ -39,9 +40,7 @@ def bernstein_from_values(degree: int) -> tuple[np.ndarray, np.ndarray]:
     nodes = (1 - np.cos((2 * k + 1) * np.pi / (2 * degree + 2))) / 2
     from math import comb
 
-    basis = np.array(
-        [[comb(degree, j) * x**j * (1 - x) ** (degree - j) for j in k] for x in nodes]
-    )
+    basis = np.array([[comb(degree, j) * x**j * (1 - x) ** (degree - j) for j in k] for x in nodes])
     return nodes, np.linalg.inv(basis)
 
 
@@ -53,5 +52,3 @@ def split_control(control: Array) -> list[Array]:
 def expand(points: list[Array], like: Array) -> list[Array]:
     """Control points of shape `(n,)` made to broadcast against `(n, ...)`."""
     return [p.reshape(p.shape + (1,) * (like.ndim - 1)).astype(like.dtype) for p in points]
-
-

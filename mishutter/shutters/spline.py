@@ -95,9 +95,7 @@ class SplineShutter(AbstractAdjustableShutter):
         count = control.shape[0]
         position = (jnp.clip(tau, -1, 1) + 1) * (count / 2)
         piece = jnp.clip(position.astype(jnp.int32), 0, count - 1)
-        value = bernstein_value(
-            split_control(control[piece]), position - piece.astype(tau.dtype)
-        )
+        value = bernstein_value(split_control(control[piece]), position - piece.astype(tau.dtype))
         return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
 
     def dtype(self) -> np.dtype | None:
@@ -128,9 +126,7 @@ class SplineShutter(AbstractAdjustableShutter):
         return _fold(self.parameters)
 
     def at(self, box: Array) -> "SplineShutter":
-        return SplineShutter(
-            box, symmetric=self.symmetric, num_coefficients=self.num_coefficients
-        )
+        return SplineShutter(box, symmetric=self.symmetric, num_coefficients=self.num_coefficients)
 
     @staticmethod
     def fit(
@@ -203,17 +199,10 @@ def bezier_extraction(count: int) -> np.ndarray:
     return np.stack([rows[_DEGREE * j : _DEGREE * j + 4] for j in range(count - _DEGREE)])
 
 
-def _insert_knot(
-    knots: np.ndarray, rows: np.ndarray, knot: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _insert_knot(knots: np.ndarray, rows: np.ndarray, knot: float) -> tuple[np.ndarray, np.ndarray]:
     span = int(np.searchsorted(knots, knot, side="right")) - 1
-    inserted = [
-        rows[i] if i <= span - _DEGREE else rows[i - 1]
-        for i in range(rows.shape[0] + 1)
-    ]
+    inserted = [rows[i] if i <= span - _DEGREE else rows[i - 1] for i in range(rows.shape[0] + 1)]
     for i in range(span - _DEGREE + 1, span + 1):
         share = (knot - knots[i]) / (knots[i + _DEGREE] - knots[i])
         inserted[i] = share * rows[i] + (1 - share) * rows[i - 1] if i < len(rows) else rows[i - 1]
     return np.insert(knots, span + 1, knot), np.stack(inserted)
-
-

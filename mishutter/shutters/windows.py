@@ -116,7 +116,7 @@ class GaussianShutter(AbstractAdjustableShutter):
         return _inside(tau, self._profile(tau))
 
     def _profile(self, tau: Array) -> Array:
-        return jnp.exp(-((tau / self.sigma.astype(tau.real.dtype)) ** 2) / 2)
+        return jnp.exp(-((tau / self.sigma.astype(tau.dtype)) ** 2) / 2)
 
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.sigma.dtype)
@@ -178,12 +178,10 @@ class TukeyShutter(AbstractAdjustableShutter):
         taper = self.taper.astype(dtype)
         one, zero = jnp.ones_like(taper), jnp.zeros_like(taper)
         high, low = two_sum(one, -taper)
-        return DoubleWord(
-            jnp.stack([-one, -high, high, one]), jnp.stack([zero, -low, low, zero])
-        )
+        return DoubleWord(jnp.stack([-one, -high, high, one]), jnp.stack([zero, -low, low, zero]))
 
     def piece_transmittance(self, offset: Array) -> Array:
-        taper = _nonzero(self.taper.astype(offset.real.dtype))
+        taper = _nonzero(self.taper).astype(offset.dtype)
         quarter_turn = jnp.pi / (2 * taper)
         return jnp.stack(
             [
