@@ -12,8 +12,9 @@ PACKAGE = Path(mishutter.__file__).parent
 
 LAYERS = """
 __init__ __main__ cli tables figures plots
-sweep reproduce restoration compare optimise solvers objective design_space design losses metrics
-simulate noise rows decoders quality response plan
+sweep reproduce restoration compare optimise solvers objective design_space design losses decoders
+metrics
+simulate quality noise rows response plan
 scene_file scene_schema pictures png scene spectrum descent kernel path motion shutters
 doubleword files types
 """.split()

@@ -1,0 +1,154 @@
+"""What the camera records of a scene: blur, shot noise, read noise, and its borders."""
+
+import math
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter.kernel import support
+from mishutter.motion import AbstractMotion, StillCamera
+from mishutter.noise import recorded, white_electrons
+from mishutter.pictures import Picture
+from mishutter.plan import sized_for
+from mishutter.response import aligned_kernel
+from mishutter.rows import channels_last, convolved, extended, require_border, rows_last
+from mishutter.scene import Scene
+from mishutter.shutters.base import AbstractShutter
+from mishutter.types import common_dtype, require, require_finite, require_scalar
+
+MAX_TAPS = 1 << 13
+"""Longest kernel that a capture is simulated with; px."""
+
+
+def simulate_capture(
+    picture: Picture | ArrayLike,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    speed: float = 0.0,
+    key: Array | None = None,
+    border: str = "reflect",
+    full_well: float | None = None,
+    adc_bits: int | None = None,
+) -> Array:
+    r"""What the camera records of a picture that moves along its rows.
+
+    $g_k = \sum_i h_i f_{k - i}$ with the exact kernel $h$ of the picture's speed, then
+    the noise of (4) at $p = \text{rate}\cdot 2T$, in linear light and in units of a fully
+    open exposure of white. A picture's pixel $j$ is a sample at position $j$. Sensor pixel
+    $k$ of a moving sensor collects $[k, k + 1]$ px from the vertex of the path, so that
+    the displacement $-s^2/4a$, which no decoder can know, is left out; that of a camera
+    at rest collects $[k - \frac12, k + \frac12]$ px from mid-exposure.
+
+    Args:
+        picture: Light, white = 1; a `Picture`, or an array of shape `(rows, columns)` or
+            `(..., rows, columns, channels)`.
+        scene: Light and noise; its speeds are not used.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+        speed: Speed of the picture, px/s.
+        key: JAX key of the noise; None for none.
+        border: Where light from beyond the picture comes from. `"scene"`: the picture is
+            the scene, and the sensor records the part of it whose light is all known,
+            `num_taps - 1` columns less (see `captured_columns`). `"reflect"`, `"edge"`,
+            `"wrap"`, `"zero"`: the sensor is as large as the picture, which goes on
+            mirrored, as its last pixel, periodically, or dark.
+        full_well: Most electrons a pixel holds, e-; None for no limit.
+        adc_bits: Bits of the converter; None for no rounding.
+
+    Returns:
+        Light in units of a fully open exposure; the shape of `picture`, but for the
+        columns with `border="scene"`.
+
+    Raises:
+        ValueError: if an argument is out of its range, the scene has no light and noise
+            is asked for, or the picture is narrower than the kernel with
+            `border="scene"`.
+    """
+    require_border("simulate_capture(border=...)", border)
+    light = as_light(picture)
+    _check_light(scene, key)
+    kernel, origin = capture_kernel(motion, shutter, speed, np.dtype(light.dtype))
+    if border == "scene":
+        columns = light.shape[-1 if light.ndim == 2 else -2]
+        enough = columns >= kernel.size
+        subject = "simulate_capture(border='scene')"
+        require(enough, subject, f"have a picture of at least {kernel.size} columns", columns)
+    electrons = white_electrons(scene, motion)
+    planes = rows_last(light)
+    blurred = _blurred(planes, kernel, origin, border)
+    limits = {"full_well": full_well, "adc_bits": adc_bits}
+    result = recorded(blurred, electrons, scene.read_noise, key=key, **limits)
+    return channels_last(result, light)
+
+
+def captured_columns(
+    motion: AbstractMotion, shutter: AbstractShutter, speed: float, num_columns: int
+) -> slice:
+    """Columns of the picture that a capture with `border="scene"` lies over."""
+    num_taps, origin = kernel_layout(motion, speed)
+    return slice(num_taps - 1 - origin, num_columns - origin)
+
+
+def capture_kernel(
+    motion: AbstractMotion, shutter: AbstractShutter, speed: float, dtype: np.dtype | None = None
+) -> tuple[Array, int]:
+    """Exact kernel of one speed, and which of its taps shifts nothing.
+
+    Returns:
+        Taps, shape `(n,)`, in units of a fully open exposure; index of the tap of
+        pixel `k` that comes from the picture's pixel `k`.
+    """
+    require_scalar("simulate_capture(speed=...)", speed)
+    require_finite("simulate_capture(speed=...)", speed)
+    num_taps, origin = kernel_layout(motion, speed)
+    dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
+    taps = _kernel(shutter, motion, jnp.asarray(speed, dtype), num_taps)
+    return taps.astype(dtype), origin
+
+
+def kernel_layout(motion: AbstractMotion, *speeds: float) -> tuple[int, int]:
+    """Number of taps that hold every speed, and the index of the tap at no displacement.
+
+    Raises:
+        ValueError: if the kernel would be longer than 8,192 px.
+    """
+    fastest = max(abs(float(s)) for s in speeds)
+    reach = float(support(motion, fastest))
+    smear = 2 * fastest * float(motion.half_exposure)
+    longest = max(reach, smear) + 1
+    held = math.isfinite(longest) and longest <= MAX_TAPS
+    require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_TAPS} px", longest)
+    num_taps = sized_for(longest - 1, float(motion.stroke) + smear / 2).num_taps
+    return num_taps, num_taps // 2 if isinstance(motion, StillCamera) else 0
+
+
+def as_light(picture: Picture | ArrayLike) -> Array:
+    """The light of a picture as an array: `(rows, columns)` or with channels last."""
+    subject = "simulate_capture(picture=...)"
+    if isinstance(picture, Picture):
+        return jnp.asarray(picture.light)
+    require(jnp.ndim(picture) >= 2, subject, "have rows and columns", jnp.shape(picture))
+    require(jnp.size(picture) > 0, subject, "hold at least one pixel", jnp.shape(picture))
+    require_finite(subject, picture)
+    return jnp.asarray(picture, common_dtype(picture))
+
+
+def _check_light(scene: Scene, key: Array | None) -> None:
+    lit = key is None or bool(scene.photon_rate > 0)
+    require(lit, "simulate_capture(scene=...)", "have a photon rate above 0 e-/s", 0.0)
+
+
+@partial(eqx.filter_jit)
+def _kernel(shutter: AbstractShutter, motion: AbstractMotion, speed: Array, num_taps: int):
+    return aligned_kernel(shutter, motion, speed, num_taps)
+
+
+@eqx.filter_jit
+def _blurred(planes: Array, kernel: Array, origin: int, border: str) -> Array:
+    return convolved(extended(planes, kernel.size - 1 - origin, origin, border), kernel)
