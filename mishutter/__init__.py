@@ -1,16 +1,29 @@
 """Design of shutters for motion-invariant photography."""
 
+from mishutter.compare import Comparison as Comparison
+from mishutter.compare import baselines as baselines
+from mishutter.compare import compare as compare
 from mishutter.decoders import AbstractDecoder as AbstractDecoder
 from mishutter.decoders import BlurModel as BlurModel
 from mishutter.decoders import EnsembleDecoder as EnsembleDecoder
 from mishutter.decoders import RichardsonLucyDecoder as RichardsonLucyDecoder
 from mishutter.decoders import WienerDecoder as WienerDecoder
 from mishutter.decoders import blur_model as blur_model
+from mishutter.design import Design as Design
 from mishutter.kernel import binned_exposure as binned_exposure
 from mishutter.kernel import blur_kernel as blur_kernel
+from mishutter.losses import AbstractLoss as AbstractLoss
+from mishutter.losses import DesignLoss as DesignLoss
+from mishutter.losses import ExpectedErrorLoss as ExpectedErrorLoss
+from mishutter.metrics import Metrics as Metrics
+from mishutter.metrics import evaluate as evaluate
 from mishutter.motion import AbstractMotion as AbstractMotion
 from mishutter.motion import ParabolicMotion as ParabolicMotion
 from mishutter.motion import StillCamera as StillCamera
+from mishutter.optimise import Outcome as Outcome
+from mishutter.optimise import SearchFailedError as SearchFailedError
+from mishutter.optimise import optimise as optimise
+from mishutter.optimise import starting_shutter as starting_shutter
 from mishutter.pictures import Picture as Picture
 from mishutter.pictures import example_picture as example_picture
 from mishutter.pictures import read_picture as read_picture
@@ -23,6 +36,8 @@ from mishutter.restoration import restore_photograph as restore_photograph
 from mishutter.scene import Limits as Limits
 from mishutter.scene import Scene as Scene
 from mishutter.shutters import RASKAR_CODE as RASKAR_CODE
+from mishutter.shutters import AbstractAdjustableShutter as AbstractAdjustableShutter
+from mishutter.shutters import AbstractPiecewiseShutter as AbstractPiecewiseShutter
 from mishutter.shutters import AbstractShutter as AbstractShutter
 from mishutter.shutters import ChippedShutter as ChippedShutter
 from mishutter.shutters import GaussianShutter as GaussianShutter
@@ -32,6 +47,7 @@ from mishutter.shutters import SplineShutter as SplineShutter
 from mishutter.shutters import TriangleShutter as TriangleShutter
 from mishutter.shutters import TukeyShutter as TukeyShutter
 from mishutter.simulate import simulate_capture as simulate_capture
+from mishutter.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.spectrum import condition_number as condition_number
 from mishutter.spectrum import transfer_function as transfer_function
 

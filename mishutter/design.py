@@ -234,6 +234,4 @@ def _shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
 def _motion_from_dict(data: dict[str, Any]) -> AbstractMotion:
     if data["kind"] == "StillCamera":
         return StillCamera(half_exposure=data["half_exposure"])
-    return ParabolicMotion(
-        acceleration=data["acceleration"], half_exposure=data["half_exposure"]
-    )
+    return ParabolicMotion(acceleration=data["acceleration"], half_exposure=data["half_exposure"])

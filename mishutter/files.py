@@ -29,3 +29,22 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     except BaseException:
         os.unlink(temporary)
         raise
+
+
+def writable_folder(path: str | Path) -> Path:
+    """A folder that is there and takes files, made if need be: asked before long work.
+
+    Raises:
+        OSError: if it cannot be made or takes no files.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise OSError(
+            f"`--out` must be a folder that takes files; got {str(path)!r}: {reason}."
+        ) from None
+    return folder

@@ -1,11 +1,13 @@
 """The numbers of a shutter on a motion for a scene."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter.motion import AbstractMotion, settled
+from mishutter.kernel import support
+from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.plan import Plan, sizes
 from mishutter.response import Response, frequency_grid, kernel_phase, respond
 from mishutter.scene import CORNER_FREQUENCY, Scene
@@ -14,10 +16,10 @@ from mishutter.spectrum import condition_number
 
 
 class Metrics(eqx.Module):
-    """What is measured of a design; see `../README.md` for how to read it.
+    r"""What is measured of a design.
 
     Attributes:
-        condition_number: $\\max|H|/\\min|H|$ of the still object's kernel, over a DFT of
+        condition_number: $\max|H|/\min|H|$ of the still object's kernel, over a DFT of
             `dft_length` points of the kernel at `phase`; `inf` at a spectral zero.
         kernel_difference: RMS over taps and (weighted) speeds of $h_s - h_0$.
         relative_kernel_difference: The same over the RMS of $h_0$.
@@ -67,7 +69,7 @@ def _evaluate(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, plan: Plan
 ) -> Metrics:
     response = respond(scene, motion, shutter, plan)
-    raw, relative = kernel_differences(scene, response)
+    raw, relative = kernel_differences(scene, motion, response)
     return Metrics(
         condition_number=condition_number(response.still_kernel, num_frequencies=plan.dft_length),
         kernel_difference=raw,
@@ -81,20 +83,33 @@ def _evaluate(
     )
 
 
-def kernel_differences(scene: Scene, response: Response) -> tuple[Array, Array]:
+def kernel_differences(
+    scene: Scene, motion: AbstractMotion, response: Response
+) -> tuple[Array, Array]:
     r"""Cross-speed kernel difference, raw and relative to the still object's kernel.
 
     $\sqrt{\sum_i p_i\,\overline{(h_{s_i} - h_0)^2}}$ (the paper's Figure 3b, over the
-    scene's speeds), and the same over $\sqrt{\overline{h_0^2}}$. The derivative where
-    all kernels agree is 0.
+    scene's speeds), and the same over $\sqrt{\overline{h_0^2}}$. The means are over the
+    taps that the fastest object reaches. The derivative where all kernels agree is 0.
     """
+    num_supported = _num_supported(scene, motion, response.still_kernel)
     weights = scene.weights.astype(response.kernels.dtype)
     difference = response.kernels - response.still_kernel[None]
-    mean_square = jnp.sum(weights * jnp.mean(difference**2, axis=1))
-    raw = _root(mean_square)
-    still = _root(jnp.mean(response.still_kernel**2))
+    square = jnp.sum(weights * jnp.sum(difference**2, axis=1))
+    raw = _root(square / num_supported)
+    still = _root(jnp.sum(response.still_kernel**2) / num_supported)
     lit = still > 0
     return raw, jnp.where(lit, raw / jnp.where(lit, still, 1.0), 0.0)
+
+
+def _num_supported(scene: Scene, motion: AbstractMotion, kernel: Array) -> Array:
+    """Taps that light of the fastest object falls on."""
+    if isinstance(motion, StillCamera):
+        reach = 2 * scene.max_speed * motion.half_exposure
+    else:
+        reach = support(motion, scene.max_speed)
+    count = jnp.clip(jnp.ceil(reach), 1, kernel.size)
+    return jax.lax.stop_gradient(count).astype(kernel.dtype)
 
 
 def expected_squared_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:

@@ -76,8 +76,6 @@ def _basis(
 ) -> Response:
     def of_coordinate(box: Array) -> Response:
         shutter, motion = space.at(box)
-        return respond(
-            scene, motion, shutter, plan, kernels=needs_kernels, spectra=needs_spectra
-        )
+        return respond(scene, motion, shutter, plan, kernels=needs_kernels, spectra=needs_spectra)
 
     return jax.vmap(of_coordinate)(jnp.eye(space.size, dtype=space.max_speed.dtype))

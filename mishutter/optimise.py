@@ -1,7 +1,7 @@
 """The design search: many starts, a polish, and an honest end."""
 
 from enum import Enum
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,11 +12,11 @@ from mishutter.design import Design
 from mishutter.design_space import FREE_NAMES, DesignSpace, design_space
 from mishutter.losses.base import AbstractLoss
 from mishutter.metrics import evaluate
-from mishutter.motion import AbstractMotion, StillCamera
+from mishutter.motion import AbstractMotion
 from mishutter.objective import objective_of
-from mishutter.plan import Plan, sized_for, sizes
+from mishutter.plan import Plan, larger, needed_speeds, sizes
 from mishutter.scene import Scene
-from mishutter.shutters.base import AbstractAdjustableShutter, AbstractShutter
+from mishutter.shutters.base import AbstractShutter
 from mishutter.shutters.spline import SplineShutter
 from mishutter.shutters.windows import (
     GaussianShutter,
@@ -25,10 +25,13 @@ from mishutter.shutters.windows import (
     TriangleShutter,
     TukeyShutter,
 )
-from mishutter.solvers import Progress, batched_loss, descend, polish
+from mishutter.solvers import Progress, descend, losses_at, polish
 from mishutter.types import require, require_positive_int
 
 _CERTIFIED = 1e-3
+_GRID_COORDINATES = 3
+_GRID_POINTS = {1: 16, 2: 6, 3: 4}
+_NUM_POLISHED = 3
 
 
 class Outcome(Enum):
@@ -61,7 +64,9 @@ def optimise(
 
     Optimistix BFGS descends from many starts at once: the given design, the baselines'
     profiles, then random ones. The best is polished by jaxopt's box-constrained
-    L-BFGS-B. The result is never worse than the best start.
+    L-BFGS-B. Where at most three coordinates move, the starts are the given design and a
+    grid, and the best of them are polished directly. The result is never worse than the
+    best start.
 
     Args:
         scene: Speeds, light, noise and limits.
@@ -90,15 +95,22 @@ def optimise(
     require(isinstance(loss, AbstractLoss), "optimise(loss=...)", "be a loss", loss)
     space = design_space(scene, motion, shutter, free)
     plan = _sizes_of_space(scene, space) if plan is None else plan
-    objective = objective_of(loss, scene.bare(), space, plan)
+    objective = objective_of(loss, needed_speeds(scene, shutter), space, plan)
     starts = start_boxes(space, num_starts, seed)
-    descent = descend(objective, jnp.asarray(starts), max_steps=max_steps, progress=progress)
-    first = np.asarray(batched_loss(objective, jnp.asarray(starts)))
-    candidates = np.concatenate([descent.boxes, starts])
-    losses = np.concatenate([descent.losses, first])
-    best = int(np.nanargmin(losses))
-    polished = polish(objective, candidates[best], max_steps=max_steps)
-    box, value = candidates[best], float(losses[best])
+    first = losses_at(objective, starts)
+    history = np.minimum.accumulate(first)
+    if space.size > _GRID_COORDINATES:
+        descent = descend(objective, jnp.asarray(starts), max_steps=max_steps, progress=progress)
+        history = descent.history
+        candidates = np.concatenate([descent.boxes, starts])
+        losses = np.concatenate([descent.losses, first])
+        num_polished = 1
+    else:
+        candidates, losses, num_polished = starts, first, _NUM_POLISHED
+    best = np.argsort(losses, kind="stable")[:num_polished]
+    ends = [polish(objective, candidates[index], max_steps=max_steps) for index in best]
+    polished = min(ends, key=lambda end: end.loss)
+    box, value = candidates[best[0]], float(losses[best[0]])
     if polished.loss <= value:
         box, value = polished.box, polished.loss
     outcome = _outcome(polished.certificate, value, polished.num_steps >= max_steps)
@@ -111,7 +123,7 @@ def optimise(
         scene=scene,
         loss=value,
         metrics=evaluate(scene, found_motion, found_shutter),
-        history=np.append(descent.history, value),
+        history=np.append(history, min(value, history[-1])),
         converged=outcome is Outcome.CONVERGED,
         outcome=outcome.value,
         certificate=polished.certificate,
@@ -133,12 +145,9 @@ def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
 
 def _sizes_of_space(scene: Scene, space: DesignSpace) -> Plan:
     """Sizes that hold every design of the space."""
-    corners = [_design_at(space, jnp.asarray(corner, space.max_speed.dtype)) for corner in _corners(space)]
-    plans = [sizes(scene, motion) for _, motion in corners]
-    if "acceleration" in space.free:
-        stroke = float(space.limits.max_stroke)
-        plans.append(sized_for(4 * stroke, 3 * stroke))
-    return max(plans, key=lambda plan: (plan.num_nodes, plan.num_taps))
+    dtype = space.max_speed.dtype
+    corners = [_design_at(space, jnp.asarray(corner, dtype)) for corner in _corners(space)]
+    return reduce(larger, [sizes(scene, motion) for _, motion in corners])
 
 
 def _corners(space: DesignSpace) -> list[np.ndarray]:
@@ -151,12 +160,14 @@ def _corners(space: DesignSpace) -> list[np.ndarray]:
 
 
 def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
-    """Points to descend from; shape `(num_starts, size)`.
+    """Points to descend from; shape `(n, size)`, `n = num_starts` above three coordinates.
 
     The given design first, then the baselines' profiles and random ones, at the given
     motion and at random motions by turns.
     """
     given = np.asarray(space.box(space.shutter, space.motion))
+    if given.size <= _GRID_COORDINATES:
+        return np.concatenate([given[None], _grid(given.size).astype(given.dtype)])
     count = space.num_profile_coordinates
     profiles = _baseline_boxes(space)
     random = np.random.default_rng(seed)
@@ -169,6 +180,13 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
         if index % 2 or not count:
             boxes[index, count:] = random.uniform(size=given.size - count)
     return boxes
+
+
+def _grid(num_coordinates: int) -> np.ndarray:
+    """Cell centres of a coarse grid of the unit box."""
+    points = _GRID_POINTS[num_coordinates]
+    axis = (np.arange(points) + 0.5) / points
+    return np.stack(np.meshgrid(*[axis] * num_coordinates), axis=-1).reshape(-1, num_coordinates)
 
 
 def _random_profile(random: np.random.Generator, count: int) -> np.ndarray:
@@ -203,19 +221,12 @@ def _window_fits(num_coefficients: int, symmetric: bool) -> tuple[SplineShutter,
     )
 
 
-def adjustable_start(scene: Scene, num_coefficients: int = 24) -> AbstractAdjustableShutter:
-    """The profile a search starts from: symmetric if the scene's speeds are."""
+def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:
+    """The free-form profile a search starts from: symmetric if the scene's speeds are."""
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
-    order, mirrored = np.argsort(speeds), np.argsort(-speeds)
-    symmetric = np.allclose(speeds[order], -speeds[mirrored]) and np.allclose(
-        weights[order], weights[mirrored]
+    forward = np.lexsort((weights, speeds))
+    backward = np.lexsort((weights, -speeds))
+    symmetric = np.allclose(speeds[forward], -speeds[backward]) and np.allclose(
+        weights[forward], weights[backward]
     )
     return SplineShutter.fit(TukeyShutter(0.5), num_coefficients, symmetric=bool(symmetric))
-
-
-def snapshot_motion(scene: Scene) -> StillCamera:
-    """A camera at rest in the middle of the scene's exposures."""
-    low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
-    return StillCamera(half_exposure=jnp.sqrt(low * high))
-
-

@@ -1,6 +1,6 @@
 """What a scene needs computed: sizes now, chosen once and shared by every consumer."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import jax
 import numpy as np
@@ -8,6 +8,15 @@ import numpy as np
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion
 from mishutter.scene import Scene
+from mishutter.shutters import (
+    AbstractShutter,
+    GaussianShutter,
+    HannShutter,
+    RectShutter,
+    SplineShutter,
+    TriangleShutter,
+    TukeyShutter,
+)
 from mishutter.types import is_concrete
 
 NUM_FREQUENCIES = 256
@@ -15,6 +24,7 @@ _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 _MAX_TAPS = 1 << 14
 _UNKNOWN_REACH = 256.0
+_SYMMETRIC_WINDOWS = (RectShutter, HannShutter, TriangleShutter, GaussianShutter, TukeyShutter)
 
 
 @dataclass(frozen=True)
@@ -35,25 +45,57 @@ class Plan:
 
 
 def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
-    """Sizes that hold every speed of the scene on this motion.
+    """Sizes that hold the scene on this motion and on every motion within its limits.
 
-    Where the numbers are being traced they are not known, and a kernel of up to 256 px
-    is provided for.
+    One size for all of them makes designs comparable (the condition number depends on
+    the DFT length) and lets them share one compiled program. Where the numbers are being
+    traced they are not known, and a kernel of up to 256 px is provided for.
     """
-    leaves = jax.tree.leaves((scene.speeds, motion))
+    leaves = jax.tree.leaves((scene.speeds, scene.limits.max_stroke, motion))
     if not all(is_concrete(leaf) for leaf in leaves):
         return sized_for(_UNKNOWN_REACH, _UNKNOWN_REACH)
+    longest = 4 * float(scene.limits.max_stroke)
     reach = float(np.max(support(motion, scene.max_speed)))
-    smear = 2 * float(np.max(scene.max_speed * motion.half_exposure))
-    return sized_for(max(reach, smear), float(np.max(motion.stroke)) + smear / 2)
+    smear = float(np.max(scene.max_speed * motion.half_exposure))
+    velocity = 2 * float(np.max(motion.stroke)) + smear
+    return sized_for(max(reach, 2 * smear, longest), max(velocity, longest))
 
 
-def sized_for(reach: float, travel: float) -> Plan:
-    """Sizes for kernels that reach `reach` px along paths of `travel` px from mid-exposure."""
+def larger(first: Plan, second: Plan) -> Plan:
+    """Sizes that hold what either holds."""
+    return Plan(*(max(pair) for pair in zip(astuple(first), astuple(second), strict=True)))
+
+
+def sized_for(reach: float, velocity: float) -> Plan:
+    """Sizes for kernels of `reach` px on paths of at most `velocity` px per half exposure."""
     num_taps = min(_rounded_up(reach + 1), _MAX_TAPS)
-    top_rate = 2 * np.pi * 0.5 * 2 * travel
-    num_nodes = _rounded_up(2 * top_rate / _PHASE_PER_NODE + 4 * _SPARE_NODES)
+    phase = 2 * np.pi * 0.5 * 2 * velocity
+    num_nodes = _rounded_up(phase / _PHASE_PER_NODE + 4 * _SPARE_NODES)
     return Plan(num_taps, dft_length(num_taps), NUM_FREQUENCIES, min(num_nodes, 1 << 16))
+
+
+def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
+    """The scene with every speed once, none that never occurs, and no picture or motion.
+
+    A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Nothing
+    that is computed of the scene changes but by rounding.
+    """
+    if not (is_concrete(scene.speeds) and is_concrete(scene.weights)):
+        return scene.bare()
+    speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
+    speeds, weights = speeds[weights > 0], weights[weights > 0]
+    if is_symmetric(shutter):
+        speeds = np.abs(speeds)
+    distinct, index = np.unique(speeds, return_inverse=True)
+    merged = np.bincount(index, weights).astype(weights.dtype)
+    return scene.bare(speeds=distinct, weights=merged)
+
+
+def is_symmetric(shutter: AbstractShutter) -> bool:
+    """Whether `w(-tau) = w(tau)` is known of a shutter."""
+    if isinstance(shutter, SplineShutter):
+        return shutter.symmetric
+    return isinstance(shutter, _SYMMETRIC_WINDOWS)
 
 
 def dft_length(num_taps: int) -> int:

@@ -8,6 +8,7 @@ a matrix product.
 """
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -27,6 +28,8 @@ from mishutter.types import common_dtype
 class Response(eqx.Module):
     """Kernels and transfer functions of a design at the speeds of a scene.
 
+    A part that was not asked for is empty.
+
     Attributes:
         still_kernel: Blur kernel of a still object, phase 0; shape `(n,)`.
         kernels: Blur kernels at the scene's speeds; shape `(s, n)`.
@@ -35,9 +38,9 @@ class Response(eqx.Module):
         efficiency: Share of light let through; scalar.
     """
 
-    still_kernel: Array | None
-    kernels: Array | None
-    spectra: Array | None
+    still_kernel: Array
+    kernels: Array
+    spectra: Array
     efficiency: Array
 
 
@@ -55,7 +58,7 @@ def respond(
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
     speeds = scene.speeds.astype(dtype)
     profile = piecewise(shutter)
-    still = moving = response = None
+    still = moving = response = jnp.zeros(0, dtype)
     if kernels:
         with_rest = jnp.concatenate([jnp.zeros(1, dtype), speeds])
         stack = jax.vmap(lambda s: aligned_kernel(profile, motion, s, plan.num_taps))(with_rest)
@@ -137,14 +140,32 @@ def _sum_of_waves(position: Array, light: Array, num_frequencies: int) -> Array:
     r"""$\sum_q l_q e^{-2\pi i f_m x_q}$ on the frequency grid; `(s, m)`, complex."""
     num_fine = 1 << (max(num_frequencies - 1, 1).bit_length() + 1) // 2
     num_coarse = -(-num_frequencies // num_fine)
-    step = (np.pi / num_frequencies) * position[:, None, :]
-    fine = step * (jnp.arange(num_fine, dtype=position.dtype) + 0.5)[:, None]
-    coarse = step * (jnp.arange(num_coarse, dtype=position.dtype) * num_fine)[:, None]
-    left = jnp.concatenate([jnp.cos(coarse), jnp.sin(coarse)], axis=1)
-    right = jnp.concatenate([jnp.cos(fine), jnp.sin(fine)], axis=1) * light
-    product = jnp.einsum("spq,srq->spr", left, right)
-    (cc, cs), (sc, ss) = (
-        jnp.split(half, 2, axis=2) for half in jnp.split(product, 2, axis=1)
-    )
+    step = (np.pi / num_frequencies) * position
+    half = _Wave(light * jnp.cos(step / 2), light * jnp.sin(step / 2))
+    fine = _powers(half, step, num_fine)
+    ones = _Wave(jnp.ones_like(step), jnp.zeros_like(step))
+    coarse = _powers(ones, num_fine * step, num_coarse)
+    left = jnp.concatenate([coarse.real, coarse.imag])
+    right = jnp.concatenate([fine.real, fine.imag])
+    product = jnp.einsum("psq,rsq->spr", left, right)
+    (cc, cs), (sc, ss) = (jnp.split(part, 2, axis=2) for part in jnp.split(product, 2, axis=1))
     waves = jax.lax.complex(cc - ss, -(cs + sc))
     return waves.reshape(position.shape[0], -1)[:, :num_frequencies]
+
+
+class _Wave(NamedTuple):
+    """Complex numbers by parts: on a CPU their products vectorise, sines do not."""
+
+    real: Array
+    imag: Array
+
+
+def _powers(first: _Wave, angle: Array, count: int) -> _Wave:
+    """First times 0, 1, ... rotations by an angle; the count leads the shape."""
+    cosine, sine = jnp.cos(angle), jnp.sin(angle)
+
+    def rotate(wave: _Wave, _: None) -> tuple[_Wave, _Wave]:
+        turned = _Wave(wave.real * cosine - wave.imag * sine, wave.real * sine + wave.imag * cosine)
+        return turned, wave
+
+    return jax.lax.scan(rotate, first, length=count)[1]

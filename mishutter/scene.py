@@ -191,11 +191,16 @@ class Scene(eqx.Module):
 
         return read_scene(path)
 
-    def bare(self) -> "Scene":
-        """The same numbers without what no integral sees: the picture's path and the motion."""
+    def bare(self, speeds: ArrayLike | None = None, weights: ArrayLike | None = None) -> "Scene":
+        """The numbers without what no integral sees: the picture's path and the motion.
+
+        Args:
+            speeds: Speeds in place of the scene's own, with their `weights`.
+            weights: How often each occurs.
+        """
         return Scene(
-            self.speeds,
-            self.weights,
+            self.speeds if speeds is None else speeds,
+            self.weights if weights is None else weights,
             photon_rate=self.photon_rate,
             read_noise=self.read_noise,
             mean_level=self.mean_level,

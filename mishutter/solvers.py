@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -70,14 +70,14 @@ def descend(
         if bool(np.all(np.asarray(done))):
             break
     boxes = np.sin(np.asarray(state.theta)) ** 2
-    losses = np.asarray(batched_loss(objective, jnp.asarray(boxes)))
+    losses = np.asarray(state.solver.f_info.f)
     lowest = np.minimum.accumulate(np.concatenate(history)) if history else np.array([])
     return Descent(boxes, losses, lowest, int(np.sum(~np.asarray(state.done))))
 
 
 class _State(eqx.Module):
     theta: Array
-    solver: eqx.Module
+    solver: Any
     done: Array
 
 
@@ -143,15 +143,20 @@ def _check_finite(finite: Array) -> None:
 
 
 @eqx.filter_jit
-def batched_loss(objective: AbstractObjective, boxes: Array) -> Array:
-    """Loss at many points; shape `(n,)`."""
-    return jax.vmap(objective)(boxes)
-
-
-@eqx.filter_jit
 def loss_and_gradient(objective: AbstractObjective, box: Array) -> tuple[Array, Array]:
     """Loss and gradient at a point of the box; scalar and `(size,)`."""
     return jax.value_and_grad(objective)(box)
+
+
+def losses_at(objective: AbstractObjective, boxes: np.ndarray) -> np.ndarray:
+    """Losses at a few points, by the program that the polish needs anyway; shape `(n,)`.
+
+    Raises:
+        NonFiniteLossError: if a loss or its gradient is not finite.
+    """
+    pairs = [loss_and_gradient(objective, jnp.asarray(box)) for box in boxes]
+    _check_finite(np.array([np.isfinite(f) and np.all(np.isfinite(g)) for f, g in pairs]))
+    return np.array([float(loss) for loss, _ in pairs])
 
 
 def projected_gradient_norm(box: np.ndarray, gradient: np.ndarray) -> float:
@@ -169,7 +174,7 @@ class Polished(NamedTuple):
 
 
 def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> Polished:
-    """jaxopt's box-constrained L-BFGS-B, in the box's own coordinates.
+    """Jaxopt's box-constrained L-BFGS-B, in the box's own coordinates.
 
     Raises:
         NonFiniteLossError: if the loss or gradient is not finite on the way.

@@ -58,11 +58,9 @@ class DesignLoss(AbstractResponseLoss):
     ) -> Array:
         loss = self.efficiency * (1 - response.efficiency)
         if self.condition:
-            loss += self.condition * smooth_condition_number(
-                response.still_kernel, plan.dft_length
-            )
+            loss += self.condition * smooth_condition_number(response.still_kernel, plan.dft_length)
         if self.invariance:
-            loss += self.invariance * kernel_differences(scene, response)[1]
+            loss += self.invariance * kernel_differences(scene, motion, response)[1]
         return loss
 
 
@@ -76,7 +74,5 @@ def smooth_condition_number(kernel: Array, dft_length: int) -> Array:
     floor = jnp.finfo(kernel.dtype).eps ** 2
     log_power = jnp.log(jnp.where(lit, power / scale, floor) + floor)
     beta = _SHARPNESS
-    log_square = (
-        jax.nn.logsumexp(beta * log_power) + jax.nn.logsumexp(-beta * log_power)
-    ) / beta
+    log_square = (jax.nn.logsumexp(beta * log_power) + jax.nn.logsumexp(-beta * log_power)) / beta
     return jnp.where(lit, jnp.exp(log_square / 2), 1 / jnp.finfo(kernel.dtype).eps)

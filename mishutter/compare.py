@@ -1,0 +1,232 @@
+"""A design beside its baselines, and the verdict for a scene."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+
+from mishutter.design import Design, metrics_to_dict, motion_to_dict
+from mishutter.losses.base import AbstractLoss
+from mishutter.losses.expected_error import ExpectedErrorLoss
+from mishutter.metrics import Metrics, evaluate
+from mishutter.motion import AbstractMotion, StillCamera, settled
+from mishutter.optimise import optimise
+from mishutter.scene import Scene
+from mishutter.shutters import (
+    AbstractShutter,
+    GaussianShutter,
+    HannShutter,
+    RectShutter,
+    TriangleShutter,
+    TukeyShutter,
+)
+
+SAME_MOTION = "same motion"
+OWN_BEST_MOTION = "own best motion"
+BEST_TUKEY = "best Tukey"
+BEST_SNAPSHOT = "best snapshot"
+
+Step = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One shutter on one motion.
+
+    Attributes:
+        reading: `"same motion"` or `"own best motion"`.
+        name: What the shutter is called.
+        shutter: The profile.
+        motion: The motion it is measured on.
+        loss: The loss that tuned it; None where none was given.
+        metrics: What is measured of it.
+    """
+
+    reading: str
+    name: str
+    shutter: AbstractShutter
+    motion: AbstractMotion
+    loss: float | None
+    metrics: Metrics
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Shutters side by side.
+
+    Attributes:
+        rows: One a shutter and reading.
+        verdict: What the method gains over the best snapshot for this scene.
+        gain: That gain; dB, negative where the snapshot is better.
+    """
+
+    rows: tuple[Row, ...]
+    verdict: str
+    gain: float
+
+    def row(self, name: str, reading: str = OWN_BEST_MOTION) -> Row:
+        """The row of a shutter in a reading.
+
+        Raises:
+            ValueError: if there is none.
+        """
+        for row in self.rows:
+            if (row.name, row.reading) == (name, reading):
+                return row
+        names = ", ".join(sorted({row.name for row in self.rows}))
+        raise ValueError(f"`Comparison.row(name=...)` must be one of {names}; got {name!r}.")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table as plain numbers and text."""
+        rows = [
+            {
+                "reading": row.reading,
+                "name": row.name,
+                "motion": motion_to_dict(row.motion),
+                "loss": row.loss,
+                "metrics": metrics_to_dict(row.metrics),
+            }
+            for row in self.rows
+        ]
+        return {"rows": rows, "verdict": self.verdict, "gain_db": self.gain}
+
+    def text(self) -> str:
+        """The table as text, then the verdict."""
+        lines = []
+        for reading in dict.fromkeys(row.reading for row in self.rows):
+            lines += [f"{reading}", _HEADER]
+            lines += [_line(row) for row in self.rows if row.reading == reading]
+            lines.append("")
+        return "\n".join([*lines, self.verdict])
+
+
+def compare(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutters: Mapping[str, AbstractShutter] | None = None,
+    *,
+    loss: AbstractLoss | None = None,
+    step: Step | None = None,
+) -> Comparison:
+    r"""Measure shutters beside the baselines, in two readings.
+
+    *Same motion*: every shutter on `motion`. *Own best motion*: acceleration and
+    exposure tuned for each by the same loss within the scene's limits; the given
+    shutters stay on `motion` if it is at least as good, so a finished design keeps its
+    own. The best Tukey has its taper tuned too; the best snapshot is a camera at rest
+    with an open shutter and its exposure tuned.
+
+    Args:
+        scene: Speeds, light, noise and limits.
+        motion: Motion of the first reading, and the start of the second.
+        shutters: What to compare with the baselines, by name.
+        loss: What tunes the motions; the expected error by default.
+        step: Called with the name of each shutter as its turn comes.
+
+    Returns:
+        The table and the verdict.
+    """
+    loss = ExpectedErrorLoss() if loss is None else loss
+    step = step or (lambda name: None)
+    motion = settled(motion)
+    given = dict(shutters or {})
+    fixed = given | {name: window for name, window in baselines().items() if name not in given}
+    rows = [
+        Row(SAME_MOTION, name, shutter, motion, None, evaluate(scene, motion, shutter))
+        for name, shutter in fixed.items()
+    ]
+    for name, shutter in fixed.items():
+        step(name)
+        rows.append(_at_own_best(name, scene, motion, shutter, loss, _MOTION_ONLY))
+    step(BEST_TUKEY)
+    everything = ("shutter", *_MOTION_ONLY)
+    rows.append(_at_own_best(BEST_TUKEY, scene, motion, TukeyShutter(0.5), loss, everything))
+    step(BEST_SNAPSHOT)
+    rows.append(best_snapshot(scene, loss))
+    return _with_verdict(rows, tuple(given))
+
+
+def baselines() -> dict[str, AbstractShutter]:
+    """The fixed windows that every design stands beside, by name."""
+    return {
+        "rect": RectShutter(),
+        "Hann": HannShutter(),
+        "triangle": TriangleShutter(),
+        "Gaussian": GaussianShutter(),
+    }
+
+
+def best_snapshot(scene: Scene, loss: AbstractLoss) -> Row:
+    """A camera at rest with an ordinary shutter, its exposure tuned by the loss."""
+    low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
+    still = StillCamera(half_exposure=jnp.sqrt(low * high))
+    found = _tuned(scene, still, RectShutter(), loss, ("half_exposure",))
+    return _row(BEST_SNAPSHOT, found)
+
+
+_MOTION_ONLY = ("acceleration", "half_exposure")
+
+
+def _at_own_best(
+    name: str,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    loss: AbstractLoss,
+    free: tuple[str, ...],
+) -> Row:
+    if isinstance(motion, StillCamera):
+        free = tuple(part for part in free if part != "acceleration")
+    return _row(name, _tuned(scene, motion, shutter, loss, free))
+
+
+def _tuned(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    loss: AbstractLoss,
+    free: tuple[str, ...],
+) -> Design:
+    return optimise(scene, motion, shutter, loss=loss, free=free)
+
+
+def _row(name: str, design: Design) -> Row:
+    return Row(OWN_BEST_MOTION, name, design.shutter, design.motion, design.loss, design.metrics)
+
+
+def _with_verdict(rows: list[Row], given: tuple[str, ...]) -> Comparison:
+    at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
+    snapshot = next(row for row in at_best if row.name == BEST_SNAPSHOT)
+    contenders = [row for row in at_best if row.name in given] or [
+        row for row in at_best if row.name != BEST_SNAPSHOT
+    ]
+    best = max(contenders, key=lambda row: float(row.metrics.expected_psnr))
+    gain = float(best.metrics.expected_psnr) - float(snapshot.metrics.expected_psnr)
+    still = float(snapshot.metrics.expected_psnr)
+    comparison = "better than" if gain >= 0 else "worse than"
+    verdict = (
+        f"For this scene {best.name} on its own best motion is expected to be "
+        f"{abs(gain):.2f} dB {comparison} the best snapshot "
+        f"({float(best.metrics.expected_psnr):.2f} dB against {still:.2f} dB, exposures "
+        f"{float(best.motion.exposure) * 1e3:.3g} ms and "
+        f"{float(snapshot.motion.exposure) * 1e3:.3g} ms)."
+    )
+    return Comparison(tuple(rows), verdict, gain)
+
+
+_HEADER = (
+    f"{'shutter':<16}{'PSNR dB':>9}{'cond.':>8}{'diff.':>8}{'rel.':>7}"
+    f"{'light':>7}{'bound':>7}{'stroke px':>11}{'exposure ms':>13}{'loss':>9}"
+)
+
+
+def _line(row: Row) -> str:
+    m = row.metrics
+    loss = "" if row.loss is None else f"{row.loss:.4f}"
+    return (
+        f"{row.name:<16}{float(m.expected_psnr):>9.2f}{float(m.condition_number):>8.2f}"
+        f"{float(m.kernel_difference):>8.4f}{float(m.relative_kernel_difference):>7.3f}"
+        f"{float(m.efficiency):>7.3f}{float(m.bound_share):>7.3f}"
+        f"{float(row.motion.stroke):>11.2f}{float(row.motion.exposure) * 1e3:>13.3f}{loss:>9}"
+    )
