@@ -1,0 +1,240 @@
+"""The command line: arguments in, public functions called, text and files out.
+
+What takes seconds to import is imported inside the commands.
+"""
+
+import itertools
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mishutter.files import writable_folder
+from mishutter.terminal import (
+    error_line,
+    note,
+    progress_bar,
+    start_jax,
+    write_error,
+    write_json,
+)
+
+if TYPE_CHECKING:
+    from mishutter.losses import AbstractLoss
+    from mishutter.motion import AbstractMotion
+    from mishutter.report import Report
+    from mishutter.scene import Scene
+    from mishutter.shutters import AbstractShutter
+
+app = typer.Typer(
+    name="mishutter",
+    help="Design of shutters for motion-invariant photography.",
+    no_args_is_help=False,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+class LossName(Enum):
+    """Losses that `--loss` names."""
+
+    EXPECTED_ERROR = "expected-error"
+    DESIGN = "design"
+
+
+class FreeName(Enum):
+    """What `--free` names."""
+
+    SHUTTER = "shutter"
+    ACCELERATION = "acceleration"
+    HALF_EXPOSURE = "half_exposure"
+
+
+SceneArgument = Annotated[
+    Path | None,
+    typer.Argument(metavar="[SCENE.toml]", help="Scene file; the built-in scene without one."),
+]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for designs and pictures.")
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document, and nothing else, on stdout.")
+]
+LossOption = Annotated[LossName, typer.Option("--loss", help="What is made small.")]
+SeedsOption = Annotated[
+    int,
+    typer.Option(
+        "--noise-seeds",
+        min=0,
+        max=1000,
+        help="Captures of the photograph at each speed; 0 leaves it out.",
+    ),
+]
+
+
+@app.callback()
+def _options() -> None:
+    """Options shared by all commands: none."""
+
+
+@app.command()
+def optimise(
+    scene_file: SceneArgument = None,
+    out: OutOption = None,
+    json: JsonOption = False,
+    loss: LossOption = LossName.EXPECTED_ERROR,
+    free: Annotated[
+        list[FreeName] | None, typer.Option("--free", help="What may move; repeat for more.")
+    ] = None,
+    num_coefficients: Annotated[
+        int, typer.Option("--coefficients", min=4, max=512, help="Coefficients of the profile.")
+    ] = 24,
+    num_starts: Annotated[
+        int, typer.Option("--starts", min=1, max=4096, help="Descents to try.")
+    ] = 16,
+    max_steps: Annotated[
+        int, typer.Option("--steps", min=1, max=100_000, help="Steps of each descent, at most.")
+    ] = 300,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
+    noise_seeds: SeedsOption = 1,
+) -> None:
+    """Design a shutter for a scene, and show it beside the windows one would have picked."""
+    folder = None if out is None else writable_folder(out)
+    start_jax()
+    from mishutter.optimise import starting_shutter
+    from mishutter.optimise import optimise as search
+
+    scene = _scene(scene_file)
+    chosen, names = _loss(loss), tuple(name.value for name in free or FreeName)
+    with progress_bar("searching", max_steps) as update:
+        design = search(
+            scene,
+            _motion(scene),
+            starting_shutter(scene, num_coefficients),
+            loss=chosen,
+            free=names,
+            num_starts=num_starts,
+            seed=seed,
+            max_steps=max_steps,
+            progress=lambda step, value: update(step, f"loss {value:.6g}"),
+        )
+    given = {"optimised": design.shutter}
+    result = _compared(scene, design.motion, given, chosen, noise_seeds)
+    _deliver(replace(result, design=design), folder, json)
+
+
+@app.command()
+def compare(
+    scene_file: SceneArgument = None,
+    designs: Annotated[
+        list[Path] | None,
+        typer.Option("--design", metavar="FILE", help="Saved design; repeat for more."),
+    ] = None,
+    shutters: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--shutter",
+            metavar="NAME[:VALUE]",
+            help="rect, hann, triangle, gaussian:0.4, tukey:0.5 or raskar; repeat for more.",
+        ),
+    ] = None,
+    out: OutOption = None,
+    json: JsonOption = False,
+    loss: LossOption = LossName.EXPECTED_ERROR,
+    noise_seeds: SeedsOption = 1,
+) -> None:
+    """Show given shutters or saved designs beside the baselines, without a search for one."""
+    folder = None if out is None else writable_folder(out)
+    start_jax()
+    from mishutter import report
+    from mishutter.design import Design
+
+    scene = _scene(scene_file)
+    saved = {path.stem: Design.load(path) for path in designs or []}
+    given = {name: design.shutter for name, design in saved.items()}
+    given |= {name: report.named_shutter(name) for name in shutters or []}
+    motion = next(iter(saved.values())).motion if len(saved) == 1 else _motion(scene)
+    result = _compared(scene, motion, given, _loss(loss), noise_seeds)
+    _deliver(result, folder, json)
+
+
+def _scene(path: Path | None) -> "Scene":
+    from mishutter.scene_file import example_scene, read_scene
+
+    return example_scene() if path is None else read_scene(path)
+
+
+def _motion(scene: "Scene") -> "AbstractMotion":
+    if scene.motion is None:
+        raise ValueError("`[motion]` must be given; got nothing.")
+    return scene.motion
+
+
+def _loss(name: LossName) -> "AbstractLoss":
+    from mishutter.losses import DesignLoss, ExpectedErrorLoss
+
+    return DesignLoss() if name is LossName.DESIGN else ExpectedErrorLoss()
+
+
+def _compared(
+    scene: "Scene",
+    motion: "AbstractMotion",
+    given: dict[str, "AbstractShutter"],
+    loss: "AbstractLoss",
+    num_seeds: int,
+) -> "Report":
+    from mishutter import compare, report
+
+    total = len(given | compare.baselines()) + 2
+    with progress_bar("comparing", total) as update:
+        step = _counting(update)
+        comparison = compare.compare(scene, motion, given, loss=loss, step=step)
+    rows = report.shown_rows(comparison, tuple(given))
+    with progress_bar("photograph", len(rows) * len(report.decoders())) as update:
+        photographs = report.photographs(scene, rows, num_seeds, _counting(update))
+    return report.Report(scene, comparison, tuple(given), photographs)
+
+
+def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
+    """A callback that takes names and moves a bar on by one each time."""
+    count = itertools.count()
+    return lambda name: update(next(count), name)
+
+
+def _deliver(result: "Report", folder: Path | None, as_json: bool) -> None:
+    from mishutter import report
+
+    files = [] if folder is None else report.write_report(result, folder)
+    if as_json:
+        write_json(report.document(result) | {"files": files})
+    else:
+        report.print_report(result)
+    if files:
+        note(f"{folder}: {', '.join(files)}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; the exit code."""
+    command = typer.main.get_command(app)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        code = command.main(given, prog_name="mishutter", standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        code = 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 0
+    except Exception as error:
+        line = error_line(error, given)
+        if line is None:
+            raise
+        write_error(line)
+        return 2
+    return code if isinstance(code, int) else 0

@@ -1,0 +1,264 @@
+"""A comparison for people and programs: tables, one document, pictures in a folder."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mishutter.compare import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Row
+from mishutter.decoders import (
+    AbstractDecoder,
+    EnsembleDecoder,
+    RichardsonLucyDecoder,
+    WienerDecoder,
+)
+from mishutter.design import Design
+from mishutter.files import write_text
+from mishutter.pictures import Picture, example_picture, read_picture
+from mishutter.restoration import RestoredPhotograph, restore_photograph
+from mishutter.scene import Scene
+from mishutter.scene_file import EXAMPLE_PICTURE
+from mishutter.shutters import (
+    RASKAR_CODE,
+    AbstractShutter,
+    ChippedShutter,
+    GaussianShutter,
+    HannShutter,
+    RectShutter,
+    TriangleShutter,
+    TukeyShutter,
+)
+from mishutter.terminal import print_table, print_text, strict_json
+from mishutter.types import require
+
+Update = Callable[[str], None]
+
+ENSEMBLE = "ensemble"
+_MAX_ROWS = 192
+"""Rows of the photograph that are captured: rows are blurred one by one."""
+
+_FIXED = {
+    "rect": RectShutter,
+    "hann": HannShutter,
+    "triangle": TriangleShutter,
+    "raskar": lambda: ChippedShutter(RASKAR_CODE),
+}
+_WITH_PARAMETER = {"gaussian": GaussianShutter, "tukey": TukeyShutter}
+
+
+@dataclass(frozen=True)
+class Report:
+    """A comparison and what the photograph showed of it.
+
+    Attributes:
+        scene: What was photographed.
+        comparison: The shutters side by side.
+        names: The given shutters among them.
+        photographs: By decoder, then by shutter, each on its own best motion.
+        design: The design that was searched for; None for none.
+    """
+
+    scene: Scene
+    comparison: Comparison
+    names: tuple[str, ...]
+    photographs: Mapping[str, Mapping[str, RestoredPhotograph]] = field(default_factory=dict)
+    design: Design | None = None
+
+
+def decoders() -> dict[str, AbstractDecoder]:
+    """The decoders that a photograph is restored with, by name."""
+    return {
+        ENSEMBLE: EnsembleDecoder(),
+        "Wiener": WienerDecoder(),
+        "Richardson-Lucy": RichardsonLucyDecoder(),
+    }
+
+
+def named_shutter(text: str) -> AbstractShutter:
+    """The window that `NAME` or `NAME:VALUE` stands for.
+
+    Raises:
+        ValueError: if there is no such window or the value is not its parameter.
+    """
+    name, colon, value = text.partition(":")
+    key, subject = name.strip().lower(), "--shutter"
+    known = [*_FIXED, *_WITH_PARAMETER]
+    require(key in known, subject, f"be one of {', '.join(known)}", text)
+    if not colon:
+        return (_FIXED.get(key) or _WITH_PARAMETER[key])()
+    require(key in _WITH_PARAMETER, subject, f"give {key} no parameter", text)
+    try:
+        parameter = float(value)
+    except ValueError:
+        parameter = np.nan
+    require(bool(np.isfinite(parameter)), subject, "have a finite number after the colon", text)
+    return _WITH_PARAMETER[key](parameter)
+
+
+def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
+    """Rows to show on the photograph and in pictures: rect, Hann, the best rivals, the given."""
+    wanted = dict.fromkeys(("rect", "Hann", *names, BEST_TUKEY, BEST_SNAPSHOT))
+    return {name: comparison.row(name, OWN_BEST_MOTION) for name in wanted}
+
+
+def photographs(
+    scene: Scene, rows: Mapping[str, Row], num_seeds: int, update: Update
+) -> dict[str, dict[str, RestoredPhotograph]]:
+    """The scene's photograph captured and restored by every row's design and every decoder."""
+    if scene.picture is None or num_seeds == 0:
+        return {}
+    picture = _middle_rows(_picture(scene.picture))
+    results: dict[str, dict[str, RestoredPhotograph]] = {}
+    for decoder_name, decoder in decoders().items():
+        results[decoder_name] = {}
+        for name, row in rows.items():
+            update(f"{name}, {decoder_name}")
+            results[decoder_name][name] = restore_photograph(
+                picture, scene, row.motion, row.shutter, decoder=decoder, num_seeds=num_seeds
+            )
+    return results
+
+
+def _picture(place: str) -> Picture:
+    return example_picture() if place == EXAMPLE_PICTURE else read_picture(place)
+
+
+def _middle_rows(picture: Picture) -> Picture:
+    first = max(0, (picture.light.shape[0] - _MAX_ROWS) // 2)
+    return Picture(light=picture.light[first : first + _MAX_ROWS], name=picture.name)
+
+
+def document(report: Report) -> dict[str, Any]:
+    """Everything in a report as plain numbers, lists and text."""
+    photographs = {
+        decoder: {name: _photograph_document(result) for name, result in results.items()}
+        for decoder, results in report.photographs.items()
+    }
+    found = {} if report.design is None else {"design": report.design.to_dict()}
+    return found | {"comparison": report.comparison.to_dict(), "photographs": photographs}
+
+
+def _photograph_document(result: RestoredPhotograph) -> dict[str, Any]:
+    return {
+        "speeds_px_per_s": result.speeds,
+        "psnr_db": result.psnr,
+        "linear_psnr_db": result.linear_psnr,
+        "standard_error_db": result.standard_error,
+        "mean_linear_psnr_db": result.mean_psnr,
+    }
+
+
+def print_report(report: Report) -> None:
+    """The comparison, the photograph's table and the verdict, on standard output."""
+    comparison = report.comparison
+    snapshot = float(comparison.row(BEST_SNAPSHOT).metrics.expected_psnr)
+    for reading in dict.fromkeys(row.reading for row in comparison.rows):
+        rows = [row for row in comparison.rows if row.reading == reading]
+        cells = [_cells(row, snapshot) for row in rows]
+        num_columns = len(_COLUMNS) - all(row.loss is None for row in rows)
+        cut = [row[:num_columns] for row in cells]
+        print_table(reading.capitalize(), _COLUMNS[:num_columns], cut)
+        print_text(_condition_note(rows))
+        print_text()
+    if report.photographs:
+        _print_photographs(report.photographs)
+    if report.design is not None:
+        print_text(_design_line(report.design))
+    print_text(comparison.verdict)
+
+
+_COLUMNS = (
+    "shutter",
+    "PSNR dB",
+    "snapshot +dB",
+    "condition",
+    "kernel diff",
+    "relative",
+    "light",
+    "bound",
+    "stroke px",
+    "open ms",
+    "loss",
+)
+
+
+def _cells(row: Row, snapshot: float) -> list[str]:
+    m = row.metrics
+    level = float(m.expected_psnr)
+    return [
+        row.name,
+        f"{level:.2f}",
+        f"{level - snapshot:+.2f}",
+        f"{float(m.condition_number):.2f}",
+        f"{float(m.kernel_difference):.4f}",
+        f"{float(m.relative_kernel_difference):.3f}",
+        f"{float(m.efficiency):.3f}",
+        f"{float(m.bound_share):.3f}",
+        f"{float(row.motion.stroke):.1f}",
+        f"{float(row.motion.exposure) * 1e3:.2f}",
+        "" if row.loss is None else f"{row.loss:.4f}",
+    ]
+
+
+def _condition_note(rows: list[Row]) -> str:
+    places = dict.fromkeys((row.metrics.phase, row.metrics.dft_length) for row in rows)
+    texts = [f"phase {phase:g} px over {length} DFT points" for phase, length in places]
+    return f"PSNR expected of the best single linear filter; condition at {'; '.join(texts)}."
+
+
+def _print_photographs(
+    photographs: Mapping[str, Mapping[str, RestoredPhotograph]],
+) -> None:
+    names = list(next(iter(photographs.values())))
+    rows = [
+        [name, *(f"{results[name].mean_psnr:.2f}" for results in photographs.values())]
+        for name in names
+    ]
+    title = "Photograph, restored at every speed: PSNR dB, linear light, own best motion"
+    print_table(title, ["shutter", *photographs], rows)
+    print_text()
+
+
+def _design_line(design: Design) -> str:
+    return (
+        f"{design.outcome} Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best "
+        f"start), projected gradient {design.certificate:.1e}, {len(design.history)} steps; "
+        f"a = {float(design.motion.acceleration):.6g} px/s^2, "
+        f"T = {float(design.motion.half_exposure) * 1e3:.4g} ms."
+    )
+
+
+def write_report(report: Report, folder: Path) -> list[str]:
+    """Designs, profiles and pictures into a folder; the names of the files.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    from mishutter import plots
+
+    rows = shown_rows(report.comparison, report.names)
+    main = {name: rows[name] for name in ("rect", "Hann", *report.names)}
+    designs = {name: (row.motion, row.shutter) for name, row in main.items()}
+    speeds = plots.shown_speeds(report.scene.speeds)
+    figures = {
+        "profile.png": plots.plot_profiles(designs),
+        "kernels.png": plots.plot_kernels(designs, speeds),
+        "transfer.png": plots.plot_transfer(designs, list(dict.fromkeys((speeds[0], speeds[-1])))),
+    }
+    if report.photographs:
+        results = report.photographs[ENSEMBLE]
+        figures["psnr.png"] = plots.plot_psnr(results, linear=True)
+        side_by_side = {name: results[name] for name in main}
+        figures["photograph.png"] = plots.plot_photograph(side_by_side, speeds[-1])
+    if report.design is not None:
+        loss_name = report.design.loss_name.split("(")[0]
+        figures["history.png"] = plots.plot_history(report.design.history, loss_name=loss_name)
+        report.design.save(folder / "design.json")
+        report.design.write_profile(folder / "profile.csv")
+    for name, figure in figures.items():
+        plots.save_figure(figure, folder / name)
+    write_text(folder / "report.json", strict_json(document(report)) + "\n")
+    written = ["report.json", *figures]
+    return written if report.design is None else ["design.json", "profile.csv", *written]

@@ -1,0 +1,174 @@
+"""What a terminal sees: one line for an error, a progress bar, strict JSON, a table."""
+
+import json
+import math
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+_WIDTH = 132
+"""Columns of a table where standard output is no terminal."""
+
+USAGE_ERROR = typer.BadParameter.__mro__[1]
+CLICK_ERROR = typer.BadParameter.__mro__[2]
+"""What the command line parser raises, whichever Click it was built on."""
+
+_USAGE = (
+    (r"No such command '(.*?)'", "the command must be one of those of --help; got '{}'"),
+    (r"No such option: (\S+)", "every option must be one of those of --help; got '{}'"),
+    (r"Option '(.*?)' requires an argument", "`{}` must be followed by a value; got nothing"),
+    (r"Option '(.*?)' does not take a value", "`{}` must stand alone; got a value"),
+    (r"unexpected extra argument\S* \((.*)\)", "there must be no further argument; got '{}'"),
+    (r"Missing command", "a command of --help must be given; got nothing"),
+)
+_BAD_VALUE = re.compile(r"Invalid value for '(\S+?)'")
+_REQUIREMENTS = (
+    (r"should be (.*?)(?:, unable.*)?$", "be {}"),
+    (r"is not a valid (\w+)", "be a valid {}"),
+    (r"is not one of (.*?)$", "be one of {}"),
+    (r"is not in the range (.*?)$", "lie in the range {}"),
+)
+
+
+def error_line(error: BaseException, arguments: Sequence[str] = ()) -> str | None:
+    """`<what must hold>; got <what came>` for what the user can mend; None for a bug."""
+    if isinstance(error, CLICK_ERROR):
+        return _usage_line(error.format_message(), arguments)  # type: ignore[attr-defined]
+    if type(error).__name__ == "EquinoxRuntimeError":
+        return _one_line(_innermost(str(error)))
+    if isinstance(error, OSError) and error.strerror:
+        name = f"'{error.filename}'" if error.filename is not None else "a file"
+        return f"{name} must be readable and writable as asked; got: {error.strerror}"
+    own = type(error).__module__.startswith("mishutter.")
+    return _one_line(str(error)) if own or isinstance(error, ValueError | OSError) else None
+
+
+def _usage_line(message: str, arguments: Sequence[str]) -> str:
+    text = " ".join(message.split()).removesuffix(".")
+    for pattern, sentence in _USAGE:
+        found = re.search(pattern, text)
+        if found:
+            return _one_line(sentence.format(*found.groups()))
+    option = _BAD_VALUE.search(text)
+    if option is None:
+        return _one_line(text)
+    got = _value_of(option[1], arguments)
+    for pattern, sentence in _REQUIREMENTS:
+        found = re.search(pattern, text)
+        if found:
+            return f"`{option[1]}` must {sentence.format(*found.groups())}; got '{got}'"
+    return f"`{option[1]}` must be as --help says; got '{got}'"
+
+
+def _value_of(option: str, arguments: Sequence[str]) -> str:
+    """The last value that the command line gives an option."""
+    value = ""
+    for index, argument in enumerate(arguments):
+        if argument == option and index + 1 < len(arguments):
+            value = arguments[index + 1]
+        elif argument.startswith(f"{option}="):
+            value = argument.partition("=")[2]
+    return value
+
+
+def _one_line(message: str) -> str:
+    text = " ".join(message.split()).removesuffix(".")
+    return text if "; got" in text else f"the request must be one that can be met; got: {text}"
+
+
+def _innermost(message: str) -> str:
+    """The message given to `eqx.error_if`, without the stack and advice around it."""
+    text = message.rsplit("EquinoxRuntimeError: ", 1)[-1]
+    return text.split("\n\n---", 1)[0]
+
+
+def write_error(line: str) -> None:
+    """The one line of an error, on standard error."""
+    sys.stderr.write(f"mishutter: error: {line}\n")
+
+
+def note(text: str) -> None:
+    """A message about the run, on standard error."""
+    sys.stderr.write(text + "\n")
+
+
+def write_json(document: Mapping[str, Any]) -> None:
+    """One strict JSON document on standard output."""
+    sys.stdout.write(strict_json(document) + "\n")
+
+
+def strict_json(document: Any) -> str:
+    """JSON without the tokens that JSON does not have: `"Infinity"`, and null for NaN."""
+    return json.dumps(_plain(document), allow_nan=False, indent=1)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, float):
+        if math.isnan(value):
+            return None
+        return value if math.isfinite(value) else f"{'-' if value < 0 else ''}Infinity"
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value if isinstance(value, str | int | bool | None) else str(value)
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table on standard output; the first column is text, the others numbers."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    for index, name in enumerate(columns):
+        table.add_column(name, justify="right" if index else "left", no_wrap=index == 0)
+    for row in rows:
+        table.add_row(*row)
+    _console().print(table)
+
+
+def print_text(text: str = "") -> None:
+    """A line of results on standard output."""
+    _console().print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _console() -> Console:
+    return Console(file=sys.stdout, width=None if sys.stdout.isatty() else _WIDTH)
+
+
+@contextmanager
+def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
+    """A bar on standard error while work goes on: `update(done, message)`."""
+    console = Console(file=sys.stderr)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TextColumn("{task.fields[message]}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task(label, total=total, message="")
+        yield lambda done, message="": progress.update(task, completed=done, message=message)
+
+
+def start_jax() -> None:
+    """64-bit numbers, and compiled programs kept in the user's cache folder."""
+    import jax
+    from platformdirs import user_cache_path
+
+    jax.config.update("jax_enable_x64", True)
+    if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
+        folder = user_cache_path("mishutter", appauthor=False) / "jax"
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
