@@ -108,8 +108,8 @@ def optimise(
     """Design a shutter for a scene, and show it beside the windows one would have picked."""
     folder = None if out is None else writable_folder(out)
     start_jax()
-    from mishutter.optimise import starting_shutter
     from mishutter.optimise import optimise as search
+    from mishutter.optimise import starting_shutter
 
     scene = _scene(scene_file)
     chosen, names = _loss(loss), tuple(name.value for name in free or FreeName)

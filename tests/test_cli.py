@@ -1,0 +1,302 @@
+"""The command line: every mistake is one line and exit code 2; results are whole.
+
+Mistakes are made in-process, where they are quick, and a few in a process of their own, to
+see that nothing else reaches the terminal.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bad_scenes import LINES, edited
+from PIL import Image
+
+import mishutter
+from mishutter import cli
+from mishutter.design import Design
+from mishutter.pictures import write_picture
+
+SMALL_SCENE = """
+[speeds]
+list_px_per_s = [0, 310, -190]
+weights = [0.4, 0.35, 0.25]
+[light]
+photon_rate_per_s = 2.3e5
+[sensor]
+read_noise_e = 4.7
+[limits]
+max_stroke_px = 7.3
+max_top_speed_px_per_s = 1300
+min_half_exposure_ms = 2.1
+max_half_exposure_ms = 17
+[motion]
+half_exposure_ms = 13
+stroke_px = 6.1
+[picture]
+path = "photo.png"
+"""
+SMALL_SEARCH = ["--starts", "2", "--steps", "3", "--coefficients", "6", "--noise-seeds", "1"]
+
+
+def environment():
+    """The environment of a process that finds the package under test."""
+    path = os.pathsep.join([str(Path(mishutter.__file__).parent.parent), *sys.path])
+    return os.environ | {"PYTHONPATH": path, "JAX_ENABLE_COMPILATION_CACHE": "false"}
+
+
+def refused(capsys, *arguments):
+    """The one line that a refused command writes."""
+    code = cli.main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    assert code == 2
+    assert out == ""
+    lines = err.splitlines()
+    assert len(lines) == 1, err
+    assert re.fullmatch(r"mishutter: error: .+; got.*", lines[0])
+    return lines[0]
+
+
+@pytest.fixture(scope="module")
+def small_scene(tmp_path_factory):
+    """A scene file with a photograph, small enough to be designed for in a test."""
+    folder = tmp_path_factory.mktemp("scene")
+    rows = np.random.default_rng(5).normal(size=(9, 150)).cumsum(axis=1)
+    write_picture(folder / "photo.png", 0.5 + 0.4 * np.sin(rows / 3))
+    path = folder / "scene.toml"
+    path.write_text(SMALL_SCENE)
+    return path
+
+
+@pytest.mark.parametrize("slug", LINES)
+def test_scene_mistakes(slug, tmp_path, capsys):
+    """A mistake in a scene file reaches the terminal as its one line."""
+    start, replacement, message = LINES[slug]
+    path = tmp_path / "scene.toml"
+    path.write_text(edited(start, replacement))
+    assert message in refused(capsys, "compare", path)
+
+
+USAGE = {
+    "no-command": ([], "a command of --help must be given; got nothing"),
+    "unknown-command": (["desing"], "must be one of those of --help; got 'desing'"),
+    "unknown-option": (["optimise", "--oput", "x"], "must be one of those of --help; got '--oput'"),
+    "option-without-value": (["optimise", "--out"], "`--out` must be followed by a value"),
+    "two-scenes": (["optimise", "a.toml", "b.toml"], "no further argument; got 'b.toml'"),
+    "starts-as-text": (["optimise", "--starts", "few"], "`--starts` must be a valid integer; got"),
+    "no-starts": (["optimise", "--starts", "0"], "`--starts` must be "),
+    "no-steps": (["optimise", "--steps=0"], "; got '0'"),
+    "few-coefficients": (["optimise", "--coefficients", "3"], "; got '3'"),
+    "negative-seed": (["optimise", "--seed", "-1"], "; got '-1'"),
+    "unknown-loss": (["optimise", "--loss", "beauty"], "; got 'beauty'"),
+    "unknown-freedom": (["optimise", "--free", "price"], "; got 'price'"),
+    "missing-scene": (["optimise", "no.toml"], "No such file or directory"),
+    "scene-a-folder": (["optimise", "/"], "'/' must be readable and writable as asked; got: "),
+    "shutter-unknown": (["compare", "--shutter", "hamming"], "must be one of rect, hann, "),
+    "shutter-value": (["compare", "--shutter", "tukey:wide"], "must have a finite number after"),
+    "shutter-nan": (["compare", "--shutter", "tukey:nan"], "must have a finite number after"),
+    "shutter-range": (["compare", "--shutter", "tukey:1.5"], "`TukeyShutter(taper=...)` must"),
+    "shutter-no-value": (["compare", "--shutter", "hann:0.5"], "must give hann no parameter"),
+    "missing-design": (["compare", "--design", "no.json"], "No such file or directory"),
+    "out-under-nothing": (["compare", "--out", "/dev/null/x"], "must be a folder that takes files"),
+}
+
+
+@pytest.mark.parametrize("slug", USAGE)
+def test_usage_mistakes(slug, capsys):
+    """A mistake on the command line is answered in the same form."""
+    arguments, message = USAGE[slug]
+    assert message in refused(capsys, *arguments)
+
+
+DESIGNS = {
+    "empty": ("", "must be a JSON file; got "),
+    "cut-short": ('{"format": 1, "mishutter": ', "must be a JSON file; got "),
+    "a-list": ("[1, 2]", "must be a design saved by mishutter; got"),
+    "another-file": ('{"name": "x"}', "must be a design saved by mishutter; got"),
+    "another-version": ('{"format": 99}', "must be of design format 1; got"),
+    "incomplete": ('{"format": 1}', "must be a complete design; got"),
+}
+
+
+@pytest.mark.parametrize("slug", DESIGNS)
+def test_design_mistakes(slug, tmp_path, capsys):
+    """A file that is no design, or one of another version, is refused by what it lacks."""
+    text, message = DESIGNS[slug]
+    path = tmp_path / "design.json"
+    path.write_text(text)
+    assert message in refused(capsys, "compare", "--design", path)
+
+
+def one_pixel(path):
+    Image.new("L", (1, 1), 128).save(path)
+
+
+def truncated_jpeg(path):
+    whole = path.with_name("whole.jpg")
+    noise = np.random.default_rng(2).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(whole)
+    path.write_bytes(whole.read_bytes()[:700])
+
+
+def text_as_picture(path):
+    path.write_text("not a picture")
+
+
+def narrow(path):
+    Image.new("L", (3, 300), 128).save(path)
+
+
+PICTURES = {
+    "one-pixel": ("photo.png", one_pixel, "must have rows of at least 8 px; got"),
+    "truncated": ("photo.jpg", truncated_jpeg, "must name a whole PNG, JPEG or TIFF picture"),
+    "text": ("photo.png", text_as_picture, "must name a whole PNG, JPEG or TIFF picture"),
+    "narrow": ("photo.png", narrow, "must have rows of at least 8 px; got"),
+}
+
+
+@pytest.mark.parametrize("slug", PICTURES)
+def test_picture_mistakes(slug, tmp_path, capsys):
+    """A photograph that cannot be used is refused before anything is computed."""
+    name, write, message = PICTURES[slug]
+    write(tmp_path / name)
+    path = tmp_path / "scene.toml"
+    path.write_text(edited("path", f'path = "{name}"'))
+    assert message in refused(capsys, "optimise", path)
+
+
+def test_the_output_folder_is_tried_first(tmp_path, capsys):
+    """A folder that takes no files is refused before the scene is even read."""
+    place = tmp_path / "file"
+    place.write_text("in the way")
+    line = refused(capsys, "optimise", tmp_path / "no.toml", "--out", place)
+    assert "`--out` must be a folder that takes files; got" in line
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission(tmp_path, capsys):
+    """So is one that one may not write to."""
+    place = tmp_path / "closed"
+    place.mkdir(mode=0o500)
+    assert "must be a folder that takes files" in refused(capsys, "compare", "--out", place)
+
+
+def test_an_interrupt_is_130(monkeypatch, capsys):
+    """Ctrl-C ends a command with its own code and no traceback."""
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mishutter.scene_file.example_scene", interrupt)
+    assert cli.main(["compare"]) == 130
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_bug_shows_itself(monkeypatch):
+    """What is no mistake of the user's keeps its traceback."""
+
+    def fail(*_, **__):
+        raise TypeError("a bug")
+
+    monkeypatch.setattr("mishutter.scene_file.example_scene", fail)
+    with pytest.raises(TypeError, match="a bug"):
+        cli.main(["compare"])
+
+
+@pytest.mark.parametrize(
+    "arguments", [["optimise", "no.toml"], ["--bad"], ["compare", "--loss", "x"]]
+)
+def test_nothing_else_reaches_the_terminal(arguments):
+    """A process of its own writes one line on standard error and nothing on output."""
+    command = [sys.executable, "-m", "mishutter", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("mishutter: error: ")
+
+
+def test_help_names_every_command():
+    """`--help` lists the commands, in a process that does not compute anything."""
+    command = [sys.executable, "-m", "mishutter", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
+    assert all(name in done.stdout for name in ("optimise", "compare"))
+
+
+@pytest.fixture(scope="module")
+def optimised(small_scene, tmp_path_factory):
+    """Output folder and standard output of one small search with `--json`."""
+    folder = tmp_path_factory.mktemp("out") / "made" / "here"
+    command = ["optimise", str(small_scene), "--json", "--out", str(folder), *SMALL_SEARCH]
+    command = [sys.executable, "-m", "mishutter", *command]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
+    return folder, done.stdout
+
+
+def no_constant(token):
+    raise ValueError(f"{token} is no JSON")
+
+
+@pytest.mark.slow
+def test_json_is_one_strict_document(optimised):
+    """Standard output holds one document, without NaN or Infinity tokens."""
+    _, text = optimised
+    document = json.loads(text, parse_constant=no_constant)
+    names = {row["name"] for row in document["comparison"]["rows"]}
+    assert {"optimised", "rect", "Hann", "best Tukey", "best snapshot"} <= names
+    assert np.isfinite(document["comparison"]["gain_db"])
+    assert set(document["photographs"]["ensemble"]) >= {"optimised", "rect", "Hann"}
+
+
+@pytest.mark.slow
+def test_a_saved_design_has_the_same_metrics(optimised):
+    """`design.json` loads back to the metrics that were printed."""
+    folder, text = optimised
+    printed = json.loads(text)["design"]["metrics"]
+    loaded = Design.load(folder / "design.json").metrics
+    for name in ("condition_number", "expected_psnr", "efficiency", "bound_share"):
+        assert float(getattr(loaded, name)) == pytest.approx(printed[name], rel=1e-12)
+
+
+@pytest.mark.slow
+def test_the_profile_has_its_units(optimised):
+    """The CSV names its columns, then their units, then spans the exposure in ms."""
+    folder, _ = optimised
+    names, units, *rows = (folder / "profile.csv").read_text().splitlines()
+    design = Design.load(folder / "design.json")
+    assert names == "time,tau,transmittance"
+    assert units == "ms,1,1"
+    first = [float(cell) for cell in rows[0].split(",")]
+    assert first[0] == pytest.approx(-1e3 * float(design.motion.half_exposure), rel=1e-8)
+
+
+@pytest.mark.slow
+def test_files_are_whole(optimised):
+    """The folder holds the files that were announced, pictures that open, nothing else."""
+    folder, text = optimised
+    announced = json.loads(text)["files"]
+    assert sorted(announced) == sorted(path.name for path in folder.iterdir())
+    for path in folder.glob("*.png"):
+        with Image.open(path) as picture:
+            picture.load()
+    json.loads((folder / "report.json").read_text(), parse_constant=no_constant)
+
+
+@pytest.mark.slow
+def test_compare_reads_a_design_back(optimised, small_scene, capsys):
+    """`compare` shows a saved design at the metrics it was saved with, as a table."""
+    folder, _ = optimised
+    design = Design.load(folder / "design.json")
+    place = str(folder / "design.json")
+    assert cli.main(["compare", str(small_scene), "--design", place, "--noise-seeds", "0"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "Same motion" in out
+    assert "Own best motion" in out
+    line = next(line for line in out.splitlines() if line.split()[:1] == ["design"])
+    assert f"{float(design.metrics.expected_psnr):.2f}" in line
+    assert "the best snapshot" in out.splitlines()[-1]
