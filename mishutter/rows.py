@@ -4,15 +4,16 @@ Arrays hold rows on their last axis. A row of `W` pixels is first extended by th
 of the kernel, then convolved where the kernel lies wholly inside.
 """
 
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter.types import require
 
 Border = Literal["scene", "reflect", "edge", "wrap", "zero"]
-_PAD_MODES = {"reflect": "symmetric", "edge": "edge", "wrap": "wrap", "zero": "constant"}
+PAD_MODES = {"reflect": "symmetric", "edge": "edge", "wrap": "wrap", "zero": "constant"}
 
 
 def require_border(subject: str, border: object) -> None:
@@ -26,7 +27,14 @@ def extended(rows: Array, before: int, after: int, border: str) -> Array:
     if border == "scene":
         return rows
     widths = [(0, 0)] * (rows.ndim - 1) + [(before, after)]
-    return jnp.pad(rows, widths, mode=_PAD_MODES[border])
+    return jnp.pad(rows, widths, mode=PAD_MODES[border])
+
+
+def padded_columns(rows: np.ndarray, before: int, after: int, border: str) -> np.ndarray:
+    """`extended` for numpy arrays; columns on the last axis."""
+    widths = [(0, 0)] * (rows.ndim - 1) + [(before, after)]
+    mode: Any = PAD_MODES[border]
+    return np.pad(rows, widths, mode=mode)
 
 
 def convolved(rows: Array, kernel: Array) -> Array:

@@ -9,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.frames import Frames, expose_frames
 from mishutter.kernel import support
+from mishutter.layers import Layers, expose_layers
 from mishutter.motion import AbstractMotion, StillCamera
 from mishutter.noise import recorded, white_electrons
 from mishutter.pictures import Picture
@@ -25,7 +27,7 @@ MAX_TAPS = 1 << 13
 
 
 def simulate_capture(
-    picture: Picture | ArrayLike,
+    picture: Picture | Layers | Frames | ArrayLike,
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
@@ -47,11 +49,13 @@ def simulate_capture(
 
     Args:
         picture: Light, white = 1; a `Picture`, or an array of shape `(rows, columns)` or
-            `(..., rows, columns, channels)`.
+            `(..., rows, columns, channels)`. Or `Layers`, captured with exact occlusion,
+            or `Frames` of footage: these are aligned at mid-exposure, and bring their
+            own speeds and borders.
         scene: Light and noise; its speeds are not used.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        speed: Speed of the picture, px/s.
+        speed: Speed of the picture, px/s; 0 for layers and frames.
         key: JAX key of the noise; None for none.
         border: Where light from beyond the picture comes from. `"scene"`: the picture is
             the scene, and the sensor records the part of it whose light is all known,
@@ -71,20 +75,23 @@ def simulate_capture(
             `border="scene"`.
     """
     require_border("simulate_capture(border=...)", border)
-    light = as_light(picture)
     _check_light(scene, key)
+    if isinstance(picture, Layers | Frames):
+        alone = speed == 0 and border == "reflect"
+        subject = "simulate_capture(speed=..., border=...)"
+        require(alone, subject, "be left to layers and frames", f"{speed!r}, {border!r}")
+        expose = expose_layers if isinstance(picture, Layers) else expose_frames
+        light = jnp.asarray(expose(picture, motion, shutter))  # type: ignore[arg-type]
+        return _recorded(light, scene, motion, key, full_well, adc_bits)
+    light = as_light(picture)
     kernel, origin = capture_kernel(motion, shutter, speed, np.dtype(light.dtype))
     if border == "scene":
         columns = light.shape[-1 if light.ndim == 2 else -2]
         enough = columns >= kernel.size
         subject = "simulate_capture(border='scene')"
         require(enough, subject, f"have a picture of at least {kernel.size} columns", columns)
-    electrons = white_electrons(scene, motion)
-    planes = rows_last(light)
-    blurred = _blurred(planes, kernel, origin, border)
-    limits = {"full_well": full_well, "adc_bits": adc_bits}
-    result = recorded(blurred, electrons, scene.read_noise, key=key, **limits)
-    return channels_last(result, light)
+    blurred = channels_last(_blurred(rows_last(light), kernel, origin, border), light)
+    return _recorded(blurred, scene, motion, key, full_well, adc_bits)
 
 
 def captured_columns(
@@ -137,6 +144,19 @@ def as_light(picture: Picture | ArrayLike) -> Array:
     require(jnp.size(picture) > 0, subject, "hold at least one pixel", jnp.shape(picture))
     require_finite(subject, picture)
     return jnp.asarray(picture, common_dtype(picture))
+
+
+@eqx.filter_jit
+def _recorded(
+    light: Array,
+    scene: Scene,
+    motion: AbstractMotion,
+    key: Array | None,
+    full_well: float | None,
+    adc_bits: int | None,
+) -> Array:
+    limits = {"full_well": full_well, "adc_bits": adc_bits}
+    return recorded(light, white_electrons(scene, motion), scene.read_noise, key=key, **limits)
 
 
 def _check_light(scene: Scene, key: Array | None) -> None:

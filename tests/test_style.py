@@ -14,7 +14,7 @@ LAYERS = """
 __init__ __main__ cli tables figures plots
 sweep reproduce restoration compare optimise solvers objective design_space design losses decoders
 metrics
-simulate quality noise rows response plan
+simulate layers frames cells quality noise rows response plan
 scene_file scene_schema pictures png scene spectrum descent kernel path motion shutters
 doubleword files types
 """.split()

@@ -22,7 +22,7 @@ from mishutter.types import common_dtype
 
 @final
 class BlurModel(eqx.Module):
-    """What a decoder knows: kernels, noise, and the statistics of pictures.
+    r"""What a decoder knows: kernels, noise, and the statistics of pictures.
 
     Attributes:
         kernels: Kernels at the speeds that may occur, aligned; shape `(s, n)`, numpy.
@@ -31,6 +31,7 @@ class BlurModel(eqx.Module):
             object as in the paper; shape `(n,)`.
         origin: Index of the tap that displaces nothing.
         noise: Variance of the noise per pixel of the capture, white = 1.
+        read_variance: The part of it that is there in the dark, $(\sigma/p)^2$.
         electrons: Photo-electrons of a white pixel in a fully open exposure.
         power: Power of the picture's rows in equal steps of (0, 0.5) cycles/px, its mean
             being the variance; shape `(m,)`.
@@ -42,6 +43,7 @@ class BlurModel(eqx.Module):
     assumed: np.ndarray
     origin: int = eqx.field(static=True)
     noise: float = eqx.field(static=True)
+    read_variance: float = eqx.field(static=True)
     electrons: float = eqx.field(static=True)
     power: np.ndarray
     mean_level: float = eqx.field(static=True)
@@ -126,6 +128,7 @@ def blur_model(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -
         assumed=kernels[-1],
         origin=origin,
         noise=noise,
+        read_variance=float(scene.read_noise) ** 2 / electrons**2 if electrons > 0 else np.inf,
         electrons=electrons,
         power=np.asarray(power, np.float64),
         mean_level=float(scene.mean_level),

@@ -57,10 +57,14 @@ class Continuation(eqx.Module):
         return jnp.concatenate([deviation, gap], axis=-1), mean
 
 
-def continuation(model: BlurModel, columns: int) -> Continuation:
-    """The likeliest continuation of rows of `columns` pixels captured as `model` says."""
+def continuation(model: BlurModel, columns: int, *, multiple: int = 0) -> Continuation:
+    """The likeliest continuation of rows of `columns` pixels captured as `model` says.
+
+    Its length is a multiple of `multiple` where that is given, else a quick one to transform.
+    """
     reach = model.num_taps
-    length = fast_length(columns + max(3 * reach, 128))
+    least = columns + max(3 * reach, 128)
+    length = -(-least // multiple) * multiple if multiple else fast_length(least)
     context = min(columns // 2, max(reach, 64), _MAX_CONTEXT)
     return Continuation(_prediction(model, columns, length, context), columns, length, context)
 
