@@ -149,7 +149,7 @@ def _into_valley(start: Array, step: Array) -> Array:
     return jax.lax.complex(start[..., None] + _ROOT_HALF * step, -_ROOT_HALF * step)
 
 
-def _times(real: Array, factor: Array) -> Array:
+def _times(real: Array | np.ndarray, factor: Array) -> Array:
     return jax.lax.complex(real * factor.real, real * factor.imag)
 
 

@@ -9,12 +9,13 @@ light is that time, times the piece's mean transmittance over it.
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.doubleword import DoubleWord, add, negate, two_sum
+from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
 from mishutter.path import Path, path, speed_at
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter
@@ -134,6 +135,7 @@ def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: ArrayLike)
     return common_dtype(*jax.tree.leaves((shutter, motion)), *values)
 
 
+@eqx.filter_jit
 def _exposure(
     shutter: AbstractShutter,
     motion: AbstractMotion,
@@ -147,15 +149,15 @@ def _exposure(
     T = motion.half_exposure.astype(speed.dtype)
     tau = profile.breakpoints(np.dtype(speed.dtype))
     track = path(a, T, speed, tau, from_vertex=from_vertex)
-    pieces = _Pieces(jnp.diff(tau.high) + jnp.diff(tau.low), track)
+    length = jnp.diff(tau.high) + jnp.diff(tau.low)
+    pieces = _pieces(track, length)
 
     def block(ends: DoubleWord) -> Array:
         inside = DoubleWord(*(_bring_inside(e, track) for e in ends))
         velocity = speed_at(a, T, speed, inside, from_vertex=from_vertex)
-        arms = [_arm(profile, pieces, ends, velocity, after) for after in (False, True)]
-        return (arms[0] + arms[1]) / 2
+        return _light(profile, pieces, ends, velocity, track.stroke) / 2
 
-    taps = _by_blocks(block, edges, num_pieces=tau.high.size - 1)
+    taps = _by_blocks(block, edges, num_values=2 * length.size)
     return _with_points_at_rest(taps, edges, track, profile, from_vertex)
 
 
@@ -170,77 +172,97 @@ def _with_points_at_rest(taps, edges, track, profile, from_vertex):
 
 
 class _Pieces(NamedTuple):
-    length: Array
-    track: Path
+    """Ends of each piece on each arm, before the vertex and after; shapes `(n, 2, 1)`.
+
+    A piece reaches from its inner end, nearer the vertex, to its outer end. Where the
+    vertex lies inside or beyond it, the vertex takes the inner end's place, and
+    `to_vertex` is the time from one to the other.
+    """
+
+    inner: DoubleWord
+    outer: DoubleWord
+    inner_speed: Array
+    outer_speed: Array
+    to_vertex: Array
 
 
-def _arm(
+def _pieces(track: Path, length: Array) -> _Pieces:
+    outwards = jnp.stack([-track.velocity, track.velocity])
+    on_arm = outwards >= 0
+    high = jnp.where(on_arm, track.position.high, track.vertex.high)
+    low = jnp.where(on_arm, track.position.low, track.vertex.low)
+    speed = jnp.where(on_arm, outwards, 0.0)
+
+    def inner(x: Array) -> Array:
+        return jnp.stack([x[0, 1:], x[1, :-1]], axis=1)[..., None]
+
+    def outer(x: Array) -> Array:
+        return jnp.stack([x[0, :-1], x[1, 1:]], axis=1)[..., None]
+
+    return _Pieces(
+        DoubleWord(inner(high), inner(low)),
+        DoubleWord(outer(high), outer(low)),
+        inner(speed),
+        outer(speed),
+        _vertex_offset(track.stroke, inner(outwards), length[:, None, None]),
+    )
+
+
+def _vertex_offset(stroke: Array, inner_velocity: Array, length: Array) -> Array:
+    """Time from a piece's inner end to the vertex, where the vertex cuts the piece."""
+    turns = (inner_velocity < 0) & (stroke > 0)
+    offset = jnp.where(turns, -inner_velocity / jnp.where(turns, 2 * stroke, 1.0), 0.0)
+    return jnp.minimum(offset, length)
+
+
+def _light(
     profile: AbstractPiecewiseShutter,
     pieces: _Pieces,
     edges: DoubleWord,
     velocity: Array,
-    after: bool,
+    stroke: Array,
 ) -> Array:
-    """Light of one arm of the path, in units of tau; shape `(n,)`.
-
-    Each piece reaches from its inner end, nearer the vertex, to its outer end. Where
-    the vertex lies inside or beyond a piece, the vertex takes the inner end's place.
-    """
-    length, track = pieces
-    edges, velocity = DoubleWord(edges.high[None], edges.low[None]), velocity[None]
-    on_arm = track.velocity >= 0 if after else track.velocity <= 0
-    speeds = jnp.where(on_arm, jnp.abs(track.velocity), 0.0)
-    high = jnp.where(on_arm, track.position.high, track.vertex.high)
-    low = jnp.where(on_arm, track.position.low, track.vertex.low)
-    inner, outer = (slice(None, -1), slice(1, None)) if after else (slice(1, None), slice(None, -1))
-    inner_end = DoubleWord(high[inner, None], low[inner, None])
-    outer_end = DoubleWord(high[outer, None], low[outer, None])
-    inner_speed, outer_speed = speeds[inner, None], speeds[outer, None]
-
-    below = (edges.high - inner_end.high) + (edges.low - inner_end.low) <= 0
-    above = (edges.high - outer_end.high) + (edges.low - outer_end.low) >= 0
+    """Light of both arms of the path between edges, in units of tau; shape `(n,)`."""
+    inner, outer, inner_speed, outer_speed, to_vertex = pieces
+    edges = DoubleWord(edges.high[None, None], edges.low[None, None])
+    below = _distance(edges, inner) <= 0
+    above = _distance(edges, outer) >= 0
 
     def clipped(edge, at_inner, at_outer):
         return jnp.where(below, at_inner, jnp.where(above, at_outer, edge))
 
-    u = clipped(velocity, inner_speed, outer_speed)
+    u = clipped(velocity[None, None], inner_speed, outer_speed)
     x = DoubleWord(
-        clipped(edges.high, inner_end.high, outer_end.high),
-        clipped(edges.low, inner_end.low, outer_end.low),
+        clipped(edges.high, inner.high, outer.high), clipped(edges.low, inner.low, outer.low)
     )
-    width = _time(_difference(x, 1), u[:, :-1] + u[:, 1:])
-    from_inner = _time(_distance(x, inner_end), u + inner_speed)
-    from_outer = _time(_distance(outer_end, x), u + outer_speed)
-    to_vertex = _vertex_offset(track, length, after)[:, None]
-    if after:
-        start, remaining = to_vertex + from_inner[:, :-1], from_outer[:, 1:]
-    else:
-        start, remaining = from_outer[:, 1:], to_vertex + from_inner[:, :-1]
+    step = jnp.diff(x.high) + jnp.diff(x.low)
+    width = _time(step, u[..., :-1], u[..., 1:], stroke)
+    near = to_vertex + _time(_distance(x, inner), inner_speed, u, stroke)[..., :-1]
+    far = _time(_distance(outer, x), u, outer_speed, stroke)[..., 1:]
+    start = jnp.stack([far[:, 0], near[:, 1]], axis=1)
+    remaining = jnp.stack([near[:, 0], far[:, 1]], axis=1)
     mean = profile.piece_mean(start, width, remaining)
-    return jnp.sum(width * _within_unit(mean), axis=0)
+    return jnp.sum(width * _within_unit(mean), axis=(0, 1))
 
 
-def _vertex_offset(track: Path, length: Array, after: bool) -> Array:
-    """Time from a piece's inner end to the vertex, where the vertex cuts the piece."""
-    inner_velocity = track.velocity[:-1] if after else -track.velocity[1:]
-    beyond = inner_velocity < 0
-    rate = 2 * track.stroke
-    safe = beyond & (rate > 0)
-    offset = jnp.where(safe, -inner_velocity / jnp.where(rate > 0, rate, 1.0), 0.0)
-    return jnp.where(offset < length, offset, length)
+def _time(distance: Array, before: Array, after: Array, stroke: Array) -> Array:
+    r"""Time between two points of an arm, from their distance and their speeds.
 
-
-def _time(distance: Array, sum_of_speeds: Array) -> Array:
-    moving = sum_of_speeds > 0
-    return jnp.where(moving, 2 * distance / jnp.where(moving, sum_of_speeds, 1.0), 0.0)
-
-
-def _difference(x: DoubleWord, axis: int) -> Array:
-    return jnp.diff(x.high, axis=axis) + jnp.diff(x.low, axis=axis)
+    $2\,\Delta x / (u_1 + u_2)$ where the speeds are close, $(u_2 - u_1)/2A$ where they
+    differ by a factor of 2: there it is the speeds that are known to the last digit,
+    and near the vertex their derivatives are too.
+    """
+    far_apart = after > 2 * before
+    safe_rate = jnp.where(far_apart, 2 * stroke, 1.0)
+    total = before + after
+    close = ~far_apart & (total > 0)
+    by_distance = 2 * distance / jnp.where(close, total, 1.0)
+    return jnp.where(far_apart, (after - before) / safe_rate, jnp.where(close, by_distance, 0.0))
 
 
 def _distance(x: DoubleWord, y: DoubleWord) -> Array:
-    return add(x, negate(y)).high
+    """`x - y` to single precision: the difference of the high parts loses nothing."""
+    return (x.high - y.high) + (x.low - y.low)
 
 
 def _within_unit(mean: Array) -> Array:
@@ -254,10 +276,10 @@ def _bring_inside(edge: Array, track: Path) -> Array:
     return jnp.clip(edge, -reach, reach)
 
 
-def _by_blocks(function, edges: DoubleWord, *, num_pieces: int) -> Array:
+def _by_blocks(function, edges: DoubleWord, *, num_values: int) -> Array:
     """`function` over runs of taps short enough that memory does not grow with pieces."""
     num_taps = edges.high.size - 1
-    length = max(1, _BLOCK_SIZE // num_pieces)
+    length = max(1, _BLOCK_SIZE // num_values)
     if num_taps <= length:
         return function(edges)
     num_blocks = -(-num_taps // length)

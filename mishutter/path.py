@@ -62,8 +62,30 @@ def speed_at(a: Array, T: Array, s: Array, edges: DoubleWord, *, from_vertex: bo
     return _safe_sqrt(_speed_squared(from_vertex, a, T, s, *edges))
 
 
+def _once(function, *arguments):
+    """`function` of `arguments`, as a loop of one turn: a compiler may not unroll it.
+
+    Left open, hundreds of operations on double words would be folded into each of
+    their uses and compiled, and run, dozens of times.
+    """
+    shapes = jax.eval_shape(function, *arguments)
+    start = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+
+    def turn(state):
+        result = function(*arguments)
+        first = jax.tree.leaves(result)[0]
+        again = jnp.any(first < first)
+        return again, result
+
+    return jax.lax.while_loop(lambda state: state[0], turn, (jnp.array(True), start))[1]
+
+
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _path(from_vertex, a, T, s, tau_high, tau_low):
+def _path(from_vertex, *arguments):
+    return _once(partial(_path_exact, from_vertex), *arguments)
+
+
+def _path_exact(from_vertex, a, T, s, tau_high, tau_low):
     stroke = multiply(two_product(a, T), word(T))
     smear = two_product(s, T)
     tau = DoubleWord(tau_high, tau_low)
@@ -79,25 +101,34 @@ def _path(from_vertex, a, T, s, tau_high, tau_low):
 
 @_path.defjvp
 def _path_jvp(from_vertex, primals, tangents):
-    low_parts_are_constant = lambda x: (x, jnp.zeros_like(x))  # noqa: E731
+    exact = _path(from_vertex, *primals)
 
-    def plain(a, T, s, tau, tau_low):
+    def plain(a, T, s, tau, _):
         stroke, smear = a * T * T, s * T
-        velocity = 2 * stroke * tau - smear
+        velocity = _valued(2 * stroke * tau - smear, exact[2])
         if from_vertex:
             position = _plain_vertex_distance(velocity, stroke, stroke > 0)
             vertex = jnp.zeros_like(stroke)
         else:
             position = tau * (stroke * tau - smear)
             vertex = -_plain_vertex_distance(smear, stroke, _turns(stroke, smear))
-        parts = low_parts_are_constant
-        return stroke, smear, velocity, parts(position), parts(vertex)
+        low = (jnp.zeros_like(position), jnp.zeros_like(vertex))
+        return stroke, smear, velocity, (position, low[0]), (vertex, low[1])
 
-    return _path(from_vertex, *primals), jax.jvp(plain, primals, tangents)[1]
+    return exact, jax.jvp(plain, primals, tangents)[1]
+
+
+def _valued(formula: Array, value: Array) -> Array:
+    """The derivative of `formula` with a better `value`: near the vertex it cancels."""
+    return value + (formula - jax.lax.stop_gradient(formula))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _speed_squared(from_vertex, a, T, s, edge, edge_low):
+def _speed_squared(from_vertex, *arguments):
+    return _once(partial(_speed_squared_exact, from_vertex), *arguments)
+
+
+def _speed_squared_exact(from_vertex, a, T, s, edge, edge_low):
     stroke = multiply(two_product(a, T), word(T))
     square = scale(multiply(stroke, DoubleWord(edge, edge_low)), 4.0)
     if not from_vertex:

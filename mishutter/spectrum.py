@@ -1,5 +1,6 @@
 """What a shutter passes of each spatial frequency."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -103,6 +104,7 @@ def transfer_function(
     return jnp.where(f < 0, jnp.conj(response), response).reshape(shape)
 
 
+@eqx.filter_jit
 def _transfer(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
     a, T = motion.acceleration.astype(f.dtype), motion.half_exposure.astype(f.dtype)
 

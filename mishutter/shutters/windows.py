@@ -1,5 +1,6 @@
 """The fixed windows of the field: rect, Hann, triangle, Gaussian, Tukey."""
 
+import math
 from typing import ClassVar, final
 
 import jax
@@ -236,6 +237,7 @@ def _sinc_deficit(d: Array) -> Array:
     return jnp.where(small, series, 1 - jnp.sin(x_large) / x_large)
 
 
+_NARROW = 0.5
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 
 
@@ -246,14 +248,15 @@ def _gaussian_mean(centre: Array, half: Array, sigma: Array) -> Array:
     function, on the side where its complement does not cancel.
     """
     c, d = centre / sigma, half / sigma
-    narrow = d < 0.25
+    narrow = d * (1 + c) < _NARROW
     d_narrow = jnp.where(narrow, d, jnp.zeros_like(d))
     by_nodes = sum(
         (0.5 * weight) * jnp.exp(-((c + node * d_narrow) ** 2) / 2)
         for node, weight in zip(_NODES.tolist(), _WEIGHTS.tolist(), strict=True)
     )
-    d_wide = jnp.where(narrow, jnp.full_like(d, 0.25), d)
-    near, far = (c - d_wide) / np.sqrt(2), (c + d_wide) / np.sqrt(2)
+    d_wide = jnp.where(narrow, jnp.full_like(d, _NARROW), d)
+    root_two = math.sqrt(2)
+    near, far = (c - d_wide) / root_two, (c + d_wide) / root_two
     one_sided = near > 0.5
     erf, erfc = jax.scipy.special.erf, jax.scipy.special.erfc
     difference = jnp.where(one_sided, erfc(near) - erfc(far), erf(far) - erf(near))
