@@ -190,12 +190,14 @@ def _compared(
     loss: "AbstractLoss",
     num_seeds: int,
 ) -> "Report":
-    from mishutter import compare, report
+    from mishutter import report
+    from mishutter.compare import baselines
+    from mishutter.compare import compare as beside_baselines
 
-    total = len(given | compare.baselines()) + 2
+    total = len(given | baselines()) + 2
     with progress_bar("comparing", total) as update:
         step = _counting(update)
-        comparison = compare.compare(scene, motion, given, loss=loss, step=step)
+        comparison = beside_baselines(scene, motion, given, loss=loss, step=step)
     rows = report.shown_rows(comparison, tuple(given))
     with progress_bar("photograph", len(rows) * len(report.decoders())) as update:
         photographs = report.photographs(scene, rows, num_seeds, _counting(update))

@@ -201,10 +201,13 @@ _PARAMETER_OF: dict[type[AbstractShutter], str | None] = {
 def _from_dict(data: dict[str, Any]) -> Design:
     shutter = _shutter_from_dict(data["shutter"])
     motion = _motion_from_dict(data["motion"])
-    scene_data = dict(data["scene"])
+    scene_data = {
+        name: np.array(value) if isinstance(value, list) else value
+        for name, value in data["scene"].items()
+    }
     limits = Limits(**scene_data.pop("limits"))
     speeds, weights = scene_data.pop("speeds"), scene_data.pop("weights")
-    scene = Scene(np.array(speeds), np.array(weights), limits=limits, motion=motion, **scene_data)
+    scene = Scene(speeds, weights, limits=limits, motion=motion, **scene_data)
     return Design(
         shutter=shutter,
         motion=motion,
