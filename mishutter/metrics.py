@@ -125,10 +125,11 @@ def expected_squared_error(scene: Scene, motion: AbstractMotion, response: Respo
     num_frequencies = response.spectra.shape[1]
     frequency = frequency_grid(num_frequencies, np.dtype(dtype))
     power = picture_power(scene, num_frequencies, np.dtype(dtype))
-    spectra = response.spectra * jnp.sinc(frequency)
+    aperture = jnp.sinc(frequency).astype(response.spectra.dtype)[None]
+    spectra = response.spectra * aperture
     weights = scene.weights.astype(dtype)[:, None]
-    mean = jnp.sum(weights * spectra, axis=0)
-    deviation = spectra - mean
+    mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
+    deviation = spectra - mean[None]
     spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0)
     coherent = mean.real**2 + mean.imag**2
     electrons = scene.photon_rate.astype(dtype) * motion.exposure.astype(dtype)

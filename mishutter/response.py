@@ -103,8 +103,9 @@ def aligned_spectra(
     stroke = a * half * half
     smear = (speeds * half)[:, None]
     vertex = -_safe_ratio(smear**2, 4 * stroke)
+    tau = tau[None]
     position = tau * (stroke * tau - smear) - vertex
-    return _sum_of_waves(position, light, plan.num_frequencies)
+    return _sum_of_waves(position, light[None], plan.num_frequencies)
 
 
 def _safe_ratio(numerator: Array, denominator: Array) -> Array:
@@ -121,8 +122,9 @@ def _light_at_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype):
         profile.panels_per_piece, -(-num_nodes // (num_pieces * profile.panels_per_piece))
     )
     length = jnp.diff(ends)[:, None]
-    offset = length * jnp.asarray(nodes, dtype)
-    light = length / 2 * jnp.asarray(weights, dtype) * profile.piece_transmittance(offset)
+    offset = length * jnp.asarray(nodes, dtype)[None]
+    shares = length / 2 * jnp.asarray(weights, dtype)[None]
+    light = shares * profile.piece_transmittance(offset)
     return (ends[:-1, None] + offset).ravel(), light.ravel()
 
 

@@ -133,7 +133,7 @@ def _advance(objective: AbstractObjective, state: _State, num_steps: Array, capa
     return eqx.combine(arrays, static), best, finite, arrays.done
 
 
-def _check_finite(finite: Array) -> None:
+def _check_finite(finite: Array | np.ndarray) -> None:
     bad = np.flatnonzero(~np.asarray(finite))
     if bad.size:
         raise NonFiniteLossError(

@@ -1,0 +1,124 @@
+"""Losses: their bounds, what cannot be gained by dimming, and their derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers_design import MOTION, SCENE, SMALL
+
+from mishutter import (
+    AbstractLoss,
+    ChippedShutter,
+    DesignLoss,
+    ExpectedErrorLoss,
+    RectShutter,
+    SplineShutter,
+    TukeyShutter,
+    blur_kernel,
+    condition_number,
+)
+from mishutter.losses.design import smooth_condition_number
+
+LOSSES = {
+    "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),
+    "expected_error": ExpectedErrorLoss(),
+}
+PROFILE = np.array([0.1, 0.55, 0.8, 1.0, 0.9, 0.35])
+
+
+@pytest.mark.parametrize("stroke", [3.0, 45.0, 130.0])
+@pytest.mark.parametrize("shutter", [RectShutter(), TukeyShutter(0.4)], ids=["rect", "tukey"])
+def test_smoothed_condition_number_keeps_its_bound(stroke, shutter):
+    """True value <= smoothed value <= F^(1/200) times the true value."""
+    motion = type(MOTION)(acceleration=stroke / 1e-4, half_exposure=1e-2)
+    kernel = blur_kernel(shutter, motion, num_taps=160)
+    smooth = float(smooth_condition_number(kernel, 640))
+    true = float(condition_number(kernel, num_frequencies=640))
+    assert true * (1 - 1e-12) <= smooth <= true * 321 ** (1 / 200)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.01, 1e-6])
+@pytest.mark.parametrize("slug", LOSSES)
+def test_dimming_the_shutter_gains_nothing(slug, share):
+    """A loss rises, or stays, when every transmittance is scaled down."""
+    loss = LOSSES[slug]
+    bright = loss(SCENE, MOTION, ChippedShutter(PROFILE), plan=SMALL)
+    dim = loss(SCENE, MOTION, ChippedShutter(share * PROFILE), plan=SMALL)
+    assert float(dim) > float(bright)
+
+
+def test_condition_and_invariance_do_not_see_the_scale():
+    """The first two terms are those of the open shutter, however dim it is made."""
+    loss = DesignLoss(condition=0.3, invariance=1.0, efficiency=0.0)
+    values = [
+        float(loss(SCENE, MOTION, ChippedShutter(share * PROFILE), plan=SMALL))
+        for share in (1.0, 1e-3)
+    ]
+    assert np.isclose(*values, rtol=1e-10)
+
+
+@pytest.mark.parametrize("slug", LOSSES)
+def test_gradients_agree_with_differences(slug):
+    """By profile, acceleration and half exposure, against central differences."""
+    loss = LOSSES[slug]
+
+    def value(x):
+        motion = type(MOTION)(
+            acceleration=MOTION.acceleration * x[0], half_exposure=MOTION.half_exposure * x[1]
+        )
+        return loss(SCENE, motion, SplineShutter(x[2:]), plan=SMALL)
+
+    point = jnp.concatenate([jnp.array([1.03, 0.97]), jnp.asarray(PROFILE) * 0.9 + 0.03])
+    gradient = jax.jit(jax.grad(value))(point)
+    compiled = jax.jit(value)
+    for index in range(point.size):
+        step = jnp.zeros_like(point).at[index].set(1e-5)
+        difference = (compiled(point + step) - compiled(point - step)) / 2e-5
+        assert np.isclose(gradient[index], difference, rtol=2e-6, atol=2e-8)
+
+
+def test_losses_add_and_take_factors():
+    """A sum of weighted losses is the weighted sum of their values."""
+    first, second = LOSSES.values()
+    combined = 0.25 * first + second * 3.0
+    shutter = TukeyShutter(0.6)
+    expected = 0.25 * first(SCENE, MOTION, shutter, plan=SMALL) + 3.0 * second(
+        SCENE, MOTION, shutter, plan=SMALL
+    )
+    assert np.isclose(combined(SCENE, MOTION, shutter, plan=SMALL), expected, rtol=1e-14)
+
+
+def test_a_weight_of_zero_leaves_its_term_out():
+    """Efficiency alone is the light that is lost."""
+    loss = DesignLoss(condition=0.0, invariance=0.0, efficiency=1.0)
+    shutter = TukeyShutter(0.6)
+    assert np.isclose(loss(SCENE, MOTION, shutter, plan=SMALL), 1 - shutter.efficiency())
+
+
+@pytest.mark.parametrize("weight", [-1.0, float("nan"), float("inf"), "1"])
+def test_weights_out_of_range_are_refused(weight):
+    """A weight is a finite number of at least 0."""
+    with pytest.raises((ValueError, TypeError), match="condition"):
+        DesignLoss(condition=weight)
+
+
+def test_a_closed_shutter_is_finite_and_bad():
+    """A closed shutter is worse than any open one, with a finite gradient."""
+    for loss in LOSSES.values():
+        value, gradient = jax.value_and_grad(
+            lambda chips, loss=loss: loss(SCENE, MOTION, ChippedShutter(chips), plan=SMALL)
+        )(jnp.zeros(4))
+        assert np.isfinite(value)
+        assert np.all(np.isfinite(gradient))
+        assert float(value) > float(loss(SCENE, MOTION, RectShutter(), plan=SMALL))
+
+
+def test_a_loss_of_ones_own_is_one_small_class():
+    """A class with a call composes with the package's losses."""
+
+    class Darkness(AbstractLoss):
+        def __call__(self, scene, motion, shutter, *, plan=None):
+            return 1 - shutter.efficiency()
+
+    loss = Darkness() + 2.0 * Darkness()
+    assert np.isclose(loss(SCENE, MOTION, TukeyShutter(0.5)), 0.75)

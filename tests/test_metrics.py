@@ -1,0 +1,179 @@
+"""Metrics against independent formulae: the definitions are what is pinned, not figures."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mishutter import (
+    RASKAR_CODE,
+    ChippedShutter,
+    HannShutter,
+    ParabolicMotion,
+    RectShutter,
+    Scene,
+    StillCamera,
+    TukeyShutter,
+    binned_exposure,
+    blur_kernel,
+    condition_number,
+    evaluate,
+    transfer_function,
+)
+from mishutter.metrics import expected_squared_error
+from mishutter.plan import Plan
+from mishutter.response import frequency_grid, respond
+
+HALF_EXPOSURE = 0.013
+MOTION = ParabolicMotion(acceleration=31.0 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+SPEEDS = np.array([-2100.0, 0.0, 700.0, 1900.0])
+WEIGHTS = np.array([0.1, 0.4, 0.3, 0.2])
+SCENE = Scene(SPEEDS, WEIGHTS, photon_rate=7e4, read_noise=6.0)
+SHUTTER = TukeyShutter(0.37)
+
+
+def _expected_psnr(motion, shutter, shift, num_frequencies=2048):
+    """The closed form of the ensemble-Wiener error, written out with numpy."""
+    frequency = (np.arange(num_frequencies) + 0.5) / (2 * num_frequencies)
+    response = [
+        np.asarray(transfer_function(shutter, motion, speed=s, frequency=jnp.asarray(frequency)))
+        * np.exp(2j * np.pi * frequency * shift(s))
+        * np.sinc(frequency)
+        for s in SPEEDS
+    ]
+    mean = sum(p * h for p, h in zip(WEIGHTS, response, strict=True))
+    square = sum(p * abs(h) ** 2 for p, h in zip(WEIGHTS, response, strict=True))
+    power = 1 / (frequency**2 + 0.01**2)
+    power *= 0.2**2 / (2 * np.mean(power) * 0.5)
+    electrons = 7e4 * 2 * float(motion.half_exposure)
+    noise = float(shutter.efficiency()) * 0.25 / electrons + (6.0 / electrons) ** 2
+    gain = power * mean.conj() / (power * square + noise)
+    error = abs(gain) ** 2 * noise + power * sum(
+        p * abs(1 - gain * h) ** 2 for p, h in zip(WEIGHTS, response, strict=True)
+    )
+    return -10 * np.log10(2 * 0.5 * np.mean(error))
+
+
+def test_expected_psnr_is_that_of_the_ensemble_filter():
+    """The reported figure is the error of the filter itself, aligned at the vertex."""
+    acceleration = float(MOTION.acceleration)
+    reference = _expected_psnr(MOTION, SHUTTER, lambda s: -(s**2) / (4 * acceleration))
+    assert abs(float(evaluate(SCENE, MOTION, SHUTTER).expected_psnr) - reference) < 2e-3
+
+
+def test_a_camera_at_rest_is_aligned_at_mid_exposure():
+    """A snapshot's figure comes from the same code, without a vertex."""
+    still = StillCamera(half_exposure=0.0021)
+    reference = _expected_psnr(still, RectShutter(), lambda s: 0.0)
+    assert abs(float(evaluate(SCENE, still, RectShutter()).expected_psnr) - reference) < 2e-3
+
+
+def test_no_acceleration_is_a_camera_at_rest():
+    """A parabola of no acceleration is measured as the still camera that it is."""
+    parked = ParabolicMotion(acceleration=0.0, half_exposure=0.0021)
+    still = StillCamera(half_exposure=0.0021)
+    first, second = (evaluate(SCENE, motion, SHUTTER) for motion in (parked, still))
+    assert jax.tree.all(jax.tree.map(lambda x, y: bool(x == y), first, second))
+
+
+def test_kernel_difference_is_the_rms_over_the_taps_reached():
+    """Raw and relative difference follow from public kernels."""
+    count = int(np.ceil(31.0 * (1 + 2100 / float(MOTION.top_speed)) ** 2))
+    kernels = [np.asarray(blur_kernel(SHUTTER, MOTION, speed=s, num_taps=count)) for s in SPEEDS]
+    still = np.asarray(blur_kernel(SHUTTER, MOTION, num_taps=count))
+    square = sum(
+        p * np.mean((h - still) ** 2) for p, h in zip(WEIGHTS, kernels, strict=True)
+    )
+    metrics = evaluate(SCENE, MOTION, SHUTTER)
+    assert np.isclose(metrics.kernel_difference, np.sqrt(square), rtol=1e-12)
+    relative = np.sqrt(square / np.mean(still**2))
+    assert np.isclose(metrics.relative_kernel_difference, relative, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("shutter", "published"), [(RectShutter(), 9.27), (HannShutter(), 4.44)])
+def test_published_condition_numbers(shutter, published):
+    """The paper's table comes out of public functions at stroke 45, phase 0, speed 0."""
+    motion = ParabolicMotion(acceleration=45 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+    kernel = blur_kernel(shutter, motion, num_taps=45)
+    assert abs(float(condition_number(kernel)) - published) < 0.01
+
+
+def test_published_condition_number_of_the_flutter_shutter():
+    """Raskar's code on an object of one pixel a chip gives 19.57 over 256 frequencies."""
+    still = StillCamera(half_exposure=HALF_EXPOSURE)
+    kernel = binned_exposure(
+        ChippedShutter(RASKAR_CODE),
+        still,
+        speed=26 / HALF_EXPOSURE,
+        edges=jnp.arange(-26.0, 27.0),
+    )
+    assert abs(float(condition_number(kernel, num_frequencies=256)) - 19.57) < 0.01
+
+
+def test_no_design_exceeds_the_wedge_bound_everywhere():
+    """The worst case over speeds in [-S, S] stays below the bound."""
+    scene = Scene.uniform(max_speed=2000.0, num_speeds=9, photon_rate=1e5, read_noise=5.0)
+    for shutter in (RectShutter(), HannShutter(), SHUTTER):
+        assert 0 < float(evaluate(scene, MOTION, shutter).bound_share) < 1
+
+
+def test_the_vertex_alignment_changes_no_power():
+    """The response on the grid has the modulus of the public transfer function."""
+    plan = Plan(64, 256, 64, 512)
+    response = respond(SCENE, MOTION, SHUTTER, plan, kernels=False)
+    frequency = frequency_grid(64, np.dtype(np.float64))
+    public = jax.vmap(
+        lambda s: transfer_function(SHUTTER, MOTION, speed=s, frequency=frequency)
+    )(SCENE.speeds)
+    assert np.max(np.abs(np.abs(response.spectra) - np.abs(public))) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("rate", "noise", "shutter"),
+    [
+        (0.0, 0.0, SHUTTER),
+        (0.0, 5.0, SHUTTER),
+        (1e12, 0.0, SHUTTER),
+        (1e5, 0.0, ChippedShutter(np.zeros(4))),
+        (1e5, 5.0, ChippedShutter(np.zeros(4))),
+    ],
+)
+def test_extremes_of_light_and_noise_give_finite_errors(rate, noise, shutter):
+    """Without light, or noise, or an open shutter, value and gradient stay finite."""
+
+    def error(half_exposure, read_noise):
+        scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=read_noise)
+        motion = ParabolicMotion(acceleration=MOTION.acceleration, half_exposure=half_exposure)
+        response = respond(scene, motion, shutter, Plan(64, 256, 64, 256), kernels=False)
+        return expected_squared_error(scene, motion, response)
+
+    value, gradient = jax.value_and_grad(error, argnums=(0, 1))(HALF_EXPOSURE, noise)
+    assert np.isfinite(value)
+    assert np.all(np.isfinite(gradient))
+    assert 0 <= float(value) <= 0.2**2 * (1 + 1e-12)
+
+
+def test_a_closed_shutter_has_an_infinite_condition_number():
+    """Nothing gets through, and that is said by a number, not by NaN."""
+    metrics = evaluate(SCENE, MOTION, ChippedShutter(np.zeros(3)))
+    assert np.isposinf(metrics.condition_number)
+    assert not any(np.isnan(x) for x in jax.tree.leaves(metrics))
+
+
+def test_single_precision_is_kept():
+    """Inputs of float32 give metrics of float32 that agree with float64."""
+    half = np.float32(HALF_EXPOSURE)
+    motion = ParabolicMotion(acceleration=np.float32(31.0) / half**2, half_exposure=half)
+    scene = Scene(
+        SPEEDS.astype(np.float32),
+        WEIGHTS.astype(np.float32),
+        photon_rate=np.float32(7e4),
+        read_noise=np.float32(6),
+        mean_level=np.float32(0.25),
+        deviation=np.float32(0.2),
+    )
+    single = evaluate(scene, motion, HannShutter())
+    double = evaluate(SCENE, MOTION, HannShutter())
+    for name in ("condition_number", "efficiency", "expected_psnr", "bound_share"):
+        assert getattr(single, name).dtype == np.float32
+        assert np.isclose(getattr(single, name), getattr(double, name), rtol=2e-3)
