@@ -199,7 +199,7 @@ _PARAMETER_OF: dict[type[AbstractShutter], str | None] = {
 
 
 def _from_dict(data: dict[str, Any]) -> Design:
-    shutter = _shutter_from_dict(data["shutter"])
+    shutter = shutter_from_dict(data["shutter"])
     motion = _motion_from_dict(data["motion"])
     scene_data = {
         name: np.array(value) if isinstance(value, list) else value
@@ -223,7 +223,12 @@ def _from_dict(data: dict[str, Any]) -> Design:
     )
 
 
-def _shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
+def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
+    """The shutter that `shutter_to_dict` wrote.
+
+    Raises:
+        ValueError: if its kind is not known.
+    """
     kinds = {kind.__name__: kind for kind in _PARAMETER_OF}
     known = data["kind"] in kinds
     require(known, "Design.load(shutter kind)", f"be one of {', '.join(kinds)}", data["kind"])

@@ -9,6 +9,7 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter.motion import AbstractMotion
 from mishutter.types import (
+    RowLike,
     as_float,
     is_concrete,
     require,
@@ -104,14 +105,14 @@ class Scene(eqx.Module):
 
     def __init__(
         self,
-        speeds: ArrayLike,
-        weights: ArrayLike | None = None,
+        speeds: RowLike,
+        weights: RowLike | None = None,
         *,
         photon_rate: ArrayLike,
         read_noise: ArrayLike,
         mean_level: ArrayLike = DEFAULT_MEAN,
         deviation: ArrayLike = DEFAULT_DEVIATION,
-        power_spectrum: ArrayLike | None = None,
+        power_spectrum: RowLike | None = None,
         limits: Limits | None = None,
         motion: AbstractMotion | None = None,
         picture: str | None = None,

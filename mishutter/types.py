@@ -13,6 +13,7 @@
 """
 
 import math
+from collections.abc import Sequence
 
 import jax
 import jax.core
@@ -24,6 +25,8 @@ Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
 ComplexArray = Complex[Array, "..."]
 FloatArray = Float[Array, "..."]
+RowLike = ArrayLike | Sequence[float]
+"""An array, or a plain list of numbers."""
 
 
 def is_concrete(value: object) -> bool:
@@ -31,7 +34,7 @@ def is_concrete(value: object) -> bool:
     return not isinstance(value, jax.core.Tracer)
 
 
-def common_dtype(*values: ArrayLike) -> np.dtype:
+def common_dtype(*values: RowLike) -> np.dtype:
     """Floating dtype that the arrays among `values` share; JAX's default without any.
 
     Python numbers adapt to the arrays beside them, and a mix of precisions
@@ -45,7 +48,7 @@ def common_dtype(*values: ArrayLike) -> np.dtype:
     return np.dtype(jax.dtypes.canonicalize_dtype(widest))
 
 
-def as_float(value: ArrayLike) -> Array:
+def as_float(value: RowLike) -> Array:
     """`value` as a floating array: its own precision if it has one, JAX's default if not."""
     return jnp.asarray(value, dtype=common_dtype(value))
 
@@ -56,7 +59,7 @@ def require(holds: bool, subject: str, requirement: str, got: object) -> None:
         raise ValueError(f"`{subject}` must {requirement}; got {describe(got)}.")
 
 
-def require_finite(subject: str, value: ArrayLike) -> None:
+def require_finite(subject: str, value: RowLike) -> None:
     """Refuse a NaN or an infinity where it can be seen before tracing."""
     if is_concrete(value):
         require(bool(np.all(np.isfinite(np.asarray(value)))), subject, "be finite", value)

@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter.doubleword import DoubleWord
 from mishutter.shutters.base import AbstractAdjustableShutter, uniform_breakpoints
-from mishutter.types import as_float, common_dtype, is_concrete, require
+from mishutter.types import RowLike, as_float, common_dtype, is_concrete, require
 
 RASKAR_CODE = np.array(
     [int(c) for c in "1010000111000001010000110011110111010111001001100111"], dtype=np.float64
@@ -32,7 +32,7 @@ class ChippedShutter(AbstractAdjustableShutter):
     panels_per_piece: ClassVar[int] = 1
     linear: ClassVar[bool] = True
 
-    def __init__(self, transmittances: ArrayLike):
+    def __init__(self, transmittances: RowLike):
         self.transmittances = as_float(transmittances)
 
     def __check_init__(self) -> None:

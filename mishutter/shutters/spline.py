@@ -21,6 +21,7 @@ from mishutter.shutters.polynomial import (
     split_control,
 )
 from mishutter.types import (
+    RowLike,
     as_float,
     common_dtype,
     require,
@@ -60,7 +61,7 @@ class SplineShutter(AbstractAdjustableShutter):
 
     def __init__(
         self,
-        parameters: ArrayLike,
+        parameters: RowLike,
         *,
         symmetric: bool = False,
         num_coefficients: int | None = None,

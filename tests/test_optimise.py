@@ -1,0 +1,148 @@
+"""The search: never worse than its starts, the same minimum by another solver, honest ends."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers_design import LIMITS, MOTION, SCENE, SMALL
+
+from mishutter import (
+    AbstractLoss,
+    DesignLoss,
+    ExpectedErrorLoss,
+    HannShutter,
+    NonFiniteLossError,
+    Outcome,
+    RectShutter,
+    SearchFailedError,
+    SplineShutter,
+    StillCamera,
+    TukeyShutter,
+    optimise,
+)
+from mishutter.design_space import design_space
+from mishutter.objective import DesignObjective, LinearObjective, objective_of
+from mishutter.optimise import start_boxes
+from mishutter.plan import needed_speeds
+from mishutter.solvers import losses_at, polish, projected_gradient_norm
+
+PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)
+LOSSES = {"design": DesignLoss(), "expected_error": ExpectedErrorLoss()}
+
+
+def _objective(loss, free, shutter=PROFILE):
+    space = design_space(SCENE, MOTION, shutter, free)
+    return space, objective_of(loss, needed_speeds(SCENE, shutter), space, SMALL)
+
+
+@pytest.mark.parametrize("slug", LOSSES)
+def test_the_sum_of_responses_is_the_loss_itself(slug):
+    """The precomputed form of a profile search agrees with the loss of each design."""
+    space, linear = _objective(LOSSES[slug], ("shutter",))
+    assert isinstance(linear, LinearObjective)
+    direct = DesignObjective(LOSSES[slug], SCENE.bare(), space, SMALL)
+    boxes = start_boxes(space, 4, seed=3)
+    values = [float(direct(jnp.asarray(box))) for box in boxes]
+    assert np.allclose(losses_at(linear, boxes), values, rtol=1e-11)
+
+
+@pytest.mark.parametrize("slug", LOSSES)
+def test_an_independent_solver_finds_the_same_minimum(slug):
+    """jaxopt's box-constrained solver, from its own starts, agrees to 1e-3 of the loss."""
+    design = optimise(
+        SCENE, MOTION, PROFILE, loss=LOSSES[slug], free="shutter", num_starts=12, plan=SMALL
+    )
+    space, objective = _objective(LOSSES[slug], ("shutter",))
+    rivals = [
+        polish(objective, box, max_steps=400).loss for box in start_boxes(space, 12, seed=99)[1:]
+    ]
+    assert abs(design.loss - min(rivals)) < 1e-3 * min(rivals)
+    assert design.loss <= design.best_start_loss
+    assert design.converged, design.outcome
+    assert np.all(np.diff(design.history) <= 0)
+
+
+def test_a_joint_search_keeps_every_bound():
+    """Stroke, top speed and exposure stay within their limits, and the best start is kept."""
+    design = optimise(
+        SCENE, MOTION, PROFILE, loss=ExpectedErrorLoss(), num_starts=4, max_steps=40, plan=SMALL
+    )
+    assert float(design.motion.stroke) <= float(LIMITS.max_stroke) * (1 + 1e-12)
+    assert float(design.motion.top_speed) <= float(LIMITS.max_top_speed) * (1 + 1e-12)
+    half = float(design.motion.half_exposure)
+    assert float(LIMITS.min_half_exposure) <= half <= float(LIMITS.max_half_exposure)
+    assert design.loss <= design.best_start_loss
+    tau = jnp.linspace(-1, 1, 301)
+    profile = design.shutter.transmittance(tau)
+    assert bool(jnp.all((profile >= 0) & (profile <= 1)))
+
+
+def test_each_baseline_has_its_own_best_motion():
+    """Tuned by one loss: free profile <= best Tukey <= Hann and rect."""
+    loss = ExpectedErrorLoss()
+    fixed = ("acceleration", "half_exposure")
+    hann = optimise(SCENE, MOTION, HannShutter(), loss=loss, free=fixed, plan=SMALL)
+    rect = optimise(SCENE, MOTION, RectShutter(), loss=loss, free=fixed, plan=SMALL)
+    tukey = optimise(SCENE, MOTION, TukeyShutter(0.5), loss=loss, plan=SMALL)
+    assert tukey.loss <= min(hann.loss, rect.loss) * (1 + 1e-9)
+
+
+def test_the_best_snapshot_moves_about_a_pixel():
+    """One known speed and bright light: 1.09 px of motion (Tendero et al. 2013)."""
+    scene = type(SCENE)([1500.0], photon_rate=1e7, read_noise=0.0, limits=LIMITS)
+    still = StillCamera(half_exposure=1e-3)
+    found = optimise(
+        scene, still, RectShutter(), loss=ExpectedErrorLoss(), free="half_exposure", plan=SMALL
+    )
+    assert 0.6 < 1500 * float(found.motion.exposure) < 1.6
+
+
+class _NotFinite(AbstractLoss):
+    """The root of a value that is exactly zero: finite, with an infinite derivative."""
+
+    def __call__(self, scene, motion, shutter, *, plan=None):
+        return jnp.sqrt(jnp.maximum(shutter.efficiency() - 2, 0.0)) + motion.stroke * 0
+
+
+@pytest.mark.parametrize("shutter", [PROFILE, TukeyShutter(0.3)], ids=["spline", "tukey"])
+def test_a_gradient_that_is_not_finite_is_an_error(shutter):
+    """Never a silent stall: the search stops and names what is wrong."""
+    with pytest.raises(NonFiniteLossError, match="must be finite; got a NaN or an infinity"):
+        optimise(SCENE, MOTION, shutter, loss=_NotFinite(), free="shutter", plan=SMALL)
+
+
+def test_a_search_that_is_cut_short_says_so():
+    """Steps used up: `throw` raises, otherwise the outcome is a sentence."""
+    arguments = {"loss": DesignLoss(), "free": "shutter", "num_starts": 2, "max_steps": 1}
+    design = optimise(SCENE, MOTION, PROFILE, plan=SMALL, **arguments)
+    assert not design.converged
+    assert design.outcome in {Outcome.STEPS_USED.value, Outcome.STALLED.value}
+    assert design.loss <= design.best_start_loss
+    with pytest.raises(SearchFailedError, match="The search"):
+        optimise(SCENE, MOTION, PROFILE, plan=SMALL, throw=True, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"free": ()}, "name some of"),
+        ({"free": ("profile",)}, "name some of"),
+        ({"free": "shutter", "shutter": HannShutter()}, "have parameters"),
+        ({"motion": StillCamera(half_exposure=1e-3)}, "leave a still camera at rest"),
+        ({"num_starts": 0}, "be a positive integer"),
+        ({"max_steps": 2.5}, "be a positive integer"),
+        ({"loss": 3}, "be a loss"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused(arguments, text):
+    """Each mistake in the call is one line that names the argument."""
+    call = {"motion": MOTION, "shutter": PROFILE, "loss": DesignLoss()} | arguments
+    motion, shutter = call.pop("motion"), call.pop("shutter")
+    with pytest.raises(ValueError, match=text):
+        optimise(SCENE, motion, shutter, **call)
+
+
+def test_certificate_is_zero_at_a_corner_that_pushes_outwards():
+    """A gradient out of the box certifies its corner; one into it does not."""
+    corner = np.array([0.0, 1.0])
+    assert projected_gradient_norm(corner, np.array([2.0, -3.0])) == 0
+    assert projected_gradient_norm(corner, np.array([-0.25, -3.0])) == 0.25
