@@ -19,6 +19,7 @@ from mishutter.kernel import binned_exposure as binned_exposure
 from mishutter.kernel import blur_kernel as blur_kernel
 from mishutter.layers import Layer as Layer
 from mishutter.layers import Layers as Layers
+from mishutter.layers_file import read_layers as read_layers
 from mishutter.losses import AbstractLoss as AbstractLoss
 from mishutter.losses import DesignLoss as DesignLoss
 from mishutter.losses import ExpectedErrorLoss as ExpectedErrorLoss
@@ -38,14 +39,16 @@ from mishutter.pictures import row_power_spectrum as row_power_spectrum
 from mishutter.pictures import write_picture as write_picture
 from mishutter.quality import Quality as Quality
 from mishutter.quality import ghost_energy as ghost_energy
+from mishutter.quality import measure_quality as measure_quality
 from mishutter.quality import psnr as psnr
-from mishutter.quality import quality as quality
 from mishutter.quality import ssim as ssim
 from mishutter.restoration import RestoredPhotograph as RestoredPhotograph
 from mishutter.restoration import deconvolve as deconvolve
 from mishutter.restoration import restore_photograph as restore_photograph
 from mishutter.scene import Limits as Limits
 from mishutter.scene import Scene as Scene
+from mishutter.scene_file import example_scene as example_scene
+from mishutter.scene_file import read_scene as read_scene
 from mishutter.shutters import RASKAR_CODE as RASKAR_CODE
 from mishutter.shutters import AbstractAdjustableShutter as AbstractAdjustableShutter
 from mishutter.shutters import AbstractPiecewiseShutter as AbstractPiecewiseShutter
@@ -58,6 +61,8 @@ from mishutter.shutters import SplineShutter as SplineShutter
 from mishutter.shutters import TriangleShutter as TriangleShutter
 from mishutter.shutters import TukeyShutter as TukeyShutter
 from mishutter.simulate import simulate_capture as simulate_capture
+from mishutter.simulation import Simulation as Simulation
+from mishutter.simulation import capture_and_restore as capture_and_restore
 from mishutter.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.spectrum import condition_number as condition_number
 from mishutter.spectrum import transfer_function as transfer_function

@@ -84,7 +84,7 @@ def ssim(reference: ArrayLike, estimate: ArrayLike, *, matte: ArrayLike | None =
     return float(parts[0] if matte is None else np.mean(_weighted(parts[1], matte)))
 
 
-def quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -> Quality:
+def measure_quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -> Quality:
     """All figures of a restored picture, with and without `border` columns at either end.
 
     Args:
@@ -95,11 +95,11 @@ def quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -> Qualit
     Raises:
         ValueError: if the shapes differ or nothing is left between the borders.
     """
-    require_positive_int("quality(border=...)", border)
-    true, found = _pair("quality", reference, estimate)
+    require_positive_int("measure_quality(border=...)", border)
+    true, found = _pair("measure_quality", reference, estimate)
     columns = true.shape[1]
     fits = columns >= 2 * border + 7
-    require(fits, "quality(border=...)", f"leave 7 of the {columns} columns", border)
+    require(fits, "measure_quality(border=...)", f"leave 7 of the {columns} columns", border)
     inner = np.s_[:, border : columns - border]
     outer = np.r_[0:border, columns - border : columns]
     return Quality(

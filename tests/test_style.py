@@ -11,10 +11,10 @@ import mishutter
 PACKAGE = Path(mishutter.__file__).parent
 
 LAYERS = """
-__init__ __main__ cli tables figures plots
-sweep reproduce restoration compare optimise solvers objective design_space design losses decoders
+__init__ __main__ cli tables figures reproduce reproduce_page reproduce_figures plots
+sweep simulation restoration compare optimise solvers objective design_space design losses decoders
 metrics
-simulate layers frames cells quality noise rows response plan
+simulate layers_file layers frames cells quality noise rows response plan
 scene_file scene_schema pictures png scene spectrum descent kernel path motion shutters
 doubleword files types
 """.split()
