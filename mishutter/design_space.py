@@ -8,6 +8,8 @@ the fastest object, $a = S/(2T)$, and the largest that
 $aT^2 \le$ stroke and $2aT \le$ top speed allow.
 """
 
+from collections.abc import Iterable
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -109,7 +111,7 @@ class DesignSpace(eqx.Module):
 
 
 def design_space(
-    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, free: tuple[str, ...]
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, free: str | Iterable[str]
 ) -> DesignSpace:
     """The space of what `free` names, within the scene's limits.
 

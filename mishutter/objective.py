@@ -55,7 +55,7 @@ class LinearObjective(AbstractObjective):
     plan: Plan = eqx.field(static=True)
 
     def __call__(self, box: Array) -> Array:
-        response = jax.tree.map(lambda part: jnp.tensordot(box, part, 1), self.basis)
+        response = _joined(jax.tree.map(lambda part: jnp.tensordot(box, part, 1), self.basis))
         return self.loss.of_response(self.scene, self.motion, response, self.plan)
 
 
@@ -76,6 +76,20 @@ def _basis(
 ) -> Response:
     def of_coordinate(box: Array) -> Response:
         shutter, motion = space.at(box)
-        return respond(scene, motion, shutter, plan, kernels=needs_kernels, spectra=needs_spectra)
+        response = respond(
+            scene, motion, shutter, plan, kernels=needs_kernels, spectra=needs_spectra
+        )
+        return _parted(response)
 
     return jax.vmap(of_coordinate)(jnp.eye(space.size, dtype=space.max_speed.dtype))
+
+
+def _parted(response: Response) -> Response:
+    """Transfer functions as real and imaginary part, which real weights may multiply."""
+    parts = jnp.stack([response.spectra.real, response.spectra.imag])
+    return eqx.tree_at(lambda r: r.spectra, response, parts)
+
+
+def _joined(response: Response) -> Response:
+    spectra = jax.lax.complex(response.spectra[0], response.spectra[1])
+    return eqx.tree_at(lambda r: r.spectra, response, spectra)

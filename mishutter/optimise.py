@@ -1,5 +1,6 @@
 """The design search: many starts, a polish, and an honest end."""
 
+from collections.abc import Iterable
 from enum import Enum
 from functools import lru_cache, reduce
 
@@ -52,7 +53,7 @@ def optimise(
     shutter: AbstractShutter,
     *,
     loss: AbstractLoss,
-    free: tuple[str, ...] = FREE_NAMES,
+    free: str | Iterable[str] = FREE_NAMES,
     num_starts: int = 16,
     seed: int = 0,
     max_steps: int = 300,

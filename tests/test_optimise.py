@@ -129,8 +129,7 @@ def test_a_search_that_is_cut_short_says_so():
         ({"free": "shutter", "shutter": HannShutter()}, "have parameters"),
         ({"motion": StillCamera(half_exposure=1e-3)}, "leave a still camera at rest"),
         ({"num_starts": 0}, "be a positive integer"),
-        ({"max_steps": 2.5}, "be a positive integer"),
-        ({"loss": 3}, "be a loss"),
+        ({"max_steps": -3}, "be a positive integer"),
     ],
 )
 def test_what_cannot_be_searched_is_refused(arguments, text):
