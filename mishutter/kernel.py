@@ -18,9 +18,10 @@ from jaxtyping import Array, ArrayLike
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
 from mishutter.path import Path, path, speed_at
-from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter
+from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter, within_unit
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import (
+    RowLike,
     common_dtype,
     is_concrete,
     require,
@@ -81,7 +82,7 @@ def blur_kernel(
 
 
 def binned_exposure(
-    shutter: AbstractShutter, motion: AbstractMotion, *, speed: ArrayLike, edges: ArrayLike
+    shutter: AbstractShutter, motion: AbstractMotion, *, speed: ArrayLike, edges: RowLike
 ) -> Array:
     r"""Exposure between given positions on the sensor, relative to mid-exposure.
 
@@ -121,17 +122,17 @@ def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
     return jnp.where(moving, reach**2 / (4 * jnp.where(moving, motion.acceleration, 1.0)), 0.0)
 
 
-def _check_edges(edges: ArrayLike) -> None:
+def _check_edges(edges: RowLike) -> None:
     subject = "binned_exposure(edges=...)"
-    require(jnp.ndim(edges) == 1, subject, "be one row", f"shape {jnp.shape(edges)}")
-    require(jnp.size(edges) >= 2, subject, "hold at least two edges", jnp.size(edges))
+    require(np.ndim(edges) == 1, subject, "be one row", f"shape {np.shape(edges)}")
+    require(np.size(edges) >= 2, subject, "hold at least two edges", np.size(edges))
     require_finite(subject, edges)
     if is_concrete(edges):
         ascending = bool(np.all(np.diff(np.asarray(edges)) >= 0))
         require(ascending, subject, "ascend", edges)
 
 
-def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: ArrayLike) -> np.dtype:
+def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: RowLike) -> np.dtype:
     return common_dtype(*jax.tree.leaves((shutter, motion)), *values)
 
 
@@ -242,7 +243,7 @@ def _light(
     start = jnp.stack([far[:, 0], near[:, 1]], axis=1)
     remaining = jnp.stack([near[:, 0], far[:, 1]], axis=1)
     mean = profile.piece_mean(start, width, remaining)
-    return jnp.sum(width * _within_unit(mean), axis=(0, 1))
+    return jnp.sum(width * within_unit(mean), axis=(0, 1))
 
 
 def _time(distance: Array, before: Array, after: Array, stroke: Array) -> Array:
@@ -263,11 +264,6 @@ def _time(distance: Array, before: Array, after: Array, stroke: Array) -> Array:
 def _distance(x: DoubleWord, y: DoubleWord) -> Array:
     """`x - y` to single precision: the difference of the high parts loses nothing."""
     return (x.high - y.high) + (x.low - y.low)
-
-
-def _within_unit(mean: Array) -> Array:
-    """Undo a last-digit excursion from [0, 1] and leave the derivative alone."""
-    return mean + jax.lax.stop_gradient(jnp.clip(mean, 0, 1) - mean)
 
 
 def _bring_inside(edge: Array, track: Path) -> Array:

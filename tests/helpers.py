@@ -28,6 +28,10 @@ FORWARD_AGAINST_REVERSE = 1e-12
 ROUNDING = 1e-14
 """Two compilations of the same formula."""
 
+MAX_STROKE = {np.float64: 8, np.float32: 6}
+"""Decades of px. Twice the bits of float32 hold a position on a longer path to 1e-6 px and
+more, which is the bound itself where a profile vanishes at the far end of the path."""
+
 NUM_TAPS = 16
 ARGUMENTS = ("acceleration", "half_exposure", "speed", "position", "shutter")
 
@@ -61,7 +65,7 @@ def random_point(rng, dtype=np.float64, slug=None):
     slug = slug or str(rng.choice(list(SHUTTERS)))
     frame = str(rng.choice(["vertex", "sensor"]))
     still = frame == "sensor" and rng.random() < 0.1
-    stroke = 0.0 if still else 10 ** rng.uniform(-12, 8)
+    stroke = 0.0 if still else 10 ** rng.uniform(-12, MAX_STROKE[dtype])
     T = dtype(10 ** rng.uniform(-9, 5))
     a = dtype(stroke / float(T) / float(T))
     special = [0.0, 1.0, 0.5, 1 / 26, 3 / 7, 1 - 2 / 21]
@@ -201,8 +205,9 @@ def tap_error(taps, exact, dtype):
     if not np.all(np.isfinite(taps)):
         return np.nan
     relative, of_largest = TAP_RELATIVE[dtype], TAP_OF_LARGEST[dtype]
+    floor = mp.mpf(float(np.finfo(dtype).tiny))
     return max(
-        float(abs(mp.mpf(float(h)) - r) / max(relative * r, of_largest * largest))
+        float(abs(mp.mpf(float(h)) - r) / max(relative * r, of_largest * largest, floor))
         for h, r in zip(taps, exact, strict=True)
     )
 

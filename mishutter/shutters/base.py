@@ -5,6 +5,7 @@ from fractions import Fraction
 from functools import lru_cache
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
@@ -98,3 +99,8 @@ def uniform_breakpoints(num_pieces: int, dtype: np.dtype) -> DoubleWord:
     high = np.array([float(x) for x in exact]).astype(dtype)
     low = [float(x - Fraction(float(h))) for x, h in zip(exact, high, strict=True)]
     return DoubleWord(jnp.asarray(high), jnp.asarray(np.array(low, dtype)))
+
+
+def within_unit(value: Array) -> Array:
+    """Undo a last-digit excursion from [0, 1] and leave the derivative alone."""
+    return value + jax.lax.stop_gradient(jnp.clip(value, 0, 1) - value)

@@ -13,6 +13,7 @@ from mishutter.shutters.base import (
     AbstractAdjustableShutter,
     AbstractShutter,
     uniform_breakpoints,
+    within_unit,
 )
 from mishutter.shutters.polynomial import (
     bernstein_mean,
@@ -97,7 +98,7 @@ class SplineShutter(AbstractAdjustableShutter):
         position = (jnp.clip(tau, -1, 1) + 1) * (count / 2)
         piece = jnp.clip(position.astype(jnp.int32), 0, count - 1)
         value = bernstein_value(split_control(control[piece]), position - piece.astype(tau.dtype))
-        return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
+        return jnp.where(jnp.abs(tau) <= 1, within_unit(value), jnp.zeros_like(value))
 
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.parameters.dtype)

@@ -92,6 +92,9 @@ class TriangleShutter(AbstractPiecewiseShutter):
 class GaussianShutter(AbstractAdjustableShutter):
     r"""$w(\tau) = \exp(-\tau^2 / 2\sigma^2)$, cut off at $\pm 1$.
 
+    Far out on a narrow profile a tap is as exact as time is: its relative error is
+    $\tau/\sigma^2$ roundings, of no matter in float64.
+
     Args:
         sigma: $\sigma$, in units of $\tau$; from 0.05 to 5.
 

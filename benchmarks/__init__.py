@@ -1,0 +1,1 @@
+"""Run time against error: each script answers one question, runs alone and stores every sample."""

@@ -1,0 +1,33 @@
+"""`python -m benchmarks`: every benchmark, and `RESULTS.md` from what they printed."""
+
+import importlib
+import sys
+
+from benchmarks import harness
+
+ALL = ("accuracy", "kernel", "gradient", "design", "scaling")
+
+
+def assemble() -> None:
+    """Write `RESULTS.md` from the sections that exist."""
+    kept = [harness.RESULTS / f"{name}.md" for name in ALL]
+    machine = harness.environment()
+    head = (
+        "# Results\n\nWritten by `python -m benchmarks`; every sample is in `results/`.\n"
+        f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, "
+        f"jax {machine['versions']['jax']}, double precision unless said otherwise; load "
+        f"{machine['load']:.1f} when written. Times are the least of up to 20 runs.\n"
+    )
+    sections = [path.read_text() for path in kept if path.exists()]
+    (harness.RESULTS.parent / "RESULTS.md").write_text("\n".join([head, *sections]))
+
+
+def main() -> None:
+    """Run those named on the command line, or all."""
+    for name in sys.argv[1:] or ALL:
+        importlib.import_module(f"benchmarks.{name}").main()
+    assemble()
+
+
+if __name__ == "__main__":
+    main()

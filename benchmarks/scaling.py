@@ -1,0 +1,123 @@
+"""How do time and memory traffic grow with taps, speeds and designs?
+
+Value and gradient of the kernel of a 24-coefficient spline, over four decades of each,
+beside a measured floor: a loop over as many numbers that evaluates one cubic a tap and a
+piece, the least that any exact method must do.
+"""
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+
+from benchmarks import harness  # noqa: E402
+from mishutter import ParabolicMotion, SplineShutter, blur_kernel  # noqa: E402
+
+PARAMETERS = 0.5 + 0.4 * np.sin(1.7 * np.arange(24))
+BASE = {"taps": 64, "speeds": 1, "designs": 1}
+COUNTS = {
+    "taps": (10, 100, 1000, 10_000, 100_000),
+    "speeds": (1, 10, 100, 1000, 10_000),
+    "designs": (1, 10, 100, 1000, 10_000),
+}
+MEMORY = 3e9
+"""Bytes; a batch that needs more is run in slices of what fits, as `optimise` does."""
+
+
+def kernel_sum(parameters, speed, taps):
+    """A scalar of one kernel, so that value and gradient can be compared."""
+    motion = ParabolicMotion(acceleration=0.8 * taps, half_exposure=1.0)
+    kernel = blur_kernel(SplineShutter(parameters), motion, speed=speed, num_taps=taps)
+    return jnp.sum(kernel**2)
+
+
+def batched(function, axis, count, taps):
+    """`function` over the axis under study, in slices that fit memory."""
+    slice_size = max(1, int(MEMORY / (21 * 2 * taps * 8 * 40)))
+    parameters, speeds = jnp.asarray(PARAMETERS), jnp.linspace(-0.3, 0.3, max(count, 2))
+    if axis == "taps":
+        return jax.jit(lambda: function(parameters, 0.2, taps))
+    if axis == "speeds":
+        return jax.jit(
+            lambda: jax.lax.map(
+                lambda s: function(parameters, s, taps), speeds[:count], batch_size=slice_size
+            )
+        )
+    designs = parameters[None] + 1e-3 * jnp.sin(jnp.arange(count * 24.0)).reshape(count, 24)
+    return jax.jit(
+        lambda: jax.lax.map(lambda p: function(p, 0.2, taps), designs, batch_size=slice_size)
+    )
+
+
+def floor(count):
+    """One cubic and one square root a tap: what is left if nothing is lost."""
+    x = jnp.linspace(0.1, 0.9, count)
+
+    def work(x):
+        root = jnp.sqrt(x)
+        return jnp.sum(((0.3 * root + 0.2) * root - 0.7) * root)
+
+    return jax.jit(lambda: work(x))
+
+
+def measure() -> list[dict]:
+    """A row a size; the other sizes stay at their base."""
+    rows = []
+    for axis, counts in COUNTS.items():
+        for count in counts:
+            taps = count if axis == "taps" else BASE["taps"]
+            total = taps * (1 if axis == "taps" else count)
+            gradient = jax.grad(kernel_sum, argnums=(0, 1))
+            for what, function in (("value", kernel_sum), ("gradient", gradient)):
+                row = {"axis": axis, "count": count, "what": what}
+                try:
+                    result = harness.timed(batched(function, axis, count, taps))
+                    result.pop("value")
+                except Exception as met:
+                    result = harness.failed(met)
+                least = harness.timed(floor(total))["best_s"]
+                rows.append({**row, "floor_s": least, **result})
+    return rows
+
+
+def picture(rows: list[dict]) -> None:
+    """Time against size on logarithmic axes; a straight line of slope one is linear."""
+    figure, panels = plt.subplots(1, 3, figsize=(12, 4), sharey=True, layout="constrained")
+    for panel, axis in zip(panels, COUNTS, strict=True):
+        for what, style in (("value", "ko-"), ("gradient", "ks--")):
+            chosen = [r for r in rows if (r["axis"], r["what"]) == (axis, what)]
+            x = [r["count"] for r in chosen]
+            panel.loglog(x, [1e3 * r["best_s"] for r in chosen], style, label=what)
+        panel.loglog(x, [1e3 * r["floor_s"] for r in chosen], ":", color="0.5", label="floor")
+        panel.set_xlabel(f"number of {axis}")
+        panel.grid(alpha=0.3)
+    panels[0].set_ylabel("run time, ms")
+    panels[0].legend()
+    harness.save_picture(figure, "scaling")
+    plt.close(figure)
+
+
+def main() -> None:
+    """Measure, store, print and draw."""
+    rows = measure()
+    harness.write("scaling", rows, base=BASE)
+    picture(rows)
+    shown = [
+        {
+            **r,
+            "best ms": 1e3 * r["best_s"],
+            "floor ms": 1e3 * r["floor_s"],
+            "ratio": r["best_s"] / r["floor_s"],
+        }
+        for r in rows
+    ]
+    columns = ["axis", "count", "what", "best ms", "floor ms", "ratio", "why"]
+    text = "## Scaling: taps, speeds, designs\n\n![scaling](results/scaling.png)\n\n"
+    harness.section("scaling", text + harness.table(shown, columns))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,148 @@
+"""A shutter stays in [0, 1], is nothing outside its exposure, and integrates to itself."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import MOTIONS, SHUTTERS
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mishutter
+from mishutter import (
+    AbstractShutter,
+    ChippedShutter,
+    GaussianShutter,
+    HannShutter,
+    ParabolicMotion,
+    SplineShutter,
+    TukeyShutter,
+    binned_exposure,
+    shutters,
+)
+from mishutter.motion import AbstractMotion
+from mishutter.shutters import AbstractAdjustableShutter, SampledShutter, piecewise
+
+EFFICIENCY = 1e-14
+"""A sum of a few dozen numbers below one."""
+INTERPOLATION = 1e-11
+"""Degree 5 on 64 pieces, for a smooth profile."""
+
+TAU = np.linspace(-1.2, 1.2, 241)
+
+
+def final_classes(module, base):
+    classes = {v for v in vars(module).values() if isinstance(v, type) and issubclass(v, base)}
+    return {c for c in classes if not c.__name__.startswith("Abstract")}
+
+
+def test_every_shutter_and_motion_is_among_the_cases():
+    """A class that is missing from the cases is a class that nothing tests."""
+    covered = {type(case.shutter()) for case in SHUTTERS.values()} | {SampledShutter}
+    assert covered == final_classes(shutters, AbstractShutter)
+    assert {type(m()) for m in MOTIONS.values()} == final_classes(mishutter, AbstractMotion)
+
+
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_transmittance_is_a_transmittance(slug):
+    """In [0, 1], zero outside the exposure, and of the argument's shape."""
+    value = np.asarray(SHUTTERS[slug].shutter().transmittance(TAU))
+    assert value.shape == TAU.shape
+    assert np.all((value >= 0) & (value <= 1))
+    assert np.all(value[np.abs(TAU) > 1] == 0)
+
+
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_efficiency_is_half_the_integral(slug):
+    """Against the reference's antiderivative."""
+    case = SHUTTERS[slug]
+    assert abs(float(case.shutter().efficiency()) - float(case.reference().total / 2)) < EFFICIENCY
+
+
+@pytest.mark.parametrize("slug", SHUTTERS)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_precision_follows_the_parameters(slug, dtype):
+    """A shutter of float32 parameters computes in float32, also with float64 switched on."""
+    shutter = SHUTTERS[slug].shutter(dtype)
+    assert shutter.transmittance(TAU.astype(dtype)).dtype == dtype
+    if SHUTTERS[slug].parameters.size:
+        assert shutter.efficiency().dtype == dtype
+
+
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_box_coordinates_rebuild_the_shutter(slug):
+    """`at(box())` is the same profile, for every shutter that a solver may move."""
+    shutter = SHUTTERS[slug].shutter()
+    if not isinstance(shutter, AbstractAdjustableShutter):
+        return
+    box = shutter.box()
+    assert np.all((box >= 0) & (box <= 1))
+    again = shutter.at(box).transmittance(TAU)
+    np.testing.assert_allclose(again, shutter.transmittance(TAU), atol=1e-13)
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=9, max_size=9))
+@settings(max_examples=30, deadline=None)
+def test_any_parameters_are_a_spline_shutter(parameters):
+    """Folding keeps the profile in [0, 1] wherever a solver steps."""
+    value = np.asarray(SplineShutter(np.array(parameters)).transmittance(TAU))
+    assert np.all((value >= 0) & (value <= 1))
+
+
+def test_splines_hold_a_rect_and_fit_a_hann():
+    """All ones are fully open, edges included; 24 coefficients follow a Hann to 2e-3."""
+    rect = SplineShutter(np.ones(9)).transmittance(np.array([-1.0, 0.3, 1.0]))
+    np.testing.assert_array_equal(rect, np.ones(3))
+    fit = SplineShutter.fit(HannShutter())
+    np.testing.assert_allclose(fit.transmittance(TAU), HannShutter().transmittance(TAU), atol=2e-3)
+    mirrored = SplineShutter.fit(TukeyShutter(0.4), 17, symmetric=True)
+    np.testing.assert_array_equal(mirrored.coefficients, np.asarray(mirrored.coefficients)[::-1])
+
+
+class OwnHann(AbstractShutter):
+    """A shutter as a user writes it: its transmittance alone."""
+
+    def transmittance(self, tau):
+        inside = jnp.abs(tau) <= 1
+        return jnp.where(inside, jnp.cos(jnp.pi / 2 * jnp.where(inside, tau, 0)) ** 2, 0.0)
+
+
+def test_a_shutter_of_ones_own_is_integrated():
+    """Through its interpolant, to what a smooth profile allows."""
+    motion = ParabolicMotion(acceleration=37.0, half_exposure=1.1)
+    edges = np.linspace(-8.0, 61.0, 24)
+    own = binned_exposure(OwnHann(), motion, speed=13.0, edges=edges)
+    exact = binned_exposure(HannShutter(), motion, speed=13.0, edges=edges)
+    np.testing.assert_allclose(own, exact, atol=INTERPOLATION)
+    assert abs(float(OwnHann().efficiency()) - 0.5) < INTERPOLATION
+    sampled = piecewise(OwnHann())
+    expected = HannShutter().transmittance(TAU)
+    np.testing.assert_allclose(sampled.transmittance(TAU), expected, atol=INTERPOLATION)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ChippedShutter(np.zeros((2, 3))), "must be one row of at least one chip"),
+        (lambda: ChippedShutter(np.zeros(0)), "must be one row of at least one chip"),
+        (lambda: ChippedShutter(np.array([0.2, 1.3])), r"must lie in \[0, 1\]"),
+        (lambda: ChippedShutter(np.array([0.2, np.nan])), r"must lie in \[0, 1\]"),
+        (lambda: GaussianShutter(0.01), r"must lie in \[0.05, 5.0\]"),
+        (lambda: TukeyShutter(1.2), r"must lie in \[0, 1\]"),
+        (lambda: TukeyShutter(np.array([0.1, 0.2])), "must be a scalar"),
+        (lambda: SplineShutter(np.ones(3)), "must be one row for at least 4 coefficients"),
+        (lambda: SplineShutter(np.array([0.1, 0.2, np.inf, 0.3])), "must be finite"),
+        (lambda: SplineShutter.fit(HannShutter(), 3), "must be at least 4"),
+        (lambda: SplineShutter.fit(HannShutter(), 0), "must be a positive integer"),
+    ],
+)
+def test_wrong_parameters_are_named(make, message):
+    """One sentence with the argument, what must hold and what came."""
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_efficiency_has_a_derivative():
+    """By a chip's transmittance it is that chip's share of the exposure."""
+    gradient = jax.grad(lambda w: ChippedShutter(w).efficiency())(jnp.full(5, 0.3))
+    np.testing.assert_allclose(gradient, np.full(5, 0.2), rtol=1e-14)
