@@ -8,12 +8,25 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mishutter.cli_camera import reproduce, simulate
+from mishutter.cli_options import (
+    FreeName,
+    JsonOption,
+    LossName,
+    LossOption,
+    OutOption,
+    SceneArgument,
+    SeedsOption,
+    ShuttersOption,
+    loss_of,
+    motion_of,
+    scene_of,
+)
 from mishutter.files import writable_folder
 from mishutter.terminal import (
     error_line,
@@ -40,43 +53,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-
-class LossName(Enum):
-    """Losses that `--loss` names."""
-
-    EXPECTED_ERROR = "expected-error"
-    DESIGN = "design"
-
-
-class FreeName(Enum):
-    """What `--free` names."""
-
-    SHUTTER = "shutter"
-    ACCELERATION = "acceleration"
-    HALF_EXPOSURE = "half_exposure"
-
-
-SceneArgument = Annotated[
-    Path | None,
-    typer.Argument(metavar="[SCENE.toml]", help="Scene file; the built-in scene without one."),
-]
-OutOption = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Folder for designs and pictures.")
-]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON document, and nothing else, on stdout.")
-]
-LossOption = Annotated[LossName, typer.Option("--loss", help="What is made small.")]
-SeedsOption = Annotated[
-    int,
-    typer.Option(
-        "--noise-seeds",
-        min=0,
-        max=1000,
-        help="Captures of the photograph at each speed; 0 leaves it out.",
-    ),
-]
 
 
 @app.callback()
@@ -111,12 +87,12 @@ def optimise(
     from mishutter.optimise import optimise as search
     from mishutter.optimise import starting_shutter
 
-    scene = _scene(scene_file)
-    chosen, names = _loss(loss), tuple(name.value for name in free or FreeName)
+    scene = scene_of(scene_file)
+    chosen, names = loss_of(loss), tuple(name.value for name in free or FreeName)
     with progress_bar("searching", max_steps) as update:
         design = search(
             scene,
-            _motion(scene),
+            motion_of(scene),
             starting_shutter(scene, num_coefficients),
             loss=chosen,
             free=names,
@@ -137,14 +113,7 @@ def compare(
         list[Path] | None,
         typer.Option("--design", metavar="FILE", help="Saved design; repeat for more."),
     ] = None,
-    shutters: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--shutter",
-            metavar="NAME[:VALUE]",
-            help="rect, hann, triangle, gaussian:0.4, tukey:0.5 or raskar; repeat for more.",
-        ),
-    ] = None,
+    shutters: ShuttersOption = None,
     out: OutOption = None,
     json: JsonOption = False,
     loss: LossOption = LossName.EXPECTED_ERROR,
@@ -156,31 +125,17 @@ def compare(
     from mishutter import report
     from mishutter.design import Design
 
-    scene = _scene(scene_file)
+    scene = scene_of(scene_file)
     saved = {path.stem: Design.load(path) for path in designs or []}
     given = {name: design.shutter for name, design in saved.items()}
     given |= {name: report.named_shutter(name) for name in shutters or []}
-    motion = next(iter(saved.values())).motion if len(saved) == 1 else _motion(scene)
-    result = _compared(scene, motion, given, _loss(loss), noise_seeds)
+    motion = next(iter(saved.values())).motion if len(saved) == 1 else motion_of(scene)
+    result = _compared(scene, motion, given, loss_of(loss), noise_seeds)
     _deliver(result, folder, json)
 
 
-def _scene(path: Path | None) -> "Scene":
-    from mishutter.scene_file import example_scene, read_scene
-
-    return example_scene() if path is None else read_scene(path)
-
-
-def _motion(scene: "Scene") -> "AbstractMotion":
-    if scene.motion is None:
-        raise ValueError("`[motion]` must be given; got nothing.")
-    return scene.motion
-
-
-def _loss(name: LossName) -> "AbstractLoss":
-    from mishutter.losses import DesignLoss, ExpectedErrorLoss
-
-    return DesignLoss() if name is LossName.DESIGN else ExpectedErrorLoss()
+app.command()(simulate)
+app.command()(reproduce)
 
 
 def _compared(

@@ -9,6 +9,7 @@ $aT^2 \le$ stroke and $2aT \le$ top speed allow.
 """
 
 from collections.abc import Iterable
+from typing import final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,6 +26,7 @@ _SLOWEST = 1e-2
 """Share of the largest acceleration that is explored where every object is at rest."""
 
 
+@final
 class DesignSpace(eqx.Module):
     """A unit box of designs around a shutter and a motion.
 

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from mishutter.files import write_bytes
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion
-from mishutter.pictures import to_display
+from mishutter.pictures import Picture, to_display
 from mishutter.response import aligned_kernel, kernel_phase
 from mishutter.restoration import RestoredPhotograph
 from mishutter.shutters.base import AbstractShutter
@@ -153,6 +153,21 @@ def plot_photograph(
         gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
         _show(panels[0, column], captured * gain, crop, f"{name}, captured\nat {nearest:g} px/s")
         _show(panels[1, column], result.restored[index], crop, f"restored, {level:.1f} dB")
+    return figure
+
+
+def plot_capture(seen: object, captured: np.ndarray, restored: np.ndarray) -> Figure:
+    """A capture beside what a decoder made of it, and the photograph if it was one."""
+    shown = {"captured": captured, "restored": restored}
+    if isinstance(seen, Picture):
+        shown = {"the scene, at rest": seen.light} | shown
+    rows, columns = captured.shape[:2]
+    width = 4.0
+    size = (len(shown) * width + 0.2, width * min(rows / columns, 3.0) + 0.6)
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(1, len(shown), squeeze=False)
+    for axes, (title, light) in zip(panels[0], shown.items(), strict=True):
+        _show(axes, light, (rows, columns), title)
     return figure
 
 

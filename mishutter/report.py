@@ -109,7 +109,7 @@ def photographs(
     """The scene's photograph captured and restored by every row's design and every decoder."""
     if scene.picture is None or num_seeds == 0:
         return {}
-    picture = _middle_rows(_picture(scene.picture))
+    picture = _middle_rows(scene_picture(scene.picture))
     results: dict[str, dict[str, RestoredPhotograph]] = {}
     for decoder_name, decoder in decoders().items():
         results[decoder_name] = {}
@@ -121,7 +121,13 @@ def photographs(
     return results
 
 
-def _picture(place: str) -> Picture:
+def scene_picture(place: str) -> Picture:
+    """The photograph that a scene names.
+
+    Raises:
+        OSError: if it cannot be read.
+        ValueError: if it is no picture.
+    """
     return example_picture() if place == EXAMPLE_PICTURE else read_picture(place)
 
 

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -75,6 +75,7 @@ def descend(
     return Descent(boxes, losses, lowest, int(np.sum(~np.asarray(state.done))))
 
 
+@final
 class _State(eqx.Module):
     theta: Array
     solver: Any

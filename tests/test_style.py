@@ -1,7 +1,6 @@
 """The rules of the house that a linter does not know, checked on the source text."""
 
 import ast
-import importlib
 from pathlib import Path
 
 import pytest
@@ -11,16 +10,16 @@ import mishutter
 PACKAGE = Path(mishutter.__file__).parent
 
 LAYERS = """
-__init__ __main__ cli tables figures reproduce reproduce_page reproduce_figures plots
+__init__ __main__ cli cli_camera cli_options report reproduce reproduce_page reproduce_figures plots
 sweep simulation restoration compare optimise solvers objective design_space design losses decoders
 metrics
 simulate layers_file layers frames cells quality noise rows response plan
 scene_file scene_schema pictures png scene spectrum descent kernel path motion shutters
-doubleword files types
+doubleword terminal files types
 """.split()
 """Imports point downwards in this list only, from one module or folder to a later one."""
 
-UPWARD = {("scene", "scene_file"), ("shutters.base", "shutters.sampled")}
+UPWARD = {("scene", "scene_file"), ("layers", "layers_file"), ("shutters.base", "shutters.sampled")}
 """Imports inside a function that may point upwards: a constructor that reads files, and a
 method whose default needs a sibling."""
 
@@ -161,11 +160,4 @@ def test_public_names_are_documented(name):
         first = (value.__doc__ or "").strip().split("\n")[0]
         assert first.endswith((".", ":"))
     else:
-        module = next(m for m in mishutter_modules() if hasattr(m, name))
-        assert f"{name} = " in Path(module.__file__).read_text()
-
-
-def mishutter_modules():
-    for path in FILES:
-        if path.name not in ("__init__.py", "__main__.py"):
-            yield importlib.import_module(f"mishutter.{module_name(path)}")
+        assert any(f"\n{name} = " in path.read_text() for path in FILES)

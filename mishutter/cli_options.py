@@ -1,0 +1,78 @@
+"""Arguments and options that the commands share, and what they stand for."""
+
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from mishutter.losses import AbstractLoss
+    from mishutter.motion import AbstractMotion
+    from mishutter.scene import Scene
+
+
+class LossName(Enum):
+    """Losses that `--loss` names."""
+
+    EXPECTED_ERROR = "expected-error"
+    DESIGN = "design"
+
+
+class FreeName(Enum):
+    """What `--free` names."""
+
+    SHUTTER = "shutter"
+    ACCELERATION = "acceleration"
+    HALF_EXPOSURE = "half_exposure"
+
+
+SceneArgument = Annotated[
+    Path | None,
+    typer.Argument(metavar="[SCENE.toml]", help="Scene file; the built-in scene without one."),
+]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for designs and pictures.")
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document, and nothing else, on stdout.")
+]
+LossOption = Annotated[LossName, typer.Option("--loss", help="What is made small.")]
+SeedsOption = Annotated[
+    int,
+    typer.Option(
+        "--noise-seeds",
+        min=0,
+        max=1000,
+        help="Captures of the photograph at each speed; 0 leaves it out.",
+    ),
+]
+ShuttersOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--shutter",
+        metavar="NAME[:VALUE]",
+        help="rect, hann, triangle, gaussian:0.4, tukey:0.5 or raskar; repeat for more.",
+    ),
+]
+
+
+def scene_of(path: Path | None) -> "Scene":
+    """The scene of a file, or the built-in one."""
+    from mishutter.scene_file import example_scene, read_scene
+
+    return example_scene() if path is None else read_scene(path)
+
+
+def motion_of(scene: "Scene") -> "AbstractMotion":
+    """The motion that a scene starts from."""
+    if scene.motion is None:
+        raise ValueError("`[motion]` must be given; got nothing.")
+    return scene.motion
+
+
+def loss_of(name: LossName) -> "AbstractLoss":
+    """The loss of a name."""
+    from mishutter.losses import DesignLoss, ExpectedErrorLoss
+
+    return DesignLoss() if name is LossName.DESIGN else ExpectedErrorLoss()
