@@ -1,5 +1,7 @@
 """The numbers of a shutter on a motion for a scene."""
 
+from typing import final
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,6 +17,7 @@ from mishutter.shutters.base import AbstractShutter
 from mishutter.spectrum import condition_number
 
 
+@final
 class Metrics(eqx.Module):
     r"""What is measured of a design.
 
@@ -92,24 +95,20 @@ def kernel_differences(
     scene's speeds), and the same over $\sqrt{\overline{h_0^2}}$. The means are over the
     taps that the fastest object reaches. The derivative where all kernels agree is 0.
     """
-    num_supported = _num_supported(scene, motion, response.still_kernel)
-    weights = scene.weights.astype(response.kernels.dtype)
-    difference = response.kernels - response.still_kernel[None]
-    square = jnp.sum(weights * jnp.sum(difference**2, axis=1))
-    raw = _root(square / num_supported)
+    num_supported = _num_supported(scene, motion, response.efficiency)
+    raw = _root(jnp.sum(response.differences**2) / num_supported)
     still = _root(jnp.sum(response.still_kernel**2) / num_supported)
     lit = still > 0
     return raw, jnp.where(lit, raw / jnp.where(lit, still, 1.0), 0.0)
 
 
-def _num_supported(scene: Scene, motion: AbstractMotion, kernel: Array) -> Array:
+def _num_supported(scene: Scene, motion: AbstractMotion, like: Array) -> Array:
     """Taps that light of the fastest object falls on."""
     if isinstance(motion, StillCamera):
         reach = 2 * scene.max_speed * motion.half_exposure
     else:
         reach = support(motion, scene.max_speed)
-    count = jnp.clip(jnp.ceil(reach), 1, kernel.size)
-    return jax.lax.stop_gradient(count).astype(kernel.dtype)
+    return jax.lax.stop_gradient(jnp.maximum(jnp.ceil(reach), 1)).astype(like.dtype)
 
 
 def expected_squared_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:

@@ -81,15 +81,45 @@ def _basis(
         )
         return _parted(response)
 
-    return jax.vmap(of_coordinate)(jnp.eye(space.size, dtype=space.max_speed.dtype))
+    return _condensed(jax.vmap(of_coordinate)(jnp.eye(space.size, dtype=space.max_speed.dtype)))
 
 
 def _parted(response: Response) -> Response:
-    """Transfer functions as real and imaginary part, which real weights may multiply."""
-    parts = jnp.stack([response.spectra.real, response.spectra.imag])
-    return eqx.tree_at(lambda r: r.spectra, response, parts)
+    """Complex parts as real and imaginary ones, which real weights may multiply."""
+    return jax.tree.map(lambda x: jnp.stack([jnp.real(x), jnp.imag(x)]), response)
 
 
 def _joined(response: Response) -> Response:
-    spectra = jax.lax.complex(response.spectra[0], response.spectra[1])
-    return eqx.tree_at(lambda r: r.spectra, response, spectra)
+    """The response that `_parted` took apart."""
+
+    def complex_part(x: Array) -> Array:
+        return jax.lax.complex(x[0], x[1])
+
+    return Response(
+        response.still_kernel[0],
+        complex_part(response.still_spectrum),
+        response.differences[0],
+        complex_part(response.spectra),
+        response.efficiency[0],
+    )
+
+
+def _condensed(basis: Response) -> Response:
+    r"""The basis with rows that only count by their sum of squares rotated to a few.
+
+    $\|\sum_j c_j d_j\| = \|R c\|$ for the triangular factor $R$ of the $d_j$ as columns:
+    as many numbers as coordinates stand for all taps at all speeds.
+    """
+
+    def triangular(rows: Array) -> Array:
+        columns = rows[:, 0].reshape(rows.shape[0], -1).T
+        factor = jnp.linalg.qr(columns, mode="r").T
+        return jnp.stack([factor, jnp.zeros_like(factor)], axis=1)
+
+    if not basis.differences.size:
+        return basis
+    return eqx.tree_at(
+        lambda r: (r.still_kernel, r.differences),
+        basis,
+        (triangular(basis.still_kernel), triangular(basis.differences)),
+    )

@@ -8,7 +8,7 @@ a matrix product.
 """
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -25,21 +25,24 @@ from mishutter.shutters.sampled import piecewise
 from mishutter.types import common_dtype
 
 
+@final
 class Response(eqx.Module):
-    """Kernels and transfer functions of a design at the speeds of a scene.
+    r"""Kernels and transfer functions of a design at the speeds of a scene.
 
     A part that was not asked for is empty.
 
     Attributes:
-        still_kernel: Blur kernel of a still object, phase 0; shape `(n,)`.
-        kernels: Blur kernels at the scene's speeds; shape `(s, n)`.
+        still_kernel: Blur kernel of a still object, $h_0$; shape `(n,)`.
+        still_spectrum: Its DFT of `dft_length` points; complex, `(dft_length // 2 + 1,)`.
+        differences: $\sqrt{p_i}\,(h_{s_i} - h_0)$ at the scene's speeds; shape `(s, n)`.
         spectra: Transfer functions there, in the vertex frame, without the pixel
             aperture; complex, shape `(s, m)`.
         efficiency: Share of light let through; scalar.
     """
 
     still_kernel: Array
-    kernels: Array
+    still_spectrum: Array
+    differences: Array
     spectra: Array
     efficiency: Array
 
@@ -58,15 +61,18 @@ def respond(
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
     speeds = scene.speeds.astype(dtype)
     profile = piecewise(shutter)
-    still = moving = response = jnp.zeros(0, dtype)
+    still = spectrum = differences = response = jnp.zeros(0, dtype)
     if kernels:
         with_rest = jnp.concatenate([jnp.zeros(1, dtype), speeds])
         stack = jax.vmap(lambda s: aligned_kernel(profile, motion, s, plan.num_taps))(with_rest)
-        still, moving = stack[0], stack[1:]
+        still = stack[0]
+        spectrum = jnp.fft.rfft(still, plan.dft_length)
+        shares = jnp.sqrt(scene.weights.astype(dtype))[:, None]
+        differences = shares * (stack[1:] - still[None])
     if spectra:
         response = aligned_spectra(profile, motion, speeds, plan)
     light = integrated_transmittance(profile).astype(dtype) / 2
-    return Response(still, moving, response, light)
+    return Response(still, spectrum, differences, response, light)
 
 
 def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:

@@ -58,21 +58,20 @@ class DesignLoss(AbstractResponseLoss):
     ) -> Array:
         loss = self.efficiency * (1 - response.efficiency)
         if self.condition:
-            loss += self.condition * smooth_condition_number(response.still_kernel, plan.dft_length)
+            loss += self.condition * smooth_condition_number(response.still_spectrum)
         if self.invariance:
             loss += self.invariance * kernel_differences(scene, motion, response)[1]
         return loss
 
 
-def smooth_condition_number(kernel: Array, dft_length: int) -> Array:
+def smooth_condition_number(spectrum: Array) -> Array:
     """Condition number with soft extremes; see `DesignLoss` for its bounds. Scalar."""
-    spectrum = jnp.fft.rfft(kernel, dft_length)
     power = spectrum.real**2 + spectrum.imag**2
     brightest = jnp.max(power)
     lit = brightest > 0
     scale = jax.lax.stop_gradient(jnp.where(lit, brightest, 1.0))
-    floor = jnp.finfo(kernel.dtype).eps ** 2
+    floor = jnp.finfo(power.dtype).eps ** 2
     log_power = jnp.log(jnp.where(lit, power / scale, floor) + floor)
     beta = _SHARPNESS
     log_square = (jax.nn.logsumexp(beta * log_power) + jax.nn.logsumexp(-beta * log_power)) / beta
-    return jnp.where(lit, jnp.exp(log_square / 2), 1 / jnp.finfo(kernel.dtype).eps)
+    return jnp.where(lit, jnp.exp(log_square / 2), 1 / jnp.finfo(power.dtype).eps)
