@@ -19,7 +19,6 @@ from mishutter.kernel import binned_exposure as binned_exposure
 from mishutter.kernel import blur_kernel as blur_kernel
 from mishutter.layers import Layer as Layer
 from mishutter.layers import Layers as Layers
-from mishutter.layers_file import read_layers as read_layers
 from mishutter.losses import AbstractLoss as AbstractLoss
 from mishutter.losses import DesignLoss as DesignLoss
 from mishutter.losses import ExpectedErrorLoss as ExpectedErrorLoss

@@ -1,7 +1,9 @@
 """High-speed footage exposed under a shutter by a moving sensor."""
 
+import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +131,10 @@ def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
 def _video(path: Path) -> Iterator[np.ndarray]:
     import imageio.v3 as iio
 
-    for frame in iio.imiter(path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # ffmpeg is started by a fork
+        footage = iio.imiter(path)
+        first = next(footage, None)
+    for frame in () if first is None else chain([first], footage):
         frame = frame[..., None] if frame.ndim == 2 else frame[..., :3]
         yield (frame.astype(np.float32) / np.iinfo(frame.dtype).max) ** np.float32(GAMMA)

@@ -60,6 +60,18 @@ class Layers:
         opaque = bool(np.all(self.layers[0].matte == 1))
         require(opaque, "Layers(layers=...)", "begin with an opaque layer", "one with a matte")
 
+    @staticmethod
+    def load(path: str) -> "Layers":
+        """Read a layered scene from a TOML file; see `mishutter.layers_file` for its keys.
+
+        Raises:
+            ValueError: if the file is not a layered scene, or a matte does not fit.
+            OSError: if a file cannot be read.
+        """
+        from mishutter.layers_file import read_layers
+
+        return read_layers(path)
+
     @property
     def shape(self) -> tuple[int, int, int]:
         """Rows, columns and channels of the sensor."""

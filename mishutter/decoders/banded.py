@@ -11,7 +11,7 @@ from typing import final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, ArrayLike
 
 BLOCK = 64
 """Pixels in a block; measured on two cores with kernels of 50 to 150 taps."""
@@ -44,7 +44,7 @@ class BandedConvolution(eqx.Module):
         """The adjoint of `__call__`; shape `(..., length)` to the same."""
         return self._product(jnp.roll(rows, self.origin, axis=-1), self.adjoint, 0)
 
-    def _product(self, rows: Array, matrix: np.ndarray, first: int) -> Array:
+    def _product(self, rows: Array, matrix: ArrayLike, first: int) -> Array:
         blocks = rows.reshape(-1, rows.shape[-1] // BLOCK, BLOCK)
         shifts = [jnp.roll(blocks, first - j, axis=1) for j in range(self.span + 1)]
         window = jnp.concatenate(shifts, axis=2).reshape(-1, (self.span + 1) * BLOCK)

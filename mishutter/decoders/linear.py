@@ -34,10 +34,7 @@ class WienerDecoder(AbstractDecoder):
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
         extension = continuation(model, captured.shape[-1])
-        length = extension.length
-        power, response = model.picture_spectrum(length), model.assumed_response(length)
-        total = power * np.abs(response) ** 2 + model.noise
-        return filtered(captured, model, extension, power * np.conj(response) / total)
+        return filtered(captured, model, extension, wiener_filter(model, extension.length))
 
 
 def ensemble_filter(model: BlurModel, length: int) -> np.ndarray:
@@ -46,6 +43,12 @@ def ensemble_filter(model: BlurModel, length: int) -> np.ndarray:
     passed = model.weights @ np.abs(responses) ** 2
     mean = model.weights @ np.conj(responses)
     return power * mean / (power * passed + model.noise)
+
+
+def wiener_filter(model: BlurModel, length: int) -> np.ndarray:
+    """Wiener's filter on the grid of a DFT; shape `(length // 2 + 1,)`."""
+    power, response = model.picture_spectrum(length), model.assumed_response(length)
+    return power * np.conj(response) / (power * np.abs(response) ** 2 + model.noise)
 
 
 def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
@@ -67,7 +70,7 @@ def filtered(
     """Rows through a filter given on the DFT grid, each row's mean divided by the light."""
     light = model.efficiency
     gain = 1 / light if light > 0 else 0.0
-    return _filtered(captured, extension, response, gain)
+    return _filtered(captured, extension, response, np.asarray(gain))
 
 
 @eqx.filter_jit
@@ -76,4 +79,4 @@ def _filtered(captured: Array, extension: Continuation, response: ArrayLike, gai
     spectrum = jnp.fft.rfft(rows, extension.length)
     spectrum = spectrum * along_rows(response, spectrum)
     estimate = jnp.fft.irfft(spectrum, extension.length)[..., : captured.shape[-1]]
-    return estimate + mean * gain
+    return estimate + mean * jnp.asarray(gain, mean.dtype)

@@ -55,7 +55,7 @@ class RichardsonLucyDecoder(AbstractDecoder):
         floor = np.full(extension.length, light)
         steps, fast = self.num_iterations, self.accelerated
         if self.until_noise:
-            variances = (1 / model.electrons, model.read_variance)
+            variances = tuple(np.asarray(v) for v in (1 / model.electrons, model.read_variance))
             estimate = _until_noise(
                 data, operator, floor, captured.shape[-1], variances, steps, fast
             )

@@ -31,7 +31,9 @@ class TikhonovDecoder(AbstractDecoder):
         response = model.assumed_response(extension.length)
         light = model.efficiency
         gain = 1 / light if light > 0 else 0.0
-        return _regularised(captured, extension, response, model.noise, gain)
+        return _regularised(
+            captured, extension, response, np.asarray(model.noise), np.asarray(gain)
+        )
 
 
 @eqx.filter_jit
@@ -48,6 +50,7 @@ def _regularised(
     passed = transfer.real**2 + transfer.imag**2
     turns = np.fft.rfftfreq(extension.length)
     rough = along_rows(16 * np.sin(np.pi * turns) ** 4, rows)
+    noise, gain = (jnp.asarray(v, rows.dtype) for v in (noise, gain))
     columns = extension.columns
 
     def weight(logarithm: Array) -> Array:
@@ -58,7 +61,9 @@ def _regularised(
     def halved(_, bounds: tuple) -> tuple:
         low, high = bounds
         middle = (low + high) / 2
-        left = jnp.fft.irfft(spectrum * weight(middle), extension.length)[..., :columns]
+        left = jnp.fft.irfft(spectrum * weight(middle).astype(spectrum.dtype), extension.length)[
+            ..., :columns
+        ]
         power = jnp.mean(left**2, axis=(-2, -1), keepdims=True)
         too_rough = power > noise
         return jnp.where(too_rough, low, middle), jnp.where(too_rough, middle, high)
@@ -67,5 +72,6 @@ def _regularised(
     start = (one * float(np.log(_LEAST)), one * float(np.log(_MOST)))
     low, high = jax.lax.fori_loop(0, _NUM_HALVINGS, halved, start)
     total = passed + jnp.exp((low + high) / 2) * rough
-    inverse = jnp.where(total > 0, jnp.conj(transfer) / jnp.where(total > 0, total, 1), 0)
+    scale = jnp.where(total > 0, 1 / jnp.where(total > 0, total, 1), 0)
+    inverse = jnp.conj(transfer) * scale.astype(spectrum.dtype)
     return jnp.fft.irfft(spectrum * inverse, extension.length)[..., :columns] + mean * gain

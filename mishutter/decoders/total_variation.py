@@ -49,9 +49,8 @@ class TotalVariationDecoder(AbstractDecoder):
         penalty = max(self.strength * model.noise / scale, 1e-12)
         response = model.assumed_response(length)
         coupling = penalty / scale
-        return _split(
-            captured, extension, response, scale, coupling, 1 / light, self.num_iterations
-        )
+        numbers = tuple(np.asarray(v) for v in (scale, coupling, 1 / light))
+        return _split(captured, extension, response, numbers, self.num_iterations)
 
 
 def _typical_difference(model: BlurModel, length: int) -> float:
@@ -66,13 +65,12 @@ def _split(
     captured: Array,
     extension: Continuation,
     response: ArrayLike,
-    scale: ArrayLike,
-    coupling: ArrayLike,
-    gain: ArrayLike,
+    numbers: tuple,
     num_iterations: int,
 ):
-    """Alternate between the picture and its differences; `coupling` is the penalty on their gap."""
+    """Alternate between the picture and its differences, with a penalty on their gap."""
     rows, mean = extension.deviations(captured)
+    scale, coupling, gain = (jnp.asarray(v, rows.dtype) for v in numbers)
     length = extension.length
     spectrum = jnp.fft.rfft(rows)
     transfer = along_rows(response, spectrum)
@@ -80,11 +78,13 @@ def _split(
     step = along_rows(np.exp(2j * np.pi * turns) - 1, spectrum)
     total = transfer.real**2 + transfer.imag**2 + coupling * (step.real**2 + step.imag**2)
     known = jnp.conj(transfer) * spectrum
+    pull = coupling.astype(spectrum.dtype) * jnp.conj(step)
+    inverse = (1 / total).astype(spectrum.dtype)
 
     def advance(_, state: tuple) -> tuple:
         _, split, dual = state
-        wanted = known + coupling * jnp.conj(step) * jnp.fft.rfft(split - dual)
-        estimate = jnp.fft.irfft(wanted / total, length)
+        wanted = known + pull * jnp.fft.rfft(split - dual)
+        estimate = jnp.fft.irfft(wanted * inverse, length)
         difference = jnp.roll(estimate, -1, axis=-1) - estimate
         gap = difference + dual
         split = jnp.sign(gap) * jnp.maximum(jnp.abs(gap) - scale, 0)

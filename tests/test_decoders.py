@@ -1,0 +1,174 @@
+"""Decoders against scikit-image, at borders, and against one another.
+
+Borders are pinned on a photograph whose scene goes on beyond the sensor, because there
+the usual rules (wrapped, dark) are known to ring.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_restoration import camera, scene
+
+import mishutter as ms
+from mishutter.decoders.banded import BLOCK, banded
+from mishutter.decoders.richardson_lucy import richardson_lucy
+
+DECODERS = {
+    "ensemble": ms.EnsembleDecoder(),
+    "wiener": ms.WienerDecoder(),
+    "tikhonov": ms.TikhonovDecoder(),
+    "total variation": ms.TotalVariationDecoder(),
+    "richardson-lucy": ms.RichardsonLucyDecoder(),
+    "accelerated": ms.RichardsonLucyDecoder(accelerated=True),
+    "until the noise": ms.RichardsonLucyDecoder(accelerated=True, until_noise=True),
+}
+
+
+def photograph(first=100, last=124):
+    return ms.example_picture().light[first:last].astype(np.float64)
+
+
+def bright():
+    return scene(photon_rate=1e6, mean_level=0.21, deviation=0.2)
+
+
+def test_banded_product_is_the_periodic_convolution():
+    """The banded product and its adjoint are the convolution and the correlation of the DFT."""
+    rng = np.random.default_rng(8)
+    rows = rng.random((3, 4 * BLOCK))
+    for num_taps, origin in ((1, 0), (37, 5), (BLOCK + 1, 0), (100, 50)):
+        taps = rng.random(num_taps)
+        operator = banded(taps, origin)
+        turn = np.exp(2j * np.pi * np.fft.rfftfreq(4 * BLOCK) * origin)
+        response = np.fft.rfft(taps, 4 * BLOCK) * turn
+        for found, factor in ((operator, response), (operator.back, response.conj())):
+            wanted = np.fft.irfft(np.fft.rfft(rows) * factor, 4 * BLOCK)
+            np.testing.assert_allclose(found(jnp.asarray(rows)), wanted, atol=1e-11)
+
+
+@pytest.mark.parametrize("num_taps", [51, 40])
+def test_richardson_lucy_is_that_of_scikit_image(num_taps):
+    """Thirty iterations agree with scikit-image's to 1e-4 at its border rule and start."""
+    from skimage.restoration import richardson_lucy as reference
+
+    taps = np.asarray(ms.blur_kernel(ms.HannShutter(), camera(), num_taps=num_taps))
+    taps = (taps / taps.sum()).astype(np.float32)
+    picture = 0.05 + photograph()[:, :300, 0]
+    blurred = np.stack([np.convolve(row, taps, "same") for row in picture]).astype(np.float32)
+    wanted = reference(blurred, taps[None], num_iter=30, clip=False)
+    found = richardson_lucy(blurred, taps)
+    assert found.dtype == jnp.float32
+    np.testing.assert_allclose(found, wanted, atol=1e-4)
+
+
+def test_wiener_is_that_of_scikit_image():
+    """On periodic rows the filter is scikit-image's `wiener` with the same two spectra."""
+    from skimage.restoration import wiener as reference
+
+    from mishutter.decoders.linear import wiener_filter
+
+    known = bright()
+    model = ms.blur_model(known, camera(), ms.HannShutter())
+    length = 512
+    rows = photograph()[:1, :length, 0]
+    response = model.assumed_response(length)
+    captured = np.fft.irfft(np.fft.rfft(rows) * response, length)
+    penalty = np.sqrt(model.noise / model.picture_spectrum(length)).astype(complex)
+    wanted = reference(captured, response[None], 1.0, reg=penalty[None], is_real=True, clip=False)
+    found = np.fft.irfft(np.fft.rfft(captured) * wiener_filter(model, length), length)
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", DECODERS)
+def test_borders_are_nearly_as_good_as_the_middle(name):
+    """The outermost kernel length is within 3 dB of the rest where the scene goes on beyond."""
+    decoder, known = DECODERS[name], scene(mean_level=0.21, deviation=0.2)
+    found = ms.restore_photograph(
+        photograph(60, 124),
+        known,
+        camera(),
+        ms.HannShutter(),
+        decoder=decoder,
+        speeds=[0.0],
+        num_seeds=1,
+    )
+    figures = ms.measure_quality(found.reference, found.restored[0], border=34)
+    assert figures.border_psnr > figures.inner_psnr - 3
+
+
+def test_borders_are_far_better_than_wrapped():
+    """They are at least 6 dB better than the same filter's with wrapped borders."""
+    from mishutter.decoders.linear import ensemble_filter
+
+    known = scene(photon_rate=1e6, mean_level=0.21, deviation=0.2)
+    found = ms.restore_photograph(
+        photograph(60, 124), known, camera(), ms.HannShutter(), speeds=[0.0], num_seeds=1
+    )
+    g, columns = found.captured[0], found.captured.shape[2]
+    response = ensemble_filter(ms.blur_model(known, camera(), ms.HannShutter()), columns)
+    spectrum = np.fft.rfft(g, axis=1) * response[:, None]
+    wrapped = np.fft.irfft(spectrum, columns, axis=1)
+    good = ms.measure_quality(found.reference, found.restored[0], border=34)
+    bad = ms.measure_quality(found.reference, wrapped, border=34)
+    assert good.border_psnr > bad.border_psnr + 6
+
+
+@pytest.mark.parametrize("name", DECODERS)
+def test_planes_are_independent(name):
+    """A picture in a batch is restored as it is alone, whatever stands beside it."""
+    decoder = DECODERS[name]
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    batch = jnp.asarray(np.random.default_rng(4).random((2, 3, 90))) * 0.4 + 0.1
+    together = decoder.restore(batch, model)
+    alone = jnp.stack([decoder.restore(plane, model) for plane in batch])
+    np.testing.assert_allclose(together, alone, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", DECODERS)
+@pytest.mark.parametrize("columns", [1, 7])
+def test_pictures_narrower_than_the_kernel(name, columns):
+    """Rows of any length come back finite, in the shape and precision they came in."""
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    rows = jnp.full((2, columns), 0.2, jnp.float32)
+    found = DECODERS[name].restore(rows, model)
+    assert found.shape == rows.shape
+    assert found.dtype == jnp.float32
+    assert bool(jnp.all(jnp.isfinite(found)))
+
+
+def test_tikhonov_leaves_the_noise():
+    """What the regularised estimate leaves unexplained has the power of the noise."""
+    known = scene(mean_level=0.21, deviation=0.2)
+    model = ms.blur_model(known, camera(), ms.HannShutter())
+    g = ms.simulate_capture(
+        photograph()[..., 0], known, camera(), ms.HannShutter(), key=jax.random.key(2)
+    )
+    estimate = np.asarray(ms.TikhonovDecoder().restore(g, model))
+    again = np.stack([np.convolve(row, model.assumed)[: row.size] for row in estimate])
+    left = np.mean((again - np.asarray(g))[:, 100:-100] ** 2)
+    assert left == pytest.approx(model.noise, rel=0.25)
+
+
+def test_stopping_at_the_noise_keeps_it_out():
+    """In little light the stopped iteration is better than thirty steps of it."""
+    dim = scene(photon_rate=3e4, mean_level=0.21, deviation=0.2)
+    results = [
+        ms.restore_photograph(
+            photograph(), dim, camera(), ms.HannShutter(), decoder=d, speeds=[0.0], num_seeds=1
+        ).psnr[0]
+        for d in (ms.RichardsonLucyDecoder(), DECODERS["until the noise"])
+    ]
+    assert results[1] > results[0] + 1
+
+
+def test_refusals():
+    """Parameters out of range are refused in one line."""
+    with pytest.raises(ValueError, match="must be a positive integer; got 0"):
+        ms.RichardsonLucyDecoder(0)
+    with pytest.raises(ValueError, match="must be above 0; got -1"):
+        ms.TotalVariationDecoder(strength=-1.0)
+    with pytest.raises(ValueError, match="must be a positive integer"):
+        ms.TotalVariationDecoder(num_iterations=0)
+    with pytest.raises(ValueError, match="must be one row of taps"):
+        richardson_lucy(np.ones((3, 4)), np.ones((2, 2)))

@@ -1,0 +1,196 @@
+"""Pictures in and out.
+
+Pinned against values written by other libraries, because what matters is that a file
+means here what it means elsewhere; and each refusal by its text.
+"""
+
+import numpy as np
+import pytest
+
+import mishutter as ms
+from mishutter.pictures import GAMMA, MAX_PIXELS, shipped_picture
+
+ROWS, COLUMNS = 13, 29
+CODED = np.random.default_rng(7).integers(0, 256, (ROWS, COLUMNS, 4)).astype(np.uint8)
+
+
+def as_light(coded):
+    return (coded / np.iinfo(coded.dtype).max) ** GAMMA
+
+
+def save(path, array, **options):
+    from PIL import Image
+
+    Image.fromarray(array).save(path, **options)
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_eight_bits(tmp_path, suffix, channels):
+    """Grey, RGB and RGBA of 8 bits become light by the power 2.2, alpha a matte without it."""
+    coded = CODED[..., 0] if channels == 1 else CODED[..., :channels]
+    read = ms.read_picture(save(tmp_path / f"a.{suffix}", coded))
+    colour = coded[..., None] if channels == 1 else coded[..., :3]
+    np.testing.assert_allclose(read.light, as_light(colour), atol=1e-6)
+    assert (read.matte is None) == (channels < 4)
+    if channels == 4:
+        np.testing.assert_allclose(read.matte, coded[..., 3] / 255, atol=1e-7)
+
+
+def test_palette_and_bilevel(tmp_path):
+    """A palette is looked up and a bilevel picture is black and white."""
+    from PIL import Image
+
+    image = Image.fromarray(CODED[..., :3]).quantize(12)
+    image.save(tmp_path / "p.png")
+    read = ms.read_picture(tmp_path / "p.png")
+    np.testing.assert_allclose(read.light, as_light(np.asarray(image.convert("RGB"))), atol=1e-6)
+    Image.fromarray(CODED[..., 0]).convert("1").save(tmp_path / "b.png")
+    assert set(np.unique(ms.read_picture(tmp_path / "b.png").light)) == {0.0, 1.0}
+
+
+def test_cmyk_jpeg(tmp_path):
+    """A CMYK JPEG is read as the RGB that Pillow makes of it."""
+    from PIL import Image
+
+    smooth = np.broadcast_to(np.arange(COLUMNS, dtype=np.uint8)[None, :, None] * 8, (16, 29, 3))
+    Image.fromarray(np.ascontiguousarray(smooth)).convert("CMYK").save(tmp_path / "c.jpg")
+    read = ms.read_picture(tmp_path / "c.jpg")
+    assert read.light.shape == (16, 29, 3)
+    np.testing.assert_allclose(read.light ** (1 / GAMMA) * 255, smooth, atol=12)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_sixteen_bit_tiff(tmp_path, channels):
+    """A 16-bit TIFF keeps all of its bits."""
+    import tifffile
+
+    coded = CODED[..., :channels].astype(np.uint16) * 251 + 3
+    kind = "rgb" if channels == 3 else "minisblack"
+    tifffile.imwrite(tmp_path / "a.tif", coded.squeeze(), photometric=kind)
+    read = ms.read_picture(tmp_path / "a.tif")
+    np.testing.assert_allclose(read.light, as_light(coded), atol=1e-6)
+
+
+def test_float_tiff_is_light_already(tmp_path):
+    """A floating-point TIFF is linear light; NaN and values above white are refused."""
+    import tifffile
+
+    light = (CODED[..., :3] / 255).astype(np.float32)
+    tifffile.imwrite(tmp_path / "f.tif", light, photometric="rgb")
+    np.testing.assert_array_equal(ms.read_picture(tmp_path / "f.tif").light, light)
+    light[2, 3, 1] = np.nan
+    tifffile.imwrite(tmp_path / "n.tif", light, photometric="rgb")
+    with pytest.raises(ValueError, match=r"must hold finite pixels; got .*NaN"):
+        ms.read_picture(tmp_path / "n.tif")
+    tifffile.imwrite(tmp_path / "h.tif", 3 * (CODED[..., 0] / 255).astype(np.float32))
+    with pytest.raises(ValueError, match=r"in \[0, 1\]; got .*\[0.*, 3\]"):
+        ms.read_picture(tmp_path / "h.tif")
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_sixteen_bit_png_both_ways(tmp_path, channels):
+    """What is written at 16 bits comes back to within half a step of them."""
+    light = np.random.default_rng(2).random((ROWS, COLUMNS, channels))
+    ms.write_picture(tmp_path / "w.png", light)
+    read = ms.read_picture(tmp_path / "w.png")
+    colour = light[..., :3]
+    np.testing.assert_allclose(read.light ** (1 / GAMMA), colour ** (1 / GAMMA), atol=0.6 / 65535)
+    assert [p.name for p in tmp_path.iterdir()] == ["w.png"]
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2, 3, 4])
+def test_every_row_filter_of_png(tmp_path, kind):
+    """A 16-bit PNG decodes whatever filter its rows use (PNG specification, section 9)."""
+    import struct
+    import zlib
+
+    coded = CODED[..., :3].astype(np.uint16) * 200 + 11
+    lines = coded.astype(">u2").view(np.uint8).reshape(ROWS, -1).astype(int)
+    packed = b""
+    for r in range(ROWS):
+        up = lines[r - 1] if r else np.zeros_like(lines[0])
+        left = np.concatenate([np.zeros(6, int), lines[r, :-6]])
+        corner = np.concatenate([np.zeros(6, int), up[:-6]])
+        p = left + up - corner
+        near = [np.abs(p - left), np.abs(p - up), np.abs(p - corner)]
+        first = (near[0] <= near[1]) & (near[0] <= near[2])
+        paeth = np.where(first, left, np.where(near[1] <= near[2], up, corner))
+        guess = [0 * up, left, up, (left + up) // 2, paeth][kind]
+        packed += bytes([kind]) + ((lines[r] - guess) % 256).astype(np.uint8).tobytes()
+
+    def chunk(name, data):
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
+
+    header = struct.pack(">IIBBBBB", COLUMNS, ROWS, 16, 2, 0, 0, 0)
+    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(packed)) + chunk(b"IEND", b"")
+    (tmp_path / "k.png").write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+    np.testing.assert_allclose(
+        ms.read_picture(tmp_path / "k.png").light, as_light(coded), atol=1e-6
+    )
+
+
+def test_refusals(tmp_path):
+    """What is no picture gets one line that names the file and says why."""
+    from PIL import Image
+
+    whole = save(tmp_path / "w.jpg", np.ascontiguousarray(CODED[..., :3]))
+    (tmp_path / "cut.jpg").write_bytes(whole.read_bytes()[:700])
+    ms.write_picture(tmp_path / "deep.png", CODED[..., :3] / 255)
+    (tmp_path / "cut.png").write_bytes((tmp_path / "deep.png").read_bytes()[:500])
+    (tmp_path / "text.png").write_text("not a picture")
+    (tmp_path / "empty.tif").write_bytes(b"")
+    for name in ("cut.jpg", "cut.png", "text.png", "empty.tif"):
+        with pytest.raises(ValueError, match=f"must name a whole PNG, JPEG or TIFF.*{name}"):
+            ms.read_picture(tmp_path / name)
+    with pytest.raises(FileNotFoundError, match=r"must name a file; got .*none.png', not found"):
+        ms.read_picture(tmp_path / "none.png")
+    with pytest.raises(IsADirectoryError, match="must name a file; got the folder"):
+        ms.read_picture(tmp_path)
+    bomb = Image.new("1", (20000, MAX_PIXELS // 20000 + 1))
+    bomb.save(tmp_path / "bomb.png")
+    with pytest.raises(ValueError, match=r"at most 150 megapixels; got .*bomb.png"):
+        ms.read_picture(tmp_path / "bomb.png")
+    with pytest.raises(FileNotFoundError, match="must lie in a folder that exists"):
+        ms.write_picture(tmp_path / "no" / "a.png", CODED[..., 0] / 255)
+    with pytest.raises(ValueError, match="must be finite"):
+        ms.write_picture(tmp_path / "a.png", np.full((3, 4), np.nan))
+    assert not list(tmp_path.glob(".a.png*"))
+
+
+def test_example_needs_no_network():
+    """The built-in photograph comes out of scikit-image's package."""
+    assert ms.example_picture().light.shape == (500, 741, 3)
+
+
+def test_row_spectrum_of_a_known_process():
+    """Rows of the default spectrum give it back, and the mean and deviation are exact."""
+    columns = 2048
+    frequency = np.fft.rfftfreq(columns)
+    power = 1 / (frequency**2 + 0.01**2)
+    white = np.random.default_rng(5).standard_normal((400, columns))
+    rows = np.fft.irfft(np.fft.rfft(white) * np.sqrt(power), columns)
+    light = 0.5 + 0.05 * rows / np.std(rows)
+    picture = ms.Picture(np.maximum(light, 0)[..., None].astype(np.float32))
+    found = ms.row_power_spectrum(picture, 32)
+    grid = (np.arange(32) + 0.5) / 64
+    expected = 1 / (grid**2 + 0.01**2)
+    ratio = found.power_spectrum[1:] / expected[1:]
+    assert np.ptp(np.log(ratio)) < 0.15
+    assert found.mean_level == pytest.approx(light.mean(), abs=1e-6)
+    assert np.mean(found.power_spectrum) == pytest.approx(found.deviation**2)
+
+
+def test_row_spectrum_needs_a_row():
+    """A picture of one pixel has no spectrum, and says so."""
+    with pytest.raises(ValueError, match=r"must have rows of at least 8 px; got '1 px'"):
+        ms.row_power_spectrum(ms.Picture(np.ones((1, 1, 1))))
+
+
+def test_luminance_of_a_photograph():
+    """Linear luminance of the shipped pictures agrees with scikit-image's `rgb2gray` weights."""
+    coffee = shipped_picture("coffee.png")
+    assert coffee.luminance.mean() == pytest.approx(0.204, abs=2e-3)
