@@ -33,6 +33,9 @@ from mishutter.types import (
 _BLOCK_SIZE = 1 << 16
 """Taps times pieces above which taps are done block by block, to bound memory."""
 
+_REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
+"""Length of a path, in px, below which its squares underflow and it counts as a point."""
+
 
 def blur_kernel(
     shutter: AbstractShutter,
@@ -148,6 +151,8 @@ def _exposure(
     profile = piecewise(shutter)
     a = motion.acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
+    at_rest = jnp.abs(a * T * T) + jnp.abs(speed * T) < _REST[np.dtype(speed.dtype)]
+    a, speed = (jnp.where(at_rest, 0.0, x) for x in (a, speed))
     tau = profile.breakpoints(np.dtype(speed.dtype))
     track = path(a, T, speed, tau, from_vertex=from_vertex)
     length = jnp.diff(tau.high) + jnp.diff(tau.low)
