@@ -43,10 +43,10 @@ path = "photo.png"
 SMALL_SEARCH = ["--starts", "2", "--steps", "3", "--coefficients", "6", "--noise-seeds", "1"]
 
 
-def environment():
+def environment(**others):
     """The environment of a process that finds the package under test."""
     path = os.pathsep.join([str(Path(mishutter.__file__).parent.parent), *sys.path])
-    return os.environ | {"PYTHONPATH": path, "JAX_ENABLE_COMPILATION_CACHE": "false"}
+    return os.environ | {"PYTHONPATH": path} | others
 
 
 def refused(capsys, *arguments):
@@ -228,12 +228,19 @@ def test_help_names_every_command():
 
 
 @pytest.fixture(scope="module")
-def optimised(small_scene, tmp_path_factory):
+def cached(tmp_path_factory):
+    """An environment whose compiled programs are shared by the processes of this module."""
+    folder = tmp_path_factory.mktemp("cache")
+    return environment(JAX_COMPILATION_CACHE_DIR=str(folder))
+
+
+@pytest.fixture(scope="module")
+def optimised(small_scene, tmp_path_factory, cached):
     """Output folder and standard output of one small search with `--json`."""
     folder = tmp_path_factory.mktemp("out") / "made" / "here"
     command = ["optimise", str(small_scene), "--json", "--out", str(folder), *SMALL_SEARCH]
     command = [sys.executable, "-m", "mishutter", *command]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
+    done = subprocess.run(command, capture_output=True, text=True, env=cached, check=True)
     return folder, done.stdout
 
 
@@ -287,16 +294,16 @@ def test_files_are_whole(optimised):
 
 
 @pytest.mark.slow
-def test_compare_reads_a_design_back(optimised, small_scene, capsys):
+def test_compare_reads_a_design_back(optimised, small_scene, cached):
     """`compare` shows a saved design at the metrics it was saved with, as a table."""
     folder, _ = optimised
     design = Design.load(folder / "design.json")
-    place = str(folder / "design.json")
-    assert cli.main(["compare", str(small_scene), "--design", place, "--noise-seeds", "0"]) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
-    assert "Same motion" in out
-    assert "Own best motion" in out
-    line = next(line for line in out.splitlines() if line.split()[:1] == ["design"])
+    options = ["--design", str(folder / "design.json"), "--noise-seeds", "0"]
+    command = [sys.executable, "-m", "mishutter", "compare", str(small_scene), *options]
+    done = subprocess.run(command, capture_output=True, text=True, env=cached, check=True)
+    assert done.stderr == ""
+    assert "Same motion" in done.stdout
+    assert "Own best motion" in done.stdout
+    line = next(line for line in done.stdout.splitlines() if line.split()[:1] == ["design"])
     assert f"{float(design.metrics.expected_psnr):.2f}" in line
-    assert "the best snapshot" in out.splitlines()[-1]
+    assert "the best snapshot" in done.stdout.splitlines()[-1]
