@@ -13,7 +13,7 @@ from mishutter.metrics import picture_power
 from mishutter.motion import AbstractMotion
 from mishutter.noise import noise_variance, white_electrons
 from mishutter.plan import NUM_FREQUENCIES
-from mishutter.response import aligned_kernel, frequency_grid
+from mishutter.response import aligned_kernel
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.simulate import kernel_layout
@@ -72,7 +72,7 @@ class BlurModel(eqx.Module):
 
     def picture_spectrum(self, length: int) -> np.ndarray:
         """Power spectrum of the picture on the grid of a DFT; `(length // 2 + 1,)`."""
-        known = np.asarray(frequency_grid(self.power.size, np.dtype(self.power.dtype)))
+        known = (np.arange(self.power.size) + 0.5) / (2 * self.power.size)
         least = np.finfo(np.float64).tiny
         logarithm = np.log(np.maximum(self.power, least))
         return np.exp(np.interp(np.fft.rfftfreq(length), known, logarithm))
