@@ -201,7 +201,7 @@ _PARAMETER_OF: dict[type[AbstractShutter], str | None] = {
 def _from_dict(data: dict[str, Any]) -> Design:
     shutter = shutter_from_dict(data["shutter"])
     motion = _motion_from_dict(data["motion"])
-    scene_data = {
+    scene_data: dict[str, Any] = {
         name: np.array(value) if isinstance(value, list) else value
         for name, value in data["scene"].items()
     }

@@ -20,7 +20,7 @@ def noise_variance(
     r"""$N = \eta\bar f/p + (\sigma/p)^2$ per pixel, in units of a fully open exposure."""
     electrons = white_electrons(scene, motion)
     level = scene.mean_level if mean_level is None else mean_level
-    return (efficiency * level + scene.read_noise**2 / electrons) / electrons
+    return jnp.asarray((efficiency * level + scene.read_noise**2 / electrons) / electrons)
 
 
 def recorded(

@@ -40,7 +40,7 @@ def common_dtype(*values: RowLike) -> np.dtype:
     Python numbers adapt to the arrays beside them, and a mix of precisions
     widens, also under strict promotion.
     """
-    dtypes = [np.dtype(v.dtype) for v in values if hasattr(v, "dtype")]
+    dtypes = [np.dtype(v.dtype) for v in values if isinstance(v, np.ndarray | np.generic | Array)]
     floating = [d for d in dtypes if jnp.issubdtype(d, jnp.floating)]
     if not floating:
         return np.dtype(jnp.result_type(float))

@@ -4,9 +4,7 @@ from mishutter import Limits, ParabolicMotion, Scene
 from mishutter.plan import Plan
 
 MOTION = ParabolicMotion(acceleration=22.0 / 1e-4, half_exposure=1e-2)
-LIMITS = Limits(
-    max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03
-)
+LIMITS = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03)
 SCENE = Scene.uniform(
     max_speed=2000.0, num_speeds=5, photon_rate=1e5, read_noise=10.0, limits=LIMITS
 )

@@ -1,5 +1,7 @@
 """The order of designs on five scenes: free profile, best Tukey, Hann, each at its best motion."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from helpers_design import LIMITS, MOTION
@@ -56,7 +58,7 @@ def _check_measured_order(scene, *designs):
     measured = [
         restore_photograph(picture, scene, design.motion, design.shutter) for design in designs
     ]
-    for better, worse in zip(measured[:-1], measured[1:], strict=True):
+    for better, worse in pairwise(measured):
         errors = np.concatenate([better.linear_standard_error, worse.linear_standard_error])
         allowed = 3 * np.sqrt(np.mean(errors**2)) + 0.05
         assert better.mean_psnr >= worse.mean_psnr - allowed

@@ -81,9 +81,7 @@ def test_kernel_difference_is_the_rms_over_the_taps_reached():
     count = int(np.ceil(31.0 * (1 + 2100 / float(MOTION.top_speed)) ** 2))
     kernels = [np.asarray(blur_kernel(SHUTTER, MOTION, speed=s, num_taps=count)) for s in SPEEDS]
     still = np.asarray(blur_kernel(SHUTTER, MOTION, num_taps=count))
-    square = sum(
-        p * np.mean((h - still) ** 2) for p, h in zip(WEIGHTS, kernels, strict=True)
-    )
+    square = sum(p * np.mean((h - still) ** 2) for p, h in zip(WEIGHTS, kernels, strict=True))
     metrics = evaluate(SCENE, MOTION, SHUTTER)
     assert np.isclose(metrics.kernel_difference, np.sqrt(square), rtol=1e-12)
     relative = np.sqrt(square / np.mean(still**2))
@@ -122,9 +120,9 @@ def test_the_vertex_alignment_changes_no_power():
     plan = Plan(64, 256, 64, 512)
     response = respond(SCENE, MOTION, SHUTTER, plan, kernels=False)
     frequency = frequency_grid(64, np.dtype(np.float64))
-    public = jax.vmap(
-        lambda s: transfer_function(SHUTTER, MOTION, speed=s, frequency=frequency)
-    )(SCENE.speeds)
+    public = jax.vmap(lambda s: transfer_function(SHUTTER, MOTION, speed=s, frequency=frequency))(
+        SCENE.speeds
+    )
     assert np.max(np.abs(np.abs(response.spectra) - np.abs(public))) < 1e-12
 
 
