@@ -159,7 +159,7 @@ def adaptive(problem: Problem, tolerance: float) -> Method:
 def scipy_quad(problem: Problem, tolerance: float) -> Method:
     """SciPy's `quad` on each tap, told where the breakpoints are."""
     ends = np.asarray(piecewise(problem.shutter).breakpoints(np.dtype(np.float64)).high)
-    light = jax.jit(problem.shutter.transmittance)
+    light = jax.jit(lambda tau: problem.shutter.transmittance(tau))
     values = partial(_interpolated, light)
 
     def taps(a, T, s):
