@@ -9,7 +9,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter.files import write_text
+from mishutter.files import strict_json, write_text
 from mishutter.metrics import Metrics, evaluate
 from mishutter.motion import AbstractMotion, ParabolicMotion, StillCamera
 from mishutter.scene import Limits, Scene
@@ -84,7 +84,7 @@ class Design:
             ValueError: if the shutter is of a kind that the file format does not know.
             OSError: if the file cannot be written.
         """
-        write_text(path, json.dumps(self.to_dict(), indent=1) + "\n")
+        write_text(path, strict_json(self.to_dict()) + "\n")
 
     @staticmethod
     def load(path: str | Path) -> "Design":

@@ -1,8 +1,12 @@
 """Files that appear whole or not at all."""
 
+import json
+import math
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -48,3 +52,22 @@ def writable_folder(path: str | Path) -> Path:
             f"`--out` must be a folder that takes files; got {str(path)!r}: {reason}."
         ) from None
     return folder
+
+
+def strict_json(document: Any) -> str:
+    """JSON without the tokens that JSON does not have: `"Infinity"`, and null for NaN."""
+    return json.dumps(_plain(document), allow_nan=False, indent=1)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, float):
+        if math.isnan(value):
+            return None
+        return value if math.isfinite(value) else f"{'-' if value < 0 else ''}Infinity"
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value if isinstance(value, str | int | bool | None) else str(value)

@@ -15,7 +15,7 @@ from mishutter.decoders import (
     WienerDecoder,
 )
 from mishutter.design import Design
-from mishutter.files import write_text
+from mishutter.files import strict_json, write_text
 from mishutter.pictures import Picture, example_picture, read_picture
 from mishutter.restoration import RestoredPhotograph, restore_photograph
 from mishutter.scene import Scene
@@ -30,7 +30,7 @@ from mishutter.shutters import (
     TriangleShutter,
     TukeyShutter,
 )
-from mishutter.terminal import print_table, print_text, strict_json
+from mishutter.terminal import print_table, print_text
 from mishutter.types import require
 
 Update = Callable[[str], None]

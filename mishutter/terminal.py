@@ -1,7 +1,5 @@
 """What a terminal sees: one line for an error, a progress bar, strict JSON, a table."""
 
-import json
-import math
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,6 +11,8 @@ from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+
+from mishutter.files import strict_json
 
 _WIDTH = 132
 """Columns of a table where standard output is no terminal."""
@@ -103,25 +103,6 @@ def note(text: str) -> None:
 def write_json(document: Mapping[str, Any]) -> None:
     """One strict JSON document on standard output."""
     sys.stdout.write(strict_json(document) + "\n")
-
-
-def strict_json(document: Any) -> str:
-    """JSON without the tokens that JSON does not have: `"Infinity"`, and null for NaN."""
-    return json.dumps(_plain(document), allow_nan=False, indent=1)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, float):
-        if math.isnan(value):
-            return None
-        return value if math.isfinite(value) else f"{'-' if value < 0 else ''}Infinity"
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value if isinstance(value, str | int | bool | None) else str(value)
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -1,6 +1,7 @@
 """A design on disk gives back the same numbers, or one line that says why not."""
 
 import json
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -60,6 +61,20 @@ def test_a_saved_design_gives_back_its_metrics(design, tmp_path):
     assert jax.tree.all(same)
     assert loaded.to_dict() == design.to_dict()
     assert [file.name for file in tmp_path.iterdir()] == ["design.json"]
+
+
+def test_an_infinite_condition_number_is_strict_json(design, tmp_path):
+    """JSON has no token for infinity: a closed shutter's design still reads anywhere."""
+    closed = ChippedShutter([0.0, 0.0])
+    metrics = evaluate(SCENE, MOTION, closed)
+    replace(design, shutter=closed, metrics=metrics).save(tmp_path / "design.json")
+
+    def refuse(token):
+        raise AssertionError(token)
+
+    text = (tmp_path / "design.json").read_text()
+    assert json.loads(text, parse_constant=refuse)["metrics"]["condition_number"] == "Infinity"
+    assert np.isposinf(Design.load(tmp_path / "design.json").metrics.condition_number)
 
 
 @pytest.mark.parametrize("slug", SHUTTERS)
