@@ -69,17 +69,6 @@ def test_transfer_function(slug):
         assert transfer_error(point, random_frequencies(rng)) <= 1, point
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", DTYPES)
-@pytest.mark.parametrize("slug", SHUTTERS)
-def test_transfer_function_over_the_domain(slug, precision):
-    """The transfer function of every shutter, strokes to 1e4 px, any frequency and speed."""
-    rng = np.random.default_rng(7)
-    for _ in range(20):
-        point = transferable(rng, DTYPES[precision], slug)
-        assert transfer_error(point, random_frequencies(rng, DTYPES[precision])) <= 1, point
-
-
 def transferable(rng, dtype, slug):
     """A random point whose stroke is one that the transfer function is promised for."""
     while (point := random_point(rng, dtype, slug)).stroke > 1e4:
