@@ -10,6 +10,7 @@ from jaxtyping import Array
 
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion, StillCamera, settled
+from mishutter.path import safe_sqrt
 from mishutter.plan import Plan, sizes
 from mishutter.response import Response, frequency_grid, kernel_phase, respond
 from mishutter.scene import CORNER_FREQUENCY, Scene
@@ -96,8 +97,8 @@ def kernel_differences(
     taps that the fastest object reaches. The derivative where all kernels agree is 0.
     """
     num_supported = _num_supported(scene, motion, response.efficiency)
-    raw = _root(jnp.sum(response.differences**2) / num_supported)
-    still = _root(jnp.sum(response.still_kernel**2) / num_supported)
+    raw = safe_sqrt(jnp.sum(response.differences**2) / num_supported)
+    still = safe_sqrt(jnp.sum(response.still_kernel**2) / num_supported)
     lit = still > 0
     return raw, jnp.where(lit, raw / jnp.where(lit, still, 1.0), 0.0)
 
@@ -176,8 +177,3 @@ def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Arr
     power = spectra.real**2 + spectra.imag**2
     occurs = (scene.weights > 0)[:, None]
     return jnp.min(jnp.where(occurs, power * jnp.maximum(1.0, smear)[None], jnp.inf))
-
-
-def _root(square: Array) -> Array:
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)

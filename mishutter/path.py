@@ -59,7 +59,7 @@ def speed_at(a: Array, T: Array, s: Array, edges: DoubleWord, *, from_vertex: bo
 
     Its derivative at the vertex itself, where it is infinite, is given as 0.
     """
-    return _safe_sqrt(_speed_squared(from_vertex, a, T, s, *edges))
+    return safe_sqrt(_speed_squared(from_vertex, a, T, s, *edges))
 
 
 def _once(function, *arguments):
@@ -146,7 +146,8 @@ def _speed_squared_jvp(from_vertex, primals, tangents):
     return _speed_squared(from_vertex, *primals), jax.jvp(plain, primals, tangents)[1]
 
 
-def _safe_sqrt(square: Array) -> Array:
+def safe_sqrt(square: Array) -> Array:
+    """Square root whose derivative at 0 is 0, and which is 0 below."""
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
