@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,6 @@ class Design:
         motion: The sensor's motion.
         scene: The scene it was designed for.
         loss: Final loss.
-        metrics: What is measured of it on its scene.
         history: Smallest loss so far after each step of the search.
         converged: Whether the search met its tolerance.
         outcome: How the search ended, in a sentence.
@@ -51,13 +51,17 @@ class Design:
     motion: AbstractMotion
     scene: Scene
     loss: float
-    metrics: Metrics
     history: np.ndarray
     converged: bool
     outcome: str
     certificate: float
     loss_name: str
     best_start_loss: float
+
+    @cached_property
+    def metrics(self) -> Metrics:
+        """What is measured of it on its scene; computed where it is asked for."""
+        return evaluate(self.scene, self.motion, self.shutter)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything in the design as plain numbers, lists and text."""
@@ -213,7 +217,6 @@ def _from_dict(data: dict[str, Any]) -> Design:
         motion=motion,
         scene=scene,
         loss=float(data["loss"]),
-        metrics=evaluate(scene, motion, shutter),
         history=np.array(data["history"]),
         converged=bool(data["converged"]),
         outcome=str(data["outcome"]),

@@ -47,18 +47,12 @@ class DesignSpace(eqx.Module):
     @property
     def num_profile_coordinates(self) -> int:
         """How many of the coordinates belong to the shutter."""
-        return self.box_of_shutter(self.shutter).size if "shutter" in self.free else 0
+        return eqx.filter_eval_shape(box_of, self.shutter).size if "shutter" in self.free else 0
 
     @property
     def size(self) -> int:
         """Number of coordinates."""
         return self.num_profile_coordinates + len(set(self.free) - {"shutter"})
-
-    @staticmethod
-    def box_of_shutter(shutter: AbstractShutter) -> Array:
-        """Coordinates of a profile that has any; shape `(p,)`."""
-        require_adjustable(shutter)
-        return shutter.box()  # type: ignore[attr-defined]
 
     def at(self, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
         """The design at a point of the box; shape `(size,)`."""
@@ -82,7 +76,7 @@ class DesignSpace(eqx.Module):
         dtype = common_dtype(self.max_speed, motion.half_exposure)
         parts = []
         if "shutter" in self.free:
-            parts.append(jnp.clip(self.box_of_shutter(shutter), 0, 1).astype(dtype))
+            parts.append(jnp.clip(box_of(shutter), 0, 1).astype(dtype))
         half_exposure = motion.half_exposure
         if "half_exposure" in self.free:
             share = _share(*self._half_exposure_bounds(), half_exposure)
@@ -142,6 +136,12 @@ def design_space(
     )
     ordered = tuple(name for name in FREE_NAMES if name in names)
     return DesignSpace(shutter, motion, limits, scene.max_speed.astype(dtype), ordered)
+
+
+def box_of(shutter: AbstractShutter) -> Array:
+    """Coordinates of a profile that has any; shape `(p,)`."""
+    require_adjustable(shutter)
+    return shutter.box()  # type: ignore[attr-defined]
 
 
 def require_adjustable(shutter: AbstractShutter) -> None:

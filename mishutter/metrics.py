@@ -11,8 +11,8 @@ from jaxtyping import Array
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.path import safe_sqrt
-from mishutter.plan import Plan, sizes
-from mishutter.response import Response, frequency_grid, kernel_phase, respond
+from mishutter.plan import PLANNED, Automatic, Plan, chosen, reduced
+from mishutter.response import Records, Response, assembled, frequency_grid, kernel_phase, records
 from mishutter.scene import CORNER_FREQUENCY, Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.spectrum import condition_number
@@ -48,7 +48,11 @@ class Metrics(eqx.Module):
 
 
 def evaluate(
-    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, *, plan: Plan | None = None
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    plan: Plan | Automatic | None = PLANNED,
 ) -> Metrics:
     r"""Measure a design.
 
@@ -58,21 +62,20 @@ def evaluate(
         scene: Speeds, light and noise.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        plan: What to compute; everything the scene could need by default.
+        plan: What to compute; made for the scene by default, None for everything.
 
     Returns:
         The metrics; see `Metrics`.
     """
     motion = settled(motion)
-    plan = sizes(scene, motion) if plan is None else plan
-    return _evaluate(scene.bare(), motion, shutter, plan)
+    plan = chosen(plan, scene, motion, shutter)
+    kept = reduced(scene, plan)
+    return _measured(kept, motion, records(kept, motion, shutter, plan), plan)
 
 
 @eqx.filter_jit
-def _evaluate(
-    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, plan: Plan
-) -> Metrics:
-    response = respond(scene, motion, shutter, plan)
+def _measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Metrics:
+    response = assembled(scene, recorded, plan)
     raw, relative = kernel_differences(scene, motion, response)
     return Metrics(
         condition_number=condition_number(response.still_kernel, num_frequencies=plan.dft_length),
@@ -96,11 +99,11 @@ def kernel_differences(
     scene's speeds), and the same over $\sqrt{\overline{h_0^2}}$. The means are over the
     taps that the fastest object reaches. The derivative where all kernels agree is 0.
     """
-    num_supported = _num_supported(scene, motion, response.efficiency)
-    raw = safe_sqrt(jnp.sum(response.differences**2) / num_supported)
-    still = safe_sqrt(jnp.sum(response.still_kernel**2) / num_supported)
+    difference = jnp.sum(response.differences**2)
+    still = jnp.sum(response.still_kernel**2)
     lit = still > 0
-    return raw, jnp.where(lit, raw / jnp.where(lit, still, 1.0), 0.0)
+    relative = safe_sqrt(jnp.where(lit, difference / jnp.where(lit, still, 1.0), 0.0))
+    return safe_sqrt(difference / _num_supported(scene, motion, response.efficiency)), relative
 
 
 def _num_supported(scene: Scene, motion: AbstractMotion, like: Array) -> Array:
@@ -112,19 +115,27 @@ def _num_supported(scene: Scene, motion: AbstractMotion, like: Array) -> Array:
     return jax.lax.stop_gradient(jnp.maximum(jnp.ceil(reach), 1)).astype(like.dtype)
 
 
-def expected_squared_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
+def expected_squared_error(
+    scene: Scene,
+    motion: AbstractMotion,
+    response: Response,
+    num_frequencies: int | None = None,
+) -> Array:
     r"""Expected squared error of the best single linear decoder, white = 1; scalar.
 
     With $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$ (aperture included) the filter
     $G = S\bar m/(S(|m|^2 + v) + N)$ leaves $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2+v) + N)\,df$,
     where $N = \eta\,\bar f/p + (\sigma/p)^2$ is the noise of equation (4) at
     $p = \text{rate}\cdot 2T$. Nothing in it cancels. Without any light the picture's own
-    variance is left.
+    variance is left. Where the response holds the lowest of `num_frequencies` alone, the
+    others count as lost.
     """
     dtype = response.efficiency.dtype
-    num_frequencies = response.spectra.shape[1]
-    frequency = frequency_grid(num_frequencies, np.dtype(dtype))
-    power = picture_power(scene, num_frequencies, np.dtype(dtype))
+    num_kept = response.spectra.shape[1]
+    num_frequencies = num_kept if num_frequencies is None else num_frequencies
+    frequency = frequency_grid(num_frequencies, np.dtype(dtype))[:num_kept]
+    every_power = picture_power(scene, num_frequencies, np.dtype(dtype))
+    power = every_power[:num_kept]
     aperture = jnp.sinc(frequency).astype(response.spectra.dtype)[None]
     spectra = response.spectra * aperture
     weights = scene.weights.astype(dtype)[:, None]
@@ -142,7 +153,7 @@ def expected_squared_error(scene: Scene, motion: AbstractMotion, response: Respo
     total = signal * (coherent + spread) + noise
     dark = total <= 0
     share = jnp.where(dark, 1.0, remaining / jnp.where(dark, 1.0, total))
-    return jnp.mean(power * share)
+    return (jnp.sum(power * share) + jnp.sum(every_power[num_kept:])) / num_frequencies
 
 
 def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:

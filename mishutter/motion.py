@@ -4,6 +4,7 @@ from typing import final
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter.types import as_float, is_concrete, require, require_finite
@@ -87,18 +88,19 @@ class StillCamera(AbstractMotion):
 
 def settled(motion: AbstractMotion) -> AbstractMotion:
     """`motion`, or a still camera where its acceleration is known to be zero."""
-    at_rest = is_concrete(motion.acceleration) and bool(jnp.all(motion.acceleration == 0))
-    return StillCamera(half_exposure=motion.half_exposure) if at_rest else motion
+    if is_concrete(motion.acceleration) and not np.any(np.asarray(motion.acceleration)):
+        return StillCamera(half_exposure=motion.half_exposure)
+    return motion
 
 
 def _check_acceleration(value: Array) -> None:
     subject = "ParabolicMotion(acceleration=...)"
     require_finite(subject, value)
     if is_concrete(value):
-        require(bool(jnp.all(value >= 0)), subject, "be at least 0 px/s^2", value)
+        require(bool(np.all(np.asarray(value) >= 0)), subject, "be at least 0 px/s^2", value)
 
 
 def _check_half_exposure(subject: str, value: Array) -> None:
     require_finite(subject, value)
     if is_concrete(value):
-        require(bool(jnp.all(value > 0)), subject, "be above 0 s", value)
+        require(bool(np.all(np.asarray(value) > 0)), subject, "be above 0 s", value)

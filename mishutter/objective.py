@@ -5,19 +5,22 @@ through its response, the response of each coordinate is computed once and a ste
 the solver costs a matrix product.
 """
 
+import math
 from abc import abstractmethod
-from typing import final
+from dataclasses import dataclass
+from typing import Any, final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from mishutter.design_space import DesignSpace
 from mishutter.losses.base import AbstractLoss, AbstractResponseLoss
 from mishutter.motion import AbstractMotion
 from mishutter.plan import Plan
-from mishutter.response import Response, respond
+from mishutter.response import Response, records
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractAdjustableShutter
 
@@ -46,16 +49,22 @@ class DesignObjective(AbstractObjective):
 
 @final
 class LinearObjective(AbstractObjective):
-    """The loss of a weighted sum of responses, one a coordinate of the profile."""
+    """The loss of a weighted sum of responses, one a coordinate of the profile.
+
+    Attributes:
+        basis: Each coordinate's response as one row of real numbers; shape `(size, k)`.
+        layout: How such a row is taken apart.
+    """
 
     loss: AbstractResponseLoss
     scene: Scene
     motion: AbstractMotion
-    basis: Response
+    basis: Array
+    layout: "Layout" = eqx.field(static=True)
     plan: Plan = eqx.field(static=True)
 
     def __call__(self, box: Array) -> Array:
-        response = _joined(jax.tree.map(lambda part: jnp.tensordot(box, part, 1), self.basis))
+        response = self.layout.response(box @ self.basis)
         return self.loss.of_response(self.scene, self.motion, response, self.plan)
 
 
@@ -64,62 +73,77 @@ def objective_of(
 ) -> AbstractObjective:
     """The cheapest exact form of the loss over the space."""
     linear = isinstance(space.shutter, AbstractAdjustableShutter) and space.shutter.linear
-    if space.free == ("shutter",) and linear and isinstance(loss, AbstractResponseLoss):
-        basis = _basis(space, scene, plan, loss.needs_kernels, loss.needs_spectra)
-        return LinearObjective(loss, scene, space.motion, basis, plan)
+    known = space.free == ("shutter",) and linear and isinstance(loss, AbstractResponseLoss)
+    if plan.skips and known:
+        basis, layout = _basis(space, scene, plan, loss.needs_kernels, loss.needs_spectra)
+        return LinearObjective(loss, scene, space.motion, basis, layout, plan)
     return DesignObjective(loss, scene, space, plan)
 
 
-@eqx.filter_jit
+@dataclass(frozen=True)
+class Layout:
+    """Where in a row of real numbers the parts of a response lie.
+
+    Attributes:
+        num_still: Numbers that stand for the still object's kernel.
+        num_differences: Numbers that stand for the differences.
+        spectrum_size: Frequencies of the still object's spectrum.
+        spectra_shape: Speeds and frequencies of the transfer functions.
+    """
+
+    num_still: int
+    num_differences: int
+    spectrum_size: int
+    spectra_shape: tuple[int, ...]
+
+    def row(self, parts: Response) -> np.ndarray:
+        """A response, or one a coordinate on a leading axis, as real numbers."""
+        waves = [np.asarray(part) for part in (parts.still_spectrum, parts.spectra)]
+        real = [parts.still_kernel, parts.differences, *(wave.real for wave in waves)]
+        lead = np.shape(parts.efficiency)
+        pieces = [*real, *(wave.imag for wave in waves), parts.efficiency]
+        return np.concatenate([np.reshape(piece, (*lead, -1)) for piece in pieces], axis=-1)
+
+    def response(self, row: Array) -> Response:
+        """The response that `row` took apart."""
+        sizes = [self.num_still, self.num_differences]
+        sizes += [self.spectrum_size, math.prod(self.spectra_shape)] * 2
+        *parts, light = jnp.split(row, np.cumsum(sizes).tolist())
+        still, differences, spectrum, spectra, spectrum_imag, spectra_imag = parts
+        return Response(
+            still,
+            jax.lax.complex(spectrum, spectrum_imag),
+            differences,
+            jax.lax.complex(spectra, spectra_imag).reshape(self.spectra_shape),
+            light[0],
+        )
+
+
 def _basis(
     space: DesignSpace, scene: Scene, plan: Plan, needs_kernels: bool, needs_spectra: bool
-) -> Response:
-    def of_coordinate(box: Array) -> Response:
-        shutter, motion = space.at(box)
-        response = respond(
-            scene, motion, shutter, plan, kernels=needs_kernels, spectra=needs_spectra
-        )
-        return _parted(response)
-
-    return _condensed(jax.vmap(of_coordinate)(jnp.eye(space.size, dtype=space.max_speed.dtype)))
-
-
-def _parted(response: Response) -> Response:
-    """Complex parts as real and imaginary ones, which real weights may multiply."""
-    return jax.tree.map(lambda x: jnp.stack([jnp.real(x), jnp.imag(x)]), response)
-
-
-def _joined(response: Response) -> Response:
-    """The response that `_parted` took apart."""
-
-    def complex_part(x: Array) -> Array:
-        return jax.lax.complex(x[0], x[1])
-
-    return Response(
-        response.still_kernel[0],
-        complex_part(response.still_spectrum),
-        response.differences[0],
-        complex_part(response.spectra),
-        response.efficiency[0],
-    )
+) -> tuple[Array, Layout]:
+    """Response of each coordinate alone, by the program that measures finished designs."""
+    profile: Any = space.shutter
+    corners = np.eye(space.size, dtype=space.max_speed.dtype)
+    shutters = [profile.at(jnp.asarray(corner)) for corner in corners]
+    parts_wanted = needs_kernels, needs_spectra
+    each = [records(scene, space.motion, shutter, plan, *parts_wanted) for shutter in shutters]
+    kernels, spectra, light = (np.stack(part) for part in zip(*each, strict=True))
+    still = spectrum = differences = np.zeros((space.size, 0), light.dtype)
+    if needs_kernels:
+        shares = np.sqrt(np.asarray(scene.weights, light.dtype))[:, None]
+        spectrum = np.fft.rfft(kernels[:, 0], plan.dft_length)
+        still = _triangular(kernels[:, 0])
+        differences = _triangular(shares * (kernels[:, 1:] - kernels[:, :1]))
+    parts = Response(*map(jnp.asarray, (still, spectrum, differences, spectra, light)))
+    layout = Layout(still.shape[1], differences.shape[1], spectrum.shape[1], spectra.shape[1:])
+    return jnp.asarray(layout.row(parts).astype(light.dtype)), layout
 
 
-def _condensed(basis: Response) -> Response:
-    r"""The basis with rows that only count by their sum of squares rotated to a few.
+def _triangular(rows: np.ndarray) -> np.ndarray:
+    r"""Rows that only count by their sum of squares, rotated to a few.
 
     $\|\sum_j c_j d_j\| = \|R c\|$ for the triangular factor $R$ of the $d_j$ as columns:
     as many numbers as coordinates stand for all taps at all speeds.
     """
-
-    def triangular(rows: Array) -> Array:
-        columns = rows[:, 0].reshape(rows.shape[0], -1).T
-        factor = jnp.linalg.qr(columns, mode="r").T
-        return jnp.stack([factor, jnp.zeros_like(factor)], axis=1)
-
-    if not basis.differences.size:
-        return basis
-    return eqx.tree_at(
-        lambda r: (r.still_kernel, r.differences),
-        basis,
-        (triangular(basis.still_kernel), triangular(basis.differences)),
-    )
+    return np.linalg.qr(rows.reshape(rows.shape[0], -1).T, mode="r").T

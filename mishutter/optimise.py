@@ -1,6 +1,7 @@
 """The design search: many starts, a polish, and an honest end."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from enum import Enum
 from functools import lru_cache, reduce
 
@@ -12,13 +13,12 @@ from jaxtyping import Array
 from mishutter.design import Design
 from mishutter.design_space import FREE_NAMES, DesignSpace, design_space
 from mishutter.losses.base import AbstractLoss
-from mishutter.metrics import evaluate
 from mishutter.motion import AbstractMotion
 from mishutter.objective import objective_of
-from mishutter.plan import Plan, larger, needed_speeds, sizes
+from mishutter.plan import PLANNED, Automatic, Plan, is_symmetric, larger, reduced, sizes
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
-from mishutter.shutters.spline import SplineShutter
+from mishutter.shutters.spline import SplineShutter, fitted_boxes
 from mishutter.shutters.windows import (
     GaussianShutter,
     HannShutter,
@@ -59,7 +59,7 @@ def optimise(
     max_steps: int = 300,
     progress: Progress | None = None,
     throw: bool = False,
-    plan: Plan | None = None,
+    plan: Plan | Automatic | None = PLANNED,
 ) -> Design:
     r"""Search for the design of least loss within the scene's limits.
 
@@ -80,7 +80,7 @@ def optimise(
         max_steps: Steps of the descent, and of the polish, at most.
         progress: Called with the step and the smallest loss so far.
         throw: Whether an end other than convergence raises.
-        plan: What to compute; sized for the whole space by default.
+        plan: What to compute; made for the whole space by default, None for everything.
 
     Returns:
         The best design found, how the search ended in a sentence, and the
@@ -95,8 +95,8 @@ def optimise(
     require_positive_int("optimise(max_steps=...)", max_steps)
     require(isinstance(loss, AbstractLoss), "optimise(loss=...)", "be a loss", loss)
     space = design_space(scene, motion, shutter, free)
-    plan = _sizes_of_space(scene, space) if plan is None else plan
-    objective = objective_of(loss, needed_speeds(scene, shutter), space, plan)
+    plan = _plan_of_space(plan, scene, space)
+    objective = objective_of(loss, reduced(scene, plan), space, plan)
     starts = start_boxes(space, num_starts, seed)
     first = losses_at(objective, starts)
     history = np.minimum.accumulate(first)
@@ -123,7 +123,6 @@ def optimise(
         motion=found_motion,
         scene=scene,
         loss=value,
-        metrics=evaluate(scene, found_motion, found_shutter),
         history=np.append(history, min(value, history[-1])),
         converged=outcome is Outcome.CONVERGED,
         outcome=outcome.value,
@@ -144,11 +143,16 @@ def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
     return Outcome.STEPS_USED if steps_used else Outcome.STALLED
 
 
-def _sizes_of_space(scene: Scene, space: DesignSpace) -> Plan:
-    """Sizes that hold every design of the space."""
+def _plan_of_space(plan: Plan | Automatic | None, scene: Scene, space: DesignSpace) -> Plan:
+    """The plan that `plan=` stands for, with sizes that hold every design of the space."""
+    if isinstance(plan, Plan):
+        return plan
     dtype = space.max_speed.dtype
     corners = [_design_at(space, jnp.asarray(corner, dtype)) for corner in _corners(space)]
-    return reduce(larger, [sizes(scene, motion) for _, motion in corners])
+    whole = reduce(larger, [sizes(scene, motion) for _, motion in corners])
+    if plan is None:
+        return whole
+    return replace(whole, skips=True, folds=is_symmetric(space.shutter))
 
 
 def _corners(space: DesignSpace) -> list[np.ndarray]:
@@ -166,7 +170,7 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
     The given design first, then the baselines' profiles and random ones, at the given
     motion and at random motions by turns.
     """
-    given = np.asarray(space.box(space.shutter, space.motion))
+    given = np.asarray(_given_box(space))
     if given.size <= _GRID_COORDINATES:
         return np.concatenate([given[None], _grid(given.size).astype(given.dtype)])
     count = space.num_profile_coordinates
@@ -181,6 +185,11 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
         if index % 2 or not count:
             boxes[index, count:] = random.uniform(size=given.size - count)
     return boxes
+
+
+@eqx.filter_jit
+def _given_box(space: DesignSpace) -> Array:
+    return space.box(space.shutter, space.motion)
 
 
 def _grid(num_coordinates: int) -> np.ndarray:
@@ -202,12 +211,11 @@ def _baseline_boxes(space: DesignSpace) -> list[np.ndarray]:
     shutter = space.shutter
     if not ("shutter" in space.free and isinstance(shutter, SplineShutter)):
         return []
-    fits = _window_fits(shutter.num_coefficients, shutter.symmetric)
-    return [np.asarray(fit.box()) for fit in fits]
+    return _window_fits(shutter.num_coefficients, shutter.symmetric)
 
 
 @lru_cache
-def _window_fits(num_coefficients: int, symmetric: bool) -> tuple[SplineShutter, ...]:
+def _window_fits(num_coefficients: int, symmetric: bool) -> list[np.ndarray]:
     windows = (
         HannShutter(),
         TukeyShutter(0.5),
@@ -217,9 +225,7 @@ def _window_fits(num_coefficients: int, symmetric: bool) -> tuple[SplineShutter,
         TukeyShutter(0.25),
         TukeyShutter(0.75),
     )
-    return tuple(
-        SplineShutter.fit(window, num_coefficients, symmetric=symmetric) for window in windows
-    )
+    return fitted_boxes(windows, num_coefficients, symmetric=symmetric)
 
 
 def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:

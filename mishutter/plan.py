@@ -1,13 +1,18 @@
-"""What a scene needs computed: sizes now, chosen once and shared by every consumer."""
+"""What a scene needs computed: chosen once, before anything is, and shared by every consumer.
 
-from dataclasses import astuple, dataclass
+A plan with zero tolerance leaves out only what cannot change a result: speeds that never
+occur, occur twice or mirror one another under a symmetric shutter; taps no object reaches;
+terms that weigh nothing. `plan=None` computes everything all the same.
+"""
+
+from dataclasses import dataclass, field, replace
+from enum import Enum
 
 import jax
 import numpy as np
 
-from mishutter.kernel import support
 from mishutter.motion import AbstractMotion
-from mishutter.scene import Scene
+from mishutter.scene import CORNER_FREQUENCY, Scene
 from mishutter.shutters import (
     AbstractShutter,
     GaussianShutter,
@@ -17,35 +22,101 @@ from mishutter.shutters import (
     TriangleShutter,
     TukeyShutter,
 )
+from mishutter.spectrum import default_num_frequencies
 from mishutter.types import is_concrete
 
 NUM_FREQUENCIES = 256
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 _MAX_TAPS = 1 << 14
+_MAX_NODES = 1 << 16
 _UNKNOWN_REACH = 256.0
 _SYMMETRIC_WINDOWS = (RectShutter, HannShutter, TriangleShutter, GaussianShutter, TukeyShutter)
 
 
+class Automatic(Enum):
+    """The default of every `plan=`: made from the scene, motion and shutter at hand."""
+
+    PLANNED = "planned"
+
+
+PLANNED = Automatic.PLANNED
+
+
+@dataclass(frozen=True)
+class Item:
+    """One decision of a plan.
+
+    Attributes:
+        name: What was decided.
+        full: How much of it a full computation has.
+        kept: How much of it is left.
+        why: Why that is enough.
+        bound: Largest relative change of a result by it; 0 for an exact skip.
+    """
+
+    name: str
+    full: str
+    kept: str
+    why: str
+    bound: float = 0.0
+
+
 @dataclass(frozen=True)
 class Plan:
-    """Sizes of a computation; static, hashable.
+    """What is computed; static, hashable, and the same for scenes of the same needs.
 
     Attributes:
         num_taps: Taps of a blur kernel.
         dft_length: Length of the DFT that the condition number is taken over.
         num_frequencies: Frequencies in (0, 0.5) cycles/px of the expected error.
         num_nodes: Nodes over the whole exposure for the transfer functions there.
+        num_kept: The lowest of the frequencies, to which the expected error is confined;
+            None for all.
+        skips: Whether what cannot change a result is left out: speeds that never occur or
+            occur twice, and what a search would compute over again.
+        folds: Whether `+s` and `-s` are taken for one speed.
+        num_speeds: Speeds of a quadrature that stands for the scene's; None for these.
+        single: Whether single precision is enough.
+        items: The decisions and their reasons; they say nothing that is computed with.
     """
 
     num_taps: int
     dft_length: int
     num_frequencies: int
     num_nodes: int
+    num_kept: int | None = None
+    skips: bool = False
+    folds: bool = False
+    num_speeds: int | None = None
+    single: bool = False
+    items: tuple[Item, ...] = field(default=(), compare=False, repr=False)
+
+    @property
+    def bound(self) -> float:
+        """Largest relative change of a result by all skips together."""
+        return sum(item.bound for item in self.items)
+
+    def __str__(self) -> str:
+        header = Item("item", "full", "kept", "why")
+        rows = [header, *self.items]
+        widths = [max(len(getattr(row, name)) for row in rows) for name in ("name", "full", "kept")]
+        return "\n".join(_line(row, widths, row is header) for row in rows)
+
+    def to_dict(self) -> dict[str, object]:
+        """The decisions as plain numbers and text."""
+        return {"bound": self.bound, "items": [vars(item) for item in self.items]}
+
+
+def _line(row: Item, widths: list[int], is_header: bool) -> str:
+    cells = zip((row.name, row.full, row.kept), widths, strict=True)
+    text = "  ".join(cell.ljust(width) for cell, width in cells)
+    bound = "error bound" if is_header else "exact" if row.bound == 0 else f"{row.bound:.1e}"
+    return f"{text}  {bound:<11}  {row.why}"
 
 
 def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
-    """Sizes that hold the scene on this motion and on every motion within its limits.
+    """Everything: sizes that hold the scene on this motion and on all within its limits.
 
     One size for all of them makes designs comparable (the condition number depends on
     the DFT length) and lets them share one compiled program. Where the numbers are being
@@ -55,15 +126,27 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     if not all(is_concrete(leaf) for leaf in leaves):
         return sized_for(_UNKNOWN_REACH, _UNKNOWN_REACH)
     longest = 4 * float(scene.limits.max_stroke)
-    reach = float(np.max(support(motion, scene.max_speed)))
-    smear = float(np.max(scene.max_speed * motion.half_exposure))
-    velocity = 2 * float(np.max(motion.stroke)) + smear
-    return sized_for(max(reach, 2 * smear, longest), max(velocity, longest))
+    reach, velocity = _extent(scene, motion)
+    return sized_for(max(reach, longest), max(velocity, longest))
+
+
+def _extent(scene: Scene, motion: AbstractMotion) -> tuple[float, float]:
+    """Length of the longest kernel, px, and its greatest velocity, px per half exposure."""
+    a, half = (np.asarray(x, np.float64) for x in (motion.acceleration, motion.half_exposure))
+    stroke, smear = a * half * half, float(scene.max_speed) * half
+    moving = stroke > 0
+    reach = np.where(moving, (2 * stroke + smear) ** 2 / (4 * np.where(moving, stroke, 1.0)), 0.0)
+    longest = np.max(np.maximum(reach, 2 * smear))
+    return float(longest), float(np.max(2 * stroke + smear))
 
 
 def larger(first: Plan, second: Plan) -> Plan:
     """Sizes that hold what either holds."""
-    return Plan(*(max(pair) for pair in zip(astuple(first), astuple(second), strict=True)))
+    return Plan(*(max(pair) for pair in zip(_sizes(first), _sizes(second), strict=True)))
+
+
+def _sizes(plan: Plan) -> tuple[int, int, int, int]:
+    return plan.num_taps, plan.dft_length, plan.num_frequencies, plan.num_nodes
 
 
 def sized_for(reach: float, velocity: float) -> Plan:
@@ -71,7 +154,46 @@ def sized_for(reach: float, velocity: float) -> Plan:
     num_taps = min(_rounded_up(reach + 1), _MAX_TAPS)
     phase = 2 * np.pi * 0.5 * 2 * velocity
     num_nodes = _rounded_up(phase / _PHASE_PER_NODE + 4 * _SPARE_NODES)
-    return Plan(num_taps, dft_length(num_taps), NUM_FREQUENCIES, min(num_nodes, 1 << 16))
+    length = default_num_frequencies(num_taps)
+    return Plan(num_taps, length, NUM_FREQUENCIES, min(num_nodes, _MAX_NODES))
+
+
+def _rounded_up(count: float) -> int:
+    """Round up to one of four sizes an octave, so that near scenes share a program."""
+    count = max(16, int(np.ceil(count)))
+    step = max(4, 1 << (count.bit_length() - 3))
+    return -(-count // step) * step
+
+
+def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Plan:
+    """The plan that a consumer makes for itself: exact, and one for every motion.
+
+    Sizes hold all that the scene's limits allow, so that one compiled program serves.
+    """
+    return replace(sizes(scene, motion), skips=True, folds=is_symmetric(shutter))
+
+
+def chosen(
+    plan: Plan | Automatic | None, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> Plan:
+    """The plan that an argument `plan=` stands for; None computes everything."""
+    if isinstance(plan, Plan):
+        return plan
+    return sizes(scene, motion) if plan is None else automatic(scene, motion, shutter)
+
+
+def reduced(scene: Scene, plan: Plan) -> Scene:
+    """The numbers of a scene that a plan keeps: no picture, no motion, fewer speeds.
+
+    Scenes that differ in numbers alone come out with the same shapes.
+    """
+    bare = scene.bare(power_spectrum=_power_on_grid(scene, plan))
+    if not (plan.skips and is_concrete(scene.speeds) and is_concrete(scene.weights)):
+        return bare
+    speeds, weights = distinct_speeds(scene, folds=plan.folds)
+    if plan.num_speeds is not None:
+        speeds, weights = quadrature(speeds, weights, plan.num_speeds)
+    return bare.bare(speeds=speeds, weights=weights)
 
 
 def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
@@ -82,13 +204,45 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
     """
     if not (is_concrete(scene.speeds) and is_concrete(scene.weights)):
         return scene.bare()
+    speeds, weights = distinct_speeds(scene, folds=is_symmetric(shutter))
+    return scene.bare(speeds=speeds, weights=weights)
+
+
+def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`."""
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
     speeds, weights = speeds[weights > 0], weights[weights > 0]
-    if is_symmetric(shutter):
-        speeds = np.abs(speeds)
-    distinct, index = np.unique(speeds, return_inverse=True)
-    merged = np.bincount(index, weights).astype(weights.dtype)
-    return scene.bare(speeds=distinct, weights=merged)
+    distinct, index = np.unique(np.abs(speeds) if folds else speeds, return_inverse=True)
+    return distinct, np.bincount(index, weights).astype(weights.dtype)
+
+
+def quadrature(
+    speeds: np.ndarray, weights: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Gauss rule of a distribution of speeds: `count` speeds that stand for all.
+
+    $\sum_j p'_j g(s'_j) = \sum_i p_i g(s_i)$ for every polynomial of degree below twice
+    `count`. Nodes and weights are those of the Jacobi matrix that Lanczos' recurrence
+    builds (Golub and Welsch, Math. Comp. 23, 1969); vectors are orthogonalised twice.
+    """
+    if count >= speeds.size:
+        return speeds, weights
+    centre, scale = float(np.mean(speeds)), float(np.ptp(speeds)) / 2
+    x = (speeds.astype(np.float64) - centre) / scale
+    basis = [np.sqrt(weights.astype(np.float64))]
+    diagonal, side = [], []
+    for _ in range(count):
+        vector = x * basis[-1]
+        diagonal.append(basis[-1] @ vector)
+        for _ in range(2):
+            vector -= np.array(basis).T @ (np.array(basis) @ vector)
+        side.append(np.linalg.norm(vector))
+        basis.append(vector / side[-1])
+    jacobi = np.diag(diagonal) + np.diag(side[:-1], 1) + np.diag(side[:-1], -1)
+    nodes, vectors = np.linalg.eigh(jacobi)
+    chosen_weights = vectors[0] ** 2
+    nodes = np.clip(centre + scale * nodes, speeds.min(), speeds.max())
+    return nodes.astype(speeds.dtype), (chosen_weights / chosen_weights.sum()).astype(weights.dtype)
 
 
 def is_symmetric(shutter: AbstractShutter) -> bool:
@@ -98,13 +252,18 @@ def is_symmetric(shutter: AbstractShutter) -> bool:
     return isinstance(shutter, _SYMMETRIC_WINDOWS)
 
 
-def dft_length(num_taps: int) -> int:
-    """Smallest power of two of at least four times the taps, and at least 256."""
-    return max(256, 1 << (4 * num_taps - 1).bit_length())
+def frequencies(count: int) -> np.ndarray:
+    """Centres of equal steps in (0, 0.5); cycles/px, shape `(count,)`."""
+    return (np.arange(count) + 0.5) * (0.5 / count)
 
 
-def _rounded_up(count: float) -> int:
-    """Round up to one of four sizes an octave, so that near scenes share a program."""
-    count = max(16, int(np.ceil(count)))
-    step = max(4, 1 << (count.bit_length() - 3))
-    return -(-count // step) * step
+def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
+    """The scene's power spectrum at the plan's frequencies, where that changes nothing."""
+    given = scene.power_spectrum
+    if not is_concrete(given) or plan.num_frequencies != NUM_FREQUENCIES:
+        return given
+    grid = frequencies(NUM_FREQUENCIES)
+    if given is None:
+        return (1 / (grid**2 + CORNER_FREQUENCY**2)).astype(scene.speeds.dtype)
+    known = np.asarray(given)
+    return np.interp(grid, frequencies(known.size), known).astype(known.dtype)

@@ -18,9 +18,13 @@ from jaxtyping import Array
 
 from mishutter.kernel import binned_exposure, blur_kernel
 from mishutter.motion import AbstractMotion, StillCamera
-from mishutter.plan import Plan, sizes
+from mishutter.plan import Plan
 from mishutter.scene import Scene
-from mishutter.shutters.base import AbstractShutter, integrated_transmittance
+from mishutter.shutters.base import (
+    AbstractPiecewiseShutter,
+    AbstractShutter,
+    integrated_transmittance,
+)
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import common_dtype
 
@@ -51,28 +55,90 @@ def respond(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
-    plan: Plan | None = None,
+    plan: Plan,
     *,
     kernels: bool = True,
     spectra: bool = True,
 ) -> Response:
     """Response of a design to a scene, with the parts asked for."""
-    plan = sizes(scene, motion) if plan is None else plan
+    return assembled(scene, records(scene, motion, shutter, plan, kernels, spectra), plan)
+
+
+class Records(NamedTuple):
+    """What a shutter on a motion does to points at some speeds.
+
+    Attributes:
+        kernels: Of an object at rest, then of each speed; shape `(s + 1, n)`.
+        spectra: Transfer functions; complex, shape `(s, m)`.
+        efficiency: Share of light let through; scalar.
+    """
+
+    kernels: Array
+    spectra: Array
+    efficiency: Array
+
+
+def records(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    plan: Plan,
+    kernels: bool = True,
+    spectra: bool = True,
+) -> Records:
+    """Kernels and transfer functions, each by a program that every consumer shares."""
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
-    speeds = scene.speeds.astype(dtype)
     profile = piecewise(shutter)
-    still = spectrum = differences = response = jnp.zeros(0, dtype)
+    nothing = np.zeros(0, dtype)
+    taps, light = nothing, nothing
     if kernels:
-        with_rest = jnp.concatenate([jnp.zeros(1, dtype), speeds])
-        stack = jax.vmap(lambda s: aligned_kernel(profile, motion, s, plan.num_taps))(with_rest)
-        still = stack[0]
-        spectrum = jnp.fft.rfft(still, plan.dft_length)
-        shares = jnp.sqrt(scene.weights.astype(dtype))[:, None]
-        differences = shares * (stack[1:] - still[None])
+        taps, light = _kernels(profile, motion, scene.speeds, plan.num_taps)
+    response = nothing
     if spectra:
-        response = aligned_spectra(profile, motion, speeds, plan)
-    light = integrated_transmittance(profile).astype(dtype) / 2
-    return Response(still, spectrum, differences, response, light)
+        sizes = plan.num_nodes, plan.num_frequencies, plan.num_kept
+        response, light = _spectra(profile, motion, scene.speeds, *sizes)
+    return Records(jnp.asarray(taps), jnp.asarray(response), jnp.asarray(light))
+
+
+def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
+    """The response that losses and metrics are made from."""
+    still = differences = spectrum = jnp.zeros(0, recorded.efficiency.dtype)
+    if recorded.kernels.size:
+        still = recorded.kernels[0]
+        spectrum = jnp.fft.rfft(still, plan.dft_length)
+        shares = jnp.sqrt(scene.weights.astype(still.dtype))[:, None]
+        differences = shares * (recorded.kernels[1:] - still[None])
+    return Response(still, spectrum, differences, recorded.spectra, recorded.efficiency)
+
+
+@eqx.filter_jit
+def _kernels(
+    profile: AbstractPiecewiseShutter, motion: AbstractMotion, speeds: Array, num_taps: int
+) -> tuple[Array, Array]:
+    dtype = common_dtype(*jax.tree.leaves((speeds, motion, profile)))
+    with_rest = jnp.concatenate([jnp.zeros(1, dtype), speeds.astype(dtype)])
+    taps = jax.vmap(lambda s: aligned_kernel(profile, motion, s, num_taps))(with_rest)
+    return taps, _light(profile, dtype)
+
+
+@eqx.filter_jit
+def _spectra(
+    profile: AbstractPiecewiseShutter,
+    motion: AbstractMotion,
+    speeds: Array,
+    num_nodes: int,
+    num_frequencies: int,
+    num_kept: int | None,
+) -> tuple[Array, Array]:
+    dtype = common_dtype(*jax.tree.leaves((speeds, motion, profile)))
+    waves = aligned_spectra(
+        profile, motion, speeds.astype(dtype), num_nodes, num_frequencies, num_kept
+    )
+    return waves, _light(profile, dtype)
+
+
+def _light(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:
+    return integrated_transmittance(profile).astype(dtype) / 2
 
 
 def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:
@@ -100,18 +166,26 @@ def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Array:
 
 
 def aligned_spectra(
-    shutter: AbstractShutter, motion: AbstractMotion, speeds: Array, plan: Plan
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    speeds: Array,
+    num_nodes: int,
+    num_frequencies: int,
+    num_kept: int | None = None,
 ) -> Array:
-    """Transfer functions on the frequency grid, aligned as the kernels; `(s, m)`, complex."""
+    """Transfer functions on the frequency grid, aligned as the kernels; `(s, m)`, complex.
+
+    With `num_kept` only at the lowest of the frequencies.
+    """
     dtype = speeds.dtype
-    tau, light = _light_at_nodes(shutter, plan.num_nodes, np.dtype(dtype))
+    tau, light = _light_at_nodes(shutter, num_nodes, np.dtype(dtype))
     a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
     stroke = a * half * half
     smear = (speeds * half)[:, None]
     vertex = -_safe_ratio(smear**2, 4 * stroke)
     tau = tau[None]
     position = tau * (stroke * tau - smear) - vertex
-    return _sum_of_waves(position, light[None], plan.num_frequencies)
+    return _sum_of_waves(position, light[None], num_frequencies, num_kept or num_frequencies)
 
 
 def _safe_ratio(numerator: Array, denominator: Array) -> Array:
@@ -144,10 +218,10 @@ def _panel_rule(num_panels: int, num_nodes: int) -> tuple[np.ndarray, np.ndarray
     return spread.ravel(), np.tile(weights / (2 * num_panels), num_panels)
 
 
-def _sum_of_waves(position: Array, light: Array, num_frequencies: int) -> Array:
-    r"""$\sum_q l_q e^{-2\pi i f_m x_q}$ on the frequency grid; `(s, m)`, complex."""
-    num_fine = 1 << (max(num_frequencies - 1, 1).bit_length() + 1) // 2
-    num_coarse = -(-num_frequencies // num_fine)
+def _sum_of_waves(position: Array, light: Array, num_frequencies: int, num_kept: int) -> Array:
+    r"""$\sum_q l_q e^{-2\pi i f_m x_q}$ on the lowest of the grid; `(s, num_kept)`, complex."""
+    num_fine = 1 << (max(num_kept - 1, 1).bit_length() + 1) // 2
+    num_coarse = -(-num_kept // num_fine)
     step = (np.pi / num_frequencies) * position
     half = _Wave(light * jnp.cos(step / 2), light * jnp.sin(step / 2))
     fine = _powers(half, step, num_fine)
@@ -158,7 +232,7 @@ def _sum_of_waves(position: Array, light: Array, num_frequencies: int) -> Array:
     product = jnp.einsum("psq,rsq->spr", left, right)
     (cc, cs), (sc, ss) = (jnp.split(part, 2, axis=2) for part in jnp.split(product, 2, axis=1))
     waves = jax.lax.complex(cc - ss, -(cs + sc))
-    return waves.reshape(position.shape[0], -1)[:, :num_frequencies]
+    return waves.reshape(position.shape[0], -1)[:, :num_kept]
 
 
 class _Wave(NamedTuple):

@@ -192,12 +192,18 @@ class Scene(eqx.Module):
 
         return read_scene(path)
 
-    def bare(self, speeds: ArrayLike | None = None, weights: ArrayLike | None = None) -> "Scene":
+    def bare(
+        self,
+        speeds: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
+        power_spectrum: RowLike | None = None,
+    ) -> "Scene":
         """The numbers without what no integral sees: the picture's path and the motion.
 
         Args:
             speeds: Speeds in place of the scene's own, with their `weights`.
             weights: How often each occurs.
+            power_spectrum: Power in place of the scene's own.
         """
         return Scene(
             self.speeds if speeds is None else speeds,
@@ -206,14 +212,17 @@ class Scene(eqx.Module):
             read_noise=self.read_noise,
             mean_level=self.mean_level,
             deviation=self.deviation,
-            power_spectrum=self.power_spectrum,
+            power_spectrum=self.power_spectrum if power_spectrum is None else power_spectrum,
             limits=self.limits,
         )
 
     @property
     def max_speed(self) -> Array:
-        """Largest speed of either sign; px/s."""
-        return jnp.max(jnp.abs(self.speeds))
+        """Largest speed of either sign that occurs; px/s."""
+        if is_concrete(self.speeds) and is_concrete(self.weights):
+            speeds, weights = np.asarray(self.speeds), np.asarray(self.weights)
+            return jnp.asarray(np.max(np.abs(speeds), where=weights > 0, initial=0))
+        return jnp.max(jnp.where(self.weights > 0, jnp.abs(self.speeds), 0))
 
 
 def _check_at_least(subject: str, value: Array, bound: str, *, strict: bool = False) -> None:

@@ -8,4 +8,4 @@ LIMITS = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_
 SCENE = Scene.uniform(
     max_speed=2000.0, num_speeds=5, photon_rate=1e5, read_noise=10.0, limits=LIMITS
 )
-SMALL = Plan(num_taps=64, dft_length=256, num_frequencies=64, num_nodes=192)
+SMALL = Plan(num_taps=64, dft_length=256, num_frequencies=64, num_nodes=192, skips=True)

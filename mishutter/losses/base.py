@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from mishutter.motion import AbstractMotion, settled
-from mishutter.plan import Plan, sizes
+from mishutter.plan import PLANNED, Automatic, Plan, chosen, reduced
 from mishutter.response import Response, respond
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
@@ -28,9 +28,9 @@ class AbstractLoss(eqx.Module):
         motion: AbstractMotion,
         shutter: AbstractShutter,
         *,
-        plan: Plan | None = None,
+        plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
-        """The loss; scalar. `plan=None` computes everything."""
+        """The loss; scalar. The plan is made for the scene by default; None computes all."""
 
     def __add__(self, other: "AbstractLoss") -> "AbstractLoss":
         if not isinstance(other, AbstractLoss):
@@ -66,19 +66,20 @@ class AbstractResponseLoss(AbstractLoss):
         motion: AbstractMotion,
         shutter: AbstractShutter,
         *,
-        plan: Plan | None = None,
+        plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
         motion = settled(motion)
-        plan = sizes(scene, motion) if plan is None else plan
+        plan = chosen(plan, scene, motion, shutter)
+        kept = reduced(scene, plan)
         response = respond(
-            scene,
+            kept,
             motion,
             shutter,
             plan,
             kernels=self.needs_kernels,
             spectra=self.needs_spectra,
         )
-        return self.of_response(scene, motion, response, plan)
+        return self.of_response(kept, motion, response, plan)
 
 
 @final
@@ -94,7 +95,7 @@ class WeightedSum(AbstractLoss):
         motion: AbstractMotion,
         shutter: AbstractShutter,
         *,
-        plan: Plan | None = None,
+        plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
         terms = [
             weight * loss(scene, motion, shutter, plan=plan)

@@ -67,11 +67,11 @@ class DesignLoss(AbstractResponseLoss):
 def smooth_condition_number(spectrum: Array) -> Array:
     """Condition number with soft extremes; see `DesignLoss` for its bounds. Scalar."""
     power = spectrum.real**2 + spectrum.imag**2
-    brightest = jnp.max(power)
+    brightest = jax.lax.stop_gradient(jnp.max(power))
     lit = brightest > 0
-    scale = jax.lax.stop_gradient(jnp.where(lit, brightest, 1.0))
     floor = jnp.finfo(power.dtype).eps ** 2
-    log_power = jnp.log(jnp.where(lit, power / scale, floor) + floor)
-    beta = _SHARPNESS
-    log_square = (jax.nn.logsumexp(beta * log_power) + jax.nn.logsumexp(-beta * log_power)) / beta
-    return jnp.where(lit, jnp.exp(log_square / 2), 1 / jnp.finfo(power.dtype).eps)
+    decay = -_SHARPNESS * jnp.log(jnp.where(lit, power / jnp.where(lit, brightest, 1.0), 0) + floor)
+    deepest = jax.lax.stop_gradient(jnp.max(decay))
+    sums = jnp.sum(jnp.exp(-decay)) * jnp.sum(jnp.exp(decay - deepest))
+    logarithm = (jnp.log(sums) + deepest) / _SHARPNESS
+    return jnp.where(lit, jnp.exp(logarithm / 2), 1 / jnp.finfo(power.dtype).eps)

@@ -28,7 +28,7 @@ class ExpectedErrorLoss(AbstractResponseLoss):
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
     ) -> Array:
-        squared = expected_squared_error(scene, motion, response)
+        squared = expected_squared_error(scene, motion, response, plan.num_frequencies)
         variance = scene.deviation.astype(squared.dtype) ** 2
         textured = (variance > 0) & (squared > 0)
         ratio = jnp.where(textured, squared, 1.0) / jnp.where(textured, variance, 1.0)

@@ -1,5 +1,6 @@
 """The free-form shutter that is optimised."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import ClassVar, final
 
@@ -147,13 +148,29 @@ class SplineShutter(AbstractAdjustableShutter):
         subject = "SplineShutter.fit(num_coefficients=...)"
         require_positive_int(subject, num_coefficients)
         require(num_coefficients > _DEGREE, subject, "be at least 4", num_coefficients)
-        coefficients = _fit_coefficients(shutter, num_coefficients, symmetric)
-        parameters = coefficients[: (num_coefficients + 1) // 2] if symmetric else coefficients
+        (parameters,) = fitted_boxes([shutter], num_coefficients, symmetric=symmetric)
         return SplineShutter(
             jnp.asarray(parameters, common_dtype(*_arrays(shutter))),
             symmetric=symmetric,
             num_coefficients=num_coefficients,
         )
+
+
+def fitted_boxes(
+    shutters: Sequence[AbstractShutter], num_coefficients: int, *, symmetric: bool
+) -> list[np.ndarray]:
+    """Parameters of the splines that `SplineShutter.fit` gives; shape `(p,)` each."""
+    num_samples = _FIT_SAMPLES_PER_PIECE * (num_coefficients - _DEGREE)
+    tau = (2 * np.arange(num_samples) + 1) / num_samples - 1
+    targets = np.asarray(_transmittances(tuple(shutters), jnp.asarray(tau, common_dtype())))
+    each = [_fit_coefficients(tau, target, num_coefficients, symmetric) for target in targets]
+    return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
+
+
+@eqx.filter_jit
+def _transmittances(shutters: tuple[AbstractShutter, ...], tau: Array) -> Array:
+    dtype = tau.dtype
+    return jnp.stack([shutter.transmittance(tau).astype(dtype) for shutter in shutters])
 
 
 def _arrays(shutter: AbstractShutter) -> list[Array]:
@@ -167,13 +184,13 @@ def _fold(parameters: Array) -> Array:
     return jnp.where(inside, parameters, jnp.abs(jnp.mod(parameters + 1, 2.0) - 1))
 
 
-def _fit_coefficients(shutter: AbstractShutter, count: int, symmetric: bool) -> np.ndarray:
+def _fit_coefficients(
+    tau: np.ndarray, target: np.ndarray, count: int, symmetric: bool
+) -> np.ndarray:
     from scipy.interpolate import BSpline
     from scipy.optimize import lsq_linear
 
-    num_samples = _FIT_SAMPLES_PER_PIECE * (count - _DEGREE)
-    tau = (2 * np.arange(num_samples) + 1) / num_samples - 1
-    target = np.asarray(shutter.transmittance(jnp.asarray(tau, common_dtype())), np.float64)
+    target = target.astype(np.float64)
     if symmetric:
         target = (target + target[::-1]) / 2
     basis = BSpline.design_matrix(tau, _knots(count), _DEGREE).toarray()
