@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.path import safe_sqrt
@@ -73,7 +74,7 @@ def evaluate(
     return _measured(kept, motion, records(kept, motion, shutter, plan), plan)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Metrics:
     response = assembled(scene, recorded, plan)
     raw, relative = kernel_differences(scene, motion, response)

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.kernel import binned_exposure, blur_kernel
 from mishutter.motion import AbstractMotion, StillCamera
 from mishutter.plan import Plan
@@ -111,7 +112,7 @@ def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
     return Response(still, spectrum, differences, recorded.spectra, recorded.efficiency)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _kernels(
     profile: AbstractPiecewiseShutter, motion: AbstractMotion, speeds: Array, num_taps: int
 ) -> tuple[Array, Array]:
@@ -121,7 +122,7 @@ def _kernels(
     return taps, _light(profile, dtype)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _spectra(
     profile: AbstractPiecewiseShutter,
     motion: AbstractMotion,
