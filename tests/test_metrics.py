@@ -128,7 +128,7 @@ def test_the_vertex_alignment_changes_no_power():
 
 @pytest.mark.parametrize("taper", [0.004, 0.11, 0.7])
 def test_the_grid_resolves_a_long_flat_top(taper):
-    """However the exposure is cut into pieces, a fast object's response is that at any frequency."""
+    """However the exposure is cut, a fast object's response is right at every frequency."""
     motion = ParabolicMotion(acceleration=150 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
     scene = Scene([270 / HALF_EXPOSURE, 0.0], photon_rate=1e5, read_noise=1.0)
     shutter = TukeyShutter(taper)

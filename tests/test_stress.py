@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 sys.path.append(str(Path(__file__).parent.parent))
-from benchmarks import stress  # noqa: E402 - found by the line above
+from benchmarks import stress
 
 
 @pytest.mark.slow
 def test_random_scenes_and_designs_are_finite_and_right():
-    """No value or slope is missing, and those computed by other means agree (seed in the module)."""
+    """No value or slope is missing, and those computed by other means agree."""
     for row in stress.measure(count=4000, sample=30):
         assert row["not finite"] == 0
         assert row["re-checked"] >= 15
