@@ -4,7 +4,6 @@ Typical printout, on two cores of an Intel Xeon: see `RESULTS.md`.
 """
 
 import sys
-from pathlib import Path
 
 import jax
 
@@ -14,13 +13,11 @@ import jax.numpy as jnp  # noqa: E402
 import matplotlib.pyplot as plt  # noqa: E402
 import mpmath as mp  # noqa: E402
 import numpy as np  # noqa: E402
+import reference  # noqa: E402
+from cases import SHUTTERS  # noqa: E402
 
 from benchmarks import harness  # noqa: E402
 from benchmarks.rivals import Method, Problem, methods  # noqa: E402
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-import reference  # noqa: E402
-from cases import SHUTTERS  # noqa: E402
 
 NUM_TAPS = 64
 MARKERS = "osv^<>DPX*"
