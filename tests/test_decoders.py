@@ -4,6 +4,7 @@ Borders are pinned on a photograph whose scene goes on beyond the sensor, becaus
 the usual rules (wrapped, dark) are known to ring.
 """
 
+import borders
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -106,28 +107,30 @@ def test_borders_are_nearly_as_good_as_the_middle(name):
     assert figures.border_psnr > figures.inner_psnr - 3
 
 
-def test_borders_are_far_better_than_wrapped():
-    """They are at least 6 dB better than the same filter's with wrapped borders."""
-    from mishutter.decoders.linear import ensemble_filter
+@pytest.mark.parametrize(
+    "name",
+    ["ensemble"]
+    + [
+        pytest.param(name, marks=pytest.mark.slow)
+        for name in ("wiener", "total variation", "richardson-lucy", "accelerated")
+    ],
+)
+def test_borders_are_far_better_than_wrapped(name):
+    """Over twelve photographs borders are within 3 dB of the middle, 6 dB above wrapped ones.
 
-    top = float(camera().top_speed)
-    known = ms.Scene.uniform(
-        max_speed=0.15 * top,
-        num_speeds=5,
-        photon_rate=3e6,
-        read_noise=4.0,
-        **ms.row_power_spectrum(ms.Picture(portrait()))._asdict(),
-    )
-    found = ms.restore_photograph(
-        portrait(), known, camera(), ms.HannShutter(), speeds=[0.0], num_seeds=1
-    )
-    g, columns = found.captured[0], found.captured.shape[2]
-    response = ensemble_filter(ms.blur_model(known, camera(), ms.HannShutter()), columns)
-    spectrum = np.fft.rfft(g, axis=1) * response[:, None]
-    wrapped = np.fft.irfft(spectrum, columns, axis=1)
-    good = ms.measure_quality(found.reference, found.restored[0], border=34)
-    bad = ms.measure_quality(found.reference, wrapped, border=34)
-    assert good.border_psnr > bad.border_psnr + 6
+    Both in the mean: where a row's ends look alike wrapping does no harm, and where the
+    columns at the border hold more contrast than the rest they are worse wherever they lie.
+    So it is also held, for each photograph, to how the same columns come out on a sensor
+    that goes on beyond them: what was not recorded costs at most 2.5 dB with the
+    ensemble filter, 6 dB with the others.
+    """
+    measured = [borders.measured(p, DECODERS[name], 3e6) for p in borders.PHOTOGRAPHS]
+    found = borders.Borders(*np.array(measured).T)
+    assert np.mean(found.border) > np.mean(found.inner) - 3
+    assert np.mean(found.border) > np.mean(found.wrapped) + 6
+    assert np.mean(found.border) > np.mean(found.reference) + 6
+    best = name == "ensemble"
+    assert np.all(found.border > found.recorded - (2.5 if best else 6))
 
 
 @pytest.mark.parametrize("name", DECODERS)
