@@ -11,8 +11,8 @@ PACKAGE = Path(mishutter.__file__).parent
 
 LAYERS = """
 __init__ __main__ cli cli_camera cli_export cli_options report reproduce reproduce_page
-reproduce_figures plots sweep simulation restoration compare optimise solvers objective
-design_space drive design losses decoders metrics
+reproduce_figures reproduce_capture plots sweep simulation restoration compare optimise solvers
+objective design_space drive design losses decoders metrics
 simulate layers_file layers frames cells quality noise rows response plan
 scene_file scene_schema pictures png tiff scene spectrum descent kernel path motion shutters
 doubleword terminal files compiling types
