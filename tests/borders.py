@@ -33,7 +33,7 @@ PHOTOGRAPHS = {
 }
 """Every photograph of at least 512 columns inside scikit-image's package, and the first of
 the 128 rows that are used."""
-NUM_ROWS, COLUMNS = 128, 320
+NUM_ROWS, COLUMNS = 128, 336
 STROKE, HALF_EXPOSURE = 34.0, 0.01
 BORDER = 34
 """Columns that count as border: the kernel's length."""
@@ -101,7 +101,7 @@ def measured(name, decoder, photon_rate):
 
 
 def wrapped_borders():
-    """Inside this context every decoder takes rows for periodic; multiples of 64 columns."""
+    """Inside this context every decoder takes rows for periodic; `COLUMNS` fills its blocks."""
 
     def periodic(model, columns, *, multiple=0):
         return Continuation(np.zeros((0, 0)), columns, columns, 0)
