@@ -5,7 +5,16 @@ import sys
 
 from benchmarks import harness
 
-ALL = ("accuracy", "kernel", "gradient", "design", "scaling")
+ALL = (
+    "accuracy",
+    "kernel",
+    "gradient",
+    "design",
+    "scaling",
+    "capture",
+    "borders",
+    "restoration",
+)
 
 
 def assemble() -> None:

@@ -1,9 +1,6 @@
-"""Exact occlusion against composited frames: run time and error on a layered scene.
+"""Exact occlusion against composited frames: which run time buys which error?
 
-Typical printout (2 cores of a Xeon at 2.5 GHz shared with other work, float64, 128 x 320 RGB):
-
-    exact            0.23 s
-    4000 frames     14.66 s   largest difference 5.0e-06
+Typical printout, on two cores of an AMD EPYC shared with other work: see `RESULTS.md`.
 """
 
 import sys
@@ -19,35 +16,78 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from frame_reference import integrate_frames  # noqa: E402
 
 import mishutter as ms  # noqa: E402
+from benchmarks import harness  # noqa: E402
+
+HALF_EXPOSURE, STROKE = 0.01, 30.0
+NUM_FRAMES = (250, 1000, 4000)
+SHUTTERS = {"rect": ms.RectShutter(), "Hann": ms.HannShutter()}
+TEXT = """## Captures of layered scenes: exact against composited frames
+
+Colour, float64, {rows} x {columns} px, stroke {stroke:g} px. The reference composites sharp
+frames, each split between its places where a layer crosses an edge of a pixel within it.
+`crossing`: an object enters, another leaves at twice its speed and crosses it, both before a
+moving street. `alone`: one moving picture, no occlusion. Difference: the largest, white = 1.
+
+{table}"""
 
 
-def main() -> None:
-    """Print run times and errors."""
-    half = 0.01
-    motion = ms.ParabolicMotion(acceleration=30 / half**2, half_exposure=half)
-    top = float(motion.top_speed)
+def crossing() -> ms.Layers:
+    """A street, a soft object that enters, and a faster one that crosses it and leaves."""
     light = ms.example_picture().light.astype(np.float64)
     back, ball, block = light[100:228, 100:420], light[200:280, 300:420], light[300:360, 400:460]
     y, x = np.mgrid[:80, :120]
     soft = np.clip(40.5 - np.hypot(y - 40, x - 60), 0, 1)
-    layers = ms.Layers(
+    top = float(camera().top_speed)
+    return ms.Layers(
         (
-            ms.Layer(ms.Picture(back)),
-            ms.Layer(ms.Picture(ball, soft), 0.3 * top, left=-30, top=10),
-            ms.Layer(ms.Picture(block), -0.5 * top, left=60, top=40),
+            ms.Layer(ms.Picture(back), 0.1 * top),
+            ms.Layer(ms.Picture(ball, soft), 0.3 * top, left=-40, top=10),
+            ms.Layer(ms.Picture(block), -0.6 * top, left=10, top=40),
         )
     )
-    scene = ms.Scene([0.0], photon_rate=1e6, read_noise=1.0)
-    ms.simulate_capture(layers, scene, motion, ms.RectShutter())
-    begin = perf_counter()
-    exact = np.asarray(ms.simulate_capture(layers, scene, motion, ms.RectShutter()))
-    print(f"exact           {perf_counter() - begin:6.2f} s")
-    for num_frames in (250, 1000, 4000):
-        begin = perf_counter()
-        summed = integrate_frames(layers, motion, ms.RectShutter(), num_frames)
-        took = perf_counter() - begin
-        error = np.max(np.abs(summed - exact))
-        print(f"{num_frames:4d} frames     {took:6.2f} s   largest difference {error:.1e}")
+
+
+def camera() -> ms.ParabolicMotion:
+    """The moving sensor."""
+    return ms.ParabolicMotion(acceleration=STROKE / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+
+
+def measure() -> list[dict]:
+    """A row for each scene, shutter and number of frames."""
+    motion, scene = camera(), ms.Scene([0.0], photon_rate=1e6, read_noise=1.0)
+    layered = crossing()
+    scenes = {"crossing": layered, "alone": ms.Layers(layered.layers[:1])}
+    rows = []
+    for name, layers in scenes.items():
+        for window, shutter in SHUTTERS.items():
+            found = harness.timed(ms.simulate_capture, layers, scene, motion, shutter)
+            for num_frames in NUM_FRAMES:
+                begin = perf_counter()
+                summed = integrate_frames(layers, motion, shutter, num_frames)
+                took = perf_counter() - begin
+                rows.append(
+                    {
+                        "scene": name,
+                        "shutter": window,
+                        "frames": num_frames,
+                        "difference": float(np.max(np.abs(summed - found["value"]))),
+                        "frames s": took,
+                        "exact s": found["best_s"],
+                        "times as fast": took / found["best_s"],
+                        "samples_s": found["samples_s"],
+                    }
+                )
+    return rows
+
+
+def main() -> None:
+    """Measure, store and print."""
+    rows = measure()
+    harness.write("capture", rows)
+    names = ["scene", "shutter", "frames", "difference", "frames s", "exact s", "times as fast"]
+    height, width, _ = crossing().shape
+    table = harness.table(rows, names)
+    harness.section("capture", TEXT.format(rows=height, columns=width, stroke=STROKE, table=table))
 
 
 if __name__ == "__main__":

@@ -61,6 +61,7 @@ from mishutter.shutters import RectShutter as RectShutter
 from mishutter.shutters import SplineShutter as SplineShutter
 from mishutter.shutters import TriangleShutter as TriangleShutter
 from mishutter.shutters import TukeyShutter as TukeyShutter
+from mishutter.simulate import centred_kernel as centred_kernel
 from mishutter.simulate import simulate_capture as simulate_capture
 from mishutter.simulation import Simulation as Simulation
 from mishutter.simulation import capture_and_restore as capture_and_restore

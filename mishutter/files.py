@@ -29,10 +29,22 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
-        os.replace(temporary, target)
+        move_into_place(temporary, target)
     except BaseException:
         os.unlink(temporary)
         raise
+
+
+def move_into_place(temporary: str | Path, target: str | Path) -> None:
+    """Give a finished temporary file its name, and the permissions that any new file has.
+
+    Raises:
+        OSError: if it cannot be moved.
+    """
+    umask = os.umask(0)
+    os.umask(umask)
+    os.chmod(temporary, 0o666 & ~umask)
+    os.replace(temporary, target)
 
 
 def writable_folder(path: str | Path) -> Path:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mishutter.png import is_deep_png, read_deep_png, write_deep_png
+from mishutter.tiff import is_packed_deep, unpacked_page
 from mishutter.types import require, require_positive_int
 
 GAMMA = 2.2
@@ -229,6 +230,8 @@ def _decoded_tiff(path: Path) -> np.ndarray:
         if page.imagewidth * page.imagelength > MAX_PIXELS:  # type: ignore[union-attr]
             raise ValueError(f"{page.imagewidth} x {page.imagelength} pixels")  # type: ignore[union-attr]
         plain = page.photometric in (1, 2) and page.bitspersample in (8, 16, 32, 64)  # type: ignore[union-attr]
+        if plain and is_packed_deep(page):
+            return unpacked_page(path, page)
         if plain:
             try:
                 array = page.asarray()

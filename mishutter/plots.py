@@ -37,6 +37,8 @@ _NUM_POINTS = 1001
 _LEAST_RESPONSE = 1e-4
 _CROP = (160, 240)
 _DOTS_PER_INCH = 130
+_MOST_COLUMNS = 1000
+"""More columns of a picture than a panel has dots for are averaged."""
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -183,8 +185,18 @@ def plot_capture(seen: object, captured: np.ndarray, restored: np.ndarray) -> Fi
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, light) in zip(panels[0], shown.items(), strict=True):
-        _show(axes, light, (rows, columns), title)
+        small = _shrunk(light, max(1, columns // _MOST_COLUMNS))
+        _show(axes, small, small.shape[:2], title)
     return figure
+
+
+def _shrunk(light: np.ndarray, times: int) -> np.ndarray:
+    """A picture of means over squares of `times` px; what does not fill one is left out."""
+    if times == 1 or min(light.shape[:2]) < times:
+        return light
+    rows, columns = (size // times for size in light.shape[:2])
+    kept = light[: rows * times, : columns * times]
+    return kept.reshape(rows, times, columns, times, -1).mean(axis=(1, 3))
 
 
 def _show(axes: Axes, light: np.ndarray, crop: tuple[int, int], title: str) -> None:

@@ -10,6 +10,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from mishutter.files import move_into_place
+
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _CHANNELS = {0: 1, 2: 3, 4: 2, 6: 4}
 _COLOUR_TYPE = {channels: colour for colour, channels in _CHANNELS.items()}
@@ -82,10 +84,7 @@ def write_deep_png(path: Path, rows_of: Callable[[slice], np.ndarray], shape: tu
             for data in _compressed(rows_of, rows, columns * channels):
                 file.write(_chunk(b"IDAT", data))
             file.write(_chunk(b"IEND", b""))
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)
-        os.replace(name, path)
+        move_into_place(name, path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise

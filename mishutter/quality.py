@@ -8,6 +8,8 @@ from jaxtyping import ArrayLike
 from mishutter.pictures import to_display
 from mishutter.types import require, require_positive_int
 
+_ROWS_AT_ONCE = 128
+
 
 class Quality(NamedTuple):
     """Figures of a restored picture.
@@ -52,11 +54,17 @@ def psnr(
     Raises:
         ValueError: if the shapes differ, or the matte is empty.
     """
-    true, found = _pair("psnr", reference, estimate)
-    if gamma:
-        true, found = to_display(true), to_display(found)
-    squared = (true - found) ** 2
-    error = float(np.mean(squared) if matte is None else np.mean(_weighted(squared, matte)))
+    true, found = _alike("psnr", reference, estimate)
+    weight = None if matte is None else _weights(true.shape, matte)
+    total = 0.0
+    true, found = (x[None] if x.ndim == 0 else x for x in (true, found))
+    for first in range(0, len(true), _ROWS_AT_ONCE):
+        rows = slice(first, first + _ROWS_AT_ONCE)
+        pair = [np.asarray(x[rows], np.float64) for x in (true, found)]
+        pair = [to_display(x) for x in pair] if gamma else pair
+        squared = (pair[0] - pair[1]) ** 2
+        total += float(np.sum(squared if weight is None else squared * weight[rows]))
+    error = total / true.size
     return float(-10 * np.log10(error)) if error > 0 else float("inf")
 
 
@@ -81,7 +89,9 @@ def ssim(reference: ArrayLike, estimate: ArrayLike, *, matte: ArrayLike | None =
     require(min(sides) >= 7, "ssim(reference=...)", "be at least 7 x 7 px", f"shape {true.shape}")
     axis = -1 if true.ndim == 3 else None
     parts: Any = structural_similarity(true, found, data_range=1.0, channel_axis=axis, full=True)
-    return float(parts[0] if matte is None else np.mean(_weighted(parts[1], matte)))
+    if matte is None:
+        return float(parts[0])
+    return float(np.mean(parts[1] * _weights(true.shape, matte)))
 
 
 def measure_quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -> Quality:
@@ -156,16 +166,21 @@ def ghost_energy(
     return max(echo(sign * d) ** 2 for d in at for sign in (1, -1))
 
 
-def _weighted(values: np.ndarray, matte: ArrayLike) -> np.ndarray:
+def _weights(shape: tuple, matte: ArrayLike) -> np.ndarray:
+    """Weights of the rows and columns of an array of `shape`, of mean 1."""
     weight = np.asarray(matte, np.float64)
-    fits = weight.shape == values.shape[:2] and float(np.sum(weight)) > 0
-    require(fits, "psnr(matte=...)", f"have shape {values.shape[:2]} and weight", weight.shape)
-    weight = weight.reshape(weight.shape + (1,) * (values.ndim - 2))
-    return values * weight / np.mean(weight)
+    fits = weight.shape == shape[:2] and float(np.sum(weight)) > 0
+    require(fits, "psnr(matte=...)", f"have shape {shape[:2]} and weight", weight.shape)
+    return weight.reshape(weight.shape + (1,) * (len(shape) - 2)) / np.mean(weight)
 
 
-def _pair(name: str, reference: ArrayLike, estimate: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    true, found = np.asarray(reference, np.float64), np.asarray(estimate, np.float64)
+def _alike(name: str, reference: ArrayLike, estimate: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    true, found = np.asarray(reference), np.asarray(estimate)
     alike = true.shape == found.shape and true.size > 0
     require(alike, f"{name}(estimate=...)", f"have shape {true.shape}", f"shape {found.shape}")
     return true, found
+
+
+def _pair(name: str, reference: ArrayLike, estimate: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    true, found = _alike(name, reference, estimate)
+    return true.astype(np.float64), found.astype(np.float64)

@@ -5,18 +5,29 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
-from mishutter.decoders import AbstractDecoder, RichardsonLucyDecoder
 from mishutter.files import write_text
 from mishutter.kernel import blur_kernel
 from mishutter.losses import ExpectedErrorLoss
-from mishutter.motion import ParabolicMotion
 from mishutter.optimise import optimise
-from mishutter.pictures import Picture, row_power_spectrum, shipped_picture
+from mishutter.pictures import Picture
 from mishutter.plots import save_figure
 from mishutter.quality import ghost_energy
+from mishutter.reproduce_capture import (
+    AXIS,
+    ELECTRONS,
+    HALF_EXPOSURE,
+    MID_TO_HIGH,
+    PHOTOGRAPHS,
+    READ_NOISE,
+    READINGS,
+    STROKE,
+    camera,
+    decoder_numbers,
+    photograph,
+    restored,
+)
 from mishutter.reproduce_figures import (
     figure_3,
     figure_4,
@@ -24,7 +35,7 @@ from mishutter.reproduce_figures import (
     figure_6,
 )
 from mishutter.reproduce_page import report_page, statements
-from mishutter.restoration import RestoredPhotograph, restore_photograph
+from mishutter.restoration import RestoredPhotograph
 from mishutter.scene import Limits, Scene
 from mishutter.shutters import (
     RASKAR_CODE,
@@ -37,24 +48,9 @@ from mishutter.shutters import (
 )
 from mishutter.spectrum import condition_number
 
-HALF_EXPOSURE = 0.01
-STROKE = 34.0
-"""Kernels of 34 to 51 samples for a still object and the fastest, as in section 3."""
 TABLE_STROKE = 45.0
 """Where the published condition numbers come out (phase 0)."""
-ELECTRONS, READ_NOISE = 1e4, 10.0
-"""Moderate noise: photo-electrons at white and read noise; e-."""
-AXIS = np.linspace(0.0, 0.5, 11)
-"""The paper's speed axis."""
-READINGS = {"s/(aT)": 0.5, "s/(2aT)": 1.0}
-"""What the axis may mean, and the normalised speed `s/(2aT)` that 1 on it then is."""
 NOISE_AXIS = np.geomspace(1e2, 1e6, 7)
-PHOTOGRAPHS = {
-    "camera": ("camera.png", (60, 188)),
-    "motorcycle": ("motorcycle_left.png", (180, 308)),
-    "coffee": ("coffee.png", (120, 248)),
-}
-"""Files of scikit-image's package, and the rows of them that are used."""
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share that is."""
@@ -111,7 +107,11 @@ def reproduce(
     numbers["figure_4"] = spectrum_numbers(shutters)
     report("photographs at two speeds", 0.1)
     pictures, numbers["figure_5"] = _figure_5_numbers(photographs)
-    report("photographs over speed and noise", 0.2)
+    report("other decoders", 0.15)
+    windows = {name: shutters[name] for name in ("rect", "hann")}
+    speeds = MID_TO_HIGH[::3] if quick else MID_TO_HIGH
+    numbers["decoders"] = decoder_numbers(photographs, windows, speeds)
+    report("photographs over speed and noise", 0.3)
     numbers["figure_6"] = _figure_6_numbers(shutters, photographs, report, quick)
     numbers["statements"] = statements(numbers)
     report("writing", 0.95)
@@ -123,18 +123,6 @@ def reproduce(
     write_text(folder / "REPRODUCTION.md", report_page(numbers))
     report("done", 1.0)
     return numbers
-
-
-def camera(stroke: float = STROKE) -> ParabolicMotion:
-    """The moving sensor of the reproduction."""
-    return ParabolicMotion(acceleration=stroke / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
-
-
-def photograph(name: str) -> Picture:
-    """One of the photographs, in luminance, cut to the rows that are used."""
-    file_name, (first, last) = PHOTOGRAPHS[name]
-    whole = shipped_picture(file_name)
-    return Picture(light=np.ascontiguousarray(whole.luminance[first:last, :, None]), name=name)
 
 
 def kernel_numbers(shutters: dict[str, AbstractShutter]) -> dict[str, Any]:
@@ -177,28 +165,6 @@ def spectrum_numbers(shutters: dict[str, AbstractShutter]) -> dict[str, Any]:
         },
         "published": published,
     }
-
-
-def restored(
-    picture: Picture,
-    shutter: AbstractShutter,
-    normalised_speeds: list[float],
-    *,
-    electrons: float = ELECTRONS,
-    decoder: AbstractDecoder | None = None,
-) -> RestoredPhotograph:
-    """A photograph at speeds `s/(2aT)` through camera and decoder."""
-    motion = camera()
-    spectrum = row_power_spectrum(picture)._asdict()
-    scene = Scene(
-        [0.0], photon_rate=electrons / (2 * HALF_EXPOSURE), read_noise=READ_NOISE, **spectrum
-    )
-    chosen = RichardsonLucyDecoder(accelerated=True) if decoder is None else decoder
-    speeds = [nu * float(motion.top_speed) for nu in normalised_speeds]
-    key = jax.random.key(20)
-    return restore_photograph(
-        picture, scene, motion, shutter, decoder=chosen, speeds=speeds, num_seeds=1, key=key
-    )
 
 
 def _figure_5_numbers(photographs: dict[str, Picture]) -> tuple[dict, dict[str, Any]]:
@@ -247,7 +213,7 @@ def _figure_6_numbers(shutters, photographs, report: Progress, quick: bool) -> d
         over_noise: dict[str, list[float]] = {}
         over_speed: dict[str, dict[str, list[float]]] = {r: {} for r in READINGS}
         for window, shutter in shutters.items():
-            report(f"{name}, {window}", 0.2 + 0.75 * done / total)
+            report(f"{name}, {window}", 0.3 + 0.65 * done / total)
             by_nu = dict(zip(nus, restored(picture, shutter, nus).psnr.tolist(), strict=True))
             for reading, scale in READINGS.items():
                 over_speed[reading][window] = [by_nu[float(v * scale)] for v in axis]

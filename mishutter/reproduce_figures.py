@@ -48,14 +48,18 @@ def figure_4(numbers: dict[str, Any]) -> Figure:
         axes.plot(numbers["frequency"], values, label=label, color=colour, linestyle=dash)
     axes.set(xlabel="frequency / (cycles/px)", ylabel="magnitude (open exposure = 1)")
     axes.set(yscale="log", xlim=(0, 0.5))
-    axes.set_title(f"Blur kernels at a stroke of {numbers['stroke_px']:g} px", fontsize=_TITLE_SIZE)
+    title = (
+        f"Blur kernels at a stroke of {numbers['stroke_px']:g} px, phase 0; "
+        f"condition over a DFT of {numbers['dft_length']}"
+    )
+    axes.set_title(title, fontsize=_TITLE_SIZE)
     _finish(np.array([axes]))
     return figure
 
 
 def figure_5(results: dict[str, dict[str, RestoredPhotograph]]) -> Figure:
     """Photograph, captures and restorations at 0.1 and 0.3; a block for each reading."""
-    figure = Figure(figsize=(12, 9), layout="constrained")
+    figure = Figure(figsize=(12, 7.2), layout="constrained")
     axes = figure.subplots(2 * len(results), 4)
     for block, (reading, found) in enumerate(results.items()):
         for row, (name, result) in enumerate(found.items()):

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from mishutter.reproduce_capture import PLAIN
+
 Statement = dict[str, Any]
 """`claim` as published, `met`, and `found`: the numbers."""
 
@@ -17,6 +19,7 @@ def statements(numbers: dict[str, Any]) -> list[Statement]:
         *_spectrum_statements(numbers["figure_4"]),
         *_ghost_statements(numbers["figure_5"]),
         *_speed_statements(numbers["figure_6"]),
+        *_plain_statements(numbers["decoders"]),
         _noise_statement(numbers["figure_6"]),
     ]
 
@@ -42,9 +45,10 @@ def report_page(numbers: dict[str, Any]) -> str:
         mark = "yes" if statement["met"] else "**no**"
         lines.append(f"| {statement['claim']} | {mark} | {statement['found']} |")
     missed = sum(not s["met"] for s in numbers["statements"])
+    total = len(numbers["statements"])
     lines += [
         "",
-        f"{len(numbers['statements']) - missed} of {len(numbers['statements'])} met.",
+        f"{total - missed} of {total} met; by reading of the axis: {_by_reading(numbers)}.",
         "",
         "## Condition numbers",
         "",
@@ -59,6 +63,7 @@ def report_page(numbers: dict[str, Any]) -> str:
         f"| {name} | {four['published'][name]:g} | {value:.2f} |"
         for name, value in four["condition"].items()
     ]
+    lines += _decoder_lines(numbers["decoders"])
     for reading, photographs in numbers["figure_6"]["psnr_over_speed"].items():
         lines += ["", f"## PSNR against speed, {reading}", ""]
         lines += _psnr_table(numbers["figure_6"]["speed"], photographs)
@@ -71,6 +76,39 @@ def report_page(numbers: dict[str, Any]) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _by_reading(numbers: dict[str, Any]) -> str:
+    counts = []
+    for reading in numbers["setting"]["speed_readings"]:
+        mine = [s["met"] for s in numbers["statements"] if reading in s["claim"]]
+        counts.append(f"{sum(mine)} of {len(mine)} with `{reading}`")
+    return ", ".join(counts)
+
+
+def _decoder_lines(numbers: dict[str, Any]) -> list[str]:
+    """What Hann gains over rect by each decoder, and what of that is the decoder's doing."""
+    speeds, lines = numbers["speed"], ["", "## Hann over rect by other decoders", ""]
+    lines += [
+        "Richardson-Lucy sharpens less the fewer steps it takes, and so hides differences "
+        "between kernels; the accelerated form goes about as far in 10 steps as the plain "
+        "in 30. Gain of Hann over rect in dB; the last column is Hann's own PSNR at "
+        f"{speeds[0]:g}. All but the last decoder take every object for a still one.",
+    ]
+    for reading, photographs in numbers["psnr"].items():
+        head = " | ".join(f"{v:g}" for v in speeds)
+        lines += ["", f"| photograph | decoder | {reading} = {head} | Hann |"]
+        lines.append("|---" * (len(speeds) + 3) + "|")
+        by_decoder: dict[str, list[float]] = {}
+        for photograph, decoders in photographs.items():
+            for name, psnr in decoders.items():
+                gain = _gain(psnr)
+                by_decoder.setdefault(name, []).extend(gain.tolist())
+                cells = " | ".join(f"{v:+.1f}" for v in gain)
+                lines.append(f"| {photograph} | {name} | {cells} | {psnr['hann'][0]:.1f} |")
+        ranges = [f"{n} {min(v):.1f} to {max(v):.1f} dB" for n, v in by_decoder.items()]
+        lines += ["", f"Over all photographs and speeds, {reading}: " + "; ".join(ranges) + "."]
+    return lines
 
 
 def _psnr_table(speeds: list[float], photographs: dict[str, Any]) -> list[str]:
@@ -203,6 +241,22 @@ def _speed_statements(six: dict[str, Any]) -> list[Statement]:
                 )
             )
     return found
+
+
+def _plain_statements(numbers: dict[str, Any]) -> list[Statement]:
+    """The gain by Richardson-Lucy as it is, should the paper not have used MATLAB's form."""
+    found = []
+    for reading, photographs in numbers["psnr"].items():
+        gains = np.array([_gain(decoders[PLAIN]) for decoders in photographs.values()])
+        within = bool(np.all((gains >= 3) & (gains <= 8)))
+        claim = f"Hann over rect 3 to 8 dB also by 30 plain iterations, all photographs ({reading})"
+        text = f"{gains.min():.1f} to {gains.max():.1f} dB from 0.2 to 0.5"
+        found.append(_statement(claim, within, text))
+    return found
+
+
+def _gain(psnr: dict[str, list[float]]) -> np.ndarray:
+    return np.array(psnr["hann"]) - np.array(psnr["rect"])
 
 
 def _noise_statement(six: dict[str, Any]) -> Statement:

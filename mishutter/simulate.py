@@ -119,6 +119,34 @@ def capture_kernel(
     return taps.astype(dtype), origin
 
 
+def centred_kernel(
+    motion: AbstractMotion, shutter: AbstractShutter, *, speed: float = 0.0
+) -> np.ndarray:
+    """The kernel of a capture as other libraries take it: one row, odd, its middle at rest.
+
+    `scipy.signal.convolve(picture, centred_kernel(motion, shutter), mode="same")` is the
+    capture without noise, in the dark beyond its borders. Divided by its sum it is the
+    `psf` of scikit-image's decoders.
+
+    Args:
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+        speed: Speed of the picture, px/s; 0 is what the classical decoders assume.
+
+    Returns:
+        Taps in units of a fully open exposure, float64; shape `(1, 2 m + 1)`.
+
+    Raises:
+        ValueError: if the speed is not finite or the kernel longer than 8,192 px.
+    """
+    taps, origin = capture_kernel(motion, shutter, speed)
+    reach = max(origin, int(np.max(np.flatnonzero(taps), initial=origin)) - origin)
+    centred = np.zeros((1, 2 * reach + 1))
+    kept = np.asarray(taps, np.float64)[: origin + reach + 1]
+    centred[0, reach - origin : reach - origin + kept.size] = kept
+    return centred
+
+
 def kernel_layout(motion: AbstractMotion, *speeds: float) -> tuple[int, int]:
     """Number of taps that hold every speed, and the index of the tap at no displacement.
 

@@ -4,6 +4,7 @@ Borders are pinned on a photograph whose scene goes on beyond the sensor, becaus
 the usual rules (wrapped, dark) are known to ring.
 """
 
+import borders
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from test_restoration import camera, scene
 
 import mishutter as ms
-from mishutter.decoders.banded import BLOCK, banded
+from mishutter.decoders.banded import banded
 from mishutter.decoders.richardson_lucy import richardson_lucy
 
 DECODERS = {
@@ -40,18 +41,18 @@ def bright():
     return scene(photon_rate=1e6, mean_level=0.21, deviation=0.2)
 
 
-def test_banded_product_is_the_periodic_convolution():
+@pytest.mark.parametrize("num_taps", [1, 37, 46, 65, 150])
+def test_banded_product_is_the_periodic_convolution(num_taps):
     """The banded product and its adjoint are the convolution and the correlation of the DFT."""
     rng = np.random.default_rng(8)
-    rows = rng.random((3, 4 * BLOCK))
-    for num_taps, origin in ((1, 0), (37, 5), (BLOCK + 1, 0), (100, 50)):
-        taps = rng.random(num_taps)
-        operator = banded(taps, origin)
-        turn = np.exp(2j * np.pi * np.fft.rfftfreq(4 * BLOCK) * origin)
-        response = np.fft.rfft(taps, 4 * BLOCK) * turn
-        for found, factor in ((operator, response), (operator.back, response.conj())):
-            wanted = np.fft.irfft(np.fft.rfft(rows) * factor, 4 * BLOCK)
-            np.testing.assert_allclose(found(jnp.asarray(rows)), wanted, atol=1e-11)
+    taps = rng.random(num_taps)
+    operator = banded(taps)
+    length = 5 * operator.block
+    rows = rng.random((3, length))
+    response = np.fft.rfft(taps, length)
+    for found, factor in ((operator, response), (operator.back, response.conj())):
+        wanted = np.fft.irfft(np.fft.rfft(rows) * factor, length)
+        np.testing.assert_allclose(found(jnp.asarray(rows)), wanted, atol=1e-11)
 
 
 @pytest.mark.parametrize("num_taps", [51, 41])
@@ -106,28 +107,30 @@ def test_borders_are_nearly_as_good_as_the_middle(name):
     assert figures.border_psnr > figures.inner_psnr - 3
 
 
-def test_borders_are_far_better_than_wrapped():
-    """They are at least 6 dB better than the same filter's with wrapped borders."""
-    from mishutter.decoders.linear import ensemble_filter
+@pytest.mark.parametrize(
+    "name",
+    ["ensemble"]
+    + [
+        pytest.param(name, marks=pytest.mark.slow)
+        for name in ("wiener", "total variation", "richardson-lucy", "accelerated")
+    ],
+)
+def test_borders_are_far_better_than_wrapped(name):
+    """Over twelve photographs borders are within 3 dB of the middle, 6 dB above wrapped ones.
 
-    top = float(camera().top_speed)
-    known = ms.Scene.uniform(
-        max_speed=0.15 * top,
-        num_speeds=5,
-        photon_rate=3e6,
-        read_noise=4.0,
-        **ms.row_power_spectrum(ms.Picture(portrait()))._asdict(),
-    )
-    found = ms.restore_photograph(
-        portrait(), known, camera(), ms.HannShutter(), speeds=[0.0], num_seeds=1
-    )
-    g, columns = found.captured[0], found.captured.shape[2]
-    response = ensemble_filter(ms.blur_model(known, camera(), ms.HannShutter()), columns)
-    spectrum = np.fft.rfft(g, axis=1) * response[:, None]
-    wrapped = np.fft.irfft(spectrum, columns, axis=1)
-    good = ms.measure_quality(found.reference, found.restored[0], border=34)
-    bad = ms.measure_quality(found.reference, wrapped, border=34)
-    assert good.border_psnr > bad.border_psnr + 6
+    Both in the mean: where a row's ends look alike wrapping does no harm, and where the
+    columns at the border hold more contrast than the rest they are worse wherever they lie.
+    So it is also held, for each photograph, to how the same columns come out on a sensor
+    that goes on beyond them: what was not recorded costs at most 2.5 dB with the
+    ensemble filter, 6 dB with the others.
+    """
+    measured = [borders.measured(p, DECODERS[name], 3e6) for p in borders.PHOTOGRAPHS]
+    found = borders.Borders(*np.array(measured).T)
+    assert np.mean(found.border) > np.mean(found.inner) - 3
+    assert np.mean(found.border) > np.mean(found.wrapped) + 6
+    assert np.mean(found.border) > np.mean(found.reference) + 6
+    best = name == "ensemble"
+    assert np.all(found.border > found.recorded - (2.5 if best else 6))
 
 
 @pytest.mark.parametrize("name", DECODERS)

@@ -6,6 +6,7 @@ means here what it means elsewhere; and each refusal by its text.
 
 import numpy as np
 import pytest
+from packed_tiff import write_packed_tiff
 
 import mishutter as ms
 from mishutter.pictures import GAMMA, MAX_PIXELS, shipped_picture
@@ -71,6 +72,18 @@ def test_sixteen_bit_tiff(tmp_path, channels):
     tifffile.imwrite(tmp_path / "a.tif", coded.squeeze(), photometric=kind)
     read = ms.read_picture(tmp_path / "a.tif")
     np.testing.assert_allclose(read.light, as_light(coded), atol=1e-6)
+
+
+@pytest.mark.parametrize("differences", [False, True])
+def test_sixteen_bit_tiff_under_lzw(tmp_path, differences):
+    """A packed 16-bit RGB TIFF keeps all of its bits, in strips, with differences or without."""
+    coded = np.random.default_rng(3).integers(0, 50, (37, 300, 3)).astype(np.uint16) * 1301
+    path = tmp_path / "p.tif"
+    write_packed_tiff(path, coded, differences=differences, rows_per_strip=16)
+    np.testing.assert_allclose(ms.read_picture(path).light, as_light(coded), atol=1e-6)
+    path.write_bytes(path.read_bytes()[:2000])
+    with pytest.raises(ValueError, match="must name a whole PNG, JPEG or TIFF"):
+        ms.read_picture(path)
 
 
 def test_float_tiff_is_light_already(tmp_path):

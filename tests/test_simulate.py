@@ -53,6 +53,22 @@ def test_capture_is_the_convolution_with_the_kernel(speed):
     np.testing.assert_allclose(found[2, 199:260].T, wanted, atol=1e-12)
 
 
+@pytest.mark.parametrize("motion", [MOVING, STILL], ids=["moving", "still"])
+def test_the_kernel_for_other_libraries(motion):
+    """SciPy's convolution with the centred kernel is the capture; its middle shifts nothing."""
+    from scipy.signal import convolve
+
+    picture = rows(5, 90, 1)
+    kernel = ms.centred_kernel(motion, ms.HannShutter(), speed=310.0)
+    assert kernel.shape[0] == 1
+    assert kernel.shape[1] % 2 == 1
+    found = convolve(picture[..., 0], kernel, mode="same")
+    wanted = ms.simulate_capture(
+        picture, SCENE, motion, ms.HannShutter(), speed=310.0, border="zero"
+    )
+    np.testing.assert_allclose(found, wanted[..., 0], atol=1e-12)
+
+
 def test_borders():
     """Each border rule continues the picture as numpy's padding of the same name does."""
     picture = rows(2, 50, 1)

@@ -13,51 +13,68 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-BLOCK = 64
-"""Pixels in a block; measured on two cores with kernels of 50 to 150 taps."""
+_BLOCKS = range(32, 129, 16)
+_COST_OF_COPY = 16
+"""Of copying a block into a window, in units of a row of its product; measured on two cores."""
 
 
 @final
 class BandedConvolution(eqx.Module):
-    """Convolution with a kernel and its adjoint, on rows whose length is a multiple of `BLOCK`.
+    """Convolution with a kernel and its adjoint, on rows whose length is a multiple of `block`.
 
     Attributes:
         forward: Matrix from blocks `k - J, ..., k` to block `k`; shape `((J + 1) B, B)`.
         adjoint: Matrix from blocks `k, ..., k + J` to block `k`; the same shape.
-        origin: Index of the tap that displaces nothing.
     """
 
     forward: np.ndarray
     adjoint: np.ndarray
-    origin: int = eqx.field(static=True)
+
+    @property
+    def block(self) -> int:
+        """Pixels in a block: $B$."""
+        return self.forward.shape[1]
 
     @property
     def span(self) -> int:
         """Blocks that a block depends on, less one: $J$."""
-        return self.forward.shape[0] // BLOCK - 1
+        return self.forward.shape[0] // self.block - 1
 
     def __call__(self, rows: Array) -> Array:
-        r"""$y_k = \sum_i h_i x_{k + o - i}$, periodic; shape `(..., length)` to the same."""
-        return jnp.roll(self._product(rows, self.forward, self.span), -self.origin, axis=-1)
+        r"""$y_k = \sum_i h_i x_{k - i}$, periodic; shape `(..., length)` to the same."""
+        blocks = self._blocks(rows)
+        before = blocks[:, blocks.shape[1] - self.span :]
+        return self._product(jnp.concatenate([before, blocks], axis=1), self.forward, rows)
 
     def back(self, rows: Array) -> Array:
         """The adjoint of `__call__`; shape `(..., length)` to the same."""
-        return self._product(jnp.roll(rows, self.origin, axis=-1), self.adjoint, 0)
+        blocks = self._blocks(rows)
+        wrapped = jnp.concatenate([blocks, blocks[:, : self.span]], axis=1)
+        return self._product(wrapped, self.adjoint, rows)
 
-    def _product(self, rows: Array, matrix: ArrayLike, first: int) -> Array:
-        blocks = rows.reshape(-1, rows.shape[-1] // BLOCK, BLOCK)
-        shifts = [jnp.roll(blocks, first - j, axis=1) for j in range(self.span + 1)]
-        window = jnp.concatenate(shifts, axis=2).reshape(-1, (self.span + 1) * BLOCK)
-        return (window @ jnp.asarray(matrix, rows.dtype)).reshape(rows.shape)
+    def _blocks(self, rows: Array) -> Array:
+        return rows.reshape(-1, rows.shape[-1] // self.block, self.block)
+
+    def _product(self, blocks: Array, matrix: ArrayLike, like: Array) -> Array:
+        count = blocks.shape[1] - self.span
+        parts = [blocks[:, j : j + count] for j in range(self.span + 1)]
+        window = jnp.concatenate(parts, axis=2).reshape(-1, (self.span + 1) * self.block)
+        return (window @ jnp.asarray(matrix, like.dtype)).reshape(like.shape)
 
 
-def banded(kernel: np.ndarray, origin: int) -> BandedConvolution:
-    """The convolution with a kernel whose tap `origin` displaces nothing."""
+def banded(kernel: np.ndarray) -> BandedConvolution:
+    """The convolution with a kernel, in blocks of a size that suits its length."""
     taps = np.trim_zeros(np.asarray(kernel), "b")
     taps = taps if taps.size else np.zeros(1)
-    blocks = 1 + -(-(taps.size - 1) // BLOCK)
-    forward = np.zeros((blocks * BLOCK, BLOCK))
-    for column in range(BLOCK):
-        last = (blocks - 1) * BLOCK + column
+    block = min(_BLOCKS, key=lambda size: (_cost(taps.size, size), -size))
+    blocks = 1 + -(-(taps.size - 1) // block)
+    forward = np.zeros((blocks * block, block))
+    for column in range(block):
+        last = (blocks - 1) * block + column
         forward[last - taps.size + 1 : last + 1, column] = taps[::-1]
-    return BandedConvolution(forward, np.ascontiguousarray(forward[::-1, ::-1]), origin)
+    return BandedConvolution(forward, np.ascontiguousarray(forward[::-1, ::-1]))
+
+
+def _cost(num_taps: int, block: int) -> int:
+    """Of one pixel, in units of a multiplication."""
+    return (1 - (-(num_taps - 1) // block)) * (block + _COST_OF_COPY)

@@ -8,6 +8,7 @@ rule the best linear filter of the continued row is the best linear estimate fro
 as it is: nothing is lost at the borders but what was not recorded.
 """
 
+from functools import lru_cache
 from typing import final
 
 import equinox as eqx
@@ -66,7 +67,9 @@ def continuation(model: BlurModel, columns: int, *, multiple: int = 0) -> Contin
     least = columns + max(3 * reach, 128)
     length = -(-least // multiple) * multiple if multiple else fast_length(least)
     context = min(columns // 2, max(reach, 64), _MAX_CONTEXT)
-    return Continuation(_prediction(model, columns, length, context), columns, length, context)
+    covariance = np.fft.irfft(captured_spectrum(model, length), length)
+    prediction = _prediction(covariance.tobytes(), length - columns, context)
+    return Continuation(prediction, columns, length, context)
 
 
 def captured_spectrum(model: BlurModel, length: int) -> np.ndarray:
@@ -75,13 +78,14 @@ def captured_spectrum(model: BlurModel, length: int) -> np.ndarray:
     return model.picture_spectrum(length) * passed + model.noise
 
 
-def _prediction(model: BlurModel, columns: int, length: int, context: int) -> np.ndarray:
+@lru_cache(maxsize=16)
+def _prediction(periodic_covariance: bytes, gap: int, context: int) -> np.ndarray:
+    """Kept, because a picture is restored a few rows at a time."""
     from scipy.linalg import cho_factor, cho_solve
 
-    gap = length - columns
-    covariance = np.fft.irfft(captured_spectrum(model, length), length)
+    covariance = np.frombuffer(periodic_covariance)
     known = np.concatenate([np.arange(-context, 0), gap + np.arange(context)])
-    among = covariance[np.abs(known[:, None] - known) % length]
+    among = covariance[np.abs(known[:, None] - known) % covariance.size]
     among[np.diag_indices_from(among)] += _RELATIVE_JITTER * covariance[0]
-    across = covariance[np.abs(np.arange(gap)[:, None] - known) % length]
+    across = covariance[np.abs(np.arange(gap)[:, None] - known) % covariance.size]
     return cho_solve(cho_factor(among), across.T).T if context else np.zeros((gap, 0))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter.decoders.base import AbstractDecoder, BlurModel
-from mishutter.decoders.borders import Continuation, continuation
+from mishutter.decoders.borders import Continuation, captured_spectrum, continuation
 from mishutter.rows import along_rows
 
 
@@ -49,6 +49,19 @@ def wiener_filter(model: BlurModel, length: int) -> np.ndarray:
     """Wiener's filter on the grid of a DFT; shape `(length // 2 + 1,)`."""
     power, response = model.picture_spectrum(length), model.assumed_response(length)
     return power * np.conj(response) / (power * np.abs(response) ** 2 + model.noise)
+
+
+def share_left_unexplained(model: BlurModel, length: int) -> float:
+    r"""What Wiener's filter is expected to leave of a capture, in units of the noise.
+
+    $\overline{|1 - G H_0|^2 (S \sum p_i |H_i|^2 + N)} / N$ over the grid of a DFT; 1 where
+    the picture has no power that the blur lets through.
+    """
+    if not 0 < model.noise < np.inf:
+        return 1.0
+    power, response = model.picture_spectrum(length), model.assumed_response(length)
+    missed = model.noise / (power * np.abs(response) ** 2 + model.noise)
+    return float(np.mean(missed**2 * captured_spectrum(model, length)) / model.noise)
 
 
 def expected_squared_error(model: BlurModel, length: int = 4096) -> float:

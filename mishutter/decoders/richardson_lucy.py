@@ -1,6 +1,6 @@
 """Richardson-Lucy deconvolution along rows: plain, accelerated, stopped at the noise."""
 
-from typing import final
+from typing import NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -8,15 +8,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.decoders.banded import BLOCK, BandedConvolution, banded
+from mishutter.decoders.banded import BandedConvolution, banded
 from mishutter.decoders.base import AbstractDecoder, BlurModel
-from mishutter.decoders.borders import continuation
+from mishutter.decoders.borders import Continuation, continuation
+from mishutter.decoders.linear import share_left_unexplained
 from mishutter.rows import along_rows
 from mishutter.types import require, require_positive_int
 
 _LEAST = 1e-6
-_TILE = 32
-"""Rows that are iterated on together: few enough that they stay in a core's cache."""
+_TILE = 128
+"""Rows that are iterated on together: few enough that they stay in the cache."""
+_SAMPLE = 64
+"""Rows of a plane by which is decided when it stops."""
 
 
 @final
@@ -30,8 +33,11 @@ class RichardsonLucyDecoder(AbstractDecoder):
         num_iterations: How many steps at most; 30 in the paper.
         accelerated: Whether each step starts from an extrapolation of the last two
             (Biggs and Andrews 1997, as MATLAB's `deconvlucy` does), for each row on its own.
-        until_noise: Whether a plane stops when what is left is the noise: when the mean
-            of $(g - Hf)^2 / (Hf/p + (\sigma/p)^2)$ falls to 1 (the discrepancy principle).
+        until_noise: Whether a plane stops when what is left is noise (the discrepancy
+            principle): with the step that begins where the mean of
+            $(g - Hf)^2 / (Hf/p + (\sigma/p)^2)$, over a sample of its rows, is at most
+            what Wiener's filter is expected to leave. That is less than 1, the more so
+            the better a blur can be inverted; at 1 the picture is still soft.
 
     Raises:
         ValueError: if `num_iterations` is not a positive integer.
@@ -45,23 +51,20 @@ class RichardsonLucyDecoder(AbstractDecoder):
         require_positive_int("RichardsonLucyDecoder(num_iterations=...)", self.num_iterations)
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
-        extension = continuation(model, captured.shape[-1], multiple=BLOCK)
-        operator = banded(model.assumed, model.origin)
+        operator = banded(model.assumed)
+        columns = captured.shape[-1]
+        extension = continuation(model, columns, multiple=operator.block)
         light = model.efficiency
         if light <= 0:
             return jnp.zeros_like(captured)
-        rows, mean = extension.deviations(captured)
-        data = jnp.maximum(rows + mean, _LEAST * light)
-        floor = np.full(extension.length, light)
-        steps, fast = self.num_iterations, self.accelerated
+        noise = None
         if self.until_noise:
-            variances = tuple(np.asarray(v) for v in (1 / model.electrons, model.read_variance))
-            estimate = _until_noise(
-                data, operator, floor, captured.shape[-1], variances, steps, fast
-            )
-        else:
-            estimate = _tiled(data, data / light, operator, floor, steps, fast)
-        return estimate[..., : captured.shape[-1]]
+            left = share_left_unexplained(model, extension.length)
+            numbers = (1 / model.electrons, model.read_variance, left)
+            noise = _Noise(*(np.asarray(v) for v in numbers))
+        method = (self.num_iterations, self.accelerated)
+        gain = np.asarray(light)
+        return _restored(captured, extension, operator, model.origin, gain, method, noise)
 
 
 def richardson_lucy(
@@ -90,91 +93,146 @@ def richardson_lucy(
     taps, rows = np.asarray(kernel), jnp.asarray(captured)
     one_row = taps.ndim == 1 and taps.size >= 1
     require(one_row, "richardson_lucy(kernel=...)", "be one row of taps", f"shape {taps.shape}")
+    columns, middle = rows.shape[-1], (taps.size - 1) // 2
+    operator = banded(taps)
+    length = -(-(columns + taps.size) // operator.block) * operator.block
+    return _dark(rows, operator, middle, length, np.asarray(start), num_iterations)
+
+
+class _Noise(NamedTuple):
+    """Variance per light and in the dark, and the share of it that is to be left."""
+
+    per_light: ArrayLike
+    constant: ArrayLike
+    left: ArrayLike
+
+
+@eqx.filter_jit
+def _dark(
+    rows: Array,
+    operator: BandedConvolution,
+    origin: int,
+    length: int,
+    start: ArrayLike,
+    num_iterations: int,
+) -> Array:
     columns = rows.shape[-1]
-    length = -(-(columns + taps.size) // BLOCK) * BLOCK
-    padding = [(0, 0)] * (rows.ndim - 1) + [(0, length - columns)]
-    data = jnp.pad(rows, padding)
-    inside = np.pad(np.ones(columns), padding[-1])
-    first = start * along_rows(inside, data) * jnp.ones_like(data)
-    operator = banded(taps, (taps.size - 1) // 2)
-    floor = np.where(inside > 0, 1.0, np.inf)
-    return _tiled(data, first, operator, floor, num_iterations, False)[..., :columns]
+    outside = [(0, 0)] * (rows.ndim - 1) + [(0, length - columns)]
+    data = jnp.pad(rows, outside)
+    inside = np.arange(length) < columns
+    first = jnp.asarray(start, rows.dtype) * along_rows(inside, data) * jnp.ones_like(data)
+    norm = jnp.asarray(np.where(inside, 1.0, np.inf)[None], rows.dtype)
+    data = jnp.roll(data, origin, axis=-1)
+    found = _iterated(data, first, operator, norm, (num_iterations, False), None)
+    return found[..., :columns]
 
 
-def _step(estimate: Array, data: Array, operator: BandedConvolution, norm: Array) -> Array:
-    blurred = jnp.maximum(operator(estimate), 1e-12)
-    return estimate * jnp.maximum(operator.back(data / blurred), 0) / norm
+@eqx.filter_jit
+def _restored(
+    captured: Array,
+    extension: Continuation,
+    operator: BandedConvolution,
+    origin: int,
+    light: ArrayLike,
+    method: tuple[int, bool],
+    noise: _Noise | None,
+) -> Array:
+    rows, mean = extension.deviations(captured)
+    norm = jnp.asarray(light, rows.dtype)
+    data = jnp.maximum(rows + mean, _LEAST * norm)
+    start = data / norm
+    data = jnp.roll(data, origin, axis=-1)
+    recorded = slice(origin, origin + extension.columns)
+    counts = None
+    if noise is not None:
+        counts = _steps_until_noise(data, start, operator, norm, method, recorded, noise)
+    return _iterated(data, start, operator, norm, method, counts)[..., : extension.columns]
 
 
-def _steps(data: Array, start: Array, operator: BandedConvolution, norm: Array, fast: bool):
-    """State before the first step, and the step; each row is accelerated on its own."""
+def _first_state(start: Array, accelerated: bool) -> tuple[Array, ...]:
+    """The estimate; accelerated also the one before, and the last two changes."""
+    nothing = jnp.zeros_like(start)
+    return (start, start, nothing, nothing) if accelerated else (start,)
 
-    def step(state: tuple) -> tuple:
-        if not fast:
-            return (_step(state[0], data, operator, norm),)
+
+def _step(state: tuple, data: Array, operator: BandedConvolution, norm: Array):
+    """The next state, and the blur of the estimate that the step began from.
+
+    Blur and data are displaced by the origin of the kernel, which so costs nothing.
+    """
+    begin = state[0]
+    if len(state) > 1:
         estimate, before, change, change_before = state
         overlap = jnp.sum(change * change_before, axis=-1, keepdims=True)
         size = jnp.sum(change_before**2, axis=-1, keepdims=True)
         stride = jnp.clip(jnp.where(size > 0, overlap / jnp.where(size > 0, size, 1), 0), 0, 1)
-        ahead = jnp.maximum(estimate + stride * (estimate - before), 0)
-        after = _step(ahead, data, operator, norm)
-        return after, estimate, after - ahead, change
-
-    nothing = jnp.zeros_like(start)
-    return ((start, start, nothing, nothing) if fast else (start,)), step
+        begin = jnp.maximum(estimate + stride * (estimate - before), 0)
+    blurred = jnp.maximum(operator(begin), 1e-12)
+    after = begin * jnp.maximum(operator.back(data / blurred), 0) / norm
+    return (after, state[0], after - begin, state[2]) if len(state) > 1 else (after,), blurred
 
 
-@eqx.filter_jit
-def _tiled(
-    data: Array, start: Array, operator: BandedConvolution, norm: ArrayLike, steps: int, fast: bool
-):
-    """A fixed number of steps, on a few rows at a time."""
-    length = data.shape[-1]
-    rows = data.reshape(-1, length)
-    tile = min(_TILE, rows.shape[0])
-    spare = -rows.shape[0] % tile
-    shape = (-1, tile, length)
-    tiles = [
-        jnp.pad(x.reshape(-1, length), ((0, spare), (0, 0)), mode="edge").reshape(shape)
-        for x in (data, start)
-    ]
-
-    def iterated(pair: tuple) -> Array:
-        state, step = _steps(pair[0], pair[1], operator, along_rows(norm, pair[0]), fast)
-        return jax.lax.fori_loop(0, steps, lambda _, s: step(s), state)[0]
-
-    result = jax.lax.map(iterated, tuple(tiles)).reshape(-1, length)
-    return result[: rows.shape[0]].reshape(data.shape)
-
-
-@eqx.filter_jit
-def _until_noise(
+def _iterated(
     data: Array,
+    start: Array,
     operator: BandedConvolution,
-    norm: ArrayLike,
-    columns: int,
-    variances: tuple,
-    steps: int,
-    fast: bool,
-):
-    """Steps until what each plane leaves unexplained is the noise."""
-    norm = along_rows(norm, data)
-    state, step = _steps(data, data / norm, operator, norm, fast)
-    recorded = data[..., :columns]
-    per_light, constant = (jnp.asarray(v, data.dtype) for v in variances)
+    norm: Array,
+    method: tuple[int, bool],
+    counts: Array | None,
+) -> Array:
+    """Steps, as many as are asked for or as `counts` says of each plane, a few rows at a time."""
+    rows, length = data.shape[-2:]
+    per_plane = -(-rows // _TILE)
+    tile = -(-rows // per_plane)
+    spare = ((0, 0), (0, per_plane * tile - rows), (0, 0))
 
-    def unexplained(estimate: Array) -> Array:
-        blurred = operator(estimate)[..., :columns]
+    def tiles(planes: Array) -> Array:
+        padded = jnp.pad(planes.reshape(-1, rows, length), spare, mode="edge")
+        return padded.reshape(-1, tile, length)
+
+    def iterated(item: tuple) -> Array:
+        data, start, count = item
+        step = lambda _, state: _step(state, data, operator, norm)[0]  # noqa: E731
+        return jax.lax.fori_loop(0, count, step, _first_state(start, method[1]))[0]
+
+    if counts is None:
+        counts = jnp.full(data.size // (rows * length), method[0], jnp.int32)
+    items = (tiles(data), tiles(start), jnp.repeat(counts, per_plane))
+    found = jax.lax.map(iterated, items).reshape(-1, per_plane * tile, length)
+    return found[:, :rows].reshape(data.shape)
+
+
+def _steps_until_noise(
+    data: Array,
+    start: Array,
+    operator: BandedConvolution,
+    norm: Array,
+    method: tuple[int, bool],
+    recorded: slice,
+    noise: _Noise,
+) -> Array:
+    """How many steps each plane takes, found on some of its rows; shape `(planes,)`."""
+    rows, length = data.shape[-2:]
+    some = np.unique(np.linspace(0, rows - 1, min(rows, _SAMPLE)).astype(int))
+    planes = [x.reshape(-1, rows, length)[:, some] for x in (data, start)]
+    per_light, constant, left = (jnp.asarray(v, data.dtype) for v in noise)
+
+    def unexplained(data: Array, blurred: Array) -> Array:
         variance = jnp.maximum(blurred, _LEAST) * per_light + constant
-        excess = jnp.where(variance > 0, (recorded - blurred) ** 2 / variance, jnp.inf)
-        return jnp.mean(excess, axis=(-2, -1), keepdims=True) > 1
+        noisy = jnp.where(variance > 0, variance, 1)
+        return jnp.mean(jnp.where(variance > 0, (data - blurred) ** 2 / noisy, jnp.inf))
 
-    def advance(carry: tuple) -> tuple:
-        index, going, state = carry
-        ahead = step(state)
-        kept = tuple(jnp.where(going, new, old) for new, old in zip(ahead, state, strict=True))
-        return index + 1, going & unexplained(kept[0]), kept
+    def counted(pair: tuple) -> Array:
+        data, start = pair
 
-    start = (jnp.zeros((), jnp.int32), unexplained(state[0]), state)
-    going_on = lambda carry: (carry[0] < steps) & jnp.any(carry[1])  # noqa: E731
-    return jax.lax.while_loop(going_on, advance, start)[2][0]
+        def advance(carry: tuple) -> tuple:
+            index, _, state = carry
+            state, blurred = _step(state, data, operator, norm)
+            going = unexplained(data[:, recorded], blurred[:, recorded]) > left
+            return index + 1, going, state
+
+        first = (jnp.zeros((), jnp.int32), jnp.ones((), bool), _first_state(start, method[1]))
+        unfinished = lambda carry: (carry[0] < method[0]) & carry[1]  # noqa: E731
+        return jax.lax.while_loop(unfinished, advance, first)[0]
+
+    return jax.lax.map(counted, tuple(planes))
