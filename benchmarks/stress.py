@@ -167,7 +167,7 @@ def checked(name: str, point: dict, value: float, slopes: np.ndarray, rng) -> di
     folded = (point["box"] < 1e-3) | (point["box"] > 1 - 1e-3)
     direction[:NUM_COEFFICIENTS][folded] = 0
     direction /= np.linalg.norm(direction)
-    step = 1e-7
+    step = 3e-9
     exact, ahead, behind = (exact_loss(name, point, direction, h) for h in (0, step, -step))
     slope = (ahead - behind) / (2 * step)
     condition = _condition(point) if name == "design" else 1.0

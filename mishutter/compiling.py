@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import lru_cache, wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
@@ -22,7 +22,8 @@ def quick_to_compile(function: Callable[_Arguments, _Result]) -> Callable[_Argum
     transformation, is compiled as that is.
     """
     plain = eqx.filter_jit(function)
-    quick = eqx.filter_jit(function, compiler_options=_OLDER_GENERATOR)
+    compile_with: Any = eqx.filter_jit
+    quick = compile_with(function, compiler_options=_OLDER_GENERATOR)
 
     @wraps(function)
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:

@@ -99,9 +99,9 @@ class Layout:
     def row(self, parts: Response) -> np.ndarray:
         """A response, or one a coordinate on a leading axis, as real numbers."""
         waves = [np.asarray(part) for part in (parts.still_spectrum, parts.spectra)]
-        real = [parts.still_kernel, parts.differences, *(wave.real for wave in waves)]
+        real = [parts.still_kernel, parts.differences, *map(np.real, waves)]
         lead = np.shape(parts.efficiency)
-        pieces = [*real, *(wave.imag for wave in waves), parts.efficiency]
+        pieces = [*real, *map(np.imag, waves), parts.efficiency]
         return np.concatenate([np.reshape(piece, (*lead, -1)) for piece in pieces], axis=-1)
 
     def response(self, row: Array) -> Response:
@@ -146,4 +146,4 @@ def _triangular(rows: np.ndarray) -> np.ndarray:
     $\|\sum_j c_j d_j\| = \|R c\|$ for the triangular factor $R$ of the $d_j$ as columns:
     as many numbers as coordinates stand for all taps at all speeds.
     """
-    return np.linalg.qr(rows.reshape(rows.shape[0], -1).T, mode="r").T
+    return np.transpose(np.asarray(np.linalg.qr(rows.reshape(rows.shape[0], -1).T, mode="r")))
