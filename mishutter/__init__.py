@@ -67,5 +67,6 @@ from mishutter.simulation import capture_and_restore as capture_and_restore
 from mishutter.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.spectrum import condition_number as condition_number
 from mishutter.spectrum import transfer_function as transfer_function
+from mishutter.sweep import sweep as sweep
 
 __version__ = "0.1.0"
