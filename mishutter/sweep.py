@@ -9,6 +9,7 @@ import numpy as np
 
 from mishutter.compare import baselines
 from mishutter.losses import AbstractLoss, ExpectedErrorLoss
+from mishutter.losses.base import AbstractResponseLoss
 from mishutter.optimise import starting_shutter
 from mishutter.scene import Scene
 from mishutter.shutters import AbstractShutter, SplineShutter, TukeyShutter
@@ -103,7 +104,7 @@ def sweep(
     if scheduler is not None:
         from mishutter.sweep_cluster import compute_remotely
 
-        computed = compute_remotely(grid, missing, blocks, scheduler, store)
+        computed = compute_remotely(grid, missing, blocks, scheduler, str(store) if store else None)
     else:
         computed = _computed_here(grid, missing, blocks)
     for block in computed:
@@ -173,6 +174,9 @@ def _search(
     starts = [starting_shutter(scene, num_coefficients) for scene in scenes.values()]
     symmetric = all(isinstance(s, SplineShutter) and s.symmetric for s in starts)
     chosen = ExpectedErrorLoss() if loss is None else loss
+    simple = isinstance(chosen, AbstractResponseLoss) and not chosen.needs_kernels
+    requirement = "be a loss of transfer functions alone, as ExpectedErrorLoss is"
+    require(simple, "sweep(loss=...)", requirement, chosen)
     return Search(chosen, num_coefficients, symmetric, max_steps, seed)
 
 

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from mishutter.design import package_version, scene_to_dict, shutter_to_dict
-from mishutter.losses.base import AbstractLoss
+from mishutter.losses.base import AbstractResponseLoss
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.types import common_dtype, require
@@ -51,7 +51,7 @@ class Search(NamedTuple):
         seed: Of the random starts.
     """
 
-    loss: AbstractLoss
+    loss: AbstractResponseLoss
     num_coefficients: int
     symmetric: bool
     max_steps: int

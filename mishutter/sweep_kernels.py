@@ -15,7 +15,7 @@ TAPS = 32
 
 
 def kernel_metrics(
-    tables: Tables, scene: SceneNumbers, sizes: TileSizes, tile: Tile
+    tables: Tables, scene: SceneNumbers, sizes: TileSizes, tile: Tile, mixture: Array
 ) -> tuple[Array, Array, Array]:
     """Condition number, squares of kernel differences and of the still kernel; `(j, k)`."""
     half, rest = tile.half_exposure, tile.accelerations == 0
@@ -23,11 +23,12 @@ def kernel_metrics(
     sides = [scene.speeds, -scene.speeds][: scene.weights.shape[0]]
     smear = jnp.concatenate(sides) * half
     weights = scene.weights.reshape(-1)
-    shape = (tile.accelerations.size, tables.efficiency.size)
-    kernels = partial(_kernels, tables.integrals, stroke, rest, scene.max_speed * half)
+    shape = (tile.accelerations.size, 1 if mixture.size else tables.efficiency.size)
+    with_rest = jnp.concatenate([jnp.zeros_like(smear[:1]), smear])
+    kernels = partial(_kernels, tables.integrals, mixture, stroke, rest)
 
     def add(index: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
-        taps = kernels(jnp.concatenate([jnp.zeros_like(smear[:1]), smear]), index)
+        taps = kernels(scene.max_speed * half, with_rest, index)
         still, moving = taps[:, :, 0], taps[:, :, 1:]
         difference = jnp.sum((moving - still[:, :, None]) ** 2, axis=3)
         total = jnp.sum(weights[None, None] * difference, axis=2)
@@ -37,9 +38,7 @@ def kernel_metrics(
     moved, still = jax.lax.fori_loop(0, tile.num_tap_chunks, add, (zero, zero))
 
     def fill(index: Array, taps: Array) -> Array:
-        part = _kernels(
-            tables.integrals, stroke, rest, jnp.zeros_like(half), jnp.zeros_like(smear[:1]), index
-        )
+        part = kernels(jnp.zeros_like(half), with_rest[:1], index)
         start = (jnp.zeros_like(index),) * 2 + (index * TAPS,)
         return jax.lax.dynamic_update_slice(taps, part[:, :, 0], start)
 
@@ -55,6 +54,7 @@ def kernel_metrics(
 
 def _kernels(
     integrals: tuple[Antiderivative, ...],
+    mixture: Array,
     stroke: Array,
     rest: Array,
     reach: Array,
@@ -82,4 +82,5 @@ def _kernels(
         (jnp.diff(integral_to(w, later)) - sign * jnp.diff(integral_to(w, earlier))) / 2
         for w in integrals
     ]
-    return jnp.stack(taps)
+    every = jnp.stack(taps)
+    return jnp.einsum("kjst,jk->jst", every, mixture)[None] if mixture.size else every

@@ -41,32 +41,49 @@ class _Sums(NamedTuple):
     least: Array
 
 
-def measure_tile(tables: Tables, scene: SceneNumbers, sizes: TileSizes, tile: Tile) -> TileMetrics:
-    """The metrics of a tile."""
+def measure_tile(
+    tables: Tables, scene: SceneNumbers, sizes: TileSizes, tile: Tile, mixture: Array
+) -> TileMetrics:
+    """The metrics of a tile.
+
+    Args:
+        tables: Tables of `k` shutters.
+        scene: What the scene brings.
+        sizes: What is static.
+        tile: The points.
+        mixture: Shares of the tables' shutters in the one that each point has instead of
+            them, shape `(j, k)`; empty where all of them are measured.
+    """
     empty = jnp.zeros((tile.accelerations.size, 0), tile.accelerations.dtype)
     kernels = (empty,) * 3
     if sizes.kernels:
-        kernels = kernel_metrics(tables, scene, sizes, tile)
+        kernels = kernel_metrics(tables, scene, sizes, tile, mixture)
     picture = (empty,) * 2
     if sizes.spectra:
-        picture = _picture_metrics(tables, scene, tile)
+        picture = _picture_metrics(tables, scene, tile, mixture)
     return TileMetrics(*kernels, *picture)
 
 
-def _picture_metrics(tables: Tables, scene: SceneNumbers, tile: Tile) -> tuple[Array, Array]:
+def _picture_metrics(
+    tables: Tables, scene: SceneNumbers, tile: Tile, mixture: Array
+) -> tuple[Array, Array]:
     """Expected squared error and share of the bound."""
     num_frequencies = scene.power.size
-    shape = (tile.accelerations.size, tables.efficiency.size)
-    noise = _noise(tables, scene, tile)
-    first = _Sums(
-        jnp.zeros((*shape, *noise.shape[1:]), noise.dtype), jnp.full(shape, jnp.inf, noise.dtype)
-    )
+    stroke = tile.accelerations
+    efficiency = jnp.broadcast_to(tables.efficiency, (stroke.size, tables.efficiency.size))
+    if mixture.size:
+        efficiency = (mixture @ tables.efficiency)[:, None]
+    noise = _noise(efficiency, scene, tile)
+    first = _Sums(jnp.zeros_like(noise), jnp.full(efficiency.shape, jnp.inf, noise.dtype))
 
     def turn(index: Array, sums: _Sums) -> _Sums:
         start = index * _FREQUENCIES
         whole = start + jnp.arange(_FREQUENCIES, dtype=start.dtype)
         frequency = (whole.astype(noise.dtype) + 0.5) * (0.5 / num_frequencies)
         spectra = aligned_spectra(tables, scene, tile, frequency)
+        if mixture.size:
+            mixed = (jnp.einsum("mskj,jk->msj", part, mixture)[:, :, None] for part in spectra)
+            spectra = Spectra(*mixed)
         power = jax.lax.dynamic_slice(scene.power, (start,), (_FREQUENCIES,))
         error, least = _picture_terms(scene, tile, spectra, frequency, power, noise)
         return _Sums(sums.error + error, jnp.minimum(sums.least, least))
@@ -155,11 +172,11 @@ def _waves(frequency: Array, position: Array) -> Spectra:
     return jax.lax.scan(rotate, first, length=frequency.size)[1]
 
 
-def _noise(tables: Tables, scene: SceneNumbers, tile: Tile) -> Array:
-    """Variance of the noise in electrons; shape `(k, p, r)`."""
+def _noise(efficiency: Array, scene: SceneNumbers, tile: Tile) -> Array:
+    """Variance of the noise in electrons; shape `(j, k, p, r)`."""
     electrons = scene.photon_rates * (2 * tile.half_exposure)
-    shot = tables.efficiency[:, None, None] * scene.mean_level * electrons[None, :, None]
-    return shot + scene.read_noises[None, None] ** 2
+    shot = efficiency[:, :, None, None] * scene.mean_level * electrons[None, None, :, None]
+    return shot + scene.read_noises[None, None, None] ** 2
 
 
 def _picture_terms(
@@ -185,16 +202,14 @@ def _picture_terms(
     coherent = aperture * (mean[0] ** 2 + mean[1] ** 2)
     electrons = scene.photon_rates * (2 * tile.half_exposure)
     light = (electrons**2)[:, None]
-    noise = jnp.broadcast_to(noise, (noise.shape[0], electrons.size, noise.shape[2]))
 
     def add(index: Array, total: Array) -> Array:
         signal = power[index] * light
         v = spread[index].T[:, :, None, None]
         c = coherent[index].T[:, :, None, None]
-        remaining = signal[None, None] * v + noise[None]
-        whole = signal[None, None] * (c + v) + noise[None]
+        remaining = signal[None, None] * v + noise
+        whole = signal[None, None] * (c + v) + noise
         dark = whole <= 0
         return total + power[index] * jnp.where(dark, 1.0, remaining / jnp.where(dark, 1.0, whole))
 
-    start = jnp.zeros((tile.accelerations.size, *noise.shape), noise.dtype)
-    return jax.lax.fori_loop(0, frequency.size, add, start), least
+    return jax.lax.fori_loop(0, frequency.size, add, jnp.zeros_like(noise)), least
