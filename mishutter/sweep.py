@@ -16,7 +16,7 @@ from mishutter.shutters import AbstractShutter, SplineShutter, TukeyShutter
 from mishutter.sweep_blocks import Engine
 from mishutter.sweep_grid import METRICS, OPTIMISED, Grid, Search, checked_axis, named
 from mishutter.sweep_store import AbstractBlocks, MemoryBlocks, StoredBlocks
-from mishutter.types import RowLike, require, require_positive_int
+from mishutter.types import RowLike, describe, require, require_positive_int
 
 if TYPE_CHECKING:
     import xarray
@@ -34,7 +34,7 @@ def sweep(
     optimise: bool = False,
     loss: AbstractLoss | None = None,
     num_coefficients: int = 24,
-    max_steps: int = 200,
+    max_steps: int = 80,
     seed: int = 0,
     metrics: Sequence[str] | None = None,
     photon_rates: RowLike | None = None,
@@ -174,9 +174,11 @@ def _search(
     starts = [starting_shutter(scene, num_coefficients) for scene in scenes.values()]
     symmetric = all(isinstance(s, SplineShutter) and s.symmetric for s in starts)
     chosen = ExpectedErrorLoss() if loss is None else loss
-    simple = isinstance(chosen, AbstractResponseLoss) and not chosen.needs_kernels
-    requirement = "be a loss of transfer functions alone, as ExpectedErrorLoss is"
-    require(simple, "sweep(loss=...)", requirement, chosen)
+    if not isinstance(chosen, AbstractResponseLoss) or chosen.needs_kernels:
+        raise ValueError(
+            "`sweep(loss=...)` must be a loss of transfer functions alone, as "
+            f"ExpectedErrorLoss is; got {describe(chosen)}."
+        )
     return Search(chosen, num_coefficients, symmetric, max_steps, seed)
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from mishutter.spectrum import condition_number
 from mishutter.sweep_points import SceneNumbers, Tile, TileSizes
-from mishutter.sweep_tables import Antiderivative, Tables, integral_to
+from mishutter.sweep_tables import Antiderivative, Tables, integral_to, mixed
 
 TAPS = 32
 """Taps that are done in one turn."""
@@ -25,7 +25,8 @@ def kernel_metrics(
     weights = scene.weights.reshape(-1)
     shape = (tile.accelerations.size, 1 if mixture.size else tables.efficiency.size)
     with_rest = jnp.concatenate([jnp.zeros_like(smear[:1]), smear])
-    kernels = partial(_kernels, tables.integrals, mixture, stroke, rest)
+    integrals = (mixed(tables.integrals, mixture),) if mixture.size else tables.integrals
+    kernels = partial(_kernels, integrals, stroke, rest)
 
     def add(index: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
         taps = kernels(scene.max_speed * half, with_rest, index)
@@ -54,7 +55,6 @@ def kernel_metrics(
 
 def _kernels(
     integrals: tuple[Antiderivative, ...],
-    mixture: Array,
     stroke: Array,
     rest: Array,
     reach: Array,
@@ -82,5 +82,4 @@ def _kernels(
         (jnp.diff(integral_to(w, later)) - sign * jnp.diff(integral_to(w, earlier))) / 2
         for w in integrals
     ]
-    every = jnp.stack(taps)
-    return jnp.einsum("kjst,jk->jst", every, mixture)[None] if mixture.size else every
+    return jnp.stack(taps)

@@ -6,7 +6,8 @@ step of the search is a small matrix product. The exposures of a block are done 
 the other: each point starts from what its neighbours at the last exposure ended with.
 """
 
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 from typing import final
 
 import equinox as eqx
@@ -31,7 +32,10 @@ from mishutter.sweep_tiles import Spectra, aligned_spectra
 _TOLERANCE = 1e-6
 _MARGIN = 0.02
 _CHUNK = 32
-_NUM_STARTS = 3
+_COARSE_FREQUENCIES = 64
+"""Frequencies that the descents from every start see; the best is finished on all."""
+
+_NUM_STARTS = 4
 
 
 @lru_cache
@@ -76,43 +80,62 @@ def search_tile(
     Returns:
         Boxes `(j, c)` and losses `(j,)`.
     """
-    spectra = _all_spectra(tables, numbers, tile)
+    coarse = _spectra_of_points(tables, numbers, tile, _COARSE_FREQUENCIES)
+    fine = _spectra_of_points(tables, numbers, tile, NUM_FREQUENCIES)
 
-    def of_point(acceleration: Array, boxes: Array, real: Array, imag: Array):
+    def of_point(acceleration: Array, boxes: Array, coarse: Spectra, fine: Spectra):
         motion = ParabolicMotion(acceleration=acceleration, half_exposure=tile.half_exposure)
-        empty = jnp.zeros(0, real.dtype)
+        rough, exact = (
+            partial(_loss_at, loss, scene, motion, plan, tables.efficiency, basis)
+            for basis in (coarse, fine)
+        )
+        ends = jax.vmap(lambda box: _descend(rough, box, max_steps))(boxes)
+        ends = jnp.concatenate([ends, boxes])
+        start = _best(ends, jax.vmap(exact)(ends))[0]
+        end = jnp.stack([_descend(exact, start, max_steps), start])
+        return _best(end, jax.vmap(exact)(end))
 
-        def at(box: Array) -> Array:
-            joined = jax.lax.complex(jnp.tensordot(box, real, 1), jnp.tensordot(box, imag, 1))
-            light = box @ tables.efficiency
-            response = Response(empty, empty.astype(joined.dtype), empty, joined, light)
-            return loss.of_response(scene, motion, response, plan)
-
-        def descend(box: Array) -> tuple[Array, Array]:
-            theta = jnp.arcsin(jnp.sqrt(jnp.clip(box, _MARGIN, 1 - _MARGIN)))
-            solver = optx.BFGS(rtol=_TOLERANCE, atol=_TOLERANCE)
-            ended = optx.minimise(
-                lambda y, _: at(jnp.sin(y) ** 2), solver, theta, max_steps=max_steps, throw=False
-            )
-            found = jnp.sin(ended.value) ** 2
-            return found, at(found)
-
-        ends, losses = jax.vmap(descend)(boxes)
-        first = jax.vmap(at)(boxes)
-        boxes, losses = jnp.concatenate([ends, boxes]), jnp.concatenate([losses, first])
-        best = jnp.argmin(jnp.where(jnp.isfinite(losses), losses, jnp.inf))
-        return boxes[best], losses[best]
-
-    parts = (jnp.moveaxis(x, (3, 2, 1, 0), (0, 1, 2, 3)) for x in spectra)
-    return jax.vmap(of_point)(tile.accelerations, starts, *parts)
+    return jax.vmap(of_point)(tile.accelerations, starts, coarse, fine)
 
 
-def _all_spectra(tables: Tables, numbers: SceneNumbers, tile: Tile) -> Spectra:
-    """Transfer functions of the basis on the whole frequency grid; `(m, s, k, j)`."""
-    frequency = frequency_grid(NUM_FREQUENCIES, np.dtype(numbers.speeds.dtype))
+def _loss_at(
+    loss: AbstractResponseLoss,
+    scene: Scene,
+    motion: ParabolicMotion,
+    plan: Plan,
+    efficiency: Array,
+    basis: Spectra,
+    box: Array,
+) -> Array:
+    """Loss of a profile, from the transfer functions of its basis, `(k, s, m)`; scalar."""
+    spectra = jax.lax.complex(*(jnp.tensordot(box, part, 1) for part in basis))
+    empty = jnp.zeros(0, box.dtype)
+    response = Response(empty, empty.astype(spectra.dtype), empty, spectra, box @ efficiency)
+    return loss.of_response(scene, motion, response, plan)
+
+
+def _descend(objective: Callable[[Array], Array], box: Array, max_steps: int) -> Array:
+    r"""Optimistix BFGS in the unit box, through $x = \sin^2\theta$; shape `(c,)`."""
+    theta = jnp.arcsin(jnp.sqrt(jnp.clip(box, _MARGIN, 1 - _MARGIN)))
+    solver = optx.BFGS(rtol=_TOLERANCE, atol=_TOLERANCE)
+    ended = optx.minimise(
+        lambda y, _: objective(jnp.sin(y) ** 2), solver, theta, max_steps=max_steps, throw=False
+    )
+    return jnp.sin(ended.value) ** 2
+
+
+def _best(boxes: Array, losses: Array) -> tuple[Array, Array]:
+    best = jnp.argmin(jnp.where(jnp.isfinite(losses), losses, jnp.inf))
+    return boxes[best], losses[best]
+
+
+def _spectra_of_points(tables: Tables, numbers: SceneNumbers, tile: Tile, count: int) -> Spectra:
+    """Transfer functions of the basis at every point; shape `(j, k, s, m)`."""
+    frequency = frequency_grid(count, np.dtype(numbers.speeds.dtype))
     chunks = frequency.reshape(-1, _CHUNK)
     found = jax.lax.map(lambda some: aligned_spectra(tables, numbers, tile, some), chunks)
-    return Spectra(*(part.reshape(NUM_FREQUENCIES, *part.shape[2:]) for part in found))
+    whole = (part.reshape(count, *part.shape[2:]) for part in found)
+    return Spectra(*(jnp.moveaxis(part, (3, 2, 1, 0), (0, 1, 2, 3)) for part in whole))
 
 
 @final
@@ -138,6 +161,7 @@ class Searcher:
         seen = _seen(scene, settings.symmetric, numbers)
         boxes = np.full((*inside.shape, self.windows.shape[1]), np.nan)
         losses = np.full(inside.shape, np.nan)
+        plan = sizes(seen, ParabolicMotion(acceleration=1.0, half_exposure=1e-3))
         tiles = layout.tiles(block, self.basis.tile_size)
         for chosen in tiles:
             stacked = layout.stacked(block, [chosen], self.basis, 1)
@@ -145,15 +169,12 @@ class Searcher:
             starts = self._starts(boxes, chosen.rows, chosen.column)
             spare = self.basis.tile_size - chosen.rows.size
             starts = np.pad(starts, ((0, spare), (0, 0), (0, 0)), "edge")
-            point = ParabolicMotion(
-                acceleration=tile.accelerations[0], half_exposure=tile.half_exposure
-            )
             found, loss = search_tile(
                 self.basis.tables,
                 numbers,
                 seen,
                 settings.loss,
-                sizes(seen, point),
+                plan,
                 tile,
                 jnp.asarray(starts, layout.grid.dtype),
                 settings.max_steps,
@@ -171,7 +192,7 @@ class Searcher:
             near = np.clip(rows + step, 0, boxes.shape[0] - 1)
             known = boxes[near, column - 1]
             there = ~np.isnan(known[:, 0])
-            starts[there, number] = known[there]
+            starts[there, -number] = known[there]
         return starts
 
 

@@ -41,7 +41,8 @@ class Antiderivative(NamedTuple):
     Attributes:
         centres: Middles $c$ of the pieces; shape `(p,)`.
         halves: Half lengths $h$; shape `(p,)`.
-        powers: Coefficients, ascending, each piece's zero at its left end; `(p, d)`.
+        powers: Coefficients, ascending, each piece's zero at its left end; `(p, d)`, or
+            `(j, p, d)` for as many shutters as times have on their leading axis.
     """
 
     centres: Array
@@ -121,12 +122,17 @@ def tabulate(
 def integral_to(table: Antiderivative, tau: Array) -> Array:
     r"""$W(\tau)$ at times of any shape; no branch, so that a processor's lanes stay full."""
 
+    def coefficient(index: Array | int, power: int) -> Array:
+        value = table.powers[..., index, power]
+        return value.reshape(value.shape + (1,) * (tau.ndim - value.ndim))
+
     def piece(index: Array | int) -> Array:
         centre, half = table.centres[index], table.halves[index]
         u = jnp.clip((tau - centre) / half, -1, 1)
-        value = jnp.broadcast_to(table.powers[index, -1], u.shape)
-        for power in range(table.powers.shape[1] - 2, -1, -1):
-            value = value * u + table.powers[index, power]
+        degree = table.powers.shape[-1] - 1
+        value = jnp.broadcast_to(coefficient(index, degree), u.shape)
+        for power in range(degree - 1, -1, -1):
+            value = value * u + coefficient(index, power)
         return value
 
     count = table.centres.size
@@ -134,6 +140,12 @@ def integral_to(table: Antiderivative, tau: Array) -> Array:
         return sum((piece(index) for index in range(1, count)), start=piece(0))
     start = jnp.zeros_like(tau)
     return jax.lax.fori_loop(0, count, lambda index, total: total + piece(index), start)
+
+
+def mixed(integrals: tuple[Antiderivative, ...], mixture: Array) -> Antiderivative:
+    """Running integrals of mixtures `(j, k)` of shutters that share their pieces."""
+    powers = jnp.stack([table.powers for table in integrals])
+    return integrals[0]._replace(powers=jnp.einsum("jk,kpd->jpd", mixture, powers))
 
 
 def _common_ends(profiles: Sequence[AbstractPiecewiseShutter]) -> np.ndarray:
