@@ -19,7 +19,7 @@ from mishutter.types import common_dtype, require
 METRICS = {
     "condition_number": ("condition number of a still object's kernel", "1"),
     "kernel_difference": ("RMS difference of kernels across speeds", "1"),
-    "relative_kernel_difference": ("the same over the RMS of a still object's kernel", "1"),
+    "relative_kernel_difference": ("RMS difference over RMS of a still object's kernel", "1"),
     "efficiency": ("share of light let through", "1"),
     "expected_psnr": ("PSNR of the best single linear decoder, linear light", "dB"),
     "bound_share": ("share of the wedge bound, worst speed and frequency", "1"),
