@@ -1,6 +1,7 @@
 """Blocks of a sweep as tasks of a `dask.distributed` cluster."""
 
 import logging
+import pickle
 from collections.abc import Iterator
 from typing import Any
 
@@ -27,6 +28,7 @@ def compute_remotely(
         ValueError: if `distributed` is not installed or no scheduler answers.
     """
     try:
+        import cloudpickle
         from distributed import Client, as_completed
     except ImportError:
         raise ValueError(
@@ -36,10 +38,11 @@ def compute_remotely(
     own = not isinstance(scheduler, Client)
     client = _connected(Client, scheduler) if own else scheduler
     try:
+        packed = cloudpickle.dumps(grid)
         wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
         tasks = {
             client.submit(
-                compute_task, grid, block, store, wide, pure=False, retries=_RETRIES
+                compute_task, packed, block, store, wide, pure=False, retries=_RETRIES
             ): block
             for block in missing
         }
@@ -54,18 +57,22 @@ def compute_remotely(
             client.close()
 
 
-def compute_task(grid: Grid, block: Block, store: str | None, wide: bool) -> Arrays | None:
-    """One block on a worker, at the client's precision; written if there is a store."""
+def compute_task(packed: bytes, block: Block, store: str | None, wide: bool) -> Arrays | None:
+    """One block on a worker, at the client's precision; written if there is a store.
+
+    The grid is unpacked under that precision, or its numbers would be narrowed.
+    """
     with jax.enable_x64(wide):
+        grid = pickle.loads(packed)
         engine = _engines.get(grid.key)
         if engine is None:
             _engines.clear()
             engine = _engines[grid.key] = Engine(grid)
         arrays = engine.compute(block)
-    if store is None:
-        return arrays
-    StoredBlocks(grid, store).write(block, arrays)
-    return None
+        if store is None:
+            return arrays
+        StoredBlocks(grid, store).write(block, arrays)
+        return None
 
 
 def _connected(client: Any, address: Any) -> Any:
