@@ -7,6 +7,7 @@ the other: each point starts from what its neighbours at the last exposure ended
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import final
 
@@ -85,10 +86,9 @@ def search_tile(
 
     def of_point(acceleration: Array, boxes: Array, coarse: Spectra, fine: Spectra):
         motion = ParabolicMotion(acceleration=acceleration, half_exposure=tile.half_exposure)
-        rough, exact = (
-            partial(_loss_at, loss, scene, motion, plan, tables.efficiency, basis)
-            for basis in (coarse, fine)
-        )
+        few = replace(plan, num_frequencies=_COARSE_FREQUENCIES)
+        rough = partial(_loss_at, loss, scene, motion, few, tables.efficiency, coarse)
+        exact = partial(_loss_at, loss, scene, motion, plan, tables.efficiency, fine)
         ends = jax.vmap(lambda box: _descend(rough, box, max_steps))(boxes)
         ends = jnp.concatenate([ends, boxes])
         start = _best(ends, jax.vmap(exact)(ends))[0]
