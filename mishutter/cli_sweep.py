@@ -182,10 +182,9 @@ _COLUMNS = (
     "a px/s²",
     "T ms",
     "aT² px",
-    "2aT px/s",
     "PSNR dB",
-    "-snapshot",
-    "-Hann",
+    "- snap.",
+    "- Hann",
     "cond.",
     "rel. diff.",
     "light",
@@ -244,6 +243,6 @@ def _numbers(point: "xarray.Dataset") -> dict[str, Any]:
 
 
 def _cells(point: dict[str, Any]) -> list[str]:
-    formats = (".3g", ".4g", ".3f", ".0f", ".2f", "+.2f", "+.2f", ".2f", ".3f", ".3f")
-    shutter, *numbers = point.values()
+    formats = (".3g", ".4g", ".3f", ".2f", "+.2f", "+.2f", ".2f", ".3f", ".3f")
+    shutter, *numbers = (value for name, value in point.items() if name != "top_speed_px_per_s")
     return [shutter, *(format(x, f) for x, f in zip(numbers, formats, strict=True))]

@@ -3,6 +3,7 @@
 Grey values carry the maps, so that they survive a grey printout.
 """
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mishutter.design import shutter_from_dict
 from mishutter.plots import save_figure
 from mishutter.scene import Scene
+from mishutter.shutters import SplineShutter
 from mishutter.sweep_grid import METRICS, OPTIMISED
 from mishutter.trade_offs import OBJECTIVES, gain_over_snapshot, pareto_front
 from mishutter.types import require
@@ -130,10 +133,6 @@ def plot_front(
         objectives: Metrics on the axes.
         num_profiles: Points of the front whose profiles are drawn beneath.
     """
-    from mishutter.compare import baselines
-    from mishutter.report import named_shutter
-    from mishutter.shutters import SplineShutter
-
     first, second = objectives
     front = pareto_front(dataset, objectives)
     figure = Figure(figsize=(7.0, 7.0), layout="constrained")
@@ -168,18 +167,28 @@ def plot_front(
         axes.plot(*place, marker="o", markersize=7, color="white", markeredgecolor="black")
         axes.annotate(letter, place, (5, 6), textcoords="offset points", weight="bold")
         panel = figure.add_subplot(grid[1, column])
-        if name == OPTIMISED:
-            shutter = SplineShutter(point.coefficients.values)
-        else:
-            shutter = baselines().get(name) or named_shutter(name.lower())
         half = float(point.half_exposure) * 1e3
-        transmittance = np.pad(np.asarray(shutter.transmittance(tau)), 1)
+        transmittance = np.pad(_transmittance(dataset, point, tau), 1)
         panel.plot(np.pad(tau, 1, "edge") * half, transmittance, color="black")
         panel.set(ylim=(-0.05, 1.1), xlabel="time / ms")
         stroke = float(point.acceleration) * float(point.half_exposure) ** 2
         panel.set_title(f"{letter}: {name}\n{stroke:.3g} px stroke", fontsize="small")
         panel.tick_params(labelleft=column == 0, labelsize="small")
     return figure
+
+
+def _transmittance(
+    dataset: "xarray.Dataset", point: "xarray.Dataset", tau: np.ndarray
+) -> np.ndarray:
+    """Profile of a point of a sweep, from what the sweep says of its shutters."""
+    name = str(point.shutter.values)
+    if name == OPTIMISED:
+        return np.asarray(SplineShutter(point.coefficients.values).transmittance(tau))
+    described = json.loads(dataset.attrs["sweep"])["shutters"][name]
+    if "transmittance" in described:
+        samples = np.array(described["transmittance"])
+        return np.interp(tau, np.linspace(-1, 1, samples.size), samples)
+    return np.asarray(shutter_from_dict(described).transmittance(tau))
 
 
 def _label(name: str) -> str:
