@@ -11,9 +11,12 @@ ALL = (
     "gradient",
     "design",
     "scaling",
+    "stress",
     "capture",
     "borders",
     "restoration",
+    "plan",
+    "sweep",
 )
 
 

@@ -68,5 +68,12 @@ from mishutter.simulation import capture_and_restore as capture_and_restore
 from mishutter.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.spectrum import condition_number as condition_number
 from mishutter.spectrum import transfer_function as transfer_function
+from mishutter.sweep import sweep as sweep
+from mishutter.trade_offs import best_points as best_points
+from mishutter.trade_offs import best_snapshots as best_snapshots
+from mishutter.trade_offs import gain_over as gain_over
+from mishutter.trade_offs import gain_over_snapshot as gain_over_snapshot
+from mishutter.trade_offs import light_map as light_map
+from mishutter.trade_offs import pareto_front as pareto_front
 
 __version__ = "0.1.0"

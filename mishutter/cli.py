@@ -28,6 +28,7 @@ from mishutter.cli_options import (
     motion_of,
     scene_of,
 )
+from mishutter.cli_sweep import sweep
 from mishutter.files import writable_folder
 from mishutter.terminal import (
     error_line,
@@ -138,6 +139,7 @@ def compare(
 app.command()(simulate)
 app.command()(reproduce)
 app.command()(export)
+app.command()(sweep)
 
 
 def _compared(

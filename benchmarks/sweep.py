@@ -1,0 +1,148 @@
+"""How much faster is a sweep than a Python loop, and does its memory grow with the grid?
+
+Fixed shutters against `evaluate` and optimised profiles against `optimise`, each looped over
+a random sample of the same grid after a first call; the peak memory of a large sweep into a
+store. `python -m benchmarks.sweep [fixed] [optimised] [memory]` runs some of them.
+"""
+
+import sys
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import resource  # noqa: E402
+import tempfile  # noqa: E402
+import time  # noqa: E402
+
+import numpy as np  # noqa: E402
+
+from benchmarks import harness  # noqa: E402
+from mishutter import (  # noqa: E402
+    ExpectedErrorLoss,
+    ParabolicMotion,
+    TukeyShutter,
+    baselines,
+    evaluate,
+    example_scene,
+    optimise,
+    starting_shutter,
+    sweep,
+)
+
+SCENE = example_scene()
+SHUTTERS = {**baselines(), "Tukey": TukeyShutter(0.5)}
+NUM_FIXED, NUM_OPTIMISED, NUM_LARGE = 100, 64, 1000
+NUM_SAMPLED, NUM_SEARCHED = 60, 12
+
+
+def ranges(count: int) -> dict:
+    """Strokes of 1 to 45 px at their corner, exposures of 4 to 20 ms: nearly all in limits."""
+    return {
+        "accelerations": np.geomspace(5e4, 1.1e6, count),
+        "half_exposures": np.geomspace(2e-3, 6.4e-3, count),
+    }
+
+
+def sampled(dataset, count: int) -> list:
+    """Motions at random points within limits."""
+    points = np.argwhere(dataset.outside.values == 0)
+    chosen = np.random.default_rng(0).permutation(points)[:count]
+    a, half = dataset.acceleration.values, dataset.half_exposure.values
+    return [((i, j), ParabolicMotion(acceleration=a[i], half_exposure=half[j])) for i, j in chosen]
+
+
+def fixed() -> dict:
+    """A grid of five fixed shutters and nine speeds."""
+    arguments = ranges(NUM_FIXED)
+    sweep(SCENE, shutters=SHUTTERS, **arguments)
+    times = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        dataset = sweep(SCENE, shutters=SHUTTERS, **arguments)
+        times.append(time.perf_counter() - begin)
+    inside = int((dataset.outside == 0).sum())
+    motions = sampled(dataset, NUM_SAMPLED)
+    worst = 0.0
+    for at, motion in motions:
+        for name, shutter in SHUTTERS.items():
+            found = float(evaluate(SCENE, motion, shutter).expected_psnr)
+            psnr = float(dataset.expected_psnr[at].sel(shutter=name))
+            worst = max(worst, abs(found / psnr - 1))
+    begin = time.perf_counter()
+    for _, motion in motions:
+        for shutter in SHUTTERS.values():
+            jax.block_until_ready(evaluate(SCENE, motion, shutter).expected_psnr)
+    looped = (time.perf_counter() - begin) / len(motions)
+    swept = min(times) / inside
+    return {
+        "what": f"{NUM_FIXED} x {NUM_FIXED}, five fixed shutters, nine speeds",
+        "points": inside,
+        "sweep ms/point": 1e3 * swept,
+        "loop ms/point": 1e3 * looped,
+        "ratio": looped / swept,
+        "worst difference": worst,
+    }
+
+
+def optimised() -> dict:
+    """A grid of optimised profiles."""
+    arguments = {**ranges(NUM_OPTIMISED), "metrics": ["expected_psnr"], "shutters": SHUTTERS}
+    few = {name: arguments[name][:16] for name in ("accelerations", "half_exposures")}
+    sweep(SCENE, optimise=True, **{**arguments, **few})
+    begin = time.perf_counter()
+    dataset = sweep(SCENE, optimise=True, **arguments)
+    inside = int((dataset.outside == 0).sum())
+    swept = (time.perf_counter() - begin) / inside
+    start, loss = starting_shutter(SCENE), ExpectedErrorLoss()
+    times, excess = [], []
+    for number, (at, motion) in enumerate(sampled(dataset, NUM_SEARCHED)):
+        begin = time.perf_counter()
+        design = optimise(SCENE, motion, start, loss=loss, free="shutter")
+        if number:
+            times.append(time.perf_counter() - begin)
+        excess.append(float(dataset.loss[at]) - design.loss)
+    looped = float(np.mean(times))
+    return {
+        "what": f"{NUM_OPTIMISED} x {NUM_OPTIMISED} optimised profiles",
+        "points": inside,
+        "sweep ms/point": 1e3 * swept,
+        "loop ms/point": 1e3 * looped,
+        "ratio": looped / swept,
+        "worst difference": max(excess),
+    }
+
+
+def memory() -> dict:
+    """A large grid into a store; the peak of the whole process."""
+    with tempfile.TemporaryDirectory() as folder:
+        begin = time.perf_counter()
+        shutters = {"rect": SHUTTERS["rect"], "Hann": SHUTTERS["Hann"]}
+        sweep(SCENE, shutters=shutters, store=f"{folder}/a.zarr", **ranges(NUM_LARGE))
+        seconds = time.perf_counter() - begin
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    return {
+        "what": f"{NUM_LARGE} x {NUM_LARGE}, two fixed shutters, stored",
+        "points": NUM_LARGE**2,
+        "sweep ms/point": 1e3 * seconds / NUM_LARGE**2,
+        "peak GiB": peak,
+    }
+
+
+def main() -> None:
+    """Measure, store, print."""
+    known = {"fixed": fixed, "optimised": optimised, "memory": memory}
+    chosen = [name for name in sys.argv[1:] if name in known] or list(known)
+    rows = [known[name]() for name in chosen]
+    if chosen == list(known):
+        harness.write("sweep", rows)
+    columns = ["what", "points", "sweep ms/point", "loop ms/point", "ratio", "worst difference"]
+    text = harness.table(rows, [*columns, "peak GiB"])
+    if chosen == list(known):
+        harness.section("sweep", "## Sweep against loops\n\n" + text)
+    else:
+        print(text)
+
+
+if __name__ == "__main__":
+    main()

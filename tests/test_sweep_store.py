@@ -1,0 +1,210 @@
+"""A store loses at most the blocks under way, is resumed bit for bit, and is its sweep's own."""
+
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers_sweep import SCENE, SHUTTERS, grid
+
+import mishutter
+from mishutter import GaussianShutter, Scene, sweep
+from mishutter.sweep_grid import Grid
+from mishutter.sweep_store import StoredBlocks
+
+TALL = np.arange(1, 301) * 3e3
+"""Accelerations that make several blocks."""
+
+
+def many(**others):
+    """A sweep of three blocks."""
+    return grid(accelerations=TALL, half_exposures=[2e-3, 5e-3], **others)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """The sweep of several blocks, in memory."""
+    return sweep(SCENE, **many())
+
+
+def test_a_store_holds_what_memory_holds(whole, tmp_path):
+    """Bit for bit, with the same labels and attributes."""
+    stored = sweep(SCENE, **many(store=tmp_path / "a.zarr"))
+    assert stored.load().identical(whole)
+
+
+def test_only_missing_blocks_are_computed(whole, tmp_path, monkeypatch, caplog):
+    """After an interrupt the rest is computed and the result is the uninterrupted one."""
+    place, written = tmp_path / "a.zarr", []
+    write = StoredBlocks.write
+
+    def interrupted(self, block, arrays):
+        if len(written) == 2:
+            raise KeyboardInterrupt
+        written.append(block)
+        write(self, block, arrays)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(StoredBlocks, "write", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            sweep(SCENE, **many(store=place))
+    with caplog.at_level(logging.INFO, logger="mishutter.sweep"):
+        again = sweep(SCENE, **many(store=place))
+    assert caplog.messages == ["2 of 3 blocks found, 1 to compute", "1 blocks computed"]
+    assert again.load().identical(whole)
+
+
+def test_a_block_cut_short_is_computed_again(whole, tmp_path, monkeypatch):
+    """A disk that fills up in the middle of a block leaves it unmarked."""
+    place = tmp_path / "a.zarr"
+    array = StoredBlocks._array
+
+    def full(self, name):
+        if name == "expected_psnr":
+            raise OSError(28, "No space left on device", str(place))
+        return array(self, name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(StoredBlocks, "_array", full)
+        with pytest.raises(OSError, match="No space left"):
+            sweep(SCENE, **many(store=place))
+    assert sweep(SCENE, **many(store=place)).load().identical(whole)
+
+
+def test_progress_counts_what_was_found(tmp_path):
+    """Points found in the store are done at once."""
+    calls = []
+    place = tmp_path / "a.zarr"
+    sweep(SCENE, **grid(store=place, progress=lambda done, total: calls.append((done, total))))
+    sweep(SCENE, **grid(store=place, progress=lambda done, total: calls.append((done, total))))
+    assert calls == [(0, 30), (30, 30), (30, 30)]
+
+
+OTHERS = {
+    "accelerations": ({"accelerations": [1e4, 2e4]}, "whose accelerations are [10000.0, 20000.0]"),
+    "shutters": ({"shutters": {"rect": GaussianShutter(0.3)}}, "whose shutters are"),
+    "metrics": ({"metrics": ["efficiency"]}, "whose metrics are ['efficiency']"),
+    "full-well": ({"full_well": 9e3}, "whose full well are 9000.0; got None"),
+}
+
+
+@pytest.mark.parametrize("slug", OTHERS)
+def test_a_store_of_another_sweep_is_refused(slug, tmp_path):
+    """By what differs."""
+    sweep(SCENE, **grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"]))
+    arguments, message = OTHERS[slug]
+    asked = {"metrics": ["expected_psnr"]} | arguments
+    with pytest.raises(ValueError, match="must hold the same sweep") as caught:
+        sweep(SCENE, **grid(store=tmp_path / "a.zarr", **asked))
+    assert message in str(caught.value)
+
+
+def test_a_store_of_another_scene_is_refused(tmp_path):
+    """The number that differs is named."""
+    sweep(SCENE, **grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"]))
+    brighter = Scene(
+        SCENE.speeds, SCENE.weights, photon_rate=3e5, read_noise=6.0, limits=SCENE.limits
+    )
+    with pytest.raises(ValueError, match=r"photon_rate.*300000.*got.*200000"):
+        sweep(brighter, **grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"]))
+
+
+def test_what_is_no_store_is_refused(tmp_path):
+    """A file, and a folder of something else."""
+    file = tmp_path / "file"
+    file.write_text("in the way")
+    with pytest.raises(ValueError, match=r"must be a folder; got .a file"):
+        sweep(SCENE, **grid(store=file))
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "x").write_text("mine")
+    with pytest.raises(ValueError, match=r"must be a sweep's store; got"):
+        sweep(SCENE, **grid(store=tmp_path / "folder"))
+
+
+def test_blocks_cover_the_grid_once():
+    """Every point of every variable belongs to one block, whatever the sizes."""
+    for rows, columns in ((1, 1), (300, 2), (129, 70), (5, 900)):
+        made = Grid(
+            np.arange(rows) + 1.0,
+            np.arange(columns) + 1.0,
+            {"0": SCENE},
+            dict(SHUTTERS),
+            ("expected_psnr",),
+            np.array([1.0, 2.0]),
+            None,
+            None,
+            None,
+            True,
+        )
+        count = np.zeros([made.sizes[d] for d in made.dimensions("expected_psnr")])
+        for block in made.blocks():
+            count[made.region(block, "expected_psnr")] += 1
+        assert np.all(count == 1)
+
+
+SCRIPT = """
+import sys, logging, jax
+jax.config.update("jax_enable_x64", True)
+logging.basicConfig(level=logging.WARNING)
+logging.getLogger("mishutter.sweep").setLevel(logging.INFO)
+sys.path.insert(0, {folder!r})
+from test_sweep_store import SCENE, many
+from mishutter import sweep
+import time
+def progress(done, total):
+    print(done, flush=True)
+    if done:
+        time.sleep({pause})
+sweep(SCENE, **many(store={store!r}, progress=progress))
+"""
+
+
+def started(store, pause):
+    """A process that sweeps into a store."""
+    folder = str(Path(__file__).parent)
+    path = os.pathsep.join([str(Path(mishutter.__file__).parent.parent), *sys.path])
+    code = SCRIPT.format(folder=folder, store=str(store), pause=pause)
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": path},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
+def test_a_killed_sweep_goes_on(name, whole, tmp_path):
+    """A signal after the first block; the next run computes the others only."""
+    store = tmp_path / "a.zarr"
+    process = started(store, 30)
+    assert process.stdout is not None
+    assert process.stdout.readline().strip() == "0"
+    assert int(process.stdout.readline()) > 0
+    process.send_signal(getattr(signal, name))
+    process.communicate(timeout=60)
+    before = sum(1 for _ in store.glob("done/c/**/*") if _.is_file())
+    assert before >= 1
+    again = started(store, 0)
+    _, log = again.communicate(timeout=120)
+    assert again.returncode == 0
+    assert f"{before} of 3 blocks found, {3 - before} to compute" in log
+    stored = sweep(SCENE, **many(store=store))
+    assert stored.load().identical(whole)
+
+
+def test_the_store_says_what_it_holds(tmp_path):
+    """Its attribute is the whole request, as JSON."""
+    import zarr
+
+    sweep(SCENE, **grid(store=tmp_path / "a.zarr"))
+    attributes = zarr.open_group(tmp_path / "a.zarr", mode="r").attrs
+    request = json.loads(str(attributes["sweep"]))
+    assert request["shutters"]["Hann"] == {"kind": "HannShutter"}
+    assert request["scenes"]["0"]["read_noise"] == 6.0
