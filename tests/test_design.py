@@ -18,7 +18,6 @@ from mishutter import (
     StillCamera,
     TriangleShutter,
     TukeyShutter,
-    evaluate,
 )
 from mishutter.design import motion_to_dict, shutter_from_dict, shutter_to_dict
 

@@ -1,0 +1,285 @@
+"""The plan of a scene: what is left out of a computation because it cannot change a result."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter.design_space import DesignSpace, design_space
+from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, WeightedSum
+from mishutter.losses.expected_error import ExpectedErrorLoss
+from mishutter.metrics import picture_power
+from mishutter.motion import AbstractMotion, settled
+from mishutter.plan import (
+    Item,
+    Plan,
+    distinct_speeds,
+    extent,
+    is_symmetric,
+    larger,
+    nothing_moves,
+    size_class,
+    sized_for,
+    sizes,
+)
+from mishutter.scene import Scene
+from mishutter.shutters.base import AbstractAdjustableShutter, AbstractShutter
+from mishutter.types import require
+
+
+def plan(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    loss: AbstractLoss | None = None,
+    free: str | Iterable[str] = (),
+    tolerance: float = 0.0,
+) -> Plan:
+    """What a scene needs computed, and why the rest can be left out.
+
+    With `tolerance = 0` only what cannot change a result beyond rounding is left out.
+
+    Args:
+        scene: Speeds, light, noise, spectrum and limits; concrete.
+        motion: Motion of the sensor; where it is free, that to start from.
+        shutter: Transmittance over the exposure; where it is free, that to start from.
+        loss: What the plan is for: its value, or all that `evaluate` measures.
+        free: What a search may move: `"shutter"`, `"acceleration"`, `"half_exposure"`.
+        tolerance: Largest relative change of a result; at least 0.
+
+    Returns:
+        The plan. It prints as a table, and every `plan=` takes it.
+
+    Raises:
+        ValueError: if `tolerance` is negative or not finite, or `free` names what cannot
+            move.
+    """
+    number = isinstance(tolerance, int | float) and 0 <= tolerance < float("inf")
+    require(number, "plan(tolerance=...)", "be a finite number of at least 0", tolerance)
+    names = (free,) if isinstance(free, str) else tuple(free)
+    motion = settled(motion)
+    space = design_space(scene, motion, shutter, names) if names else None
+    return exact_plan(scene, motion, shutter, needs_of(loss), space)
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a loss, or all metrics, are made from.
+
+    Attributes:
+        kernels: Whether a kernel is.
+        differences: Whether kernels of moving objects are.
+        spectra: Whether transfer functions are.
+        only_error: Whether these only serve the expected error, which a frequency
+            without power adds nothing to.
+        terms: Terms of the loss that were given, and that have weight.
+    """
+
+    kernels: bool = True
+    differences: bool = True
+    spectra: bool = True
+    only_error: bool = False
+    terms: tuple[int, int] = (1, 1)
+
+
+def needs_of(loss: AbstractLoss | None) -> Needs:
+    """What a loss is made from; everything where that is not known."""
+    if loss is None:
+        return Needs()
+    given = loss.needed(skips=False) if isinstance(loss, WeightedSum) else [(loss, 1.0)]
+    kept = loss.needed(skips=True) if isinstance(loss, WeightedSum) else given
+    count = len(given), len(kept)
+    terms = [term for term, _ in kept]
+    if not all(isinstance(term, AbstractResponseLoss) for term in terms):
+        return Needs(terms=count)
+    skipping = Plan(1, 1, 1, 1, skips=True)
+    parts = [term.parts(skipping) for term in terms]  # type: ignore[attr-defined]
+    errors = [isinstance(t, ExpectedErrorLoss) for t, p in zip(terms, parts, strict=True) if p[1]]
+    kernels, spectra, differences = (any(flags) for flags in zip(*parts, strict=True))
+    return Needs(kernels, differences, spectra, all(errors), count)
+
+
+def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) -> Plan:
+    """Everything, in sizes that hold every design of a space."""
+    if space is None:
+        return sizes(scene, motion)
+    dtype = space.max_speed.dtype
+    corners = [design_at(space, jnp.asarray(corner, dtype)) for corner in _corners(space)]
+    return reduce(larger, [sizes(scene, moved) for _, moved in corners])
+
+
+@eqx.filter_jit
+def design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
+    """The design at a point of the box."""
+    return space.at(box)
+
+
+def _corners(space: DesignSpace) -> list[np.ndarray]:
+    profile = np.full(space.num_profile_coordinates, 0.5)
+    num_motion = space.size - profile.size
+    return [
+        np.concatenate([profile, [(corner >> axis) & 1 for axis in range(num_motion)]])
+        for corner in range(1 << num_motion)
+    ]
+
+
+def exact_plan(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    needs: Needs,
+    space: DesignSpace | None,
+) -> Plan:
+    """What can be left out without any change."""
+    full = full_sizes(scene, motion, space)
+    folds, still = is_symmetric(shutter), nothing_moves(scene)
+    num_kept = _frequencies_with_power(scene, full) if needs.only_error else full.num_frequencies
+    num_taps, num_nodes = full.num_taps, full.num_nodes
+    if space is None or set(space.free) == {"shutter"}:
+        tight = _sizes_of_motion(scene, motion, num_kept / full.num_frequencies, space is None)
+        num_taps = min(num_taps, tight.num_taps)
+        num_nodes = min(num_nodes, tight.num_nodes) if needs.only_error else num_nodes
+    kept = replace(
+        full,
+        num_taps=num_taps,
+        num_nodes=num_nodes,
+        num_kept=num_kept if num_kept < full.num_frequencies else None,
+        skips=True,
+        folds=folds,
+        still=still,
+    )
+    items = (
+        _speeds_item(scene, folds, still),
+        _kernels_item(needs, still),
+        _taps_item(full, kept, needs, space),
+        Item(
+            "DFT length",
+            *_pair(full.dft_length),
+            "four times the longest kernel; real taps, "
+            f"hence {full.dft_length // 2 + 1} frequencies",
+        ),
+        *_spectra_items(full, kept, needs, space),
+        *_terms_items(needs),
+        *_search_items(shutter, needs, space),
+        _precision_item(motion),
+    )
+    return replace(kept, items=items)
+
+
+def _pair(count: int) -> tuple[str, str]:
+    return str(count), str(count)
+
+
+def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: bool) -> Plan:
+    """Sizes for one motion, to one of two an octave, so that near scenes share a program.
+
+    Where a search follows, they hold every speed that the motion keeps up with, so that
+    scenes of other speeds share its program too.
+    """
+    reach, velocity = extent(scene, motion)
+    longest = 0.0 if alone else 4 * float(motion.stroke)
+    tight = sized_for(max(reach, longest), share * max(velocity, longest))
+    return replace(
+        tight, num_taps=size_class(tight.num_taps), num_nodes=size_class(tight.num_nodes)
+    )
+
+
+def _frequencies_with_power(scene: Scene, full: Plan) -> int:
+    """How many of the lowest frequencies hold all power, to one of two sizes an octave."""
+    dtype = np.dtype(scene.speeds.dtype)
+    power = np.asarray(picture_power(scene, full.num_frequencies, dtype))
+    lit = np.flatnonzero(power)
+    last = lit[-1] + 1 if lit.size else 1
+    return min(full.num_frequencies, size_class(max(16, int(last))))
+
+
+def _speeds_item(scene: Scene, folds: bool, still: bool) -> Item:
+    given, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
+    every = distinct_speeds(scene, folds=False)[0].size
+    kept = distinct_speeds(scene, folds=folds)[0].size
+    why = []
+    never = int(np.sum(weights == 0))
+    if never:
+        why.append(f"{never} never occur")
+    if given.size - never > every:
+        why.append(f"{given.size - never - every} repeated")
+    if every > kept:
+        why.append(f"{every - kept} mirrored: a symmetric shutter does the same to +s and -s")
+    if still:
+        why.append("nothing moves")
+    return Item("speeds", str(given.size), str(kept), "; ".join(why) or "each occurs once")
+
+
+def _kernels_item(needs: Needs, still: bool) -> Item:
+    if not needs.kernels:
+        return Item("kernels", "all", "none", "the loss is made from transfer functions")
+    if still:
+        return Item("kernels", "all", "at rest", "nothing moves: no invariance to measure")
+    if not needs.differences:
+        return Item("kernels", "all", "at rest", "invariance has no weight")
+    return Item("kernels", "all", "all", "invariance is measured")
+
+
+def _taps_item(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | None) -> Item:
+    if not needs.kernels:
+        return Item("taps", str(full.num_taps), "0", "no kernel is computed")
+    return Item("taps", str(full.num_taps), str(kept.num_taps), _reach(space))
+
+
+def _reach(space: DesignSpace | None) -> str:
+    if space is None:
+        return "what the fastest object reaches on this motion"
+    if set(space.free) == {"shutter"}:
+        return "what any object reaches that this motion keeps up with"
+    return "the motion is free within the limits"
+
+
+def _spectra_items(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | None) -> list[Item]:
+    if not needs.spectra:
+        return [
+            Item("frequencies", str(full.num_frequencies), "0", "no transfer function is needed"),
+            Item("nodes in time", str(full.num_nodes), "0", "no transfer function is needed"),
+        ]
+    if kept.num_kept is not None:
+        why = "the picture on the sensor holds no power above"
+    else:
+        why = "all hold power" if needs.only_error else "the bound's share needs all"
+    count = str(kept.num_kept or full.num_frequencies)
+    reach = _reach(space) if needs.only_error else "beside a zero the bound's share shows them"
+    return [
+        Item("frequencies", str(full.num_frequencies), count, why),
+        Item("nodes in time", str(full.num_nodes), str(kept.num_nodes), reach),
+    ]
+
+
+def _terms_items(needs: Needs) -> list[Item]:
+    given, kept = needs.terms
+    if given == kept == 1:
+        return []
+    why = "the others have weight 0" if kept < given else "each has weight"
+    return [Item("terms of the loss", str(given), str(kept), why)]
+
+
+def _search_items(shutter: AbstractShutter, needs: Needs, space: DesignSpace | None) -> list[Item]:
+    if space is None:
+        return []
+    fixed = [
+        name for name in ("shutter", "acceleration", "half_exposure") if name not in space.free
+    ]
+    why = f"{', '.join(fixed)} not free" if fixed else "all are free"
+    items = [Item("free parameters", "3", str(3 - len(fixed)), why)]
+    linear = isinstance(shutter, AbstractAdjustableShutter) and shutter.linear
+    if linear and set(space.free) == {"shutter"}:
+        why = "each coordinate's response is computed once, before the search"
+        items.append(Item("a step of the search", "responses", "one product", why))
+    return items
+
+
+def _precision_item(motion: AbstractMotion) -> Item:
+    name = np.dtype(motion.half_exposure.dtype).name
+    return Item("precision", name, name, "as given")
