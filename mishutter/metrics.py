@@ -73,11 +73,12 @@ def evaluate(
     plan = replace(chosen(plan, scene, motion, shutter), num_kept=None)
     scene, motion, shutter = lowered(plan, scene, motion, shutter)
     kept = reduced(scene, plan)
-    return _measured(kept, motion, records(kept, motion, shutter, plan), plan)
+    return measured(kept, motion, records(kept, motion, shutter, plan), plan)
 
 
 @eqx.filter_jit
-def _measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Metrics:
+def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Metrics:
+    """Metrics from what was recorded of a design."""
     response = assembled(scene, recorded, plan)
     raw, relative = kernel_differences(scene, motion, response)
     return Metrics(

@@ -1,8 +1,9 @@
 """The design search: many starts, a polish, and an honest end."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from enum import Enum
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -82,6 +83,8 @@ def optimise(
         progress: Called with the step and the smallest loss so far.
         throw: Whether an end other than convergence raises.
         plan: What to compute; made for the whole space by default, None for everything.
+            After a search with a tolerance the design is measured exactly; where the
+            loss was further off, the search goes on from there with an exact plan.
 
     Returns:
         The best design found, how the search ended in a sentence, and the
@@ -122,7 +125,7 @@ def optimise(
     if throw and outcome is not Outcome.CONVERGED:
         raise SearchFailedError(outcome.value)
     found_shutter, found_motion = design_at(space, jnp.asarray(box))
-    return Design(
+    design = Design(
         shutter=found_shutter,
         motion=found_motion,
         scene=scene,
@@ -135,6 +138,22 @@ def optimise(
         best_start_loss=float(np.min(first)),
         plan=plan,
     )
+    if plan.tolerance == 0:
+        return design
+    again = partial(optimise, num_starts=1, seed=seed, max_steps=max_steps, progress=progress)
+    return _confirmed(design, plan, loss, space, again)
+
+
+def _confirmed(
+    design: Design, plan: Plan, loss: AbstractLoss, space: DesignSpace, again: Callable[..., Design]
+) -> Design:
+    """A design with its loss measured exactly; searched on where the tolerance was not kept."""
+    exact = plan_of_scene(design.scene, space.motion, space.shutter, loss=loss, free=space.free)
+    at_end = design.scene, design.motion, design.shutter
+    value = float(loss(*at_end, plan=exact))
+    if abs(value - design.loss) <= plan.tolerance * abs(value):
+        return replace(design, loss=value, history=np.append(design.history[:-1], value))
+    return again(*at_end, loss=loss, free=space.free, plan=exact)
 
 
 def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mishutter.losses.base import AbstractLoss
-from mishutter.metrics import evaluate
+from mishutter.metrics import Metrics, evaluate
 from mishutter.motion import AbstractMotion, settled
 from mishutter.plan import Plan, sizes
 from mishutter.scene import Scene
@@ -102,13 +102,18 @@ def results(
     """The loss, or all metrics, as a plan has them computed; shape `(n,)`."""
     if loss is not None:
         return np.array([float(loss(scene, motion, shutter, plan=plan))])
-    metrics = evaluate(scene, motion, shutter, plan=plan)
+    return results_of(evaluate(scene, motion, shutter, plan=plan))
+
+
+def results_of(metrics: Metrics) -> np.ndarray:
+    """The metrics that are compared, as numbers that are never negative; shape `(n,)`."""
     squared = 10 ** (-float(metrics.expected_psnr) / 10)
     return np.array([squared, *(float(getattr(metrics, name)) for name in _NAMES)])
 
 
-def relative_change(found: np.ndarray, full: np.ndarray) -> float:
-    """Largest relative change of one of several results."""
+def relative_change(found: np.ndarray, before: np.ndarray, full: np.ndarray | None = None) -> float:
+    """Largest change of one of several results, relative to `before` or to `full`."""
+    scale = np.abs(before if full is None else full)
     with np.errstate(divide="ignore", invalid="ignore"):
-        change = np.where(found == full, 0.0, np.abs(found - full) / np.abs(full))
+        change = np.where(found == before, 0.0, np.abs(found - before) / scale)
     return float(np.max(np.where(np.isnan(change), np.inf, change)))

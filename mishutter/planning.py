@@ -26,6 +26,8 @@ from mishutter.plan import (
     sized_for,
     sizes,
 )
+from mishutter.plan_check import WrongPlanError, check_plan
+from mishutter.plan_tolerance import toleranced
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractAdjustableShutter, AbstractShutter
 from mishutter.types import require
@@ -64,7 +66,51 @@ def plan(
     names = (free,) if isinstance(free, str) else tuple(free)
     motion = settled(motion)
     space = design_space(scene, motion, shutter, names) if names else None
-    return exact_plan(scene, motion, shutter, needs_of(loss), space)
+    needs = needs_of(loss)
+    exact = replace(exact_plan(scene, motion, shutter, needs, space), tolerance=tolerance)
+    if tolerance == 0:
+        return exact
+    found = toleranced(
+        exact,
+        scene,
+        motion,
+        shutter,
+        loss,
+        fewer_frequencies=needs.only_error and needs.spectra,
+        fewer_taps=space is None and needs.kernels,
+        fewer_speeds=(needs.spectra or needs.differences) and not exact.still,
+        single=space is None,
+    )
+    if space is None and found.num_kept not in (None, exact.num_kept):
+        found = _with_fewer_nodes(found, scene, motion)
+    return _confirmed(found, exact, scene, motion, shutter, loss)
+
+
+def _with_fewer_nodes(found: Plan, scene: Scene, motion: AbstractMotion) -> Plan:
+    """Only the nodes that the frequencies ask for which are left."""
+    share = (found.num_kept or found.num_frequencies) / found.num_frequencies
+    count = min(found.num_nodes, _sizes_of_motion(scene, motion, share, alone=True).num_nodes)
+    items = [
+        replace(item, kept=str(count)) if item.name == "nodes in time" else item
+        for item in found.items
+    ]
+    return replace(found, num_nodes=count, items=tuple(items))
+
+
+def _confirmed(
+    found: Plan,
+    exact: Plan,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    loss: AbstractLoss | None,
+) -> Plan:
+    """A plan that keeps its bound at the design at hand, or the exact one."""
+    try:
+        check_plan(found, scene, motion, shutter, loss=loss)
+    except WrongPlanError:
+        return exact
+    return found
 
 
 @dataclass(frozen=True)
