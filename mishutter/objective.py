@@ -73,8 +73,8 @@ def objective_of(
 ) -> AbstractObjective:
     """The cheapest exact form of the loss over the space."""
     linear = isinstance(space.shutter, AbstractAdjustableShutter) and space.shutter.linear
-    known = space.free == ("shutter",) and linear and isinstance(loss, AbstractResponseLoss)
-    if plan.skips and known:
+    alone = plan.skips and space.free == ("shutter",) and linear
+    if alone and isinstance(loss, AbstractResponseLoss):
         basis, layout = _basis(space, scene, plan, loss.parts(plan))
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
     return DesignObjective(loss, scene, space, plan)
@@ -99,9 +99,9 @@ class Layout:
     def row(self, parts: Response) -> np.ndarray:
         """A response, or one a coordinate on a leading axis, as real numbers."""
         waves = [np.asarray(part) for part in (parts.still_spectrum, parts.spectra)]
-        real = [parts.still_kernel, parts.differences, *(wave.real for wave in waves)]
+        real = [parts.still_kernel, parts.differences, *(np.real(wave) for wave in waves)]
         lead = np.shape(parts.efficiency)
-        pieces = [*real, *(wave.imag for wave in waves), parts.efficiency]
+        pieces = [*real, *(np.imag(wave) for wave in waves), parts.efficiency]
         return np.concatenate([np.reshape(piece, (*lead, -1)) for piece in pieces], axis=-1)
 
     def response(self, row: Array) -> Response:
@@ -145,4 +145,4 @@ def _triangular(rows: np.ndarray) -> np.ndarray:
     $\|\sum_j c_j d_j\| = \|R c\|$ for the triangular factor $R$ of the $d_j$ as columns:
     as many numbers as coordinates stand for all taps at all speeds.
     """
-    return np.linalg.qr(rows.reshape(rows.shape[0], -1).T, mode="r").T
+    return np.transpose(np.linalg.qr(rows.reshape(rows.shape[0], -1).T, mode="r"))

@@ -159,11 +159,12 @@ def extent(scene: Scene, motion: AbstractMotion) -> tuple[float, float]:
 
 def larger(first: Plan, second: Plan) -> Plan:
     """Sizes that hold what either holds."""
-    return Plan(*(max(pair) for pair in zip(_sizes(first), _sizes(second), strict=True)))
-
-
-def _sizes(plan: Plan) -> tuple[int, int, int, int]:
-    return plan.num_taps, plan.dft_length, plan.num_frequencies, plan.num_nodes
+    return Plan(
+        max(first.num_taps, second.num_taps),
+        max(first.dft_length, second.dft_length),
+        max(first.num_frequencies, second.num_frequencies),
+        max(first.num_nodes, second.num_nodes),
+    )
 
 
 def sized_for(reach: float, velocity: float) -> Plan:

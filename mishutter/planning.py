@@ -1,7 +1,7 @@
 """The plan of a scene: what is left out of a computation because it cannot change a result."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 
 import equinox as eqx
@@ -10,14 +10,11 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter.design_space import DesignSpace, design_space
-from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, WeightedSum
-from mishutter.losses.expected_error import ExpectedErrorLoss
+from mishutter.losses.base import AbstractLoss
 from mishutter.metrics import picture_power
 from mishutter.motion import AbstractMotion, settled
 from mishutter.plan import (
-    Item,
     Plan,
-    distinct_speeds,
     extent,
     is_symmetric,
     larger,
@@ -27,9 +24,10 @@ from mishutter.plan import (
     sizes,
 )
 from mishutter.plan_check import WrongPlanError, check_plan
+from mishutter.plan_items import Needs, items_of, needs_of
 from mishutter.plan_tolerance import toleranced
 from mishutter.scene import Scene
-from mishutter.shutters.base import AbstractAdjustableShutter, AbstractShutter
+from mishutter.shutters.base import AbstractShutter
 from mishutter.types import require
 
 
@@ -113,43 +111,6 @@ def _confirmed(
     return found
 
 
-@dataclass(frozen=True)
-class Needs:
-    """What a loss, or all metrics, are made from.
-
-    Attributes:
-        kernels: Whether a kernel is.
-        differences: Whether kernels of moving objects are.
-        spectra: Whether transfer functions are.
-        only_error: Whether these only serve the expected error, which a frequency
-            without power adds nothing to.
-        terms: Terms of the loss that were given, and that have weight.
-    """
-
-    kernels: bool = True
-    differences: bool = True
-    spectra: bool = True
-    only_error: bool = False
-    terms: tuple[int, int] = (1, 1)
-
-
-def needs_of(loss: AbstractLoss | None) -> Needs:
-    """What a loss is made from; everything where that is not known."""
-    if loss is None:
-        return Needs()
-    given = loss.needed(skips=False) if isinstance(loss, WeightedSum) else [(loss, 1.0)]
-    kept = loss.needed(skips=True) if isinstance(loss, WeightedSum) else given
-    count = len(given), len(kept)
-    terms = [term for term, _ in kept]
-    if not all(isinstance(term, AbstractResponseLoss) for term in terms):
-        return Needs(terms=count)
-    skipping = Plan(1, 1, 1, 1, skips=True)
-    parts = [term.parts(skipping) for term in terms]  # type: ignore[attr-defined]
-    errors = [isinstance(t, ExpectedErrorLoss) for t, p in zip(terms, parts, strict=True) if p[1]]
-    kernels, spectra, differences = (any(flags) for flags in zip(*parts, strict=True))
-    return Needs(kernels, differences, spectra, all(errors), count)
-
-
 def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) -> Plan:
     """Everything, in sizes that hold every design of a space."""
     if space is None:
@@ -199,26 +160,7 @@ def exact_plan(
         folds=folds,
         still=still,
     )
-    items = (
-        _speeds_item(scene, folds, still),
-        _kernels_item(needs, still),
-        _taps_item(full, kept, needs, space),
-        Item(
-            "DFT length",
-            *_pair(full.dft_length),
-            "four times the longest kernel; real taps, "
-            f"hence {full.dft_length // 2 + 1} frequencies",
-        ),
-        *_spectra_items(full, kept, needs, space),
-        *_terms_items(needs),
-        *_search_items(shutter, needs, space),
-        _precision_item(motion),
-    )
-    return replace(kept, items=items)
-
-
-def _pair(count: int) -> tuple[str, str]:
-    return str(count), str(count)
+    return replace(kept, items=items_of(scene, shutter, full, kept, needs, space))
 
 
 def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: bool) -> Plan:
@@ -242,90 +184,3 @@ def _frequencies_with_power(scene: Scene, full: Plan) -> int:
     lit = np.flatnonzero(power)
     last = lit[-1] + 1 if lit.size else 1
     return min(full.num_frequencies, size_class(max(16, int(last))))
-
-
-def _speeds_item(scene: Scene, folds: bool, still: bool) -> Item:
-    given, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
-    every = distinct_speeds(scene, folds=False)[0].size
-    kept = distinct_speeds(scene, folds=folds)[0].size
-    why = []
-    never = int(np.sum(weights == 0))
-    if never:
-        why.append(f"{never} never occur")
-    if given.size - never > every:
-        why.append(f"{given.size - never - every} repeated")
-    if every > kept:
-        why.append(f"{every - kept} mirrored: a symmetric shutter does the same to +s and -s")
-    if still:
-        why.append("nothing moves")
-    return Item("speeds", str(given.size), str(kept), "; ".join(why) or "each occurs once")
-
-
-def _kernels_item(needs: Needs, still: bool) -> Item:
-    if not needs.kernels:
-        return Item("kernels", "all", "none", "the loss is made from transfer functions")
-    if still:
-        return Item("kernels", "all", "at rest", "nothing moves: no invariance to measure")
-    if not needs.differences:
-        return Item("kernels", "all", "at rest", "invariance has no weight")
-    return Item("kernels", "all", "all", "invariance is measured")
-
-
-def _taps_item(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | None) -> Item:
-    if not needs.kernels:
-        return Item("taps", str(full.num_taps), "0", "no kernel is computed")
-    return Item("taps", str(full.num_taps), str(kept.num_taps), _reach(space))
-
-
-def _reach(space: DesignSpace | None) -> str:
-    if space is None:
-        return "what the fastest object reaches on this motion"
-    if set(space.free) == {"shutter"}:
-        return "what any object reaches that this motion keeps up with"
-    return "the motion is free within the limits"
-
-
-def _spectra_items(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | None) -> list[Item]:
-    if not needs.spectra:
-        return [
-            Item("frequencies", str(full.num_frequencies), "0", "no transfer function is needed"),
-            Item("nodes in time", str(full.num_nodes), "0", "no transfer function is needed"),
-        ]
-    if kept.num_kept is not None:
-        why = "the picture on the sensor holds no power above"
-    else:
-        why = "all hold power" if needs.only_error else "the bound's share needs all"
-    count = str(kept.num_kept or full.num_frequencies)
-    reach = _reach(space) if needs.only_error else "beside a zero the bound's share shows them"
-    return [
-        Item("frequencies", str(full.num_frequencies), count, why),
-        Item("nodes in time", str(full.num_nodes), str(kept.num_nodes), reach),
-    ]
-
-
-def _terms_items(needs: Needs) -> list[Item]:
-    given, kept = needs.terms
-    if given == kept == 1:
-        return []
-    why = "the others have weight 0" if kept < given else "each has weight"
-    return [Item("terms of the loss", str(given), str(kept), why)]
-
-
-def _search_items(shutter: AbstractShutter, needs: Needs, space: DesignSpace | None) -> list[Item]:
-    if space is None:
-        return []
-    fixed = [
-        name for name in ("shutter", "acceleration", "half_exposure") if name not in space.free
-    ]
-    why = f"{', '.join(fixed)} not free" if fixed else "all are free"
-    items = [Item("free parameters", "3", str(3 - len(fixed)), why)]
-    linear = isinstance(shutter, AbstractAdjustableShutter) and shutter.linear
-    if linear and set(space.free) == {"shutter"}:
-        why = "each coordinate's response is computed once, before the search"
-        items.append(Item("a step of the search", "responses", "one product", why))
-    return items
-
-
-def _precision_item(motion: AbstractMotion) -> Item:
-    name = np.dtype(motion.half_exposure.dtype).name
-    return Item("precision", name, name, "as given")

@@ -45,17 +45,14 @@ LOSSES = {
     "no_invariance": DesignLoss(invariance=0.0),
     "sum": 0.7 * ExpectedErrorLoss() + 0.0 * DesignLoss(),
 }
-SHUTTERS = (
-    HannShutter(),
-    GaussianShutter(0.3),
-    TukeyShutter(0.4),
-    PROFILE,
-    ChippedShutter([0.2, 0.9, 1.0, 0.4]),
-)
+SHUTTERS = (GaussianShutter(0.3), PROFILE, ChippedShutter([0.2, 0.9, 1.0, 0.4]))
 
 
 def random_scene(seed):
-    """A scene, a motion and a shutter; speeds that repeat, mirror, never occur or stand still."""
+    """A scene, a motion and a shutter; speeds that repeat, mirror, never occur or stand still.
+
+    Twelve kinds, so that two hundred scenes share some dozens of compiled programs.
+    """
     random = np.random.default_rng(seed)
     moving = random.uniform(-1500, 1500, 2)
     kind = seed % 4
@@ -68,7 +65,8 @@ def random_scene(seed):
     weights = random.uniform(0.2, 1, 5)
     if kind == 2:
         weights[2:4] = 0
-    weights[random.integers(5) if kind == 3 else 4] *= random.integers(2)
+    if kind == 3:
+        weights[1] = 0
     cutoff = (0.5, 0.27, 0.11)[seed % 3]
     scene = Scene(
         speeds,
@@ -79,10 +77,10 @@ def random_scene(seed):
         power_spectrum=random.uniform(0, 1, 256) if seed % 2 else None,
         limits=LIMITS,
     )
-    half = 0.01 * random.uniform(0.6, 1.2)
-    motion = ParabolicMotion(acceleration=random.uniform(4, 25) / half**2, half_exposure=half)
+    half = 0.01 * random.uniform(0.8, 1.1)
+    motion = ParabolicMotion(acceleration=random.uniform(9, 14) / half**2, half_exposure=half)
     still = StillCamera(half_exposure=half)
-    return scene, still if seed % 7 == 3 else motion, SHUTTERS[seed % len(SHUTTERS)]
+    return scene, still if seed % 12 in (3, 4) else motion, SHUTTERS[seed % 3]
 
 
 def check_scene(seed):
@@ -96,6 +94,31 @@ def check_scene(seed):
 def test_exact_skips_change_nothing(seed):
     """Losses and metrics agree to 1e-12 with a computation of everything."""
     check_scene(seed)
+
+
+def check_toleranced(seed):
+    """Bound over change of a plan with a tolerance; None where it skips nothing more."""
+    scene, motion, shutter = random_scene(seed)
+    loss = (None, ExpectedErrorLoss(), DesignLoss())[seed // 12 % 3]
+    found = plan(scene, motion, shutter, loss=loss, tolerance=1e-3)
+    change = check_plan(found, scene, motion, shutter, loss=loss)
+    assert found.bound <= 1e-3
+    return None if found.bound == 0 else found.bound / max(change, 1e-15)
+
+
+@pytest.mark.parametrize("seed", [0, 12, 25, 3])
+def test_skips_with_a_tolerance_keep_their_bound(seed):
+    """The change is within the bound, and the bound within the tolerance."""
+    check_toleranced(seed)
+
+
+@pytest.mark.slow
+def test_skips_with_a_tolerance_keep_their_bound_on_many_scenes():
+    """On two hundred scenes; the median bound is less than a hundred times the change."""
+    ratios = [check_toleranced(seed) for seed in range(200)]
+    known = [ratio for ratio in ratios if ratio is not None]
+    assert len(known) > 100
+    assert np.median(known) < 100
 
 
 @pytest.mark.slow

@@ -13,8 +13,8 @@ LAYERS = """
 __init__ __main__ cli cli_camera cli_plan cli_options report reproduce reproduce_page
 reproduce_figures plots
 sweep simulation restoration compare optimise planning plan_tolerance plan_check solvers
-objective design_space design losses decoders metrics
-simulate layers_file layers frames cells quality noise rows response plan
+objective plan_items design_space design losses decoders metrics
+simulate tiles layers_file layers frames cells quality noise rows response picture_plan plan
 scene_file scene_schema pictures png scene spectrum descent kernel path motion shutters
 doubleword terminal files types
 """.split()
