@@ -5,7 +5,7 @@ import sys
 
 from benchmarks import harness
 
-ALL = ("accuracy", "kernel", "gradient", "design", "scaling")
+ALL = ("accuracy", "kernel", "gradient", "design", "scaling", "plan")
 
 
 def assemble() -> None:
