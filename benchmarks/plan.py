@@ -34,6 +34,8 @@ from mishutter import (
 )
 from mishutter.plan import sizes
 
+jax.config.update("jax_enable_x64", True)
+
 HALF = 0.01
 MOTION = ParabolicMotion(acceleration=45 / HALF**2, half_exposure=HALF)
 PAIRS = Scene(
@@ -160,9 +162,25 @@ def ten_scenes() -> list[float]:
     return seconds
 
 
+def picture(rows: list[dict]) -> None:
+    """How many times faster each row is, as bars on a logarithmic axis."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
+    names, ratios = zip(*((row["what"], row["times faster"]) for row in rows), strict=True)
+    bars = axes.barh(names, ratios, color="tab:blue")
+    axes.bar_label(bars, [f"{ratio:.3g}" for ratio in ratios], padding=3)
+    axes.axvline(1, color="black", linewidth=0.8)
+    axes.set_xscale("log")
+    axes.set_xlim(0.7, 2.2 * max(ratios))
+    axes.invert_yaxis()
+    axes.set_xlabel("times faster than a computation of everything")
+    harness.save_picture(figure, "plan")
+    plt.close(figure)
+
+
 def main() -> None:
     """Print the tables and store the rows."""
-    jax.config.update("jax_enable_x64", True)
     rows = [*skips(), needy(), *moving_object()]
     seconds = ten_scenes()
     columns = ["what", "full ms", "planned ms", "times faster", "change"]
@@ -176,6 +194,7 @@ def main() -> None:
         f"{np.median(seconds[1:]):.2f} s (median; the slowest {max(seconds[1:]):.2f} s).",
     ]
     harness.section("plan", "\n".join(lines))
+    picture(rows)
     harness.write("plan", rows, seconds_of_ten_scenes=seconds)
 
 

@@ -7,10 +7,13 @@ tolerance, `check_plan`; the tests that break a plan on purpose go through it to
 import json
 from dataclasses import replace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from mishutter import (
+    AbstractLoss,
     ChippedShutter,
     Design,
     DesignLoss,
@@ -273,3 +276,68 @@ def test_a_closed_shutter_is_planned():
     closed = ChippedShutter(np.zeros(4))
     assert plan_error(plan(SCENE, MOTION, closed), SCENE, MOTION, closed) == 0
     assert plan_error(plan(SCENE, MOTION, RectShutter()), SCENE, MOTION, RectShutter()) < 1e-12
+
+
+def scene_of_numbers(seed):
+    """A scene that differs in light, speeds and picture alone."""
+    random = np.random.default_rng(seed)
+    speeds = np.linspace(-1, 1, 5 + 2 * (seed % 2)) * random.uniform(700, 1900)
+    return Scene(
+        speeds,
+        photon_rate=10 ** random.uniform(4, 7),
+        read_noise=random.uniform(1, 9),
+        power_spectrum=random.uniform(0.2, 1, 256),
+        limits=LIMITS,
+    )
+
+
+def test_a_second_scene_compiles_nothing(caplog):
+    """Planning, searching and measuring run the programs of the first scene."""
+
+    def design(seed):
+        scene = scene_of_numbers(seed)
+        options = {"loss": ExpectedErrorLoss(), "free": "shutter", "num_starts": 2, "max_steps": 3}
+        found = plan(scene, MOTION, PROFILE, loss=options["loss"], free="shutter")
+        design = optimise(scene, MOTION, PROFILE, plan=found, **options)
+        return float(design.metrics.expected_psnr)
+
+    levels = [design(0), design(1)]
+    with jax.log_compiles():
+        levels += [design(seed) for seed in range(2, 10)]
+    assert not [r.message for r in caplog.records if r.message.startswith("Compiling")]
+    assert len(set(levels)) == len(levels)
+
+
+class _FitsHere(AbstractLoss):
+    """Right about the design at hand, and far off at any other under a small plan."""
+
+    def __call__(self, scene, motion, shutter, *, plan=None):
+        whole = ExpectedErrorLoss()(scene, motion, shutter, plan=None)
+        light = shutter.efficiency()
+        off = plan is not None and getattr(plan, "num_speeds", None) is not None
+        return whole + 3 * jnp.square(light - PROFILE.efficiency()) if off else whole
+
+
+def test_a_search_whose_end_is_off_goes_on_exactly():
+    """A plan that held at the start only is given up, and the exact loss is reported."""
+    loose = plan(SCENE, MOTION, PROFILE, loss=_FitsHere(), free="shutter", tolerance=0.02)
+    assert loose.num_speeds is not None
+    options = {"loss": _FitsHere(), "free": "shutter", "num_starts": 2, "max_steps": 12}
+    design = optimise(SCENE, MOTION, PROFILE, plan=loose, **options)
+    assert design.plan.num_speeds is None
+    value = float(ExpectedErrorLoss()(SCENE, MOTION, design.shutter, plan=None))
+    assert design.loss == pytest.approx(value, rel=1e-12)
+
+
+def test_a_search_with_a_tolerance_reports_the_exact_loss():
+    """Where the plan holds at the end, only the loss is measured anew."""
+    loss = ExpectedErrorLoss()
+    many = np.linspace(-1500, 1500, 15)
+    scene = Scene(many, photon_rate=1e6, read_noise=4.0, limits=LIMITS)
+    loose = plan(scene, MOTION, PROFILE, loss=loss, free="shutter", tolerance=0.05)
+    assert 0 < loose.bound <= 0.05
+    options = {"loss": loss, "free": "shutter", "num_starts": 2, "max_steps": 12}
+    design = optimise(scene, MOTION, PROFILE, plan=loose, **options)
+    assert design.plan == loose
+    value = float(loss(scene, MOTION, design.shutter, plan=None))
+    assert design.loss == pytest.approx(value, rel=1e-12)
