@@ -206,14 +206,16 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
 
     Scenes that differ in numbers alone come out with the same shapes.
     """
-    bare = scene.bare(power_spectrum=_power_on_grid(scene, plan))
+    power = _power_on_grid(scene, plan)
     if not (plan.skips and is_concrete(scene.speeds) and is_concrete(scene.weights)):
-        return bare
+        return scene.bare(power_spectrum=power)
     speeds, weights = distinct_speeds(scene, folds=plan.folds)
     if plan.num_speeds is not None:
         speeds, weights = quadrature(speeds, weights, plan.num_speeds)
     speeds, weights = padded(speeds, weights)
-    return bare.bare(speeds=speeds, weights=weights)
+    if plan.num_speeds is None and speeds.size == scene.speeds.size:
+        return scene.bare(power_spectrum=power)
+    return scene.bare(speeds=speeds, weights=weights, power_spectrum=power)
 
 
 def padded(speeds: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -341,3 +341,18 @@ def test_a_search_with_a_tolerance_reports_the_exact_loss():
     assert design.plan == loose
     value = float(loss(scene, MOTION, design.shutter, plan=None))
     assert design.loss == pytest.approx(value, rel=1e-12)
+
+
+def test_a_verbose_search_shows_its_plan(capsys, monkeypatch):
+    """The table is a message on standard error, and what is printed is what is searched by."""
+    seen = []
+
+    def search(*_, plan, **__):
+        seen.append(plan)
+        raise ValueError("the search must be left out; got here")
+
+    monkeypatch.setattr("mishutter.optimise.optimise", search)
+    assert cli.main(["optimise", "--verbose", "--free", "shutter"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert str(seen[0]) in printed.err

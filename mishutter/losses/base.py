@@ -88,7 +88,14 @@ class AbstractResponseLoss(AbstractLoss):
         scene, motion, shutter = lowered(plan, scene, motion, shutter)
         kept = reduced(scene, plan)
         response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
-        return self.of_response(kept, motion, response, plan)
+        return _of_response(self, kept, motion, response, plan)
+
+
+@eqx.filter_jit
+def _of_response(
+    loss: AbstractResponseLoss, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+) -> Array:
+    return loss.of_response(scene, motion, response, plan)
 
 
 @final
