@@ -13,6 +13,8 @@ from mishutter.decoders import WienerDecoder as WienerDecoder
 from mishutter.decoders import blur_model as blur_model
 from mishutter.decoders import richardson_lucy as richardson_lucy
 from mishutter.design import Design as Design
+from mishutter.drive import DriveTable as DriveTable
+from mishutter.drive import drive_table as drive_table
 from mishutter.frames import Frames as Frames
 from mishutter.frames import read_frames as read_frames
 from mishutter.kernel import binned_exposure as binned_exposure

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mishutter.cli_camera import reproduce, simulate
+from mishutter.cli_export import export
 from mishutter.cli_options import (
     CoefficientsOption,
     FreeName,
@@ -147,6 +148,7 @@ def compare(
 app.command()(plan)
 app.command()(simulate)
 app.command()(reproduce)
+app.command()(export)
 
 
 def _compared(

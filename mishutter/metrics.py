@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.path import safe_sqrt
@@ -76,7 +77,7 @@ def evaluate(
     return measured(kept, motion, records(kept, motion, shutter, plan), plan)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Metrics:
     """Metrics from what was recorded of a design."""
     response = assembled(scene, recorded, plan)

@@ -5,11 +5,11 @@ from dataclasses import replace
 from enum import Enum
 from functools import lru_cache, partial
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.design import Design
 from mishutter.design_space import FREE_NAMES, DesignSpace, design_space
 from mishutter.losses.base import AbstractLoss
@@ -185,7 +185,7 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
     return boxes
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _given_box(space: DesignSpace) -> Array:
     return space.box(space.shutter, space.motion)
 

@@ -4,11 +4,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import reduce
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.design_space import DesignSpace, design_space
 from mishutter.losses.base import AbstractLoss
 from mishutter.metrics import picture_power
@@ -120,7 +120,7 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     return reduce(larger, [sizes(scene, moved) for _, moved in corners])
 
 
-@eqx.filter_jit
+@quick_to_compile
 def design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
     return space.at(box)

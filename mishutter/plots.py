@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from mishutter.drive import DriveTable
 from mishutter.files import write_bytes
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion
@@ -61,6 +62,21 @@ def plot_profiles(designs: Named) -> Figure:
         axes.plot(time, w, label=f"{name}, lets {float(shutter.efficiency()):.0%} through", **style)
     axes.set(xlabel="time from mid-exposure / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    return figure
+
+
+def plot_drive(table: DriveTable) -> Figure:
+    """A drive table over the exposure: transmittance as designed and as driven; the sensor."""
+    figure, (top, bottom) = _new(2, height=2.6)
+    step = float(table.design.motion.exposure) * 1e3 / table.begin.size
+    edges = np.append(table.begin * 1e3, table.begin[-1] * 1e3 + step)
+    first, second, *_ = (style for style, _ in zip(_styles(), range(2), strict=False))
+    top.stairs(table.transmittance, edges, label=f"driven, {table.num_levels} levels", **first)
+    top.plot(edges[:-1] + step / 2, table.wanted, label="designed", **second)
+    top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
+    top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    bottom.plot(edges[:-1], table.position, **first)
+    bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
     return figure
 
 

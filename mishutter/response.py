@@ -7,6 +7,7 @@ fine power, so that a node costs $2\sqrt{M}$ exponentials instead of $M$ and the
 a matrix product.
 """
 
+import math
 from functools import lru_cache
 from typing import NamedTuple, final
 
@@ -16,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.kernel import binned_exposure, blur_kernel
 from mishutter.motion import AbstractMotion, StillCamera
 from mishutter.plan import Plan
@@ -27,6 +29,8 @@ from mishutter.shutters.base import (
 )
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import common_dtype
+
+_MAX_PANEL_NODES, _MIN_PANEL_NODES = 128, 12
 
 
 @final
@@ -121,7 +125,7 @@ def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
     return Response(still, spectrum, differences, recorded.spectra, recorded.efficiency)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _kernels(
     profile: AbstractPiecewiseShutter, motion: AbstractMotion, speeds: Array, num_taps: int
 ) -> tuple[Array, Array]:
@@ -131,7 +135,7 @@ def _kernels(
     return taps, _light(profile, dtype)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _spectra(
     profile: AbstractPiecewiseShutter,
     motion: AbstractMotion,
@@ -212,10 +216,9 @@ def _light_at_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype):
     """Times and quadrature weights times transmittance over the exposure; `(q,)` each."""
     profile = piecewise(shutter)
     ends = profile.breakpoints(dtype).high
-    num_pieces = ends.size - 1
-    nodes, weights = _panel_rule(
-        profile.panels_per_piece, -(-num_nodes // (num_pieces * profile.panels_per_piece))
-    )
+    longest = 1 / (ends.size - 1) if profile.equal_pieces else 1.0
+    num_panels = profile.panels_per_piece
+    nodes, weights = _panel_rule(num_panels, math.ceil(num_nodes * longest / num_panels))
     length = jnp.diff(ends)[:, None]
     offset = length * jnp.asarray(nodes, dtype)[None]
     shares = length / 2 * jnp.asarray(weights, dtype)[None]
@@ -225,8 +228,12 @@ def _light_at_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype):
 
 @lru_cache
 def _panel_rule(num_panels: int, num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Composite Gauss-Legendre rule on [0, 1]."""
-    per_panel = max(num_nodes, 8)
+    """Composite Gauss-Legendre rule on [0, 1]; no panel has more than 128 nodes.
+
+    Finding the nodes of one long rule takes a second where a thousand are needed.
+    """
+    parts = -(-num_nodes // _MAX_PANEL_NODES)
+    num_panels, per_panel = num_panels * parts, max(-(-num_nodes // parts), _MIN_PANEL_NODES)
     nodes, weights = np.polynomial.legendre.leggauss(per_panel)
     panels = np.arange(num_panels)[:, None]
     spread = (panels + (nodes + 1) / 2) / num_panels

@@ -11,6 +11,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.objective import AbstractObjective
 
 Progress = Callable[[int, float], None]
@@ -89,7 +90,7 @@ def _in_angles(objective: AbstractObjective):
     return lambda theta, args: (objective(jnp.sin(theta) ** 2), None)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _start(objective: AbstractObjective, starts: Array) -> _State:
     theta = jnp.arcsin(jnp.sqrt(jnp.clip(starts, _MARGIN, 1 - _MARGIN)))
     scalar = jax.ShapeDtypeStruct((), theta.dtype)
@@ -100,7 +101,7 @@ def _start(objective: AbstractObjective, starts: Array) -> _State:
     return _State(theta, state, jnp.zeros(theta.shape[0], bool))
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _advance(objective: AbstractObjective, state: _State, num_steps: Array, capacity: int):
     function = _in_angles(objective)
     dynamic, static = eqx.partition(state, eqx.is_array)
@@ -143,7 +144,7 @@ def _check_finite(finite: Array | np.ndarray) -> None:
         )
 
 
-@eqx.filter_jit
+@quick_to_compile
 def loss_and_gradient(objective: AbstractObjective, box: Array) -> tuple[Array, Array]:
     """Loss and gradient at a point of the box; scalar and `(size,)`."""
     return jax.value_and_grad(objective)(box)

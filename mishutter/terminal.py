@@ -28,6 +28,7 @@ _USAGE = (
     (r"Option '(.*?)' does not take a value", "`{}` must stand alone; got a value"),
     (r"unexpected extra argument\S* \((.*)\)", "there must be no further argument; got '{}'"),
     (r"Missing command", "a command of --help must be given; got nothing"),
+    (r"Missing (?:argument|option) '(.*?)'", "`{}` must be given; got nothing"),
 )
 _BAD_VALUE = re.compile(r"Invalid value for '(\S+?)'")
 _REQUIREMENTS = (

@@ -21,7 +21,7 @@ from mishutter import (
     transfer_function,
 )
 from mishutter.metrics import expected_squared_error
-from mishutter.plan import Plan
+from mishutter.plan import Plan, sizes
 from mishutter.response import frequency_grid, respond
 
 HALF_EXPOSURE = 0.013
@@ -124,6 +124,20 @@ def test_the_vertex_alignment_changes_no_power():
         SCENE.speeds
     )
     assert np.max(np.abs(np.abs(response.spectra) - np.abs(public))) < 1e-12
+
+
+@pytest.mark.parametrize("taper", [0.004, 0.11, 0.7])
+def test_the_grid_resolves_a_long_flat_top(taper):
+    """However the exposure is cut, a fast object's response is right at every frequency."""
+    motion = ParabolicMotion(acceleration=150 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+    scene = Scene([270 / HALF_EXPOSURE, 0.0], photon_rate=1e5, read_noise=1.0)
+    shutter = TukeyShutter(taper)
+    response = respond(scene, motion, shutter, sizes(scene, motion), kernels=False)
+    frequency = frequency_grid(256, np.dtype(np.float64))
+    public = [
+        transfer_function(shutter, motion, speed=s, frequency=frequency) for s in scene.speeds
+    ]
+    assert np.max(np.abs(np.abs(response.spectra) - np.abs(np.stack(public)))) < 1e-13
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,12 @@ import mishutter
 PACKAGE = Path(mishutter.__file__).parent
 
 LAYERS = """
-__init__ __main__ cli cli_camera cli_plan cli_options report reproduce reproduce_page
-reproduce_figures plots
-sweep simulation restoration compare optimise planning plan_tolerance plan_check solvers
-objective plan_items design_space design losses decoders metrics
-simulate tiles layers_file layers frames cells quality noise rows response picture_plan plan
+__init__ __main__ cli cli_camera cli_export cli_plan cli_options report reproduce
+reproduce_page reproduce_figures plots sweep simulation restoration compare optimise planning
+plan_tolerance plan_check solvers objective plan_items design_space drive design losses decoders
+metrics simulate tiles layers_file layers frames cells quality noise rows response picture_plan plan
 scene_file scene_schema pictures png scene spectrum descent kernel path motion shutters
-doubleword terminal files types
+doubleword terminal files compiling types
 """.split()
 """Imports point downwards in this list only, from one module or folder to a later one."""
 

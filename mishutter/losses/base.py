@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.motion import AbstractMotion, settled
 from mishutter.plan import PLANNED, Automatic, Plan, chosen, lowered, reduced
 from mishutter.response import Response, respond
@@ -91,7 +92,7 @@ class AbstractResponseLoss(AbstractLoss):
         return _of_response(self, kept, motion, response, plan)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _of_response(
     loss: AbstractResponseLoss, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
 ) -> Array:

@@ -43,6 +43,9 @@ class AbstractPiecewiseShutter(AbstractShutter):
     panels_per_piece: eqx.AbstractClassVar[int]
     """Equal parts of a piece on each of which `w` is all but a low polynomial."""
 
+    equal_pieces: eqx.AbstractClassVar[bool]
+    """Whether the pieces are equally long; one that is not may be all of the exposure."""
+
     @abstractmethod
     def dtype(self) -> np.dtype | None:
         """Precision of the parameters; None for a shutter without any."""

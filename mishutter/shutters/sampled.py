@@ -39,6 +39,7 @@ class SampledShutter(AbstractPiecewiseShutter):
 
     shutter: AbstractShutter
     panels_per_piece: ClassVar[int] = 1
+    equal_pieces: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         return self.shutter.transmittance(tau)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import quick_to_compile
 from mishutter.doubleword import DoubleWord
 from mishutter.shutters.base import (
     AbstractAdjustableShutter,
@@ -59,6 +60,7 @@ class SplineShutter(AbstractAdjustableShutter):
     symmetric: bool = eqx.field(static=True)
     num_coefficients: int = eqx.field(static=True)
     panels_per_piece: ClassVar[int] = 1
+    equal_pieces: ClassVar[bool] = True
     linear: ClassVar[bool] = True
 
     def __init__(
@@ -167,7 +169,7 @@ def fitted_boxes(
     return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _transmittances(shutters: tuple[AbstractShutter, ...], tau: Array) -> Array:
     dtype = tau.dtype
     return jnp.stack([shutter.transmittance(tau).astype(dtype) for shutter in shutters])

@@ -24,6 +24,7 @@ class RectShutter(AbstractPiecewiseShutter):
     r"""An ordinary shutter: $w(\tau) = 1$ on $[-1, 1]$."""
 
     panels_per_piece: ClassVar[int] = 1
+    equal_pieces: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -47,6 +48,7 @@ class HannShutter(AbstractPiecewiseShutter):
     r"""$w(\tau) = \cos^2(\pi\tau/2)$."""
 
     panels_per_piece: ClassVar[int] = 2
+    equal_pieces: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -70,6 +72,7 @@ class TriangleShutter(AbstractPiecewiseShutter):
     r"""$w(\tau) = 1 - |\tau|$."""
 
     panels_per_piece: ClassVar[int] = 1
+    equal_pieces: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -104,6 +107,7 @@ class GaussianShutter(AbstractAdjustableShutter):
 
     sigma: Array
     panels_per_piece: ClassVar[int] = 16
+    equal_pieces: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
     def __init__(self, sigma: ArrayLike = 0.4):
@@ -157,6 +161,7 @@ class TukeyShutter(AbstractAdjustableShutter):
 
     taper: Array
     panels_per_piece: ClassVar[int] = 1
+    equal_pieces: ClassVar[bool] = False
     linear: ClassVar[bool] = False
 
     def __init__(self, taper: ArrayLike = 0.5):

@@ -1,0 +1,235 @@
+"""Does the loss stay finite and right over its whole domain?
+
+100,000 random scenes, motions and profiles: the weighted design loss and the expected-error
+loss with their gradients by profile, acceleration and half exposure. A sample is computed
+again by other means: kernels by the 120-digit closed forms of the tests, transfer functions
+by a fine quadrature in extended precision, slopes by differences of those. Run
+`python -m benchmarks.stress [COUNT] [SAMPLE]`; seeds are printed.
+"""
+
+import sys
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import mpmath as mp  # noqa: E402
+import numpy as np  # noqa: E402
+from scipy.interpolate import BSpline  # noqa: E402
+
+from benchmarks import harness  # noqa: E402
+from benchmarks.kernel import SHUTTERS  # noqa: E402,F401 - puts the tests on the path
+from mishutter import (  # noqa: E402
+    DesignLoss,
+    ExpectedErrorLoss,
+    ParabolicMotion,
+    Scene,
+    SplineShutter,
+)
+from mishutter.losses.design import smooth_condition_number  # noqa: E402
+from mishutter.plan import Plan  # noqa: E402
+
+PLAN = Plan(num_taps=40, dft_length=128, num_frequencies=32, num_nodes=320)
+NUM_SPEEDS, NUM_COEFFICIENTS, BATCH = 3, 8, 1000
+SEED, REACH = 20240917, 38.0
+VALUE_BOUND, SLOPE_BOUND = 1e-12, 1e-9
+"""Allowed error of a value, relative, and of a slope, of the largest, per unit of condition."""
+LOSSES = {"design": DesignLoss(), "expected error": ExpectedErrorLoss()}
+
+
+def points(rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    """Random scenes and designs, with the edges of the domain among them."""
+    half = 10 ** rng.uniform(-9, 5, count)
+    nu = 10 ** rng.uniform(-4, 0.5, (count, NUM_SPEEDS)) * rng.choice(
+        [-1, 0, 1], (count, NUM_SPEEDS)
+    )
+    nu[rng.uniform(size=count) < 0.1] = nu[0, 0]
+    longest = REACH / (1 + np.max(np.abs(nu), axis=1)) ** 2
+    stroke = 10 ** rng.uniform(-9, np.log10(longest), count)
+    weights = rng.dirichlet(np.ones(NUM_SPEEDS), count) * rng.choice([0, 1], (count, NUM_SPEEDS))
+    weights[:, 0] += 1 - weights.sum(axis=1)
+    kind = rng.integers(0, 6, (count, 1))
+    smooth = np.sort(rng.uniform(size=(count, NUM_COEFFICIENTS)))
+    rough = rng.uniform(size=(count, NUM_COEFFICIENTS))
+    sparse = (rough > 0.8).astype(float)
+    shut, faint = np.zeros_like(rough), 1e-12 * rough
+    profile = np.choose(kind, [smooth, rough, sparse, shut, faint, np.ones_like(rough)])
+    dark = rng.uniform(size=count) < 0.05
+    return {
+        "box": profile,
+        "acceleration": stroke / half**2,
+        "half_exposure": half,
+        "speeds": 2 * nu * (stroke / half)[:, None],
+        "weights": weights,
+        "photon_rate": np.where(dark, 0, 10 ** rng.uniform(0, 12, count) / half),
+        "read_noise": np.where(rng.uniform(size=count) < 0.1, 0, 10 ** rng.uniform(-3, 3, count)),
+    }
+
+
+def value_and_slopes(loss, point: dict):
+    """A loss and its slopes by profile, log acceleration and log half exposure."""
+
+    def at(box, log_a, log_half):
+        motion = ParabolicMotion(
+            acceleration=point["acceleration"] * jnp.exp(log_a),
+            half_exposure=point["half_exposure"] * jnp.exp(log_half),
+        )
+        scene = Scene(
+            point["speeds"],
+            point["weights"],
+            photon_rate=point["photon_rate"],
+            read_noise=point["read_noise"],
+        )
+        return loss(scene, motion, SplineShutter(box), plan=PLAN)
+
+    zero = jnp.zeros(())
+    value, slopes = jax.value_and_grad(at, argnums=(0, 1, 2))(point["box"], zero, zero)
+    return value, jnp.concatenate([slopes[0], jnp.stack(slopes[1:])])
+
+
+def exact_loss(name: str, point: dict, direction: np.ndarray, step):
+    """The loss some way along a direction, by other means than the package's."""
+    step = np.longdouble(step)
+    box = point["box"].astype(np.longdouble) + step * direction[:NUM_COEFFICIENTS]
+    a = np.longdouble(point["acceleration"]) * np.exp(step * direction[-2])
+    half = np.longdouble(point["half_exposure"]) * np.exp(step * direction[-1])
+    compute = _exact_design if name == "design" else _exact_error
+    return compute(point, box, a, half)
+
+
+def _exact_design(point: dict, box, a, half):
+    import reference
+
+    window = reference.spline([mp.mpf(str(c)) for c in box])
+    a, half = mp.mpf(str(a)), mp.mpf(str(half))
+    edges = range(PLAN.num_taps + 1)
+
+    def kernel(speed):
+        taps = reference.exposures(window, a, half, float(speed), edges, from_vertex=True)
+        return np.array([np.longdouble(mp.nstr(tap, 25)) for tap in taps])
+
+    still = kernel(0.0)
+    spread = sum(
+        w * np.sum((kernel(s) - still) ** 2)
+        for s, w in zip(point["speeds"], point["weights"], strict=True)
+        if w > 0
+    )
+    energy = np.sum(still**2)
+    turns = np.outer(np.arange(PLAN.dft_length // 2 + 1), np.arange(PLAN.num_taps))
+    angle = (2 * np.pi * (turns % PLAN.dft_length) / PLAN.dft_length).astype(np.longdouble)
+    wave = np.cos(angle) @ still, np.sin(angle) @ still
+    power = wave[0] ** 2 + wave[1] ** 2
+    logarithm = np.log(power / power.max() + np.finfo(np.float64).eps ** 2)
+    decay = -200 * logarithm
+    deepest = decay.max()
+    sums = np.sum(np.exp(-decay)) * np.sum(np.exp(decay - deepest))
+    condition = np.exp((np.log(sums) + deepest) / 400)
+    light = np.longdouble(mp.nstr(window.total / 2, 25))
+    return 0.1 * condition + np.sqrt(spread / energy) + 1 - light
+
+
+def _exact_error(point: dict, box, a, half):
+    count = NUM_COEFFICIENTS - 3
+    knots = np.concatenate([-np.ones(3), np.linspace(-1, 1, count + 1), np.ones(3)])
+    x, weight = np.polynomial.legendre.leggauss(24)
+    ends = np.linspace(-1, 1, 16 * count + 1)
+    tau = (ends[:-1, None] + np.diff(ends)[:, None] * (x + 1) / 2).ravel()
+    share = np.tile(weight, 16 * count) / (32 * count)
+    basis = BSpline.design_matrix(tau, knots, 3).toarray()
+    light = share * (basis.astype(np.longdouble) @ box)
+    frequency = (np.arange(PLAN.num_frequencies) + 0.5) / (2 * PLAN.num_frequencies)
+    power = 1 / (frequency**2 + 0.01**2)
+    power *= 0.04 / np.mean(power)
+    spectra = []
+    for speed in point["speeds"]:
+        position = a * half * half * tau**2 - speed * half * tau + speed**2 / (4 * a)
+        angle = 2 * np.longdouble(np.pi) * frequency[:, None] * position
+        aperture = np.sinc(frequency)
+        spectra.append((aperture * (np.cos(angle) @ light), aperture * (np.sin(angle) @ light)))
+    spectra = np.array(spectra)
+    p = point["weights"][:, None, None]
+    mean = np.sum(p * spectra, axis=0)
+    spread = np.sum(p * (spectra - mean) ** 2, axis=(0, 1))
+    coherent = np.sum(mean**2, axis=0)
+    electrons = point["photon_rate"] * 2 * half
+    noise = np.sum(light) * 0.25 * electrons + point["read_noise"] ** 2
+    signal = power * electrons**2
+    total = signal * (coherent + spread) + noise
+    dark = total <= 0
+    left = np.where(dark, 1, (signal * spread + noise) / np.where(dark, 1, total))
+    return np.sqrt(np.mean(power * left) / 0.04)
+
+
+def checked(name: str, point: dict, value: float, slopes: np.ndarray, rng) -> dict:
+    """How far a loss and one slope of it are from what they should be, in units of the bounds."""
+    direction = rng.normal(size=slopes.size)
+    folded = (point["box"] < 1e-3) | (point["box"] > 1 - 1e-3)
+    direction[:NUM_COEFFICIENTS][folded] = 0
+    direction /= np.linalg.norm(direction)
+    step = 1e-7
+    exact, ahead, behind = (exact_loss(name, point, direction, h) for h in (0, step, -step))
+    slope = (ahead - behind) / (2 * step)
+    condition = _condition(point) if name == "design" else 1.0
+    largest = max(np.max(np.abs(slopes)), abs(value))
+    return {
+        "value": float(abs(value - exact) / (VALUE_BOUND * condition * abs(exact))),
+        "slope": float(abs(slopes @ direction - slope) / (SLOPE_BOUND * condition * largest)),
+    }
+
+
+def _condition(point: dict) -> float:
+    from mishutter import blur_kernel
+
+    motion = ParabolicMotion(
+        acceleration=point["acceleration"], half_exposure=point["half_exposure"]
+    )
+    still = blur_kernel(SplineShutter(point["box"]), motion, num_taps=PLAN.num_taps)
+    return float(smooth_condition_number(jnp.fft.rfft(still, PLAN.dft_length)))
+
+
+def measure(count: int, sample: int) -> list[dict]:
+    """A row a loss: how many evaluations, how many not finite, the worst of the sample."""
+    rows = []
+    for name, loss in LOSSES.items():
+        run = jax.jit(jax.vmap(lambda point, loss=loss: value_and_slopes(loss, point)))
+        row = {"loss": name, "evaluations": 0, "not finite": 0, "re-checked": 0}
+        row |= {"worst value / bound": 0.0, "worst slope / bound": 0.0, "seed": SEED}
+        for batch in range(count // BATCH):
+            rng = np.random.default_rng([SEED, batch])
+            drawn = points(rng, BATCH)
+            values, slopes = (np.asarray(x) for x in run(drawn))
+            finite = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
+            row["evaluations"] += BATCH
+            row["not finite"] += int(np.sum(~finite))
+            for index in _sampled(rng, drawn, sample * BATCH / count):
+                point = {key: array[index] for key, array in drawn.items()}
+                errors = checked(name, point, values[index], slopes[index], rng)
+                row["re-checked"] += 1
+                row["worst value / bound"] = max(row["worst value / bound"], errors["value"])
+                row["worst slope / bound"] = max(row["worst slope / bound"], errors["slope"])
+        rows.append(row)
+    return rows
+
+
+def _sampled(rng: np.random.Generator, drawn: dict, mean: float) -> list[int]:
+    """Some points of a batch at which slopes exist: not a closed shutter, nor equal kernels.
+
+    A coefficient at 0 or 1 is folded there; the slope is then checked along the others.
+    """
+    spread = np.sum(drawn["weights"] * (drawn["speeds"] != 0), axis=1) > 0
+    candidates = np.flatnonzero(spread & (drawn["box"].max(axis=1) > 1e-6))
+    return rng.permutation(candidates)[: rng.poisson(mean)].tolist()
+
+
+def main() -> None:
+    """Measure, store and print."""
+    arguments = [int(x) for x in sys.argv[1:] if x.isdigit()] + [100_000, 500][len(sys.argv[1:]) :]
+    rows = measure(*arguments[:2])
+    harness.write("stress", rows)
+    text = "## Stress: random scenes and designs, value and gradient of the loss\n\n"
+    harness.section("stress", text + harness.table(rows, list(rows[0])))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""The command that hands a design to the electronics: `export`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mishutter.cli_options import JsonOption, OutOption
+from mishutter.files import writable_folder
+from mishutter.terminal import note, print_table, print_text, start_jax, write_json
+
+if TYPE_CHECKING:
+    from mishutter.drive import DriveTable
+
+
+def export(
+    design: Annotated[Path, typer.Argument(metavar="DESIGN.json", help="Saved design.")],
+    out: OutOption = None,
+    json: JsonOption = False,
+    num_steps: Annotated[
+        int, typer.Option("--steps", min=1, max=100_000, help="Equal steps of the exposure.")
+    ] = 256,
+    num_levels: Annotated[
+        int, typer.Option("--levels", min=2, max=1 << 24, help="Drive levels.")
+    ] = 256,
+    floor: Annotated[
+        float, typer.Option("--floor", help="Transmittance of the lowest level.")
+    ] = 0.0,
+    ceiling: Annotated[
+        float, typer.Option("--ceiling", help="Transmittance of the highest level.")
+    ] = 1.0,
+) -> None:
+    """Drive table of a saved design: the level of each step, and what is lost by it."""
+    folder = None if out is None else writable_folder(out)
+    start_jax()
+    from mishutter.design import Design
+    from mishutter.drive import drive_table
+
+    table = drive_table(
+        Design.load(design),
+        num_steps=num_steps,
+        num_levels=num_levels,
+        floor=floor,
+        ceiling=ceiling,
+    )
+    files = [] if folder is None else _write(table, folder)
+    if json:
+        write_json(table.to_dict() | {"files": files})
+    elif folder is None:
+        print_text(table.to_csv().rstrip("\n"))
+    else:
+        _print_losses(table)
+    if files:
+        note(f"{folder}: {', '.join(files)}")
+
+
+def _write(table: "DriveTable", folder: Path) -> list[str]:
+    from mishutter.plots import plot_drive, save_figure
+
+    table.save(folder / "drive.csv")
+    save_figure(plot_drive(table), folder / "drive.png")
+    return ["drive.csv", "drive.png"]
+
+
+def _print_losses(table: "DriveTable") -> None:
+    wanted, driven = table.design.metrics, table.metrics()
+    rows = [
+        [name, f"{float(getattr(wanted, field)):.4g}", f"{float(getattr(driven, field)):.4g}"]
+        for name, field in (
+            ("expected PSNR / dB", "expected_psnr"),
+            ("condition number", "condition_number"),
+            ("relative kernel difference", "relative_kernel_difference"),
+            ("efficiency", "efficiency"),
+        )
+    ]
+    title = f"{table.begin.size} steps, {table.num_levels} levels"
+    print_table(title, ["figure", "design", "as driven"], rows)
