@@ -38,6 +38,11 @@ from mishutter.pictures import example_picture as example_picture
 from mishutter.pictures import read_picture as read_picture
 from mishutter.pictures import row_power_spectrum as row_power_spectrum
 from mishutter.pictures import write_picture as write_picture
+from mishutter.plan import Plan as Plan
+from mishutter.plan_check import WrongPlanError as WrongPlanError
+from mishutter.plan_check import check_plan as check_plan
+from mishutter.plan_check import plan_error as plan_error
+from mishutter.planning import plan as plan
 from mishutter.quality import Quality as Quality
 from mishutter.quality import ghost_energy as ghost_energy
 from mishutter.quality import measure_quality as measure_quality

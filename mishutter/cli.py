@@ -16,7 +16,9 @@ import typer
 from mishutter.cli_camera import reproduce, simulate
 from mishutter.cli_export import export
 from mishutter.cli_options import (
+    CoefficientsOption,
     FreeName,
+    FreeOption,
     JsonOption,
     LossName,
     LossOption,
@@ -24,10 +26,12 @@ from mishutter.cli_options import (
     SceneArgument,
     SeedsOption,
     ShuttersOption,
+    ToleranceOption,
     loss_of,
     motion_of,
     scene_of,
 )
+from mishutter.cli_plan import plan, plan_text
 from mishutter.cli_sweep import sweep
 from mishutter.files import writable_folder
 from mishutter.terminal import (
@@ -68,12 +72,8 @@ def optimise(
     out: OutOption = None,
     json: JsonOption = False,
     loss: LossOption = LossName.EXPECTED_ERROR,
-    free: Annotated[
-        list[FreeName] | None, typer.Option("--free", help="What may move; repeat for more.")
-    ] = None,
-    num_coefficients: Annotated[
-        int, typer.Option("--coefficients", min=4, max=512, help="Coefficients of the profile.")
-    ] = 24,
+    free: FreeOption = None,
+    num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
         int, typer.Option("--starts", min=1, max=4096, help="Descents to try.")
     ] = 16,
@@ -82,26 +82,36 @@ def optimise(
     ] = 300,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
     noise_seeds: SeedsOption = 1,
+    tolerance: ToleranceOption = 0.0,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="Show what is computed and what is skipped.")
+    ] = False,
 ) -> None:
     """Design a shutter for a scene, and show it beside the windows one would have picked."""
     folder = None if out is None else writable_folder(out)
     start_jax()
     from mishutter.optimise import optimise as search
     from mishutter.optimise import starting_shutter
+    from mishutter.planning import plan as planned
 
     scene = scene_of(scene_file)
     chosen, names = loss_of(loss), tuple(name.value for name in free or FreeName)
+    motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    found = planned(scene, motion, start, loss=chosen, free=names, tolerance=tolerance)
+    if verbose:
+        note(plan_text(found))
     with progress_bar("searching", max_steps) as update:
         design = search(
             scene,
-            motion_of(scene),
-            starting_shutter(scene, num_coefficients),
+            motion,
+            start,
             loss=chosen,
             free=names,
             num_starts=num_starts,
             seed=seed,
             max_steps=max_steps,
             progress=lambda step, value: update(step, f"loss {value:.6g}"),
+            plan=found,
         )
     given = {"optimised": design.shutter}
     result = _compared(scene, design.motion, given, chosen, noise_seeds)
@@ -136,6 +146,7 @@ def compare(
     _deliver(result, folder, json)
 
 
+app.command()(plan)
 app.command()(simulate)
 app.command()(reproduce)
 app.command()(export)

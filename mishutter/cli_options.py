@@ -38,6 +38,18 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON document, and nothing else, on stdout.")
 ]
 LossOption = Annotated[LossName, typer.Option("--loss", help="What is made small.")]
+FreeOption = Annotated[
+    list[FreeName] | None, typer.Option("--free", help="What may move; repeat for more.")
+]
+CoefficientsOption = Annotated[
+    int, typer.Option("--coefficients", min=4, max=512, help="Coefficients of the profile.")
+]
+ToleranceOption = Annotated[
+    float,
+    typer.Option(
+        "--tolerance", min=0.0, max=1.0, help="Largest relative change of a result by skipping."
+    ),
+]
 SeedsOption = Annotated[
     int,
     typer.Option(

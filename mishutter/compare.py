@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -12,6 +13,8 @@ from mishutter.losses.expected_error import ExpectedErrorLoss
 from mishutter.metrics import Metrics, evaluate
 from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.optimise import optimise
+from mishutter.plan import PLANNED, Automatic, Plan
+from mishutter.planning import plan as plan_of_scene
 from mishutter.scene import Scene
 from mishutter.shutters import (
     AbstractShutter,
@@ -108,6 +111,7 @@ def compare(
     *,
     loss: AbstractLoss | None = None,
     step: Step | None = None,
+    plan: Plan | Automatic | None = PLANNED,
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
 
@@ -123,6 +127,8 @@ def compare(
         shutters: What to compare with the baselines, by name.
         loss: What tunes the motions; the expected error by default.
         step: Called with the name of each shutter as its turn comes.
+        plan: What to compute: of a plan only its tolerance is kept, for the searches, and
+            the rest is made anew for each shutter and motion; None computes everything.
 
     Returns:
         The table and the verdict.
@@ -130,20 +136,29 @@ def compare(
     loss = ExpectedErrorLoss() if loss is None else loss
     step = step or (lambda name: None)
     motion = settled(motion)
+    tuned = partial(_tuned, loss=loss, plan=plan)
+    measured_by = PLANNED if isinstance(plan, Plan) else plan
     given = dict(shutters or {})
     fixed = given | {name: window for name, window in baselines().items() if name not in given}
     rows = [
-        Row(SAME_MOTION, name, shutter, motion, None, evaluate(scene, motion, shutter))
+        Row(
+            SAME_MOTION,
+            name,
+            shutter,
+            motion,
+            None,
+            evaluate(scene, motion, shutter, plan=measured_by),
+        )
         for name, shutter in fixed.items()
     ]
     for name, shutter in fixed.items():
         step(name)
-        rows.append(_at_own_best(name, scene, motion, shutter, loss, _MOTION_ONLY))
+        rows.append(_at_own_best(name, scene, motion, shutter, _MOTION_ONLY, tuned))
     step(BEST_TUKEY)
     everything = ("shutter", *_MOTION_ONLY)
-    rows.append(_at_own_best(BEST_TUKEY, scene, motion, TukeyShutter(0.5), loss, everything))
+    rows.append(_at_own_best(BEST_TUKEY, scene, motion, TukeyShutter(0.5), everything, tuned))
     step(BEST_SNAPSHOT)
-    rows.append(best_snapshot(scene, loss))
+    rows.append(best_snapshot(scene, loss, plan))
     return _with_verdict(rows, tuple(given))
 
 
@@ -157,11 +172,11 @@ def baselines() -> dict[str, AbstractShutter]:
     }
 
 
-def best_snapshot(scene: Scene, loss: AbstractLoss) -> Row:
+def best_snapshot(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None = PLANNED) -> Row:
     """A camera at rest with an ordinary shutter, its exposure tuned by the loss."""
     low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
     still = StillCamera(half_exposure=jnp.sqrt(low * high))
-    found = _tuned(scene, still, RectShutter(), loss, ("half_exposure",))
+    found = _tuned(scene, still, RectShutter(), ("half_exposure",), loss=loss, plan=plan)
     return _row(BEST_SNAPSHOT, found)
 
 
@@ -173,22 +188,27 @@ def _at_own_best(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
-    loss: AbstractLoss,
     free: tuple[str, ...],
+    tuned: Callable[..., Design],
 ) -> Row:
     if isinstance(motion, StillCamera):
         free = tuple(part for part in free if part != "acceleration")
-    return _row(name, _tuned(scene, motion, shutter, loss, free))
+    return _row(name, tuned(scene, motion, shutter, free))
 
 
 def _tuned(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
-    loss: AbstractLoss,
     free: tuple[str, ...],
+    *,
+    loss: AbstractLoss,
+    plan: Plan | Automatic | None,
 ) -> Design:
-    return optimise(scene, motion, shutter, loss=loss, free=free)
+    if isinstance(plan, Plan):
+        tolerance = plan.tolerance
+        plan = plan_of_scene(scene, motion, shutter, loss=loss, free=free, tolerance=tolerance)
+    return optimise(scene, motion, shutter, loss=loss, free=free, plan=plan)
 
 
 def _row(name: str, design: Design) -> Row:

@@ -13,6 +13,7 @@ import numpy as np
 from mishutter.files import strict_json, write_text
 from mishutter.metrics import Metrics, evaluate
 from mishutter.motion import AbstractMotion, ParabolicMotion, StillCamera
+from mishutter.plan import Plan
 from mishutter.scene import Limits, Scene
 from mishutter.shutters import (
     AbstractShutter,
@@ -45,6 +46,7 @@ class Design:
         certificate: Projected-gradient norm in the unit box of designs.
         loss_name: The loss that was made small.
         best_start_loss: Smallest loss among the starts.
+        plan: What the search computed; None where that is not known.
     """
 
     shutter: AbstractShutter
@@ -57,6 +59,7 @@ class Design:
     certificate: float
     loss_name: str
     best_start_loss: float
+    plan: Plan | None = None
 
     @cached_property
     def metrics(self) -> Metrics:
@@ -79,6 +82,7 @@ class Design:
             "converged": self.converged,
             "outcome": self.outcome,
             "certificate": self.certificate,
+            "plan": None if self.plan is None else self.plan.to_dict(),
         }
 
     def save(self, path: str | Path) -> None:
@@ -186,6 +190,7 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
         "mean_level": plain(scene.mean_level),
         "deviation": plain(scene.deviation),
         "power_spectrum": plain(scene.power_spectrum),
+        "cutoff_frequency": plain(scene.cutoff_frequency),
         "limits": {name: plain(value) for name, value in vars(scene.limits).items()},
         "picture": scene.picture,
     }
@@ -223,6 +228,7 @@ def _from_dict(data: dict[str, Any]) -> Design:
         certificate=float(data["certificate"]),
         loss_name=str(data["loss_name"]),
         best_start_loss=float(data["best_start_loss"]),
+        plan=Plan.from_dict(data["plan"]) if data.get("plan") else None,
     )
 
 

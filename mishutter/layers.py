@@ -1,6 +1,6 @@
 """Objects in front of one another, each at its own speed, captured with exact occlusion."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -79,7 +79,7 @@ class Layers:
         return (*self.layers[0].picture.light.shape[:2], channels)
 
 
-class _Window(NamedTuple):
+class Window(NamedTuple):
     """A layer cut to the sensor's rows and to columns `first` up to `first + width`."""
 
     light: np.ndarray
@@ -115,21 +115,33 @@ def expose_layers(
     for index in range(len(layers.layers)):
         own = cells.shifts[:, index]
         first, width = -int(own.max()), columns + int(np.ptp(own))
-        seen = _window(layers, index, first, width, dtype)
+        seen = window(layers, index, first, width, dtype)
         shown = seen.light * seen.matte
-        kernel = _histogram(own, cells.light, own)
-        total += _convolved(shown, kernel, columns)
+        kernel = histogram(own, cells.light, own)
+        total += convolved_columns(shown, kernel, columns)
         if index + 1 < len(layers.layers):
-            _hide(total, layers, index, cells, shown, first, dtype)
+            hide(total, layers, index, cells, shown, first, dtype, everywhere=True)
     return np.moveaxis(total, 0, -1)
 
 
-def _hide(total, layers: Layers, index: int, cells: Cells, shown, first: int, dtype) -> None:
+def hide(
+    total,
+    layers: Layers,
+    index: int,
+    cells: Cells,
+    shown,
+    first: int,
+    dtype,
+    *,
+    everywhere: bool = False,
+) -> None:
     """Take away the light of one layer that the layers in front of it stop."""
     own = cells.shifts[:, index]
     relative = cells.shifts[:, index + 1 :] - own[:, None]
     front = range(index + 1, len(layers.layers))
-    low, high, rows = _reach(layers, front, relative, first, shown.shape[-1])
+    low, high, rows = first, first + shown.shape[-1], slice(0, total.shape[1])
+    if not everywhere:
+        low, high, rows = _reach(layers, front, relative, first, shown.shape[-1])
     if low >= high or rows.start >= rows.stop:
         return
     span, columns = high - low, total.shape[-1]
@@ -142,7 +154,7 @@ def _hide(total, layers: Layers, index: int, cells: Cells, shown, first: int, dt
     for column, layer in enumerate(front):
         shifts = relative[:, column]
         begin, width = low - int(shifts.max()), span + int(np.ptp(shifts))
-        mattes.append((begin, _window(layers, layer, begin, width, dtype).matte[rows]))
+        mattes.append((begin, window(layers, layer, begin, width, dtype).matte[rows]))
     for number, shifts in enumerate(combinations):
         clear = np.ones(part.shape[1:], dtype)
         for (begin, matte), shift in zip(mattes, shifts, strict=True):
@@ -151,7 +163,7 @@ def _hide(total, layers: Layers, index: int, cells: Cells, shown, first: int, dt
         if not stopped.any():
             continue
         chosen = group.reshape(-1) == number
-        kernel = _histogram(own[chosen], cells.light[chosen], own)
+        kernel = histogram(own[chosen], cells.light[chosen], own)
         hidden += np.fft.rfft(stopped, length) * np.fft.rfft(kernel, length)
     dark = np.fft.irfft(hidden, length)[..., : span + spread].astype(dtype)
     begin = low + least
@@ -176,17 +188,28 @@ def _reach(layers: Layers, front: range, relative, first: int, width: int):
     )
 
 
-def _window(layers: Layers, index: int, first: int, width: int, dtype) -> _Window:
-    """A layer over columns from `first` on; light `(channels, rows, width)` and its matte."""
+def window(
+    layers: Layers, index: int, first: int, width: int, dtype, inside: slice | None = None
+) -> Window:
+    """A layer over columns from `first` on; light `(channels, rows, width)` and its matte.
+
+    Over the rows `inside`, or all of the sensor.
+    """
     rows, columns, channels = layers.shape
+    inside = slice(0, rows) if inside is None else inside
     layer = layers.layers[index]
+    if index == 0:
+        cut = replace(layer.picture, light=layer.picture.light[inside], matte=None)
+        layer, rows = replace(layer, picture=cut), inside.stop - inside.start
+    else:
+        layer, rows = replace(layer, top=layer.top - inside.start), inside.stop - inside.start
     picture = np.moveaxis(layer.picture.light, -1, 0).astype(dtype)
     picture = np.broadcast_to(picture, (channels, *picture.shape[1:]))
     if index == 0:
         before, after = max(0, -first), max(0, first + width - columns)
         padded = padded_columns(picture, before, after, layers.border)
         light = padded[..., first + before : first + before + width]
-        return _Window(light, np.ones((rows, width), dtype))
+        return Window(light, np.ones((rows, width), dtype))
     light = np.zeros((channels, rows, width), dtype)
     matte = np.zeros((rows, width), dtype)
     height, length = layer.matte.shape
@@ -200,15 +223,16 @@ def _window(layers: Layers, index: int, first: int, width: int, dtype) -> _Windo
         there = (r, slice(c.start - first, c.stop - first))
         light[(slice(None), *there)] = picture[(slice(None), *inner)]
         matte[there] = layer.matte[inner]
-    return _Window(light, matte)
+    return Window(light, matte)
 
 
-def _histogram(shifts: np.ndarray, light: np.ndarray, every: np.ndarray) -> np.ndarray:
+def histogram(shifts: np.ndarray, light: np.ndarray, every: np.ndarray) -> np.ndarray:
     """Light by shift, from the least shift of all on."""
     return np.bincount(shifts - every.min(), light, minlength=int(np.ptp(every)) + 1)
 
 
-def _convolved(rows: np.ndarray, kernel: np.ndarray, columns: int) -> np.ndarray:
+def convolved_columns(rows: np.ndarray, kernel: np.ndarray, columns: int) -> np.ndarray:
+    """Rows through a kernel where it lies inside them; `columns` of each."""
     length = fast_length(rows.shape[-1])
     spectrum = np.fft.rfft(rows, length) * np.fft.rfft(kernel.astype(rows.dtype), length)
     blurred = np.fft.irfft(spectrum, length)

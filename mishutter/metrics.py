@@ -1,5 +1,6 @@
 """The numbers of a shutter on a motion for a scene."""
 
+from dataclasses import replace
 from typing import final
 
 import equinox as eqx
@@ -12,7 +13,7 @@ from mishutter.compiling import quick_to_compile
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.path import safe_sqrt
-from mishutter.plan import PLANNED, Automatic, Plan, chosen, reduced
+from mishutter.plan import PLANNED, Automatic, Plan, chosen, lowered, reduced
 from mishutter.response import Records, Response, assembled, frequency_grid, kernel_phase, records
 from mishutter.scene import CORNER_FREQUENCY, Scene
 from mishutter.shutters.base import AbstractShutter
@@ -63,19 +64,22 @@ def evaluate(
         scene: Speeds, light and noise.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        plan: What to compute; made for the scene by default, None for everything.
+        plan: What to compute; made for the scene by default, None for everything. The
+            share of the bound needs every frequency, which are taken whatever it says.
 
     Returns:
         The metrics; see `Metrics`.
     """
     motion = settled(motion)
-    plan = chosen(plan, scene, motion, shutter)
+    plan = replace(chosen(plan, scene, motion, shutter), num_kept=None)
+    scene, motion, shutter = lowered(plan, scene, motion, shutter)
     kept = reduced(scene, plan)
-    return _measured(kept, motion, records(kept, motion, shutter, plan), plan)
+    return measured(kept, motion, records(kept, motion, shutter, plan), plan)
 
 
 @quick_to_compile
-def _measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Metrics:
+def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Metrics:
+    """Metrics from what was recorded of a design."""
     response = assembled(scene, recorded, plan)
     raw, relative = kernel_differences(scene, motion, response)
     return Metrics(
@@ -160,8 +164,8 @@ def expected_squared_error(
 def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     r"""Power spectrum of the picture's rows on the frequency grid; shape `(m,)`.
 
-    $1/(f^2 + 0.01^2)$ where the scene brings none. It is scaled so that
-    $2\int_0^{1/2} S\,df$, its mean over the grid, is the variance.
+    $1/(f^2 + 0.01^2)$ where the scene brings none; no power above what the optics pass.
+    It is scaled so that $2\int_0^{1/2} S\,df$, its mean over the grid, is the variance.
     """
     frequency = frequency_grid(num_frequencies, dtype)
     if scene.power_spectrum is None:
@@ -169,6 +173,7 @@ def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     else:
         given = scene.power_spectrum.astype(dtype)
         power = jnp.interp(frequency, frequency_grid(given.size, dtype), given)
+    power = jnp.where(frequency <= scene.cutoff_frequency.astype(dtype), power, 0)
     total = jnp.mean(power)
     lit = total > 0
     scaled = power / jnp.where(lit, total, 1.0)

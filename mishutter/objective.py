@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter.design_space import DesignSpace
-from mishutter.losses.base import AbstractLoss, AbstractResponseLoss
+from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, Parts
 from mishutter.motion import AbstractMotion
 from mishutter.plan import Plan
 from mishutter.response import Response, records
@@ -73,9 +73,9 @@ def objective_of(
 ) -> AbstractObjective:
     """The cheapest exact form of the loss over the space."""
     linear = isinstance(space.shutter, AbstractAdjustableShutter) and space.shutter.linear
-    known = space.free == ("shutter",) and linear and isinstance(loss, AbstractResponseLoss)
-    if plan.skips and known:
-        basis, layout = _basis(space, scene, plan, loss.needs_kernels, loss.needs_spectra)
+    alone = plan.skips and space.free == ("shutter",) and linear
+    if alone and isinstance(loss, AbstractResponseLoss):
+        basis, layout = _basis(space, scene, plan, loss.parts(plan))
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
     return DesignObjective(loss, scene, space, plan)
 
@@ -120,18 +120,17 @@ class Layout:
 
 
 def _basis(
-    space: DesignSpace, scene: Scene, plan: Plan, needs_kernels: bool, needs_spectra: bool
+    space: DesignSpace, scene: Scene, plan: Plan, parts_wanted: Parts
 ) -> tuple[Array, Layout]:
     """Response of each coordinate alone, by the program that measures finished designs."""
     profile: Any = space.shutter
     corners = np.eye(space.size, dtype=space.max_speed.dtype)
     shutters = [profile.at(jnp.asarray(corner)) for corner in corners]
-    parts_wanted = needs_kernels, needs_spectra
     each = [records(scene, space.motion, shutter, plan, *parts_wanted) for shutter in shutters]
     kernels, spectra, light = (np.stack(part) for part in zip(*each, strict=True))
     still = spectrum = differences = np.zeros((space.size, 0), light.dtype)
-    if needs_kernels:
-        shares = np.sqrt(np.asarray(scene.weights, light.dtype))[:, None]
+    if parts_wanted.kernels:
+        shares = np.sqrt(np.asarray(scene.weights, light.dtype))[: kernels.shape[1] - 1, None]
         spectrum = np.fft.rfft(kernels[:, 0], plan.dft_length)
         still = _triangular(kernels[:, 0])
         differences = _triangular(shares * (kernels[:, 1:] - kernels[:, :1]))

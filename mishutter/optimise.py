@@ -1,9 +1,9 @@
 """The design search: many starts, a polish, and an honest end."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from enum import Enum
-from functools import lru_cache, reduce
+from functools import lru_cache, partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +15,9 @@ from mishutter.design_space import FREE_NAMES, DesignSpace, design_space
 from mishutter.losses.base import AbstractLoss
 from mishutter.motion import AbstractMotion
 from mishutter.objective import objective_of
-from mishutter.plan import PLANNED, Automatic, Plan, is_symmetric, larger, reduced, sizes
+from mishutter.plan import PLANNED, Automatic, Plan, reduced
+from mishutter.planning import design_at, full_sizes
+from mishutter.planning import plan as plan_of_scene
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.shutters.spline import SplineShutter, fitted_boxes
@@ -81,6 +83,8 @@ def optimise(
         progress: Called with the step and the smallest loss so far.
         throw: Whether an end other than convergence raises.
         plan: What to compute; made for the whole space by default, None for everything.
+            After a search with a tolerance the design is measured exactly; where the
+            loss was further off, the search goes on from there with an exact plan.
 
     Returns:
         The best design found, how the search ended in a sentence, and the
@@ -95,7 +99,10 @@ def optimise(
     require_positive_int("optimise(max_steps=...)", max_steps)
     require(isinstance(loss, AbstractLoss), "optimise(loss=...)", "be a loss", loss)
     space = design_space(scene, motion, shutter, free)
-    plan = _plan_of_space(plan, scene, space)
+    if plan is None:
+        plan = full_sizes(scene, space.motion, space)
+    elif not isinstance(plan, Plan):
+        plan = plan_of_scene(scene, motion, shutter, loss=loss, free=space.free)
     objective = objective_of(loss, reduced(scene, plan), space, plan)
     starts = start_boxes(space, num_starts, seed)
     first = losses_at(objective, starts)
@@ -117,8 +124,8 @@ def optimise(
     outcome = _outcome(polished.certificate, value, polished.num_steps >= max_steps)
     if throw and outcome is not Outcome.CONVERGED:
         raise SearchFailedError(outcome.value)
-    found_shutter, found_motion = _design_at(space, jnp.asarray(box))
-    return Design(
+    found_shutter, found_motion = design_at(space, jnp.asarray(box))
+    design = Design(
         shutter=found_shutter,
         motion=found_motion,
         scene=scene,
@@ -129,39 +136,30 @@ def optimise(
         certificate=polished.certificate,
         loss_name=repr(loss),
         best_start_loss=float(np.min(first)),
+        plan=plan,
     )
+    if plan.tolerance == 0:
+        return design
+    again = partial(optimise, num_starts=1, seed=seed, max_steps=max_steps, progress=progress)
+    return _confirmed(design, plan, loss, space, again)
 
 
-@quick_to_compile
-def _design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
-    return space.at(box)
+def _confirmed(
+    design: Design, plan: Plan, loss: AbstractLoss, space: DesignSpace, again: Callable[..., Design]
+) -> Design:
+    """A design with its loss measured exactly; searched on where the tolerance was not kept."""
+    exact = plan_of_scene(design.scene, space.motion, space.shutter, loss=loss, free=space.free)
+    at_end = design.scene, design.motion, design.shutter
+    value = float(loss(*at_end, plan=exact))
+    if abs(value - design.loss) <= plan.tolerance * abs(value):
+        return replace(design, loss=value, history=np.append(design.history[:-1], value))
+    return again(*at_end, loss=loss, free=space.free, plan=exact)
 
 
 def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
     if certificate <= _CERTIFIED * max(1.0, abs(loss)):
         return Outcome.CONVERGED
     return Outcome.STEPS_USED if steps_used else Outcome.STALLED
-
-
-def _plan_of_space(plan: Plan | Automatic | None, scene: Scene, space: DesignSpace) -> Plan:
-    """The plan that `plan=` stands for, with sizes that hold every design of the space."""
-    if isinstance(plan, Plan):
-        return plan
-    dtype = space.max_speed.dtype
-    corners = [_design_at(space, jnp.asarray(corner, dtype)) for corner in _corners(space)]
-    whole = reduce(larger, [sizes(scene, motion) for _, motion in corners])
-    if plan is None:
-        return whole
-    return replace(whole, skips=True, folds=is_symmetric(space.shutter))
-
-
-def _corners(space: DesignSpace) -> list[np.ndarray]:
-    profile = np.full(space.num_profile_coordinates, 0.5)
-    num_motion = space.size - profile.size
-    return [
-        np.concatenate([profile, [(corner >> axis) & 1 for axis in range(num_motion)]])
-        for corner in range(1 << num_motion)
-    ]
 
 
 def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:

@@ -5,8 +5,10 @@ occur, occur twice or mirror one another under a symmetric shutter; taps no obje
 terms that weigh nothing. `plan=None` computes everything all the same.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from typing import Any
 
 import jax
 import numpy as np
@@ -78,6 +80,8 @@ class Plan:
         folds: Whether `+s` and `-s` are taken for one speed.
         num_speeds: Speeds of a quadrature that stands for the scene's; None for these.
         single: Whether single precision is enough.
+        still: Whether nothing in the scene moves, and one kernel is all there is.
+        tolerance: Largest relative change of a result that was asked for.
         items: The decisions and their reasons; they say nothing that is computed with.
     """
 
@@ -90,6 +94,8 @@ class Plan:
     folds: bool = False
     num_speeds: int | None = None
     single: bool = False
+    still: bool = False
+    tolerance: float = field(default=0.0, compare=False)
     items: tuple[Item, ...] = field(default=(), compare=False, repr=False)
 
     @property
@@ -103,9 +109,20 @@ class Plan:
         widths = [max(len(getattr(row, name)) for row in rows) for name in ("name", "full", "kept")]
         return "\n".join(_line(row, widths, row is header) for row in rows)
 
-    def to_dict(self) -> dict[str, object]:
-        """The decisions as plain numbers and text."""
-        return {"bound": self.bound, "items": [vars(item) for item in self.items]}
+    def to_dict(self) -> dict[str, Any]:
+        """The plan as plain numbers and text."""
+        return vars(self) | {"bound": self.bound, "items": [vars(item) for item in self.items]}
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> "Plan":
+        """The plan that `to_dict` wrote.
+
+        Raises:
+            KeyError: if `data` is not such a plan.
+            TypeError: if it holds more than one.
+        """
+        numbers = {name: value for name, value in data.items() if name not in {"bound", "items"}}
+        return Plan(**numbers, items=tuple(Item(**item) for item in data["items"]))
 
 
 def _line(row: Item, widths: list[int], is_header: bool) -> str:
@@ -126,11 +143,11 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     if not all(is_concrete(leaf) for leaf in leaves):
         return sized_for(_UNKNOWN_REACH, _UNKNOWN_REACH)
     longest = 4 * float(scene.limits.max_stroke)
-    reach, velocity = _extent(scene, motion)
+    reach, velocity = extent(scene, motion)
     return sized_for(max(reach, longest), max(velocity, longest))
 
 
-def _extent(scene: Scene, motion: AbstractMotion) -> tuple[float, float]:
+def extent(scene: Scene, motion: AbstractMotion) -> tuple[float, float]:
     """Length of the longest kernel, px, and its greatest velocity, px per half exposure."""
     a, half = (np.asarray(x, np.float64) for x in (motion.acceleration, motion.half_exposure))
     stroke, smear = a * half * half, float(scene.max_speed) * half
@@ -142,11 +159,12 @@ def _extent(scene: Scene, motion: AbstractMotion) -> tuple[float, float]:
 
 def larger(first: Plan, second: Plan) -> Plan:
     """Sizes that hold what either holds."""
-    return Plan(*(max(pair) for pair in zip(_sizes(first), _sizes(second), strict=True)))
-
-
-def _sizes(plan: Plan) -> tuple[int, int, int, int]:
-    return plan.num_taps, plan.dft_length, plan.num_frequencies, plan.num_nodes
+    return Plan(
+        max(first.num_taps, second.num_taps),
+        max(first.dft_length, second.dft_length),
+        max(first.num_frequencies, second.num_frequencies),
+        max(first.num_nodes, second.num_nodes),
+    )
 
 
 def sized_for(reach: float, velocity: float) -> Plan:
@@ -170,7 +188,8 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
 
     Sizes hold all that the scene's limits allow, so that one compiled program serves.
     """
-    return replace(sizes(scene, motion), skips=True, folds=is_symmetric(shutter))
+    folds, still = is_symmetric(shutter), nothing_moves(scene)
+    return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
 
 def chosen(
@@ -187,13 +206,49 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
 
     Scenes that differ in numbers alone come out with the same shapes.
     """
-    bare = scene.bare(power_spectrum=_power_on_grid(scene, plan))
+    power = _power_on_grid(scene, plan)
     if not (plan.skips and is_concrete(scene.speeds) and is_concrete(scene.weights)):
-        return bare
+        return scene.bare(power_spectrum=power)
     speeds, weights = distinct_speeds(scene, folds=plan.folds)
     if plan.num_speeds is not None:
         speeds, weights = quadrature(speeds, weights, plan.num_speeds)
-    return bare.bare(speeds=speeds, weights=weights)
+    speeds, weights = padded(speeds, weights)
+    if plan.num_speeds is None and speeds.size == scene.speeds.size:
+        return scene.bare(power_spectrum=power)
+    return scene.bare(speeds=speeds, weights=weights, power_spectrum=power)
+
+
+def padded(speeds: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds repeated without weight to one of two counts an octave: shapes are shared."""
+    spare = size_class(speeds.size) - speeds.size
+    return np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
+
+
+def size_class(count: int) -> int:
+    """The least of 1, 2, 3, 4, 6, 8, 12, ... that is at least `count`."""
+    octave = 1 << max(0, count - 1).bit_length()
+    return octave * 3 // 4 if octave >= 4 and count <= octave * 3 // 4 else octave
+
+
+def nothing_moves(scene: Scene) -> bool:
+    """Whether every speed that occurs is known to be 0."""
+    if not (is_concrete(scene.speeds) and is_concrete(scene.weights)):
+        return False
+    return not np.any(np.asarray(scene.speeds)[np.asarray(scene.weights) > 0])
+
+
+def lowered(
+    plan: Plan, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> tuple[Scene, AbstractMotion, AbstractShutter]:
+    """Scene, motion and shutter in the precision that a plan asks for."""
+    if not plan.single:
+        return scene, motion, shutter
+    return jax.tree.map(_single, (scene, motion, shutter))
+
+
+def _single(leaf: object) -> object:
+    floating = isinstance(leaf, jax.Array | np.ndarray) and leaf.dtype == np.float64
+    return leaf.astype(np.float32) if floating else leaf  # type: ignore[union-attr]
 
 
 def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:

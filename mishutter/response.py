@@ -63,9 +63,11 @@ def respond(
     *,
     kernels: bool = True,
     spectra: bool = True,
+    differences: bool = True,
 ) -> Response:
     """Response of a design to a scene, with the parts asked for."""
-    return assembled(scene, records(scene, motion, shutter, plan, kernels, spectra), plan)
+    parts = kernels, spectra, differences
+    return assembled(scene, records(scene, motion, shutter, plan, *parts), plan)
 
 
 class Records(NamedTuple):
@@ -89,18 +91,25 @@ def records(
     plan: Plan,
     kernels: bool = True,
     spectra: bool = True,
+    differences: bool = True,
 ) -> Records:
-    """Kernels and transfer functions, each by a program that every consumer shares."""
+    """Kernels and transfer functions, each by a program that every consumer shares.
+
+    Without `differences`, or of a scene in which nothing moves, only the kernel at rest.
+    """
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
     profile = piecewise(shutter)
     nothing = np.zeros(0, dtype)
     taps, light = nothing, nothing
     if kernels:
-        taps, light = _kernels(profile, motion, scene.speeds, plan.num_taps)
+        moving = scene.speeds if differences and not plan.still else scene.speeds[:0]
+        taps, light = _kernels(profile, motion, moving, plan.num_taps)
     response = nothing
     if spectra:
         sizes = plan.num_nodes, plan.num_frequencies, plan.num_kept
         response, light = _spectra(profile, motion, scene.speeds, *sizes)
+    if not (kernels or spectra):
+        light = _only_light(profile, motion, scene.speeds)
     return Records(jnp.asarray(taps), jnp.asarray(response), jnp.asarray(light))
 
 
@@ -110,7 +119,8 @@ def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
     if recorded.kernels.size:
         still = recorded.kernels[0]
         spectrum = jnp.fft.rfft(still, plan.dft_length)
-        shares = jnp.sqrt(scene.weights.astype(still.dtype))[:, None]
+        num_moving = recorded.kernels.shape[0] - 1
+        shares = jnp.sqrt(scene.weights[:num_moving].astype(still.dtype))[:, None]
         differences = shares * (recorded.kernels[1:] - still[None])
     return Response(still, spectrum, differences, recorded.spectra, recorded.efficiency)
 
@@ -139,6 +149,11 @@ def _spectra(
         profile, motion, speeds.astype(dtype), num_nodes, num_frequencies, num_kept
     )
     return waves, _light(profile, dtype)
+
+
+@eqx.filter_jit
+def _only_light(profile: AbstractPiecewiseShutter, motion: AbstractMotion, speeds: Array) -> Array:
+    return _light(profile, common_dtype(*jax.tree.leaves((speeds, motion, profile))))
 
 
 def _light(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:

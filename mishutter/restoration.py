@@ -1,6 +1,7 @@
 """A photograph through the camera and back, at every speed, and how good it came out."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -9,12 +10,14 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.motion import AbstractMotion
+from mishutter.picture_plan import distinct_colours, every_colour, skips
 from mishutter.pictures import Picture
+from mishutter.plan import PLANNED, Automatic, Plan
 from mishutter.quality import psnr
 from mishutter.rows import channels_last, rows_last
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
-from mishutter.simulate import as_light, captured_columns, kernel_layout, simulate_capture
+from mishutter.simulate import as_light, captured_columns, kernel_layout, noisy, simulate_capture
 from mishutter.types import require, require_positive_int
 
 
@@ -53,6 +56,7 @@ def deconvolve(
     *,
     decoder: AbstractDecoder | None = None,
     model: BlurModel | None = None,
+    plan: Plan | Automatic | None = PLANNED,
 ) -> Array:
     """Restore captured pictures, without knowing how fast anything in them moved.
 
@@ -64,6 +68,7 @@ def deconvolve(
         shutter: Transmittance over the exposure.
         decoder: How; the ensemble filter by default.
         model: What `blur_model` gives for these, if it is at hand.
+        plan: What to compute: by default equal colours once; None for everything.
 
     Returns:
         Light of the picture, white = 1; the shape of `captured`. A moving object stays
@@ -74,8 +79,10 @@ def deconvolve(
     """
     light = as_light(captured)
     chosen = EnsembleDecoder() if decoder is None else decoder
-    known = blur_model(scene, motion, shutter) if model is None else model
-    return channels_last(chosen.restore(rows_last(light), known), light)
+    known = blur_model(scene, motion, shutter, plan=plan) if model is None else model
+    distinct = distinct_colours(light, plan)
+    restored = channels_last(chosen.restore(rows_last(distinct), known), light)
+    return every_colour(restored, light)
 
 
 def restore_photograph(
@@ -88,6 +95,7 @@ def restore_photograph(
     speeds: Sequence[float] | None = None,
     num_seeds: int = 8,
     key: Array | None = None,
+    plan: Plan | Automatic | None = PLANNED,
 ) -> RestoredPhotograph:
     """Capture a photograph at several speeds and restore it.
 
@@ -104,6 +112,8 @@ def restore_photograph(
         speeds: px/s; the scene's by default.
         num_seeds: How many captures, each with its own noise.
         key: JAX key of the noise; a fixed one by default.
+        plan: What to compute: by default a blur once for all its captures; None for
+            everything.
 
     Raises:
         ValueError: if the picture is too narrow for its blur, or an argument is out of
@@ -117,7 +127,7 @@ def restore_photograph(
     key = jax.random.key(0) if key is None else key
     window, margin = _common_columns(light.shape[-2], motion, chosen_speeds, scene)
     reference = np.asarray(light[:, window])
-    model = blur_model(scene, motion, shutter)
+    model = blur_model(scene, motion, shutter, plan=plan)
     results = []
     for index, speed in enumerate(chosen_speeds.tolist()):
         keys = jax.random.split(jax.random.fold_in(key, index), num_seeds)
@@ -125,11 +135,16 @@ def restore_photograph(
         cut = slice(window.start - own.start, window.stop - own.start)
         squared, coded = [], []
         first = None
+        capture = partial(
+            simulate_capture, light, scene, motion, shutter, speed=speed, border="scene", plan=plan
+        )
+        blurred = capture() if skips(plan) else None
         for seed in keys:
-            g = simulate_capture(
-                light, scene, motion, shutter, speed=speed, key=seed, border="scene"
-            )[:, cut]
-            found = deconvolve(g, scene, motion, shutter, decoder=decoder, model=model)
+            if blurred is None:
+                g = capture(key=seed)[:, cut]
+            else:
+                g = noisy(blurred, scene, motion, seed)[:, cut]
+            found = deconvolve(g, scene, motion, shutter, decoder=decoder, model=model, plan=plan)
             inner = slice(margin, reference.shape[1] - margin)
             error = np.asarray(found)[:, inner] - reference[:, inner]
             squared.append(float(np.mean(np.square(error, dtype=np.float64))))

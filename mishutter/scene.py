@@ -21,8 +21,10 @@ from mishutter.types import (
 DEFAULT_MEAN = 0.25
 DEFAULT_DEVIATION = 0.2
 CORNER_FREQUENCY = 0.01
+NYQUIST_FREQUENCY = 0.5
 """Mean, standard deviation (linear light, white = 1) and corner (cycles/px) of the
-spectrum that stands for a photograph where a scene brings none."""
+spectrum that stands for a photograph where a scene brings none, and the highest frequency
+that a sensor records (cycles/px)."""
 
 
 @final
@@ -83,6 +85,8 @@ class Scene(eqx.Module):
         power_spectrum: Power of the picture's rows at `num_frequencies` equal
             steps' centres in (0, 0.5) cycles/px, on any scale; the spectrum
             $1/(f^2 + 0.01^2)$ by default. Shape `(m,)`.
+        cutoff_frequency: Highest frequency that the optics pass: the picture on the
+            sensor holds none above it; cycles/px, above 0 and at most 0.5.
         limits: What the mechanism and the exposure may reach.
         motion: Motion to start from or to compare at; None leaves it to the caller.
         picture: Path of the photograph to show results on; None for none.
@@ -99,6 +103,7 @@ class Scene(eqx.Module):
     mean_level: Array
     deviation: Array
     power_spectrum: Array | None
+    cutoff_frequency: Array
     limits: Limits
     motion: AbstractMotion | None
     picture: str | None = eqx.field(static=True)
@@ -113,6 +118,7 @@ class Scene(eqx.Module):
         mean_level: ArrayLike = DEFAULT_MEAN,
         deviation: ArrayLike = DEFAULT_DEVIATION,
         power_spectrum: RowLike | None = None,
+        cutoff_frequency: ArrayLike = NYQUIST_FREQUENCY,
         limits: Limits | None = None,
         motion: AbstractMotion | None = None,
         picture: str | None = None,
@@ -126,6 +132,7 @@ class Scene(eqx.Module):
         self.mean_level = as_float(mean_level)
         self.deviation = as_float(deviation)
         self.power_spectrum = None if power_spectrum is None else as_float(power_spectrum)
+        self.cutoff_frequency = as_float(cutoff_frequency)
         self.limits = Limits() if limits is None else limits
         self.motion = motion
         self.picture = picture
@@ -151,6 +158,15 @@ class Scene(eqx.Module):
             _check_at_least(f"Scene({name}=...)", value, "at least 0")
         if self.power_spectrum is not None:
             _check_at_least("Scene(power_spectrum=...)", self.power_spectrum, "at least 0")
+        self._check_cutoff()
+
+    def _check_cutoff(self) -> None:
+        subject, cutoff = "Scene(cutoff_frequency=...)", self.cutoff_frequency
+        require_scalar(subject, cutoff)
+        require_finite(subject, cutoff)
+        if is_concrete(cutoff):
+            passes = 0 < float(np.asarray(cutoff)) <= NYQUIST_FREQUENCY
+            require(passes, subject, "be above 0 and at most 0.5 cycles/px", cutoff)
 
     @staticmethod
     def uniform(
@@ -213,6 +229,7 @@ class Scene(eqx.Module):
             mean_level=self.mean_level,
             deviation=self.deviation,
             power_spectrum=self.power_spectrum if power_spectrum is None else power_spectrum,
+            cutoff_frequency=self.cutoff_frequency,
             limits=self.limits,
         )
 

@@ -89,6 +89,7 @@ def _built(file: SceneFile, folder: Path) -> Scene:
         weights,
         photon_rate=file.light.photon_rate_per_s,
         read_noise=file.sensor.read_noise_e,
+        cutoff_frequency=file.optics.cutoff_cycles_per_px,
         limits=limits,
         motion=_motion(file.motion, file.limits),
         **_picture(file.picture, folder),

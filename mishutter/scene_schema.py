@@ -62,6 +62,13 @@ class Sensor(_Section):
 
 
 @final
+class OpticsSection(_Section):
+    """What the lens passes."""
+
+    cutoff_cycles_per_px: Annotated[float, Field(gt=0, le=0.5)] = 0.5
+
+
+@final
 class LimitsSection(_Section):
     """What the mechanism and the exposure may reach."""
 
@@ -96,6 +103,7 @@ class SceneFile(_Section):
     speeds: Speeds
     light: Light
     sensor: Sensor
+    optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()
     motion: MotionSection | None = None
     picture: PictureSection = PictureSection()

@@ -14,12 +14,14 @@ from mishutter.kernel import support
 from mishutter.layers import Layers, expose_layers
 from mishutter.motion import AbstractMotion, StillCamera
 from mishutter.noise import recorded, white_electrons
+from mishutter.picture_plan import distinct_colours, every_colour, skips
 from mishutter.pictures import Picture
-from mishutter.plan import sized_for
+from mishutter.plan import PLANNED, Automatic, Plan, sized_for
 from mishutter.response import aligned_kernel
 from mishutter.rows import channels_last, convolved, extended, require_border, rows_last
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
+from mishutter.tiles import expose_tiles
 from mishutter.types import common_dtype, require, require_finite, require_scalar
 
 MAX_TAPS = 1 << 13
@@ -37,6 +39,7 @@ def simulate_capture(
     border: str = "reflect",
     full_well: float | None = None,
     adc_bits: int | None = None,
+    plan: Plan | Automatic | None = PLANNED,
 ) -> Array:
     r"""What the camera records of a picture that moves along its rows.
 
@@ -64,6 +67,8 @@ def simulate_capture(
             mirrored, as its last pixel, periodically, or dark.
         full_well: Most electrons a pixel holds, e-; None for no limit.
         adc_bits: Bits of the converter; None for no rounding.
+        plan: What to compute: by default layers only where they are seen, and equal
+            colours once; None for everything.
 
     Returns:
         Light in units of a fully open exposure; the shape of `picture`, but for the
@@ -80,7 +85,8 @@ def simulate_capture(
         alone = speed == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., border=...)"
         require(alone, subject, "be left to layers and frames", f"{speed!r}, {border!r}")
-        expose = expose_layers if isinstance(picture, Layers) else expose_frames
+        in_layers = expose_tiles if skips(plan) else expose_layers
+        expose = in_layers if isinstance(picture, Layers) else expose_frames
         light = jnp.asarray(expose(picture, motion, shutter))  # type: ignore[arg-type]
         return _recorded(light, scene, motion, key, full_well, adc_bits)
     light = as_light(picture)
@@ -90,8 +96,9 @@ def simulate_capture(
         enough = columns >= kernel.size
         subject = "simulate_capture(border='scene')"
         require(enough, subject, f"have a picture of at least {kernel.size} columns", columns)
-    blurred = channels_last(_blurred(rows_last(light), kernel, origin, border), light)
-    return _recorded(blurred, scene, motion, key, full_well, adc_bits)
+    distinct = distinct_colours(light, plan)
+    blurred = channels_last(_blurred(rows_last(distinct), kernel, origin, border), light)
+    return _recorded(every_colour(blurred, light), scene, motion, key, full_well, adc_bits)
 
 
 def captured_columns(
@@ -185,6 +192,12 @@ def _recorded(
 ) -> Array:
     limits = {"full_well": full_well, "adc_bits": adc_bits}
     return recorded(light, white_electrons(scene, motion), scene.read_noise, key=key, **limits)
+
+
+def noisy(light: Array, scene: Scene, motion: AbstractMotion, key: Array) -> Array:
+    """The noise of one capture on what fell on the sensor; the shape of `light`."""
+    _check_light(scene, key)
+    return _recorded(light, scene, motion, key, None, None)
 
 
 def _check_light(scene: Scene, key: Array | None) -> None:

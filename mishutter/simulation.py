@@ -13,6 +13,7 @@ from mishutter.frames import Frames
 from mishutter.layers import Layers
 from mishutter.motion import AbstractMotion
 from mishutter.pictures import Picture
+from mishutter.plan import PLANNED, Automatic, Plan
 from mishutter.restoration import deconvolve
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
@@ -49,6 +50,7 @@ def capture_and_restore(
     adc_bits: int | None = None,
     rows_at_once: int = 128,
     progress: Progress | None = None,
+    plan: Plan | Automatic | None = PLANNED,
 ) -> Simulation:
     """Capture a subject and restore it, within memory of a few times its own size.
 
@@ -68,6 +70,7 @@ def capture_and_restore(
         adc_bits: Bits of the converter; None for no rounding.
         rows_at_once: How many rows.
         progress: Called with a sentence and the share done.
+        plan: What to compute, as in `simulate_capture` and `deconvolve`.
 
     Raises:
         ValueError: as `simulate_capture`.
@@ -78,13 +81,13 @@ def capture_and_restore(
     whole = isinstance(subject, Layers | Frames)
     if whole:
         report("exposing", 0.0)
-        exposed = simulate_capture(subject, scene, motion, shutter, key=key, **limits)
+        exposed = simulate_capture(subject, scene, motion, shutter, key=key, plan=plan, **limits)
         light = np.asarray(exposed)
     else:
         light = subject.light if isinstance(subject, Picture) else np.asarray(subject)
         light = light[..., None] if light.ndim == 2 else light
     chosen = EnsembleDecoder() if decoder is None else decoder
-    model = blur_model(scene, motion, shutter)
+    model = blur_model(scene, motion, shutter, plan=plan)
     captured = restored = None
     for first in range(0, light.shape[0], rows_at_once):
         report("capturing and restoring", first / light.shape[0])
@@ -92,9 +95,17 @@ def capture_and_restore(
         if not whole:
             own = None if key is None else jax.random.fold_in(key, first)
             part = simulate_capture(
-                part, scene, motion, shutter, speed=speed, key=own, border=border, **limits
+                part,
+                scene,
+                motion,
+                shutter,
+                speed=speed,
+                key=own,
+                border=border,
+                plan=plan,
+                **limits,
             )
-        found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model)
+        found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
         if captured is None or restored is None:
             shape = (light.shape[0], *part.shape[1:])
             captured, restored = np.empty(shape, part.dtype), np.empty(shape, part.dtype)

@@ -102,6 +102,12 @@ LINES = {
         "stroke_px = 45\nacceleration_px_per_s2 = 4.5e5",
         "got stroke_px and acceleration_px_per_s2",
     ),
+    "no-optics": ("cutoff", "cutoff_cycles_per_px = 0", "must be above 0; got 0"),
+    "optics-beyond-the-pixel": (
+        "cutoff",
+        "cutoff_cycles_per_px = 0.6",
+        "`[optics] cutoff_cycles_per_px` must be at most 0.5; got 0.6",
+    ),
     "picture-missing": ("path", 'path = "no.png"', "must name a file; got "),
     "picture-a-folder": ("path", 'path = "."', "must name a file; got the folder"),
     "picture-a-number": ("path", "path = 3", "`[picture] path` must be text; got 3"),

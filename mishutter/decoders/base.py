@@ -12,7 +12,8 @@ from jaxtyping import Array
 from mishutter.metrics import picture_power
 from mishutter.motion import AbstractMotion
 from mishutter.noise import noise_variance, white_electrons
-from mishutter.plan import NUM_FREQUENCIES
+from mishutter.picture_plan import skips
+from mishutter.plan import NUM_FREQUENCIES, PLANNED, Automatic, Plan, needed_speeds
 from mishutter.response import aligned_kernel
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
@@ -99,7 +100,13 @@ class AbstractDecoder(eqx.Module):
         """
 
 
-def blur_model(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> BlurModel:
+def blur_model(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    plan: Plan | Automatic | None = PLANNED,
+) -> BlurModel:
     r"""What a decoder may know of a scene, a motion and a shutter.
 
     The kernels are those of the scene's speeds with its weights; the noise is
@@ -109,12 +116,17 @@ def blur_model(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -
         scene: Speeds, light, noise, spectrum; concrete.
         motion: Motion of the sensor; concrete.
         shutter: Transmittance over the exposure; concrete.
+        plan: What to compute: by default each speed that occurs once; None for all.
 
     Raises:
         ValueError: if a kernel would be longer than 8,192 px.
     """
     speeds = np.asarray(scene.speeds)
     num_taps, origin = kernel_layout(motion, *speeds.tolist(), 0.0)
+    weights = np.asarray(scene.weights, np.float64)
+    if skips(plan):
+        kept = needed_speeds(scene, shutter)
+        speeds, weights = np.asarray(kept.speeds), np.asarray(kept.weights, np.float64)
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
     with_still = jnp.concatenate([jnp.asarray(speeds, dtype), jnp.zeros(1, dtype)])
     kernels = np.asarray(_kernels(shutter, motion, with_still, num_taps), np.float64)
@@ -124,7 +136,7 @@ def blur_model(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -
     power = picture_power(scene, NUM_FREQUENCIES, np.dtype(scene.speeds.dtype))
     return BlurModel(
         kernels=kernels[:-1],
-        weights=np.asarray(scene.weights, np.float64),
+        weights=weights,
         assumed=kernels[-1],
         origin=origin,
         noise=noise,

@@ -1,14 +1,15 @@
 """What a loss is, and how losses add up."""
 
 from abc import abstractmethod
-from typing import final
+from typing import NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.motion import AbstractMotion, settled
-from mishutter.plan import PLANNED, Automatic, Plan, chosen, reduced
+from mishutter.plan import PLANNED, Automatic, Plan, chosen, lowered, reduced
 from mishutter.response import Response, respond
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
@@ -45,14 +46,29 @@ class AbstractLoss(eqx.Module):
     __rmul__ = __mul__
 
 
+class Parts(NamedTuple):
+    """Parts of a response.
+
+    Attributes:
+        kernels: The kernel of an object at rest.
+        spectra: Transfer functions at the scene's speeds.
+        differences: Kernels at the scene's speeds, less the one at rest.
+    """
+
+    kernels: bool
+    spectra: bool
+    differences: bool
+
+
 class AbstractResponseLoss(AbstractLoss):
     """A loss that sees the shutter through its kernels, transfer functions and light.
 
     The response is linear in the transmittance, which a solver can use.
     """
 
-    needs_kernels: eqx.AbstractClassVar[bool]
-    needs_spectra: eqx.AbstractClassVar[bool]
+    @abstractmethod
+    def parts(self, plan: Plan) -> Parts:
+        """The parts of the response that the loss is made from; all its kind has without skips."""
 
     @abstractmethod
     def of_response(
@@ -70,16 +86,17 @@ class AbstractResponseLoss(AbstractLoss):
     ) -> Array:
         motion = settled(motion)
         plan = chosen(plan, scene, motion, shutter)
+        scene, motion, shutter = lowered(plan, scene, motion, shutter)
         kept = reduced(scene, plan)
-        response = respond(
-            kept,
-            motion,
-            shutter,
-            plan,
-            kernels=self.needs_kernels,
-            spectra=self.needs_spectra,
-        )
-        return self.of_response(kept, motion, response, plan)
+        response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
+        return _of_response(self, kept, motion, response, plan)
+
+
+@quick_to_compile
+def _of_response(
+    loss: AbstractResponseLoss, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+) -> Array:
+    return loss.of_response(scene, motion, response, plan)
 
 
 @final
@@ -99,9 +116,17 @@ class WeightedSum(AbstractLoss):
     ) -> Array:
         terms = [
             weight * loss(scene, motion, shutter, plan=plan)
-            for weight, loss in zip(self.weights, self.losses, strict=True)
+            for loss, weight in self.needed(skips=plan is not None)
         ]
         return sum(terms, start=jnp.zeros_like(terms[0]))
+
+    def needed(self, *, skips: bool) -> list[tuple[AbstractLoss, float]]:
+        """The terms with their weights; with `skips` without those of weight 0, but one."""
+        terms = list(zip(self.losses, self.weights, strict=True))
+        weighty = [
+            term for term in terms if not (isinstance(term[1], float | int) and term[1] == 0)
+        ]
+        return (weighty or terms[:1]) if skips else terms
 
 
 def _terms(loss: AbstractLoss) -> list[tuple[AbstractLoss, float]]:

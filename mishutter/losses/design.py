@@ -1,12 +1,12 @@
 """The weighted loss of condition number, invariance and light."""
 
-from typing import ClassVar, final
+from typing import final
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from mishutter.losses.base import AbstractResponseLoss
+from mishutter.losses.base import AbstractResponseLoss, Parts
 from mishutter.metrics import kernel_differences
 from mishutter.motion import AbstractMotion
 from mishutter.plan import Plan
@@ -44,14 +44,17 @@ class DesignLoss(AbstractResponseLoss):
     condition: float = 0.1
     invariance: float = 1.0
     efficiency: float = 1.0
-    needs_kernels: ClassVar[bool] = True
-    needs_spectra: ClassVar[bool] = False
 
     def __check_init__(self) -> None:
         for name in ("condition", "invariance", "efficiency"):
             value = getattr(self, name)
             number = isinstance(value, int | float) and 0 <= value < float("inf")
             require(number, f"DesignLoss({name}=...)", "be a finite weight of at least 0", value)
+
+    def parts(self, plan: Plan) -> Parts:
+        every = not plan.skips
+        moving = every or bool(self.invariance)
+        return Parts(moving or bool(self.condition), spectra=False, differences=moving)
 
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan

@@ -1,11 +1,11 @@
 """The loss that a restored picture shows."""
 
-from typing import ClassVar, final
+from typing import final
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from mishutter.losses.base import AbstractResponseLoss
+from mishutter.losses.base import AbstractResponseLoss, Parts
 from mishutter.metrics import expected_squared_error
 from mishutter.motion import AbstractMotion
 from mishutter.plan import Plan
@@ -22,8 +22,8 @@ class ExpectedErrorLoss(AbstractResponseLoss):
     over a grey one. 20 dB of PSNR are a factor of 10.
     """
 
-    needs_kernels: ClassVar[bool] = False
-    needs_spectra: ClassVar[bool] = True
+    def parts(self, plan: Plan) -> Parts:
+        return Parts(kernels=False, spectra=True, differences=False)
 
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan

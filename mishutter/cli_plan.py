@@ -1,0 +1,60 @@
+"""The command `plan`: what a scene needs computed."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mishutter.cli_options import (
+    CoefficientsOption,
+    FreeName,
+    FreeOption,
+    JsonOption,
+    LossName,
+    LossOption,
+    SceneArgument,
+    ToleranceOption,
+    loss_of,
+    motion_of,
+    scene_of,
+)
+from mishutter.terminal import print_text, start_jax, write_json
+
+if TYPE_CHECKING:
+    from mishutter.plan import Plan
+
+
+def plan(
+    scene_file: SceneArgument = None,
+    json: JsonOption = False,
+    loss: LossOption = LossName.EXPECTED_ERROR,
+    free: FreeOption = None,
+    fixed: Annotated[
+        bool, typer.Option("--fixed", help="Nothing may move: the plan of one measurement.")
+    ] = False,
+    tolerance: ToleranceOption = 0.0,
+    num_coefficients: CoefficientsOption = 24,
+) -> None:
+    """Show what a search for this scene computes, what it skips and why."""
+    start_jax()
+    from mishutter.optimise import starting_shutter
+    from mishutter.planning import plan as planned
+
+    scene = scene_of(scene_file)
+    found = planned(
+        scene,
+        motion_of(scene),
+        starting_shutter(scene, num_coefficients),
+        loss=loss_of(loss),
+        free=() if fixed else tuple(name.value for name in free or FreeName),
+        tolerance=tolerance,
+    )
+    if json:
+        write_json(found.to_dict())
+    else:
+        print_text(plan_text(found))
+
+
+def plan_text(found: "Plan") -> str:
+    """The table of a plan, and what all of it may change."""
+    change = "nothing beyond rounding" if found.bound == 0 else f"{found.bound:.1e} of a result"
+    return f"{found}\nAll together change at most {change}."
