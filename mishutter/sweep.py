@@ -11,6 +11,7 @@ from mishutter.compare import baselines
 from mishutter.losses import AbstractLoss, ExpectedErrorLoss
 from mishutter.losses.base import AbstractResponseLoss
 from mishutter.optimise import starting_shutter
+from mishutter.plan import sized_for
 from mishutter.scene import Scene
 from mishutter.shutters import AbstractShutter, SplineShutter, TukeyShutter
 from mishutter.sweep_blocks import Engine
@@ -174,7 +175,7 @@ def _search(
     starts = [starting_shutter(scene, num_coefficients) for scene in scenes.values()]
     symmetric = all(isinstance(s, SplineShutter) and s.symmetric for s in starts)
     chosen = ExpectedErrorLoss() if loss is None else loss
-    if not isinstance(chosen, AbstractResponseLoss) or chosen.needs_kernels:
+    if not isinstance(chosen, AbstractResponseLoss) or chosen.parts(sized_for(0, 0)).kernels:
         raise ValueError(
             "`sweep(loss=...)` must be a loss of transfer functions alone, as "
             f"ExpectedErrorLoss is; got {describe(chosen)}."
