@@ -8,6 +8,7 @@ rule the best linear filter of the continued row is the best linear estimate fro
 as it is: nothing is lost at the borders but what was not recorded.
 """
 
+from functools import lru_cache
 from typing import final
 
 import equinox as eqx
@@ -76,10 +77,18 @@ def captured_spectrum(model: BlurModel, length: int) -> np.ndarray:
 
 
 def _prediction(model: BlurModel, columns: int, length: int, context: int) -> np.ndarray:
+    covariance = np.fft.irfft(captured_spectrum(model, length), length)
+    return _predicted(covariance.tobytes(), columns, context)
+
+
+@lru_cache(maxsize=8)
+def _predicted(autocovariance: bytes, columns: int, context: int) -> np.ndarray:
+    """The map of one autocovariance, once for all the portions of a picture."""
     from scipy.linalg import cho_factor, cho_solve
 
+    covariance = np.frombuffer(autocovariance)
+    length = covariance.size
     gap = length - columns
-    covariance = np.fft.irfft(captured_spectrum(model, length), length)
     known = np.concatenate([np.arange(-context, 0), gap + np.arange(context)])
     among = covariance[np.abs(known[:, None] - known) % length]
     among[np.diag_indices_from(among)] += _RELATIVE_JITTER * covariance[0]
