@@ -169,7 +169,7 @@ def _compared(
         step = _counting(update)
         comparison = beside_baselines(scene, motion, given, loss=loss, step=step)
     rows = report.shown_rows(comparison, tuple(given))
-    with progress_bar("photograph", len(rows) * len(report.decoders())) as update:
+    with progress_bar("photograph", len(rows)) as update:
         photographs = report.photographs(scene, rows, num_seeds, _counting(update))
     return report.Report(scene, comparison, tuple(given), photographs)
 

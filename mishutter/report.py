@@ -17,7 +17,7 @@ from mishutter.decoders import (
 from mishutter.design import Design
 from mishutter.files import strict_json, write_text
 from mishutter.pictures import Picture, example_picture, read_picture
-from mishutter.restoration import RestoredPhotograph, restore_photograph
+from mishutter.restoration import RestoredPhotograph, restore_by_each
 from mishutter.scene import Scene
 from mishutter.scene_file import EXAMPLE_PICTURE
 from mishutter.shutters import (
@@ -110,14 +110,15 @@ def photographs(
     if scene.picture is None or num_seeds == 0:
         return {}
     picture = _middle_rows(scene_picture(scene.picture))
-    results: dict[str, dict[str, RestoredPhotograph]] = {}
-    for decoder_name, decoder in decoders().items():
-        results[decoder_name] = {}
-        for name, row in rows.items():
-            update(f"{name}, {decoder_name}")
-            results[decoder_name][name] = restore_photograph(
-                picture, scene, row.motion, row.shutter, decoder=decoder, num_seeds=num_seeds
-            )
+    chosen = decoders()
+    results: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
+    for name, row in rows.items():
+        update(name)
+        found = restore_by_each(
+            picture, scene, row.motion, row.shutter, chosen, num_seeds=num_seeds
+        )
+        for decoder, result in found.items():
+            results[decoder][name] = result
     return results
 
 
@@ -153,6 +154,7 @@ def _photograph_document(result: RestoredPhotograph) -> dict[str, Any]:
         "linear_psnr_db": result.linear_psnr,
         "standard_error_db": result.standard_error,
         "mean_linear_psnr_db": result.mean_psnr,
+        "expected_of_ensemble_filter_db": result.expected_psnr,
     }
 
 

@@ -1,7 +1,6 @@
 """A photograph through the camera and back, at every speed, and how good it came out."""
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -9,15 +8,16 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
+from mishutter.decoders.linear import expected_squared_error
 from mishutter.motion import AbstractMotion
-from mishutter.picture_plan import distinct_colours, every_colour, skips
+from mishutter.picture_plan import distinct_colours, every_colour
 from mishutter.pictures import Picture
 from mishutter.plan import PLANNED, Automatic, Plan
 from mishutter.quality import psnr
 from mishutter.rows import channels_last, rows_last
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
-from mishutter.simulate import as_light, captured_columns, kernel_layout, noisy, simulate_capture
+from mishutter.simulate import as_light, blurred_at_speeds, kernel_layout, noisy
 from mishutter.types import require, require_positive_int
 
 
@@ -32,6 +32,8 @@ class RestoredPhotograph(NamedTuple):
         standard_error: Standard error of `psnr` over the seeds; dB.
         linear_standard_error: That of `linear_psnr`.
         mean_psnr: Weighted over speeds: PSNR of the mean squared error, linear light; dB.
+        expected_psnr: What the ensemble filter is expected to reach on captures of pictures
+            with the scene's spectrum, over the scene's speeds; linear light, dB.
         reference: What a perfect decoder would have found; `(rows, columns, channels)`.
         captured: Light as recorded, first seed; shape `(s, rows, columns, channels)`.
         restored: Light restored, first seed; the same shape.
@@ -43,6 +45,7 @@ class RestoredPhotograph(NamedTuple):
     standard_error: np.ndarray
     linear_standard_error: np.ndarray
     mean_psnr: float
+    expected_psnr: float
     reference: np.ndarray
     captured: np.ndarray
     restored: np.ndarray
@@ -112,12 +115,44 @@ def restore_photograph(
         speeds: px/s; the scene's by default.
         num_seeds: How many captures, each with its own noise.
         key: JAX key of the noise; a fixed one by default.
-        plan: What to compute: by default a blur once for all its captures; None for
-            everything.
+        plan: What to compute: by default equal colours once; None for everything.
 
     Raises:
         ValueError: if the picture is too narrow for its blur, or an argument is out of
             its range.
+    """
+    chosen = EnsembleDecoder() if decoder is None else decoder
+    options = {"speeds": speeds, "num_seeds": num_seeds, "key": key, "plan": plan}
+    return restore_by_each(picture, scene, motion, shutter, {"": chosen}, **options)[""]
+
+
+def restore_by_each(
+    picture: Picture | ArrayLike,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    decoders: Mapping[str, AbstractDecoder],
+    *,
+    speeds: Sequence[float] | None = None,
+    num_seeds: int = 8,
+    key: Array | None = None,
+    plan: Plan | Automatic | None = PLANNED,
+) -> dict[str, RestoredPhotograph]:
+    """`restore_photograph` by several decoders, from the same captures.
+
+    Args:
+        picture: The photograph.
+        scene: Light and noise, and what the decoders may know.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+        decoders: How to restore, by name.
+        speeds: px/s; the scene's by default.
+        num_seeds: How many captures, each with its own noise.
+        key: JAX key of the noise; a fixed one by default.
+        plan: What to compute, as for `restore_photograph`.
+
+    Raises:
+        ValueError: as `restore_photograph`.
     """
     require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
     light = as_light(picture)
@@ -128,30 +163,48 @@ def restore_photograph(
     window, margin = _common_columns(light.shape[-2], motion, chosen_speeds, scene)
     reference = np.asarray(light[:, window])
     model = blur_model(scene, motion, shutter, plan=plan)
-    results = []
-    for index, speed in enumerate(chosen_speeds.tolist()):
-        keys = jax.random.split(jax.random.fold_in(key, index), num_seeds)
-        own = captured_columns(motion, shutter, speed, light.shape[-2])
-        cut = slice(window.start - own.start, window.stop - own.start)
-        squared, coded = [], []
-        first = None
-        capture = partial(
-            simulate_capture, light, scene, motion, shutter, speed=speed, border="scene", plan=plan
-        )
-        blurred = capture() if skips(plan) else None
-        for seed in keys:
-            if blurred is None:
-                g = capture(key=seed)[:, cut]
-            else:
-                g = noisy(blurred, scene, motion, seed)[:, cut]
-            found = deconvolve(g, scene, motion, shutter, decoder=decoder, model=model, plan=plan)
-            inner = slice(margin, reference.shape[1] - margin)
-            error = np.asarray(found)[:, inner] - reference[:, inner]
-            squared.append(float(np.mean(np.square(error, dtype=np.float64))))
-            coded.append(psnr(reference[:, inner], found[:, inner]))
-            first = (np.asarray(g), np.asarray(found)) if first is None else first
-        results.append((squared, coded, first))
-    return _summary(chosen_speeds, weights, reference, results)
+    trials = {name: _Trials(reference, margin) for name in decoders}
+    for index, blurred in enumerate(
+        blurred_at_speeds(light, motion, shutter, chosen_speeds.tolist(), plan)
+    ):
+        for trial in trials.values():
+            trial.next_speed()
+        for seed in jax.random.split(jax.random.fold_in(key, index), num_seeds):
+            captured = noisy(blurred, scene, motion, seed)
+            for name, decoder in decoders.items():
+                found = deconvolve(
+                    captured, scene, motion, shutter, decoder=decoder, model=model, plan=plan
+                )
+                trials[name].add(captured, found)
+    expected = -10 * np.log10(expected_squared_error(model))
+    return {
+        name: _summary(chosen_speeds, weights, trial, float(expected))
+        for name, trial in trials.items()
+    }
+
+
+class _Trials:
+    """Errors of one decoder, by speed and seed, and the first capture of each speed."""
+
+    def __init__(self, reference: np.ndarray, margin: int):
+        self.reference = reference
+        self.inner = slice(margin, reference.shape[1] - margin)
+        self.squared: list[list[float]] = []
+        self.coded: list[list[float]] = []
+        self.captured: list[np.ndarray] = []
+        self.restored: list[np.ndarray] = []
+
+    def next_speed(self) -> None:
+        self.squared.append([])
+        self.coded.append([])
+
+    def add(self, captured: Array, found: Array) -> None:
+        truth, estimate = self.reference[:, self.inner], np.asarray(found)[:, self.inner]
+        if not self.squared[-1]:
+            self.captured.append(np.asarray(captured))
+            self.restored.append(np.asarray(found))
+        self.squared[-1].append(float(np.mean(np.square(estimate - truth, dtype=np.float64))))
+        self.coded[-1].append(psnr(truth, estimate))
 
 
 def _common_columns(
@@ -167,9 +220,10 @@ def _common_columns(
     return slice(num_taps - 1 - origin, num_columns - origin), margin
 
 
-def _summary(speeds, weights, reference, results) -> RestoredPhotograph:
-    squared = np.array([r[0] for r in results])
-    coded = np.array([r[1] for r in results])
+def _summary(
+    speeds: np.ndarray, weights: np.ndarray | None, trials: _Trials, expected: float
+) -> RestoredPhotograph:
+    squared, coded = np.array(trials.squared), np.array(trials.coded)
     count = squared.shape[1]
     mean = np.mean(squared, axis=1)
     spread = np.std(squared, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
@@ -182,7 +236,8 @@ def _summary(speeds, weights, reference, results) -> RestoredPhotograph:
         standard_error=coded_spread / np.sqrt(count),
         linear_standard_error=10 / np.log(10) * spread / mean / np.sqrt(count),
         mean_psnr=float(-10 * np.log10(share @ mean)),
-        reference=reference,
-        captured=np.stack([r[2][0] for r in results]),
-        restored=np.stack([r[2][1] for r in results]),
+        expected_psnr=expected,
+        reference=trials.reference,
+        captured=np.stack(trials.captured),
+        restored=np.stack(trials.restored),
     )

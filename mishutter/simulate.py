@@ -1,7 +1,7 @@
 """What the camera records of a scene: blur, shot noise, read noise, and its borders."""
 
 import math
-from functools import partial
+from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import jax
@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import quick_to_compile
 from mishutter.frames import Frames, expose_frames
 from mishutter.kernel import support
 from mishutter.layers import Layers, expose_layers
@@ -99,6 +100,26 @@ def simulate_capture(
     distinct = distinct_colours(light, plan)
     blurred = channels_last(_blurred(rows_last(distinct), kernel, origin, border), light)
     return _recorded(every_colour(blurred, light), scene, motion, key, full_well, adc_bits)
+
+
+def blurred_at_speeds(
+    light: Array,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    speeds: Sequence[float],
+    plan: Plan | Automatic | None = PLANNED,
+) -> Iterator[Array]:
+    """Light on the sensor from a picture at each of several speeds, without noise.
+
+    The picture is the scene: of `columns` those are recorded whose light is known at every
+    speed, by kernels of one length (see `kernel_layout`), so that one program serves all.
+    """
+    num_taps, origin = kernel_layout(motion, *speeds)
+    row = jnp.asarray(np.asarray(speeds), light.dtype)
+    planes = rows_last(distinct_colours(light, plan))
+    for kernel in kernels_at_speeds(shutter, motion, row, num_taps):
+        taps = kernel.astype(light.dtype)
+        yield every_colour(channels_last(_blurred(planes, taps, origin, "scene"), light), light)
 
 
 def captured_columns(
@@ -205,7 +226,15 @@ def _check_light(scene: Scene, key: Array | None) -> None:
     require(lit, "simulate_capture(scene=...)", "have a photon rate above 0 e-/s", 0.0)
 
 
-@partial(eqx.filter_jit)
+@quick_to_compile
+def kernels_at_speeds(
+    shutter: AbstractShutter, motion: AbstractMotion, speeds: Array, num_taps: int
+) -> Array:
+    """Aligned kernels of one length at several speeds, px/s; shape `(s, num_taps)`."""
+    return jax.vmap(lambda s: aligned_kernel(shutter, motion, s, num_taps))(speeds)
+
+
+@eqx.filter_jit
 def _kernel(shutter: AbstractShutter, motion: AbstractMotion, speed: Array, num_taps: int):
     return aligned_kernel(shutter, motion, speed, num_taps)
 

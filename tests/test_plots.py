@@ -28,6 +28,7 @@ def photograph(level, num_seeds=3):
         standard_error=error,
         linear_standard_error=error,
         mean_psnr=level,
+        expected_psnr=level + 0.2,
         reference=light[1],
         captured=light * 0.6,
         restored=light,

@@ -14,10 +14,9 @@ from mishutter.motion import AbstractMotion
 from mishutter.noise import noise_variance, white_electrons
 from mishutter.picture_plan import skips
 from mishutter.plan import NUM_FREQUENCIES, PLANNED, Automatic, Plan, needed_speeds
-from mishutter.response import aligned_kernel
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
-from mishutter.simulate import kernel_layout
+from mishutter.simulate import kernel_layout, kernels_at_speeds
 from mishutter.types import common_dtype
 
 
@@ -129,7 +128,7 @@ def blur_model(
         speeds, weights = np.asarray(kept.speeds), np.asarray(kept.weights, np.float64)
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
     with_still = jnp.concatenate([jnp.asarray(speeds, dtype), jnp.zeros(1, dtype)])
-    kernels = np.asarray(_kernels(shutter, motion, with_still, num_taps), np.float64)
+    kernels = np.asarray(kernels_at_speeds(shutter, motion, with_still, num_taps), np.float64)
     electrons = float(white_electrons(scene, motion))
     light = np.sum(kernels[-1])
     noise = float(noise_variance(scene, motion, light)) if electrons > 0 else np.inf
@@ -145,8 +144,3 @@ def blur_model(
         power=np.asarray(power, np.float64),
         mean_level=float(scene.mean_level),
     )
-
-
-@eqx.filter_jit
-def _kernels(shutter: AbstractShutter, motion: AbstractMotion, speeds: Array, num_taps: int):
-    return jax.vmap(lambda s: aligned_kernel(shutter, motion, s, num_taps))(speeds)
