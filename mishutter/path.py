@@ -62,14 +62,15 @@ def speed_at(a: Array, T: Array, s: Array, edges: DoubleWord, *, from_vertex: bo
     return safe_sqrt(_speed_squared(from_vertex, a, T, s, *edges))
 
 
-def _once(function, *arguments):
+def _once(function, like, *arguments):
     """`function` of `arguments`, as a loop of one turn: a compiler may not unroll it.
+
+    `like` has the shapes of the result.
 
     Left open, hundreds of operations on double words would be folded into each of
     their uses and compiled, and run, dozens of times.
     """
-    shapes = jax.eval_shape(function, *arguments)
-    start = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    start = jax.tree.map(jnp.zeros_like, like)
 
     def turn(state):
         result = function(*arguments)
@@ -81,8 +82,9 @@ def _once(function, *arguments):
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _path(from_vertex, *arguments):
-    return _once(partial(_path_exact, from_vertex), *arguments)
+def _path(from_vertex, a, T, s, tau_high, tau_low):
+    like = a, a, tau_high, (tau_high, tau_high), (a, a)
+    return _once(partial(_path_exact, from_vertex), like, a, T, s, tau_high, tau_low)
 
 
 def _path_exact(from_vertex, a, T, s, tau_high, tau_low):
@@ -124,8 +126,8 @@ def _valued(formula: Array, value: Array) -> Array:
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _speed_squared(from_vertex, *arguments):
-    return _once(partial(_speed_squared_exact, from_vertex), *arguments)
+def _speed_squared(from_vertex, a, T, s, edge, edge_low):
+    return _once(partial(_speed_squared_exact, from_vertex), edge, a, T, s, edge, edge_low)
 
 
 def _speed_squared_exact(from_vertex, a, T, s, edge, edge_low):

@@ -317,8 +317,18 @@ def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
     given = scene.power_spectrum
     if not is_concrete(given) or plan.num_frequencies != NUM_FREQUENCIES:
         return given
-    grid = frequencies(NUM_FREQUENCIES)
-    if given is None:
+    return _spectrum(scene, NUM_FREQUENCIES)
+
+
+def power_on_grid(scene: Scene, num_frequencies: int) -> np.ndarray:
+    """Power of the picture's rows at frequencies that the optics pass, on any scale."""
+    passed = frequencies(num_frequencies) <= float(scene.cutoff_frequency)
+    return _spectrum(scene, num_frequencies) * passed * (float(scene.deviation) > 0)
+
+
+def _spectrum(scene: Scene, num_frequencies: int) -> np.ndarray:
+    grid = frequencies(num_frequencies)
+    if scene.power_spectrum is None:
         return (1 / (grid**2 + CORNER_FREQUENCY**2)).astype(scene.speeds.dtype)
-    known = np.asarray(given)
+    known = np.asarray(scene.power_spectrum)
     return np.interp(grid, frequencies(known.size), known).astype(known.dtype)

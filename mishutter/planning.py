@@ -11,7 +11,6 @@ from jaxtyping import Array
 from mishutter.compiling import quick_to_compile
 from mishutter.design_space import DesignSpace, design_space
 from mishutter.losses.base import AbstractLoss
-from mishutter.metrics import picture_power
 from mishutter.motion import AbstractMotion, settled
 from mishutter.plan import (
     Plan,
@@ -19,6 +18,7 @@ from mishutter.plan import (
     is_symmetric,
     larger,
     nothing_moves,
+    power_on_grid,
     size_class,
     sized_for,
     sizes,
@@ -170,7 +170,8 @@ def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: 
     scenes of other speeds share its program too.
     """
     reach, velocity = extent(scene, motion)
-    longest = 0.0 if alone else 4 * float(motion.stroke)
+    a, half = float(motion.acceleration), float(motion.half_exposure)
+    longest = 0.0 if alone else 4 * a * half * half
     tight = sized_for(max(reach, longest), share * max(velocity, longest))
     return replace(
         tight, num_taps=size_class(tight.num_taps), num_nodes=size_class(tight.num_nodes)
@@ -179,8 +180,6 @@ def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: 
 
 def _frequencies_with_power(scene: Scene, full: Plan) -> int:
     """How many of the lowest frequencies hold all power, to one of two sizes an octave."""
-    dtype = np.dtype(scene.speeds.dtype)
-    power = np.asarray(picture_power(scene, full.num_frequencies, dtype))
-    lit = np.flatnonzero(power)
+    lit = np.flatnonzero(power_on_grid(scene, full.num_frequencies))
     last = lit[-1] + 1 if lit.size else 1
     return min(full.num_frequencies, size_class(max(16, int(last))))

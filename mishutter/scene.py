@@ -125,8 +125,8 @@ class Scene(eqx.Module):
     ):
         self.speeds = as_float(speeds)
         count = max(self.speeds.size, 1)
-        equal = jnp.full(self.speeds.shape, 1 / count, self.speeds.dtype)
-        self.weights = equal if weights is None else as_float(weights)
+        equal = np.full(self.speeds.shape, 1 / count, self.speeds.dtype)
+        self.weights = as_float(equal if weights is None else weights)
         self.photon_rate = as_float(photon_rate)
         self.read_noise = as_float(read_noise)
         self.mean_level = as_float(mean_level)

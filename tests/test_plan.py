@@ -5,6 +5,7 @@ tolerance, `check_plan`; the tests that break a plan on purpose go through it to
 """
 
 import json
+import sys
 from dataclasses import replace
 
 import jax
@@ -351,7 +352,7 @@ def test_a_verbose_search_shows_its_plan(capsys, monkeypatch):
         seen.append(plan)
         raise ValueError("the search must be left out; got here")
 
-    monkeypatch.setattr("mishutter.optimise.optimise", search)
+    monkeypatch.setattr(sys.modules["mishutter.optimise"], "optimise", search)
     assert cli.main(["optimise", "--verbose", "--free", "shutter"]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""

@@ -116,7 +116,8 @@ class GaussianShutter(AbstractAdjustableShutter):
     def __check_init__(self) -> None:
         subject = "GaussianShutter(sigma=...)"
         if is_concrete(self.sigma):
-            inside = bool(jnp.all((self.sigma >= _MIN_SIGMA * 0.999) & (self.sigma <= 5.001)))
+            sigma = np.asarray(self.sigma)
+            inside = bool(np.all((sigma >= _MIN_SIGMA * 0.999) & (sigma <= 5.001)))
             require(inside, subject, f"lie in [{_MIN_SIGMA}, {_MAX_SIGMA}]", self.sigma)
 
     def transmittance(self, tau: ArrayLike) -> Array:
@@ -170,7 +171,7 @@ class TukeyShutter(AbstractAdjustableShutter):
     def __check_init__(self) -> None:
         require_scalar("TukeyShutter(taper=...)", self.taper)
         if is_concrete(self.taper):
-            inside = bool((self.taper >= 0) & (self.taper <= 1))
+            inside = 0 <= float(self.taper) <= 1
             require(inside, "TukeyShutter(taper=...)", "lie in [0, 1]", self.taper)
 
     def transmittance(self, tau: ArrayLike) -> Array:
