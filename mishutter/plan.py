@@ -33,6 +33,8 @@ _SPARE_NODES = 12
 _MAX_TAPS = 1 << 14
 _MAX_NODES = 1 << 16
 _UNKNOWN_REACH = 256.0
+_SAME_SPEED = 4
+"""Roundings of the fastest speed within which two speeds are one."""
 _SYMMETRIC_WINDOWS = (RectShutter, HannShutter, TriangleShutter, GaussianShutter, TukeyShutter)
 
 
@@ -264,11 +266,20 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
 
 
 def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`."""
+    """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`.
+
+    Speeds that differ in their last digits alone, as those of a range that is meant to
+    mirror itself do, are one.
+    """
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
     speeds, weights = speeds[weights > 0], weights[weights > 0]
-    distinct, index = np.unique(np.abs(speeds) if folds else speeds, return_inverse=True)
-    return distinct, np.bincount(index, weights).astype(weights.dtype)
+    values = np.abs(speeds) if folds else speeds
+    order = np.argsort(values, kind="stable")
+    values, weights = values[order], weights[order]
+    rounding = _SAME_SPEED * np.finfo(values.dtype).eps * np.max(np.abs(values), initial=0)
+    begins = np.diff(values, prepend=-np.inf) > rounding
+    merged = np.bincount(np.cumsum(begins) - 1, weights)
+    return values[begins], merged.astype(weights.dtype)
 
 
 def quadrature(

@@ -37,7 +37,7 @@ from mishutter import (
     plan,
     plan_error,
 )
-from mishutter.plan import reduced
+from mishutter.plan import distinct_speeds, reduced
 
 LIMITS = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03)
 MOTION = ParabolicMotion(acceleration=11.0 / 1e-4, half_exposure=1e-2)
@@ -357,3 +357,14 @@ def test_a_verbose_search_shows_its_plan(capsys, monkeypatch):
     printed = capsys.readouterr()
     assert printed.out == ""
     assert str(seen[0]) in printed.err
+
+
+def test_a_range_that_mirrors_itself_is_folded_whole():
+    """Ends of a range that differ from their mirror images by rounding are one speed."""
+    for count in (9, 11, 12):
+        speeds = np.linspace(-1, 1, count) * 3271.7
+        scene = Scene(speeds, photon_rate=1e5, read_noise=4.0)
+        folded, weights = distinct_speeds(scene, folds=True)
+        assert folded.size == (count + 1) // 2
+        assert np.isclose(weights.sum(), 1, rtol=1e-14)
+        assert distinct_speeds(scene, folds=False)[0].size == count
