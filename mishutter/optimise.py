@@ -28,7 +28,7 @@ from mishutter.shutters.windows import (
     TriangleShutter,
     TukeyShutter,
 )
-from mishutter.solvers import Progress, descend, losses_at, polish
+from mishutter.solvers import Progress, certificate_at, descend, losses_at, polish
 from mishutter.types import require, require_positive_int
 
 _CERTIFIED = 1e-3
@@ -118,10 +118,11 @@ def optimise(
     best = np.argsort(losses, kind="stable")[:num_polished]
     ends = [polish(objective, candidates[index], max_steps=max_steps) for index in best]
     polished = min(ends, key=lambda end: end.loss)
-    box, value = candidates[best[0]], float(losses[best[0]])
-    if polished.loss <= value:
-        box, value = polished.box, polished.loss
-    outcome = _outcome(polished.certificate, value, polished.num_steps >= max_steps)
+    box, value, certificate = polished.box, polished.loss, polished.certificate
+    if float(losses[best[0]]) < value:
+        box, value = candidates[best[0]], float(losses[best[0]])
+        certificate = certificate_at(objective, box)
+    outcome = _outcome(certificate, value, polished.num_steps >= max_steps)
     if throw and outcome is not Outcome.CONVERGED:
         raise SearchFailedError(outcome.value)
     found_shutter, found_motion = design_at(space, jnp.asarray(box))
@@ -133,7 +134,7 @@ def optimise(
         history=np.append(history, min(value, history[-1])),
         converged=outcome is Outcome.CONVERGED,
         outcome=outcome.value,
-        certificate=polished.certificate,
+        certificate=certificate,
         loss_name=repr(loss),
         best_start_loss=float(np.min(first)),
         plan=plan,

@@ -166,6 +166,13 @@ def projected_gradient_norm(box: np.ndarray, gradient: np.ndarray) -> float:
     return float(np.max(np.abs(box - np.clip(box - gradient, 0, 1)), initial=0.0))
 
 
+def certificate_at(objective: AbstractObjective, box: np.ndarray) -> float:
+    """The projected-gradient norm at a point of the box."""
+    return projected_gradient_norm(
+        box, np.asarray(loss_and_gradient(objective, jnp.asarray(box))[1])
+    )
+
+
 class Polished(NamedTuple):
     """A point after the polish, its loss, its certificate and the steps it took."""
 

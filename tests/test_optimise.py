@@ -1,5 +1,7 @@
 """The search: never worse than its starts, the same minimum by another solver, honest ends."""
 
+import sys
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -23,7 +25,7 @@ from mishutter.design_space import design_space
 from mishutter.objective import DesignObjective, LinearObjective, objective_of
 from mishutter.optimise import start_boxes
 from mishutter.plan import needed_speeds
-from mishutter.solvers import losses_at, polish, projected_gradient_norm
+from mishutter.solvers import Polished, losses_at, polish, projected_gradient_norm
 
 PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)
 LOSSES = {"design": DesignLoss(), "expected_error": ExpectedErrorLoss()}
@@ -145,3 +147,16 @@ def test_certificate_is_zero_at_a_corner_that_pushes_outwards():
     corner = np.array([0.0, 1.0])
     assert projected_gradient_norm(corner, np.array([2.0, -3.0])) == 0
     assert projected_gradient_norm(corner, np.array([-0.25, -3.0])) == 0.25
+
+
+def test_the_certificate_is_that_of_the_design_returned(monkeypatch):
+    """A polish that makes things worse is thrown away, and its certificate with it."""
+
+    def spoiled(objective, box, *, max_steps):
+        return Polished(box=box, loss=np.inf, certificate=0.0, num_steps=max_steps)
+
+    monkeypatch.setattr(sys.modules["mishutter.optimise"], "polish", spoiled)
+    loss = ExpectedErrorLoss()
+    design = optimise(SCENE, MOTION, TukeyShutter(0.5), loss=loss, free="shutter", plan=SMALL)
+    assert np.isfinite(design.loss)
+    assert design.certificate > 0
