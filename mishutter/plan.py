@@ -25,6 +25,7 @@ from mishutter.shutters import (
     TukeyShutter,
 )
 from mishutter.spectrum import default_num_frequencies
+from mishutter.speeds import distinct_speeds, quadrature
 from mishutter.types import is_concrete
 
 NUM_FREQUENCIES = 256
@@ -33,8 +34,6 @@ _SPARE_NODES = 12
 _MAX_TAPS = 1 << 14
 _MAX_NODES = 1 << 16
 _UNKNOWN_REACH = 256.0
-_SAME_SPEED = 4
-"""Roundings of the fastest speed within which two speeds are one."""
 _SYMMETRIC_WINDOWS = (RectShutter, HannShutter, TriangleShutter, GaussianShutter, TukeyShutter)
 
 
@@ -263,52 +262,6 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
         return scene.bare()
     speeds, weights = distinct_speeds(scene, folds=is_symmetric(shutter))
     return scene.bare(speeds=speeds, weights=weights)
-
-
-def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`.
-
-    Speeds that differ in their last digits alone, as those of a range that is meant to
-    mirror itself do, are one.
-    """
-    speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
-    speeds, weights = speeds[weights > 0], weights[weights > 0]
-    values = np.abs(speeds) if folds else speeds
-    order = np.argsort(values, kind="stable")
-    values, weights = values[order], weights[order]
-    rounding = _SAME_SPEED * np.finfo(values.dtype).eps * np.max(np.abs(values), initial=0)
-    begins = np.diff(values, prepend=-np.inf) > rounding
-    merged = np.bincount(np.cumsum(begins) - 1, weights)
-    return values[begins], merged.astype(weights.dtype)
-
-
-def quadrature(
-    speeds: np.ndarray, weights: np.ndarray, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    r"""Gauss rule of a distribution of speeds: `count` speeds that stand for all.
-
-    $\sum_j p'_j g(s'_j) = \sum_i p_i g(s_i)$ for every polynomial of degree below twice
-    `count`. Nodes and weights are those of the Jacobi matrix that Lanczos' recurrence
-    builds (Golub and Welsch, Math. Comp. 23, 1969); vectors are orthogonalised twice.
-    """
-    if count >= speeds.size:
-        return speeds, weights
-    centre, scale = float(np.mean(speeds)), float(np.ptp(speeds)) / 2
-    x = (speeds.astype(np.float64) - centre) / scale
-    basis = [np.sqrt(weights.astype(np.float64))]
-    diagonal, side = [], []
-    for _ in range(count):
-        vector = x * basis[-1]
-        diagonal.append(basis[-1] @ vector)
-        for _ in range(2):
-            vector -= np.array(basis).T @ (np.array(basis) @ vector)
-        side.append(np.linalg.norm(vector))
-        basis.append(vector / side[-1])
-    jacobi = np.diag(diagonal) + np.diag(side[:-1], 1) + np.diag(side[:-1], -1)
-    nodes, vectors = np.linalg.eigh(jacobi)
-    chosen_weights = vectors[0] ** 2
-    nodes = np.clip(centre + scale * nodes, speeds.min(), speeds.max())
-    return nodes.astype(speeds.dtype), (chosen_weights / chosen_weights.sum()).astype(weights.dtype)
 
 
 def is_symmetric(shutter: AbstractShutter) -> bool:

@@ -7,9 +7,10 @@ import numpy as np
 from mishutter.design_space import DesignSpace
 from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, WeightedSum
 from mishutter.losses.expected_error import ExpectedErrorLoss
-from mishutter.plan import Item, Plan, distinct_speeds
+from mishutter.plan import Item, Plan
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractAdjustableShutter, AbstractShutter
+from mishutter.speeds import distinct_speeds
 
 
 @dataclass(frozen=True)

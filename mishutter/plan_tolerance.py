@@ -16,11 +16,12 @@ from jaxtyping import Array
 from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, WeightedSum
 from mishutter.metrics import measured
 from mishutter.motion import AbstractMotion, StillCamera
-from mishutter.plan import Item, Plan, distinct_speeds, quadrature, reduced, size_class
+from mishutter.plan import Item, Plan, reduced, size_class
 from mishutter.plan_check import ROUNDING, everything, relative_change, results, results_of
 from mishutter.response import Records, assembled, records
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
+from mishutter.speeds import distinct_speeds, quadrature
 
 _NUM_SKIPS = 4
 _SAFETY = 2.0

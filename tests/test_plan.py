@@ -37,7 +37,8 @@ from mishutter import (
     plan,
     plan_error,
 )
-from mishutter.plan import distinct_speeds, reduced
+from mishutter.plan import reduced
+from mishutter.speeds import distinct_speeds
 
 LIMITS = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03)
 MOTION = ParabolicMotion(acceleration=11.0 / 1e-4, half_exposure=1e-2)
