@@ -3,5 +3,5 @@
 import sys
 from pathlib import Path
 
+# The references that errors are measured against are those of the tests.
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-"""The references that errors are measured against are those of the tests."""

@@ -8,11 +8,10 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import helpers  # noqa: E402 - found by the line above
+import helpers  # noqa: E402
 import numpy as np  # noqa: E402
 
 from benchmarks import harness  # noqa: E402
-from benchmarks.kernel import SHUTTERS  # noqa: E402,F401 - puts the tests on the path
 
 SLUGS = ("hann", "flutter", "spline", "tukey")
 NUM_POINTS = {"float64": 400, "float32": 200}

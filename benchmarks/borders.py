@@ -3,14 +3,10 @@
 Typical printout, on two cores of an Intel Xeon: see `RESULTS.md`.
 """
 
-import sys
-from pathlib import Path
-
 import jax
 import numpy as np
 
 jax.config.update("jax_enable_x64", True)
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import borders  # noqa: E402
 

@@ -3,15 +3,12 @@
 Typical printout, on two cores of an AMD EPYC shared with other work: see `RESULTS.md`.
 """
 
-import sys
-from pathlib import Path
 from time import perf_counter
 
 import jax
 import numpy as np
 
 jax.config.update("jax_enable_x64", True)
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from frame_reference import integrate_frames  # noqa: E402
 

@@ -19,7 +19,6 @@ import numpy as np  # noqa: E402
 from scipy.interpolate import BSpline  # noqa: E402
 
 from benchmarks import harness  # noqa: E402
-from benchmarks.kernel import SHUTTERS  # noqa: E402,F401 - puts the tests on the path
 from mishutter import (  # noqa: E402
     DesignLoss,
     ExpectedErrorLoss,

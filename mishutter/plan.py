@@ -208,7 +208,7 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     Scenes that differ in numbers alone come out with the same shapes.
     """
     power = _power_on_grid(scene, plan)
-    if not (plan.skips and is_concrete(scene.speeds) and is_concrete(scene.weights)):
+    if not (plan.skips and scene.speeds_known):
         return scene.bare(power_spectrum=power)
     speeds, weights = distinct_speeds(scene, folds=plan.folds)
     if plan.num_speeds is not None:
@@ -233,7 +233,7 @@ def size_class(count: int) -> int:
 
 def nothing_moves(scene: Scene) -> bool:
     """Whether every speed that occurs is known to be 0."""
-    if not (is_concrete(scene.speeds) and is_concrete(scene.weights)):
+    if not scene.speeds_known:
         return False
     return not np.any(np.asarray(scene.speeds)[np.asarray(scene.weights) > 0])
 
@@ -258,7 +258,7 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
     A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Nothing
     that is computed of the scene changes but by rounding.
     """
-    if not (is_concrete(scene.speeds) and is_concrete(scene.weights)):
+    if not scene.speeds_known:
         return scene.bare()
     speeds, weights = distinct_speeds(scene, folds=is_symmetric(shutter))
     return scene.bare(speeds=speeds, weights=weights)

@@ -22,7 +22,7 @@ from mishutter.files import write_bytes
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion
 from mishutter.pictures import Picture, to_display
-from mishutter.response import aligned_kernel, kernel_phase
+from mishutter.response import kernel_phase, kernels_at_speeds
 from mishutter.restoration import RestoredPhotograph
 from mishutter.shutters.base import AbstractShutter
 from mishutter.spectrum import transfer_function
@@ -90,10 +90,10 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
     for axes, (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
         phase = kernel_phase(motion, num_taps)
         edges = np.arange(num_taps + 1) + phase
-        for speed, style in zip(speeds, _styles(), strict=False):
-            dtype = motion.half_exposure.dtype
-            taps = aligned_kernel(shutter, motion, jnp.asarray(speed, dtype), num_taps)
-            axes.stairs(np.asarray(taps), edges, label=f"{speed:g} px/s", **style)
+        row = jnp.asarray(np.asarray(speeds), motion.half_exposure.dtype)
+        kernels = np.asarray(kernels_at_speeds(shutter, motion, row, num_taps))
+        for speed, taps, style in zip(speeds, kernels, _styles(), strict=False):
+            axes.stairs(taps, edges, label=f"{speed:g} px/s", **style)
         axes.set_title(f"{name}, stroke {float(motion.stroke):.3g} px", fontsize="medium")
         axes.set_ylabel("light / px")
     panels[0].legend()

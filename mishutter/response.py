@@ -131,8 +131,7 @@ def _kernels(
 ) -> tuple[Array, Array]:
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, profile)))
     with_rest = jnp.concatenate([jnp.zeros(1, dtype), speeds.astype(dtype)])
-    taps = jax.vmap(lambda s: aligned_kernel(profile, motion, s, num_taps))(with_rest)
-    return taps, _light(profile, dtype)
+    return kernels_at_speeds(profile, motion, with_rest, num_taps), _light(profile, dtype)
 
 
 @quick_to_compile
@@ -177,6 +176,14 @@ def aligned_kernel(
         return blur_kernel(shutter, motion, speed=speed, num_taps=num_taps)
     edges = jnp.arange(num_taps + 1, dtype=speed.dtype) + kernel_phase(motion, num_taps)
     return binned_exposure(shutter, motion, speed=speed, edges=edges)
+
+
+@quick_to_compile
+def kernels_at_speeds(
+    shutter: AbstractShutter, motion: AbstractMotion, speeds: Array, num_taps: int
+) -> Array:
+    """Aligned kernels of one length at several speeds, px/s; shape `(s, num_taps)`."""
+    return jax.vmap(lambda s: aligned_kernel(shutter, motion, s, num_taps))(speeds)
 
 
 def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Array:

@@ -234,9 +234,14 @@ class Scene(eqx.Module):
         )
 
     @property
+    def speeds_known(self) -> bool:
+        """Whether the speeds and weights can be looked at now, rather than being traced."""
+        return is_concrete(self.speeds) and is_concrete(self.weights)
+
+    @property
     def max_speed(self) -> Array:
         """Largest speed of either sign that occurs; px/s."""
-        if is_concrete(self.speeds) and is_concrete(self.weights):
+        if self.speeds_known:
             speeds, weights = np.asarray(self.speeds), np.asarray(self.weights)
             return jnp.asarray(np.max(np.abs(speeds), where=weights > 0, initial=0))
         return jnp.max(jnp.where(self.weights > 0, jnp.abs(self.speeds), 0))

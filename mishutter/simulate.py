@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.compiling import quick_to_compile
 from mishutter.frames import Frames, expose_frames
 from mishutter.kernel import support
 from mishutter.layers import Layers, expose_layers
@@ -18,7 +17,7 @@ from mishutter.noise import recorded, white_electrons
 from mishutter.picture_plan import distinct_colours, every_colour, skips
 from mishutter.pictures import Picture
 from mishutter.plan import PLANNED, Automatic, Plan, sized_for
-from mishutter.response import aligned_kernel
+from mishutter.response import kernels_at_speeds
 from mishutter.rows import channels_last, convolved, extended, require_border, rows_last
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
@@ -143,7 +142,7 @@ def capture_kernel(
     require_finite("simulate_capture(speed=...)", speed)
     num_taps, origin = kernel_layout(motion, speed)
     dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
-    taps = _kernel(shutter, motion, jnp.asarray(speed, dtype), num_taps)
+    (taps,) = kernels_at_speeds(shutter, motion, jnp.asarray(speed, dtype)[None], num_taps)
     return taps.astype(dtype), origin
 
 
@@ -224,19 +223,6 @@ def noisy(light: Array, scene: Scene, motion: AbstractMotion, key: Array) -> Arr
 def _check_light(scene: Scene, key: Array | None) -> None:
     lit = key is None or bool(scene.photon_rate > 0)
     require(lit, "simulate_capture(scene=...)", "have a photon rate above 0 e-/s", 0.0)
-
-
-@quick_to_compile
-def kernels_at_speeds(
-    shutter: AbstractShutter, motion: AbstractMotion, speeds: Array, num_taps: int
-) -> Array:
-    """Aligned kernels of one length at several speeds, px/s; shape `(s, num_taps)`."""
-    return jax.vmap(lambda s: aligned_kernel(shutter, motion, s, num_taps))(speeds)
-
-
-@eqx.filter_jit
-def _kernel(shutter: AbstractShutter, motion: AbstractMotion, speed: Array, num_taps: int):
-    return aligned_kernel(shutter, motion, speed, num_taps)
 
 
 @eqx.filter_jit

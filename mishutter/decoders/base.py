@@ -14,9 +14,10 @@ from mishutter.motion import AbstractMotion
 from mishutter.noise import noise_variance, white_electrons
 from mishutter.picture_plan import skips
 from mishutter.plan import NUM_FREQUENCIES, PLANNED, Automatic, Plan, needed_speeds
+from mishutter.response import kernels_at_speeds
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
-from mishutter.simulate import kernel_layout, kernels_at_speeds
+from mishutter.simulate import kernel_layout
 from mishutter.types import common_dtype
 
 
