@@ -14,10 +14,11 @@ from mishutter.kernel import support
 from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.path import safe_sqrt
 from mishutter.plan import PLANNED, Automatic, Plan, chosen, lowered, reduced
-from mishutter.response import Records, Response, assembled, frequency_grid, kernel_phase, records
+from mishutter.response import Records, Response, assembled, kernel_phase, records
 from mishutter.scene import CORNER_FREQUENCY, Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.spectrum import condition_number
+from mishutter.waves import frequency_grid
 
 
 @final

@@ -14,7 +14,7 @@ from mishutter.design import Design
 from mishutter.design_space import FREE_NAMES, DesignSpace, design_space
 from mishutter.losses.base import AbstractLoss
 from mishutter.motion import AbstractMotion
-from mishutter.objective import objective_of
+from mishutter.objective import objective_of, roughly
 from mishutter.plan import PLANNED, Automatic, Plan, reduced
 from mishutter.planning import design_at, full_sizes
 from mishutter.planning import plan as plan_of_scene
@@ -108,10 +108,14 @@ def optimise(
     first = losses_at(objective, starts)
     history = np.minimum.accumulate(first)
     if space.size > _GRID_COORDINATES:
-        descent = descend(objective, jnp.asarray(starts), max_steps=max_steps, progress=progress)
+        rough = roughly(objective)
+        descent = descend(rough, jnp.asarray(starts), max_steps=max_steps, progress=progress)
+        ends = descent.boxes[np.argsort(descent.losses, kind="stable")[:_NUM_POLISHED]]
         history = descent.history
-        candidates = np.concatenate([descent.boxes, starts])
-        losses = np.concatenate([descent.losses, first])
+        if rough is not objective:
+            history = np.minimum.accumulate(losses_at(objective, descent.trail))
+        candidates = np.concatenate([ends, starts])
+        losses = np.concatenate([losses_at(objective, ends), first])
         num_polished = 1
     else:
         candidates, losses, num_polished = starts, first, _NUM_POLISHED

@@ -90,7 +90,7 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
     for axes, (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
         phase = kernel_phase(motion, num_taps)
         edges = np.arange(num_taps + 1) + phase
-        row = jnp.asarray(np.asarray(speeds), motion.half_exposure.dtype)
+        row = np.asarray(speeds, motion.half_exposure.dtype)
         kernels = np.asarray(kernels_at_speeds(shutter, motion, row, num_taps))
         for speed, taps, style in zip(speeds, kernels, _styles(), strict=False):
             axes.stairs(taps, edges, label=f"{speed:g} px/s", **style)

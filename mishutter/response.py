@@ -2,9 +2,7 @@ r"""What a shutter on a motion does to a scene: kernels, transfer functions, lig
 
 Everything here is linear in the transmittance. The transfer functions are taken at
 the centres of equal steps in (0, 0.5) cycles/px, by Gauss-Legendre quadrature between
-the shutter's breakpoints; on such a grid $e^{-2\pi i f_m x}$ factors into a coarse and a
-fine power, so that a node costs $2\sqrt{M}$ exponentials instead of $M$ and the rest is
-a matrix product.
+the shutter's breakpoints.
 """
 
 import math
@@ -20,7 +18,7 @@ from jaxtyping import Array
 from mishutter.compiling import quick_to_compile
 from mishutter.kernel import binned_exposure, blur_kernel
 from mishutter.motion import AbstractMotion, StillCamera
-from mishutter.plan import Plan
+from mishutter.plan import Plan, size_class
 from mishutter.scene import Scene
 from mishutter.shutters.base import (
     AbstractPiecewiseShutter,
@@ -28,9 +26,11 @@ from mishutter.shutters.base import (
     integrated_transmittance,
 )
 from mishutter.shutters.sampled import piecewise
-from mishutter.types import common_dtype
+from mishutter.types import common_dtype, is_concrete
+from mishutter.waves import sum_of_waves
 
 _MAX_PANEL_NODES, _MIN_PANEL_NODES = 128, 12
+_SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 192
 
 
 @final
@@ -99,16 +99,14 @@ def records(
     """
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
     profile = piecewise(shutter)
-    nothing = np.zeros(0, dtype)
-    taps, light = nothing, nothing
+    taps = response = np.zeros(0, dtype)
     if kernels:
         moving = scene.speeds if differences and not plan.still else scene.speeds[:0]
-        taps, light = _kernels(profile, motion, moving, plan.num_taps)
-    response = nothing
+        taps = kernels_at_speeds(profile, motion, _with_rest(moving), plan.num_taps)
     if spectra:
         sizes = plan.num_nodes, plan.num_frequencies, plan.num_kept
         response, light = _spectra(profile, motion, scene.speeds, *sizes)
-    if not (kernels or spectra):
+    else:
         light = _only_light(profile, motion, scene.speeds)
     return Records(jnp.asarray(taps), jnp.asarray(response), jnp.asarray(light))
 
@@ -125,13 +123,10 @@ def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
     return Response(still, spectrum, differences, recorded.spectra, recorded.efficiency)
 
 
-@quick_to_compile
-def _kernels(
-    profile: AbstractPiecewiseShutter, motion: AbstractMotion, speeds: Array, num_taps: int
-) -> tuple[Array, Array]:
-    dtype = common_dtype(*jax.tree.leaves((speeds, motion, profile)))
-    with_rest = jnp.concatenate([jnp.zeros(1, dtype), speeds.astype(dtype)])
-    return kernels_at_speeds(profile, motion, with_rest, num_taps), _light(profile, dtype)
+def _with_rest(speeds: Array) -> Array | np.ndarray:
+    """Speeds after that of an object at rest; on the host where they are known."""
+    rest = np.zeros(1, speeds.dtype)
+    return np.append(rest, speeds) if is_concrete(speeds) else jnp.append(rest, speeds)
 
 
 @quick_to_compile
@@ -168,27 +163,48 @@ def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:
     return -0.5 - num_taps // 2 if isinstance(motion, StillCamera) else 0.0
 
 
-def aligned_kernel(
-    shutter: AbstractShutter, motion: AbstractMotion, speed: Array, num_taps: int
+def kernels_at_speeds(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    speeds: Array | np.ndarray,
+    num_taps: int,
 ) -> Array:
-    """Kernel with the displacement removed that no decoder can see; shape `(n,)`."""
-    if not isinstance(motion, StillCamera):
-        return blur_kernel(shutter, motion, speed=speed, num_taps=num_taps)
-    edges = jnp.arange(num_taps + 1, dtype=speed.dtype) + kernel_phase(motion, num_taps)
-    return binned_exposure(shutter, motion, speed=speed, edges=edges)
+    """Aligned kernels of one length at several speeds, px/s; shape `(s, num_taps)`.
+
+    Known ones are computed eight at a time and cut from longer ones, so that one program
+    for each kind of shutter serves whoever asks, for however many.
+    """
+    dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
+    first = np.asarray(kernel_phase(motion, num_taps), dtype)
+    if not all(is_concrete(leaf) for leaf in jax.tree.leaves((shutter, motion, speeds))):
+        return _kernels_from(shutter, motion, jnp.asarray(speeds, dtype), first, num_taps)
+    count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
+    padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
+    kernels = [
+        np.asarray(_kernels_from(shutter, motion, some, first, length))
+        for some in padded.reshape(-1, _SPEEDS_AT_ONCE)
+    ]
+    return jnp.asarray(np.concatenate(kernels)[:count, :num_taps])
 
 
 @quick_to_compile
-def kernels_at_speeds(
-    shutter: AbstractShutter, motion: AbstractMotion, speeds: Array, num_taps: int
+def _kernels_from(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    speeds: Array | np.ndarray,
+    first: Array | np.ndarray,
+    num_taps: int,
 ) -> Array:
-    """Aligned kernels of one length at several speeds, px/s; shape `(s, num_taps)`."""
-    return jax.vmap(lambda s: aligned_kernel(shutter, motion, s, num_taps))(speeds)
+    """Kernels whose first tap begins at a position from the point of alignment, px."""
 
+    def moving(speed: Array) -> Array:
+        return blur_kernel(shutter, motion, speed=speed, num_taps=num_taps, phase=first)
 
-def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Array:
-    """Centres of equal steps in (0, 0.5); cycles/px, shape `(m,)`."""
-    return (jnp.arange(num_frequencies, dtype=dtype) + 0.5) * (0.5 / num_frequencies)
+    def still(speed: Array) -> Array:
+        edges = jnp.arange(num_taps + 1, dtype=speed.dtype) + first
+        return binned_exposure(shutter, motion, speed=speed, edges=edges)
+
+    return jax.vmap(still if isinstance(motion, StillCamera) else moving)(jnp.asarray(speeds))
 
 
 def aligned_spectra(
@@ -211,7 +227,7 @@ def aligned_spectra(
     vertex = -_safe_ratio(smear**2, 4 * stroke)
     tau = tau[None]
     position = tau * (stroke * tau - smear) - vertex
-    return _sum_of_waves(position, light[None], num_frequencies, num_kept or num_frequencies)
+    return sum_of_waves(position, light[None], num_frequencies, num_kept or num_frequencies)
 
 
 def _safe_ratio(numerator: Array, denominator: Array) -> Array:
@@ -245,38 +261,3 @@ def _panel_rule(num_panels: int, num_nodes: int) -> tuple[np.ndarray, np.ndarray
     panels = np.arange(num_panels)[:, None]
     spread = (panels + (nodes + 1) / 2) / num_panels
     return spread.ravel(), np.tile(weights / (2 * num_panels), num_panels)
-
-
-def _sum_of_waves(position: Array, light: Array, num_frequencies: int, num_kept: int) -> Array:
-    r"""$\sum_q l_q e^{-2\pi i f_m x_q}$ on the lowest of the grid; `(s, num_kept)`, complex."""
-    num_fine = 1 << (max(num_kept - 1, 1).bit_length() + 1) // 2
-    num_coarse = -(-num_kept // num_fine)
-    step = (np.pi / num_frequencies) * position
-    half = _Wave(light * jnp.cos(step / 2), light * jnp.sin(step / 2))
-    fine = _powers(half, step, num_fine)
-    ones = _Wave(jnp.ones_like(step), jnp.zeros_like(step))
-    coarse = _powers(ones, num_fine * step, num_coarse)
-    left = jnp.concatenate([coarse.real, coarse.imag])
-    right = jnp.concatenate([fine.real, fine.imag])
-    product = jnp.einsum("psq,rsq->spr", left, right)
-    (cc, cs), (sc, ss) = (jnp.split(part, 2, axis=2) for part in jnp.split(product, 2, axis=1))
-    waves = jax.lax.complex(cc - ss, -(cs + sc))
-    return waves.reshape(position.shape[0], -1)[:, :num_kept]
-
-
-class _Wave(NamedTuple):
-    """Complex numbers by parts: on a CPU their products vectorise, sines do not."""
-
-    real: Array
-    imag: Array
-
-
-def _powers(first: _Wave, angle: Array, count: int) -> _Wave:
-    """First times 0, 1, ... rotations by an angle; the count leads the shape."""
-    cosine, sine = jnp.cos(angle), jnp.sin(angle)
-
-    def rotate(wave: _Wave, _: None) -> tuple[_Wave, _Wave]:
-        turned = _Wave(wave.real * cosine - wave.imag * sine, wave.real * sine + wave.imag * cosine)
-        return turned, wave
-
-    return jax.lax.scan(rotate, first, length=count)[1]

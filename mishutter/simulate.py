@@ -114,9 +114,8 @@ def blurred_at_speeds(
     speed, by kernels of one length (see `kernel_layout`), so that one program serves all.
     """
     num_taps, origin = kernel_layout(motion, *speeds)
-    row = jnp.asarray(np.asarray(speeds), light.dtype)
     planes = rows_last(distinct_colours(light, plan))
-    for kernel in kernels_at_speeds(shutter, motion, row, num_taps):
+    for kernel in kernels_at_speeds(shutter, motion, np.asarray(speeds), num_taps):
         taps = kernel.astype(light.dtype)
         yield every_colour(channels_last(_blurred(planes, taps, origin, "scene"), light), light)
 
@@ -142,7 +141,7 @@ def capture_kernel(
     require_finite("simulate_capture(speed=...)", speed)
     num_taps, origin = kernel_layout(motion, speed)
     dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
-    (taps,) = kernels_at_speeds(shutter, motion, jnp.asarray(speed, dtype)[None], num_taps)
+    (taps,) = kernels_at_speeds(shutter, motion, np.asarray([float(speed)], dtype), num_taps)
     return taps.astype(dtype), origin
 
 
@@ -201,7 +200,6 @@ def as_light(picture: Picture | ArrayLike) -> Array:
     return jnp.asarray(picture, common_dtype(picture))
 
 
-@eqx.filter_jit
 def _recorded(
     light: Array,
     scene: Scene,

@@ -31,12 +31,14 @@ class Descent(NamedTuple):
         boxes: Final points; shape `(starts, size)`.
         losses: Their losses; shape `(starts,)`.
         history: Smallest loss so far after each step.
+        trail: The best of the points after each step; shape `(steps, size)`.
         num_unfinished: Starts that still moved when the steps were used up.
     """
 
     boxes: np.ndarray
     losses: np.ndarray
     history: np.ndarray
+    trail: np.ndarray
     num_unfinished: int
 
 
@@ -58,22 +60,25 @@ def descend(
     """
     state = _start(objective, starts)
     history: list[np.ndarray] = []
+    trail: list[np.ndarray] = []
     steps_left = max_steps
     while steps_left > 0:
         count = min(_STEPS_PER_CALL, steps_left)
-        state, best, finite, done = _advance(objective, state, jnp.asarray(count), _STEPS_PER_CALL)
+        state, met, finite, done = _advance(objective, state, jnp.asarray(count), _STEPS_PER_CALL)
         _check_finite(finite)
         steps_left -= count
-        best = np.asarray(best)[:count]
-        history.append(best[np.isfinite(best)])
+        taken = np.isfinite(met.loss)
+        history.append(np.asarray(met.loss)[taken])
+        trail.append(np.sin(np.asarray(met.theta)[taken]) ** 2)
         if progress is not None and history[-1].size:
             progress(max_steps - steps_left, float(history[-1][-1]))
         if bool(np.all(np.asarray(done))):
             break
     boxes = np.sin(np.asarray(state.theta)) ** 2
     losses = np.asarray(state.solver.f_info.f)
-    lowest = np.minimum.accumulate(np.concatenate(history)) if history else np.array([])
-    return Descent(boxes, losses, lowest, int(np.sum(~np.asarray(state.done))))
+    lowest = np.minimum.accumulate(np.concatenate(history))
+    unfinished = int(np.sum(~np.asarray(state.done)))
+    return Descent(boxes, losses, lowest, np.concatenate(trail), unfinished)
 
 
 @final
@@ -81,6 +86,13 @@ class _State(eqx.Module):
     theta: Array
     solver: Any
     done: Array
+
+
+class _Met(NamedTuple):
+    """The least loss after each of some steps, NaN for those not taken, and where it was."""
+
+    loss: Array
+    theta: Array
 
 
 _SOLVER = optx.BFGS(rtol=_TOLERANCE, atol=_TOLERANCE)
@@ -106,33 +118,34 @@ def _advance(objective: AbstractObjective, state: _State, num_steps: Array, capa
     function = _in_angles(objective)
     dynamic, static = eqx.partition(state, eqx.is_array)
 
-    def one(theta, solver_state, done):
-        moved, after, _ = _SOLVER.step(function, theta, None, {}, solver_state, frozenset())
+    def step(state: _State) -> _State:
+        moved, after, _ = _SOLVER.step(function, state.theta, None, {}, state.solver, frozenset())
         ended, _ = _SOLVER.terminate(function, moved, None, {}, after, frozenset())
-        keep = lambda old, new: jnp.where(done, old, new)  # noqa: E731
-        old_arrays, _ = eqx.partition(solver_state, eqx.is_array)
-        new_arrays, rest = eqx.partition(after, eqx.is_array)
-        kept = eqx.combine(jax.tree.map(keep, old_arrays, new_arrays), rest)
-        return keep(theta, moved), kept, done | ended
+        return _State(moved, after, ended)
+
+    def one(arrays: _State) -> _State:
+        kept = lambda: arrays  # noqa: E731
+        moved = lambda: eqx.filter(step(eqx.combine(arrays, static)), eqx.is_array)  # noqa: E731
+        return jax.lax.cond(arrays.done, kept, moved)
 
     def body(carry):
-        count, arrays, best, finite = carry
-        now = eqx.combine(arrays, static)
-        theta, solver, done = eqx.filter_vmap(one)(now.theta, now.solver, now.done)
-        loss, gradient = solver.f_info.f, solver.f_info.grad
+        count, arrays, met, finite = carry
+        arrays = jax.vmap(one)(arrays) if objective.batches else jax.lax.map(one, arrays)
+        loss, gradient = arrays.solver.f_info.f, arrays.solver.f_info.grad
         finite &= jnp.isfinite(loss) & jnp.all(jnp.isfinite(gradient), axis=1)
-        best = best.at[count].set(jnp.min(loss))
-        arrays, _ = eqx.partition(_State(theta, solver, done), eqx.is_array)
-        return count + 1, arrays, best, finite
+        best = jnp.argmin(loss)
+        met = _Met(met.loss.at[count].set(loss[best]), met.theta.at[count].set(arrays.theta[best]))
+        return count + 1, arrays, met, finite
 
     def unfinished(carry):
         count, arrays, _, finite = carry
         return (count < num_steps) & jnp.any(~arrays.done) & jnp.all(finite)
 
-    best = jnp.full(capacity, jnp.nan, state.theta.dtype)
-    first = (jnp.zeros((), jnp.int32), dynamic, best, jnp.ones_like(state.done))
-    _, arrays, best, finite = jax.lax.while_loop(unfinished, body, first)
-    return eqx.combine(arrays, static), best, finite, arrays.done
+    dtype, size = state.theta.dtype, state.theta.shape[1]
+    met = _Met(jnp.full(capacity, jnp.nan, dtype), jnp.zeros((capacity, size), dtype))
+    first = (jnp.zeros((), jnp.int32), dynamic, met, jnp.ones_like(state.done))
+    _, arrays, met, finite = jax.lax.while_loop(unfinished, body, first)
+    return eqx.combine(arrays, static), met, finite, arrays.done
 
 
 def _check_finite(finite: Array | np.ndarray) -> None:

@@ -21,7 +21,7 @@ from jaxtyping import Array
 from mishutter.losses.base import AbstractResponseLoss
 from mishutter.motion import ParabolicMotion
 from mishutter.plan import NUM_FREQUENCIES, Plan, sizes
-from mishutter.response import Response, frequency_grid
+from mishutter.response import Response
 from mishutter.scene import Scene
 from mishutter.shutters import HannShutter, RectShutter, SplineShutter, TukeyShutter
 from mishutter.sweep_grid import Block, Search
@@ -29,6 +29,7 @@ from mishutter.sweep_layout import Kit, Layout
 from mishutter.sweep_points import SceneNumbers, Tile
 from mishutter.sweep_tables import Tables
 from mishutter.sweep_tiles import Spectra, aligned_spectra
+from mishutter.waves import frequency_grid
 
 _TOLERANCE = 1e-6
 _MARGIN = 0.02

@@ -152,5 +152,5 @@ def start_jax() -> None:
     if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
         folder = user_cache_path("mishutter", appauthor=False) / "jax"
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -7,9 +7,9 @@ import numpy as np
 
 from mishutter.metrics import picture_power
 from mishutter.plan import NUM_FREQUENCIES
-from mishutter.response import frequency_grid
 from mishutter.scene import Scene
 from mishutter.types import RowLike, require
+from mishutter.waves import frequency_grid
 
 if TYPE_CHECKING:
     import xarray

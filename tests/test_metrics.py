@@ -22,7 +22,8 @@ from mishutter import (
 )
 from mishutter.metrics import expected_squared_error
 from mishutter.plan import Plan, sizes
-from mishutter.response import frequency_grid, respond
+from mishutter.response import respond
+from mishutter.waves import frequency_grid
 
 HALF_EXPOSURE = 0.013
 MOTION = ParabolicMotion(acceleration=31.0 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)

@@ -12,7 +12,7 @@ from frame_reference import integrate_frames
 
 import mishutter as ms
 import mishutter.layers_file
-from mishutter.noise import noise_variance, recorded
+from mishutter.noise import noise_variance, recorded, shot_electrons
 from mishutter.pictures import shipped_picture
 
 HALF = 0.011
@@ -102,6 +102,29 @@ def test_noise_has_the_variance_of_equation_four():
     assert variance == pytest.approx(0.3 / p + (6.0 / p) ** 2)
     assert abs(float(jnp.mean(noisy)) - 0.3) < 4 * np.sqrt(variance / light.size)
     assert float(jnp.var(noisy)) == pytest.approx(variance, rel=4 * np.sqrt(2 / light.size))
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.3, 40.0, 3e7, 4e16])
+def test_shot_noise_is_poisson(mean):
+    """Mean and variance are the number expected, from none to more than can be counted."""
+    drawn = np.asarray(shot_electrons(jax.random.key(5), jnp.full(40_000, mean)))
+    assert abs(drawn.mean() - mean) <= 4 * np.sqrt(mean / drawn.size)
+    fourth = np.sqrt((2 * mean**2 + mean) / drawn.size)
+    assert abs(drawn.var() - mean) <= 5 * fourth
+
+
+def test_a_key_gives_the_same_noise_compiled_and_batched():
+    """`jit` and `vmap` over keys draw what single calls draw, and keys differ."""
+    light = jnp.asarray(rows(6, 30, 1)[..., 0])
+    keys = jax.random.split(jax.random.key(2), 3)
+
+    def capture(key):
+        return ms.simulate_capture(light, SCENE, MOVING, ms.HannShutter(), key=key)
+
+    each = np.stack([capture(key) for key in keys])
+    np.testing.assert_allclose(jax.vmap(capture)(keys), each, atol=1e-12)
+    np.testing.assert_allclose(jax.jit(capture)(keys[1]), each[1], atol=1e-12)
+    assert np.all(each[0] != each[1])
 
 
 def test_full_well_and_converter():

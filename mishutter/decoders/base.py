@@ -4,8 +4,6 @@ from abc import abstractmethod
 from typing import final
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -18,7 +16,6 @@ from mishutter.response import kernels_at_speeds
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.simulate import kernel_layout
-from mishutter.types import common_dtype
 
 
 @final
@@ -127,8 +124,7 @@ def blur_model(
     if skips(plan):
         kept = needed_speeds(scene, shutter)
         speeds, weights = np.asarray(kept.speeds), np.asarray(kept.weights, np.float64)
-    dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
-    with_still = jnp.concatenate([jnp.asarray(speeds, dtype), jnp.zeros(1, dtype)])
+    with_still = np.append(speeds, speeds.dtype.type(0))
     kernels = np.asarray(kernels_at_speeds(shutter, motion, with_still, num_taps), np.float64)
     electrons = float(white_electrons(scene, motion))
     light = np.sum(kernels[-1])
