@@ -22,7 +22,7 @@ from mishutter.rows import channels_last, convolved, extended, require_border, r
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.tiles import expose_tiles
-from mishutter.types import common_dtype, require, require_finite, require_scalar
+from mishutter.types import common_dtype, is_concrete, require, require_finite, require_scalar
 
 MAX_TAPS = 1 << 13
 """Longest kernel that a capture is simulated with; px."""
@@ -219,7 +219,8 @@ def noisy(light: Array, scene: Scene, motion: AbstractMotion, key: Array) -> Arr
 
 
 def _check_light(scene: Scene, key: Array | None) -> None:
-    lit = key is None or bool(scene.photon_rate > 0)
+    rate = scene.photon_rate
+    lit = key is None or not is_concrete(rate) or float(rate) > 0
     require(lit, "simulate_capture(scene=...)", "have a photon rate above 0 e-/s", 0.0)
 
 
