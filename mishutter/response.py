@@ -180,10 +180,11 @@ def kernels_at_speeds(
         return _kernels_from(shutter, motion, jnp.asarray(speeds, dtype), first, num_taps)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
-    kernels = [
-        np.asarray(_kernels_from(shutter, motion, some, first, length))
-        for some in padded.reshape(-1, _SPEEDS_AT_ONCE)
-    ]
+    with jax.ensure_compile_time_eval():
+        kernels = [
+            np.asarray(_kernels_from(shutter, motion, some, first, length))
+            for some in padded.reshape(-1, _SPEEDS_AT_ONCE)
+        ]
     return jnp.asarray(np.concatenate(kernels)[:count, :num_taps])
 
 

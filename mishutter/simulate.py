@@ -180,12 +180,13 @@ def kernel_layout(motion: AbstractMotion, *speeds: float) -> tuple[int, int]:
         ValueError: if the kernel would be longer than 8,192 px.
     """
     fastest = max(abs(float(s)) for s in speeds)
-    reach = float(support(motion, fastest))
+    with jax.ensure_compile_time_eval():
+        reach, stroke = float(support(motion, fastest)), float(motion.stroke)
     smear = 2 * fastest * float(motion.half_exposure)
     longest = max(reach, smear) + 1
     held = math.isfinite(longest) and longest <= MAX_TAPS
     require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_TAPS} px", longest)
-    num_taps = sized_for(longest - 1, float(motion.stroke) + smear / 2).num_taps
+    num_taps = sized_for(longest - 1, stroke + smear / 2).num_taps
     return num_taps, num_taps // 2 if isinstance(motion, StillCamera) else 0
 
 

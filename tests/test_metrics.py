@@ -190,3 +190,15 @@ def test_single_precision_is_kept():
     for name in ("condition_number", "efficiency", "expected_psnr", "bound_share"):
         assert getattr(single, name).dtype == np.float32
         assert np.isclose(getattr(single, name), getattr(double, name), rtol=2e-3)
+
+
+def test_light_may_be_traced_where_the_motion_is_known():
+    """Metrics of a known design compile, and vary with the scene's light alone."""
+
+    def expected(rate):
+        scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=6.0)
+        return evaluate(scene, MOTION, SHUTTER).expected_psnr
+
+    found = jax.jit(expected)(jnp.asarray(3e5))
+    np.testing.assert_allclose(found, expected(jnp.asarray(3e5)), rtol=1e-12)
+    assert float(jax.grad(expected)(jnp.asarray(3e5))) > 0
