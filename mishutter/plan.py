@@ -55,14 +55,15 @@ class Item:
         full: How much of it a full computation has.
         kept: How much of it is left.
         why: Why that is enough.
-        bound: Largest relative change of a result by it; 0 for an exact skip.
+        bound: Largest relative change of a result by it; 0 for an exact skip, None where it
+            leaves out what is below the noise.
     """
 
     name: str
     full: str
     kept: str
     why: str
-    bound: float = 0.0
+    bound: float | None = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class Plan:
     @property
     def bound(self) -> float:
         """Largest relative change of a result by all skips together."""
-        return sum(item.bound for item in self.items)
+        return sum(item.bound or 0.0 for item in self.items)
 
     def __str__(self) -> str:
         header = Item("item", "full", "kept", "why")
@@ -129,8 +130,8 @@ class Plan:
 def _line(row: Item, widths: list[int], is_header: bool) -> str:
     cells = zip((row.name, row.full, row.kept), widths, strict=True)
     text = "  ".join(cell.ljust(width) for cell, width in cells)
-    bound = "error bound" if is_header else "exact" if row.bound == 0 else f"{row.bound:.1e}"
-    return f"{text}  {bound:<11}  {row.why}"
+    bound = "the noise" if row.bound is None else f"{row.bound:.1e}" if row.bound else "exact"
+    return f"{text}  {'error bound' if is_header else bound:<11}  {row.why}"
 
 
 def sizes(scene: Scene, motion: AbstractMotion) -> Plan:

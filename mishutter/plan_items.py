@@ -12,6 +12,10 @@ from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractAdjustableShutter, AbstractShutter
 from mishutter.speeds import distinct_speeds
 
+STOPS_AT_NOISE = Item(
+    "decoder steps", "all", "to noise", "what Richardson-Lucy leaves then is noise", bound=None
+)
+
 
 @dataclass(frozen=True)
 class Needs:

@@ -24,7 +24,7 @@ from mishutter.plan import (
     sizes,
 )
 from mishutter.plan_check import WrongPlanError, check_plan
-from mishutter.plan_items import Needs, items_of, needs_of
+from mishutter.plan_items import STOPS_AT_NOISE, Needs, items_of, needs_of
 from mishutter.plan_tolerance import toleranced
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
@@ -42,7 +42,9 @@ def plan(
 ) -> Plan:
     """What a scene needs computed, and why the rest can be left out.
 
-    With `tolerance = 0` only what cannot change a result beyond rounding is left out.
+    With `tolerance = 0` only what cannot change a result beyond rounding is left out. With
+    a positive one Richardson-Lucy also stops where what it leaves unexplained is noise;
+    that changes a restored picture by about as much.
 
     Args:
         scene: Speeds, light, noise, spectrum and limits; concrete.
@@ -81,7 +83,8 @@ def plan(
     )
     if space is None and found.num_kept not in (None, exact.num_kept):
         found = _with_fewer_nodes(found, scene, motion)
-    return _confirmed(found, exact, scene, motion, shutter, loss)
+    kept = _confirmed(found, exact, scene, motion, shutter, loss)
+    return replace(kept, items=(*kept.items, STOPS_AT_NOISE))
 
 
 def _with_fewer_nodes(found: Plan, scene: Scene, motion: AbstractMotion) -> Plan:

@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike
 from mishutter.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.decoders.linear import expected_squared_error
 from mishutter.motion import AbstractMotion
-from mishutter.picture_plan import distinct_colours, every_colour
+from mishutter.picture_plan import distinct_colours, every_colour, tolerates
 from mishutter.pictures import Picture
 from mishutter.plan import PLANNED, Automatic, Plan
 from mishutter.quality import psnr
@@ -71,7 +71,8 @@ def deconvolve(
         shutter: Transmittance over the exposure.
         decoder: How; the ensemble filter by default.
         model: What `blur_model` gives for these, if it is at hand.
-        plan: What to compute: by default equal colours once; None for everything.
+        plan: What to compute: by default equal colours once; with a plan that has a
+            tolerance an iterative decoder also stops at the noise; None for everything.
 
     Returns:
         Light of the picture, white = 1; the shape of `captured`. A moving object stays
@@ -82,6 +83,7 @@ def deconvolve(
     """
     light = as_light(captured)
     chosen = EnsembleDecoder() if decoder is None else decoder
+    chosen = chosen.stopping_at_noise() if tolerates(plan) else chosen
     known = blur_model(scene, motion, shutter, plan=plan) if model is None else model
     distinct = distinct_colours(light, plan)
     restored = channels_last(chosen.restore(rows_last(distinct), known), light)

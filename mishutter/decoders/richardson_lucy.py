@@ -1,5 +1,6 @@
 """Richardson-Lucy deconvolution along rows: plain, accelerated, stopped at the noise."""
 
+from dataclasses import replace
 from typing import NamedTuple, final
 
 import equinox as eqx
@@ -49,6 +50,9 @@ class RichardsonLucyDecoder(AbstractDecoder):
 
     def __check_init__(self) -> None:
         require_positive_int("RichardsonLucyDecoder(num_iterations=...)", self.num_iterations)
+
+    def stopping_at_noise(self) -> "RichardsonLucyDecoder":
+        return replace(self, until_noise=True)
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
         operator = banded(model.assumed)
