@@ -23,7 +23,7 @@ MARGIN = 100
 DECODERS = {
     "30 steps": ms.RichardsonLucyDecoder(ITERATIONS),
     "accelerated, stopped at the noise": ms.RichardsonLucyDecoder(
-        ITERATIONS, accelerated=True, until_noise=True
+        ITERATIONS, accelerated=True, until_noise=True, start="wiener"
     ),
 }
 TEXT = """## Richardson-Lucy beside scikit-image

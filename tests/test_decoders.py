@@ -23,6 +23,7 @@ DECODERS = {
     "richardson-lucy": ms.RichardsonLucyDecoder(),
     "accelerated": ms.RichardsonLucyDecoder(accelerated=True),
     "until the noise": ms.RichardsonLucyDecoder(accelerated=True, until_noise=True),
+    "from Wiener": ms.RichardsonLucyDecoder(accelerated=True, until_noise=True, start="wiener"),
 }
 
 
@@ -181,10 +182,25 @@ def test_stopping_at_the_noise_keeps_it_out():
     assert results[1] > results[0] + 1
 
 
+@pytest.mark.parametrize("photon_rate", [3e4, 1e6])
+def test_from_wieners_estimate_it_goes_further(photon_rate):
+    """Started from Wiener's estimate it ends above thirty steps from the capture."""
+    known = scene(photon_rate=photon_rate, mean_level=0.21, deviation=0.2)
+    results = [
+        ms.restore_photograph(
+            photograph(), known, camera(), ms.HannShutter(), decoder=d, speeds=[0.0], num_seeds=1
+        ).psnr[0]
+        for d in (ms.RichardsonLucyDecoder(), DECODERS["from Wiener"])
+    ]
+    assert results[1] > results[0] + 0.3
+
+
 def test_refusals():
     """Parameters out of range are refused in one line."""
     with pytest.raises(ValueError, match="must be a positive integer; got 0"):
         ms.RichardsonLucyDecoder(0)
+    with pytest.raises(ValueError, match="must be 'capture' or 'wiener'; got 'flat'"):
+        ms.RichardsonLucyDecoder(start="flat")
     with pytest.raises(ValueError, match="must be above 0; got -1"):
         ms.TotalVariationDecoder(strength=-1.0)
     with pytest.raises(ValueError, match="must be a positive integer"):

@@ -12,11 +12,13 @@ from jaxtyping import Array, ArrayLike
 from mishutter.decoders.banded import BandedConvolution, banded
 from mishutter.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoders.borders import Continuation, continuation
-from mishutter.decoders.linear import share_left_unexplained
+from mishutter.decoders.linear import share_left_unexplained, wiener_filter
 from mishutter.rows import along_rows
 from mishutter.types import require, require_positive_int
 
 _LEAST = 1e-6
+_DARKEST = 0.02
+"""Least share of its light that a pixel starts with: from nothing no step leads away."""
 _TILE = 128
 """Rows that are iterated on together: few enough that they stay in the cache."""
 _SAMPLE = 64
@@ -39,17 +41,22 @@ class RichardsonLucyDecoder(AbstractDecoder):
             $(g - Hf)^2 / (Hf/p + (\sigma/p)^2)$, over a sample of its rows, is at most
             what Wiener's filter is expected to leave. That is less than 1, the more so
             the better a blur can be inverted; at 1 the picture is still soft.
+        start: What the first step starts from: `"capture"`, $g/\eta$, or `"wiener"`, what
+            Wiener's filter makes of it, which is nearer and shows more of fine detail.
 
     Raises:
-        ValueError: if `num_iterations` is not a positive integer.
+        ValueError: if `num_iterations` is not a positive integer or `start` not one of the two.
     """
 
     num_iterations: int = eqx.field(static=True, default=30)
     accelerated: bool = eqx.field(static=True, default=False)
     until_noise: bool = eqx.field(static=True, default=False)
+    start: str = eqx.field(static=True, default="capture")
 
     def __check_init__(self) -> None:
         require_positive_int("RichardsonLucyDecoder(num_iterations=...)", self.num_iterations)
+        known, subject = self.start in ("capture", "wiener"), "RichardsonLucyDecoder(start=...)"
+        require(known, subject, "be 'capture' or 'wiener'", self.start)
 
     def stopping_at_noise(self) -> "RichardsonLucyDecoder":
         return replace(self, until_noise=True)
@@ -67,8 +74,9 @@ class RichardsonLucyDecoder(AbstractDecoder):
             numbers = (1 / model.electrons, model.read_variance, left)
             noise = _Noise(*(np.asarray(v) for v in numbers))
         method = (self.num_iterations, self.accelerated)
-        gain = np.asarray(light)
-        return _restored(captured, extension, operator, model.origin, gain, method, noise)
+        first = wiener_filter(model, extension.length) if self.start == "wiener" else None
+        light = np.asarray(light)
+        return _restored(captured, extension, operator, model.origin, light, method, noise, first)
 
 
 def richardson_lucy(
@@ -140,11 +148,16 @@ def _restored(
     light: ArrayLike,
     method: tuple[int, bool],
     noise: _Noise | None,
+    first_filter: ArrayLike | None,
 ) -> Array:
     rows, mean = extension.deviations(captured)
     norm = jnp.asarray(light, rows.dtype)
     data = jnp.maximum(rows + mean, _LEAST * norm)
     start = data / norm
+    if first_filter is not None:
+        spectrum = jnp.fft.rfft(rows)
+        filtered = jnp.fft.irfft(spectrum * along_rows(first_filter, spectrum), extension.length)
+        start = jnp.maximum(filtered + mean / norm, _DARKEST * start)
     data = jnp.roll(data, origin, axis=-1)
     recorded = slice(origin, origin + extension.columns)
     counts = None
