@@ -14,6 +14,7 @@ ALL = (
     "stress",
     "capture",
     "borders",
+    "monte_carlo",
     "restoration",
     "plan",
     "sweep",

@@ -75,8 +75,8 @@ def recorded(
 def shot_electrons(key: Array, mean: Array) -> Array:
     """Poisson numbers of a given mean, none where that is negative; its shape and dtype.
 
-    NumPy draws them, on every core: on two it takes a quarter of the time of JAX's own. The same key
-    gives the same numbers under `jit` and `vmap`.
+    NumPy draws them, on every core: on two it takes a quarter of the time of JAX's own.
+    The same key gives the same numbers under `jit` and `vmap`.
     """
     words = jax.random.key_data(key) if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else key
     if is_concrete(words) and is_concrete(mean):

@@ -225,15 +225,16 @@ def aligned_spectra(
     a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
     stroke = a * half * half
     smear = (speeds * half)[:, None]
-    vertex = -_safe_ratio(smear**2, 4 * stroke)
+    vertex = -_vertex_distance(smear, stroke)
     tau = tau[None]
     position = tau * (stroke * tau - smear) - vertex
     return sum_of_waves(position, light[None], num_frequencies, num_kept or num_frequencies)
 
 
-def _safe_ratio(numerator: Array, denominator: Array) -> Array:
-    positive = denominator > 0
-    return jnp.where(positive, numerator / jnp.where(positive, denominator, 1.0), 0.0)
+def _vertex_distance(smear: Array, stroke: Array) -> Array:
+    """How far before mid-exposure the path turns, px; 0 where the stroke is none to speak of."""
+    turns = stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
+    return jnp.where(turns, smear**2 / jnp.where(turns, 4 * stroke, 1.0), 0.0)
 
 
 def _light_at_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype):
