@@ -62,6 +62,7 @@ def measure() -> list[dict]:
                         "light": light,
                         "seeds": len(errors),
                         "measured dB": -10 * np.log10(mean),
+                        "less expected dB": -10 * np.log10(mean) - expected.expected_psnr,
                         "standard error dB": 10 / np.log(10) * spread / mean / np.sqrt(len(errors)),
                         "closed form dB": expected.expected_psnr,
                         "`evaluate` dB": float(closed["value"]),

@@ -20,11 +20,22 @@ from mishutter.design_space import DesignSpace
 from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, Parts
 from mishutter.motion import AbstractMotion
 from mishutter.plan import Plan
-from mishutter.response import Response, records
+from mishutter.response import (
+    LitNodes,
+    Records,
+    Response,
+    aligned_spectra,
+    assembled,
+    lit_nodes,
+    records,
+)
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractAdjustableShutter
+from mishutter.shutters.windows import RectShutter
+from mishutter.types import common_dtype
 
 _ROUGH_FREQUENCIES = 64
+_ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
 class AbstractObjective(eqx.Module):
@@ -56,6 +67,32 @@ class DesignObjective(AbstractObjective):
     @property
     def batches(self) -> bool:
         # One point's waves fit a processor's cache, those of many do not.
+        return jax.default_backend() != "cpu"
+
+
+@final
+class MotionObjective(AbstractObjective):
+    """The loss of a shutter that stays, on the motion at each point.
+
+    It sees the shutter by its nodes alone, so that one program serves every kind of it.
+    """
+
+    loss: AbstractResponseLoss
+    scene: Scene
+    space: DesignSpace
+    nodes: LitNodes
+    plan: Plan = eqx.field(static=True)
+
+    def __call__(self, box: Array) -> Array:
+        _, motion = self.space.at(box)
+        grid = self.plan.num_frequencies, self.plan.num_kept
+        spectra = aligned_spectra(self.nodes, motion, self.scene.speeds, *grid)
+        light = self.nodes.efficiency
+        response = assembled(self.scene, Records(jnp.zeros(0), spectra, light), self.plan)
+        return self.loss.of_response(self.scene, motion, response, self.plan)
+
+    @property
+    def batches(self) -> bool:
         return jax.default_backend() != "cpu"
 
 
@@ -93,6 +130,12 @@ def objective_of(
     if alone and isinstance(loss, AbstractResponseLoss):
         basis, layout = _basis(space, scene, plan, loss.parts(plan))
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
+    held = plan.skips and "shutter" not in space.free
+    if held and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
+        dtype = common_dtype(*jax.tree.leaves((scene.speeds, space.motion, space.shutter)))
+        nodes = lit_nodes(space.shutter, plan.num_nodes, dtype)
+        space = replace(space, shutter=RectShutter())
+        return MotionObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
 
 

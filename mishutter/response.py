@@ -104,8 +104,9 @@ def records(
         moving = scene.speeds if differences and not plan.still else scene.speeds[:0]
         taps = kernels_at_speeds(profile, motion, _with_rest(moving), plan.num_taps)
     if spectra:
-        sizes = plan.num_nodes, plan.num_frequencies, plan.num_kept
-        response, light = _spectra(profile, motion, scene.speeds, *sizes)
+        nodes = lit_nodes(profile, plan.num_nodes, dtype)
+        grid = plan.num_frequencies, plan.num_kept
+        response, light = aligned_spectra(nodes, motion, scene.speeds, *grid), nodes.efficiency
     else:
         light = _only_light(profile, motion, scene.speeds)
     return Records(jnp.asarray(taps), jnp.asarray(response), jnp.asarray(light))
@@ -129,20 +130,25 @@ def _with_rest(speeds: Array) -> Array | np.ndarray:
     return np.append(rest, speeds) if is_concrete(speeds) else jnp.append(rest, speeds)
 
 
+class LitNodes(NamedTuple):
+    """A shutter as the quadrature over the exposure sees it, whatever its kind.
+
+    Attributes:
+        tau: Normalised times; shape `(q,)`.
+        light: Quadrature weights times transmittance there; shape `(q,)`.
+        efficiency: Share of light let through; scalar.
+    """
+
+    tau: Array
+    light: Array
+    efficiency: Array
+
+
 @quick_to_compile
-def _spectra(
-    profile: AbstractPiecewiseShutter,
-    motion: AbstractMotion,
-    speeds: Array,
-    num_nodes: int,
-    num_frequencies: int,
-    num_kept: int | None,
-) -> tuple[Array, Array]:
-    dtype = common_dtype(*jax.tree.leaves((speeds, motion, profile)))
-    waves = aligned_spectra(
-        profile, motion, speeds.astype(dtype), num_nodes, num_frequencies, num_kept
-    )
-    return waves, _light(profile, dtype)
+def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitNodes:
+    """About so many nodes over the exposure of a shutter."""
+    tau, light = _light_at_nodes(shutter, num_nodes, dtype)
+    return LitNodes(tau, light, _light(piecewise(shutter), dtype))
 
 
 @eqx.filter_jit
@@ -180,11 +186,10 @@ def kernels_at_speeds(
         return _kernels_from(shutter, motion, jnp.asarray(speeds, dtype), first, num_taps)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
-    with jax.ensure_compile_time_eval():
-        kernels = [
-            np.asarray(_kernels_from(shutter, motion, some, first, length))
-            for some in padded.reshape(-1, _SPEEDS_AT_ONCE)
-        ]
+    kernels = [
+        np.asarray(_kernels_from(shutter, motion, some, first, length))
+        for some in padded.reshape(-1, _SPEEDS_AT_ONCE)
+    ]
     return jnp.asarray(np.concatenate(kernels)[:count, :num_taps])
 
 
@@ -208,11 +213,11 @@ def _kernels_from(
     return jax.vmap(still if isinstance(motion, StillCamera) else moving)(jnp.asarray(speeds))
 
 
+@quick_to_compile
 def aligned_spectra(
-    shutter: AbstractShutter,
+    nodes: LitNodes,
     motion: AbstractMotion,
     speeds: Array,
-    num_nodes: int,
     num_frequencies: int,
     num_kept: int | None = None,
 ) -> Array:
@@ -220,15 +225,14 @@ def aligned_spectra(
 
     With `num_kept` only at the lowest of the frequencies.
     """
-    dtype = speeds.dtype
-    tau, light = _light_at_nodes(shutter, num_nodes, np.dtype(dtype))
+    dtype = nodes.tau.dtype
     a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
     stroke = a * half * half
-    smear = (speeds * half)[:, None]
+    smear = (speeds.astype(dtype) * half)[:, None]
     vertex = -_vertex_distance(smear, stroke)
-    tau = tau[None]
+    tau = nodes.tau[None]
     position = tau * (stroke * tau - smear) - vertex
-    return sum_of_waves(position, light[None], num_frequencies, num_kept or num_frequencies)
+    return sum_of_waves(position, nodes.light[None], num_frequencies, num_kept or num_frequencies)
 
 
 def _vertex_distance(smear: Array, stroke: Array) -> Array:
