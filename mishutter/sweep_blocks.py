@@ -1,15 +1,17 @@
 """One block of a sweep: its points sorted into tiles, the tiles shared out over devices."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import final
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.sweep_grid import REASONS, Block, Grid
 from mishutter.sweep_layout import Chosen, Kit, Layout
 from mishutter.sweep_points import SceneNumbers, Tile, TileSizes
@@ -33,7 +35,7 @@ class Engine:
     def __init__(self, grid: Grid):
         self.grid = grid
         self.layout = Layout(grid)
-        self.sizes = self.layout.tile_sizes()
+        self.sizes = self.layout.tile_sizes
         self.fixed = self.layout.kit(list(grid.shutters.values()))
         self.searcher = None
         if grid.search is not None:
@@ -97,15 +99,20 @@ class Engine:
         scene = self.layout.scenes[block.scene]
         numbers = self.layout.scene_numbers(scene, symmetric=kit.symmetric)
         num_tiles = _TILES_PER_DEVICE * self.mesh.size
-        parts = []
-        for start in range(0, len(tiles), num_tiles):
+        wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+
+        def measured(start: int) -> TileMetrics:
             some = tiles[start : start + num_tiles]
-            stacked = self.layout.stacked(block, some, kit, num_tiles)
-            mixtures = _mixtures(boxes, some, num_tiles, kit.tile_size).astype(self.grid.dtype)
-            part = _measure_tiles(
-                kit.tables, numbers, stacked, jnp.asarray(mixtures), self.sizes, self.mesh
-            )
-            parts.append(jax.tree.map(np.asarray, part))
+            with jax.enable_x64(wide):
+                stacked = self.layout.stacked(block, some, kit, num_tiles)
+                shares = _mixtures(boxes, some, num_tiles, kit.tile_size).astype(self.grid.dtype)
+                found = _measure_tiles(
+                    kit.tables, numbers, stacked, jnp.asarray(shares), self.sizes, self.mesh
+                )
+                return jax.tree.map(np.asarray, found)
+
+        with ThreadPoolExecutor(_num_threads(self.mesh)) as pool:
+            parts = list(pool.map(measured, range(0, len(tiles), num_tiles)))
         return jax.tree.map(lambda *x: np.concatenate(x)[: len(tiles)], *parts)
 
     def _overflow(self, arrays: Arrays, block: Block, full_well: float) -> None:
@@ -127,6 +134,15 @@ class Engine:
                 arrays[name][np.all(full, axis=3)] = np.nan
 
 
+def _num_threads(mesh: Mesh) -> int:
+    """Calls at a time: processors that one device leaves idle take the next tiles."""
+    if mesh.devices.flat[0].platform != "cpu":
+        return 1
+    allowed = getattr(os, "sched_getaffinity", None)
+    num_processors = len(allowed(0)) if allowed else os.cpu_count() or 1
+    return max(1, num_processors // mesh.size)
+
+
 def _mixtures(
     boxes: np.ndarray | None, tiles: list[Chosen], num_tiles: int, tile_size: int
 ) -> np.ndarray:
@@ -139,7 +155,7 @@ def _mixtures(
     return mixtures
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _measure_tiles(
     tables: Tables,
     scene: SceneNumbers,

@@ -5,6 +5,7 @@ import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -145,7 +146,7 @@ class Grid:
             found |= {"loss": self.dtype, "coefficients": self.dtype}
         return found | {"outside": np.dtype(np.uint8)}
 
-    @property
+    @cached_property
     def block_shape(self) -> tuple[int, int]:
         """Accelerations and half exposures of a block, by what its results weigh."""
         rows, columns = self.accelerations.size, self.half_exposures.size

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from mishutter.compiling import computed_once
 from mishutter.spectrum import condition_number
 from mishutter.sweep_points import SceneNumbers, Tile, TileSizes
 from mishutter.sweep_tables import Antiderivative, Tables, integral_to, mixed
@@ -78,8 +79,10 @@ def _kernels(
     later = jnp.where(still, 0.0, vertex + root)
     earlier = jnp.where(still, -from_middle / slow, vertex - root)
     sign = jnp.where(still & (slow < 0), -1.0, 1.0)
-    taps = [
-        (jnp.diff(integral_to(w, later)) - sign * jnp.diff(integral_to(w, earlier))) / 2
-        for w in integrals
-    ]
-    return jnp.stack(taps)
+
+    def light() -> Array:
+        return jnp.stack(
+            [integral_to(w, later) - sign * integral_to(w, earlier) for w in integrals]
+        )
+
+    return jnp.diff(computed_once(light, index >= 0)) / 2

@@ -26,9 +26,9 @@ from mishutter.scene import Scene
 from mishutter.shutters import HannShutter, RectShutter, SplineShutter, TukeyShutter
 from mishutter.sweep_grid import Block, Search
 from mishutter.sweep_layout import Kit, Layout
-from mishutter.sweep_points import SceneNumbers, Tile
+from mishutter.sweep_points import PARTS, SceneNumbers, Tile
+from mishutter.sweep_spectra import Spectra, aligned_spectra
 from mishutter.sweep_tables import Tables
-from mishutter.sweep_tiles import Spectra, aligned_spectra
 
 _TOLERANCE = 1e-6
 _MARGIN = 0.02
@@ -133,7 +133,8 @@ def _spectra_of_points(tables: Tables, numbers: SceneNumbers, tile: Tile, count:
     """Transfer functions of the basis at every point; shape `(j, k, s, m)`."""
     frequency = frequency_grid(count, np.dtype(numbers.speeds.dtype))
     chunks = frequency.reshape(-1, _CHUNK)
-    found = jax.lax.map(lambda some: aligned_spectra(tables, numbers, tile, some), chunks)
+    parts = (jnp.arange(chunks.shape[0]) + 1) * PARTS // chunks.shape[0] - 1
+    found = jax.lax.map(lambda x: aligned_spectra(tables, numbers, tile, *x), (chunks, parts))
     whole = (part.reshape(count, *part.shape[2:]) for part in found)
     return Spectra(*(jnp.moveaxis(part, (3, 2, 1, 0), (0, 1, 2, 3)) for part in whole))
 
