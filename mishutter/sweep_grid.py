@@ -50,6 +50,7 @@ class Search(NamedTuple):
         symmetric: Whether it is a symmetric one.
         max_steps: Steps of each descent, at most.
         seed: Of the random starts.
+        tolerance: Relative change of the loss and the profile at which a descent ends.
     """
 
     loss: AbstractResponseLoss
@@ -57,6 +58,7 @@ class Search(NamedTuple):
     symmetric: bool
     max_steps: int
     seed: int
+    tolerance: float
 
 
 class Block(NamedTuple):
@@ -82,6 +84,7 @@ class Grid:
         full_well: e-; None for no limit.
         search: How the best profile is found; None for fixed shutters alone.
         named_scenes: Whether scenes are a dimension.
+        skips: Whether what cannot change a result is left out.
     """
 
     accelerations: np.ndarray
@@ -94,6 +97,7 @@ class Grid:
     full_well: float | None
     search: Search | None
     named_scenes: bool
+    skips: bool = True
 
     @property
     def dtype(self) -> np.dtype:
@@ -202,6 +206,7 @@ class Grid:
             "read_noises": _listed(self.read_noises),
             "full_well": self.full_well,
             "search": search,
+            "plan": "planned" if self.skips else "everything",
             "block_shape": list(self.block_shape),
         }
 

@@ -47,11 +47,14 @@ def kernel_metrics(
     empty = jnp.zeros((*shape[::-1], sizes.still_taps), stroke.dtype)
     still_kernel = jax.lax.fori_loop(0, tile.num_still_chunks, fill, empty)
     rows = still_kernel.reshape(-1, sizes.still_taps)
-    branches = [
-        jax.vmap(partial(condition_number, num_frequencies=length)) for length in sizes.lengths
-    ]
+    branches = [jax.vmap(partial(_condition, num_frequencies=length)) for length in sizes.lengths]
     condition = jax.lax.switch(tile.length, branches, rows)
     return condition.reshape(shape[::-1]).T, moved.T, still.T
+
+
+def _condition(kernel: Array, num_frequencies: int) -> Array:
+    """Condition number of a kernel that has light on as many taps at most."""
+    return condition_number(kernel[:num_frequencies], num_frequencies=num_frequencies)
 
 
 def _kernels(

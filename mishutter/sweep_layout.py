@@ -10,6 +10,7 @@ from mishutter.metrics import picture_power
 from mishutter.motion import ParabolicMotion, settled
 from mishutter.plan import NUM_FREQUENCIES, is_symmetric, sizes
 from mishutter.scene import Scene
+from mishutter.speeds import rounding
 from mishutter.sweep_grid import KERNEL_METRICS, SPECTRUM_METRICS, Block, Grid, outside_limits
 from mishutter.sweep_kernels import TAPS
 from mishutter.sweep_points import PARTS, SceneNumbers, Tile, TileSizes
@@ -66,8 +67,9 @@ class Layout:
 
     def kit(self, shutters: list) -> Kit:
         """Tables of shutters, fine enough for every point."""
-        symmetric = all(is_symmetric(shutter) for shutter in shutters)
-        tables, rules = tabulate(shutters, self._max_bandwidth(), self.grid.dtype)
+        symmetric = self.grid.skips and all(is_symmetric(shutter) for shutter in shutters)
+        bandwidth = self._max_bandwidth()
+        tables, rules = tabulate(shutters, bandwidth, self.grid.dtype, symmetric=symmetric)
         rows = self.grid.block_shape[0]
         size = min(_TILE_SIZES, key=lambda size: -(-rows // size) * size)
         return Kit(tables, rules, symmetric, min(size, rows))
@@ -78,9 +80,10 @@ class Layout:
         stroke = self._largest(lambda a, half, fastest: a * half * half)
         within = zip(self.dft_length, self.outside, strict=True)
         lengths = np.unique(np.concatenate([[256], *(x[bits == 0] for x, bits in within)]))
+        taps = int(stroke) + 2 if self.grid.skips else max(int(x.max()) for x in self.num_taps)
         return TileSizes(
             lengths=tuple(int(x) for x in lengths),
-            still_taps=-(-(int(stroke) + 2) // TAPS) * TAPS,
+            still_taps=-(-taps // TAPS) * TAPS,
             kernels=any(name in KERNEL_METRICS for name in self.grid.metrics),
             spectra=any(name in SPECTRUM_METRICS for name in self.grid.metrics),
         )
@@ -118,8 +121,9 @@ class Layout:
     def scene_numbers(self, scene: Scene, *, symmetric: bool) -> SceneNumbers:
         """A scene's speeds folded, and as many in number for every scene of the grid."""
         grid, dtype = self.grid, self.grid.dtype
-        count = max(folded(other, symmetric)[0].size for other in self.scenes)
-        speeds, weights = folded(scene, symmetric)
+        skips = grid.skips
+        count = max(folded(other, symmetric, skips)[0].size for other in self.scenes)
+        speeds, weights = folded(scene, symmetric, skips)
         spare = count - speeds.size
         own = (scene.photon_rate, scene.read_noise)
         light = [
@@ -144,9 +148,11 @@ class Layout:
         bandwidths = float(2 * stroke.max() + smear) * np.arange(1, PARTS + 1) / PARTS
         levels = kit.rules.levels(bandwidths)
         at = (rows.start + chosen.rows, columns.start + chosen.column)
-        most = self.num_taps[block.scene][at].max()
-        taps = min(np.max(_reach(stroke, smear)) + 1, most)
-        still = min(stroke.max() + 1, most)
+        taps = still = self.num_taps[block.scene][at].max()
+        if self.grid.skips:
+            taps, still = min(np.max(_reach(stroke, smear)) + 1, taps), min(stroke.max() + 1, still)
+        else:
+            levels = np.full(PARTS, levels[-1])
         length = self.tile_sizes.lengths.index(self.dft_length[block.scene][at][0])
         whole = (levels, kit.rules.num_chunks[levels], -(-taps // TAPS), -(-still // TAPS), length)
         padded = self._padded(block, chosen, kit.tile_size)
@@ -177,11 +183,18 @@ class Layout:
         )
 
 
-def folded(scene: Scene, symmetric: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct sizes of the speeds that occur, and how often each does in either direction."""
+def folded(scene: Scene, symmetric: bool, skips: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes of the speeds, and how often each occurs in either direction.
+
+    Each size that occurs once, where what cannot change a result is skipped.
+    """
     speeds, weights = (np.asarray(x, np.float64) for x in (scene.speeds, scene.weights))
+    if not skips:
+        return np.abs(speeds), np.stack([weights * (speeds >= 0), weights * (speeds < 0)])
     speeds, weights = speeds[weights > 0], weights[weights > 0]
     sizes, index = np.unique(np.abs(speeds), return_inverse=True)
+    begins = np.diff(sizes, prepend=-np.inf) > rounding(sizes, np.asarray(scene.speeds).dtype)
+    sizes, index = sizes[begins], (np.cumsum(begins) - 1)[index]
     forward = np.bincount(index, weights * (speeds >= 0), sizes.size)
     back = np.bincount(index, weights * (speeds < 0), sizes.size)
     return sizes, (forward + back)[None] if symmetric else np.stack([forward, back])

@@ -158,8 +158,8 @@ class Searcher:
         layout, settings = self.layout, self.settings
         scene = layout.scenes[block.scene]
         inside = layout.inside(block)
-        numbers = layout.scene_numbers(scene, symmetric=settings.symmetric)
-        seen = _seen(scene, settings.symmetric, numbers)
+        numbers = layout.scene_numbers(scene, symmetric=self.basis.symmetric)
+        seen = _seen(scene, self.basis.symmetric, numbers)
         boxes = np.full((*inside.shape, self.windows.shape[1]), np.nan)
         losses = np.full(inside.shape, np.nan)
         plan = sizes(seen, ParabolicMotion(acceleration=1.0, half_exposure=1e-3))

@@ -18,7 +18,6 @@ import numpy as np
 from jaxtyping import Array
 from numpy.polynomial import chebyshev
 
-from mishutter.plan import is_symmetric
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter
 from mishutter.shutters.sampled import piecewise
 
@@ -94,7 +93,7 @@ class Rules(NamedTuple):
 
 
 def tabulate(
-    shutters: Sequence[AbstractShutter], max_bandwidth: float, dtype: np.dtype
+    shutters: Sequence[AbstractShutter], max_bandwidth: float, dtype: np.dtype, *, symmetric: bool
 ) -> tuple[Tables, Rules]:
     """Tables and rules that hold velocities of up to `max_bandwidth` px per half exposure."""
     profiles = [_profile(shutter) for shutter in shutters]
@@ -112,7 +111,6 @@ def tabulate(
         np.swapaxes((after + sign * before).reshape(shape), 0, 1) / 2 * weights[:, None]
         for sign in (1, -1)
     )
-    symmetric = all(is_symmetric(shutter) for shutter in shutters)
     integrals = tuple(_antiderivative(profile, dtype) for profile in profiles)
     efficiency = np.array([float(shutter.efficiency()) for shutter in shutters])
     tables = Tables(

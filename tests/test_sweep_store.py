@@ -211,7 +211,7 @@ def test_the_store_says_what_it_holds(tmp_path):
     assert request["scenes"]["0"]["read_noise"] == 6.0
 
 
-COMMAND = ["sweep", "--acceleration", "3e4:3e5:300", "--half-exposure", "2:5:2", "--shutter", "hann"]
+COMMAND = ["sweep", "--acceleration", "3e4:3e5:300", "--half-exposure", "2:5:2"]
 
 READ_ONLY_HALF_WAY = """
 import ctypes, os, sys
