@@ -31,7 +31,7 @@ AXES: dict[str, Any] = {
     "accelerations": [0.0, 2.1e4, 1.3e5, 7e5],
     "half_exposures": [1.7e-3, 6.2e-3],
 }
-LIGHT = {"photon_rate": 2e4, "read_noise": 3.0}
+LIGHT: dict[str, Any] = {"photon_rate": 2e4, "read_noise": 3.0}
 FAMILIES = {
     "symmetric": {"Hann": HannShutter(), "Tukey": TukeyShutter(0.37), "bell": GaussianShutter(0.3)},
     "any": {
