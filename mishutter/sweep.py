@@ -36,7 +36,7 @@ def sweep(
     optimise: bool = False,
     loss: AbstractLoss | None = None,
     num_coefficients: int = 24,
-    max_steps: int = 80,
+    max_steps: int = 40,
     seed: int = 0,
     metrics: Sequence[str] | None = None,
     photon_rates: RowLike | None = None,
@@ -124,11 +124,10 @@ def sweep(
 
 
 def _computed_here(grid: Grid, missing: list, blocks: AbstractBlocks):
-    engine = Engine(grid) if missing else None
-    for block in missing:
-        if engine is not None:
-            blocks.write(block, engine.compute(block))
-        yield block
+    if missing:
+        for block, arrays in zip(missing, Engine(grid).computed(missing), strict=True):
+            blocks.write(block, arrays)
+            yield block
 
 
 def _grid(

@@ -1,7 +1,6 @@
 """One block of a sweep: its points sorted into tiles, the tiles shared out over devices."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import final
 
@@ -17,6 +16,7 @@ from mishutter.sweep_layout import Chosen, Kit, Layout
 from mishutter.sweep_points import SceneNumbers, Tile, TileSizes
 from mishutter.sweep_search import Searcher, basis_shutters, coefficients_of
 from mishutter.sweep_tables import Tables
+from mishutter.sweep_threads import in_threads, num_threads
 from mishutter.sweep_tiles import TileMetrics, measure_tile
 
 Arrays = dict[str, np.ndarray]
@@ -42,6 +42,11 @@ class Engine:
             basis = self.layout.kit(basis_shutters(grid.search))
             self.searcher = Searcher(self.layout, basis, grid.search)
         self.mesh = Mesh(np.array(jax.devices()), ("tiles",))
+        self.num_threads = num_threads(self.mesh.devices)
+
+    def computed(self, blocks: Iterable[Block]) -> Iterator[Arrays]:
+        """The variables of blocks, in order; with a search some blocks at a time."""
+        return in_threads(self.compute, blocks, self.num_threads if self.searcher else 1)
 
     def compute(self, block: Block) -> Arrays:
         """Every variable of a block, NaN outside the limits; a scene's axis left out."""
@@ -99,20 +104,18 @@ class Engine:
         scene = self.layout.scenes[block.scene]
         numbers = self.layout.scene_numbers(scene, symmetric=kit.symmetric)
         num_tiles = _TILES_PER_DEVICE * self.mesh.size
-        wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
 
         def measured(start: int) -> TileMetrics:
             some = tiles[start : start + num_tiles]
-            with jax.enable_x64(wide):
-                stacked = self.layout.stacked(block, some, kit, num_tiles)
-                shares = _mixtures(boxes, some, num_tiles, kit.tile_size).astype(self.grid.dtype)
-                found = _measure_tiles(
-                    kit.tables, numbers, stacked, jnp.asarray(shares), self.sizes, self.mesh
-                )
-                return jax.tree.map(np.asarray, found)
+            stacked = self.layout.stacked(block, some, kit, num_tiles)
+            shares = _mixtures(boxes, some, num_tiles, kit.tile_size).astype(self.grid.dtype)
+            found = _measure_tiles(
+                kit.tables, numbers, stacked, jnp.asarray(shares), self.sizes, self.mesh
+            )
+            return jax.tree.map(np.asarray, found)
 
-        with ThreadPoolExecutor(_num_threads(self.mesh)) as pool:
-            parts = list(pool.map(measured, range(0, len(tiles), num_tiles)))
+        num_threads = self.num_threads if self.searcher is None else 1
+        parts = list(in_threads(measured, range(0, len(tiles), num_tiles), num_threads))
         return jax.tree.map(lambda *x: np.concatenate(x)[: len(tiles)], *parts)
 
     def _overflow(self, arrays: Arrays, block: Block, full_well: float) -> None:
@@ -132,15 +135,6 @@ class Engine:
                 arrays[name][full] = np.nan
             else:
                 arrays[name][np.all(full, axis=3)] = np.nan
-
-
-def _num_threads(mesh: Mesh) -> int:
-    """Calls at a time: processors that one device leaves idle take the next tiles."""
-    if mesh.devices.flat[0].platform != "cpu":
-        return 1
-    allowed = getattr(os, "sched_getaffinity", None)
-    num_processors = len(allowed(0)) if allowed else os.cpu_count() or 1
-    return max(1, num_processors // mesh.size)
 
 
 def _mixtures(

@@ -11,13 +11,13 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from typing import final
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.losses.base import AbstractResponseLoss
 from mishutter.motion import ParabolicMotion
 from mishutter.plan import NUM_FREQUENCIES, Plan, sizes
@@ -30,10 +30,9 @@ from mishutter.sweep_points import PARTS, SceneNumbers, Tile
 from mishutter.sweep_spectra import Spectra, aligned_spectra
 from mishutter.sweep_tables import Tables
 
-_TOLERANCE = 1e-6
 _MARGIN = 0.02
 _CHUNK = 32
-_COARSE_FREQUENCIES = 64
+_COARSE_FREQUENCIES = 32
 """Frequencies that the descents from every start see; the best is finished on all."""
 
 _NUM_STARTS = 4
@@ -55,7 +54,7 @@ def basis_shutters(search: Search) -> list[SplineShutter]:
     return [first.at(box) for box in jnp.eye(first.box().size, dtype=first.parameters.dtype)]
 
 
-@eqx.filter_jit
+@quick_to_compile
 def search_tile(
     tables: Tables,
     numbers: SceneNumbers,
@@ -65,6 +64,7 @@ def search_tile(
     tile: Tile,
     starts: Array,
     max_steps: int,
+    tolerance: float,
 ) -> tuple[Array, Array]:
     """Best profile of every point of a tile, and its loss.
 
@@ -77,6 +77,7 @@ def search_tile(
         tile: The points, `j` of them.
         starts: Boxes to start from; shape `(j, n, c)`.
         max_steps: Steps of a descent, at most.
+        tolerance: Relative change at which one ends.
 
     Returns:
         Boxes `(j, c)` and losses `(j,)`.
@@ -89,10 +90,11 @@ def search_tile(
         few = replace(plan, num_frequencies=_COARSE_FREQUENCIES)
         rough = partial(_loss_at, loss, scene, motion, few, tables.efficiency, coarse)
         exact = partial(_loss_at, loss, scene, motion, plan, tables.efficiency, fine)
-        ends = jax.vmap(lambda box: _descend(rough, box, max_steps))(boxes)
+        descend = partial(_descend, max_steps=max_steps, tolerance=tolerance)
+        ends = jax.vmap(partial(descend, rough))(boxes)
         ends = jnp.concatenate([ends, boxes])
         start = _best(ends, jax.vmap(exact)(ends))[0]
-        end = jnp.stack([_descend(exact, start, max_steps), start])
+        end = jnp.stack([descend(exact, start), start])
         return _best(end, jax.vmap(exact)(end))
 
     return jax.vmap(of_point)(tile.accelerations, starts, coarse, fine)
@@ -114,10 +116,12 @@ def _loss_at(
     return loss.of_response(scene, motion, response, plan)
 
 
-def _descend(objective: Callable[[Array], Array], box: Array, max_steps: int) -> Array:
+def _descend(
+    objective: Callable[[Array], Array], box: Array, max_steps: int, tolerance: float
+) -> Array:
     r"""Optimistix BFGS in the unit box, through $x = \sin^2\theta$; shape `(c,)`."""
     theta = jnp.arcsin(jnp.sqrt(jnp.clip(box, _MARGIN, 1 - _MARGIN)))
-    solver = optx.BFGS(rtol=_TOLERANCE, atol=_TOLERANCE)
+    solver = optx.BFGS(rtol=tolerance, atol=tolerance)
     ended = optx.minimise(
         lambda y, _: objective(jnp.sin(y) ** 2), solver, theta, max_steps=max_steps, throw=False
     )
@@ -179,6 +183,7 @@ class Searcher:
                 tile,
                 jnp.asarray(starts, layout.grid.dtype),
                 settings.max_steps,
+                settings.tolerance,
             )
             boxes[chosen.rows, chosen.column] = np.asarray(found)[: chosen.rows.size]
             losses[chosen.rows, chosen.column] = np.asarray(loss)[: chosen.rows.size]
