@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 _LOG = logging.getLogger("mishutter.sweep")
 _TOLERANCE = 1e-6
+_STEP_SHARE = 1e-2
+"""Change by the last step of a descent, of the change that is allowed in all."""
 
 
 def sweep(
@@ -184,12 +186,13 @@ def _search(
     starts = [starting_shutter(scene, num_coefficients) for scene in scenes.values()]
     symmetric = all(isinstance(s, SplineShutter) and s.symmetric for s in starts)
     chosen = ExpectedErrorLoss() if loss is None else loss
-    if not isinstance(chosen, AbstractResponseLoss) or chosen.parts(sized_for(0, 0)).kernels:
+    if not isinstance(chosen, AbstractResponseLoss) or chosen.parts(sized_for(0.0, 0.0)).kernels:
         raise ValueError(
             "`sweep(loss=...)` must be a loss of transfer functions alone, as "
             f"ExpectedErrorLoss is; got {describe(chosen)}."
         )
-    tolerance = max(plan.tolerance if isinstance(plan, Plan) else 0.0, _TOLERANCE)
+    allowed = plan.tolerance if isinstance(plan, Plan) else 0.0
+    tolerance = max(_STEP_SHARE * allowed, _TOLERANCE)
     return Search(chosen, num_coefficients, symmetric, max_steps, seed, tolerance)
 
 

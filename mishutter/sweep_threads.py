@@ -2,7 +2,7 @@
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
@@ -24,7 +24,7 @@ def num_threads(devices: np.ndarray) -> int:
 
 def in_threads(
     function: Callable[[_Item], _Result], items: Iterable[_Item], count: int
-) -> Iterator[_Result]:
+) -> Generator[_Result, None, None]:
     """A function of each item, at the caller's precision, at most `count` at a time.
 
     The first is done alone: what it compiles serves all others. None is begun that is far
