@@ -190,10 +190,13 @@ def main() -> None:
         return
     harness.write("sweep", rows)
     picture(rows)
+    machine = harness.environment()
     notes = (
         "Loops call `evaluate` for each shutter, or `optimise`, at random points of the same grid. "
         "Both sides are compiled before they are timed. The difference is of the expected PSNR, "
-        "relative, and of the loss."
+        "relative, and of the loss. "
+        f"The load was {machine['load']:.1f} on {machine['cores']} cores, of which a sweep uses "
+        "all and a loop one."
     )
     drawn = "![time a point, and memory](results/sweep.png)"
     harness.section("sweep", "\n\n".join(["## Sweep against loops", drawn, text, notes]))
