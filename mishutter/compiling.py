@@ -1,4 +1,4 @@
-"""How the programs of a search are compiled: quickly, since a user waits for each once."""
+"""How programs are compiled: quickly, since a user waits for each, and to compute things once."""
 
 from collections.abc import Callable
 from functools import lru_cache, wraps
@@ -6,6 +6,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+from jaxtyping import Array
 
 from mishutter.types import is_concrete
 
@@ -33,6 +35,19 @@ def quick_to_compile(function: Callable[_Arguments, _Result]) -> Callable[_Argum
             return (quick if _may_be_chosen() else plain)(*args, **kwargs)
 
     return call
+
+
+def computed_once(function: Callable[[], _Result], true: Array) -> _Result:
+    """What a function returns, as arrays in memory: a branch that is always taken.
+
+    Without it XLA fuses what is costly into each of its uses and does it over again there.
+
+    Args:
+        function: What is computed; arrays out.
+        true: True, but not known to be so when the program is compiled; scalar.
+    """
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
+    return jax.lax.cond(true, function, lambda: nothing)
 
 
 @lru_cache

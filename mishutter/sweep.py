@@ -11,7 +11,7 @@ from mishutter.compare import baselines
 from mishutter.losses import AbstractLoss, ExpectedErrorLoss
 from mishutter.losses.base import AbstractResponseLoss
 from mishutter.optimise import starting_shutter
-from mishutter.plan import sized_for
+from mishutter.plan import PLANNED, Automatic, Plan, sized_for
 from mishutter.scene import Scene
 from mishutter.shutters import AbstractShutter, SplineShutter, TukeyShutter
 from mishutter.sweep_blocks import Engine
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 _LOG = logging.getLogger("mishutter.sweep")
+_TOLERANCE = 1e-6
+_STEP_SHARE = 1e-2
+"""Change by the last step of a descent, of the change that is allowed in all."""
 
 
 def sweep(
@@ -35,12 +38,13 @@ def sweep(
     optimise: bool = False,
     loss: AbstractLoss | None = None,
     num_coefficients: int = 24,
-    max_steps: int = 80,
+    max_steps: int = 40,
     seed: int = 0,
     metrics: Sequence[str] | None = None,
     photon_rates: RowLike | None = None,
     read_noises: RowLike | None = None,
     full_well: float | None = None,
+    plan: Plan | Automatic | None = PLANNED,
     store: str | Path | None = None,
     scheduler: Any = None,
     progress: Progress | None = None,
@@ -67,6 +71,10 @@ def sweep(
             ascending; a dimension of the expected PSNR.
         read_noises: The same of the read noise, e-.
         full_well: Most electrons of a white pixel; no limit by default.
+        plan: What to compute. By default what cannot change a result is left out: mirrored,
+            repeated and absent speeds, taps and nodes that a point does not reach. None
+            computes everything. Of a plan only that choice and its tolerance are kept, to
+            which profiles are searched; every point has sizes of its own.
         store: Folder of a Zarr store, written block by block. The same sweep run again
             computes what is missing.
         scheduler: A `dask.distributed` client, or the address of a scheduler, whose
@@ -94,6 +102,7 @@ def sweep(
         full_well,
         optimise,
         (loss, num_coefficients, max_steps, seed),
+        plan,
     )
     blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
     missing, total = blocks.missing(), len(grid.blocks())
@@ -117,11 +126,10 @@ def sweep(
 
 
 def _computed_here(grid: Grid, missing: list, blocks: AbstractBlocks):
-    engine = Engine(grid) if missing else None
-    for block in missing:
-        if engine is not None:
-            blocks.write(block, engine.compute(block))
-        yield block
+    if missing:
+        for block, arrays in zip(missing, Engine(grid).computed(missing), strict=True):
+            blocks.write(block, arrays)
+            yield block
 
 
 def _grid(
@@ -135,6 +143,7 @@ def _grid(
     full_well: float | None,
     optimise: bool,
     search: tuple[AbstractLoss | None, int, int, int],
+    plan: Plan | Automatic | None,
 ) -> Grid:
     named_scenes = named("sweep(scenes=...)", scenes, Scene, "scene")
     chosen = tuple(METRICS) if metrics is None else tuple(metrics)
@@ -149,7 +158,7 @@ def _grid(
         requirement = "be False where photon_rates or read_noises are given; use scenes for them"
         require(one_light, "sweep(optimise=...)", requirement, optimise)
         require(OPTIMISED not in shutters, "sweep(shutters=...)", "have other names", OPTIMISED)
-        how = _search(named_scenes, *search)
+        how = _search(named_scenes, *search, plan)
     return Grid(
         accelerations,
         half_exposures,
@@ -161,6 +170,7 @@ def _grid(
         full_well,
         how,
         not isinstance(scenes, Scene),
+        plan.skips if isinstance(plan, Plan) else plan is not None,
     )
 
 
@@ -170,17 +180,20 @@ def _search(
     num_coefficients: int,
     max_steps: int,
     seed: int,
+    plan: Plan | Automatic | None,
 ) -> Search:
     require_positive_int("sweep(max_steps=...)", max_steps)
     starts = [starting_shutter(scene, num_coefficients) for scene in scenes.values()]
     symmetric = all(isinstance(s, SplineShutter) and s.symmetric for s in starts)
     chosen = ExpectedErrorLoss() if loss is None else loss
-    if not isinstance(chosen, AbstractResponseLoss) or chosen.parts(sized_for(0, 0)).kernels:
+    if not isinstance(chosen, AbstractResponseLoss) or chosen.parts(sized_for(0.0, 0.0)).kernels:
         raise ValueError(
             "`sweep(loss=...)` must be a loss of transfer functions alone, as "
             f"ExpectedErrorLoss is; got {describe(chosen)}."
         )
-    return Search(chosen, num_coefficients, symmetric, max_steps, seed)
+    allowed = plan.tolerance if isinstance(plan, Plan) else 0.0
+    tolerance = max(_STEP_SHARE * allowed, _TOLERANCE)
+    return Search(chosen, num_coefficients, symmetric, max_steps, seed, tolerance)
 
 
 def _shutters(given: Mapping[str, Any] | None) -> dict[str, AbstractShutter]:

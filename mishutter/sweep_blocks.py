@@ -1,20 +1,22 @@
 """One block of a sweep: its points sorted into tiles, the tiles shared out over devices."""
 
+from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import final
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.sweep_grid import REASONS, Block, Grid
 from mishutter.sweep_layout import Chosen, Kit, Layout
 from mishutter.sweep_points import SceneNumbers, Tile, TileSizes
 from mishutter.sweep_search import Searcher, basis_shutters, coefficients_of
 from mishutter.sweep_tables import Tables
+from mishutter.sweep_threads import in_threads, num_threads
 from mishutter.sweep_tiles import TileMetrics, measure_tile
 
 Arrays = dict[str, np.ndarray]
@@ -33,13 +35,18 @@ class Engine:
     def __init__(self, grid: Grid):
         self.grid = grid
         self.layout = Layout(grid)
-        self.sizes = self.layout.tile_sizes()
+        self.sizes = self.layout.tile_sizes
         self.fixed = self.layout.kit(list(grid.shutters.values()))
         self.searcher = None
         if grid.search is not None:
             basis = self.layout.kit(basis_shutters(grid.search))
             self.searcher = Searcher(self.layout, basis, grid.search)
         self.mesh = Mesh(np.array(jax.devices()), ("tiles",))
+        self.num_threads = num_threads(self.mesh.devices)
+
+    def computed(self, blocks: Iterable[Block]) -> Iterator[Arrays]:
+        """The variables of blocks, in order; with a search some blocks at a time."""
+        return in_threads(self.compute, blocks, self.num_threads if self.searcher else 1)
 
     def compute(self, block: Block) -> Arrays:
         """Every variable of a block, NaN outside the limits; a scene's axis left out."""
@@ -97,15 +104,18 @@ class Engine:
         scene = self.layout.scenes[block.scene]
         numbers = self.layout.scene_numbers(scene, symmetric=kit.symmetric)
         num_tiles = _TILES_PER_DEVICE * self.mesh.size
-        parts = []
-        for start in range(0, len(tiles), num_tiles):
+
+        def measured(start: int) -> TileMetrics:
             some = tiles[start : start + num_tiles]
             stacked = self.layout.stacked(block, some, kit, num_tiles)
-            mixtures = _mixtures(boxes, some, num_tiles, kit.tile_size).astype(self.grid.dtype)
-            part = _measure_tiles(
-                kit.tables, numbers, stacked, jnp.asarray(mixtures), self.sizes, self.mesh
+            shares = _mixtures(boxes, some, num_tiles, kit.tile_size).astype(self.grid.dtype)
+            found = _measure_tiles(
+                kit.tables, numbers, stacked, jnp.asarray(shares), self.sizes, self.mesh
             )
-            parts.append(jax.tree.map(np.asarray, part))
+            return jax.tree.map(np.asarray, found)
+
+        num_threads = self.num_threads if self.searcher is None else 1
+        parts = list(in_threads(measured, range(0, len(tiles), num_tiles), num_threads))
         return jax.tree.map(lambda *x: np.concatenate(x)[: len(tiles)], *parts)
 
     def _overflow(self, arrays: Arrays, block: Block, full_well: float) -> None:
@@ -139,7 +149,7 @@ def _mixtures(
     return mixtures
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _measure_tiles(
     tables: Tables,
     scene: SceneNumbers,

@@ -5,6 +5,7 @@ import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -49,6 +50,7 @@ class Search(NamedTuple):
         symmetric: Whether it is a symmetric one.
         max_steps: Steps of each descent, at most.
         seed: Of the random starts.
+        tolerance: Relative change of the loss and the profile at which a descent ends.
     """
 
     loss: AbstractResponseLoss
@@ -56,6 +58,7 @@ class Search(NamedTuple):
     symmetric: bool
     max_steps: int
     seed: int
+    tolerance: float
 
 
 class Block(NamedTuple):
@@ -81,6 +84,7 @@ class Grid:
         full_well: e-; None for no limit.
         search: How the best profile is found; None for fixed shutters alone.
         named_scenes: Whether scenes are a dimension.
+        skips: Whether what cannot change a result is left out.
     """
 
     accelerations: np.ndarray
@@ -93,6 +97,7 @@ class Grid:
     full_well: float | None
     search: Search | None
     named_scenes: bool
+    skips: bool = True
 
     @property
     def dtype(self) -> np.dtype:
@@ -145,7 +150,7 @@ class Grid:
             found |= {"loss": self.dtype, "coefficients": self.dtype}
         return found | {"outside": np.dtype(np.uint8)}
 
-    @property
+    @cached_property
     def block_shape(self) -> tuple[int, int]:
         """Accelerations and half exposures of a block, by what its results weigh."""
         rows, columns = self.accelerations.size, self.half_exposures.size
@@ -201,6 +206,7 @@ class Grid:
             "read_noises": _listed(self.read_noises),
             "full_well": self.full_well,
             "search": search,
+            "plan": "planned" if self.skips else "everything",
             "block_shape": list(self.block_shape),
         }
 

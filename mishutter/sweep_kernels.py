@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from mishutter.compiling import computed_once
 from mishutter.spectrum import condition_number
 from mishutter.sweep_points import SceneNumbers, Tile, TileSizes
 from mishutter.sweep_tables import Antiderivative, Tables, integral_to, mixed
@@ -46,11 +47,14 @@ def kernel_metrics(
     empty = jnp.zeros((*shape[::-1], sizes.still_taps), stroke.dtype)
     still_kernel = jax.lax.fori_loop(0, tile.num_still_chunks, fill, empty)
     rows = still_kernel.reshape(-1, sizes.still_taps)
-    branches = [
-        jax.vmap(partial(condition_number, num_frequencies=length)) for length in sizes.lengths
-    ]
+    branches = [jax.vmap(partial(_condition, num_frequencies=length)) for length in sizes.lengths]
     condition = jax.lax.switch(tile.length, branches, rows)
     return condition.reshape(shape[::-1]).T, moved.T, still.T
+
+
+def _condition(kernel: Array, num_frequencies: int) -> Array:
+    """Condition number of a kernel that has light on as many taps at most."""
+    return condition_number(kernel[:num_frequencies], num_frequencies=num_frequencies)
 
 
 def _kernels(
@@ -78,8 +82,10 @@ def _kernels(
     later = jnp.where(still, 0.0, vertex + root)
     earlier = jnp.where(still, -from_middle / slow, vertex - root)
     sign = jnp.where(still & (slow < 0), -1.0, 1.0)
-    taps = [
-        (jnp.diff(integral_to(w, later)) - sign * jnp.diff(integral_to(w, earlier))) / 2
-        for w in integrals
-    ]
-    return jnp.stack(taps)
+
+    def light() -> Array:
+        return jnp.stack(
+            [integral_to(w, later) - sign * integral_to(w, earlier) for w in integrals]
+        )
+
+    return jnp.diff(computed_once(light, index >= 0)) / 2

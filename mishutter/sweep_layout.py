@@ -1,5 +1,6 @@
 """Where the points of a sweep are and what each needs: limits, sizes, tiles, folded scenes."""
 
+from functools import cached_property
 from typing import NamedTuple, final
 
 import jax.numpy as jnp
@@ -9,12 +10,13 @@ from mishutter.metrics import picture_power
 from mishutter.motion import ParabolicMotion, settled
 from mishutter.plan import NUM_FREQUENCIES, is_symmetric, sizes
 from mishutter.scene import Scene
+from mishutter.speeds import rounding
 from mishutter.sweep_grid import KERNEL_METRICS, SPECTRUM_METRICS, Block, Grid, outside_limits
 from mishutter.sweep_kernels import TAPS
-from mishutter.sweep_points import SceneNumbers, Tile, TileSizes
+from mishutter.sweep_points import PARTS, SceneNumbers, Tile, TileSizes
 from mishutter.sweep_tables import Rules, Tables, tabulate
 
-_TILE_SIZES = range(32, 15, -1)
+_TILE_SIZES = range(64, 15, -1)
 
 
 class Kit(NamedTuple):
@@ -57,6 +59,7 @@ class Layout:
         plans = [_point_sizes(scene, a, half, bits == 0) for scene, bits in points]
         self.num_taps = [plan[0] for plan in plans]
         self.dft_length = [plan[1] for plan in plans]
+        self.max_speeds = [float(scene.max_speed) for scene in self.scenes]
 
     def inside(self, block: Block) -> np.ndarray:
         """Which points of a block are within limits; shape `(a, t)`."""
@@ -64,20 +67,23 @@ class Layout:
 
     def kit(self, shutters: list) -> Kit:
         """Tables of shutters, fine enough for every point."""
-        symmetric = all(is_symmetric(shutter) for shutter in shutters)
-        tables, rules = tabulate(shutters, self._max_bandwidth(), self.grid.dtype)
+        symmetric = self.grid.skips and all(is_symmetric(shutter) for shutter in shutters)
+        bandwidth = self._max_bandwidth()
+        tables, rules = tabulate(shutters, bandwidth, self.grid.dtype, symmetric=symmetric)
         rows = self.grid.block_shape[0]
         size = min(_TILE_SIZES, key=lambda size: -(-rows // size) * size)
         return Kit(tables, rules, symmetric, min(size, rows))
 
+    @cached_property
     def tile_sizes(self) -> TileSizes:
         """What is static in the program of the tiles."""
         stroke = self._largest(lambda a, half, fastest: a * half * half)
         within = zip(self.dft_length, self.outside, strict=True)
         lengths = np.unique(np.concatenate([[256], *(x[bits == 0] for x, bits in within)]))
+        taps = int(stroke) + 2 if self.grid.skips else max(int(x.max()) for x in self.num_taps)
         return TileSizes(
             lengths=tuple(int(x) for x in lengths),
-            still_taps=-(-(int(stroke) + 2) // TAPS) * TAPS,
+            still_taps=-(-taps // TAPS) * TAPS,
             kernels=any(name in KERNEL_METRICS for name in self.grid.metrics),
             spectra=any(name in SPECTRUM_METRICS for name in self.grid.metrics),
         )
@@ -97,7 +103,7 @@ class Layout:
     def stacked(self, block: Block, tiles: list[Chosen], kit: Kit, count: int) -> Tile:
         """Tiles on one leading axis, with empty ones up to a count."""
         each = [self._tile(block, chosen, kit) for chosen in tiles]
-        nothing = (np.ones(kit.tile_size), np.ones(()), *[np.zeros(())] * 5)
+        nothing = (np.ones(kit.tile_size), np.ones(()), *[np.zeros(PARTS)] * 2, *[np.zeros(())] * 3)
         each += [nothing] * (count - len(each))
         dtypes = [self.grid.dtype] * 2 + [np.dtype(np.int32)] * 5
         columns = zip(zip(*each, strict=True), dtypes, strict=True)
@@ -107,7 +113,7 @@ class Layout:
         """Taps that light of the fastest object falls on; shape `(tiles, j)`."""
         stroke = np.stack([self._stroke(block, chosen, tile_size) for chosen in tiles])
         half = self._halves(block)[[chosen.column for chosen in tiles]]
-        smear = float(self.scenes[block.scene].max_speed) * half[:, None]
+        smear = self.max_speeds[block.scene] * half[:, None]
         moving = stroke > 0
         far = (2 * stroke + smear) ** 2 / np.where(moving, 4 * stroke, 1.0)
         return np.maximum(np.ceil(np.where(moving, far, 2 * smear)), 1)
@@ -115,8 +121,9 @@ class Layout:
     def scene_numbers(self, scene: Scene, *, symmetric: bool) -> SceneNumbers:
         """A scene's speeds folded, and as many in number for every scene of the grid."""
         grid, dtype = self.grid, self.grid.dtype
-        count = max(folded(other, symmetric)[0].size for other in self.scenes)
-        speeds, weights = folded(scene, symmetric)
+        skips = grid.skips
+        count = max(folded(other, symmetric, skips)[0].size for other in self.scenes)
+        speeds, weights = folded(scene, symmetric, skips)
         spare = count - speeds.size
         own = (scene.photon_rate, scene.read_noise)
         light = [
@@ -137,14 +144,17 @@ class Layout:
         rows, columns = self.grid.place(block)
         half = float(self._halves(block)[chosen.column])
         stroke = self._stroke(block, chosen, kit.tile_size)
-        smear = float(self.scenes[block.scene].max_speed) * half
-        level = kit.rules.level(float(2 * stroke.max() + smear))
+        smear = self.max_speeds[block.scene] * half
+        bandwidths = float(2 * stroke.max() + smear) * np.arange(1, PARTS + 1) / PARTS
+        levels = kit.rules.levels(bandwidths)
         at = (rows.start + chosen.rows, columns.start + chosen.column)
-        most = self.num_taps[block.scene][at].max()
-        taps = min(np.max(_reach(stroke, smear)) + 1, most)
-        still = min(stroke.max() + 1, most)
-        length = self.tile_sizes().lengths.index(self.dft_length[block.scene][at][0])
-        whole = (level, kit.rules.num_chunks[level], -(-taps // TAPS), -(-still // TAPS), length)
+        taps = still = self.num_taps[block.scene][at].max()
+        if self.grid.skips:
+            taps, still = min(np.max(_reach(stroke, smear)) + 1, taps), min(stroke.max() + 1, still)
+        else:
+            levels = np.full(PARTS, levels[-1])
+        length = self.tile_sizes.lengths.index(self.dft_length[block.scene][at][0])
+        whole = (levels, kit.rules.num_chunks[levels], -(-taps // TAPS), -(-still // TAPS), length)
         padded = self._padded(block, chosen, kit.tile_size)
         return padded, np.asarray(half), *(np.asarray(x) for x in whole)
 
@@ -166,18 +176,25 @@ class Layout:
     def _largest(self, value) -> float:
         """Largest value of a function of acceleration, half exposure and speed within limits."""
         a, half = self.grid.accelerations[:, None], self.grid.half_exposures[None]
-        each = zip(self.scenes, self.outside, strict=True)
+        each = zip(self.max_speeds, self.outside, strict=True)
         return max(
-            float(np.max(value(a, half, float(s.max_speed)), where=bits == 0, initial=0.0))
-            for s, bits in each
+            float(np.max(value(a, half, fastest), where=bits == 0, initial=0.0))
+            for fastest, bits in each
         )
 
 
-def folded(scene: Scene, symmetric: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct sizes of the speeds that occur, and how often each does in either direction."""
+def folded(scene: Scene, symmetric: bool, skips: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes of the speeds, and how often each occurs in either direction.
+
+    Each size that occurs once, where what cannot change a result is skipped.
+    """
     speeds, weights = (np.asarray(x, np.float64) for x in (scene.speeds, scene.weights))
+    if not skips:
+        return np.abs(speeds), np.stack([weights * (speeds >= 0), weights * (speeds < 0)])
     speeds, weights = speeds[weights > 0], weights[weights > 0]
     sizes, index = np.unique(np.abs(speeds), return_inverse=True)
+    begins = np.diff(sizes, prepend=-np.inf) > rounding(sizes, np.asarray(scene.speeds).dtype)
+    sizes, index = sizes[begins], (np.cumsum(begins) - 1)[index]
     forward = np.bincount(index, weights * (speeds >= 0), sizes.size)
     back = np.bincount(index, weights * (speeds < 0), sizes.size)
     return sizes, (forward + back)[None] if symmetric else np.stack([forward, back])

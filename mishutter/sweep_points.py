@@ -5,6 +5,9 @@ from typing import NamedTuple, final
 import equinox as eqx
 from jaxtyping import Array
 
+PARTS = 8
+"""Equal parts of the frequencies in (0, 0.5) cycles/px: low ones need fewer nodes."""
+
 
 @final
 class SceneNumbers(eqx.Module):
@@ -36,8 +39,8 @@ class Tile(NamedTuple):
     Attributes:
         accelerations: px/s^2; shape `(j,)`.
         half_exposure: s.
-        rule: Index of the quadrature rule.
-        num_node_chunks: Chunks of nodes of that rule.
+        rules: Index of the quadrature rule of each part of the frequencies; `(PARTS,)`.
+        num_node_chunks: Chunks of nodes of those rules; `(PARTS,)`.
         num_tap_chunks: Chunks of taps that the fastest object reaches.
         num_still_chunks: Chunks of taps that a still object reaches.
         length: Index of the DFT's length.
@@ -45,7 +48,7 @@ class Tile(NamedTuple):
 
     accelerations: Array
     half_exposure: Array
-    rule: Array
+    rules: Array
     num_node_chunks: Array
     num_tap_chunks: Array
     num_still_chunks: Array

@@ -11,13 +11,13 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from typing import final
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.losses.base import AbstractResponseLoss
 from mishutter.motion import ParabolicMotion
 from mishutter.plan import NUM_FREQUENCIES, Plan, sizes
@@ -26,15 +26,14 @@ from mishutter.scene import Scene
 from mishutter.shutters import HannShutter, RectShutter, SplineShutter, TukeyShutter
 from mishutter.sweep_grid import Block, Search
 from mishutter.sweep_layout import Kit, Layout
-from mishutter.sweep_points import SceneNumbers, Tile
+from mishutter.sweep_points import PARTS, SceneNumbers, Tile
+from mishutter.sweep_spectra import Spectra, aligned_spectra
 from mishutter.sweep_tables import Tables
-from mishutter.sweep_tiles import Spectra, aligned_spectra
 from mishutter.waves import frequency_grid
 
-_TOLERANCE = 1e-6
 _MARGIN = 0.02
 _CHUNK = 32
-_COARSE_FREQUENCIES = 64
+_COARSE_FREQUENCIES = 32
 """Frequencies that the descents from every start see; the best is finished on all."""
 
 _NUM_STARTS = 4
@@ -56,7 +55,7 @@ def basis_shutters(search: Search) -> list[SplineShutter]:
     return [first.at(box) for box in jnp.eye(first.box().size, dtype=first.parameters.dtype)]
 
 
-@eqx.filter_jit
+@quick_to_compile
 def search_tile(
     tables: Tables,
     numbers: SceneNumbers,
@@ -66,6 +65,7 @@ def search_tile(
     tile: Tile,
     starts: Array,
     max_steps: int,
+    tolerance: float,
 ) -> tuple[Array, Array]:
     """Best profile of every point of a tile, and its loss.
 
@@ -78,6 +78,7 @@ def search_tile(
         tile: The points, `j` of them.
         starts: Boxes to start from; shape `(j, n, c)`.
         max_steps: Steps of a descent, at most.
+        tolerance: Relative change at which one ends.
 
     Returns:
         Boxes `(j, c)` and losses `(j,)`.
@@ -90,10 +91,11 @@ def search_tile(
         few = replace(plan, num_frequencies=_COARSE_FREQUENCIES)
         rough = partial(_loss_at, loss, scene, motion, few, tables.efficiency, coarse)
         exact = partial(_loss_at, loss, scene, motion, plan, tables.efficiency, fine)
-        ends = jax.vmap(lambda box: _descend(rough, box, max_steps))(boxes)
+        descend = partial(_descend, max_steps=max_steps, tolerance=tolerance)
+        ends = jax.vmap(partial(descend, rough))(boxes)
         ends = jnp.concatenate([ends, boxes])
         start = _best(ends, jax.vmap(exact)(ends))[0]
-        end = jnp.stack([_descend(exact, start, max_steps), start])
+        end = jnp.stack([descend(exact, start), start])
         return _best(end, jax.vmap(exact)(end))
 
     return jax.vmap(of_point)(tile.accelerations, starts, coarse, fine)
@@ -115,10 +117,12 @@ def _loss_at(
     return loss.of_response(scene, motion, response, plan)
 
 
-def _descend(objective: Callable[[Array], Array], box: Array, max_steps: int) -> Array:
+def _descend(
+    objective: Callable[[Array], Array], box: Array, max_steps: int, tolerance: float
+) -> Array:
     r"""Optimistix BFGS in the unit box, through $x = \sin^2\theta$; shape `(c,)`."""
     theta = jnp.arcsin(jnp.sqrt(jnp.clip(box, _MARGIN, 1 - _MARGIN)))
-    solver = optx.BFGS(rtol=_TOLERANCE, atol=_TOLERANCE)
+    solver = optx.BFGS(rtol=tolerance, atol=tolerance)
     ended = optx.minimise(
         lambda y, _: objective(jnp.sin(y) ** 2), solver, theta, max_steps=max_steps, throw=False
     )
@@ -134,7 +138,8 @@ def _spectra_of_points(tables: Tables, numbers: SceneNumbers, tile: Tile, count:
     """Transfer functions of the basis at every point; shape `(j, k, s, m)`."""
     frequency = frequency_grid(count, np.dtype(numbers.speeds.dtype))
     chunks = frequency.reshape(-1, _CHUNK)
-    found = jax.lax.map(lambda some: aligned_spectra(tables, numbers, tile, some), chunks)
+    parts = (jnp.arange(chunks.shape[0]) + 1) * PARTS // chunks.shape[0] - 1
+    found = jax.lax.map(lambda x: aligned_spectra(tables, numbers, tile, *x), (chunks, parts))
     whole = (part.reshape(count, *part.shape[2:]) for part in found)
     return Spectra(*(jnp.moveaxis(part, (3, 2, 1, 0), (0, 1, 2, 3)) for part in whole))
 
@@ -158,8 +163,8 @@ class Searcher:
         layout, settings = self.layout, self.settings
         scene = layout.scenes[block.scene]
         inside = layout.inside(block)
-        numbers = layout.scene_numbers(scene, symmetric=settings.symmetric)
-        seen = _seen(scene, settings.symmetric, numbers)
+        numbers = layout.scene_numbers(scene, symmetric=self.basis.symmetric)
+        seen = _seen(scene, self.basis.symmetric, numbers)
         boxes = np.full((*inside.shape, self.windows.shape[1]), np.nan)
         losses = np.full(inside.shape, np.nan)
         plan = sizes(seen, ParabolicMotion(acceleration=1.0, half_exposure=1e-3))
@@ -179,6 +184,7 @@ class Searcher:
                 tile,
                 jnp.asarray(starts, layout.grid.dtype),
                 settings.max_steps,
+                settings.tolerance,
             )
             boxes[chosen.rows, chosen.column] = np.asarray(found)[: chosen.rows.size]
             losses[chosen.rows, chosen.column] = np.asarray(loss)[: chosen.rows.size]

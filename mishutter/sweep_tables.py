@@ -18,7 +18,6 @@ import numpy as np
 from jaxtyping import Array
 from numpy.polynomial import chebyshev
 
-from mishutter.plan import is_symmetric
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter
 from mishutter.shutters.sampled import piecewise
 
@@ -48,6 +47,13 @@ class Antiderivative(NamedTuple):
     centres: Array
     halves: Array
     powers: Array
+
+
+class _Profile(NamedTuple):
+    """A shutter in smooth pieces, and where they end."""
+
+    pieces: AbstractPiecewiseShutter
+    ends: np.ndarray
 
 
 @final
@@ -81,21 +87,20 @@ class Rules(NamedTuple):
     bandwidths: np.ndarray
     num_chunks: np.ndarray
 
-    def level(self, bandwidth: float) -> int:
-        """The cheapest rule that holds a bandwidth."""
-        return min(int(np.searchsorted(self.bandwidths, bandwidth)), self.bandwidths.size - 1)
+    def levels(self, bandwidths: np.ndarray) -> np.ndarray:
+        """The cheapest rule that holds each bandwidth."""
+        return np.minimum(np.searchsorted(self.bandwidths, bandwidths), self.bandwidths.size - 1)
 
 
 def tabulate(
-    shutters: Sequence[AbstractShutter], max_bandwidth: float, dtype: np.dtype
+    shutters: Sequence[AbstractShutter], max_bandwidth: float, dtype: np.dtype, *, symmetric: bool
 ) -> tuple[Tables, Rules]:
     """Tables and rules that hold velocities of up to `max_bandwidth` px per half exposure."""
-    profiles = [piecewise(shutter) for shutter in shutters]
+    profiles = [_profile(shutter) for shutter in shutters]
     ends = _common_ends(profiles)
     count = max(1, int(np.ceil(np.log(max(max_bandwidth, 2.0) / 2) / np.log(_LEVEL_RATIO))) + 1)
     bandwidths = 2.0 * _LEVEL_RATIO ** np.arange(count)
-    spare = _enough_nodes(profiles, ends, bandwidths)
-    rules = [_rule(ends, bandwidth, spare) for bandwidth in bandwidths.tolist()]
+    rules = _rules(profiles, ends, bandwidths)
     num_chunks = np.array([-(-nodes.size // CHUNK) for nodes, _ in rules])
     length = int(num_chunks.max()) * CHUNK
     nodes = np.stack([np.pad(x, (0, length - x.size)) for x, _ in rules])
@@ -106,7 +111,6 @@ def tabulate(
         np.swapaxes((after + sign * before).reshape(shape), 0, 1) / 2 * weights[:, None]
         for sign in (1, -1)
     )
-    symmetric = all(is_symmetric(shutter) for shutter in shutters)
     integrals = tuple(_antiderivative(profile, dtype) for profile in profiles)
     efficiency = np.array([float(shutter.efficiency()) for shutter in shutters])
     tables = Tables(
@@ -148,9 +152,9 @@ def mixed(integrals: tuple[Antiderivative, ...], mixture: Array) -> Antiderivati
     return integrals[0]._replace(powers=jnp.einsum("jk,kpd->jpd", mixture, powers))
 
 
-def _common_ends(profiles: Sequence[AbstractPiecewiseShutter]) -> np.ndarray:
+def _common_ends(profiles: Sequence[_Profile]) -> np.ndarray:
     """Ends in [0, 1] between which every shutter is smooth on both sides of mid-exposure."""
-    ends = [np.abs(_ends(profile)) for profile in profiles]
+    ends = [np.abs(profile.ends) for profile in profiles]
     panels = [np.linspace(0, 1, _panels(profile) + 1) for profile in profiles]
     joined = np.unique(np.concatenate([[0.0, 1.0], *ends, *panels]))
     apart = np.concatenate([[True], np.diff(joined) > 1e-12])
@@ -159,14 +163,16 @@ def _common_ends(profiles: Sequence[AbstractPiecewiseShutter]) -> np.ndarray:
     return joined
 
 
-def _panels(profile: AbstractPiecewiseShutter) -> int:
+def _panels(profile: _Profile) -> int:
     """Equal parts of half the exposure that a profile's own sharpness asks for."""
-    single = _ends(profile).size == 2
-    return -(-profile.panels_per_piece // 8) if single else 1
+    single = profile.ends.size == 2
+    return -(-profile.pieces.panels_per_piece // 8) if single else 1
 
 
-def _ends(profile: AbstractPiecewiseShutter) -> np.ndarray:
-    return np.asarray(profile.breakpoints(np.dtype(profile.dtype() or float)).high, np.float64)
+def _profile(shutter: AbstractShutter) -> _Profile:
+    pieces = piecewise(shutter)
+    ends = pieces.breakpoints(np.dtype(pieces.dtype() or float)).high
+    return _Profile(pieces, np.asarray(ends, np.float64))
 
 
 def _rule(ends: np.ndarray, bandwidth: float, spare: int) -> tuple[np.ndarray, np.ndarray]:
@@ -187,44 +193,41 @@ def _rule(ends: np.ndarray, bandwidth: float, spare: int) -> tuple[np.ndarray, n
 _legendre = lru_cache(np.polynomial.legendre.leggauss)
 
 
-def _enough_nodes(
-    profiles: Sequence[AbstractPiecewiseShutter], ends: np.ndarray, bandwidths: np.ndarray
-) -> int:
-    """Fewest spare nodes a panel with which doubling them changes no transfer function."""
-    probes = [
-        (level, part)
-        for level in bandwidths.tolist()[:: max(1, bandwidths.size // 6)]
-        for part in (0.0, 0.5)
-    ]
-    exact = [_probe(profiles, ends, level, part, _SPARE_NODES[-1]) for level, part in probes]
+def _rules(
+    profiles: Sequence[_Profile], ends: np.ndarray, bandwidths: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rules with the fewest spare nodes a panel with which many more change nothing."""
     allowed = max(_QUADRATURE_ERROR, 50 * float(jnp.finfo(jnp.result_type(float)).eps))
-    for spare in _SPARE_NODES[:-1]:
-        found = [_probe(profiles, ends, level, part, spare) for level, part in probes]
-        errors = [np.max(np.abs(a - b)) for a, b in zip(found, exact, strict=True)]
-        if max(errors) < allowed:
-            return spare
-    return _SPARE_NODES[-1]
+    rules, index = [], 0
+    for bandwidth in bandwidths.tolist():
+        exact = _probed(profiles, bandwidth, _rule(ends, bandwidth, _SPARE_NODES[-1]))
+        rule = _rule(ends, bandwidth, _SPARE_NODES[index])
+        while np.max(np.abs(_probed(profiles, bandwidth, rule) - exact)) >= allowed:
+            index += 1
+            rule = _rule(ends, bandwidth, _SPARE_NODES[index])
+        rules.append(rule)
+    return rules
 
 
-def _probe(profiles, ends, bandwidth: float, part: float, spare: int) -> np.ndarray:
-    """Transfer functions at 0.5 cycles/px, a part of the bandwidth being acceleration."""
-    nodes, weights = _rule(ends, bandwidth, spare)
+def _probed(profiles, bandwidth: float, rule: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Transfer functions at 0.5 cycles/px, parts of the bandwidth being acceleration."""
+    nodes, weights = rule
+    part = np.array([[0.0], [0.5], [0.9]])
     phase = np.pi * bandwidth * (part / 2 * nodes**2 + (1 - part) * nodes)
-    light = _light(profiles, nodes)
-    return (light * weights) @ np.exp(1j * phase)
+    return (_light(profiles, nodes) * weights) @ np.exp(1j * phase).T
 
 
-def _light(profiles: Sequence[AbstractPiecewiseShutter], tau: np.ndarray) -> np.ndarray:
+def _light(profiles: Sequence[_Profile], tau: np.ndarray) -> np.ndarray:
     """Transmittances at times away from breakpoints; shape `(k, q)`."""
     length = 1 << max(tau.size - 1, 1).bit_length()
     padded = jnp.asarray(np.pad(tau, (0, length - tau.size)))
     return np.stack([_at(profile, padded) for profile in profiles])[:, : tau.size]
 
 
-def _at(profile: AbstractPiecewiseShutter, tau: Array) -> np.ndarray:
-    ends = _ends(profile)
+def _at(profile: _Profile, tau: Array) -> np.ndarray:
+    ends = profile.ends
     piece = np.clip(np.searchsorted(ends, np.asarray(tau)) - 1, 0, ends.size - 2)
-    values = np.asarray(_all_pieces(profile, tau), np.float64)
+    values = np.asarray(_all_pieces(profile.pieces, tau), np.float64)
     return np.clip(values[piece, np.arange(tau.size)], 0, 1)
 
 
@@ -240,15 +243,15 @@ def _at_offsets(profile: AbstractPiecewiseShutter, offset: Array) -> Array:
     return profile.piece_transmittance(offset)
 
 
-def _antiderivative(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Antiderivative:
+def _antiderivative(profile: _Profile, dtype: np.dtype) -> Antiderivative:
     """Running integral, from interpolation at Chebyshev points of as few parts as will do."""
-    ends = _ends(profile)
+    ends = profile.ends
     points = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
     projection = chebyshev.chebvander(points, _DEGREE) * (2 / (_DEGREE + 1))
     projection[:, 0] /= 2
     shares = [((np.arange(cut)[:, None] + (points + 1) / 2) / cut).ravel() for cut in _CUTS]
     offset = np.diff(ends)[:, None] * np.concatenate(shares)
-    values = np.asarray(_at_offsets(profile, jnp.asarray(offset)), np.float64)
+    values = np.asarray(_at_offsets(profile.pieces, jnp.asarray(offset)), np.float64)
     places = np.cumsum([0, *(share.size for share in shares)])
     cut, series = _CUTS[0], values
     for index, number in enumerate(_CUTS):

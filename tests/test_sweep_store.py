@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray
 from helpers_sweep import SCENE, SHUTTERS, grid
 
 import mishutter
-from mishutter import GaussianShutter, Scene, sweep
+from mishutter import GaussianShutter, Scene, cli, sweep
 from mishutter.sweep_grid import Grid
 from mishutter.sweep_store import StoredBlocks
 
@@ -208,3 +209,58 @@ def test_the_store_says_what_it_holds(tmp_path):
     request = json.loads(str(attributes["sweep"]))
     assert request["shutters"]["Hann"] == {"kind": "HannShutter"}
     assert request["scenes"]["0"]["read_noise"] == 6.0
+
+
+COMMAND = ["sweep", "--acceleration", "3e4:3e5:300", "--half-exposure", "2:5:2"]
+
+READ_ONLY_HALF_WAY = """
+import ctypes, os, sys
+MAY_WRITE_ANYWHERE, DROP_FROM_BOUND = 1, 24
+if os.geteuid() == 0 and len(sys.argv) == 1:
+    # The superuser's right to ignore permissions ends with the next program.
+    if ctypes.CDLL(None).prctl(DROP_FROM_BOUND, MAY_WRITE_ANYWHERE, 0, 0, 0):
+        sys.exit(77)
+    os.execv(sys.executable, [*sys.orig_argv, "bound"])
+from mishutter import cli
+from mishutter.sweep_store import StoredBlocks
+write = StoredBlocks.write
+
+def once(self, block, arrays):
+    write(self, block, arrays)
+    for folder, _, _ in os.walk(self.path):
+        os.chmod(folder, 0o555)
+
+StoredBlocks.write = once
+sys.exit(cli.main({command!r}))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="drops a right that only Linux has apart")
+def test_a_store_made_read_only_half_way(tmp_path, capsys):
+    """One line and exit code 2; made writable again, the rest is computed, bit for bit."""
+    store, other = tmp_path / "a.zarr", tmp_path / "whole.zarr"
+    code = READ_ONLY_HALF_WAY.format(command=[*COMMAND, "--store", str(store)])
+    path = os.pathsep.join([str(Path(mishutter.__file__).parent.parent), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode == 77:
+        pytest.skip("the superuser's right to write anywhere cannot be dropped here")
+    for folder, _, _ in os.walk(store):
+        os.chmod(folder, 0o755)
+    errors = [line for line in done.stderr.splitlines() if "error" in line]
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert len(errors) == 1
+    assert errors[0].startswith(f"mishutter: error: '{store}")
+    assert errors[0].endswith("must be readable and writable as asked; got: Permission denied")
+    assert cli.main([*COMMAND, "--store", str(store)]) == 0
+    assert "1 of 3 blocks found, 2 to compute" in capsys.readouterr().err
+    assert cli.main([*COMMAND, "--store", str(other)]) == 0
+    found, right = (xarray.open_zarr(x, chunks=None, consolidated=False) for x in (store, other))
+    assert found.load().identical(right.load())

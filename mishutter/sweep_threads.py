@@ -1,0 +1,56 @@
+"""Calls in as many threads as there are idle processors, with their results in order."""
+
+import os
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+import jax
+import numpy as np
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+def num_threads(devices: np.ndarray) -> int:
+    """Calls at a time: the processors that each device of these may have for itself."""
+    if devices.flat[0].platform != "cpu":
+        return 1
+    allowed = getattr(os, "sched_getaffinity", None)
+    num_processors = len(allowed(0)) if allowed else os.cpu_count() or 1
+    return max(1, num_processors // devices.size)
+
+
+def in_threads(
+    function: Callable[[_Item], _Result], items: Iterable[_Item], count: int
+) -> Generator[_Result, None, None]:
+    """A function of each item, at the caller's precision, at most `count` at a time.
+
+    The first is done alone: what it compiles serves all others. None is begun that is far
+    ahead of what was taken, nor any more once the caller has stopped.
+    """
+    wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+
+    def call(item: _Item) -> _Result:
+        with jax.enable_x64(wide):
+            return function(item)
+
+    left = iter(items)
+    for item in left:
+        yield function(item)
+        break
+    if count == 1:
+        yield from map(function, left)
+        return
+    waiting: deque[Future[_Result]] = deque()
+    pool = ThreadPoolExecutor(count)
+    try:
+        for item in left:
+            waiting.append(pool.submit(call, item))
+            if len(waiting) > count:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)

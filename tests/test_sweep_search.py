@@ -1,0 +1,76 @@
+"""Profiles found over a grid are those that `optimise` finds, and do what is said of them."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers_sweep import RELATIVE, SCENE, SHUTTERS
+
+from mishutter import (
+    ExpectedErrorLoss,
+    ParabolicMotion,
+    Scene,
+    SplineShutter,
+    evaluate,
+    optimise,
+    plan,
+    starting_shutter,
+    sweep,
+)
+
+EXCESS = 1e-3
+"""Loss above that of `optimise`: promised of every point."""
+
+ASYMMETRIC = Scene([120.0, 480.0, 700.0], photon_rate=3e4, read_noise=8.0, limits=SCENE.limits)
+SCENES = {"symmetric": SCENE, "asymmetric": ASYMMETRIC}
+AXES: dict[str, Any] = {
+    "accelerations": [4e4, 1.1e5, 2e5],
+    "half_exposures": [3.1e-3, 5.2e-3],
+    "shutters": SHUTTERS,
+    "optimise": True,
+    "num_coefficients": 12,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slug", SCENES)
+def test_losses_are_those_of_optimise(slug):
+    """At points with and without neighbours; metrics and loss are of the coefficients kept."""
+    scene, loss = SCENES[slug], ExpectedErrorLoss()
+    found = sweep(scene, **AXES)
+    start = starting_shutter(scene, 12)
+    for row, column in ((0, 0), (2, 1)):
+        at = found.isel(acceleration=row, half_exposure=column)
+        motion = ParabolicMotion(
+            acceleration=float(at.acceleration), half_exposure=float(at.half_exposure)
+        )
+        design = optimise(scene, motion, start, loss=loss, free="shutter")
+        assert float(at.loss) - design.loss < EXCESS
+        profile = SplineShutter(np.asarray(at.coefficients))
+        np.testing.assert_allclose(loss(scene, motion, profile), at.loss, rtol=RELATIVE)
+        psnr = float(at.expected_psnr.sel(shutter="optimised"))
+        exact = evaluate(scene, motion, profile).expected_psnr
+        np.testing.assert_allclose(exact, psnr, rtol=RELATIVE)
+
+
+@pytest.mark.slow
+def test_blocks_at_a_time_change_nothing(monkeypatch):
+    """Bit for bit what they are one after the other."""
+    few: dict[str, Any] = AXES | {"metrics": ["expected_psnr"], "max_steps": 5}
+    monkeypatch.setattr("mishutter.sweep_grid._SEARCH_BLOCK", 1)
+    found = []
+    for count in (1, 3):
+        monkeypatch.setattr("mishutter.sweep_blocks.num_threads", lambda devices, n=count: n)
+        found.append(sweep(SCENE, **few))
+    assert found[0].identical(found[1])
+
+
+@pytest.mark.slow
+def test_a_tolerance_is_of_the_search():
+    """It is recorded, and the loss stays within it."""
+    few: dict[str, Any] = AXES | {"accelerations": [1.1e5], "half_exposures": [5.2e-3]}
+    motion = ParabolicMotion(acceleration=1.1e5, half_exposure=5.2e-3)
+    loose = plan(SCENE, motion, starting_shutter(SCENE, 12), tolerance=1e-2)
+    exact, near = sweep(SCENE, **few), sweep(SCENE, plan=loose, **few)
+    assert '"tolerance": 0.0001' in near.attrs["sweep"]
+    np.testing.assert_allclose(near.loss, exact.loss, rtol=1e-2)
