@@ -39,7 +39,7 @@ class RectShutter(AbstractPiecewiseShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return jnp.ones_like(offset)
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
         return jnp.ones_like(width)
 
 
@@ -63,7 +63,7 @@ class HannShutter(AbstractPiecewiseShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return jnp.sin((jnp.pi / 2) * offset) ** 2
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
         return _cosine_ramp_mean(jnp.minimum(start, remaining), width)
 
 
@@ -87,8 +87,8 @@ class TriangleShutter(AbstractPiecewiseShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return jnp.stack([offset[0], 1 - offset[1]])
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
-        return jnp.stack([start[0], remaining[1]]) + width / 2
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+        return jnp.where(piece == 0, start, remaining) + width / 2
 
 
 @final
@@ -136,7 +136,7 @@ class GaussianShutter(AbstractAdjustableShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return self._profile(offset - 1)
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
         distance = jnp.abs(start - remaining) / 2
         return _gaussian_mean(distance, width / 2, self.sigma.astype(width.dtype))
 
@@ -201,11 +201,12 @@ class TukeyShutter(AbstractAdjustableShutter):
             ]
         )
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
         taper = _nonzero(self.taper.astype(width.dtype))
-        rise = _cosine_ramp_mean(start[0] / taper, width[0] / taper)
-        fall = _cosine_ramp_mean(remaining[2] / taper, width[2] / taper)
-        return jnp.stack([rise, jnp.ones_like(rise), fall])
+        flat = piece == 1
+        height = jnp.where(piece == 0, start, remaining)
+        ramp = _cosine_ramp_mean(*(jnp.where(flat, 0.0, x / taper) for x in (height, width)))
+        return jnp.where(flat, 1.0, ramp)
 
     def box(self) -> Array:
         return self.taper[None]
