@@ -65,9 +65,9 @@ def crossings(
 
     # An arm enters the piece that holds the vertex there, and the others at their inner end.
     holds_vertex = turns & (rank == 0)
-    high, low = (_ends(x[None], piece) for x in track.position)
-    speeds = _ends(jnp.abs(track.velocity)[None], piece)
-    length = _at(jnp.diff(tau.high)[None] + jnp.diff(tau.low)[None], piece)
+    high, low = (_ends(x, piece) for x in track.position)
+    speeds = _ends(jnp.abs(track.velocity), piece)
+    length = _at(jnp.diff(tau.high) + jnp.diff(tau.low), piece)
     rate = jnp.where(turns, 2 * track.stroke, 1.0)
     lead = jnp.where(holds_vertex, jnp.minimum(speeds[0] / rate, length), 0.0)
     span = jnp.where(holds_vertex, jnp.minimum(speeds[1] / rate, length), length)
@@ -94,7 +94,7 @@ def crossings(
     times = jax.lax.stop_gradient((since, inner, outer))
     at_vertex = is_before & turns
     moves = at_vertex | ~(is_before | is_beyond)
-    ends = _ends(tau.high[None], piece)
+    ends = _ends(tau.high, piece)
     where = jax.lax.stop_gradient((speed, at_vertex, moves, turns))
     since, inner, outer = _timed(track.from_vertex, times, motion, edges.high, ends, where)
     return Crossings(piece, rank, since, inner, outer, is_before, is_beyond)
@@ -160,13 +160,13 @@ def _row(x: DoubleWord) -> DoubleWord:
 
 
 def _ends(value: Array, piece: Array) -> tuple[Array, Array]:
-    """Values `(2, p + 1)` of breakpoints at the inner and the outer end of pieces."""
-    left, right = _at(value[:, :-1], piece), _at(value[:, 1:], piece)
+    """Values `(p + 1,)` of breakpoints at the inner and the outer end of pieces."""
+    left, right = _at(value[:-1], piece), _at(value[1:], piece)
     return jnp.where(AFTER, left, right), jnp.where(AFTER, right, left)
 
 
 def _at(value: Array, piece: Array) -> Array:
-    """Values `(2, p)` or `(1, p)` of pieces; those of the only one are left as they are."""
-    if value.shape[1] == 1:
-        return value
-    return jnp.take_along_axis(jnp.broadcast_to(value, (2, value.shape[1])), piece, axis=1)
+    """Values `(p,)` of pieces; that of the only one is left to spread by itself."""
+    if value.size == 1:
+        return value[None]
+    return value.at[piece].get(mode="promise_in_bounds")

@@ -223,28 +223,32 @@ def _nonzero(taper: Array) -> Array:
     return jnp.where(taper > 0, taper, jnp.ones_like(taper))
 
 
+_SINC_DEFICIT = [(-1) ** (k + 1) / math.factorial(2 * k + 1) for k in range(15, 0, -1)]
+_SINE = [(-1) ** k / math.factorial(2 * k + 1) for k in range(11, -1, -1)]
+
+
 def _cosine_ramp_mean(start: Array, width: Array) -> Array:
     r"""Mean of $\sin^2(\pi v/2)$ over $[v_0, v_0 + 2d]$, without cancellation.
 
     $\frac12(1 - \operatorname{sinc} d\,\cos \pi c)
     = \frac12(1 - \operatorname{sinc} d) + \operatorname{sinc} d\,\sin^2(\pi c/2)$ at the
-    centre $c = v_0 + d$.
+    centre $c = v_0 + d$, for $c$ and $d$ in [0, 1]. Both functions are their Taylor series:
+    terms enough for the whole range compile to less than a library's sine.
     """
     half = width / 2
-    deficit = _sinc_deficit(half)
-    return deficit / 2 + (1 - deficit) * jnp.sin((jnp.pi / 2) * (start + half)) ** 2
+    square = (jnp.pi * half) ** 2
+    deficit = square * _polynomial(_SINC_DEFICIT, square)
+    angle = (jnp.pi / 2) * (start + half)
+    sine = angle * _polynomial(_SINE, angle**2)
+    return deficit / 2 + (1 - deficit) * sine**2
 
 
-def _sinc_deficit(d: Array) -> Array:
-    r"""$1 - \sin(\pi d)/(\pi d)$ for $d \in [0, 1]$, accurate to its last digits at small $d$."""
-    x = jnp.pi * d
-    small = x < 1
-    x_small = jnp.where(small, x, jnp.zeros_like(x)) ** 2
-    series = jnp.zeros_like(x)
-    for order in range(8, 0, -1):
-        series = x_small / ((2 * order) * (2 * order + 1)) * (1 - series)
-    x_large = jnp.where(small, jnp.ones_like(x), x)
-    return jnp.where(small, series, 1 - jnp.sin(x_large) / x_large)
+def _polynomial(coefficients: list[float], x: Array) -> Array:
+    """A polynomial by its coefficients, the highest first."""
+    total = jnp.full_like(x, coefficients[0])
+    for coefficient in coefficients[1:]:
+        total = total * x + coefficient
+    return total
 
 
 _NARROW = 0.5
