@@ -111,16 +111,16 @@ def _timed_jvp(from_vertex, primals, tangents):
     (since, inner, outer), (a, T, s), _, ends, (speed, at_vertex, moves, turns) = primals
     _, (da, dT, ds), dedge, dends, _ = tangents
     sign = jnp.where(AFTER, 1.0, -1.0).astype(speed.dtype)
-    curved = a > 0
-    rate = jnp.where(curved, 2 * a, 1.0)
-    bend, vertex = jnp.where(curved, 1 / rate, 0.0), jnp.where(curved, s / rate, 0.0)
-    near = curved & (from_vertex | (jnp.abs(vertex) < T / 16))
+    reaches = (a > 0) & (from_vertex | (4 * a * T >= jnp.abs(s)))
+    rate = jnp.where(reaches, 2 * a, 1.0)
+    bend, vertex = jnp.where(reaches, 1 / rate, 0.0), jnp.where(reaches, s / rate, 0.0)
+    near = reaches & (from_vertex | (jnp.abs(vertex) < T / 16))
 
     def scaled(change, tau):
         return change / T - tau * (dT / T)
 
-    # A moment moves with the vertex, where that is near, and by as much as the edge moves
-    # from where the point was at another moment, the pivot: the vertex or itself.
+    # Near the vertex a moment moves with it, and as the edge does from it; elsewhere as the
+    # edge does from where the point was. So the arms of a slow object cancel exactly.
     tau = jnp.where(inner < outer, ends[0] + sign * inner, ends[1] - sign * outer)
     t = T * tau
     pivot = jnp.zeros_like(t) if from_vertex else jnp.where(near, vertex, t)
