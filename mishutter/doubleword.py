@@ -73,11 +73,12 @@ def multiply(x: DoubleWord, y: DoubleWord) -> DoubleWord:
     return _renormalise(product.high, product.low + (x.high * y.low + x.low * y.high))
 
 
-def divide(x: DoubleWord, y: DoubleWord) -> DoubleWord:
-    """`x / y`, for `y` that is not zero: long division with one correction."""
-    quotient = x.high / y.high
-    remainder = add(x, negate(multiply(DoubleWord(quotient, jnp.zeros_like(quotient)), y)))
-    return _renormalise(quotient, remainder.high / y.high)
+def reciprocal(x: DoubleWord) -> DoubleWord:
+    """`1 / x`, for `x` that is not zero, with one of Newton's corrections."""
+    guess = 1 / x.high
+    product = two_product(guess, x.high)
+    missing = (1 - product.high) - (product.low + guess * x.low)
+    return _renormalise(guess, guess * missing)
 
 
 def word(a: Array) -> DoubleWord:

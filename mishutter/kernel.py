@@ -7,17 +7,16 @@ an interval of positions; the time spent there is $2\,\Delta x/(u_k + u_{k+1})$ 
 light is that time, times the piece's mean transmittance over it.
 """
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.arms import AFTER, crossings, passed_breakpoints, time_between
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
-from mishutter.path import Path, path, speed_at
+from mishutter.path import Motion, Path, path, speed_at
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter, within_unit
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import (
@@ -29,9 +28,6 @@ from mishutter.types import (
     require_positive_int,
     require_scalar,
 )
-
-_BLOCK_SIZE = 1 << 16
-"""Taps times pieces above which taps are done block by block, to bound memory."""
 
 _REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
 """Length of a path, in px, below which its squares underflow and it counts as a point."""
@@ -154,17 +150,9 @@ def _exposure(
     at_rest = jnp.abs(a * T * T) + jnp.abs(speed * T) < _REST[np.dtype(speed.dtype)]
     a, speed = (jnp.where(at_rest, 0.0, x) for x in (a, speed))
     tau = profile.breakpoints(np.dtype(speed.dtype))
-    track = path(a, T, speed, tau, from_vertex=from_vertex)
-    length = jnp.diff(tau.high) + jnp.diff(tau.low)
-    pieces = _pieces(track, length)
-
-    def block(ends: DoubleWord) -> Array:
-        inside = DoubleWord(*(_bring_inside(e, track) for e in ends))
-        velocity = speed_at(a, T, speed, inside, from_vertex=from_vertex)
-        return _light(profile, pieces, ends, velocity, track.stroke) / 2
-
-    taps = _by_blocks(block, edges, num_values=2 * length.size)
-    return _with_points_at_rest(taps, edges, track, profile, from_vertex)
+    track = path(*jax.lax.stop_gradient((a, T, speed, tau)), from_vertex=from_vertex)
+    light = _light(profile, (a, T, speed), track, tau, _bring_inside(edges, track))
+    return _with_points_at_rest(light / 2, edges, track, profile, from_vertex)
 
 
 def _with_points_at_rest(taps, edges, track, profile, from_vertex):
@@ -177,113 +165,55 @@ def _with_points_at_rest(taps, edges, track, profile, from_vertex):
     return jnp.where(no_stroke & ~no_smear, jnp.zeros_like(taps), taps) if from_vertex else taps
 
 
-class _Pieces(NamedTuple):
-    """Ends of each piece on each arm, before the vertex and after; shapes `(n, 2, 1)`.
-
-    A piece reaches from its inner end, nearer the vertex, to its outer end. Where the
-    vertex lies inside or beyond it, the vertex takes the inner end's place, and
-    `to_vertex` is the time from one to the other.
-    """
-
-    inner: DoubleWord
-    outer: DoubleWord
-    inner_speed: Array
-    outer_speed: Array
-    to_vertex: Array
-
-
-def _pieces(track: Path, length: Array) -> _Pieces:
-    outwards = jnp.stack([-track.velocity, track.velocity])
-    on_arm = outwards >= 0
-    high = jnp.where(on_arm, track.position.high, track.vertex.high)
-    low = jnp.where(on_arm, track.position.low, track.vertex.low)
-    speed = jnp.where(on_arm, outwards, 0.0)
-
-    def inner(x: Array) -> Array:
-        return jnp.stack([x[0, 1:], x[1, :-1]], axis=1)[..., None]
-
-    def outer(x: Array) -> Array:
-        return jnp.stack([x[0, :-1], x[1, 1:]], axis=1)[..., None]
-
-    return _Pieces(
-        DoubleWord(inner(high), inner(low)),
-        DoubleWord(outer(high), outer(low)),
-        inner(speed),
-        outer(speed),
-        _vertex_offset(track.stroke, inner(outwards), length[:, None, None]),
-    )
-
-
-def _vertex_offset(stroke: Array, inner_velocity: Array, length: Array) -> Array:
-    """Time from a piece's inner end to the vertex, where the vertex cuts the piece."""
-    turns = (inner_velocity < 0) & (stroke > 0)
-    offset = jnp.where(turns, -inner_velocity / jnp.where(turns, 2 * stroke, 1.0), 0.0)
-    return jnp.minimum(offset, length)
-
-
 def _light(
     profile: AbstractPiecewiseShutter,
-    pieces: _Pieces,
+    motion: Motion,
+    track: Path,
+    tau: DoubleWord,
     edges: DoubleWord,
-    velocity: Array,
-    stroke: Array,
 ) -> Array:
-    """Light of both arms of the path between edges, in units of tau; shape `(n,)`."""
-    inner, outer, inner_speed, outer_speed, to_vertex = pieces
-    edges = DoubleWord(edges.high[None, None], edges.low[None, None])
-    below = _distance(edges, inner) <= 0
-    above = _distance(edges, outer) >= 0
+    """Light of both arms of the path between edges, in units of tau; shape `(n,)`.
 
-    def clipped(edge, at_inner, at_outer):
-        return jnp.where(below, at_inner, jnp.where(above, at_outer, edge))
-
-    u = clipped(velocity[None, None], inner_speed, outer_speed)
-    x = DoubleWord(
-        clipped(edges.high, inner.high, outer.high), clipped(edges.low, inner.low, outer.low)
-    )
-    step = jnp.diff(x.high) + jnp.diff(x.low)
-    width = _time(step, u[..., :-1], u[..., 1:], stroke)
-    near = to_vertex + _time(_distance(x, inner), inner_speed, u, stroke)[..., :-1]
-    far = _time(_distance(outer, x), u, outer_speed, stroke)[..., 1:]
-    start = jnp.stack([far[:, 0], near[:, 1]], axis=1)
-    remaining = jnp.stack([near[:, 0], far[:, 1]], axis=1)
-    mean = profile.piece_mean(start, width, remaining)
-    return jnp.sum(width * within_unit(mean), axis=(0, 1))
-
-
-def _time(distance: Array, before: Array, after: Array, stroke: Array) -> Array:
-    r"""Time between two points of an arm, from their distance and their speeds.
-
-    $2\,\Delta x / (u_1 + u_2)$ where the speeds are close, $(u_2 - u_1)/2A$ where they
-    differ by a factor of 2: there it is the speeds that are known to the last digit,
-    and near the vertex their derivatives are too.
+    Edges and breakpoints cut an arm into cells, each in one tap and in one piece. One
+    cell starts at each edge, and one at each breakpoint inside the exposure.
     """
-    far_apart = after > 2 * before
-    safe_rate = jnp.where(far_apart, 2 * stroke, 1.0)
-    total = before + after
-    close = ~far_apart & (total > 0)
-    by_distance = 2 * distance / jnp.where(close, total, 1.0)
-    return jnp.where(far_apart, (after - before) / safe_rate, jnp.where(close, by_distance, 0.0))
+    a, T, _ = motion
+    speed = speed_at(motion, track, edges)
+    passed = passed_breakpoints(track, edges)
+    x = crossings(motion, track, tau, passed, edges, speed)
+
+    step = jnp.diff(edges.high) + jnp.diff(edges.low)
+    within = time_between(step, speed[:-1], speed[1:], a * T * T)[None]
+    whole = (x.rank[:, 1:] == x.rank[:, :-1]) & ~x.is_beyond[:, :-1]
+    width = jnp.where(x.is_before[:, :-1], x.since[:, 1:], within)
+    width = jnp.where(whole, width, x.outer[:, :-1])
+    outer = jnp.where(whole, x.outer[:, 1:], 0.0)
+    light = _cell_light(profile, x.piece[:, :-1], AFTER, x.inner[:, :-1], width, outer)
+    light = jnp.sum(light, axis=0)
+    if tau.high.size == 2:
+        return light
+
+    # The cells that start at a breakpoint.
+    is_after = track.velocity[1:-1] >= 0
+    piece = jnp.arange(tau.high.size - 2, dtype=jnp.int32) + is_after.astype(jnp.int32)
+    length = (jnp.diff(tau.high) + jnp.diff(tau.low))[piece]
+    edge = jnp.sum(~passed[1:-1], axis=1, dtype=jnp.int32)
+    ends_here = (edge > 0) & (edge < edges.high.size)
+    arm, edge = is_after.astype(jnp.int32), jnp.clip(edge, 1, edges.high.size - 1)
+    cut = x.piece[arm, edge] == piece
+    width = jnp.where(cut, x.inner[arm, edge], length)
+    outer = jnp.where(cut, x.outer[arm, edge], 0.0)
+    more = _cell_light(profile, piece, is_after, jnp.zeros_like(width), width, outer)
+    return light.at[edge - 1].add(jnp.where(ends_here, more, 0.0))
 
 
-def _distance(x: DoubleWord, y: DoubleWord) -> Array:
-    """`x - y` to single precision: the difference of the high parts loses nothing."""
-    return (x.high - y.high) + (x.low - y.low)
+def _cell_light(profile, piece, is_after, inner, width, outer):
+    """Light of cells `inner` and `outer` from the two ends of a piece on an arm."""
+    start, remaining = jnp.where(is_after, inner, outer), jnp.where(is_after, outer, inner)
+    return width * within_unit(profile.piece_mean(piece, start, width, remaining))
 
 
-def _bring_inside(edge: Array, track: Path) -> Array:
+def _bring_inside(edges: DoubleWord, track: Path) -> DoubleWord:
     """Edges, with those beyond all light brought near enough not to overflow."""
     reach = 2 * jnp.max(jnp.abs(track.position.high)) + jnp.abs(track.vertex.high) + 1
-    return jnp.clip(edge, -reach, reach)
-
-
-def _by_blocks(function, edges: DoubleWord, *, num_values: int) -> Array:
-    """`function` over runs of taps short enough that memory does not grow with pieces."""
-    num_taps = edges.high.size - 1
-    length = max(1, _BLOCK_SIZE // num_values)
-    if num_taps <= length:
-        return function(edges)
-    num_blocks = -(-num_taps // length)
-    index = np.minimum(np.arange(num_blocks)[:, None] * length + np.arange(length + 1), num_taps)
-    blocks = DoubleWord(edges.high[index], edges.low[index])
-    return jax.lax.map(jax.checkpoint(function), blocks).reshape(-1)[:num_taps]
+    return DoubleWord(*(jnp.clip(x, -reach, reach) for x in edges))

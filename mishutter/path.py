@@ -16,18 +16,22 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from mishutter.doubleword import (
     DoubleWord,
     add,
-    divide,
     multiply,
     negate,
+    reciprocal,
     scale,
     two_product,
     word,
 )
+
+Motion = tuple[Array, Array, Array]
+"""Acceleration parameter, px/s^2, half exposure, s, and object speed, px/s; scalars."""
 
 
 class Path(NamedTuple):
@@ -42,6 +46,7 @@ class Path(NamedTuple):
     velocity: Array
     position: DoubleWord
     vertex: DoubleWord
+    from_vertex: bool
 
 
 def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) -> Path:
@@ -50,55 +55,94 @@ def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) ->
     Positions count from the vertex if `from_vertex`, else from where the point is at
     mid-exposure.
     """
-    stroke, smear, velocity, position, vertex = _path(from_vertex, a, T, s, *tau)
-    return Path(stroke, smear, velocity, DoubleWord(*position), DoubleWord(*vertex))
+    velocity, position, vertex = _path(from_vertex, a, T, s, *tau)
+    return Path(a * T * T, s * T, velocity, DoubleWord(*position), DoubleWord(*vertex), from_vertex)
 
 
-def speed_at(a: Array, T: Array, s: Array, edges: DoubleWord, *, from_vertex: bool) -> Array:
+def speed_at(motion: Motion, track: Path, edges: DoubleWord) -> Array:
     r"""$|u| = \sqrt{B^2 + 4Ax}$ at positions on the path, 0 beyond the vertex.
 
-    Its derivative at the vertex itself, where it is infinite, is given as 0.
+    Counted from a vertex that is near, $|u| = \sqrt{4A(x - x_v)}$ loses nothing. The
+    derivative at the vertex itself, where it is infinite, is given as 0.
     """
-    return safe_sqrt(_speed_squared(from_vertex, a, T, s, *edges))
+    near = track.from_vertex | (4 * track.stroke >= jnp.abs(track.smear))
+    origin = [jnp.where(near, x, 0.0) for x in track.vertex]
+    distance = (edges.high - origin[0]) + (edges.low - origin[1])
+    square = jnp.where(near, 0.0, track.smear**2) + 4 * track.stroke * distance
+    speed = jnp.sqrt(jnp.maximum(square, 0.0))
+    return _speed(track.from_vertex, jax.lax.stop_gradient(speed), motion, edges.high)
 
 
-def _once(function, like, *arguments):
-    """`function` of `arguments`, as a loop of one turn: a compiler may not unroll it.
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _speed(from_vertex, speed, motion, edge):
+    return speed
 
-    `like` has the shapes of the result.
 
-    Left open, hundreds of operations on double words would be folded into each of
-    their uses and compiled, and run, dozens of times.
-    """
-    start = jax.tree.map(jnp.zeros_like, like)
-
-    def turn(state):
-        result = function(*arguments)
-        first = jax.tree.leaves(result)[0]
-        again = jnp.any(first < first)
-        return again, result
-
-    return jax.lax.while_loop(lambda state: state[0], turn, (jnp.array(True), start))[1]
+@_speed.defjvp
+def _speed_jvp(from_vertex, primals, tangents):
+    r"""From $(u/T)^2 = s^2 + 4ax$: written so, change of $T$ meets no cancellation."""
+    speed, (a, T, s), edge = primals
+    _, (da, dT, ds), dedge = tangents
+    square = 4 * (a * dedge + edge * da) + (0.0 if from_vertex else 2 * s * ds)
+    moving = speed > 0
+    change = T * T * square / jnp.where(moving, 2 * speed, 1.0)
+    return speed, speed * (dT / T) + jnp.where(moving, change, 0.0)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _path(from_vertex, a, T, s, tau_high, tau_low):
-    like = a, a, tau_high, (tau_high, tau_high), (a, a)
-    return _once(partial(_path_exact, from_vertex), like, a, T, s, tau_high, tau_low)
+    rows = _once(partial(_path_exact, from_vertex), a, T, s, tau_high, tau_low)
+    if from_vertex:
+        return rows[0], (rows[1], rows[2]), (jnp.zeros_like(a), jnp.zeros_like(a))
+    return rows[0], (rows[1], rows[2]), (rows[3, 0], rows[4, 0])
+
+
+def _once(function, *arguments):
+    """`function` of `arguments`, as a loop of one turn: a compiler may not unroll it.
+
+    Left open, hundreds of operations on double words would be folded into each of
+    their uses and compiled, and run, dozens of times.
+    """
+    start = jnp.zeros_like(jax.eval_shape(function, *arguments))
+    never = arguments[0] < arguments[0]
+
+    def turn(_):
+        return never, function(*arguments)
+
+    return jax.lax.while_loop(lambda state: state[0], turn, (jnp.array(True), start))[1]
 
 
 def _path_exact(from_vertex, a, T, s, tau_high, tau_low):
+    """Rows of velocity, position (high, low) and vertex (high, low) at breakpoints.
+
+    They are of one shape, and in one array, because a compiler makes one loop of that.
+    """
     stroke = multiply(two_product(a, T), word(T))
     smear = two_product(s, T)
+    exists = (a > 0) if from_vertex else _turns(a * T * T, s * T)
+    high = jnp.where(exists, 4 * stroke.high, 1.0)
+    rate = reciprocal(DoubleWord(high, jnp.where(exists, 4 * stroke.low, 0.0)))
+    rate = DoubleWord(*(jnp.where(exists, x, 0.0) for x in rate))
     tau = DoubleWord(tau_high, tau_low)
-    velocity = add(scale(multiply(stroke, tau), 2.0), negate(smear))
+    stroke, smear, rate = (
+        DoubleWord(*(jnp.broadcast_to(part, tau_high.shape) for part in x))
+        for x in (stroke, smear, rate)
+    )
+    linear = multiply(stroke, tau)
+    velocity = add(scale(linear, 2.0), negate(smear))
     if from_vertex:
-        position = _vertex_distance(velocity, stroke, stroke.high > 0)
-        vertex = word(jnp.zeros_like(stroke.high))
-    else:
-        position = multiply(tau, add(multiply(stroke, tau), negate(smear)))
-        vertex = negate(_vertex_distance(smear, stroke, _turns(stroke.high, smear.high)))
-    return stroke.high, smear.high, velocity.high, tuple(position), tuple(vertex)
+        return _rows(velocity.high, *multiply(multiply(velocity, velocity), rate))
+    position = multiply(tau, add(linear, negate(smear)))
+    vertex = negate(multiply(multiply(smear, smear), rate))
+    return _rows(velocity.high, *position, *vertex)
+
+
+def _rows(*rows):
+    """Rows of an array; chosen, where to join them would make loops of their own."""
+    index, result = np.arange(len(rows))[:, None], rows[-1][None]
+    for i, row in enumerate(rows[:-1]):
+        result = jnp.where(index == i, row[None], result)
+    return result
 
 
 @_path.defjvp
@@ -107,15 +151,14 @@ def _path_jvp(from_vertex, primals, tangents):
 
     def plain(a, T, s, tau, _):
         stroke, smear = a * T * T, s * T
-        velocity = _valued(2 * stroke * tau - smear, exact[2])
+        velocity = _valued(2 * stroke * tau - smear, exact[0])
         if from_vertex:
             position = _plain_vertex_distance(velocity, stroke, stroke > 0)
             vertex = jnp.zeros_like(stroke)
         else:
             position = tau * (stroke * tau - smear)
             vertex = -_plain_vertex_distance(smear, stroke, _turns(stroke, smear))
-        low = (jnp.zeros_like(position), jnp.zeros_like(vertex))
-        return stroke, smear, velocity, (position, low[0]), (vertex, low[1])
+        return velocity, (position, jnp.zeros_like(position)), (vertex, jnp.zeros_like(vertex))
 
     return exact, jax.jvp(plain, primals, tangents)[1]
 
@@ -125,29 +168,6 @@ def _valued(formula: Array, value: Array) -> Array:
     return value + (formula - jax.lax.stop_gradient(formula))
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _speed_squared(from_vertex, a, T, s, edge, edge_low):
-    return _once(partial(_speed_squared_exact, from_vertex), edge, a, T, s, edge, edge_low)
-
-
-def _speed_squared_exact(from_vertex, a, T, s, edge, edge_low):
-    stroke = multiply(two_product(a, T), word(T))
-    square = scale(multiply(stroke, DoubleWord(edge, edge_low)), 4.0)
-    if not from_vertex:
-        smear = two_product(s, T)
-        square = add(multiply(smear, smear), square)
-    return square.high
-
-
-@_speed_squared.defjvp
-def _speed_squared_jvp(from_vertex, primals, tangents):
-    def plain(a, T, s, edge, edge_low):
-        square = 4 * (a * T * T) * edge
-        return square if from_vertex else (s * T) ** 2 + square
-
-    return _speed_squared(from_vertex, *primals), jax.jvp(plain, primals, tangents)[1]
-
-
 def safe_sqrt(square: Array) -> Array:
     """Square root whose derivative at 0 is 0, and which is 0 below."""
     positive = square > 0
@@ -155,18 +175,8 @@ def safe_sqrt(square: Array) -> Array:
 
 
 def _turns(stroke: Array, smear: Array) -> Array:
-    """Whether the exposure reaches the vertex of the path."""
-    return (stroke > 0) & (2 * stroke >= jnp.abs(smear))
-
-
-def _vertex_distance(velocity: DoubleWord, stroke: DoubleWord, exists: Array) -> DoubleWord:
-    """Distance from the vertex at a given velocity, `u^2 / 4A`; 0 where there is none."""
-    square = multiply(velocity, velocity)
-    divisor = DoubleWord(
-        jnp.where(exists, 4 * stroke.high, 1.0), jnp.where(exists, 4 * stroke.low, 0.0)
-    )
-    distance = divide(square, divisor)
-    return DoubleWord(jnp.where(exists, distance.high, 0.0), jnp.where(exists, distance.low, 0.0))
+    """Whether the vertex of the path is no farther from mid-exposure than twice its ends."""
+    return (stroke > 0) & (4 * stroke >= jnp.abs(smear))
 
 
 def _plain_vertex_distance(velocity: Array, stroke: Array, exists: Array) -> Array:

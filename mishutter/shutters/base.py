@@ -59,11 +59,15 @@ class AbstractPiecewiseShutter(AbstractShutter):
         """Each piece's function at offsets, complex ones included; shape `(n, ...)`."""
 
     @abstractmethod
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
-        """Mean of each piece's function over `[start, start + width]`; shape `(n, ...)`.
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+        """Mean of some pieces' functions over `[start, start + width]`.
 
-        `remaining` is the distance from the interval's right end to the piece's: a
-        profile that vanishes there keeps its relative accuracy by it.
+        Args:
+            piece: Which piece, from 0; integers of any shape.
+            start: Offset of the interval's left end; same shape.
+            width: Length of the interval; same shape.
+            remaining: Distance from the interval's right end to the piece's: a profile
+                that vanishes there keeps its relative accuracy by it; same shape.
         """
 
 
@@ -88,7 +92,8 @@ def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Array:
     ends = shutter.breakpoints(np.dtype(dtype))
     width = jnp.diff(ends.high) + jnp.diff(ends.low)
     nothing = jnp.zeros_like(width)
-    return jnp.sum(width * shutter.piece_mean(nothing, width, nothing))
+    piece = jnp.arange(width.size)
+    return jnp.sum(width * shutter.piece_mean(piece, nothing, width, nothing))
 
 
 @lru_cache

@@ -58,14 +58,11 @@ class ChippedShutter(AbstractAdjustableShutter):
         return uniform_breakpoints(self.transmittances.size, dtype)
 
     def piece_transmittance(self, offset: Array) -> Array:
-        return self._by_piece(offset).astype(offset.dtype)
+        chips = self.transmittances.reshape((-1,) + (1,) * (offset.ndim - 1))
+        return jnp.broadcast_to(chips, offset.shape).astype(offset.dtype)
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
-        return self._by_piece(width)
-
-    def _by_piece(self, like: Array) -> Array:
-        chips = self.transmittances.astype(like.real.dtype)
-        return jnp.broadcast_to(chips.reshape((-1,) + (1,) * (like.ndim - 1)), like.shape)
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+        return self.transmittances.astype(width.dtype)[piece]
 
     def box(self) -> Array:
         return self.transmittances

@@ -2,6 +2,7 @@
 
 import itertools
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -17,21 +18,19 @@ def bernstein_value(control: list[Array], u: Array) -> Array:
 def bernstein_mean(control: list[Array], start: Array, width: Array, remaining: Array) -> Array:
     """Mean over `[start, 1 - remaining]`, in shares of the piece.
 
-    The mean of a polynomial is the average of its control points on the interval,
-    which are its blossom at the interval's ends: weighted averages throughout, so the
-    result lies between the control points and nothing cancels.
+    By the Gauss-Legendre rule that is exact for the degree. Each node is known by its
+    distances from both ends of the piece, so the values at it are weighted averages of
+    the control points: nothing cancels.
     """
-    left = (width + remaining, start)
-    right = (remaining, start + width)
-    rows = [control]
-    for _ in range(len(control) - 1):
-        rows = [_blend(rows[0], left)] + [_blend(row, right) for row in rows]
-    return sum(row[0] for row in rows) / len(rows)  # type: ignore[return-value]
-
-
-def _blend(points: list[Array], weights: tuple[Array, Array]) -> list[Array]:
-    before, after = weights
-    return [before * a + after * b for a, b in itertools.pairwise(points)]
+    nodes, weights = np.polynomial.legendre.leggauss((len(control) + 1) // 2)
+    total = jnp.zeros_like(width)
+    for share, weight in zip(((1 + nodes) / 2).tolist(), (weights / 2).tolist(), strict=True):
+        before, after = remaining + (1 - share) * width, start + share * width
+        points = control
+        while len(points) > 1:
+            points = [before * a + after * b for a, b in itertools.pairwise(points)]
+        total = total + weight * points[0]
+    return total
 
 
 def bernstein_from_values(degree: int) -> tuple[np.ndarray, np.ndarray]:

@@ -55,23 +55,21 @@ class SampledShutter(AbstractPiecewiseShutter):
 
     def piece_transmittance(self, offset: Array) -> Array:
         share = offset * (_NUM_PIECES / 2)
-        return bernstein_value(expand(self._control(offset.real.dtype), share), share)
-
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
-        scale = _NUM_PIECES / 2
-        return bernstein_mean(
-            expand(self._control(width.dtype), width),
-            start * scale,
-            width * scale,
-            remaining * scale,
+        return bernstein_value(
+            expand(split_control(self._control(offset.real.dtype)), share), share
         )
 
-    def _control(self, dtype: np.dtype) -> list[Array]:
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+        scale = _NUM_PIECES / 2
+        control = split_control(self._control(width.dtype)[piece])
+        return bernstein_mean(control, start * scale, width * scale, remaining * scale)
+
+    def _control(self, dtype: np.dtype) -> Array:
         nodes, to_control = _interpolation(_DEGREE)
         left = np.linspace(-1, 1, _NUM_PIECES + 1)[:-1, None]
         tau = jnp.asarray(left + nodes * (2 / _NUM_PIECES), dtype)
         values = self.shutter.transmittance(tau)
-        return split_control(values @ jnp.asarray(to_control.T, values.dtype))
+        return (values @ jnp.asarray(to_control.T, values.dtype)).astype(dtype)
 
 
 def piecewise(shutter: AbstractShutter) -> AbstractPiecewiseShutter:

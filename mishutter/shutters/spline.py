@@ -113,14 +113,10 @@ class SplineShutter(AbstractAdjustableShutter):
         share = offset * ((self.num_coefficients - _DEGREE) / 2)
         return bernstein_value(expand(split_control(self._control_points()), share), share)
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
-        pieces_per_tau = (self.num_coefficients - _DEGREE) / 2
-        return bernstein_mean(
-            expand(split_control(self._control_points()), width),
-            start * pieces_per_tau,
-            width * pieces_per_tau,
-            remaining * pieces_per_tau,
-        )
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+        scale = (self.num_coefficients - _DEGREE) / 2
+        control = split_control(self._control_points().astype(width.dtype)[piece])
+        return bernstein_mean(control, start * scale, width * scale, remaining * scale)
 
     def _control_points(self) -> Array:
         """Bernstein control points of each piece; shape `(n - 3, 4)`."""

@@ -39,7 +39,7 @@ class RectShutter(AbstractPiecewiseShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return jnp.ones_like(offset)
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
         return jnp.ones_like(width)
 
 
@@ -63,7 +63,7 @@ class HannShutter(AbstractPiecewiseShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return jnp.sin((jnp.pi / 2) * offset) ** 2
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
         return _cosine_ramp_mean(jnp.minimum(start, remaining), width)
 
 
@@ -87,8 +87,8 @@ class TriangleShutter(AbstractPiecewiseShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return jnp.stack([offset[0], 1 - offset[1]])
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
-        return jnp.stack([start[0], remaining[1]]) + width / 2
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+        return jnp.where(piece == 0, start, remaining) + width / 2
 
 
 @final
@@ -136,7 +136,7 @@ class GaussianShutter(AbstractAdjustableShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return self._profile(offset - 1)
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
         distance = jnp.abs(start - remaining) / 2
         return _gaussian_mean(distance, width / 2, self.sigma.astype(width.dtype))
 
@@ -201,11 +201,12 @@ class TukeyShutter(AbstractAdjustableShutter):
             ]
         )
 
-    def piece_mean(self, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
         taper = _nonzero(self.taper.astype(width.dtype))
-        rise = _cosine_ramp_mean(start[0] / taper, width[0] / taper)
-        fall = _cosine_ramp_mean(remaining[2] / taper, width[2] / taper)
-        return jnp.stack([rise, jnp.ones_like(rise), fall])
+        flat = piece == 1
+        height = jnp.where(piece == 0, start, remaining)
+        ramp = _cosine_ramp_mean(*(jnp.where(flat, 0.0, x / taper) for x in (height, width)))
+        return jnp.where(flat, 1.0, ramp)
 
     def box(self) -> Array:
         return self.taper[None]
@@ -222,28 +223,32 @@ def _nonzero(taper: Array) -> Array:
     return jnp.where(taper > 0, taper, jnp.ones_like(taper))
 
 
+_SINC_DEFICIT = [(-1) ** (k + 1) / math.factorial(2 * k + 1) for k in range(15, 0, -1)]
+_SINE = [(-1) ** k / math.factorial(2 * k + 1) for k in range(11, -1, -1)]
+
+
 def _cosine_ramp_mean(start: Array, width: Array) -> Array:
     r"""Mean of $\sin^2(\pi v/2)$ over $[v_0, v_0 + 2d]$, without cancellation.
 
     $\frac12(1 - \operatorname{sinc} d\,\cos \pi c)
     = \frac12(1 - \operatorname{sinc} d) + \operatorname{sinc} d\,\sin^2(\pi c/2)$ at the
-    centre $c = v_0 + d$.
+    centre $c = v_0 + d$, for $c$ and $d$ in [0, 1]. Both functions are their Taylor series:
+    terms enough for the whole range compile to less than a library's sine.
     """
     half = width / 2
-    deficit = _sinc_deficit(half)
-    return deficit / 2 + (1 - deficit) * jnp.sin((jnp.pi / 2) * (start + half)) ** 2
+    square = (jnp.pi * half) ** 2
+    deficit = square * _polynomial(_SINC_DEFICIT, square)
+    angle = (jnp.pi / 2) * (start + half)
+    sine = angle * _polynomial(_SINE, angle**2)
+    return deficit / 2 + (1 - deficit) * sine**2
 
 
-def _sinc_deficit(d: Array) -> Array:
-    r"""$1 - \sin(\pi d)/(\pi d)$ for $d \in [0, 1]$, accurate to its last digits at small $d$."""
-    x = jnp.pi * d
-    small = x < 1
-    x_small = jnp.where(small, x, jnp.zeros_like(x)) ** 2
-    series = jnp.zeros_like(x)
-    for order in range(8, 0, -1):
-        series = x_small / ((2 * order) * (2 * order + 1)) * (1 - series)
-    x_large = jnp.where(small, jnp.ones_like(x), x)
-    return jnp.where(small, series, 1 - jnp.sin(x_large) / x_large)
+def _polynomial(coefficients: list[float], x: Array) -> Array:
+    """A polynomial by its coefficients, the highest first."""
+    total = jnp.full_like(x, coefficients[0])
+    for coefficient in coefficients[1:]:
+        total = total * x + coefficient
+    return total
 
 
 _NARROW = 0.5
