@@ -32,25 +32,27 @@ from mishutter import (  # noqa: E402
 from mishutter.design_space import design_space  # noqa: E402
 from mishutter.objective import AbstractObjective, objective_of  # noqa: E402
 from mishutter.optimise import start_boxes  # noqa: E402
-from mishutter.plan import needed_speeds, sizes  # noqa: E402
+from mishutter.plan import needed_speeds, reduced, sizes  # noqa: E402
+from mishutter.planning import plan as plan_of_scene  # noqa: E402
 from mishutter.solvers import descend, loss_and_gradient  # noqa: E402
 
 NUM_STEPS = 150
 MARKERS = "osv^<>DPX*"
 
 
-def problem() -> tuple[AbstractObjective, np.ndarray]:
-    """The objective and 64 starts."""
+def problem() -> tuple[AbstractObjective, AbstractObjective, np.ndarray]:
+    """The objective as `optimise` plans it and computed from scratch, and 64 starts."""
     motion = ParabolicMotion(acceleration=45 / 1e-4, half_exposure=1e-2)
     limits = Limits(max_stroke=45.0, max_top_speed=2e4)
     scene = Scene.uniform(
         max_speed=4500.0, num_speeds=9, photon_rate=1e5, read_noise=8.0, limits=limits
     )
     shutter = SplineShutter.fit(TukeyShutter(0.5), 24)
-    space = design_space(scene, motion, shutter, "shutter")
-    plan = sizes(scene, motion)
-    objective = objective_of(DesignLoss(), needed_speeds(scene, shutter), space, plan)
-    return objective, start_boxes(space, 64, seed=0)
+    space, loss = design_space(scene, motion, shutter, "shutter"), DesignLoss()
+    planned = plan_of_scene(scene, motion, shutter, loss=loss, free="shutter")
+    objective = objective_of(loss, reduced(scene, planned), space, planned)
+    from_scratch = objective_of(loss, needed_speeds(scene, shutter), space, sizes(scene, motion))
+    return objective, from_scratch, start_boxes(space, 64, seed=0)
 
 
 def optimistix_bfgs(objective, starts):
@@ -148,6 +150,7 @@ METHODS = {
     "jaxopt projected gradient": jaxopt_projected_gradient,
     "Optax Adam": optax_adam,
     "SciPy L-BFGS-B, same gradient": scipy_with_gradient,
+    "SciPy L-BFGS-B, gradient from scratch": scipy_with_gradient,
     "SciPy L-BFGS-B, differences": scipy_without_gradient,
     "random search": random_search,
 }
@@ -172,9 +175,10 @@ def _jaxopt():
 
 def measure() -> list[dict]:
     """First call and steady state of every method, from 1 and from 64 starts."""
-    objective, starts = problem()
+    planned, from_scratch, starts = problem()
     rows = []
     for name, method in METHODS.items():
+        objective = from_scratch if name.endswith("from scratch") else planned
         for count in (1, 64):
             try:
                 seconds = []
@@ -218,12 +222,17 @@ def main() -> None:
     rows = measure()
     by = {(row["method"], row["starts"]): row for row in rows}
     ours = by["Optimistix BFGS (ours)", 64]
-    rival = by["SciPy L-BFGS-B, same gradient", 64]
-    ratio = rival["best_s"] / ours["best_s"]
+    rivals = [
+        by[f"SciPy L-BFGS-B, {what}", 64] for what in ("same gradient", "gradient from scratch")
+    ]
+    times = [
+        f"{r['best_s']:.3g} s ({r['best_s'] / ours['best_s']:.1f} times as long)" for r in rivals
+    ]
     sentence = (
-        f"From 64 starts ours takes {ours['best_s']:.3g} s and SciPy's L-BFGS-B with the same "
-        f"gradient {rival['best_s']:.3g} s, {ratio:.0f} times as long; their losses are "
-        f"{ours['loss']:.6f} and {rival['loss']:.6f}."
+        f"From 64 starts ours takes {ours['best_s']:.3g} s. SciPy's L-BFGS-B in a loop takes "
+        f"{times[0]} with the same compiled gradient, which the plan has made cheap, and "
+        f"{times[1]} with the compiled gradient of the loss as it is written. The losses are "
+        f"{ours['loss']:.6f}, {rivals[0]['loss']:.6f} and {rivals[1]['loss']:.6f}."
     )
     columns = ["method", "starts", "first_s", "best_s", "loss", "gap"]
     harness.write("design", rows, sentence=sentence)

@@ -31,10 +31,17 @@ def quick_to_compile(function: Callable[_Arguments, _Result]) -> Callable[_Argum
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
         if not all(is_concrete(leaf) for leaf in jax.tree.leaves((args, kwargs))):
             return plain(*args, **kwargs)
+        chosen = quick if _may_be_chosen() else plain
+        if not _in_a_trace():
+            return chosen(*args, **kwargs)
         with jax.ensure_compile_time_eval():
-            return (quick if _may_be_chosen() else plain)(*args, **kwargs)
+            return chosen(*args, **kwargs)
 
     return call
+
+
+def _in_a_trace() -> bool:
+    return not is_concrete(jnp.zeros(()))
 
 
 def computed_once(function: Callable[[], _Result], true: Array) -> _Result:
@@ -55,7 +62,8 @@ def _may_be_chosen() -> bool:
     if jax.default_backend() != "cpu":
         return False
     try:
-        jax.jit(lambda: 0, compiler_options=_OLDER_GENERATOR)()
+        with jax.ensure_compile_time_eval():
+            jax.jit(lambda: 0, compiler_options=_OLDER_GENERATOR)()
     except jax.errors.JaxRuntimeError:
         return False
     return True

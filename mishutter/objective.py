@@ -172,16 +172,8 @@ class Layout:
     spectrum_size: int
     spectra_shape: tuple[int, ...]
 
-    def row(self, parts: Response) -> np.ndarray:
-        """A response, or one a coordinate on a leading axis, as real numbers."""
-        waves = [np.asarray(part) for part in (parts.still_spectrum, parts.spectra)]
-        real = [parts.still_kernel, parts.differences, *map(np.real, waves)]
-        lead = np.shape(parts.efficiency)
-        pieces = [*real, *map(np.imag, waves), parts.efficiency]
-        return np.concatenate([np.reshape(piece, (*lead, -1)) for piece in pieces], axis=-1)
-
     def response(self, row: Array) -> Response:
-        """The response that `row` took apart."""
+        """The response that such a row stands for."""
         sizes = [self.num_still, self.num_differences]
         sizes += [self.spectrum_size, math.prod(self.spectra_shape)] * 2
         *parts, light = jnp.split(row, np.cumsum(sizes).tolist())
@@ -210,9 +202,11 @@ def _basis(
         spectrum = np.fft.rfft(kernels[:, 0], plan.dft_length)
         still = _triangular(kernels[:, 0])
         differences = _triangular(shares * (kernels[:, 1:] - kernels[:, :1]))
-    parts = Response(*map(jnp.asarray, (still, spectrum, differences, spectra, light)))
+    waves = spectrum, spectra
+    parts = [still, differences, *map(np.real, waves), *map(np.imag, waves), light]
+    rows = np.concatenate([np.reshape(part, (space.size, -1)) for part in parts], axis=1)
     layout = Layout(still.shape[1], differences.shape[1], spectrum.shape[1], spectra.shape[1:])
-    return jnp.asarray(layout.row(parts).astype(light.dtype)), layout
+    return jnp.asarray(rows.astype(light.dtype)), layout
 
 
 def _triangular(rows: np.ndarray) -> np.ndarray:

@@ -99,17 +99,18 @@ def records(
     """
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
     profile = piecewise(shutter)
-    taps = response = np.zeros(0, dtype)
+    taps = response = light = None
     if kernels:
         moving = scene.speeds if differences and not plan.still else scene.speeds[:0]
-        taps = kernels_at_speeds(profile, motion, _with_rest(moving), plan.num_taps)
+        taps, light = _kernels_and_light(profile, motion, _with_rest(moving), plan.num_taps)
     if spectra:
         nodes = lit_nodes(profile, plan.num_nodes, dtype)
         grid = plan.num_frequencies, plan.num_kept
         response, light = aligned_spectra(nodes, motion, scene.speeds, *grid), nodes.efficiency
-    else:
-        light = _only_light(profile, motion, scene.speeds)
-    return Records(jnp.asarray(taps), jnp.asarray(response), jnp.asarray(light))
+    light = _only_light(profile, motion, scene.speeds) if light is None else light
+    nothing = np.zeros(0, dtype)
+    parts = (nothing if part is None else part for part in (taps, response, light))
+    return Records(*map(jnp.asarray, parts))
 
 
 def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
@@ -180,17 +181,27 @@ def kernels_at_speeds(
     Known ones are computed eight at a time and cut from longer ones, so that one program
     for each kind of shutter serves whoever asks, for however many.
     """
+    return jnp.asarray(_kernels_and_light(shutter, motion, speeds, num_taps)[0])
+
+
+def _kernels_and_light(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    speeds: Array | np.ndarray,
+    num_taps: int,
+) -> tuple[Array | np.ndarray, Array]:
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
     first = np.asarray(kernel_phase(motion, num_taps), dtype)
     if not all(is_concrete(leaf) for leaf in jax.tree.leaves((shutter, motion, speeds))):
         return _kernels_from(shutter, motion, jnp.asarray(speeds, dtype), first, num_taps)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
-    kernels = [
-        np.asarray(_kernels_from(shutter, motion, some, first, length))
-        for some in padded.reshape(-1, _SPEEDS_AT_ONCE)
+    some = [
+        _kernels_from(shutter, motion, part, first, length)
+        for part in padded.reshape(-1, _SPEEDS_AT_ONCE)
     ]
-    return jnp.asarray(np.concatenate(kernels)[:count, :num_taps])
+    kernels = np.concatenate([np.asarray(kernels) for kernels, _ in some])
+    return kernels[:count, :num_taps], some[0][1]
 
 
 @quick_to_compile
@@ -200,8 +211,8 @@ def _kernels_from(
     speeds: Array | np.ndarray,
     first: Array | np.ndarray,
     num_taps: int,
-) -> Array:
-    """Kernels whose first tap begins at a position from the point of alignment, px."""
+) -> tuple[Array, Array]:
+    """Kernels whose first tap begins at a position from the point of alignment, px; light."""
 
     def moving(speed: Array) -> Array:
         return blur_kernel(shutter, motion, speed=speed, num_taps=num_taps, phase=first)
@@ -210,7 +221,9 @@ def _kernels_from(
         edges = jnp.arange(num_taps + 1, dtype=speed.dtype) + first
         return binned_exposure(shutter, motion, speed=speed, edges=edges)
 
-    return jax.vmap(still if isinstance(motion, StillCamera) else moving)(jnp.asarray(speeds))
+    one = still if isinstance(motion, StillCamera) else moving
+    light = _light(piecewise(shutter), np.dtype(speeds.dtype))
+    return jax.vmap(one)(jnp.asarray(speeds)), light
 
 
 @quick_to_compile

@@ -15,7 +15,7 @@ from mishutter.compiling import quick_to_compile
 from mishutter.objective import AbstractObjective
 
 Progress = Callable[[int, float], None]
-_STEPS_PER_CALL = 20
+_STEPS_PER_CALL, _PATIENCE = 10, 3
 _MARGIN = 0.02
 _TOLERANCE = 1e-7
 
@@ -72,13 +72,23 @@ def descend(
         trail.append(np.sin(np.asarray(met.theta)[taken]) ** 2)
         if progress is not None and history[-1].size:
             progress(max_steps - steps_left, float(history[-1][-1]))
-        if bool(np.all(np.asarray(done))):
+        if bool(np.all(np.asarray(done))) or _settled(state, history):
             break
     boxes = np.sin(np.asarray(state.theta)) ** 2
     losses = np.asarray(state.solver.f_info.f)
     lowest = np.minimum.accumulate(np.concatenate(history))
     unfinished = int(np.sum(~np.asarray(state.done)))
     return Descent(boxes, losses, lowest, np.concatenate(trail), unfinished)
+
+
+def _settled(state: "_State", history: list[np.ndarray]) -> bool:
+    """Whether the best start has converged and no other overtook it for three calls since."""
+    best = int(np.argmin(np.asarray(state.solver.f_info.f)))
+    if not bool(np.asarray(state.done)[best]) or len(history) <= _PATIENCE:
+        return False
+    before = float(np.min(np.concatenate(history[:-_PATIENCE])))
+    latest = float(np.min(np.concatenate(history)))
+    return before - latest <= _TOLERANCE * abs(latest)
 
 
 @final
@@ -222,7 +232,7 @@ def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> 
         jit=False,
         tol=1e-9,
     )
-    low, high = jnp.zeros(box.shape, box.dtype), jnp.ones(box.shape, box.dtype)
+    low, high = np.zeros_like(box), np.ones_like(box)
     point, info = solver.run(jnp.asarray(box), bounds=(low, high))
     point = np.clip(np.asarray(point), 0, 1)
     loss, gradient = value_and_gradient(point)
