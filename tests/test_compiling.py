@@ -27,7 +27,7 @@ def test_a_generator_that_xla_does_not_know_is_done_without(monkeypatch):
     from mishutter import compiling
 
     compiling._may_be_chosen.cache_clear()
-    monkeypatch.setitem(compiling._OLDER_GENERATOR, "xla_no_such_choice", True)
+    monkeypatch.setitem(compiling._QUICKLY, "xla_no_such_choice", True)
     try:
         assert not compiling._may_be_chosen()
         assert np.isclose(quick_to_compile(_doubled_cube)(jnp.array(0.4)), 2 * np.sin(0.4) ** 3)
