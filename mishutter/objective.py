@@ -51,6 +51,11 @@ class AbstractObjective(eqx.Module):
         """Whether many points at once take less time than one after the other."""
 
 
+def _many_at_once() -> bool:
+    """Whether waves of many points are best at hand together: those of one fit a CPU's cache."""
+    return jax.default_backend() != "cpu"
+
+
 @final
 class DesignObjective(AbstractObjective):
     """The loss of the design at each point, computed from scratch."""
@@ -66,8 +71,7 @@ class DesignObjective(AbstractObjective):
 
     @property
     def batches(self) -> bool:
-        # One point's waves fit a processor's cache, those of many do not.
-        return jax.default_backend() != "cpu"
+        return _many_at_once()
 
 
 @final
@@ -93,7 +97,7 @@ class MotionObjective(AbstractObjective):
 
     @property
     def batches(self) -> bool:
-        return jax.default_backend() != "cpu"
+        return _many_at_once()
 
 
 @final

@@ -11,6 +11,7 @@ from mishutter.compare import baselines
 from mishutter.losses import AbstractLoss, ExpectedErrorLoss
 from mishutter.losses.base import AbstractResponseLoss
 from mishutter.optimise import starting_shutter
+from mishutter.picture_plan import skips
 from mishutter.plan import PLANNED, Automatic, Plan, sized_for
 from mishutter.scene import Scene
 from mishutter.shutters import AbstractShutter, SplineShutter, TukeyShutter
@@ -170,7 +171,7 @@ def _grid(
         full_well,
         how,
         not isinstance(scenes, Scene),
-        plan.skips if isinstance(plan, Plan) else plan is not None,
+        skips(plan),
     )
 
 

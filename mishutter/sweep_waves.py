@@ -6,9 +6,12 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from mishutter.compiling import computed_once
+from mishutter.shutters.polynomial import polynomial
 
 _FINE = 8
-_SINE = [(-1) ** n * (2 * math.pi) ** (2 * n + 1) / math.factorial(2 * n + 1) for n in range(12)]
+_SINE = [
+    (-1) ** n * (2 * math.pi) ** (2 * n + 1) / math.factorial(2 * n + 1) for n in range(11, -1, -1)
+]
 
 
 def cosine(turns: Array) -> Array:
@@ -18,11 +21,7 @@ def cosine(turns: Array) -> Array:
     for the cosine of one number at a time, but does polynomials for a vector of them.
     """
     part = 0.25 - jnp.abs(turns - jnp.round(turns))
-    square = part * part
-    value = jnp.full_like(square, _SINE[-1])
-    for coefficient in _SINE[-2::-1]:
-        value = value * square + coefficient
-    return value * part
+    return polynomial(_SINE, part * part) * part
 
 
 def waves(frequency: Array, position: Array) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mishutter.arms import time_between
 from mishutter.doubleword import DoubleWord, add, multiply, scale, two_product, two_sum, word
 from mishutter.path import path, safe_sqrt
 from mishutter.shutters.base import within_unit
@@ -92,24 +93,15 @@ def _light(profile, pieces, edges, velocity, stroke):
         clipped(edges.high, inner.high, outer.high), clipped(edges.low, inner.low, outer.low)
     )
     step = jnp.diff(x.high) + jnp.diff(x.low)
-    width = _time(step, u[..., :-1], u[..., 1:], stroke)
-    near = to_vertex + _time(_distance(x, inner), inner_speed, u, stroke)[..., :-1]
-    far = _time(_distance(outer, x), u, outer_speed, stroke)[..., 1:]
+    width = time_between(step, u[..., :-1], u[..., 1:], stroke)
+    near = to_vertex + time_between(_distance(x, inner), inner_speed, u, stroke)[..., :-1]
+    far = time_between(_distance(outer, x), u, outer_speed, stroke)[..., 1:]
     start = jnp.stack([far[:, 0], near[:, 1]], axis=1)
     remaining = jnp.stack([near[:, 0], far[:, 1]], axis=1)
     index = jnp.arange(width.shape[0], dtype=jnp.int32)[:, None, None]
     piece = jnp.broadcast_to(index, width.shape)
     mean = profile.piece_mean(piece, start, width, remaining)
     return jnp.sum(width * within_unit(mean), axis=(0, 1))
-
-
-def _time(distance, before, after, stroke):
-    far_apart = after > 2 * before
-    safe_rate = jnp.where(far_apart, 2 * stroke, 1.0)
-    total = before + after
-    close = ~far_apart & (total > 0)
-    by_distance = 2 * distance / jnp.where(close, total, 1.0)
-    return jnp.where(far_apart, (after - before) / safe_rate, jnp.where(close, by_distance, 0.0))
 
 
 def _distance(x, y):

@@ -1,10 +1,18 @@
-"""Polynomials in Bernstein form: values, and means over part of a piece."""
+"""Polynomials: values, and in Bernstein form means over part of a piece."""
 
 import itertools
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+
+
+def polynomial(coefficients: list[float], x: Array) -> Array:
+    """A polynomial by its coefficients, the highest first."""
+    total = jnp.full_like(x, coefficients[0])
+    for coefficient in coefficients[1:]:
+        total = total * x + coefficient
+    return total
 
 
 def bernstein_value(control: list[Array], u: Array) -> Array:

@@ -14,6 +14,7 @@ from mishutter.shutters.base import (
     AbstractPiecewiseShutter,
     uniform_breakpoints,
 )
+from mishutter.shutters.polynomial import polynomial
 from mishutter.types import as_float, common_dtype, is_concrete, require, require_scalar
 
 _MIN_SIGMA, _MAX_SIGMA = 0.05, 5.0
@@ -237,18 +238,10 @@ def _cosine_ramp_mean(start: Array, width: Array) -> Array:
     """
     half = width / 2
     square = (jnp.pi * half) ** 2
-    deficit = square * _polynomial(_SINC_DEFICIT, square)
+    deficit = square * polynomial(_SINC_DEFICIT, square)
     angle = (jnp.pi / 2) * (start + half)
-    sine = angle * _polynomial(_SINE, angle**2)
+    sine = angle * polynomial(_SINE, angle**2)
     return deficit / 2 + (1 - deficit) * sine**2
-
-
-def _polynomial(coefficients: list[float], x: Array) -> Array:
-    """A polynomial by its coefficients, the highest first."""
-    total = jnp.full_like(x, coefficients[0])
-    for coefficient in coefficients[1:]:
-        total = total * x + coefficient
-    return total
 
 
 _NARROW = 0.5
