@@ -175,8 +175,8 @@ def _compared(
 
 
 def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
-    """A callback that takes names and moves a bar on by one each time."""
-    count = itertools.count()
+    """A callback that takes names of what is done and moves a bar on by one each time."""
+    count = itertools.count(1)
     return lambda name: update(next(count), name)
 
 

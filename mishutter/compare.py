@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import jax.numpy as jnp
+import numpy as np
 
 from mishutter.design import Design, metrics_to_dict, motion_to_dict
 from mishutter.losses.base import AbstractLoss
@@ -24,6 +24,7 @@ from mishutter.shutters import (
     TriangleShutter,
     TukeyShutter,
 )
+from mishutter.threads import in_threads, num_processors
 
 SAME_MOTION = "same motion"
 OWN_BEST_MOTION = "own best motion"
@@ -126,7 +127,7 @@ def compare(
         motion: Motion of the first reading, and the start of the second.
         shutters: What to compare with the baselines, by name.
         loss: What tunes the motions; the expected error by default.
-        step: Called with the name of each shutter as its turn comes.
+        step: Called with the name of each shutter when its own best motion is found.
         plan: What to compute: of a plan only its tolerance is kept, for the searches, and
             the rest is made anew for each shutter and motion; None computes everything.
 
@@ -151,14 +152,18 @@ def compare(
         )
         for name, shutter in fixed.items()
     ]
-    for name, shutter in fixed.items():
-        step(name)
-        rows.append(_at_own_best(name, scene, motion, shutter, _MOTION_ONLY, tuned))
-    step(BEST_TUKEY)
     everything = ("shutter", *_MOTION_ONLY)
-    rows.append(_at_own_best(BEST_TUKEY, scene, motion, TukeyShutter(0.5), everything, tuned))
-    step(BEST_SNAPSHOT)
-    rows.append(best_snapshot(scene, loss, plan))
+    searches = [
+        partial(_at_own_best, name, scene, motion, shutter, _MOTION_ONLY, tuned)
+        for name, shutter in fixed.items()
+    ]
+    searches.append(
+        partial(_at_own_best, BEST_TUKEY, scene, motion, TukeyShutter(0.5), everything, tuned)
+    )
+    searches.append(partial(best_snapshot, scene, loss, plan))
+    for row in in_threads(lambda search: search(), searches, num_processors()):
+        step(row.name)
+        rows.append(row)
     return _with_verdict(rows, tuple(given))
 
 
@@ -175,7 +180,7 @@ def baselines() -> dict[str, AbstractShutter]:
 def best_snapshot(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None = PLANNED) -> Row:
     """A camera at rest with an ordinary shutter, its exposure tuned by the loss."""
     low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
-    still = StillCamera(half_exposure=jnp.sqrt(low * high))
+    still = StillCamera(half_exposure=np.sqrt(np.asarray(low) * np.asarray(high)))
     found = _tuned(scene, still, RectShutter(), ("half_exposure",), loss=loss, plan=plan)
     return _row(BEST_SNAPSHOT, found)
 

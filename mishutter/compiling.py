@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from mishutter.programs import KeptProgram, Options, may_be_kept
 from mishutter.types import is_concrete
 
 _Arguments = ParamSpec("_Arguments")
@@ -16,22 +17,39 @@ _Result = TypeVar("_Result")
 _QUICKLY = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
 
 
+def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """`eqx.filter_jit`, with the program kept on disk where programs are.
+
+    What is known is computed at once, also from within another program.
+    """
+    return _compiled(function, None)
+
+
 def quick_to_compile(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """`eqx.filter_jit` by XLA's older generator of CPU code, lightly optimised, where it may be.
+    """`compiled` by XLA's older generator of CPU code, lightly optimised, where it may be.
 
     It compiles these programs in half of the time, and they run about as fast. XLA
     takes the choice for whole programs alone: a call of what another one traces is compiled
-    as that is. What is known is computed at once, also from within another one.
+    as that is.
     """
-    plain = eqx.filter_jit(function)
+    return _compiled(function, _QUICKLY)
+
+
+def _compiled(
+    function: Callable[_Arguments, _Result], options: Options
+) -> Callable[_Arguments, _Result]:
     compile_with: Any = eqx.filter_jit
-    quick = compile_with(function, compiler_options=_QUICKLY)
+    plain, chosen = compile_with(function), compile_with(function, compiler_options=options)
+    kept = KeptProgram(function, options)
 
     @wraps(function)
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        if not all(is_concrete(leaf) for leaf in jax.tree.leaves((args, kwargs))):
+        leaves = jax.tree.leaves((args, kwargs))
+        known = all(is_concrete(leaf) for leaf in leaves)
+        if not known or not (options is None or _takes_options()):
             return plain(*args, **kwargs)
-        chosen = quick if _may_be_chosen() else plain
+        if may_be_kept(leaves):
+            return kept(*args, **kwargs)
         if not _in_a_trace():
             return chosen(*args, **kwargs)
         with jax.ensure_compile_time_eval():
@@ -58,7 +76,7 @@ def computed_once(function: Callable[[], _Result], true: Array) -> _Result:
 
 
 @lru_cache
-def _may_be_chosen() -> bool:
+def _takes_options() -> bool:
     if jax.default_backend() != "cpu":
         return False
     try:

@@ -7,7 +7,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from mishutter.files import strict_json, write_text
@@ -25,6 +24,7 @@ from mishutter.shutters import (
     TriangleShutter,
     TukeyShutter,
 )
+from mishutter.shutters.base import profile_of
 from mishutter.types import require
 
 FORMAT = 1
@@ -125,7 +125,7 @@ class Design:
         """
         tau = np.linspace(-1, 1, _PROFILE_POINTS)
         dtype = self.motion.half_exposure.dtype
-        transmittance = np.asarray(self.shutter.transmittance(jnp.asarray(tau, dtype)))
+        transmittance = np.asarray(profile_of(self.shutter, tau.astype(dtype))[0])
         time = tau * float(self.motion.half_exposure) * 1e3
         rows = [
             f"{t:.9g},{x:.9g},{w:.9g}" for t, x, w in zip(time, tau, transmittance, strict=True)

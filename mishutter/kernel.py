@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter.arms import AFTER, crossings, passed_breakpoints, time_between
+from mishutter.compiling import quick_to_compile
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
 from mishutter.path import Motion, Path, path, speed_at
@@ -114,6 +115,7 @@ def binned_exposure(
     return _exposure(shutter, motion, jnp.asarray(speed, dtype), ends, from_vertex=False)
 
 
+@quick_to_compile
 def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
     r"""Far end of the vertex-frame kernel, $aT^2 (1 + |\nu|)^2$; px, shape of `speed`."""
     reach = motion.top_speed + jnp.abs(jnp.asarray(speed))

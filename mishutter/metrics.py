@@ -162,6 +162,7 @@ def expected_squared_error(
     return (jnp.sum(power * share) + jnp.sum(every_power[num_kept:])) / num_frequencies
 
 
+@quick_to_compile
 def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     r"""Power spectrum of the picture's rows on the frequency grid; shape `(m,)`.
 

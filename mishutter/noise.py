@@ -3,12 +3,12 @@
 import os
 from concurrent.futures import ThreadPoolExecutor
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import compiled, quick_to_compile
 from mishutter.motion import AbstractMotion
 from mishutter.scene import Scene
 from mishutter.types import is_concrete, require, require_positive_int
@@ -20,11 +20,13 @@ _RUN = 1 << 16
 """Pixels whose numbers one generator draws."""
 
 
+@quick_to_compile
 def white_electrons(scene: Scene, motion: AbstractMotion) -> Array:
     r"""Photo-electrons of a white pixel in a fully open exposure, $p = \text{rate}\cdot 2T$."""
     return scene.photon_rate * motion.exposure
 
 
+@quick_to_compile
 def noise_variance(
     scene: Scene, motion: AbstractMotion, efficiency: ArrayLike, mean_level: ArrayLike | None = None
 ) -> Array:
@@ -64,12 +66,16 @@ def recorded(
     Raises:
         ValueError: if the full well is not positive or the bits are not from 1 to 24.
     """
-    p = jnp.asarray(electrons, light.dtype)
-    if key is None:
-        return _digitised(light * p, light, p, read_noise, None, full_well, adc_bits)
-    shot_key, read_key = jax.random.split(key)
-    shot = shot_electrons(shot_key, light * p)
-    return _digitised(shot, light, p, read_noise, read_key, full_well, adc_bits)
+    mean, shot_key, read_key = _expected(light, electrons, key)
+    shot = mean if shot_key is None else shot_electrons(shot_key, mean)
+    return _digitised(shot, light, electrons, read_noise, read_key, full_well, adc_bits)
+
+
+@compiled
+def _expected(light: Array, electrons: ArrayLike, key: Array | None):
+    """Electrons to expect, and keys of the two kinds of noise."""
+    mean = light * jnp.asarray(electrons, light.dtype)
+    return mean, *((None, None) if key is None else jax.random.split(key))
 
 
 def shot_electrons(key: Array, mean: Array) -> Array:
@@ -80,7 +86,7 @@ def shot_electrons(key: Array, mean: Array) -> Array:
     """
     words = jax.random.key_data(key) if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else key
     if is_concrete(words) and is_concrete(mean):
-        return jnp.asarray(_drawn(words, mean))
+        return jax.device_put(_drawn(words, mean))
     like = jax.ShapeDtypeStruct(mean.shape, mean.dtype)
     return jax.pure_callback(_drawn, like, words, mean, vmap_method="sequential")
 
@@ -105,11 +111,11 @@ def _poisson(seed: np.random.SeedSequence, expected: np.ndarray) -> np.ndarray:
     return counted
 
 
-@eqx.filter_jit
+@compiled
 def _digitised(
     electrons: Array,
     light: Array,
-    p: Array,
+    white: ArrayLike,
     read_noise: ArrayLike,
     key: Array | None,
     full_well: float | None,
@@ -122,6 +128,7 @@ def _digitised(
     if key is not None:
         sigma = jnp.asarray(read_noise, light.dtype)
         electrons = electrons + sigma * jax.random.normal(key, light.shape, light.dtype)
+    p = jnp.asarray(white, light.dtype)
     lit = p > 0
     value = jnp.where(lit, electrons / jnp.where(lit, p, 1), light)
     if adc_bits is None:

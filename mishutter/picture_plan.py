@@ -31,11 +31,12 @@ def distinct_colours(light: Array, plan: Plan | Automatic | None) -> Array:
     if not (skips(plan) and light.ndim > 2 and light.shape[-1] > 1 and is_concrete(light)):
         return light
     colours = np.asarray(light)
-    return light[..., :1] if bool(np.all(colours == colours[..., :1])) else light
+    alike = bool(np.all(colours == colours[..., :1]))
+    return jnp.asarray(colours[..., :1]) if alike else light
 
 
 def every_colour(light: Array, like: ArrayLike) -> Array:
     """`light` with as many channels as `like`."""
-    if light.ndim < 3:
+    if light.ndim < 3 or light.shape[-1] == jnp.shape(like)[-1]:
         return light
     return jnp.broadcast_to(light, (*light.shape[:-1], jnp.shape(like)[-1]))

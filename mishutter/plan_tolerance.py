@@ -8,11 +8,11 @@ its share of the tolerance is taken.
 
 from dataclasses import dataclass, replace
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from mishutter.compiling import quick_to_compile
 from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, WeightedSum
 from mishutter.metrics import measured
 from mishutter.motion import AbstractMotion, StillCamera
@@ -184,7 +184,7 @@ def _masked(recorded: Records, limits: Array) -> Records:
     )
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _loss(
     terms: tuple[tuple[AbstractResponseLoss, float], ...],
     scene: Scene,

@@ -10,7 +10,6 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 from matplotlib.axes import Axes
@@ -24,7 +23,7 @@ from mishutter.motion import AbstractMotion
 from mishutter.pictures import Picture, to_display
 from mishutter.response import kernel_phase, kernels_at_speeds
 from mishutter.restoration import RestoredPhotograph
-from mishutter.shutters.base import AbstractShutter
+from mishutter.shutters.base import AbstractShutter, profile_of
 from mishutter.spectrum import transfer_function
 from mishutter.types import require
 
@@ -59,9 +58,9 @@ def plot_profiles(designs: Named) -> Figure:
     tau = np.linspace(-1, 1, _NUM_POINTS)
     for (name, (motion, shutter)), style in zip(designs.items(), _styles(), strict=False):
         half = float(motion.half_exposure) * 1e3
-        w = np.asarray(shutter.transmittance(jnp.asarray(tau, motion.half_exposure.dtype)))
+        w, efficiency = profile_of(shutter, tau.astype(motion.half_exposure.dtype))
         time, w = np.pad(tau * half, 1, "edge"), np.pad(w, 1)
-        axes.plot(time, w, label=f"{name}, lets {float(shutter.efficiency()):.0%} through", **style)
+        axes.plot(time, w, label=f"{name}, lets {float(efficiency):.0%} through", **style)
     axes.set(xlabel="time from mid-exposure / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return figure
@@ -114,7 +113,7 @@ def plot_transfer(designs: Named, speeds: Sequence[float]) -> Figure:
     frequency = np.linspace(0, 0.5, _NUM_POINTS)
     for axes, speed in zip(panels, speeds, strict=True):
         for (name, (motion, shutter)), style in zip(designs.items(), _styles(), strict=False):
-            f = jnp.asarray(frequency, motion.half_exposure.dtype)
+            f = frequency.astype(motion.half_exposure.dtype)
             response = np.abs(transfer_function(shutter, motion, speed=speed, frequency=f))
             shown = np.maximum(response * np.sinc(frequency), _LEAST_RESPONSE)
             axes.semilogy(frequency, shown, label=name, **style)

@@ -36,7 +36,7 @@ from mishutter.types import require
 Update = Callable[[str], None]
 
 ENSEMBLE = "ensemble"
-_MAX_ROWS = 192
+_MAX_ROWS = 160
 """Rows of the photograph that are captured: rows are blurred one by one."""
 
 _FIXED = {
@@ -113,10 +113,10 @@ def photographs(
     chosen = decoders()
     results: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
     for name, row in rows.items():
-        update(name)
         found = restore_by_each(
             picture, scene, row.motion, row.shutter, chosen, num_seeds=num_seeds
         )
+        update(name)
         for decoder, result in found.items():
             results[decoder][name] = result
     return results

@@ -181,7 +181,7 @@ def kernels_at_speeds(
     Known ones are computed eight at a time and cut from longer ones, so that one program
     for each kind of shutter serves whoever asks, for however many.
     """
-    return jnp.asarray(_kernels_and_light(shutter, motion, speeds, num_taps)[0])
+    return jax.device_put(_kernels_and_light(shutter, motion, speeds, num_taps)[0])
 
 
 def _kernels_and_light(

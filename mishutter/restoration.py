@@ -1,12 +1,15 @@
 """A photograph through the camera and back, at every speed, and how good it came out."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import quick_to_compile
 from mishutter.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.decoders.linear import expected_squared_error
 from mishutter.motion import AbstractMotion
@@ -18,7 +21,11 @@ from mishutter.rows import channels_last, rows_last
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.simulate import as_light, blurred_at_speeds, kernel_layout, noisy
+from mishutter.threads import in_threads, num_processors
 from mishutter.types import require, require_positive_int
+
+_CAPTURES_AT_ONCE = 4
+"""At most: each holds a picture and what every decoder made of it."""
 
 
 class RestoredPhotograph(NamedTuple):
@@ -157,56 +164,67 @@ def restore_by_each(
         ValueError: as `restore_photograph`.
     """
     require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
-    light = as_light(picture)
-    light = light[..., None] if light.ndim == 2 else light
+    light = np.asarray(as_light(picture))
+    light = jax.device_put(light[..., None] if light.ndim == 2 else light)
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     weights = np.asarray(scene.weights) if speeds is None else None
     key = jax.random.key(0) if key is None else key
     window, margin = _common_columns(light.shape[-2], motion, chosen_speeds, scene)
-    reference = np.asarray(light[:, window])
+    reference = np.asarray(light)[:, window]
     model = blur_model(scene, motion, shutter, plan=plan)
-    trials = {name: _Trials(reference, margin) for name in decoders}
-    for index, blurred in enumerate(
-        blurred_at_speeds(light, motion, shutter, chosen_speeds.tolist(), plan)
-    ):
-        for trial in trials.values():
-            trial.next_speed()
-        for seed in jax.random.split(jax.random.fold_in(key, index), num_seeds):
+    inner = slice(margin, reference.shape[1] - margin)
+    seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
+
+    def restored(place: tuple[int, Array]) -> _AtSpeed:
+        index, blurred = place
+        captures, errors, codes = [], [], []
+        for words in seeds[index]:
+            seed = jax.random.wrap_key_data(words, impl=jax.random.key_impl(key))
             captured = noisy(blurred, scene, motion, seed)
-            for name, decoder in decoders.items():
-                found = deconvolve(
-                    captured, scene, motion, shutter, decoder=decoder, model=model, plan=plan
+            found = [
+                np.asarray(
+                    deconvolve(
+                        captured, scene, motion, shutter, decoder=decoder, model=model, plan=plan
+                    )
                 )
-                trials[name].add(captured, found)
-    expected = -10 * np.log10(expected_squared_error(model))
+                for decoder in decoders.values()
+            ]
+            captures = captures or [np.asarray(captured), *found]
+            pairs = [(reference[:, inner], estimate[:, inner]) for estimate in found]
+            errors.append([np.mean(np.square(b - a, dtype=np.float64)) for a, b in pairs])
+            codes.append([psnr(truth, estimate) for truth, estimate in pairs])
+        return _AtSpeed(captures[0], captures[1:], np.array(errors), np.array(codes))
+
+    on_sensor = blurred_at_speeds(light, motion, shutter, chosen_speeds.tolist(), plan)
+    count = min(num_processors(), _CAPTURES_AT_ONCE)
+    trials = list(in_threads(restored, enumerate(on_sensor), count))
+    expected = float(-10 * np.log10(expected_squared_error(model)))
+    captured = np.stack([trial.captured for trial in trials])
+    common = reference, captured, expected
     return {
-        name: _summary(chosen_speeds, weights, trial, float(expected))
-        for name, trial in trials.items()
+        name: _summary(chosen_speeds, weights, trials, index, *common)
+        for index, name in enumerate(decoders)
     }
 
 
-class _Trials:
-    """Errors of one decoder, by speed and seed, and the first capture of each speed."""
+@quick_to_compile
+def _seeds(key: Array, num_speeds: int, num_seeds: int) -> Array:
+    """Words of a key for the noise of each capture; `(speeds, seeds, words)`."""
+    each = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(num_speeds))
+    return jax.random.key_data(jax.vmap(lambda k: jax.random.split(k, num_seeds))(each))
 
-    def __init__(self, reference: np.ndarray, margin: int):
-        self.reference = reference
-        self.inner = slice(margin, reference.shape[1] - margin)
-        self.squared: list[list[float]] = []
-        self.coded: list[list[float]] = []
-        self.captured: list[np.ndarray] = []
-        self.restored: list[np.ndarray] = []
 
-    def next_speed(self) -> None:
-        self.squared.append([])
-        self.coded.append([])
+class _AtSpeed(NamedTuple):
+    """Trials at one speed: the first capture and what each decoder made of it, and errors.
 
-    def add(self, captured: Array, found: Array) -> None:
-        truth, estimate = self.reference[:, self.inner], np.asarray(found)[:, self.inner]
-        if not self.squared[-1]:
-            self.captured.append(np.asarray(captured))
-            self.restored.append(np.asarray(found))
-        self.squared[-1].append(float(np.mean(np.square(estimate - truth, dtype=np.float64))))
-        self.coded[-1].append(psnr(truth, estimate))
+    The errors are squared in linear light, and as a PSNR with gamma put back; of shape
+    `(seeds, decoders)`.
+    """
+
+    captured: np.ndarray
+    restored: list[np.ndarray]
+    squared: np.ndarray
+    coded: np.ndarray
 
 
 def _common_columns(
@@ -223,9 +241,16 @@ def _common_columns(
 
 
 def _summary(
-    speeds: np.ndarray, weights: np.ndarray | None, trials: _Trials, expected: float
+    speeds: np.ndarray,
+    weights: np.ndarray | None,
+    trials: Sequence[_AtSpeed],
+    decoder: int,
+    reference: np.ndarray,
+    captured: np.ndarray,
+    expected: float,
 ) -> RestoredPhotograph:
-    squared, coded = np.array(trials.squared), np.array(trials.coded)
+    squared = np.stack([trial.squared[:, decoder] for trial in trials])
+    coded = np.stack([trial.coded[:, decoder] for trial in trials])
     count = squared.shape[1]
     mean = np.mean(squared, axis=1)
     spread = np.std(squared, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
@@ -239,7 +264,7 @@ def _summary(
         linear_standard_error=10 / np.log(10) * spread / mean / np.sqrt(count),
         mean_psnr=float(-10 * np.log10(share @ mean)),
         expected_psnr=expected,
-        reference=trials.reference,
-        captured=np.stack(trials.captured),
-        restored=np.stack(trials.restored),
+        reference=reference,
+        captured=captured,
+        restored=np.stack([trial.restored[decoder] for trial in trials]),
     )

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import quick_to_compile
 from mishutter.types import require
 
 Border = Literal["scene", "reflect", "edge", "wrap", "zero"]
@@ -79,12 +80,21 @@ def rows_last(light: ArrayLike) -> Array:
 
     The result has the shape `(..., channels, rows, columns)`.
     """
-    light = jnp.asarray(light)
+    return _rows_last(jnp.asarray(light))
+
+
+@quick_to_compile
+def _rows_last(light: Array) -> Array:
     light = light[..., None] if light.ndim == 2 else light
     return jnp.moveaxis(light, -1, -3)
 
 
 def channels_last(planes: Array, like: ArrayLike) -> Array:
     """Undo `rows_last`, for a picture that had as many axes as `like`."""
+    return _channels_last(planes, jnp.ndim(like) == 2)
+
+
+@quick_to_compile
+def _channels_last(planes: Array, only_one: bool) -> Array:
     light = jnp.moveaxis(planes, -3, -1)
-    return light[..., 0] if jnp.ndim(like) == 2 else light
+    return light[..., 0] if only_one else light

@@ -64,7 +64,7 @@ class Limits(eqx.Module):
             _check_at_least(f"Limits({name}=...)", getattr(self, name), "above 0", strict=True)
         if is_concrete(self.min_half_exposure) and is_concrete(self.max_half_exposure):
             require(
-                bool(self.min_half_exposure <= self.max_half_exposure),
+                float(self.min_half_exposure) <= float(self.max_half_exposure),
                 "Limits(min_half_exposure=...)",
                 f"be at most max_half_exposure = {float(self.max_half_exposure):g} s",
                 self.min_half_exposure,

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Iterator, Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import compiled
 from mishutter.frames import Frames, expose_frames
 from mishutter.kernel import support
 from mishutter.layers import Layers, expose_layers
@@ -115,8 +115,8 @@ def blurred_at_speeds(
     """
     num_taps, origin = kernel_layout(motion, *speeds)
     planes = rows_last(distinct_colours(light, plan))
-    for kernel in kernels_at_speeds(shutter, motion, np.asarray(speeds), num_taps):
-        taps = kernel.astype(light.dtype)
+    kernels = kernels_at_speeds(shutter, motion, np.asarray(speeds), num_taps)
+    for taps in np.asarray(kernels, light.dtype):
         yield every_colour(channels_last(_blurred(planes, taps, origin, "scene"), light), light)
 
 
@@ -141,8 +141,10 @@ def capture_kernel(
     require_finite("simulate_capture(speed=...)", speed)
     num_taps, origin = kernel_layout(motion, speed)
     dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
-    (taps,) = kernels_at_speeds(shutter, motion, np.asarray([float(speed)], dtype), num_taps)
-    return taps.astype(dtype), origin
+    (taps,) = np.asarray(
+        kernels_at_speeds(shutter, motion, np.asarray([float(speed)], dtype), num_taps), dtype
+    )
+    return taps, origin
 
 
 def centred_kernel(
@@ -194,7 +196,7 @@ def as_light(picture: Picture | ArrayLike) -> Array:
     """The light of a picture as an array: `(rows, columns)` or with channels last."""
     subject = "simulate_capture(picture=...)"
     if isinstance(picture, Picture):
-        return jnp.asarray(picture.light)
+        return jax.device_put(picture.light)
     require(jnp.ndim(picture) >= 2, subject, "have rows and columns", jnp.shape(picture))
     require(jnp.size(picture) > 0, subject, "hold at least one pixel", jnp.shape(picture))
     require_finite(subject, picture)
@@ -225,6 +227,6 @@ def _check_light(scene: Scene, key: Array | None) -> None:
     require(lit, "simulate_capture(scene=...)", "have a photon rate above 0 e-/s", 0.0)
 
 
-@eqx.filter_jit
+@compiled
 def _blurred(planes: Array, kernel: Array, origin: int, border: str) -> Array:
     return convolved(extended(planes, kernel.size - 1 - origin, origin, border), kernel)

@@ -1,8 +1,9 @@
 """Minimisation over the unit box: many starts at once, then a polish of the winner."""
 
 import warnings
-from collections.abc import Callable
-from typing import Any, NamedTuple, final
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,6 +14,7 @@ from jaxtyping import Array
 
 from mishutter.compiling import quick_to_compile
 from mishutter.objective import AbstractObjective
+from mishutter.threads import in_threads, num_processors
 
 Progress = Callable[[int, float], None]
 _STEPS_PER_CALL, _PATIENCE = 10, 3
@@ -58,51 +60,77 @@ def descend(
     Raises:
         NonFiniteLossError: if a loss or gradient at an accepted point is not finite.
     """
-    state = _start(objective, starts)
+    states = [_start(objective, part) for part in _shared_out(objective, starts)]
     history: list[np.ndarray] = []
     trail: list[np.ndarray] = []
+    losses, done = np.zeros(len(starts)), np.zeros(len(starts), bool)
     steps_left = max_steps
     while steps_left > 0:
-        count = min(_STEPS_PER_CALL, steps_left)
-        state, met, finite, done = _advance(objective, state, jnp.asarray(count), _STEPS_PER_CALL)
-        _check_finite(finite)
-        steps_left -= count
-        taken = np.isfinite(met.loss)
-        history.append(np.asarray(met.loss)[taken])
-        trail.append(np.sin(np.asarray(met.theta)[taken]) ** 2)
-        if progress is not None and history[-1].size:
-            progress(max_steps - steps_left, float(history[-1][-1]))
-        if bool(np.all(np.asarray(done))) or _settled(state, history):
+        count = jnp.asarray(min(_STEPS_PER_CALL, steps_left))
+        advance = partial(_advanced, objective, count)
+        calls = in_threads(advance, states, len(states), first_alone=not history)
+        states, each_met, each_finite = zip(*calls, strict=True)
+        _check_finite(np.concatenate(each_finite)[: len(starts)])
+        steps_left -= _STEPS_PER_CALL
+        lowest, theta = _best_of(each_met)
+        history.append(lowest)
+        trail.append(np.sin(theta) ** 2)
+        if progress is not None and lowest.size:
+            progress(max_steps - max(0, steps_left), float(lowest[-1]))
+        losses, done = (
+            np.concatenate([np.asarray(x) for x in each])[: len(starts)]
+            for each in zip(*((state.loss, state.done) for state in states), strict=True)
+        )
+        if bool(np.all(done)) or _settled(losses, done, history):
             break
-    boxes = np.sin(np.asarray(state.theta)) ** 2
-    losses = np.asarray(state.solver.f_info.f)
+    theta = np.concatenate([np.asarray(state.theta) for state in states])[: len(starts)]
     lowest = np.minimum.accumulate(np.concatenate(history))
-    unfinished = int(np.sum(~np.asarray(state.done)))
-    return Descent(boxes, losses, lowest, np.concatenate(trail), unfinished)
+    num_unfinished = int(np.sum(~done))
+    return Descent(np.sin(theta) ** 2, losses, lowest, np.concatenate(trail), num_unfinished)
 
 
-def _settled(state: "_State", history: list[np.ndarray]) -> bool:
+def _shared_out(objective: AbstractObjective, starts: Array) -> list[Array]:
+    """Starts in parts of one size for the processors; the last is repeated to fill its part.
+
+    Those that are at hand together stay together.
+    """
+    num_parts = 1 if objective.batches else min(num_processors(), len(starts))
+    size = -(-len(starts) // num_parts)
+    padded = np.pad(np.asarray(starts), ((0, -len(starts) % size), (0, 0)), "edge")
+    return [jnp.asarray(part) for part in padded.reshape(-1, size, starts.shape[1])]
+
+
+def _best_of(each_met: "Sequence[_Met]") -> tuple[np.ndarray, np.ndarray]:
+    """The least loss of several parts after each step, until none goes on, and where."""
+    losses, places = np.stack([x.loss for x in each_met]), np.stack([x.theta for x in each_met])
+    taken = np.any(np.isfinite(losses), axis=0)
+    best = np.nanargmin(losses[:, taken], axis=0), np.arange(np.sum(taken))
+    return losses[:, taken][best], places[:, taken][best]
+
+
+def _settled(losses: np.ndarray, done: np.ndarray, history: list[np.ndarray]) -> bool:
     """Whether the best start has converged and no other overtook it for three calls since."""
-    best = int(np.argmin(np.asarray(state.solver.f_info.f)))
-    if not bool(np.asarray(state.done)[best]) or len(history) <= _PATIENCE:
+    if not done[np.argmin(losses)] or len(history) <= _PATIENCE:
         return False
     before = float(np.min(np.concatenate(history[:-_PATIENCE])))
     latest = float(np.min(np.concatenate(history)))
     return before - latest <= _TOLERANCE * abs(latest)
 
 
-@final
-class _State(eqx.Module):
+class _State(NamedTuple):
+    """Where the descents are: angles, losses, the arrays of the solver, and which have ended."""
+
     theta: Array
-    solver: Any
+    loss: Array
+    memory: list[Array]
     done: Array
 
 
 class _Met(NamedTuple):
     """The least loss after each of some steps, NaN for those not taken, and where it was."""
 
-    loss: Array
-    theta: Array
+    loss: Array | np.ndarray
+    theta: Array | np.ndarray
 
 
 _SOLVER = optx.BFGS(rtol=_TOLERANCE, atol=_TOLERANCE)
@@ -112,50 +140,68 @@ def _in_angles(objective: AbstractObjective):
     return lambda theta, args: (objective(jnp.sin(theta) ** 2), None)
 
 
+def _solver_state(objective: AbstractObjective, theta: Array) -> Any:
+    """Optimistix's own state at angles of one start."""
+    scalar = jax.ShapeDtypeStruct((), theta.dtype)
+    return _SOLVER.init(_in_angles(objective), theta, None, {}, scalar, None, frozenset())
+
+
 @quick_to_compile
 def _start(objective: AbstractObjective, starts: Array) -> _State:
     theta = jnp.arcsin(jnp.sqrt(jnp.clip(starts, _MARGIN, 1 - _MARGIN)))
-    scalar = jax.ShapeDtypeStruct((), theta.dtype)
-    function = _in_angles(objective)
-    state = eqx.filter_vmap(
-        lambda y: _SOLVER.init(function, y, None, {}, scalar, None, frozenset())
-    )(theta)
-    return _State(theta, state, jnp.zeros(theta.shape[0], bool))
+    state = eqx.filter_vmap(lambda y: _solver_state(objective, y))(theta)
+    memory = jax.tree.leaves(eqx.filter(state, eqx.is_array))
+    return _State(theta, state.f_info.f, memory, jnp.zeros(theta.shape[0], bool))
+
+
+def _advanced(
+    objective: AbstractObjective, num_steps: Array, state: _State
+) -> tuple[_State, "_Met", np.ndarray]:
+    """`_advance` by at most so many steps, waited for."""
+    state, met, finite = _advance(objective, state, num_steps, _STEPS_PER_CALL)
+    return state, _Met(*(np.asarray(x) for x in met)), np.asarray(finite)
 
 
 @quick_to_compile
 def _advance(objective: AbstractObjective, state: _State, num_steps: Array, capacity: int):
     function = _in_angles(objective)
-    dynamic, static = eqx.partition(state, eqx.is_array)
+    like = eqx.filter_eval_shape(_solver_state, objective, state.theta[0])
+    dynamic, static = eqx.partition(like, lambda x: isinstance(x, jax.ShapeDtypeStruct))
+    remembered = jax.tree.structure(dynamic)
+
+    def solver(memory: list[Array]) -> Any:
+        return eqx.combine(remembered.unflatten(memory), static)
 
     def step(state: _State) -> _State:
-        moved, after, _ = _SOLVER.step(function, state.theta, None, {}, state.solver, frozenset())
+        before = solver(state.memory)
+        moved, after, _ = _SOLVER.step(function, state.theta, None, {}, before, frozenset())
         ended, _ = _SOLVER.terminate(function, moved, None, {}, after, frozenset())
-        return _State(moved, after, ended)
+        memory = jax.tree.leaves(eqx.filter(after, eqx.is_array))
+        return _State(moved, after.f_info.f, memory, ended)
 
-    def one(arrays: _State) -> _State:
-        kept = lambda: arrays  # noqa: E731
-        moved = lambda: eqx.filter(step(eqx.combine(arrays, static)), eqx.is_array)  # noqa: E731
-        return jax.lax.cond(arrays.done, kept, moved)
+    def one(state: _State) -> _State:
+        return jax.lax.cond(state.done, lambda: state, lambda: step(state))
 
     def body(carry):
-        count, arrays, met, finite = carry
-        arrays = jax.vmap(one)(arrays) if objective.batches else jax.lax.map(one, arrays)
-        loss, gradient = arrays.solver.f_info.f, arrays.solver.f_info.grad
-        finite &= jnp.isfinite(loss) & jnp.all(jnp.isfinite(gradient), axis=1)
-        best = jnp.argmin(loss)
-        met = _Met(met.loss.at[count].set(loss[best]), met.theta.at[count].set(arrays.theta[best]))
-        return count + 1, arrays, met, finite
+        count, state, met, finite = carry
+        state = jax.vmap(one)(state) if objective.batches else jax.lax.map(one, state)
+        gradient = solver(state.memory).f_info.grad
+        finite &= jnp.isfinite(state.loss) & jnp.all(jnp.isfinite(gradient), axis=1)
+        best = jnp.argmin(state.loss)
+        met = _Met(
+            met.loss.at[count].set(state.loss[best]), met.theta.at[count].set(state.theta[best])
+        )
+        return count + 1, state, met, finite
 
     def unfinished(carry):
-        count, arrays, _, finite = carry
-        return (count < num_steps) & jnp.any(~arrays.done) & jnp.all(finite)
+        count, state, _, finite = carry
+        return (count < num_steps) & jnp.any(~state.done) & jnp.all(finite)
 
     dtype, size = state.theta.dtype, state.theta.shape[1]
     met = _Met(jnp.full(capacity, jnp.nan, dtype), jnp.zeros((capacity, size), dtype))
-    first = (jnp.zeros((), jnp.int32), dynamic, met, jnp.ones_like(state.done))
-    _, arrays, met, finite = jax.lax.while_loop(unfinished, body, first)
-    return eqx.combine(arrays, static), met, finite, arrays.done
+    first = (jnp.zeros((), jnp.int32), state, met, jnp.ones_like(state.done))
+    _, state, met, finite = jax.lax.while_loop(unfinished, body, first)
+    return state, met, finite
 
 
 def _check_finite(finite: Array | np.ndarray) -> None:
@@ -168,9 +214,9 @@ def _check_finite(finite: Array | np.ndarray) -> None:
 
 
 @quick_to_compile
-def loss_and_gradient(objective: AbstractObjective, box: Array) -> tuple[Array, Array]:
+def loss_and_gradient(objective: AbstractObjective, box: Array | np.ndarray) -> tuple[Array, Array]:
     """Loss and gradient at a point of the box; scalar and `(size,)`."""
-    return jax.value_and_grad(objective)(box)
+    return jax.value_and_grad(objective)(jnp.asarray(box))
 
 
 def losses_at(objective: AbstractObjective, boxes: np.ndarray) -> np.ndarray:
@@ -179,7 +225,7 @@ def losses_at(objective: AbstractObjective, boxes: np.ndarray) -> np.ndarray:
     Raises:
         NonFiniteLossError: if a loss or its gradient is not finite.
     """
-    pairs = [loss_and_gradient(objective, jnp.asarray(box)) for box in boxes]
+    pairs = [loss_and_gradient(objective, box) for box in boxes]
     _check_finite(np.array([np.isfinite(f) and np.all(np.isfinite(g)) for f, g in pairs]))
     return np.array([float(loss) for loss, _ in pairs])
 
@@ -191,9 +237,7 @@ def projected_gradient_norm(box: np.ndarray, gradient: np.ndarray) -> float:
 
 def certificate_at(objective: AbstractObjective, box: np.ndarray) -> float:
     """The projected-gradient norm at a point of the box."""
-    return projected_gradient_norm(
-        box, np.asarray(loss_and_gradient(objective, jnp.asarray(box))[1])
-    )
+    return projected_gradient_norm(box, np.asarray(loss_and_gradient(objective, box)[1]))
 
 
 class Polished(NamedTuple):
@@ -211,12 +255,9 @@ def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> 
     Raises:
         NonFiniteLossError: if the loss or gradient is not finite on the way.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        import jaxopt
 
     def value_and_gradient(x):
-        loss, gradient = loss_and_gradient(objective, jnp.asarray(x, box.dtype))
+        loss, gradient = loss_and_gradient(objective, np.asarray(x, box.dtype))
         if not (np.isfinite(loss) and np.all(np.isfinite(gradient))):
             raise NonFiniteLossError(
                 "The loss and its gradient must be finite; got a NaN or an infinity "
@@ -224,7 +265,7 @@ def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> 
             )
         return loss, gradient
 
-    solver = jaxopt.ScipyBoundedMinimize(
+    solver = _jaxopt().ScipyBoundedMinimize(
         fun=value_and_gradient,
         value_and_grad=True,
         method="L-BFGS-B",
@@ -238,3 +279,12 @@ def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> 
     loss, gradient = value_and_gradient(point)
     certificate = projected_gradient_norm(point, np.asarray(gradient))
     return Polished(point, float(loss), certificate, int(info.iter_num))
+
+
+@lru_cache
+def _jaxopt() -> Any:
+    """Jaxopt, without its farewell."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        import jaxopt
+    return jaxopt

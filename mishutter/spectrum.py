@@ -1,11 +1,11 @@
 """What a shutter passes of each spatial frequency."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import quick_to_compile
 from mishutter.descent import along_panel, along_rays, panels, turns_far
 from mishutter.motion import AbstractMotion
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter
@@ -100,12 +100,16 @@ def transfer_function(
     shape = jnp.broadcast_shapes(jnp.shape(speed), jnp.shape(frequency))
     s = jnp.broadcast_to(jnp.asarray(speed, dtype), shape).reshape(-1)
     f = jnp.broadcast_to(jnp.asarray(frequency, dtype), shape).reshape(-1)
-    response = _transfer(piecewise(shutter), motion, s, jnp.abs(f))
-    return jnp.where(f < 0, jnp.conj(response), response).reshape(shape)
+    return _transfer(piecewise(shutter), motion, s, f).reshape(shape)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _transfer(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
+    response = _at_positive(profile, motion, s, jnp.abs(f))
+    return jnp.where(f < 0, jnp.conj(response), response)
+
+
+def _at_positive(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
     a, T = motion.acceleration.astype(f.dtype), motion.half_exposure.astype(f.dtype)
 
     def block(points: tuple[Array, Array]) -> Array:

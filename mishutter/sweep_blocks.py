@@ -16,8 +16,8 @@ from mishutter.sweep_layout import Chosen, Kit, Layout
 from mishutter.sweep_points import SceneNumbers, Tile, TileSizes
 from mishutter.sweep_search import Searcher, basis_shutters, coefficients_of
 from mishutter.sweep_tables import Tables
-from mishutter.sweep_threads import in_threads, num_threads
 from mishutter.sweep_tiles import TileMetrics, measure_tile
+from mishutter.threads import in_threads, num_threads
 
 Arrays = dict[str, np.ndarray]
 _TILES_PER_DEVICE = 8

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.polynomial import chebyshev
 
+from mishutter.compiling import quick_to_compile
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter
 from mishutter.shutters.sampled import piecewise
 
@@ -231,14 +232,14 @@ def _at(profile: _Profile, tau: Array) -> np.ndarray:
     return np.clip(values[piece, np.arange(tau.size)], 0, 1)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _all_pieces(profile: AbstractPiecewiseShutter, tau: Array) -> Array:
     ends = profile.breakpoints(np.dtype(tau.dtype)).high
     inside = jnp.clip(tau[None], ends[:-1, None], ends[1:, None])
     return profile.piece_transmittance(inside - ends[:-1, None])
 
 
-@eqx.filter_jit
+@quick_to_compile
 def _at_offsets(profile: AbstractPiecewiseShutter, offset: Array) -> Array:
     return profile.piece_transmittance(offset)
 

@@ -148,9 +148,12 @@ def start_jax() -> None:
     import jax
     from platformdirs import user_cache_path
 
+    from mishutter.programs import keep_programs
+
     jax.config.update("jax_enable_x64", True)
     if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
         folder = user_cache_path("mishutter", appauthor=False) / "jax"
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+        keep_programs(folder.parent / "programs")

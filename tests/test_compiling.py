@@ -26,10 +26,10 @@ def test_a_generator_that_xla_does_not_know_is_done_without(monkeypatch):
     """Where XLA has no such choice, the program is compiled as any other."""
     from mishutter import compiling
 
-    compiling._may_be_chosen.cache_clear()
+    compiling._takes_options.cache_clear()
     monkeypatch.setitem(compiling._QUICKLY, "xla_no_such_choice", True)
     try:
-        assert not compiling._may_be_chosen()
+        assert not compiling._takes_options()
         assert np.isclose(quick_to_compile(_doubled_cube)(jnp.array(0.4)), 2 * np.sin(0.4) ** 3)
     finally:
-        compiling._may_be_chosen.cache_clear()
+        compiling._takes_options.cache_clear()

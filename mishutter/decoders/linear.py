@@ -2,11 +2,11 @@
 
 from typing import final
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import compiled
 from mishutter.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoders.borders import Continuation, captured_spectrum, continuation
 from mishutter.rows import along_rows
@@ -86,7 +86,7 @@ def filtered(
     return _filtered(captured, extension, response, np.asarray(gain))
 
 
-@eqx.filter_jit
+@compiled
 def _filtered(captured: Array, extension: Continuation, response: ArrayLike, gain: ArrayLike):
     rows, mean = extension.deviations(captured)
     spectrum = jnp.fft.rfft(rows, extension.length)

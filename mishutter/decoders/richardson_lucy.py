@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import compiled
 from mishutter.decoders.banded import BandedConvolution, banded
 from mishutter.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoders.borders import Continuation, continuation
@@ -119,7 +120,7 @@ class _Noise(NamedTuple):
     left: ArrayLike
 
 
-@eqx.filter_jit
+@compiled
 def _dark(
     rows: Array,
     operator: BandedConvolution,
@@ -139,7 +140,7 @@ def _dark(
     return found[..., :columns]
 
 
-@eqx.filter_jit
+@compiled
 def _restored(
     captured: Array,
     extension: Continuation,

@@ -2,12 +2,12 @@
 
 from typing import final
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import compiled
 from mishutter.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoders.borders import Continuation, continuation
 from mishutter.rows import along_rows
@@ -36,7 +36,7 @@ class TikhonovDecoder(AbstractDecoder):
         )
 
 
-@eqx.filter_jit
+@compiled
 def _regularised(
     captured: Array,
     extension: Continuation,

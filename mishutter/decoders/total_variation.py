@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import compiled
 from mishutter.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoders.borders import Continuation, continuation
 from mishutter.rows import along_rows
@@ -60,7 +61,7 @@ def _typical_difference(model: BlurModel, length: int) -> float:
     return float(np.sqrt(np.mean(power) / 2)) or 1.0
 
 
-@eqx.filter_jit
+@compiled
 def _split(
     captured: Array,
     extension: Continuation,

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter.compiling import quick_to_compile
 from mishutter.doubleword import DoubleWord
 from mishutter.types import common_dtype
 
@@ -84,6 +85,12 @@ class AbstractAdjustableShutter(AbstractPiecewiseShutter):
     @abstractmethod
     def at(self, box: Array) -> "AbstractAdjustableShutter":
         """The shutter of the same kind at other coordinates."""
+
+
+@quick_to_compile
+def profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]:
+    """Transmittance at normalised times, and the efficiency; shape of `tau`, and scalar."""
+    return shutter.transmittance(tau), shutter.efficiency()
 
 
 def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Array:

@@ -1,5 +1,6 @@
 """Calls in as many threads as there are idle processors, with their results in order."""
 
+import itertools
 import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
@@ -17,18 +18,26 @@ def num_threads(devices: np.ndarray) -> int:
     """Calls at a time: the processors that each device of these may have for itself."""
     if devices.flat[0].platform != "cpu":
         return 1
+    return max(1, num_processors() // devices.size)
+
+
+def num_processors() -> int:
+    """Processors that this process may use."""
     allowed = getattr(os, "sched_getaffinity", None)
-    num_processors = len(allowed(0)) if allowed else os.cpu_count() or 1
-    return max(1, num_processors // devices.size)
+    return len(allowed(0)) if allowed else os.cpu_count() or 1
 
 
 def in_threads(
-    function: Callable[[_Item], _Result], items: Iterable[_Item], count: int
+    function: Callable[[_Item], _Result],
+    items: Iterable[_Item],
+    count: int,
+    *,
+    first_alone: bool = True,
 ) -> Generator[_Result, None, None]:
     """A function of each item, at the caller's precision, at most `count` at a time.
 
-    The first is done alone: what it compiles serves all others. None is begun that is far
-    ahead of what was taken, nor any more once the caller has stopped.
+    The first is done alone by default: what it compiles serves all others. None is begun
+    that is far ahead of what was taken, nor any more once the caller has stopped.
     """
     wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
 
@@ -37,9 +46,8 @@ def in_threads(
             return function(item)
 
     left = iter(items)
-    for item in left:
+    for item in itertools.islice(left, 1 if first_alone else 0):
         yield function(item)
-        break
     if count == 1:
         yield from map(function, left)
         return

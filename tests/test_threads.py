@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter.sweep_threads import in_threads, num_threads
+from mishutter.threads import in_threads, num_threads
 
 
 @pytest.mark.parametrize("count", [1, 3])
