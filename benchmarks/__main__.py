@@ -10,6 +10,7 @@ ALL = (
     "kernel",
     "gradient",
     "design",
+    "command",
     "scaling",
     "stress",
     "capture",

@@ -49,7 +49,8 @@ class _Shelf:
 def keep_programs(folder: Path) -> None:
     """Keep compiled programs in a folder, made when the first is.
 
-    Programs of a package or libraries that have not been used for 30 days are removed.
+    Programs of a package or libraries that have not been used for 30 days are removed. What
+    lies in the folder is run, so nobody else should be able to write there.
     """
     _Shelf.folder = folder / _surroundings()
 
@@ -91,7 +92,7 @@ class KeptProgram:
         leaves, tree = jax.tree.flatten((args, kwargs))
         arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
         statics = tuple((type(x), x) for x in leaves if not eqx.is_array(x))
-        kinds = tuple((x.shape, x.dtype) for x in arrays)
+        kinds = tuple((x.shape, x.dtype, _is_weak(x)) for x in arrays)
         kind = tree, statics, kinds, _setting("jax_enable_x64"), _Shelf.folder
         if kind not in self._loaded:
             self._loaded[kind] = self._found(args, kwargs, arrays)
@@ -146,7 +147,7 @@ def _write(path: Path, compiled: jax.stages.Compiled, result: Any) -> None:
         list(_description(jax.tree.map(lambda x: None if _is_shape(x) else x, result)))
         content = pickle.dumps((serialize(compiled)[0], result))
         if not path.parent.exists():
-            path.parent.mkdir(parents=True)
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             _remove_unused(path.parent)
         write_bytes(path, content)
     except Exception:
@@ -179,6 +180,10 @@ def _shape(x: Any) -> Any:
     return jax.ShapeDtypeStruct(x.shape, x.dtype) if eqx.is_array(x) else x
 
 
+def _is_weak(x: Any) -> bool:
+    return getattr(x, "weak_type", False)
+
+
 def _is_shape(x: Any) -> bool:
     return isinstance(x, jax.ShapeDtypeStruct)
 
@@ -197,7 +202,7 @@ def _description(value: Any) -> Iterator[str]:
     """Lines that say all that a program can depend on in a value: of arrays, their kind."""
     kind = type(value)
     if eqx.is_array(value):
-        yield f"{value.dtype}{value.shape}"
+        yield f"{value.dtype}{value.shape}{' weak' if _is_weak(value) else ''}"
     elif value is None or kind in (bool, int, float, complex, str, bytes):
         yield f"{kind.__name__} {value!r}"
     elif isinstance(value, Enum | np.dtype):

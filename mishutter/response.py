@@ -181,7 +181,11 @@ def kernels_at_speeds(
     Known ones are computed eight at a time and cut from longer ones, so that one program
     for each kind of shutter serves whoever asks, for however many.
     """
-    return jax.device_put(_kernels_and_light(shutter, motion, speeds, num_taps)[0])
+    kernels = _kernels_and_light(shutter, motion, speeds, num_taps)[0]
+    if not isinstance(kernels, np.ndarray):
+        return kernels
+    with jax.ensure_compile_time_eval():
+        return jax.device_put(kernels)
 
 
 def _kernels_and_light(

@@ -141,10 +141,9 @@ def capture_kernel(
     require_finite("simulate_capture(speed=...)", speed)
     num_taps, origin = kernel_layout(motion, speed)
     dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
-    (taps,) = np.asarray(
-        kernels_at_speeds(shutter, motion, np.asarray([float(speed)], dtype), num_taps), dtype
-    )
-    return taps, origin
+    speeds = np.asarray([float(speed)], dtype)
+    (taps,) = np.asarray(kernels_at_speeds(shutter, motion, speeds, num_taps), dtype)
+    return jax.device_put(taps), origin
 
 
 def centred_kernel(

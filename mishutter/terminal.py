@@ -156,4 +156,5 @@ def start_jax() -> None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-        keep_programs(folder.parent / "programs")
+        if getattr(jax.config, "jax_enable_compilation_cache", True):
+            keep_programs(folder.parent / "programs")
