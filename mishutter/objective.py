@@ -197,7 +197,7 @@ def _basis(
     """Response of each coordinate alone, by the program that measures finished designs."""
     profile: Any = space.shutter
     corners = np.eye(space.size, dtype=space.max_speed.dtype)
-    shutters = [profile.at(jnp.asarray(corner)) for corner in corners]
+    shutters = [profile.at(jax.device_put(corner)) for corner in corners]
     each = [records(scene, space.motion, shutter, plan, *parts_wanted) for shutter in shutters]
     kernels, spectra, light = (np.stack(part) for part in zip(*each, strict=True))
     still = spectrum = differences = np.zeros((space.size, 0), light.dtype)
@@ -210,7 +210,7 @@ def _basis(
     parts = [still, differences, *map(np.real, waves), *map(np.imag, waves), light]
     rows = np.concatenate([np.reshape(part, (space.size, -1)) for part in parts], axis=1)
     layout = Layout(still.shape[1], differences.shape[1], spectrum.shape[1], spectra.shape[1:])
-    return jnp.asarray(rows.astype(light.dtype)), layout
+    return jax.device_put(rows.astype(light.dtype)), layout
 
 
 def _triangular(rows: np.ndarray) -> np.ndarray:

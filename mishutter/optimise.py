@@ -5,7 +5,7 @@ from dataclasses import replace
 from enum import Enum
 from functools import lru_cache, partial
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array
 
@@ -109,7 +109,7 @@ def optimise(
     history = np.minimum.accumulate(first)
     if space.size > _GRID_COORDINATES:
         rough = roughly(objective)
-        descent = descend(rough, jnp.asarray(starts), max_steps=max_steps, progress=progress)
+        descent = descend(rough, jax.device_put(starts), max_steps=max_steps, progress=progress)
         ends = descent.boxes[np.argsort(descent.losses, kind="stable")[:_NUM_POLISHED]]
         history = descent.history
         if rough is not objective:
@@ -129,7 +129,7 @@ def optimise(
     outcome = _outcome(certificate, value, polished.num_steps >= max_steps)
     if throw and outcome is not Outcome.CONVERGED:
         raise SearchFailedError(outcome.value)
-    found_shutter, found_motion = design_at(space, jnp.asarray(box))
+    found_shutter, found_motion = design_at(space, jax.device_put(box))
     design = Design(
         shutter=found_shutter,
         motion=found_motion,

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import reduce
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array
 
@@ -119,7 +119,7 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     if space is None:
         return sizes(scene, motion)
     dtype = space.max_speed.dtype
-    corners = [design_at(space, jnp.asarray(corner, dtype)) for corner in _corners(space)]
+    corners = [design_at(space, jax.device_put(corner.astype(dtype))) for corner in _corners(space)]
     return reduce(larger, [sizes(scene, moved) for _, moved in corners])
 
 

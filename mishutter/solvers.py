@@ -60,7 +60,7 @@ def descend(
     Raises:
         NonFiniteLossError: if a loss or gradient at an accepted point is not finite.
     """
-    states = [_start(objective, part) for part in _shared_out(objective, starts)]
+    states = [_start(part) for part in _shared_out(objective, starts)]
     history: list[np.ndarray] = []
     trail: list[np.ndarray] = []
     losses, done = np.zeros(len(starts)), np.zeros(len(starts), bool)
@@ -97,7 +97,7 @@ def _shared_out(objective: AbstractObjective, starts: Array) -> list[Array]:
     num_parts = 1 if objective.batches else min(num_processors(), len(starts))
     size = -(-len(starts) // num_parts)
     padded = np.pad(np.asarray(starts), ((0, -len(starts) % size), (0, 0)), "edge")
-    return [jnp.asarray(part) for part in padded.reshape(-1, size, starts.shape[1])]
+    return [jax.device_put(part) for part in padded.reshape(-1, size, starts.shape[1])]
 
 
 def _best_of(each_met: "Sequence[_Met]") -> tuple[np.ndarray, np.ndarray]:
@@ -140,16 +140,16 @@ def _in_angles(objective: AbstractObjective):
     return lambda theta, args: (objective(jnp.sin(theta) ** 2), None)
 
 
-def _solver_state(objective: AbstractObjective, theta: Array) -> Any:
-    """Optimistix's own state at angles of one start."""
+def _solver_state(theta: Array) -> Any:
+    """Optimistix's own state at angles of one start, which knows nothing of the function yet."""
     scalar = jax.ShapeDtypeStruct((), theta.dtype)
-    return _SOLVER.init(_in_angles(objective), theta, None, {}, scalar, None, frozenset())
+    return _SOLVER.init(lambda y, _: (jnp.sum(y), None), theta, None, {}, scalar, None, frozenset())
 
 
 @quick_to_compile
-def _start(objective: AbstractObjective, starts: Array) -> _State:
+def _start(starts: Array) -> _State:
     theta = jnp.arcsin(jnp.sqrt(jnp.clip(starts, _MARGIN, 1 - _MARGIN)))
-    state = eqx.filter_vmap(lambda y: _solver_state(objective, y))(theta)
+    state = eqx.filter_vmap(_solver_state)(theta)
     memory = jax.tree.leaves(eqx.filter(state, eqx.is_array))
     return _State(theta, state.f_info.f, memory, jnp.zeros(theta.shape[0], bool))
 
@@ -165,7 +165,7 @@ def _advanced(
 @quick_to_compile
 def _advance(objective: AbstractObjective, state: _State, num_steps: Array, capacity: int):
     function = _in_angles(objective)
-    like = eqx.filter_eval_shape(_solver_state, objective, state.theta[0])
+    like = eqx.filter_eval_shape(_solver_state, state.theta[0])
     dynamic, static = eqx.partition(like, lambda x: isinstance(x, jax.ShapeDtypeStruct))
     remembered = jax.tree.structure(dynamic)
 
@@ -274,7 +274,7 @@ def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> 
         tol=1e-9,
     )
     low, high = np.zeros_like(box), np.ones_like(box)
-    point, info = solver.run(jnp.asarray(box), bounds=(low, high))
+    point, info = solver.run(jax.device_put(box), bounds=(low, high))
     point = np.clip(np.asarray(point), 0, 1)
     loss, gradient = value_and_gradient(point)
     certificate = projected_gradient_norm(point, np.asarray(gradient))
