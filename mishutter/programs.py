@@ -32,6 +32,7 @@ from mishutter.files import write_bytes
 Options = dict[str, bool | int] | None
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 _OWN = "mishutter"
+_IN_PROGRAMS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_threefry_partitionable")
 _DAYS_UNUSED = 30
 _COMPILING = threading.Lock()
 
@@ -93,7 +94,7 @@ class KeptProgram:
         arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
         statics = tuple((type(x), x) for x in leaves if not eqx.is_array(x))
         kinds = tuple((x.shape, x.dtype, _is_weak(x)) for x in arrays)
-        kind = tree, statics, kinds, _setting("jax_enable_x64"), _Shelf.folder
+        kind = tree, statics, kinds, _settings(), _Shelf.folder
         if kind not in self._loaded:
             self._loaded[kind] = self._found(args, kwargs, arrays)
         return self._loaded[kind](arrays)
@@ -176,6 +177,11 @@ def _setting(name: str) -> Any:
     return getattr(jax.config, name)
 
 
+def _settings() -> tuple[str, ...]:
+    """What JAX was told that shows in a program."""
+    return tuple(f"{name}={_setting(name)}" for name in _IN_PROGRAMS)
+
+
 def _shape(x: Any) -> Any:
     return jax.ShapeDtypeStruct(x.shape, x.dtype) if eqx.is_array(x) else x
 
@@ -191,8 +197,8 @@ def _is_shape(x: Any) -> bool:
 def _place_of(call: Any) -> Path | None:
     """The file that holds the program of a call; None if it cannot be told from others."""
     try:
-        name = "\n".join(_description((_setting("jax_enable_x64"), call)))
-    except _NotKept:
+        name = "\n".join(_description((_settings(), call)))
+    except (_NotKept, TypeError):
         return None
     folder = _Shelf.folder
     return None if folder is None else folder / hashlib.sha256(name.encode()).hexdigest()

@@ -194,7 +194,7 @@ def _term(term, kappa, mu, lo, hi):
     if hi <= lo:
         return mp.mpf(0)
     if abs(k) < mp.mpf(10) ** -8:
-        return _by_quadrature(term, k, m, lo, hi)
+        return _nearly_linear(term, k, m, lo, hi)
     ends = [mp.exp(-IMAGINARY * t * (k * t - m)) for t in (lo, hi)]
     moments = [_fresnel(k, m, lo, hi)]
     for order in range(len(term.coefficients) - 1):
@@ -206,19 +206,57 @@ def _term(term, kappa, mu, lo, hi):
 
 def _fresnel(k, m, lo, hi):
     root, centre = mp.sqrt(IMAGINARY * k), m / (2 * k)
-    difference = mp.erf(root * (hi - centre)) - mp.erf(root * (lo - centre))
+    difference = _erf(root * (hi - centre)) - _erf(root * (lo - centre))
     return mp.exp(IMAGINARY * k * centre**2) * mp.sqrt(mp.pi) / (2 * root) * difference
 
 
-def _by_quadrature(term, k, m, lo, hi):
-    panels = 1 + int((hi - lo) * (abs(m) + 2 * abs(k)) / 20)
-    return mp.quad(
-        lambda t: (
-            mp.fsum(c * t**i for i, c in enumerate(term.coefficients))
-            * mp.exp(-IMAGINARY * t * (k * t - m))
-        ),
-        mp.linspace(lo, hi, panels + 1),
+def _erf(z):
+    """Error function; far out by its asymptotic series, where mpmath's takes hours."""
+    if abs(z) ** 2 < 400:
+        return mp.erf(z)
+    if mp.re(z) < 0:
+        return -_erf(-z)
+    total = term = mp.mpf(1)
+    for order in range(1, 400):
+        term *= -(2 * order - 1) / (2 * z * z)
+        total += term
+        if abs(term) < mp.eps:
+            break
+    return 1 - mp.exp(-z * z) / (z * mp.sqrt(mp.pi)) * total
+
+
+def _nearly_linear(term, k, m, lo, hi):
+    """By the power series in `k`, each term of which is a moment of `exp(i m t)`."""
+    series = _exponential_series(-IMAGINARY * k)
+    highest = len(term.coefficients) - 1 + 2 * (len(series) - 1)
+    moments = _linear_moments(m, lo, hi, highest)
+    return mp.fsum(
+        share * c * moments[2 * order + power]
+        for order, share in enumerate(series)
+        for power, c in enumerate(term.coefficients)
     )
+
+
+def _linear_moments(m, lo, hi, highest):
+    """Integrals of `t^n exp(i m t)` by parts, or where `m` is small by its power series."""
+    if abs(m) < 60:
+        series = _exponential_series(IMAGINARY * m)
+        powers = [(hi**n - lo**n) / n for n in range(1, len(series) + highest + 1)]
+        return [mp.fdot(series, powers[n : n + len(series)]) for n in range(highest + 1)]
+    ends = [mp.exp(IMAGINARY * m * t) for t in (lo, hi)]
+    moments = [(ends[1] - ends[0]) / (IMAGINARY * m)]
+    for n in range(1, highest + 1):
+        jump = hi**n * ends[1] - lo**n * ends[0]
+        moments.append((jump - n * moments[-1]) / (IMAGINARY * m))
+    return moments
+
+
+def _exponential_series(x):
+    """The terms of `exp(x)` down to what 120 digits hold."""
+    terms = [mp.mpc(1)]
+    while terms[-1] and (abs(terms[-1]) > mp.eps or len(terms) < abs(x)):
+        terms.append(terms[-1] * x / len(terms))
+    return terms
 
 
 @lru_cache

@@ -69,6 +69,17 @@ def test_transfer_function(slug):
         assert transfer_error(point, random_frequencies(rng)) <= 1, point
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", DTYPES)
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_transfer_function_over_the_domain(slug, precision):
+    """The full sweep: six frequencies at every point, strokes to 1e4 px."""
+    rng, dtype = np.random.default_rng(7), DTYPES[precision]
+    for _ in range(FULL_SWEEP // len(SHUTTERS) + 1):
+        point = transferable(rng, dtype, slug)
+        assert transfer_error(point, random_frequencies(rng, dtype)) <= 1, point
+
+
 def transferable(rng, dtype, slug):
     """A random point whose stroke is one that the transfer function is promised for."""
     while (point := random_point(rng, dtype, slug)).stroke > 1e4:
