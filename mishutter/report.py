@@ -30,6 +30,7 @@ from mishutter.shutters import (
     TriangleShutter,
     TukeyShutter,
 )
+from mishutter.simulate import kernel_layout
 from mishutter.terminal import print_table, print_text
 from mishutter.types import require
 
@@ -112,9 +113,17 @@ def photographs(
     picture = _middle_rows(scene_picture(scene.picture))
     chosen = decoders()
     results: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
+    speeds = np.asarray(scene.speeds).tolist()
+    longest = max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
     for name, row in rows.items():
         found = restore_by_each(
-            picture, scene, row.motion, row.shutter, chosen, num_seeds=num_seeds
+            picture,
+            scene,
+            row.motion,
+            row.shutter,
+            chosen,
+            num_seeds=num_seeds,
+            least_taps=longest,
         )
         update(name)
         for decoder, result in found.items():

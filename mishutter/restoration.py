@@ -113,7 +113,8 @@ def restore_photograph(
 
     The photograph is the scene: the sensor sees the part of it to which light can come
     from outside, so that its borders are real. Pixels nearer to a border than half a
-    kernel are restored but not judged.
+    kernel are restored but not judged, nor are those that a camera at rest and a moving one
+    would not both record.
 
     Args:
         picture: The photograph.
@@ -146,6 +147,7 @@ def restore_by_each(
     num_seeds: int = 8,
     key: Array | None = None,
     plan: Plan | Automatic | None = PLANNED,
+    least_taps: int = 1,
 ) -> dict[str, RestoredPhotograph]:
     """`restore_photograph` by several decoders, from the same captures.
 
@@ -159,6 +161,8 @@ def restore_by_each(
         num_seeds: How many captures, each with its own noise.
         key: JAX key of the noise; a fixed one by default.
         plan: What to compute, as for `restore_photograph`.
+        least_taps: Length of the kernels, where they do not need more: with one for several
+            designs they see, and are judged on, equally many columns.
 
     Raises:
         ValueError: as `restore_photograph`.
@@ -169,10 +173,9 @@ def restore_by_each(
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     weights = np.asarray(scene.weights) if speeds is None else None
     key = jax.random.key(0) if key is None else key
-    window, margin = _common_columns(light.shape[-2], motion, chosen_speeds, scene)
+    window, inner = _common_columns(light.shape[-2], motion, chosen_speeds, least_taps)
     reference = np.asarray(light)[:, window]
-    model = blur_model(scene, motion, shutter, plan=plan)
-    inner = slice(margin, reference.shape[1] - margin)
+    model = blur_model(scene, motion, shutter, plan=plan, least_taps=least_taps)
     seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
 
     def restored(place: tuple[int, Array]) -> _AtSpeed:
@@ -195,7 +198,7 @@ def restore_by_each(
             codes.append([psnr(truth, estimate) for truth, estimate in pairs])
         return _AtSpeed(captures[0], captures[1:], np.array(errors), np.array(codes))
 
-    on_sensor = blurred_at_speeds(light, motion, shutter, chosen_speeds.tolist(), plan)
+    on_sensor = blurred_at_speeds(light, motion, shutter, chosen_speeds.tolist(), plan, least_taps)
     count = min(num_processors(), _CAPTURES_AT_ONCE)
     trials = list(in_threads(restored, enumerate(on_sensor), count))
     expected = float(-10 * np.log10(expected_squared_error(model)))
@@ -228,16 +231,22 @@ class _AtSpeed(NamedTuple):
 
 
 def _common_columns(
-    num_columns: int, motion: AbstractMotion, speeds: np.ndarray, scene: Scene
-) -> tuple[slice, int]:
-    """Columns that are recorded whole at every speed, and how many at each end to leave."""
-    num_taps, origin = kernel_layout(motion, *speeds.tolist())
+    num_columns: int, motion: AbstractMotion, speeds: np.ndarray, least_taps: int
+) -> tuple[slice, slice]:
+    """Columns that are recorded whole at every speed, and which of those to judge.
+
+    A camera at rest and a moving one record different columns of the scene by kernels of one
+    length. Judged are those that both do.
+    """
+    num_taps, origin = kernel_layout(motion, *speeds.tolist(), least_taps=least_taps)
     left = num_columns - num_taps + 1
     enough = left >= num_taps // 2 + 16
     subject = "restore_photograph(picture=...)"
     require(enough, subject, f"have at least {num_taps + num_taps // 2 + 15} columns", num_columns)
-    margin = min(num_taps // 2, left // 4)
-    return slice(num_taps - 1 - origin, num_columns - origin), margin
+    margin = min(num_taps // 2, (left - num_taps // 2) // 4)
+    first = num_taps - 1 - origin
+    judged = slice(origin + margin, num_columns - num_taps // 2 - margin - first)
+    return slice(first, num_columns - origin), judged
 
 
 def _summary(

@@ -107,13 +107,14 @@ def blurred_at_speeds(
     shutter: AbstractShutter,
     speeds: Sequence[float],
     plan: Plan | Automatic | None = PLANNED,
+    least_taps: int = 1,
 ) -> Iterator[Array]:
     """Light on the sensor from a picture at each of several speeds, without noise.
 
     The picture is the scene: of `columns` those are recorded whose light is known at every
     speed, by kernels of one length (see `kernel_layout`), so that one program serves all.
     """
-    num_taps, origin = kernel_layout(motion, *speeds)
+    num_taps, origin = kernel_layout(motion, *speeds, least_taps=least_taps)
     planes = rows_last(distinct_colours(light, plan))
     kernels = kernels_at_speeds(shutter, motion, np.asarray(speeds), num_taps)
     for taps in np.asarray(kernels, light.dtype):
@@ -174,7 +175,7 @@ def centred_kernel(
     return centred
 
 
-def kernel_layout(motion: AbstractMotion, *speeds: float) -> tuple[int, int]:
+def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -> tuple[int, int]:
     """Number of taps that hold every speed, and the index of the tap at no displacement.
 
     Raises:
@@ -187,7 +188,7 @@ def kernel_layout(motion: AbstractMotion, *speeds: float) -> tuple[int, int]:
     longest = max(reach, smear) + 1
     held = math.isfinite(longest) and longest <= MAX_TAPS
     require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_TAPS} px", longest)
-    num_taps = sized_for(longest - 1, stroke + smear / 2).num_taps
+    num_taps = max(least_taps, sized_for(longest - 1, stroke + smear / 2).num_taps)
     return num_taps, num_taps // 2 if isinstance(motion, StillCamera) else 0
 
 

@@ -25,7 +25,7 @@ from mishutter.design_space import design_space
 from mishutter.objective import DesignObjective, LinearObjective, objective_of
 from mishutter.optimise import start_boxes
 from mishutter.plan import needed_speeds
-from mishutter.solvers import Polished, losses_at, polish, projected_gradient_norm
+from mishutter.solvers import Polished, descend, losses_at, polish, projected_gradient_norm
 
 PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)
 LOSSES = {"design": DesignLoss(), "expected_error": ExpectedErrorLoss()}
@@ -110,6 +110,21 @@ def test_a_gradient_that_is_not_finite_is_an_error(shutter):
     """Never a silent stall: the search stops and names what is wrong."""
     with pytest.raises(NonFiniteLossError, match="must be finite; got a NaN or an infinity"):
         optimise(SCENE, MOTION, shutter, loss=_NotFinite(), free="shutter", plan=SMALL)
+
+
+def test_descents_are_the_same_on_any_number_of_processors(monkeypatch):
+    """Five starts for one, two and eight: shares of five, three and one."""
+    space, objective = _objective(ExpectedErrorLoss(), ("shutter", "half_exposure"))
+    starts = jnp.asarray(start_boxes(space, 5, 3))
+    found = []
+    for count in (1, 2, 8):
+        monkeypatch.setattr("mishutter.solvers.num_processors", lambda count=count: count)
+        found.append(descend(objective, starts, max_steps=25))
+    for other in found[1:]:
+        assert other.boxes.shape == starts.shape
+        np.testing.assert_allclose(other.losses, found[0].losses, rtol=1e-9)
+        np.testing.assert_allclose(other.history, found[0].history, rtol=1e-9)
+        assert other.num_unfinished == found[0].num_unfinished
 
 
 def test_a_search_that_is_cut_short_says_so():

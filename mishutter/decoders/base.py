@@ -107,6 +107,7 @@ def blur_model(
     shutter: AbstractShutter,
     *,
     plan: Plan | Automatic | None = PLANNED,
+    least_taps: int = 1,
 ) -> BlurModel:
     r"""What a decoder may know of a scene, a motion and a shutter.
 
@@ -118,12 +119,13 @@ def blur_model(
         motion: Motion of the sensor; concrete.
         shutter: Transmittance over the exposure; concrete.
         plan: What to compute: by default each speed that occurs once; None for all.
+        least_taps: Length of the kernels, where they do not need more.
 
     Raises:
         ValueError: if a kernel would be longer than 8,192 px.
     """
     speeds = np.asarray(scene.speeds)
-    num_taps, origin = kernel_layout(motion, *speeds.tolist(), 0.0)
+    num_taps, origin = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     weights = np.asarray(scene.weights, np.float64)
     if skips(plan):
         kept = needed_speeds(scene, shutter)
