@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,7 +35,6 @@ _LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 _OWN = "mishutter"
 _IN_PROGRAMS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_threefry_partitionable")
 _DAYS_UNUSED = 30
-_COMPILING = threading.Lock()
 
 
 class _NotKept(Exception):
@@ -54,6 +54,8 @@ def keep_programs(folder: Path) -> None:
     lies in the folder is run, so nobody else should be able to write there.
     """
     _Shelf.folder = folder / _surroundings()
+    with suppress(OSError):
+        os.utime(_Shelf.folder)
 
 
 def may_be_kept(leaves: Iterable[Any]) -> bool:
@@ -124,22 +126,39 @@ class KeptProgram:
         lowered = jax.jit(flat, compiler_options=self._options).lower(*arrays)
         if path is None or "callback" in lowered.as_text():
             return _Loaded(lowered.compile(), shapes[0])
-        compiled = _compile_anew(lowered)
+        with _PAST_THE_CACHE:
+            compiled = lowered.compile()
         _write(path, compiled, shapes[0])
         return _Loaded(compiled, shapes[0])
 
 
-def _compile_anew(lowered: jax.stages.Lowered) -> jax.stages.Compiled:
-    """Compiled past JAX's cache: what comes from there cannot be written again."""
-    with _COMPILING:
-        folder = _setting("jax_compilation_cache_dir")
-        try:
-            jax.config.update("jax_compilation_cache_dir", None)
-            compilation_cache.reset_cache()
-            return lowered.compile()
-        finally:
-            jax.config.update("jax_compilation_cache_dir", folder)
-            compilation_cache.reset_cache()
+class _PastTheCache:
+    """JAX's cache is off while any thread is inside: what comes from it cannot be written again."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._num_inside = 0
+        self._folder: str | None = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._num_inside == 0:
+                self._folder = _setting("jax_compilation_cache_dir")
+                self._use(None)
+            self._num_inside += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._num_inside -= 1
+            if self._num_inside == 0:
+                self._use(self._folder)
+
+    def _use(self, folder: str | None) -> None:
+        jax.config.update("jax_compilation_cache_dir", folder)
+        compilation_cache.reset_cache()
+
+
+_PAST_THE_CACHE = _PastTheCache()
 
 
 def _write(path: Path, compiled: jax.stages.Compiled, result: Any) -> None:
@@ -169,7 +188,7 @@ def _read(path: Path, num_arrays: int) -> _Loaded:
 def _remove_unused(current: Path) -> None:
     oldest = time.time() - _DAYS_UNUSED * 24 * 3600
     for other in current.parent.iterdir():
-        if other != current and other.is_dir() and other.stat().st_atime < oldest:
+        if other != current and other.is_dir() and other.stat().st_mtime < oldest:
             shutil.rmtree(other, ignore_errors=True)
 
 
