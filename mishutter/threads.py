@@ -34,15 +34,16 @@ def in_threads(
     *,
     first_alone: bool = True,
 ) -> Generator[_Result, None, None]:
-    """A function of each item, at the caller's precision, at most `count` at a time.
+    """A function of each item, at most `count` at a time, where and as precise as the caller is.
 
     The first is done alone by default: what it compiles serves all others. None is begun
     that is far ahead of what was taken, nor any more once the caller has stopped.
     """
     wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+    device = jax.config.jax_default_device  # type: ignore[attr-defined]
 
     def call(item: _Item) -> _Result:
-        with jax.enable_x64(wide):
+        with jax.enable_x64(wide), jax.default_device(device):
             return function(item)
 
     left = iter(items)

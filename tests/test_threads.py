@@ -25,6 +25,14 @@ def test_precision_is_the_callers():
     assert found == [np.float32] * 5
 
 
+def test_device_is_the_callers():
+    """On the one it chose, though other threads have the default."""
+    other = jax.devices()[-1]
+    with jax.default_device(other):
+        found = list(in_threads(lambda x: jnp.ones(()).devices(), range(5), 2))
+    assert found == [{other}] * 5
+
+
 def test_none_is_begun_far_ahead():
     """As many as are asked for and one, so that results do not pile up."""
     begun = []
