@@ -172,10 +172,9 @@ def _bring_inside(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
     """
     reach = 2 * (track.stroke + jnp.abs(track.smear)) + track.middle.high - track.vertex.high
     nowhere = track.from_vertex & (track.stroke == 0) & ~at_rest
-    high = jnp.where(at_rest & (edges.high > 0), reach, edges.high)
-    high = jnp.where((at_rest & (edges.high <= 0)) | nowhere, -reach, high)
-    low = jnp.where(at_rest | nowhere, 0.0, edges.low)
-    return DoubleWord(*(jnp.clip(x, -reach, reach) for x in (high, low)))
+    high = jnp.where(at_rest, jnp.where(edges.high > 0, reach, -reach), edges.high)
+    high = jnp.clip(jnp.where(nowhere, -reach, high), -reach, reach)
+    return DoubleWord(high, jnp.where(high == edges.high, edges.low, 0.0))
 
 
 def _light(
