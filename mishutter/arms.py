@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter.doubleword import DoubleWord
-from mishutter.path import Motion, Path, once
-from mishutter.shutters.base import AbstractPiecewiseShutter
+from mishutter.path import Motion, Path, once, speed_at
 
 AFTER = np.array([[False], [True]])
 """Which arm, of the two on a leading axis, is that on which time runs outwards."""
@@ -69,37 +68,57 @@ class Crossings(NamedTuple):
 
 
 def crossings(
-    equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord, speed: Array
+    equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord, at_rest: Array
 ) -> Crossings:
-    """Crossings of `edges`, at which the point has `speed`; shapes `(n + 1,)`.
+    """Crossings of `edges`, of shape `(n + 1,)`, with those far away `brought_near`.
 
     They are values alone: see `Crossings.moving` for derivatives.
     """
-    arguments = jax.lax.stop_gradient((track, tau, edges, speed))
-    locate = partial(_located, equal_pieces)
-    return once(locate, *arguments)
+
+    def locate(stroke, smear, table, *others):
+        return _located(equal_pieces, Path(stroke, smear, table, track.from_vertex), *others)
+
+    # What a crossing is looked up by is worked out once, not for each thing looked up.
+    known = (track.stroke, track.smear, track.table, tau, edges, at_rest)
+    return once(locate, *jax.lax.stop_gradient(known))
 
 
 def _located(
-    equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord, speed: Array
+    equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord, at_rest: Array
 ) -> Crossings:
-    edge = DoubleWord(edges.high[None], edges.low[None])
+    edge = brought_near(DoubleWord(edges.high[None], edges.low[None]), track, at_rest)
+    speed = speed_at(track, edge)
     velocity = jnp.where(AFTER, speed, -speed)
     moment = time_between(distance(edge, track.middle), -track.smear, velocity, track.stroke)
     nearest = _nearest(equal_pieces, tau.high, moment)
     passed, *position = (at(x, nearest) for x in (track.velocity, *track.position))
     offset = time_between(distance(edge, DoubleWord(*position)), passed, velocity, track.stroke)
 
+    # A crossing at a breakpoint is in the piece outwards of it, one at the vertex before it.
+    last = tau.high.size - 1
     is_past = (offset > 0) | ((offset == 0) & (velocity > 0))
-    from_left = (nearest == 0) | (is_past & (nearest < tau.high.size - 1))
-    piece = nearest - 1 + from_left.astype(jnp.int32) if tau.high.size > 2 else jnp.zeros_like(nearest)
+    from_left = (nearest == 0) | (is_past & (nearest < last))
+    piece = jnp.zeros_like(nearest) if last == 1 else nearest - 1 + from_left.astype(jnp.int32)
     length = at(lengths(equal_pieces, tau), piece)
     inside = jnp.clip(offset, jnp.where(from_left, 0.0, -length), jnp.where(from_left, length, 0.0))
     return Crossings(piece, from_left, inside, nearest, moment, velocity)
 
 
+def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
+    """Edges, with those beyond all light brought near enough not to overflow.
+
+    A point at rest is taken to pass the whole of the pixel that it rests on, and a vertex
+    at infinity lies beyond all edges.
+    """
+    reach = 2 * (track.stroke + jnp.abs(track.smear)) + track.middle.high - track.vertex.high
+    nowhere = track.from_vertex & (track.stroke == 0) & ~at_rest
+    high = jnp.where(at_rest, jnp.where(edges.high > 0, reach, -reach), edges.high)
+    high = jnp.clip(jnp.where(nowhere, -reach, high), -reach, reach)
+    return DoubleWord(high, jnp.where(high == edges.high, edges.low, 0.0))
+
+
 def _nearest(equal_pieces: bool, tau: Array, moment: Array) -> Array:
-    """Which breakpoint is nearest to moments, to rounding: one next to it does as well."""
+    """Which breakpoint is nearest to moments, to rounding: half way, either will do."""
     last = tau.size - 1
     if equal_pieces:
         return jnp.round(jnp.clip((moment + 1) * (last / 2), 0, last)).astype(jnp.int32)

@@ -15,10 +15,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.arms import AFTER, Crossings, at, crossings, distance, lengths, time_between
+from mishutter.arms import (
+    AFTER,
+    Crossings,
+    at,
+    brought_near,
+    crossings,
+    distance,
+    lengths,
+    time_between,
+)
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
-from mishutter.path import Motion, Path, moving_speed, path, speed_at
+from mishutter.path import Motion, Path, moving_speed, path
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter, within_unit
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import (
@@ -160,21 +169,7 @@ def _exposure(
     a, speed = jnp.where(at_rest, 0.0, a), jnp.where(at_rest, 1.0, speed)
     tau = profile.breakpoints(np.dtype(speed.dtype))
     track = path(*jax.lax.stop_gradient((a, T, speed, tau)), from_vertex=from_vertex)
-    inside = _bring_inside(edges, track, at_rest)
-    return _light(num_taps, profile, (a, T, speed), track, tau, inside) / 2
-
-
-def _bring_inside(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
-    """Edges, with those beyond all light brought near enough not to overflow.
-
-    A point at rest is taken to pass the whole of the pixel that it rests on, and a vertex
-    at infinity lies beyond all edges.
-    """
-    reach = 2 * (track.stroke + jnp.abs(track.smear)) + track.middle.high - track.vertex.high
-    nowhere = track.from_vertex & (track.stroke == 0) & ~at_rest
-    high = jnp.where(at_rest, jnp.where(edges.high > 0, reach, -reach), edges.high)
-    high = jnp.clip(jnp.where(nowhere, -reach, high), -reach, reach)
-    return DoubleWord(high, jnp.where(high == edges.high, edges.low, 0.0))
+    return _light(num_taps, profile, (a, T, speed), track, tau, edges, at_rest) / 2
 
 
 def _light(
@@ -184,6 +179,7 @@ def _light(
     track: Path,
     tau: DoubleWord,
     edges: DoubleWord,
+    at_rest: Array,
 ) -> Array:
     """Light of both arms of the path between edges, in units of tau; shape `(n,)`.
 
@@ -191,10 +187,10 @@ def _light(
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
     a, T, _ = motion
-    speed = speed_at(track, edges)
-    x = crossings(profile.equal_pieces, track, tau, edges, speed)
+    x = crossings(profile.equal_pieces, track, tau, edges, at_rest)
+    edges, speed = brought_near(edges, track, at_rest), x.velocity[1]
     parts = slice(0, num_taps), slice(1, num_taps + 1)
-    # Taken apart before they are given derivatives, edges are not put together again there.
+    # Cells get derivatives at their two ends apart: no rows are shifted and added in reverse.
     here, there = (
         x.part((slice(None), k)).moving(motion, track.from_vertex, edges.high[None, k], tau.high)
         for k in parts
@@ -205,8 +201,8 @@ def _light(
     length = at(lengths(profile.equal_pieces, tau), here.piece)
     whole = here.piece == there.piece
     held_here, held_there = (y.is_held(tau.high.size - 1) for y in (here, there))
-    cut = there.inner(AFTER, length) - here.inner(AFTER, length)
-    width = jnp.where(held_here & whole, cut, here.outer(AFTER, length))
+    entered = there.inner(AFTER, length) - here.inner(AFTER, length)
+    width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
     width = jnp.where(whole & ~(held_here | held_there), within, width)
     light = _cell_light(profile, here, AFTER, width)
     if tau.high.size > 2:
@@ -257,5 +253,7 @@ def _from_breakpoints(
 def _cell_light(profile, start: Crossings, is_after: ArrayLike, width: Array) -> Array:
     """Light of cells of a `width` that `start` on an arm and lead outwards."""
     centre = start.offset + jnp.where(is_after, width, -width) / 2
-    mean = profile.piece_mean(start.piece, start.from_left, jnp.where(start.from_left, centre, -centre), width)
+    mean = profile.piece_mean(
+        start.piece, start.from_left, jnp.where(start.from_left, centre, -centre), width
+    )
     return width * within_unit(mean)

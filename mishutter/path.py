@@ -34,20 +34,39 @@ Motion = tuple[Array, Array, Array]
 
 
 class Path(NamedTuple):
-    """Where a point is, and how fast, at each breakpoint of the shutter.
+    """Where a point is, and how fast, at each breakpoint of the shutter; lengths in px.
 
-    `velocity` and `position` have the shape of the breakpoints; `middle` is the position
-    at mid-exposure and `vertex` that of the turning point, where it is near enough to
-    count from. Lengths are in px.
+    The rows of `table` are kept together so that they are worked out together.
     """
 
     stroke: Array
     smear: Array
-    velocity: Array
-    position: DoubleWord
-    middle: DoubleWord
-    vertex: DoubleWord
+    table: Array
     from_vertex: bool
+
+    @property
+    def velocity(self) -> Array:
+        """Velocity at breakpoints, px per half exposure."""
+        return self.table[0]
+
+    @property
+    def position(self) -> DoubleWord:
+        """Position at breakpoints."""
+        return DoubleWord(self.table[1], self.table[2])
+
+    @property
+    def middle(self) -> DoubleWord:
+        """Position at mid-exposure."""
+        return self._rise if self.from_vertex else word(jnp.zeros_like(self.stroke))
+
+    @property
+    def vertex(self) -> DoubleWord:
+        """Position of the turning point, where it is near enough to count from."""
+        return word(jnp.zeros_like(self.stroke)) if self.from_vertex else negate(self._rise)
+
+    @property
+    def _rise(self) -> DoubleWord:
+        return DoubleWord(self.table[3, 0], self.table[4, 0])
 
 
 def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) -> Path:
@@ -56,10 +75,7 @@ def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) ->
     Positions count from the vertex if `from_vertex`, else from where the point is at
     mid-exposure.
     """
-    velocity, position, rise = _path(from_vertex, a, T, s, *tau)
-    rise, nothing = DoubleWord(*rise), word(jnp.zeros_like(a))
-    ends = (rise, nothing) if from_vertex else (nothing, negate(rise))
-    return Path(a * T * T, s * T, velocity, DoubleWord(*position), *ends, from_vertex)
+    return Path(a * T * T, s * T, _table(from_vertex, a, T, s, *tau), from_vertex)
 
 
 def speed_at(track: Path, edges: DoubleWord) -> Array:
@@ -93,17 +109,16 @@ def _moving_speed_jvp(from_vertex, primals, tangents):
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _path(from_vertex, a, T, s, tau_high, tau_low):
-    """Velocity and position at breakpoints, and how far mid-exposure is above the vertex."""
-    velocity, high, low, *rise = once(partial(_path_exact, from_vertex), a, T, s, tau_high, tau_low)
-    return velocity, (high, low), tuple(x[0] for x in rise)
+def _table(from_vertex, a, T, s, tau_high, tau_low):
+    """Velocity, position and how far mid-exposure is above the vertex, at breakpoints."""
+    return once(partial(_table_exact, from_vertex), a, T, s, tau_high, tau_low)
 
 
 def once(function, *arguments):
     """`function` of `arguments`, as a loop of one turn: a compiler may not unroll it.
 
-    Left open, hundreds of operations on double words would be folded into each of
-    their uses and compiled, and run, dozens of times.
+    Left open, hundreds of operations would be folded into each use of their results, and
+    compiled, and run, dozens of times.
     """
     start = jax.tree.map(jnp.zeros_like, jax.eval_shape(function, *arguments))
     never = jnp.array(False)
@@ -114,7 +129,7 @@ def once(function, *arguments):
     return jax.lax.while_loop(lambda state: state[0], turn, (jnp.array(True), start))[1]
 
 
-def _path_exact(from_vertex, a, T, s, tau_high, tau_low):
+def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
     stroke = multiply(two_product(a, T), word(T))
     smear = two_product(s, T)
     exists = (a > 0) if from_vertex else _turns(a * T * T, s * T)
@@ -139,20 +154,21 @@ def _rows(*rows):
     return result
 
 
-@_path.defjvp
-def _path_jvp(from_vertex, primals, tangents):
-    exact = _path(from_vertex, *primals)
+@_table.defjvp
+def _table_jvp(from_vertex, primals, tangents):
+    exact = _table(from_vertex, *primals)
 
     def plain(a, T, s, tau, _):
         stroke, smear = a * T * T, s * T
         velocity = _valued(2 * stroke * tau - smear, exact[0])
         exists = (stroke > 0) if from_vertex else _turns(stroke, smear)
-        rise = _plain_vertex_distance(smear, stroke, exists)
+        rise = jnp.broadcast_to(_plain_vertex_distance(smear, stroke, exists), tau.shape)
         if from_vertex:
             position = _plain_vertex_distance(velocity, stroke, exists)
         else:
             position = tau * (stroke * tau - smear)
-        return velocity, (position, jnp.zeros_like(position)), (rise, jnp.zeros_like(rise))
+        nothing = jnp.zeros_like(tau)
+        return jnp.stack([velocity, position, nothing, rise, nothing])
 
     return exact, jax.jvp(plain, primals, tangents)[1]
 

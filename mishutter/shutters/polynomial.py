@@ -33,7 +33,9 @@ def economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> list
     while len(series) - 1 > degree:
         before, chebyshev = [Fraction(1)], [Fraction(-1), 2 / reach]
         while len(chebyshev) < len(series):
-            longer = [4 / reach * c - 2 * d for c, d in zip([0, *chebyshev], [*chebyshev, 0], strict=True)]
+            longer = [
+                4 / reach * c - 2 * d for c, d in zip([0, *chebyshev], [*chebyshev, 0], strict=True)
+            ]
             before = before + [Fraction(0)] * (len(longer) - len(before))
             before, chebyshev = chebyshev, [x - y for x, y in zip(longer, before, strict=True)]
         share = series[-1] / chebyshev[-1]
