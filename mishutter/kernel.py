@@ -44,7 +44,7 @@ _REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
 """Length of a path, in px, below which its squares underflow and it counts as a point."""
 
 _FEW_TAPS = 512
-"""Number of taps up to which it is quicker to compare an edge with all than to bisect."""
+"""Number of taps below which the search for an edge is unrolled: its steps are then few."""
 
 
 def blur_kernel(
@@ -237,7 +237,7 @@ def _from_breakpoints(
     arm = is_after.astype(jnp.int32)
     # Outwards, on either arm, this ascends.
     outwards = jnp.where(AFTER, x.piece, -x.piece)
-    search = partial(jnp.searchsorted, method="compare_all" if num_taps < _FEW_TAPS else "scan")
+    search = partial(jnp.searchsorted, method="scan_unrolled" if num_taps < _FEW_TAPS else "scan")
     edge = jax.vmap(search)(outwards, jnp.where(AFTER, breakpoint, 1 - breakpoint))
     edge = jnp.where(is_after, edge[1], edge[0])
     end = arm, jnp.clip(edge, 1, num_taps)
