@@ -20,14 +20,16 @@ from benchmarks import harness  # noqa: E402
 from benchmarks.rivals import Method, Problem, methods  # noqa: E402
 
 NUM_TAPS = 64
+DESIGN_TAPS, DESIGN_SPEEDS = 192, 9
+"""What a design computes in one call: a kernel at each of its speeds."""
 MARKERS = "osv^<>DPX*"
 
 
-def problems() -> list[Problem]:
+def problems(num_taps: int = NUM_TAPS) -> list[Problem]:
     """The five kinds of problem, each over the whole of its support."""
 
     def problem(name, slug, stroke, smear, T=0.02):
-        edges = np.linspace(-_behind(stroke, smear), stroke + abs(smear), NUM_TAPS + 1) + 0.013
+        edges = np.linspace(-_behind(stroke, smear), stroke + abs(smear), num_taps + 1) + 0.013
         a, s = stroke / T**2, smear / T
         return Problem(name, slug, SHUTTERS[slug].shutter(), a, T, s, edges)
 
@@ -44,9 +46,9 @@ def _behind(stroke, smear):
     return smear**2 / (4 * stroke) if abs(smear) < 2 * stroke else abs(smear) - stroke
 
 
-def direction() -> np.ndarray:
+def direction(num_taps: int = NUM_TAPS) -> np.ndarray:
     """Weights of the taps in the scalar whose gradient is taken."""
-    return np.cos(1.3 * np.arange(NUM_TAPS) + 0.2)
+    return np.cos(1.3 * np.arange(num_taps) + 0.2)
 
 
 def exact(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
@@ -110,6 +112,37 @@ def measure(problem: Problem) -> list[dict]:
     return rows
 
 
+def measure_design(problem: Problem) -> list[dict]:
+    """The same at the size of a design, for what is compiled: every speed in one call.
+
+    The error is the value's, from ours in float64, which is the first method.
+    """
+    speeds = problem.s * np.linspace(-1, 1, DESIGN_SPEEDS)
+    arguments = np.concatenate([[problem.a, problem.T], speeds])
+    rows, truth = [], None
+    for method in methods(problem):
+        if not method.compiled or method.name == "quadax":
+            continue
+        every = jax.vmap(method.taps, in_axes=(None, None, 0))
+
+        def value(x, every=every):
+            return every(x[0], x[1], x[2:])
+
+        def total(x, value=value):
+            return jnp.sum(value(x) * direction(DESIGN_TAPS))
+
+        taps = harness.timed(jax.jit(value), arguments)
+        found = np.asarray(taps.pop("value"), float)
+        truth = found if truth is None else truth
+        error = float(np.max(np.abs(found - truth)) / np.max(truth))
+        gradient = harness.timed(jax.jit(jax.grad(total)), arguments)
+        gradient.pop("value")
+        row = {"problem": problem.name, "method": method.name, "knob": method.knob}
+        rows += [{**row, "what": "value", "error": error, **taps}]
+        rows += [{**row, "what": "gradient", **gradient}]
+    return rows
+
+
 def picture(rows: list[dict]) -> None:
     """Error along x, time along y; a method is a marker of its own, ours are filled."""
     names = list(dict.fromkeys(row["problem"] for row in rows))
@@ -156,10 +189,18 @@ def main() -> None:
         harness.write("kernel", rows, num_taps=NUM_TAPS)
         print(f"kernel: {problem.name} done", file=sys.stderr)
     picture(rows)
-    shown = [{**r, "best ms": 1e3 * r["best_s"], "first call s": r["first_s"]} for r in rows]
-    columns = ["problem", "what", "method", "knob", "error", "best ms", "first call s", "why"]
+    design = [row for problem in problems(DESIGN_TAPS) for row in measure_design(problem)]
+    harness.write("kernel", rows, num_taps=NUM_TAPS, design_rows=design)
+    columns = ["problem", "what", "method", "knob", "error", "best ms", "first call s"]
     text = "## Kernel: run time against error\n\n![kernel](results/kernel.png)\n\n"
-    harness.section("kernel", text + harness.table(shown, columns))
+    text += harness.table(_shown(rows), [*columns, "why"])
+    text += f"\n\nThe same, {DESIGN_SPEEDS} speeds of {DESIGN_TAPS} taps in one call, as a design "
+    text += "computes them;\nerrors of values, from ours in float64:\n\n"
+    harness.section("kernel", text + harness.table(_shown(design), columns))
+
+
+def _shown(rows: list[dict]) -> list[dict]:
+    return [{**r, "best ms": 1e3 * r["best_s"], "first call s": r["first_s"]} for r in rows]
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ def two_sum(a: Array, b: Array) -> DoubleWord:
 
 
 def _renormalise(high: Array, low: Array) -> DoubleWord:
+    """`high + low` exactly, for `low` that is the smaller one (Dekker)."""
     total = high + low
     return DoubleWord(total, low - (total - high))
 
@@ -45,15 +46,17 @@ def _upper_half(a: Array) -> Array:
     return jax.lax.bitcast_convert_type(kept, a.dtype)
 
 
+@jax.jit
 def two_product(a: Array, b: Array) -> DoubleWord:
     """`a * b` to twice the working precision."""
     a_high, b_high = _upper_half(a), _upper_half(b)
     a_low, b_low = a - a_high, b - b_high
-    partial, error_1 = two_sum(a_high * b_high, a_high * b_low)
-    total, error_2 = two_sum(partial, a_low * b_high)
+    partial, error_1 = _renormalise(a_high * b_high, a_high * b_low)
+    total, error_2 = _renormalise(partial, a_low * b_high)
     return _renormalise(total, (error_1 + error_2) + a_low * b_low)
 
 
+@jax.jit
 def add(x: DoubleWord, y: DoubleWord) -> DoubleWord:
     """`x + y`, accurate also where the two nearly cancel."""
     high, error = two_sum(x.high, y.high)
@@ -67,12 +70,14 @@ def negate(x: DoubleWord) -> DoubleWord:
     return DoubleWord(-x.high, -x.low)
 
 
+@jax.jit
 def multiply(x: DoubleWord, y: DoubleWord) -> DoubleWord:
     """`x y`."""
     product = two_product(x.high, y.high)
     return _renormalise(product.high, product.low + (x.high * y.low + x.low * y.high))
 
 
+@jax.jit
 def reciprocal(x: DoubleWord) -> DoubleWord:
     """`1 / x`, for `x` that is not zero, with one of Newton's corrections."""
     guess = 1 / x.high

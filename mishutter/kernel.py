@@ -7,17 +7,28 @@ an interval of positions; the time spent there is $2\,\Delta x/(u_k + u_{k+1})$ 
 light is that time, times the piece's mean transmittance over it.
 """
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.arms import AFTER, crossings, passed_breakpoints, time_between
+from mishutter.arms import (
+    AFTER,
+    Crossings,
+    at,
+    brought_near,
+    crossings,
+    distance,
+    lengths,
+    time_between,
+)
 from mishutter.compiling import quick_to_compile
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
-from mishutter.path import Motion, Path, path, speed_at
+from mishutter.path import Motion, Path, moving_speed, path
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter, within_unit
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import (
@@ -32,6 +43,9 @@ from mishutter.types import (
 
 _REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
 """Length of a path, in px, below which its squares underflow and it counts as a point."""
+
+_FEW_TAPS = 512
+"""Number of taps below which the search for an edge is unrolled: its steps are then few."""
 
 
 def blur_kernel(
@@ -77,8 +91,9 @@ def blur_kernel(
         require_finite(f"blur_kernel({name}=...)", value)
     dtype = _dtype(shutter, motion, speed, phase)
     first = jnp.asarray(phase, dtype)
-    edges = two_sum(jnp.arange(num_taps + 1, dtype=dtype), jnp.broadcast_to(first, num_taps + 1))
-    return _exposure(shutter, motion, jnp.asarray(speed, dtype), edges, from_vertex=True)
+    index = jnp.arange(num_taps + 1 + (num_taps + 1) % 2, dtype=dtype)
+    edges = two_sum(index, jnp.broadcast_to(first, index.shape))
+    return _exposure(num_taps, shutter, motion, jnp.asarray(speed, dtype), edges, from_vertex=True)
 
 
 def binned_exposure(
@@ -110,9 +125,11 @@ def binned_exposure(
     require_finite("binned_exposure(speed=...)", speed)
     _check_edges(edges)
     dtype = _dtype(shutter, motion, speed, edges)
-    edge_array = jnp.asarray(edges, dtype)
-    ends = DoubleWord(edge_array, jnp.zeros_like(edge_array))
-    return _exposure(shutter, motion, jnp.asarray(speed, dtype), ends, from_vertex=False)
+    row = jnp.asarray(edges, dtype)
+    num_taps = row.size - 1
+    row = jnp.pad(row, (0, row.size % 2), mode="edge")
+    ends = DoubleWord(row, jnp.zeros_like(row))
+    return _exposure(num_taps, shutter, motion, jnp.asarray(speed, dtype), ends, from_vertex=False)
 
 
 @quick_to_compile
@@ -139,6 +156,7 @@ def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: RowLike) -
 
 @eqx.filter_jit
 def _exposure(
+    num_taps: int,
     shutter: AbstractShutter,
     motion: AbstractMotion,
     speed: Array,
@@ -150,29 +168,20 @@ def _exposure(
     a = motion.acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
     at_rest = jnp.abs(a * T * T) + jnp.abs(speed * T) < _REST[np.dtype(speed.dtype)]
-    a, speed = (jnp.where(at_rest, 0.0, x) for x in (a, speed))
+    a, speed = jnp.where(at_rest, 0.0, a), jnp.where(at_rest, 1.0, speed)
     tau = profile.breakpoints(np.dtype(speed.dtype))
     track = path(*jax.lax.stop_gradient((a, T, speed, tau)), from_vertex=from_vertex)
-    light = _light(profile, (a, T, speed), track, tau, _bring_inside(edges, track))
-    return _with_points_at_rest(light / 2, edges, track, profile, from_vertex)
-
-
-def _with_points_at_rest(taps, edges, track, profile, from_vertex):
-    """The limits at zero stroke: a point at rest, or a vertex at infinity."""
-    no_stroke, no_smear = track.stroke == 0, track.smear == 0
-    holds_origin = (edges.high[:-1] <= 0) & (edges.high[1:] > 0)
-    light = profile.efficiency().astype(taps.dtype)
-    point = jnp.where(holds_origin, light, jnp.zeros_like(light))
-    taps = jnp.where(no_stroke & no_smear, point, taps)
-    return jnp.where(no_stroke & ~no_smear, jnp.zeros_like(taps), taps) if from_vertex else taps
+    return _light(num_taps, profile, (a, T, speed), track, tau, edges, at_rest) / 2
 
 
 def _light(
+    num_taps: int,
     profile: AbstractPiecewiseShutter,
     motion: Motion,
     track: Path,
     tau: DoubleWord,
     edges: DoubleWord,
+    at_rest: Array,
 ) -> Array:
     """Light of both arms of the path between edges, in units of tau; shape `(n,)`.
 
@@ -180,42 +189,73 @@ def _light(
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
     a, T, _ = motion
-    speed = speed_at(motion, track, edges)
-    passed = passed_breakpoints(track, edges)
-    x = crossings(motion, track, tau, passed, edges, speed)
+    x = crossings(profile.equal_pieces, track, tau, edges, at_rest)
+    edges, speed = brought_near(edges, track, at_rest), x.velocity[1]
+    parts = slice(0, num_taps), slice(1, num_taps + 1)
+    # Cells get derivatives at their two ends apart: no rows are shifted and added in reverse.
+    here, there = (
+        x.part((slice(None), k)).moving(motion, track.from_vertex, edges.high[None, k], tau.high)
+        for k in parts
+    )
+    u, v = (moving_speed(track.from_vertex, speed[k], motion, edges.high[k]) for k in parts)
+    begin, end = (DoubleWord(edges.high[k], edges.low[k]) for k in parts)
+    within = time_between(distance(end, begin), u, v, a * T * T)[None]
+    length = at(lengths(profile.equal_pieces, tau), here.piece)
+    whole = here.piece == there.piece
+    held_here, held_there = (y.is_held(tau.high.size - 1) for y in (here, there))
+    entered = there.inner(AFTER, length) - here.inner(AFTER, length)
+    width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
+    width = jnp.where(whole & ~(held_here | held_there), within, width)
+    light = _cell_light(profile, here, AFTER, width)
+    if tau.high.size > 2:
+        cell, more = _from_breakpoints(num_taps, profile, motion, track, tau, edges.high, x)
+        light = light.at[cell].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
+    return _of_both_arms(light)
 
-    step = jnp.diff(edges.high) + jnp.diff(edges.low)
-    within = time_between(step, speed[:-1], speed[1:], a * T * T)[None]
-    whole = (x.rank[:, 1:] == x.rank[:, :-1]) & ~x.is_beyond[:, :-1]
-    width = jnp.where(x.is_before[:, :-1], x.since[:, 1:], within)
-    width = jnp.where(whole, width, x.outer[:, :-1])
-    outer = jnp.where(whole, x.outer[:, 1:], 0.0)
-    light = _cell_light(profile, x.piece[:, :-1], AFTER, x.inner[:, :-1], width, outer)
-    light = jnp.sum(light, axis=0)
-    if tau.high.size == 2:
-        return light
 
-    # The cells that start at a breakpoint.
+@jax.custom_jvp
+def _of_both_arms(light: Array) -> Array:
+    """Sum over the arms: of two slices, which is quick, and in reverse of what spreads."""
+    return light[0] + light[1]
+
+
+@_of_both_arms.defjvp
+def _of_both_arms_jvp(primals, tangents):
+    return _of_both_arms(*primals), jnp.sum(tangents[0], axis=0)
+
+
+def _from_breakpoints(
+    num_taps: int,
+    profile: AbstractPiecewiseShutter,
+    motion: Motion,
+    track: Path,
+    tau: DoubleWord,
+    edges: Array,
+    x: Crossings,
+) -> tuple[tuple[Array, Array], Array]:
+    """Light of the cells that start at breakpoints, and their arms and taps."""
+    breakpoint = jnp.arange(1, tau.high.size - 1, dtype=jnp.int32)
     is_after = track.velocity[1:-1] >= 0
-    piece = jnp.arange(tau.high.size - 2, dtype=jnp.int32) + is_after.astype(jnp.int32)
-    length = (jnp.diff(tau.high) + jnp.diff(tau.low))[piece]
-    edge = jnp.sum(~passed[1:-1], axis=1, dtype=jnp.int32)
-    ends_here = (edge > 0) & (edge < edges.high.size)
-    arm, edge = is_after.astype(jnp.int32), jnp.clip(edge, 1, edges.high.size - 1)
-    cut = x.piece[arm, edge] == piece
-    width = jnp.where(cut, x.inner[arm, edge], length)
-    outer = jnp.where(cut, x.outer[arm, edge], 0.0)
-    more = _cell_light(profile, piece, is_after, jnp.zeros_like(width), width, outer)
-    return light.at[edge - 1].add(jnp.where(ends_here, more, 0.0))
+    arm = is_after.astype(jnp.int32)
+    # Outwards, on either arm, this ascends.
+    outwards = jnp.where(AFTER, x.piece, -x.piece)
+    search = partial(jnp.searchsorted, method="scan_unrolled" if num_taps < _FEW_TAPS else "scan")
+    edge = jax.vmap(search)(outwards, jnp.where(AFTER, breakpoint, 1 - breakpoint))
+    edge = jnp.where(is_after, edge[1], edge[0])
+    end = arm, jnp.clip(edge, 1, num_taps)
+    there = x.part(end).moving(motion, track.from_vertex, edges[end[1]], tau.high)
+    piece = breakpoint - 1 + arm
+    length = at(lengths(profile.equal_pieces, tau), piece)
+    width = jnp.where(there.piece == piece, there.inner(is_after, length), length)
+    start = there._replace(piece=piece, from_left=is_after, offset=jnp.zeros_like(width))
+    light = _cell_light(profile, start, is_after, width)
+    return (arm, end[1] - 1), jnp.where((edge > 0) & (edge <= num_taps), light, 0.0)
 
 
-def _cell_light(profile, piece, is_after, inner, width, outer):
-    """Light of cells `inner` and `outer` from the two ends of a piece on an arm."""
-    start, remaining = jnp.where(is_after, inner, outer), jnp.where(is_after, outer, inner)
-    return width * within_unit(profile.piece_mean(piece, start, width, remaining))
-
-
-def _bring_inside(edges: DoubleWord, track: Path) -> DoubleWord:
-    """Edges, with those beyond all light brought near enough not to overflow."""
-    reach = 2 * jnp.max(jnp.abs(track.position.high)) + jnp.abs(track.vertex.high) + 1
-    return DoubleWord(*(jnp.clip(x, -reach, reach) for x in edges))
+def _cell_light(profile, start: Crossings, is_after: ArrayLike, width: Array) -> Array:
+    """Light of cells of a `width` that `start` on an arm and lead outwards."""
+    centre = start.offset + jnp.where(is_after, width, -width) / 2
+    mean = profile.piece_mean(
+        start.piece, start.from_left, jnp.where(start.from_left, centre, -centre), width
+    )
+    return width * within_unit(mean)

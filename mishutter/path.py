@@ -25,7 +25,6 @@ from mishutter.doubleword import (
     multiply,
     negate,
     reciprocal,
-    scale,
     two_product,
     word,
 )
@@ -35,18 +34,39 @@ Motion = tuple[Array, Array, Array]
 
 
 class Path(NamedTuple):
-    """Where a point is, and how fast, at each breakpoint of the shutter.
+    """Where a point is, and how fast, at each breakpoint of the shutter; lengths in px.
 
-    `velocity` and `position` have the shape of the breakpoints; `vertex` is the position
-    of the turning point, where the exposure reaches it. Lengths are in px.
+    The rows of `table` are kept together so that they are worked out together.
     """
 
     stroke: Array
     smear: Array
-    velocity: Array
-    position: DoubleWord
-    vertex: DoubleWord
+    table: Array
     from_vertex: bool
+
+    @property
+    def velocity(self) -> Array:
+        """Velocity at breakpoints, px per half exposure."""
+        return self.table[0]
+
+    @property
+    def position(self) -> DoubleWord:
+        """Position at breakpoints."""
+        return DoubleWord(self.table[1], self.table[2])
+
+    @property
+    def middle(self) -> DoubleWord:
+        """Position at mid-exposure."""
+        return self._rise if self.from_vertex else word(jnp.zeros_like(self.stroke))
+
+    @property
+    def vertex(self) -> DoubleWord:
+        """Position of the turning point, where it is near enough to count from."""
+        return word(jnp.zeros_like(self.stroke)) if self.from_vertex else negate(self._rise)
+
+    @property
+    def _rise(self) -> DoubleWord:
+        return DoubleWord(self.table[3, 0], self.table[4, 0])
 
 
 def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) -> Path:
@@ -55,31 +75,30 @@ def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) ->
     Positions count from the vertex if `from_vertex`, else from where the point is at
     mid-exposure.
     """
-    velocity, position, vertex = _path(from_vertex, a, T, s, *tau)
-    return Path(a * T * T, s * T, velocity, DoubleWord(*position), DoubleWord(*vertex), from_vertex)
+    return Path(a * T * T, s * T, _table(from_vertex, a, T, s, *tau), from_vertex)
 
 
-def speed_at(motion: Motion, track: Path, edges: DoubleWord) -> Array:
+def speed_at(track: Path, edges: DoubleWord) -> Array:
     r"""$|u| = \sqrt{B^2 + 4Ax}$ at positions on the path, 0 beyond the vertex.
 
-    Counted from a vertex that is near, $|u| = \sqrt{4A(x - x_v)}$ loses nothing. The
-    derivative at the vertex itself, where it is infinite, is given as 0.
+    Counted from a vertex that is near, $|u| = \sqrt{4A(x - x_v)}$ loses nothing. It is a
+    value alone: see `moving_speed` for derivatives.
     """
     near = track.from_vertex | (4 * track.stroke >= jnp.abs(track.smear))
     origin = [jnp.where(near, x, 0.0) for x in track.vertex]
     distance = (edges.high - origin[0]) + (edges.low - origin[1])
     square = jnp.where(near, 0.0, track.smear**2) + 4 * track.stroke * distance
-    speed = jnp.sqrt(jnp.maximum(square, 0.0))
-    return _speed(track.from_vertex, jax.lax.stop_gradient(speed), motion, edges.high)
+    return jax.lax.stop_gradient(jnp.sqrt(jnp.maximum(square, 0.0)))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _speed(from_vertex, speed, motion, edge):
+def moving_speed(from_vertex: bool, speed: Array, motion: Motion, edge: Array) -> Array:
+    """A `speed` at an edge, with the derivative that it has, given as 0 at the vertex."""
     return speed
 
 
-@_speed.defjvp
-def _speed_jvp(from_vertex, primals, tangents):
+@moving_speed.defjvp
+def _moving_speed_jvp(from_vertex, primals, tangents):
     r"""From $(u/T)^2 = s^2 + 4ax$: written so, change of $T$ meets no cancellation."""
     speed, (a, T, s), edge = primals
     _, (da, dT, ds), dedge = tangents
@@ -90,21 +109,19 @@ def _speed_jvp(from_vertex, primals, tangents):
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _path(from_vertex, a, T, s, tau_high, tau_low):
-    rows = _once(partial(_path_exact, from_vertex), a, T, s, tau_high, tau_low)
-    if from_vertex:
-        return rows[0], (rows[1], rows[2]), (jnp.zeros_like(a), jnp.zeros_like(a))
-    return rows[0], (rows[1], rows[2]), (rows[3, 0], rows[4, 0])
+def _table(from_vertex, a, T, s, tau_high, tau_low):
+    """Velocity, position and how far mid-exposure is above the vertex, at breakpoints."""
+    return once(partial(_table_exact, from_vertex), a, T, s, tau_high, tau_low)
 
 
-def _once(function, *arguments):
+def once(function, *arguments):
     """`function` of `arguments`, as a loop of one turn: a compiler may not unroll it.
 
-    Left open, hundreds of operations on double words would be folded into each of
-    their uses and compiled, and run, dozens of times.
+    Left open, hundreds of operations would be folded into each use of their results, and
+    compiled, and run, dozens of times.
     """
-    start = jnp.zeros_like(jax.eval_shape(function, *arguments))
-    never = arguments[0] < arguments[0]
+    start = jax.tree.map(jnp.zeros_like, jax.eval_shape(function, *arguments))
+    never = jnp.array(False)
 
     def turn(_):
         return never, function(*arguments)
@@ -112,53 +129,46 @@ def _once(function, *arguments):
     return jax.lax.while_loop(lambda state: state[0], turn, (jnp.array(True), start))[1]
 
 
-def _path_exact(from_vertex, a, T, s, tau_high, tau_low):
-    """Rows of velocity, position (high, low) and vertex (high, low) at breakpoints.
-
-    They are of one shape, and in one array, because a compiler makes one loop of that.
-    """
+def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
     stroke = multiply(two_product(a, T), word(T))
     smear = two_product(s, T)
     exists = (a > 0) if from_vertex else _turns(a * T * T, s * T)
     high = jnp.where(exists, 4 * stroke.high, 1.0)
     rate = reciprocal(DoubleWord(high, jnp.where(exists, 4 * stroke.low, 0.0)))
-    rate = DoubleWord(*(jnp.where(exists, x, 0.0) for x in rate))
-    tau = DoubleWord(tau_high, tau_low)
-    stroke, smear, rate = (
-        DoubleWord(*(jnp.broadcast_to(part, tau_high.shape) for part in x))
-        for x in (stroke, smear, rate)
-    )
-    linear = multiply(stroke, tau)
-    velocity = add(scale(linear, 2.0), negate(smear))
+    rise = multiply(multiply(smear, smear), rate)
+    rise = DoubleWord(*(jnp.where(exists, x, 0.0) for x in rise))
+
+    linear = multiply(stroke, DoubleWord(tau_high, tau_low))
+    velocity = (2 * linear.high - smear.high) + (2 * linear.low - smear.low)
+    position = multiply(DoubleWord(tau_high, tau_low), add(linear, negate(smear)))
     if from_vertex:
-        return _rows(velocity.high, *multiply(multiply(velocity, velocity), rate))
-    position = multiply(tau, add(linear, negate(smear)))
-    vertex = negate(multiply(multiply(smear, smear), rate))
-    return _rows(velocity.high, *position, *vertex)
+        position = add(position, rise)
+    return _rows(velocity, *position, *rise)
 
 
 def _rows(*rows):
     """Rows of an array; chosen, where to join them would make loops of their own."""
-    index, result = np.arange(len(rows))[:, None], rows[-1][None]
+    index, result = np.arange(len(rows))[:, None], rows[-1]
     for i, row in enumerate(rows[:-1]):
-        result = jnp.where(index == i, row[None], result)
+        result = jnp.where(index == i, row, result)
     return result
 
 
-@_path.defjvp
-def _path_jvp(from_vertex, primals, tangents):
-    exact = _path(from_vertex, *primals)
+@_table.defjvp
+def _table_jvp(from_vertex, primals, tangents):
+    exact = _table(from_vertex, *primals)
 
     def plain(a, T, s, tau, _):
         stroke, smear = a * T * T, s * T
         velocity = _valued(2 * stroke * tau - smear, exact[0])
+        exists = (stroke > 0) if from_vertex else _turns(stroke, smear)
+        rise = jnp.broadcast_to(_plain_vertex_distance(smear, stroke, exists), tau.shape)
         if from_vertex:
-            position = _plain_vertex_distance(velocity, stroke, stroke > 0)
-            vertex = jnp.zeros_like(stroke)
+            position = _plain_vertex_distance(velocity, stroke, exists)
         else:
             position = tau * (stroke * tau - smear)
-            vertex = -_plain_vertex_distance(smear, stroke, _turns(stroke, smear))
-        return velocity, (position, jnp.zeros_like(position)), (vertex, jnp.zeros_like(vertex))
+        nothing = jnp.zeros_like(tau)
+        return jnp.stack([velocity, position, nothing, rise, nothing])
 
     return exact, jax.jvp(plain, primals, tangents)[1]
 

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter.arms import time_between
 from mishutter.doubleword import DoubleWord, add, multiply, scale, two_product, two_sum, word
 from mishutter.path import path, safe_sqrt
 from mishutter.shutters.base import within_unit
@@ -100,8 +99,19 @@ def _light(profile, pieces, edges, velocity, stroke):
     remaining = jnp.stack([near[:, 0], far[:, 1]], axis=1)
     index = jnp.arange(width.shape[0], dtype=jnp.int32)[:, None, None]
     piece = jnp.broadcast_to(index, width.shape)
-    mean = profile.piece_mean(piece, start, width, remaining)
+    distance = jnp.minimum(start, remaining) + width / 2
+    mean = profile.piece_mean(piece, start <= remaining, distance, width)
     return jnp.sum(width * within_unit(mean), axis=(0, 1))
+
+
+def time_between(distance, before, after, stroke):
+    """Time between two points of an arm, by the better known of their distance and speeds."""
+    far_apart = after > 2 * before
+    safe_rate = jnp.where(far_apart, 2 * stroke, 1.0)
+    total = before + after
+    close = ~far_apart & (total > 0)
+    by_distance = 2 * distance / jnp.where(close, total, 1.0)
+    return jnp.where(far_apart, (after - before) / safe_rate, jnp.where(close, by_distance, 0.0))
 
 
 def _distance(x, y):

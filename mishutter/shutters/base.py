@@ -60,15 +60,16 @@ class AbstractPiecewiseShutter(AbstractShutter):
         """Each piece's function at offsets, complex ones included; shape `(n, ...)`."""
 
     @abstractmethod
-    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
-        """Mean of some pieces' functions over `[start, start + width]`.
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+        """Mean of some pieces' functions over an interval.
 
         Args:
             piece: Which piece, from 0; integers of any shape.
-            start: Offset of the interval's left end; same shape.
+            from_left: Which end of the piece the interval is counted from, the left one or
+                the right one: one that is not much farther than the other, so that a profile
+                that vanishes there keeps its relative accuracy; same shape.
+            distance: Distance of the interval's centre from that end; same shape.
             width: Length of the interval; same shape.
-            remaining: Distance from the interval's right end to the piece's: a profile
-                that vanishes there keeps its relative accuracy by it; same shape.
         """
 
 
@@ -98,9 +99,8 @@ def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Array:
     dtype = shutter.dtype() or common_dtype()
     ends = shutter.breakpoints(np.dtype(dtype))
     width = jnp.diff(ends.high) + jnp.diff(ends.low)
-    nothing = jnp.zeros_like(width)
     piece = jnp.arange(width.size)
-    return jnp.sum(width * shutter.piece_mean(piece, nothing, width, nothing))
+    return jnp.sum(width * shutter.piece_mean(piece, piece >= 0, width / 2, width))
 
 
 @lru_cache
@@ -116,6 +116,12 @@ def uniform_breakpoints(num_pieces: int, dtype: np.dtype) -> DoubleWord:
     return DoubleWord(jnp.asarray(high), jnp.asarray(np.array(low, dtype)))
 
 
+@jax.custom_jvp
 def within_unit(value: Array) -> Array:
     """Undo a last-digit excursion from [0, 1] and leave the derivative alone."""
-    return value + jax.lax.stop_gradient(jnp.clip(value, 0, 1) - value)
+    return jnp.clip(value, 0, 1)
+
+
+@within_unit.defjvp
+def _within_unit_jvp(primals, tangents):
+    return within_unit(*primals), tangents[0]

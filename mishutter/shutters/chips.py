@@ -61,7 +61,7 @@ class ChippedShutter(AbstractAdjustableShutter):
         chips = self.transmittances.reshape((-1,) + (1,) * (offset.ndim - 1))
         return jnp.broadcast_to(chips, offset.shape).astype(offset.dtype)
 
-    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         return self.transmittances.astype(width.dtype)[piece]
 
     def box(self) -> Array:

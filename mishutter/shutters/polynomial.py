@@ -1,18 +1,46 @@
 """Polynomials: values, and in Bernstein form means over part of a piece."""
 
 import itertools
+from collections.abc import Sequence
+from fractions import Fraction
+from math import comb
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, ArrayLike
 
 
-def polynomial(coefficients: list[float], x: Array) -> Array:
+def polynomial(coefficients: Sequence[ArrayLike], x: Array) -> Array:
     """A polynomial by its coefficients, the highest first."""
-    total = jnp.full_like(x, coefficients[0])
+    total = jnp.asarray(coefficients[0], x.dtype)
     for coefficient in coefficients[1:]:
         total = total * x + coefficient
     return total
+
+
+def economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> list[float]:
+    """A Taylor polynomial with fewer terms on `[0, reach]`, the highest first.
+
+    Its last term is made up for, as well as can be, by those before it: a multiple of
+    Chebyshev's polynomial is taken off, again and again (Lanczos).
+
+    Args:
+        taylor: Coefficients, the lowest first.
+        reach: Where the series is to be good up to.
+        degree: Degree that is left.
+    """
+    series = list(taylor)
+    while len(series) - 1 > degree:
+        before, chebyshev = [Fraction(1)], [Fraction(-1), 2 / reach]
+        while len(chebyshev) < len(series):
+            longer = [
+                4 / reach * c - 2 * d for c, d in zip([0, *chebyshev], [*chebyshev, 0], strict=True)
+            ]
+            before = before + [Fraction(0)] * (len(longer) - len(before))
+            before, chebyshev = chebyshev, [x - y for x, y in zip(longer, before, strict=True)]
+        share = series[-1] / chebyshev[-1]
+        series = [x - share * y for x, y in zip(series, chebyshev, strict=True)][:-1]
+    return [float(x) for x in reversed(series)]
 
 
 def bernstein_value(control: list[Array], u: Array) -> Array:
@@ -23,30 +51,47 @@ def bernstein_value(control: list[Array], u: Array) -> Array:
     return points[0]
 
 
-def bernstein_mean(control: list[Array], start: Array, width: Array, remaining: Array) -> Array:
-    """Mean over `[start, 1 - remaining]`, in shares of the piece.
+def bernstein_mean(
+    control: Array, piece: Array, from_left: Array, distance: Array, width: Array
+) -> Array:
+    """Means of some pieces over intervals, in shares of the piece.
 
-    By the Gauss-Legendre rule that is exact for the degree. Each node is known by its
-    distances from both ends of the piece, so the values at it are weighted averages of
-    the control points: nothing cancels.
+    By the Gauss-Legendre rule that is exact for the degree, on powers of the distance from
+    the end of the piece that is nearer. Up to the middle they cancel by little where control
+    points are of one sign: a profile that vanishes at an end keeps its relative accuracy.
+
+    Args:
+        control: Control points of each piece; shape `(n, degree + 1)`.
+        piece: Which piece, from 0; integers of any shape, that of the others.
+        from_left: Whether `distance` is from the left end, or from the right one.
+        distance: Distance of the interval's centre from an end of its piece.
+        width: Length of the interval.
     """
-    nodes, weights = np.polynomial.legendre.leggauss((len(control) + 1) // 2)
+    degree = control.shape[1] - 1
+    from_ends = jnp.concatenate([control, control[:, ::-1]]) @ _powers(degree).astype(control.dtype)
+    row = jnp.where(from_left, piece, piece + control.shape[0])
+    powers = [
+        from_ends[:, i].at[row].get(mode="promise_in_bounds", wrap_negative_indices=False)
+        for i in reversed(range(degree + 1))
+    ]
+    nodes, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
     total = jnp.zeros_like(width)
-    for share, weight in zip(((1 + nodes) / 2).tolist(), (weights / 2).tolist(), strict=True):
-        before, after = remaining + (1 - share) * width, start + share * width
-        points = control
-        while len(points) > 1:
-            points = [before * a + after * b for a, b in itertools.pairwise(points)]
-        total = total + weight * points[0]
+    for node, weight in zip((nodes / 2).tolist(), (weights / 2).tolist(), strict=True):
+        total = total + weight * polynomial(powers, distance + node * width)
     return total
+
+
+def _powers(degree: int) -> np.ndarray:
+    """Matrix from control points, a row, to coefficients of powers of the share passed."""
+    k = range(degree + 1)
+    rows = [[comb(degree, j) * comb(j, i) * (-1) ** (j - i) for j in k] for i in k]
+    return np.array(rows, float)
 
 
 def bernstein_from_values(degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Chebyshev nodes in [0, 1] and the matrix from values there to control points."""
     k = np.arange(degree + 1)
     nodes = (1 - np.cos((2 * k + 1) * np.pi / (2 * degree + 2))) / 2
-    from math import comb
-
     basis = np.array([[comb(degree, j) * x**j * (1 - x) ** (degree - j) for j in k] for x in nodes])
     return nodes, np.linalg.inv(basis)
 

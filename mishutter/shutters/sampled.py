@@ -59,10 +59,10 @@ class SampledShutter(AbstractPiecewiseShutter):
             expand(split_control(self._control(offset.real.dtype)), share), share
         )
 
-    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         scale = _NUM_PIECES / 2
-        control = split_control(self._control(width.dtype)[piece])
-        return bernstein_mean(control, start * scale, width * scale, remaining * scale)
+        control = self._control(width.dtype)
+        return bernstein_mean(control, piece, from_left, distance * scale, width * scale)
 
     def _control(self, dtype: np.dtype) -> Array:
         nodes, to_control = _interpolation(_DEGREE)

@@ -113,10 +113,10 @@ class SplineShutter(AbstractAdjustableShutter):
         share = offset * ((self.num_coefficients - _DEGREE) / 2)
         return bernstein_value(expand(split_control(self._control_points()), share), share)
 
-    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         scale = (self.num_coefficients - _DEGREE) / 2
-        control = split_control(self._control_points().astype(width.dtype)[piece])
-        return bernstein_mean(control, start * scale, width * scale, remaining * scale)
+        control = self._control_points().astype(width.dtype)
+        return bernstein_mean(control, piece, from_left, distance * scale, width * scale)
 
     def _control_points(self) -> Array:
         """Bernstein control points of each piece; shape `(n - 3, 4)`."""

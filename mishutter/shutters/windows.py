@@ -1,6 +1,7 @@
 """The fixed windows of the field: rect, Hann, triangle, Gaussian, Tukey."""
 
 import math
+from fractions import Fraction
 from typing import ClassVar, final
 
 import jax
@@ -14,7 +15,7 @@ from mishutter.shutters.base import (
     AbstractPiecewiseShutter,
     uniform_breakpoints,
 )
-from mishutter.shutters.polynomial import polynomial
+from mishutter.shutters.polynomial import economised, polynomial
 from mishutter.types import as_float, common_dtype, is_concrete, require, require_scalar
 
 _MIN_SIGMA, _MAX_SIGMA = 0.05, 5.0
@@ -40,7 +41,7 @@ class RectShutter(AbstractPiecewiseShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return jnp.ones_like(offset)
 
-    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         return jnp.ones_like(width)
 
 
@@ -64,8 +65,8 @@ class HannShutter(AbstractPiecewiseShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return jnp.sin((jnp.pi / 2) * offset) ** 2
 
-    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
-        return _cosine_ramp_mean(jnp.minimum(start, remaining), width)
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+        return _cosine_ramp_mean(jnp.minimum(distance, 2 - distance), width)
 
 
 @final
@@ -88,8 +89,8 @@ class TriangleShutter(AbstractPiecewiseShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return jnp.stack([offset[0], 1 - offset[1]])
 
-    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
-        return jnp.where(piece == 0, start, remaining) + width / 2
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+        return jnp.where((piece == 0) == from_left, distance, 1 - distance)
 
 
 @final
@@ -137,9 +138,8 @@ class GaussianShutter(AbstractAdjustableShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         return self._profile(offset - 1)
 
-    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
-        distance = jnp.abs(start - remaining) / 2
-        return _gaussian_mean(distance, width / 2, self.sigma.astype(width.dtype))
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+        return _gaussian_mean(jnp.abs(1 - distance), width / 2, self.sigma.astype(width.dtype))
 
     def box(self) -> Array:
         span = np.log(_MAX_SIGMA / _MIN_SIGMA)
@@ -187,7 +187,8 @@ class TukeyShutter(AbstractAdjustableShutter):
 
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         taper = self.taper.astype(dtype)
-        one, zero = jnp.ones_like(taper), jnp.zeros_like(taper)
+        # Not a constant: XLA would take (1 - taper) - 1 for -taper, rounding and all.
+        one, zero = jnp.where(taper >= 0, 1.0, taper), jnp.zeros_like(taper)
         high, low = two_sum(one, -taper)
         return DoubleWord(jnp.stack([-one, -high, high, one]), jnp.stack([zero, -low, low, zero]))
 
@@ -202,10 +203,10 @@ class TukeyShutter(AbstractAdjustableShutter):
             ]
         )
 
-    def piece_mean(self, piece: Array, start: Array, width: Array, remaining: Array) -> Array:
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         taper = _nonzero(self.taper.astype(width.dtype))
         flat = piece == 1
-        height = jnp.where(piece == 0, start, remaining)
+        height = jnp.where((piece == 0) == from_left, distance, taper - distance)
         ramp = _cosine_ramp_mean(*(jnp.where(flat, 0.0, x / taper) for x in (height, width)))
         return jnp.where(flat, 1.0, ramp)
 
@@ -224,22 +225,28 @@ def _nonzero(taper: Array) -> Array:
     return jnp.where(taper > 0, taper, jnp.ones_like(taper))
 
 
-_SINC_DEFICIT = [(-1) ** (k + 1) / math.factorial(2 * k + 1) for k in range(15, 0, -1)]
-_SINE = [(-1) ** k / math.factorial(2 * k + 1) for k in range(11, -1, -1)]
+def _alternating(first: int) -> list[Fraction]:
+    """Coefficients of sin(x)/x as a series in its square, from one of them on, to 50 digits."""
+    return [Fraction((-1) ** k, math.factorial(2 * k + 1)) for k in range(first, first + 24)]
 
 
-def _cosine_ramp_mean(start: Array, width: Array) -> Array:
-    r"""Mean of $\sin^2(\pi v/2)$ over $[v_0, v_0 + 2d]$, without cancellation.
+_SINE = economised(_alternating(0), Fraction(5, 2), 8)
+_SINC_DEFICIT = economised([-c for c in _alternating(1)], Fraction(10), 9)
+"""To a rounding, for angles up to a quarter and a half of a turn."""
+
+
+def _cosine_ramp_mean(centre: Array, width: Array) -> Array:
+    r"""Mean of $\sin^2(\pi v/2)$ over $c \pm d$, without cancellation.
 
     $\frac12(1 - \operatorname{sinc} d\,\cos \pi c)
-    = \frac12(1 - \operatorname{sinc} d) + \operatorname{sinc} d\,\sin^2(\pi c/2)$ at the
-    centre $c = v_0 + d$, for $c$ and $d$ in [0, 1]. Both functions are their Taylor series:
-    terms enough for the whole range compile to less than a library's sine.
+    = \frac12(1 - \operatorname{sinc} d) + \operatorname{sinc} d\,\sin^2(\pi c/2)$ for
+    $c$ and $d$ in [0, 1]. Both functions are polynomials: terms
+    enough for the whole range compile to less than a library's sine.
     """
     half = width / 2
     square = (jnp.pi * half) ** 2
     deficit = square * polynomial(_SINC_DEFICIT, square)
-    angle = (jnp.pi / 2) * (start + half)
+    angle = (jnp.pi / 2) * centre
     sine = angle * polynomial(_SINE, angle**2)
     return deficit / 2 + (1 - deficit) * sine**2
 
