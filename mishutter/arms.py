@@ -17,6 +17,9 @@ from jaxtyping import Array, ArrayLike
 from mishutter.doubleword import DoubleWord
 from mishutter.path import Motion, Path, once, speed_at
 
+_LATE = 2.0
+"""In units of tau: after all exposure, but near enough to be multiplied by anything."""
+
 AFTER = np.array([[False], [True]])
 """Which arm, of the two on a leading axis, is that on which time runs outwards."""
 
@@ -28,7 +31,7 @@ class Crossings(NamedTuple):
     that piece, or from its right end if not `from_left`. An edge that an arm does not reach
     while the shutter moves is held at the end of the exposure on its side. `nearest` is the
     breakpoint that the offset is from, and `moment` and `velocity` are those of the crossing,
-    to rounding.
+    to rounding; no moment is later than twice the exposure's end.
     """
 
     piece: Array
@@ -89,10 +92,12 @@ def _located(
     edge = brought_near(DoubleWord(edges.high[None], edges.low[None]), track, at_rest)
     speed = speed_at(track, edge)
     velocity = jnp.where(AFTER, speed, -speed)
-    moment = time_between(distance(edge, track.middle), -track.smear, velocity, track.stroke)
+    timed = partial(time_between, without_stroke=float(jnp.finfo(speed.dtype).tiny))
+    moment = timed(distance(edge, track.middle), -track.smear, velocity, track.stroke)
+    moment = jnp.clip(moment, -_LATE, _LATE)
     nearest = _nearest(equal_pieces, tau.high, moment)
     passed, *position = (at(x, nearest) for x in (track.velocity, *track.position))
-    offset = time_between(distance(edge, DoubleWord(*position)), passed, velocity, track.stroke)
+    offset = timed(distance(edge, DoubleWord(*position)), passed, velocity, track.stroke)
 
     # A crossing at a breakpoint is in the piece outwards of it, one at the vertex before it.
     last = tau.high.size - 1
@@ -170,14 +175,18 @@ def _timed_jvp(from_vertex, primals, tangents):
     return offset, jnp.where(held, 0.0, change - dorigin)
 
 
-def time_between(distance: Array, before: Array, after: Array, stroke: Array) -> Array:
+def time_between(
+    distance: Array, before: Array, after: Array, stroke: Array, *, without_stroke: float = 1.0
+) -> Array:
     r"""Time between two points of a path, from their distance and their velocities.
 
     $2\,\Delta x / (u_1 + u_2)$ on one side of the vertex, $(u_2 - u_1)/2A$ from one side to
     the other, or from the vertex itself: no difference of what is nearly equal in either.
+    A path without a stroke has no other side; what is divided by there instead of $2A$ may
+    be so small as to put it beyond all time, but not where derivatives are taken.
     """
     same_way = before * jnp.sign(after) > 0
-    rate = jnp.where(stroke > 0, 2 * stroke, jnp.finfo(stroke.dtype).tiny)
+    rate = jnp.where(stroke > 0, 2 * stroke, without_stroke)
     return jnp.where(same_way, 2 * distance, after - before) / jnp.where(
         same_way, before + after, rate
     )

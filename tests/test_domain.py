@@ -54,6 +54,9 @@ CORPUS = {
     "a taper in single precision": case("short Tukey", "both", single=True),
     "no stroke": case(loss="both", stroke=0.0),
     "a stroke too short to square": case(loss="both", stroke=1e-180),
+    "no stroke and a long exposure": case(
+        "Gaussian", "both", speeds=(0.0,) * 4, stroke=0.0, half_exposure=10.0
+    ),
     "a speed as fast as the sensor": case("Tukey", "both", speeds=(0.0, 1.0, -1.0, 0.5)),
     "ranges that mirror but for rounding": case(speeds=(-0.9, -0.3, 0.3, 0.9000000000000001)),
 }
