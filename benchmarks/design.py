@@ -7,7 +7,6 @@ printout stands in `RESULTS.md`.
 """
 
 import time
-import warnings
 
 import jax
 
@@ -34,7 +33,7 @@ from mishutter.objective import AbstractObjective, objective_of  # noqa: E402
 from mishutter.optimise import start_boxes  # noqa: E402
 from mishutter.plan import needed_speeds, reduced, sizes  # noqa: E402
 from mishutter.planning import plan as plan_of_scene  # noqa: E402
-from mishutter.solvers import descend, loss_and_gradient  # noqa: E402
+from mishutter.solvers import descend, imported_jaxopt, loss_and_gradient  # noqa: E402
 
 NUM_STEPS = 150
 MARKERS = "osv^<>DPX*"
@@ -92,8 +91,8 @@ def optax_adam(objective, starts):
 
 def jaxopt_projected_gradient(objective, starts):
     """Projection on the box, every start at once."""
-    solver = _jaxopt().ProjectedGradient(
-        lambda x: objective(x), _jaxopt().projection.projection_box, maxiter=NUM_STEPS
+    solver = imported_jaxopt().ProjectedGradient(
+        lambda x: objective(x), imported_jaxopt().projection.projection_box, maxiter=NUM_STEPS
     )
     run = jax.vmap(lambda x: solver.run(x, hyperparams_proj=(0.0, 1.0)).params)
     return _losses(objective, _compiled(run, "projected")(jnp.asarray(starts)))
@@ -101,7 +100,7 @@ def jaxopt_projected_gradient(objective, starts):
 
 def jaxopt_lbfgsb(objective, starts):
     """Box-constrained, limited memory, every start at once."""
-    solver = _jaxopt().LBFGSB(lambda x: objective(x), maxiter=NUM_STEPS)
+    solver = imported_jaxopt().LBFGSB(lambda x: objective(x), maxiter=NUM_STEPS)
     low, high = jnp.zeros(starts.shape[1]), jnp.ones(starts.shape[1])
     run = jax.vmap(lambda x: solver.run(x, bounds=(low, high)).params)
     return _losses(objective, _compiled(run, "lbfgsb")(jnp.asarray(starts)))
@@ -164,13 +163,6 @@ def _compiled(function, name):
 
 def _losses(objective, boxes):
     return np.asarray(_compiled(jax.vmap(objective), "losses")(boxes))
-
-
-def _jaxopt():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import jaxopt
-    return jaxopt
 
 
 def measure() -> list[dict]:

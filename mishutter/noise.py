@@ -1,6 +1,5 @@
 """What the sensor makes of the light that falls on it: electrons, full well, numbers."""
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -11,6 +10,7 @@ from jaxtyping import Array, ArrayLike
 from mishutter.compiling import compiled, quick_to_compile
 from mishutter.motion import AbstractMotion
 from mishutter.scene import Scene
+from mishutter.threads import num_processors
 from mishutter.types import is_concrete, require, require_positive_int
 
 _MOST_COUNTED = 1e15
@@ -96,7 +96,7 @@ def _drawn(words: Array | np.ndarray, mean: Array | np.ndarray) -> np.ndarray:
     expected = np.maximum(np.asarray(mean, np.float64), 0).ravel()
     runs = np.array_split(expected, -(-expected.size // _RUN) or 1)
     seeds = np.random.SeedSequence(np.asarray(words).ravel().tolist()).spawn(len(runs))
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(num_processors()) as pool:
         drawn = list(pool.map(_poisson, seeds, runs))
     return np.concatenate(drawn).astype(mean.dtype).reshape(mean.shape)
 

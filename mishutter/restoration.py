@@ -168,8 +168,8 @@ def restore_by_each(
         ValueError: as `restore_photograph`.
     """
     require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
-    light = np.asarray(as_light(picture))
-    light = jax.device_put(light[..., None] if light.ndim == 2 else light)
+    light = as_light(picture)
+    light = light[..., None] if light.ndim == 2 else light
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     weights = np.asarray(scene.weights) if speeds is None else None
     key = jax.random.key(0) if key is None else key

@@ -265,7 +265,7 @@ def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> 
             )
         return loss, gradient
 
-    solver = _jaxopt().ScipyBoundedMinimize(
+    solver = imported_jaxopt().ScipyBoundedMinimize(
         fun=value_and_gradient,
         value_and_grad=True,
         method="L-BFGS-B",
@@ -282,7 +282,7 @@ def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> 
 
 
 @lru_cache
-def _jaxopt() -> Any:
+def imported_jaxopt() -> Any:
     """Jaxopt, without its farewell."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
