@@ -153,17 +153,19 @@ def compare(
         for name, shutter in fixed.items()
     ]
     everything = ("shutter", *_MOTION_ONLY)
-    searches = [
+    # The longest search is begun first, and the others go on beside it.
+    tukey = partial(_at_own_best, BEST_TUKEY, scene, motion, TukeyShutter(0.5), everything, tuned)
+    searches = [tukey] + [
         partial(_at_own_best, name, scene, motion, shutter, _MOTION_ONLY, tuned)
         for name, shutter in fixed.items()
     ]
-    searches.append(
-        partial(_at_own_best, BEST_TUKEY, scene, motion, TukeyShutter(0.5), everything, tuned)
-    )
     searches.append(partial(best_snapshot, scene, loss, plan))
-    for row in in_threads(lambda search: search(), searches, num_processors()):
+    at_best = {}
+    found = in_threads(lambda search: search(), searches, num_processors(), first_alone=False)
+    for row in found:
         step(row.name)
-        rows.append(row)
+        at_best[row.name] = row
+    rows += [at_best[name] for name in (*fixed, BEST_TUKEY, BEST_SNAPSHOT)]
     return _with_verdict(rows, tuple(given))
 
 

@@ -19,14 +19,13 @@ from jaxtyping import Array
 from mishutter.design_space import DesignSpace
 from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, Parts
 from mishutter.motion import AbstractMotion
+from mishutter.nodes import LitNodes, lit_nodes
 from mishutter.plan import Plan
 from mishutter.response import (
-    LitNodes,
     Records,
     Response,
     aligned_spectra,
     assembled,
-    lit_nodes,
     records,
 )
 from mishutter.scene import Scene

@@ -1,12 +1,9 @@
 r"""What a shutter on a motion does to a scene: kernels, transfer functions, light.
 
 Everything here is linear in the transmittance. The transfer functions are taken at
-the centres of equal steps in (0, 0.5) cycles/px, by Gauss-Legendre quadrature between
-the shutter's breakpoints.
+the centres of equal steps in (0, 0.5) cycles/px, by quadrature over the exposure.
 """
 
-import math
-from functools import lru_cache
 from typing import NamedTuple, final
 
 import equinox as eqx
@@ -18,18 +15,14 @@ from jaxtyping import Array
 from mishutter.compiling import quick_to_compile
 from mishutter.kernel import binned_exposure, blur_kernel
 from mishutter.motion import AbstractMotion, StillCamera
+from mishutter.nodes import LitNodes, light_let_through, lit_nodes
 from mishutter.plan import Plan, size_class
 from mishutter.scene import Scene
-from mishutter.shutters.base import (
-    AbstractPiecewiseShutter,
-    AbstractShutter,
-    integrated_transmittance,
-)
+from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import common_dtype, is_concrete
 from mishutter.waves import sum_of_waves
 
-_MAX_PANEL_NODES, _MIN_PANEL_NODES = 128, 12
 _SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 192
 
 
@@ -131,34 +124,9 @@ def _with_rest(speeds: Array) -> Array | np.ndarray:
     return np.append(rest, speeds) if is_concrete(speeds) else jnp.append(rest, speeds)
 
 
-class LitNodes(NamedTuple):
-    """A shutter as the quadrature over the exposure sees it, whatever its kind.
-
-    Attributes:
-        tau: Normalised times; shape `(q,)`.
-        light: Quadrature weights times transmittance there; shape `(q,)`.
-        efficiency: Share of light let through; scalar.
-    """
-
-    tau: Array
-    light: Array
-    efficiency: Array
-
-
-@quick_to_compile
-def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitNodes:
-    """About so many nodes over the exposure of a shutter."""
-    tau, light = _light_at_nodes(shutter, num_nodes, dtype)
-    return LitNodes(tau, light, _light(piecewise(shutter), dtype))
-
-
 @eqx.filter_jit
 def _only_light(profile: AbstractPiecewiseShutter, motion: AbstractMotion, speeds: Array) -> Array:
-    return _light(profile, common_dtype(*jax.tree.leaves((speeds, motion, profile))))
-
-
-def _light(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:
-    return integrated_transmittance(profile).astype(dtype) / 2
+    return light_let_through(profile, common_dtype(*jax.tree.leaves((speeds, motion, profile))))
 
 
 def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:
@@ -226,7 +194,7 @@ def _kernels_from(
         return binned_exposure(shutter, motion, speed=speed, edges=edges)
 
     one = still if isinstance(motion, StillCamera) else moving
-    light = _light(piecewise(shutter), np.dtype(speeds.dtype))
+    light = light_let_through(piecewise(shutter), np.dtype(speeds.dtype))
     return jax.vmap(one)(jnp.asarray(speeds)), light
 
 
@@ -256,31 +224,3 @@ def _vertex_distance(smear: Array, stroke: Array) -> Array:
     """How far before mid-exposure the path turns, px; 0 where the stroke is none to speak of."""
     turns = stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
     return jnp.where(turns, smear**2 / jnp.where(turns, 4 * stroke, 1.0), 0.0)
-
-
-def _light_at_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype):
-    """Times and quadrature weights times transmittance over the exposure; `(q,)` each."""
-    profile = piecewise(shutter)
-    ends = profile.breakpoints(dtype).high
-    longest = 1 / (ends.size - 1) if profile.equal_pieces else 1.0
-    num_panels = profile.panels_per_piece
-    nodes, weights = _panel_rule(num_panels, math.ceil(num_nodes * longest / num_panels))
-    length = jnp.diff(ends)[:, None]
-    offset = length * jnp.asarray(nodes, dtype)[None]
-    shares = length / 2 * jnp.asarray(weights, dtype)[None]
-    light = shares * profile.piece_transmittance(offset)
-    return (ends[:-1, None] + offset).ravel(), light.ravel()
-
-
-@lru_cache
-def _panel_rule(num_panels: int, num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Composite Gauss-Legendre rule on [0, 1]; no panel has more than 128 nodes.
-
-    Finding the nodes of one long rule takes a second where a thousand are needed.
-    """
-    parts = -(-num_nodes // _MAX_PANEL_NODES)
-    num_panels, per_panel = num_panels * parts, max(-(-num_nodes // parts), _MIN_PANEL_NODES)
-    nodes, weights = np.polynomial.legendre.leggauss(per_panel)
-    panels = np.arange(num_panels)[:, None]
-    spread = (panels + (nodes + 1) / 2) / num_panels
-    return spread.ravel(), np.tile(weights / (2 * num_panels), num_panels)

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from mishutter import HannShutter, RectShutter, TukeyShutter, programs
+from mishutter.nodes import lit_nodes
 from mishutter.noise import shot_electrons
 from mishutter.programs import KeptProgram, keep_programs
-from mishutter.response import lit_nodes
 from mishutter.shutters.base import profile_of
 
 NODES, PROFILE, SHOTS = (inspect.unwrap(x) for x in (lit_nodes, profile_of, shot_electrons))
