@@ -15,6 +15,7 @@ from mishutter.types import is_concrete
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 _QUICKLY = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
+_AS_IT_COMES = _QUICKLY | {"xla_backend_optimization_level": 0}
 
 
 def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
@@ -33,6 +34,14 @@ def quick_to_compile(function: Callable[_Arguments, _Result]) -> Callable[_Argum
     as that is.
     """
     return _compiled(function, _QUICKLY)
+
+
+def seldom_run(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """`quick_to_compile`, and not optimised at all: for what runs a few times in a process.
+
+    It compiles in half of the time again, and takes twice as long to run, or more.
+    """
+    return _compiled(function, _AS_IT_COMES)
 
 
 def _compiled(

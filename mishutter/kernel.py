@@ -25,7 +25,7 @@ from mishutter.arms import (
     lengths,
     time_between,
 )
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import seldom_run
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
 from mishutter.path import Motion, Path, moving_speed, path
@@ -132,7 +132,7 @@ def binned_exposure(
     return _exposure(num_taps, shutter, motion, jnp.asarray(speed, dtype), ends, from_vertex=False)
 
 
-@quick_to_compile
+@seldom_run
 def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
     r"""Far end of the vertex-frame kernel, $aT^2 (1 + |\nu|)^2$; px, shape of `speed`."""
     reach = motion.top_speed + jnp.abs(jnp.asarray(speed))

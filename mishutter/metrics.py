@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import seldom_run
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.path import safe_sqrt
@@ -78,7 +78,7 @@ def evaluate(
     return measured(kept, motion, records(kept, motion, shutter, plan), plan)
 
 
-@quick_to_compile
+@seldom_run
 def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Metrics:
     """Metrics from what was recorded of a design."""
     response = assembled(scene, recorded, plan)
@@ -162,7 +162,7 @@ def expected_squared_error(
     return (jnp.sum(power * share) + jnp.sum(every_power[num_kept:])) / num_frequencies
 
 
-@quick_to_compile
+@seldom_run
 def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     r"""Power spectrum of the picture's rows on the frequency grid; shape `(m,)`.
 

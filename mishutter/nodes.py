@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import seldom_run
 from mishutter.shutters.base import (
     AbstractPiecewiseShutter,
     AbstractShutter,
@@ -36,7 +36,7 @@ class LitNodes(NamedTuple):
     efficiency: Array
 
 
-@quick_to_compile
+@seldom_run
 def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitNodes:
     """About so many nodes over the exposure of a shutter."""
     profile = piecewise(shutter)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.compiling import compiled, quick_to_compile
+from mishutter.compiling import compiled, seldom_run
 from mishutter.motion import AbstractMotion
 from mishutter.scene import Scene
 from mishutter.threads import num_processors
@@ -20,13 +20,13 @@ _RUN = 1 << 16
 """Pixels whose numbers one generator draws."""
 
 
-@quick_to_compile
+@seldom_run
 def white_electrons(scene: Scene, motion: AbstractMotion) -> Array:
     r"""Photo-electrons of a white pixel in a fully open exposure, $p = \text{rate}\cdot 2T$."""
     return scene.photon_rate * motion.exposure
 
 
-@quick_to_compile
+@seldom_run
 def noise_variance(
     scene: Scene, motion: AbstractMotion, efficiency: ArrayLike, mean_level: ArrayLike | None = None
 ) -> Array:

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import seldom_run
 from mishutter.design import Design
 from mishutter.design_space import FREE_NAMES, DesignSpace, design_space
 from mishutter.losses.base import AbstractLoss
@@ -190,7 +190,7 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
     return boxes
 
 
-@quick_to_compile
+@seldom_run
 def _given_box(space: DesignSpace) -> Array:
     return space.box(space.shutter, space.motion)
 

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import seldom_run
 from mishutter.design_space import DesignSpace, design_space
 from mishutter.losses.base import AbstractLoss
 from mishutter.motion import AbstractMotion, settled
@@ -123,7 +123,7 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     return reduce(larger, [sizes(scene, moved) for _, moved in corners])
 
 
-@quick_to_compile
+@seldom_run
 def design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
     return space.at(box)

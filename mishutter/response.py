@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import quick_to_compile, seldom_run
 from mishutter.kernel import binned_exposure, blur_kernel
 from mishutter.motion import AbstractMotion, StillCamera
 from mishutter.nodes import LitNodes, light_let_through, lit_nodes
@@ -176,7 +176,7 @@ def _kernels_and_light(
     return kernels[:count, :num_taps], some[0][1]
 
 
-@quick_to_compile
+@seldom_run
 def _kernels_from(
     shutter: AbstractShutter,
     motion: AbstractMotion,

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import seldom_run
 from mishutter.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.decoders.linear import expected_squared_error
 from mishutter.motion import AbstractMotion
@@ -210,7 +210,7 @@ def restore_by_each(
     }
 
 
-@quick_to_compile
+@seldom_run
 def _seeds(key: Array, num_speeds: int, num_seeds: int) -> Array:
     """Words of a key for the noise of each capture; `(speeds, seeds, words)`."""
     each = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(num_speeds))

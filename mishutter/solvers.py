@@ -12,7 +12,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import quick_to_compile, seldom_run
 from mishutter.objective import AbstractObjective
 from mishutter.threads import in_threads, num_processors
 
@@ -146,7 +146,7 @@ def _solver_state(theta: Array) -> Any:
     return _SOLVER.init(lambda y, _: (jnp.sum(y), None), theta, None, {}, scalar, None, frozenset())
 
 
-@quick_to_compile
+@seldom_run
 def _start(starts: Array) -> _State:
     theta = jnp.arcsin(jnp.sqrt(jnp.clip(starts, _MARGIN, 1 - _MARGIN)))
     state = eqx.filter_vmap(_solver_state)(theta)

@@ -3,17 +3,19 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import quick_to_compile, seldom_run
 
 
 def _doubled_cube(x, *, factor=2.0):
     return factor * jnp.sin(x) ** 3
 
 
-def test_a_quick_program_is_the_function():
+@pytest.mark.parametrize("compiled_by", [quick_to_compile, seldom_run])
+def test_a_quick_program_is_the_function(compiled_by):
     """Called by itself, in a program, differentiated or mapped, it gives the same numbers."""
-    quick, x = quick_to_compile(_doubled_cube), jnp.linspace(0.3, 2.9, 7)
+    quick, x = compiled_by(_doubled_cube), jnp.linspace(0.3, 2.9, 7)
     expected = _doubled_cube(x, factor=1.7)
     assert np.allclose(quick(x, factor=1.7), expected, rtol=1e-15)
     assert np.allclose(jax.jit(lambda y: quick(y, factor=1.7))(x), expected, rtol=1e-15)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import seldom_run
 from mishutter.doubleword import DoubleWord
 from mishutter.types import common_dtype
 
@@ -88,7 +88,7 @@ class AbstractAdjustableShutter(AbstractPiecewiseShutter):
         """The shutter of the same kind at other coordinates."""
 
 
-@quick_to_compile
+@seldom_run
 def profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]:
     """Transmittance at normalised times, and the efficiency; shape of `tau`, and scalar."""
     return shutter.transmittance(tau), shutter.efficiency()

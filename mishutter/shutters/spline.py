@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.compiling import quick_to_compile
+from mishutter.compiling import seldom_run
 from mishutter.doubleword import DoubleWord
 from mishutter.shutters.base import (
     AbstractAdjustableShutter,
@@ -165,7 +165,7 @@ def fitted_boxes(
     return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
 
 
-@quick_to_compile
+@seldom_run
 def _transmittances(shutters: tuple[AbstractShutter, ...], tau: Array) -> Array:
     dtype = tau.dtype
     return jnp.stack([shutter.transmittance(tau).astype(dtype) for shutter in shutters])
