@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -178,34 +178,45 @@ def restore_by_each(
     model = blur_model(scene, motion, shutter, plan=plan, least_taps=least_taps)
     seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
 
-    def restored(place: tuple[int, Array]) -> _AtSpeed:
+    captured, *restored = (
+        np.empty((len(chosen_speeds), *reference.shape), reference.dtype)
+        for _ in range(1 + len(decoders))
+    )
+
+    def tried(place: tuple[int, Array]) -> _Errors:
         index, blurred = place
-        captures, errors, codes = [], [], []
-        for words in seeds[index]:
+        errors, codes = [], []
+        for trial, words in enumerate(seeds[index]):
             seed = jax.random.wrap_key_data(words, impl=jax.random.key_impl(key))
-            captured = noisy(blurred, scene, motion, seed)
+            capture = noisy(blurred, scene, motion, seed)
             found = [
                 np.asarray(
                     deconvolve(
-                        captured, scene, motion, shutter, decoder=decoder, model=model, plan=plan
+                        capture, scene, motion, shutter, decoder=decoder, model=model, plan=plan
                     )
                 )
                 for decoder in decoders.values()
             ]
-            captures = captures or [np.asarray(captured), *found]
+            if trial == 0:
+                for kept, light in zip((captured, *restored), (capture, *found), strict=True):
+                    kept[index] = light
             pairs = [(reference[:, inner], estimate[:, inner]) for estimate in found]
             errors.append([np.mean(np.square(b - a, dtype=np.float64)) for a, b in pairs])
             codes.append([psnr(truth, estimate) for truth, estimate in pairs])
-        return _AtSpeed(captures[0], captures[1:], np.array(errors), np.array(codes))
+        return _Errors(np.array(errors), np.array(codes))
 
     on_sensor = blurred_at_speeds(light, motion, shutter, chosen_speeds.tolist(), plan, least_taps)
     count = min(num_processors(), _CAPTURES_AT_ONCE)
-    trials = list(in_threads(restored, enumerate(on_sensor), count))
+    trials = list(in_threads(tried, enumerate(on_sensor), count))
     expected = float(-10 * np.log10(expected_squared_error(model)))
-    captured = np.stack([trial.captured for trial in trials])
-    common = reference, captured, expected
     return {
-        name: _summary(chosen_speeds, weights, trials, index, *common)
+        name: RestoredPhotograph(
+            **_levels(chosen_speeds, weights, trials, index),
+            expected_psnr=expected,
+            reference=reference,
+            captured=captured,
+            restored=restored[index],
+        )
         for index, name in enumerate(decoders)
     }
 
@@ -217,15 +228,12 @@ def _seeds(key: Array, num_speeds: int, num_seeds: int) -> Array:
     return jax.random.key_data(jax.vmap(lambda k: jax.random.split(k, num_seeds))(each))
 
 
-class _AtSpeed(NamedTuple):
-    """Trials at one speed: the first capture and what each decoder made of it, and errors.
+class _Errors(NamedTuple):
+    """Errors at one speed, squared in linear light, and as a PSNR with gamma put back.
 
-    The errors are squared in linear light, and as a PSNR with gamma put back; of shape
-    `(seeds, decoders)`.
+    Of shape `(seeds, decoders)`.
     """
 
-    captured: np.ndarray
-    restored: list[np.ndarray]
     squared: np.ndarray
     coded: np.ndarray
 
@@ -249,15 +257,10 @@ def _common_columns(
     return slice(first, num_columns - origin), judged
 
 
-def _summary(
-    speeds: np.ndarray,
-    weights: np.ndarray | None,
-    trials: Sequence[_AtSpeed],
-    decoder: int,
-    reference: np.ndarray,
-    captured: np.ndarray,
-    expected: float,
-) -> RestoredPhotograph:
+def _levels(
+    speeds: np.ndarray, weights: np.ndarray | None, trials: Sequence[_Errors], decoder: int
+) -> dict[str, Any]:
+    """The figures of a `RestoredPhotograph` by one of the decoders."""
     squared = np.stack([trial.squared[:, decoder] for trial in trials])
     coded = np.stack([trial.coded[:, decoder] for trial in trials])
     count = squared.shape[1]
@@ -265,15 +268,11 @@ def _summary(
     spread = np.std(squared, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
     coded_spread = np.std(coded, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
     share = np.full(len(mean), 1 / len(mean)) if weights is None else weights
-    return RestoredPhotograph(
-        speeds=speeds,
-        psnr=np.mean(coded, axis=1),
-        linear_psnr=-10 * np.log10(mean),
-        standard_error=coded_spread / np.sqrt(count),
-        linear_standard_error=10 / np.log(10) * spread / mean / np.sqrt(count),
-        mean_psnr=float(-10 * np.log10(share @ mean)),
-        expected_psnr=expected,
-        reference=reference,
-        captured=captured,
-        restored=np.stack([trial.restored[decoder] for trial in trials]),
-    )
+    return {
+        "speeds": speeds,
+        "psnr": np.mean(coded, axis=1),
+        "linear_psnr": -10 * np.log10(mean),
+        "standard_error": coded_spread / np.sqrt(count),
+        "linear_standard_error": 10 / np.log(10) * spread / mean / np.sqrt(count),
+        "mean_psnr": float(-10 * np.log10(share @ mean)),
+    }
