@@ -45,12 +45,10 @@ class Crossings(NamedTuple):
         """Those of some arms and edges."""
         return Crossings(*(x[which] for x in self))
 
-    def moving(self, motion: Motion, from_vertex: bool, edge: Array, tau: Array) -> "Crossings":
-        """The same, with the derivative of the offset by what moves a crossing of `edge`."""
-        rest = jax.lax.stop_gradient((self.offset, self.velocity, self.moment))
+    def by_breakpoints(self, tau: Array) -> "Crossings":
+        """The same, with the derivative of the offset by the breakpoints."""
         held = self.is_held(tau.size - 1)
-        origin = at(tau, self.nearest)
-        return self._replace(offset=_timed(from_vertex, motion, edge, origin, (*rest, held)))
+        return self._replace(offset=_counted_from(at(tau, self.nearest), self.offset, held))
 
     def is_held(self, num_pieces: int) -> Array:
         """Whether a crossing is at an end of the exposure."""
@@ -75,7 +73,7 @@ def crossings(
 ) -> Crossings:
     """Crossings of `edges`, of shape `(n + 1,)`, with those far away `brought_near`.
 
-    They are values alone: see `Crossings.moving` for derivatives.
+    They are values alone: see `moment_change` for derivatives.
     """
 
     def locate(stroke, smear, table, *others):
@@ -145,16 +143,24 @@ def at(values: Array, index: Array) -> Array:
     return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _timed(from_vertex, motion, edge, origin, values):
-    """The first of `values`, with the derivative of the moment it leads to from `origin`."""
-    return values[0]
+@jax.custom_jvp
+def _counted_from(origin: Array, offset: Array, held: Array) -> Array:
+    """An `offset` with its derivative by the `origin` that it is from."""
+    return offset
 
 
-@_timed.defjvp
-def _timed_jvp(from_vertex, primals, tangents):
-    (a, T, s), _, _, (offset, velocity, tau, held) = primals
-    (da, dT, ds), dedge, dorigin, _ = tangents
+@_counted_from.defjvp
+def _counted_from_jvp(primals, tangents):
+    _, offset, held = primals
+    return offset, jnp.where(held, 0.0, -tangents[0])
+
+
+def moment_change(
+    from_vertex: bool, motion: Motion, x: Crossings, held: Array, by_motion: Motion, dedge: Array
+) -> Array:
+    """By how much changes of the motion, and of its edge, move a crossing in time."""
+    (a, T, s), (da, dT, ds) = motion, by_motion
+    velocity, tau = x.velocity, x.moment
     reaches = (a > 0) & (from_vertex | (4 * a * T >= jnp.abs(s)))
     rate = jnp.where(reaches, 2 * a, 1.0)
     bend, vertex = jnp.where(reaches, 1 / rate, 0.0), jnp.where(reaches, s / rate, 0.0)
@@ -171,8 +177,7 @@ def _timed_jvp(from_vertex, primals, tangents):
     along = (dedge + pivot * (ds - pivot * da)) * T / jnp.where(moves, velocity, 1.0)
     change = jnp.where(near, bend * (ds - (t + vertex) * da), 0.0) + along
     with_vertex = scaled(bend * (ds - 2 * vertex * da), vertex / T)
-    change = jnp.where(moves, scaled(change, tau), with_vertex)
-    return offset, jnp.where(held, 0.0, change - dorigin)
+    return jnp.where(held, 0.0, jnp.where(moves, scaled(change, tau), with_vertex))
 
 
 def time_between(

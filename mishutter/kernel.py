@@ -28,7 +28,8 @@ from mishutter.arms import (
 from mishutter.compiling import quick_to_compile
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
-from mishutter.path import Motion, Path, moving_speed, path
+from mishutter.path import Motion, Path, path
+from mishutter.rates import Taps, moving, parts
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter, within_unit
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import (
@@ -188,29 +189,29 @@ def _light(
     Edges and breakpoints cut an arm into cells, each in one tap and in one piece. One
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
-    a, T, _ = motion
     x = crossings(profile.equal_pieces, track, tau, edges, at_rest)
-    edges, speed = brought_near(edges, track, at_rest), x.velocity[1]
-    parts = slice(0, num_taps), slice(1, num_taps + 1)
-    # Cells get derivatives at their two ends apart: no rows are shifted and added in reverse.
-    here, there = (
-        x.part((slice(None), k)).moving(motion, track.from_vertex, edges.high[None, k], tau.high)
-        for k in parts
-    )
-    u, v = (moving_speed(track.from_vertex, speed[k], motion, edges.high[k]) for k in parts)
-    begin, end = (DoubleWord(edges.high[k], edges.low[k]) for k in parts)
-    within = time_between(distance(end, begin), u, v, a * T * T)[None]
+    known, near = jax.lax.stop_gradient((profile, brought_near(edges, track, at_rest)))
+    near, speed = DoubleWord(near.high[None], near.low[None]), x.velocity[1:]
+    begin, end = (DoubleWord(near.high[k], near.low[k]) for k in parts(num_taps))
+    gap = distance(end, begin)
+    u, v = (speed[k] for k in parts(num_taps))
+    within = time_between(gap, u, v, track.stroke)
+    is_held = x.is_held(tau.high.size - 1)
+    held_here, held_there = (is_held[k] for k in parts(num_taps))
+
+    here, there = (x.part(k).by_breakpoints(tau.high) for k in parts(num_taps))
     length = at(lengths(profile.equal_pieces, tau), here.piece)
     whole = here.piece == there.piece
-    held_here, held_there = (y.is_held(tau.high.size - 1) for y in (here, there))
+    is_inside = whole & ~(held_here | held_there)
     entered = there.inner(AFTER, length) - here.inner(AFTER, length)
     width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
-    width = jnp.where(whole & ~(held_here | held_there), within, width)
-    light = _cell_light(profile, here, AFTER, width)
+    light = _cell_light(profile, here, AFTER, jnp.where(is_inside, within, width))
     if tau.high.size > 2:
-        cell, more = _from_breakpoints(num_taps, profile, motion, track, tau, edges.high, x)
+        cell, more = _from_breakpoints(num_taps, profile, tau, track, x)
         light = light.at[cell].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
-    return _of_both_arms(light)
+    taps = Taps(known, x, near.high, gap, within, is_held, is_inside)
+    light = _of_both_arms(light)
+    return moving(light, motion, edges.high, from_vertex=track.from_vertex, taps=taps)
 
 
 @jax.custom_jvp
@@ -225,13 +226,7 @@ def _of_both_arms_jvp(primals, tangents):
 
 
 def _from_breakpoints(
-    num_taps: int,
-    profile: AbstractPiecewiseShutter,
-    motion: Motion,
-    track: Path,
-    tau: DoubleWord,
-    edges: Array,
-    x: Crossings,
+    num_taps: int, profile: AbstractPiecewiseShutter, tau: DoubleWord, track: Path, x: Crossings
 ) -> tuple[tuple[Array, Array], Array]:
     """Light of the cells that start at breakpoints, and their arms and taps."""
     breakpoint = jnp.arange(1, tau.high.size - 1, dtype=jnp.int32)
@@ -243,7 +238,7 @@ def _from_breakpoints(
     edge = jax.vmap(search)(outwards, jnp.where(AFTER, breakpoint, 1 - breakpoint))
     edge = jnp.where(is_after, edge[1], edge[0])
     end = arm, jnp.clip(edge, 1, num_taps)
-    there = x.part(end).moving(motion, track.from_vertex, edges[end[1]], tau.high)
+    there = x.part(end).by_breakpoints(tau.high)
     piece = breakpoint - 1 + arm
     length = at(lengths(profile.equal_pieces, tau), piece)
     width = jnp.where(there.piece == piece, there.inner(is_after, length), length)

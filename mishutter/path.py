@@ -82,7 +82,7 @@ def speed_at(track: Path, edges: DoubleWord) -> Array:
     r"""$|u| = \sqrt{B^2 + 4Ax}$ at positions on the path, 0 beyond the vertex.
 
     Counted from a vertex that is near, $|u| = \sqrt{4A(x - x_v)}$ loses nothing. It is a
-    value alone: see `moving_speed` for derivatives.
+    value alone: see `speed_change` for derivatives.
     """
     near = track.from_vertex | (4 * track.stroke >= jnp.abs(track.smear))
     origin = [jnp.where(near, x, 0.0) for x in track.vertex]
@@ -91,21 +91,19 @@ def speed_at(track: Path, edges: DoubleWord) -> Array:
     return jax.lax.stop_gradient(jnp.sqrt(jnp.maximum(square, 0.0)))
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def moving_speed(from_vertex: bool, speed: Array, motion: Motion, edge: Array) -> Array:
-    """A `speed` at an edge, with the derivative that it has, given as 0 at the vertex."""
-    return speed
+def speed_change(
+    from_vertex: bool, motion: Motion, edge: Array, speed: Array, by_motion: Motion, dedge: Array
+) -> Array:
+    r"""By how much changes of the motion, and of an edge, change the `speed` there.
 
-
-@moving_speed.defjvp
-def _moving_speed_jvp(from_vertex, primals, tangents):
-    r"""From $(u/T)^2 = s^2 + 4ax$: written so, change of $T$ meets no cancellation."""
-    speed, (a, T, s), edge = primals
-    _, (da, dT, ds), dedge = tangents
+    From $(u/T)^2 = s^2 + 4ax$: written so, change of $T$ meets no cancellation. At the vertex
+    it is given as 0.
+    """
+    (a, T, s), (da, dT, ds) = motion, by_motion
     square = 4 * (a * dedge + edge * da) + (0.0 if from_vertex else 2 * s * ds)
     moving = speed > 0
     change = T * T * square / jnp.where(moving, 2 * speed, 1.0)
-    return speed, speed * (dT / T) + jnp.where(moving, change, 0.0)
+    return speed * (dT / T) + jnp.where(moving, change, 0.0)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
