@@ -46,7 +46,7 @@ _REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
 """Length of a path, in px, below which its squares underflow and it counts as a point."""
 
 _FEW_TAPS = 512
-"""Number of taps below which the search for an edge is unrolled: its steps are then few."""
+"""Number of taps up to which comparing with all is as quick as a search, and compiled sooner."""
 
 
 def blur_kernel(
@@ -191,11 +191,9 @@ def _light(
     """
     x = crossings(profile.equal_pieces, track, tau, edges, at_rest)
     known, near = jax.lax.stop_gradient((profile, brought_near(edges, track, at_rest)))
-    near, speed = DoubleWord(near.high[None], near.low[None]), x.velocity[1:]
-    begin, end = (DoubleWord(near.high[k], near.low[k]) for k in parts(num_taps))
-    gap = distance(end, begin)
-    u, v = (speed[k] for k in parts(num_taps))
-    within = time_between(gap, u, v, track.stroke)
+    begin, end = (DoubleWord(near.high[k], near.low[k]) for _, k in parts(num_taps))
+    gap, (u, v) = distance(end, begin), (x.velocity[1][k] for _, k in parts(num_taps))
+    within = time_between(gap, u, v, track.stroke)[None]
     is_held = x.is_held(tau.high.size - 1)
     held_here, held_there = (is_held[k] for k in parts(num_taps))
 
@@ -209,7 +207,7 @@ def _light(
     if tau.high.size > 2:
         cell, more = _from_breakpoints(num_taps, profile, tau, track, x)
         light = light.at[cell].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
-    taps = Taps(known, x, near.high, gap, within, is_held, is_inside)
+    taps = Taps(known, x, near.high[None], gap[None], within, is_held, is_inside)
     light = _of_both_arms(light)
     return moving(light, motion, edges.high, from_vertex=track.from_vertex, taps=taps)
 
@@ -232,11 +230,8 @@ def _from_breakpoints(
     breakpoint = jnp.arange(1, tau.high.size - 1, dtype=jnp.int32)
     is_after = track.velocity[1:-1] >= 0
     arm = is_after.astype(jnp.int32)
-    # Outwards, on either arm, this ascends.
     outwards = jnp.where(AFTER, x.piece, -x.piece)
-    search = partial(jnp.searchsorted, method="scan_unrolled" if num_taps < _FEW_TAPS else "scan")
-    edge = jax.vmap(search)(outwards, jnp.where(AFTER, breakpoint, 1 - breakpoint))
-    edge = jnp.where(is_after, edge[1], edge[0])
+    edge = _num_below(outwards, is_after, jnp.where(is_after, breakpoint, 1 - breakpoint))
     end = arm, jnp.clip(edge, 1, num_taps)
     there = x.part(end).by_breakpoints(tau.high)
     piece = breakpoint - 1 + arm
@@ -245,6 +240,16 @@ def _from_breakpoints(
     start = there._replace(piece=piece, from_left=is_after, offset=jnp.zeros_like(width))
     light = _cell_light(profile, start, is_after, width)
     return (arm, end[1] - 1), jnp.where((edge > 0) & (edge <= num_taps), light, 0.0)
+
+
+def _num_below(rows: Array, is_second: Array, value: Array) -> Array:
+    """How many entries of one of two ascending rows are below each value; shape of `value`."""
+    if rows.shape[1] <= _FEW_TAPS:
+        row = jnp.where(is_second[:, None], rows[1:], rows[:1])
+        return jnp.sum(row < value[:, None], axis=1, dtype=jnp.int32)
+    search = partial(jnp.searchsorted, v=value, method="scan")
+    first, second = jax.vmap(search)(rows)
+    return jnp.where(is_second, second, first)
 
 
 def _cell_light(profile, start: Crossings, is_after: ArrayLike, width: Array) -> Array:
