@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter.doubleword import DoubleWord
-from mishutter.path import Motion, Path, once, speed_at
+from mishutter.path import Motion, Path, once, passing, speed_at
 
 _LATE = 2.0
 """In units of tau: after all exposure, but near enough to be multiplied by anything."""
@@ -68,24 +68,22 @@ class Crossings(NamedTuple):
         return jnp.where(is_near, time, length - time)
 
 
-def crossings(
-    equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord, at_rest: Array
-) -> Crossings:
+def crossings(equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord) -> Crossings:
     """Crossings of `edges`, of shape `(n + 1,)`, with those far away `brought_near`.
 
-    They are values alone: see `moment_change` for derivatives.
+    They are values alone, of the motion as given: see `moment_change` for derivatives.
     """
 
-    def locate(stroke, smear, table, *others):
-        return _located(equal_pieces, Path(stroke, smear, table, track.from_vertex), *others)
+    def locate(motion, table, *others):
+        moving, at_rest = passing(motion)
+        return _located(equal_pieces, Path(moving, table, track.from_vertex), at_rest, *others)
 
     # What a crossing is looked up by is worked out once, not for each thing looked up.
-    known = (track.stroke, track.smear, track.table, tau, edges, at_rest)
-    return once(locate, *jax.lax.stop_gradient(known))
+    return once(locate, *jax.lax.stop_gradient((track.motion, track.table, tau, edges)))
 
 
 def _located(
-    equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord, at_rest: Array
+    equal_pieces: bool, track: Path, at_rest: Array, tau: DoubleWord, edges: DoubleWord
 ) -> Crossings:
     edge = brought_near(DoubleWord(edges.high[None], edges.low[None]), track, at_rest)
     speed = speed_at(track, edge)

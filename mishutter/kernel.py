@@ -28,7 +28,7 @@ from mishutter.arms import (
 from mishutter.compiling import quick_to_compile
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
-from mishutter.path import Motion, Path, path
+from mishutter.path import Motion, Path, passing, path_of_light
 from mishutter.rates import Taps, moving, parts
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter, within_unit
 from mishutter.shutters.sampled import piecewise
@@ -41,9 +41,6 @@ from mishutter.types import (
     require_positive_int,
     require_scalar,
 )
-
-_REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
-"""Length of a path, in px, below which its squares underflow and it counts as a point."""
 
 _FEW_TAPS = 512
 """Number of taps up to which comparing with all is as quick as a search, and compiled sooner."""
@@ -129,7 +126,7 @@ def binned_exposure(
     row = jnp.asarray(edges, dtype)
     num_taps = row.size - 1
     row = jnp.pad(row, (0, row.size % 2), mode="edge")
-    ends = DoubleWord(row, jnp.zeros_like(row))
+    ends = DoubleWord(row, jnp.zeros(1, dtype))
     return _exposure(num_taps, shutter, motion, jnp.asarray(speed, dtype), ends, from_vertex=False)
 
 
@@ -168,28 +165,28 @@ def _exposure(
     profile = piecewise(shutter)
     a = motion.acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
-    at_rest = jnp.abs(a * T * T) + jnp.abs(speed * T) < _REST[np.dtype(speed.dtype)]
-    a, speed = jnp.where(at_rest, 0.0, a), jnp.where(at_rest, 1.0, speed)
     tau = profile.breakpoints(np.dtype(speed.dtype))
-    track = path(*jax.lax.stop_gradient((a, T, speed, tau)), from_vertex=from_vertex)
-    return _light(num_taps, profile, (a, T, speed), track, tau, edges, at_rest) / 2
+    return _light(num_taps, profile, (a, T, speed), tau, edges, from_vertex) / 2
 
 
 def _light(
     num_taps: int,
     profile: AbstractPiecewiseShutter,
     motion: Motion,
-    track: Path,
     tau: DoubleWord,
     edges: DoubleWord,
-    at_rest: Array,
+    from_vertex: bool,
 ) -> Array:
     """Light of both arms of the path between edges, in units of tau; shape `(n,)`.
 
     Edges and breakpoints cut an arm into cells, each in one tap and in one piece. One
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
-    x = crossings(profile.equal_pieces, track, tau, edges, at_rest)
+    given, fixed = jax.lax.stop_gradient((motion, tau))
+    track = path_of_light(given, fixed, from_vertex=from_vertex)
+    x = crossings(profile.equal_pieces, track, tau, edges)
+    motion, at_rest = passing(motion)
+    track = track._replace(motion=passing(given)[0])
     known, near = jax.lax.stop_gradient((profile, brought_near(edges, track, at_rest)))
     begin, end = (DoubleWord(near.high[k], near.low[k]) for _, k in parts(num_taps))
     gap, (u, v) = distance(end, begin), (x.velocity[1][k] for _, k in parts(num_taps))
@@ -209,7 +206,7 @@ def _light(
         light = light.at[cell].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
     taps = Taps(known, x, near.high[None], gap[None], within, is_held, is_inside)
     light = _of_both_arms(light)
-    return moving(light, motion, edges.high, from_vertex=track.from_vertex, taps=taps)
+    return moving(light, motion, edges.high, from_vertex=from_vertex, taps=taps)
 
 
 @jax.custom_jvp

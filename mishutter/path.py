@@ -32,17 +32,39 @@ from mishutter.doubleword import (
 Motion = tuple[Array, Array, Array]
 """Acceleration parameter, px/s^2, half exposure, s, and object speed, px/s; scalars."""
 
+_REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
+"""Length of a path, in px, below which its squares underflow and it counts as a point."""
+
+
+def passing(motion: Motion) -> tuple[Motion, Array]:
+    """A motion, at a speed of 1 px/s in place of rest; and whether it is at rest."""
+    a, T, s = motion
+    at_rest = jnp.abs(a * T * T) + jnp.abs(s * T) < _REST[np.dtype(s.dtype)]
+    return (jnp.where(at_rest, 0.0, a), T, jnp.where(at_rest, 1.0, s)), at_rest
+
 
 class Path(NamedTuple):
     """Where a point is, and how fast, at each breakpoint of the shutter; lengths in px.
 
-    The rows of `table` are kept together so that they are worked out together.
+    The rows of `table` are kept together so that they are worked out together; the other
+    numbers anew wherever they are used, which costs less than to keep them.
     """
 
-    stroke: Array
-    smear: Array
+    motion: Motion
     table: Array
     from_vertex: bool
+
+    @property
+    def stroke(self) -> Array:
+        """How far the sensor goes from mid-exposure to either end, px."""
+        a, T, _ = self.motion
+        return a * T * T
+
+    @property
+    def smear(self) -> Array:
+        """How far the object goes in half an exposure, px."""
+        _, T, s = self.motion
+        return s * T
 
     @property
     def velocity(self) -> Array:
@@ -75,7 +97,16 @@ def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) ->
     Positions count from the vertex if `from_vertex`, else from where the point is at
     mid-exposure.
     """
-    return Path(a * T * T, s * T, _table(from_vertex, a, T, s, *tau), from_vertex)
+    return Path((a, T, s), _table(from_vertex, a, T, s, *tau), from_vertex)
+
+
+def path_of_light(motion: Motion, tau: DoubleWord, *, from_vertex: bool) -> Path:
+    """The path of a point that is `passing` if at rest; a value alone, of the motion as given."""
+
+    def table(motion, tau):
+        return _table_exact(from_vertex, *passing(motion)[0], *tau)
+
+    return Path(motion, once(table, motion, tau), from_vertex)
 
 
 def speed_at(track: Path, edges: DoubleWord) -> Array:
