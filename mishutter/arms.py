@@ -79,12 +79,14 @@ def crossings(equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWor
         return _located(equal_pieces, Path(moving, table, track.from_vertex), at_rest, *others)
 
     # What a crossing is looked up by is worked out once, not for each thing looked up.
-    return once(locate, *jax.lax.stop_gradient((track.motion, track.table, tau, edges)))
+    x = once(locate, *jax.lax.stop_gradient((track.motion, track.table, tau, edges)))
+    return x._replace(velocity=jnp.where(AFTER, x.velocity, -x.velocity))
 
 
 def _located(
     equal_pieces: bool, track: Path, at_rest: Array, tau: DoubleWord, edges: DoubleWord
 ) -> Crossings:
+    """Crossings with their speed, which is that of both arms, in place of the velocity."""
     edge = brought_near(DoubleWord(edges.high[None], edges.low[None]), track, at_rest)
     speed = speed_at(track, edge)
     velocity = jnp.where(AFTER, speed, -speed)
@@ -102,7 +104,7 @@ def _located(
     piece = jnp.zeros_like(nearest) if last == 1 else nearest - 1 + from_left.astype(jnp.int32)
     length = at(lengths(equal_pieces, tau), piece)
     inside = jnp.clip(offset, jnp.where(from_left, 0.0, -length), jnp.where(from_left, length, 0.0))
-    return Crossings(piece, from_left, inside, nearest, moment, velocity)
+    return Crossings(piece, from_left, inside, nearest, moment, speed)
 
 
 def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
