@@ -182,11 +182,12 @@ def _light(
     Edges and breakpoints cut an arm into cells, each in one tap and in one piece. One
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
+    # Values alone: derivatives by the motion and the edges are put on at the end.
     given, fixed = jax.lax.stop_gradient((motion, tau))
     track = path_of_light(given, fixed, from_vertex=from_vertex)
-    x = crossings(profile.equal_pieces, track, tau, edges)
-    motion, at_rest = passing(motion)
-    track = track._replace(motion=passing(given)[0])
+    x = crossings(profile.equal_pieces, track, fixed, edges)
+    (motion, at_rest), (given, _) = passing(motion), passing(given)
+    track = track._replace(motion=given)
     known, near = jax.lax.stop_gradient((profile, brought_near(edges, track, at_rest)))
     begin, end = (DoubleWord(near.high[k], near.low[k]) for _, k in parts(num_taps))
     gap, (u, v) = distance(end, begin), (x.velocity[1][k] for _, k in parts(num_taps))

@@ -51,7 +51,7 @@ def parts(num_taps: int) -> tuple[tuple[slice, slice], ...]:
 
 @eqx.filter_custom_jvp
 def moving(light: Array, motion: Motion, edges: Array, *, from_vertex: bool, taps: Taps) -> Array:
-    """Light of taps, `(n,)`, with its derivative by the motion and by the edges as well."""
+    """Light of taps, `(n,)`, with its first derivatives by the motion and the edges as well."""
     return light
 
 
@@ -60,6 +60,8 @@ def _moving_jvp(primals, tangents, *, from_vertex, taps):
     light, motion, _ = primals
     change, by_motion, by_edges = tangents
     steps = {i: step for i, step in enumerate(by_motion or ()) if step is not None}
+    if not steps and by_edges is None:
+        return light, change
     units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(light.dtype)
     rates = _rates(from_vertex, motion, taps, units)
     changes = [] if change is None else [change]
