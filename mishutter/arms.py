@@ -48,7 +48,7 @@ class Crossings(NamedTuple):
     def by_breakpoints(self, tau: Array) -> "Crossings":
         """The same, with the derivative of the offset by the breakpoints."""
         held = self.is_held(tau.size - 1)
-        return self._replace(offset=_counted_from(at(tau, self.nearest), self.offset, held))
+        return self._replace(offset=counted_from(at(tau, self.nearest), self.offset, held))
 
     def is_held(self, num_pieces: int) -> Array:
         """Whether a crossing is at an end of the exposure."""
@@ -144,40 +144,67 @@ def at(values: Array, index: Array) -> Array:
 
 
 @jax.custom_jvp
-def _counted_from(origin: Array, offset: Array, held: Array) -> Array:
+def counted_from(origin: Array, offset: Array, held: Array) -> Array:
     """An `offset` with its derivative by the `origin` that it is from."""
     return offset
 
 
-@_counted_from.defjvp
+@counted_from.defjvp
 def _counted_from_jvp(primals, tangents):
     _, offset, held = primals
     return offset, jnp.where(held, 0.0, -tangents[0])
 
 
+def drift_change(motion: Motion, by_motion: Motion) -> Array:
+    """By how much changes of the motion move the vertex of a slow object's path in time.
+
+    All crossings move by it. It is kept apart because the arms see it from opposite sides,
+    and what it does to their light all but cancels.
+    """
+    (a, T, s), (da, dT, ds) = motion, by_motion
+    slow = _is_slow(motion)
+    bend = jnp.where(slow, 1 / jnp.where(slow, 2 * a, 1.0), 0.0)
+    vertex = bend * jnp.where(slow, s, 0.0)
+    return (bend * (ds - 2 * vertex * da) - vertex * (dT / T)) / T
+
+
 def moment_change(
-    from_vertex: bool, motion: Motion, x: Crossings, held: Array, by_motion: Motion, dedge: Array
+    from_vertex: bool,
+    motion: Motion,
+    x: Crossings,
+    mirrored: Array,
+    by_motion: Motion,
+    dedge: Array,
 ) -> Array:
-    """By how much changes of the motion, and of its edge, move a crossing in time."""
+    """By how much changes of the motion, and of its edge, move a crossing in time.
+
+    What is common to all crossings of a slow object, the `drift_change`, is left out.
+    `mirrored` is that of the breakpoint which the crossing is nearest to.
+    """
     (a, T, s), (da, dT, ds) = motion, by_motion
     velocity, tau = x.velocity, x.moment
+    slow = _is_slow(motion)
     reaches = (a > 0) & (from_vertex | (4 * a * T >= jnp.abs(s)))
     rate = jnp.where(reaches, 2 * a, 1.0)
     bend, vertex = jnp.where(reaches, 1 / rate, 0.0), jnp.where(reaches, s / rate, 0.0)
-    near = reaches & (from_vertex | (jnp.abs(vertex) < T / 16))
 
-    def scaled(change, tau):
-        return change / T - tau * (dT / T)
-
-    # Near the vertex a moment moves with it, and as the edge does from it; elsewhere as the
-    # edge does from where the point was. So the arms of a slow object cancel exactly.
-    t = T * tau
-    pivot = jnp.zeros_like(t) if from_vertex else jnp.where(near, vertex, t)
+    # Near the vertex a moment moves as the edge does from it, and with it, which for a slow
+    # object is its drift; elsewhere as the edge does from where the point was.
+    pivot = jnp.zeros_like(tau) if from_vertex else jnp.where(slow, vertex, T * tau)
     moves = velocity != 0
     along = (dedge + pivot * (ds - pivot * da)) * T / jnp.where(moves, velocity, 1.0)
-    change = jnp.where(near, bend * (ds - (t + vertex) * da), 0.0) + along
-    with_vertex = scaled(bend * (ds - 2 * vertex * da), vertex / T)
-    return jnp.where(held, 0.0, jnp.where(moves, scaled(change, tau), with_vertex))
+    # The moment and that of the vertex may cancel: their sum is counted from the breakpoint.
+    apart = bend * (velocity / T)
+    beyond = jnp.where(slow, apart, bend * (mirrored / T) + T * x.offset)
+    turn = bend * (jnp.where(slow, 0.0, ds) - beyond * da)
+    change = jnp.where(slow | from_vertex | ~moves, turn, 0.0) + jnp.where(moves, along, 0.0)
+    return change / T - jnp.where(slow, apart / T, tau) * (dT / T)
+
+
+def _is_slow(motion: Motion) -> Array:
+    """Whether the vertex is so near mid-exposure that crossings are timed from it."""
+    a, T, s = motion
+    return (a > 0) & (jnp.abs(s) < a * T / 8)
 
 
 def time_between(

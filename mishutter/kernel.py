@@ -20,6 +20,7 @@ from mishutter.arms import (
     Crossings,
     at,
     brought_near,
+    counted_from,
     crossings,
     distance,
     lengths,
@@ -29,7 +30,7 @@ from mishutter.compiling import quick_to_compile
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
 from mishutter.path import Motion, Path, passing, path_of_light
-from mishutter.rates import Taps, moving, parts
+from mishutter.rates import Cells, Taps, moving, moving_breakpoints, parts
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter, within_unit
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import (
@@ -194,18 +195,21 @@ def _light(
     within = time_between(gap, u, v, track.stroke)[None]
     is_held = x.is_held(tau.high.size - 1)
     held_here, held_there = (is_held[k] for k in parts(num_taps))
+    is_free = ~(held_here | held_there)
 
     here, there = (x.part(k).by_breakpoints(tau.high) for k in parts(num_taps))
     length = at(lengths(profile.equal_pieces, tau), here.piece)
     whole = here.piece == there.piece
-    is_inside = whole & ~(held_here | held_there)
     entered = there.inner(AFTER, length) - here.inner(AFTER, length)
     width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
-    light = _cell_light(profile, here, AFTER, jnp.where(is_inside, within, width))
+    width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(whole, within, width)), width)
+    light, cut = _cell_light(profile, here, AFTER, width), None
     if tau.high.size > 2:
-        cell, more = _from_breakpoints(num_taps, profile, tau, track, x)
-        light = light.at[cell].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
-    taps = Taps(known, x, near.high[None], gap[None], within, is_held, is_inside)
+        cut, more = _from_breakpoints(num_taps, profile, tau, track, x, is_free)
+        light = light.at[cut.place].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
+    mirrored = at(track.mirrored, x.nearest)
+    taps = Taps(known, x, mirrored, near.high[None], gap[None], width, is_held, cut)
+    taps = jax.lax.stop_gradient(taps)
     light = _of_both_arms(light)
     return moving(light, motion, edges.high, from_vertex=from_vertex, taps=taps)
 
@@ -222,22 +226,35 @@ def _of_both_arms_jvp(primals, tangents):
 
 
 def _from_breakpoints(
-    num_taps: int, profile: AbstractPiecewiseShutter, tau: DoubleWord, track: Path, x: Crossings
-) -> tuple[tuple[Array, Array], Array]:
-    """Light of the cells that start at breakpoints, and their arms and taps."""
+    num_taps: int,
+    profile: AbstractPiecewiseShutter,
+    tau: DoubleWord,
+    track: Path,
+    x: Crossings,
+    is_free: Array,
+) -> tuple[Cells, Array]:
+    """Cells that start at breakpoints, and their light."""
     breakpoint = jnp.arange(1, tau.high.size - 1, dtype=jnp.int32)
     is_after = track.velocity[1:-1] >= 0
     arm = is_after.astype(jnp.int32)
     outwards = jnp.where(AFTER, x.piece, -x.piece)
     edge = _num_below(outwards, is_after, jnp.where(is_after, breakpoint, 1 - breakpoint))
+    exists = (edge > 0) & (edge <= num_taps)
     end = arm, jnp.clip(edge, 1, num_taps)
-    there = x.part(end).by_breakpoints(tau.high)
+    place = arm, end[1] - 1
+    there, moves = x.part(end).by_breakpoints(tau.high), is_free[place]
     piece = breakpoint - 1 + arm
     length = at(lengths(profile.equal_pieces, tau), piece)
     width = jnp.where(there.piece == piece, there.inner(is_after, length), length)
-    start = there._replace(piece=piece, from_left=is_after, offset=jnp.zeros_like(width))
+    width = jnp.where(moves, jax.lax.stop_gradient(width), width)
+    # Under `vmap` JAX takes a value to be as batched as its derivative is.
+    begins = counted_from(tau.high[1:-1], jnp.where(moves, jnp.zeros_like(width), 0.0), ~moves)
+    start = there._replace(piece=piece, from_left=is_after, offset=begins)
     light = _cell_light(profile, start, is_after, width)
-    return (arm, end[1] - 1), jnp.where((edge > 0) & (edge <= num_taps), light, 0.0)
+    known = jax.lax.stop_gradient(profile)
+    light = moving_breakpoints(light, tau.high[1:-1], profile=known, moves=moves)
+    cells = Cells(place, exists, start, is_after, width)
+    return cells, jnp.where(exists, light, 0.0)
 
 
 def _num_below(rows: Array, is_second: Array, value: Array) -> Array:

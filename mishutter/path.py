@@ -72,6 +72,11 @@ class Path(NamedTuple):
         return self.table[0]
 
     @property
+    def mirrored(self) -> Array:
+        r"""$2A\tau + B$ at breakpoints: how far from 0 their mirror images move; a value alone."""
+        return self.table[5]
+
+    @property
     def position(self) -> DoubleWord:
         """Position at breakpoints."""
         return DoubleWord(self.table[1], self.table[2])
@@ -169,10 +174,11 @@ def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
 
     linear = multiply(stroke, DoubleWord(tau_high, tau_low))
     velocity = (2 * linear.high - smear.high) + (2 * linear.low - smear.low)
+    mirrored = (2 * linear.high + smear.high) + (2 * linear.low + smear.low)
     position = multiply(DoubleWord(tau_high, tau_low), add(linear, negate(smear)))
     if from_vertex:
         position = add(position, rise)
-    return _rows(velocity, *position, *rise)
+    return _rows(velocity, *position, *rise, mirrored)
 
 
 def _rows(*rows):
@@ -197,7 +203,7 @@ def _table_jvp(from_vertex, primals, tangents):
         else:
             position = tau * (stroke * tau - smear)
         nothing = jnp.zeros_like(tau)
-        return jnp.stack([velocity, position, nothing, rise, nothing])
+        return jnp.stack([velocity, position, nothing, rise, nothing, nothing])
 
     return exact, jax.jvp(plain, primals, tangents)[1]
 
