@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter.doubleword import DoubleWord
-from mishutter.path import Motion, Path, once, speed_at
+from mishutter.path import Motion, Path, once, passing, speed_at
 
 _LATE = 2.0
 """In units of tau: after all exposure, but near enough to be multiplied by anything."""
@@ -45,12 +45,10 @@ class Crossings(NamedTuple):
         """Those of some arms and edges."""
         return Crossings(*(x[which] for x in self))
 
-    def moving(self, motion: Motion, from_vertex: bool, edge: Array, tau: Array) -> "Crossings":
-        """The same, with the derivative of the offset by what moves a crossing of `edge`."""
-        rest = jax.lax.stop_gradient((self.offset, self.velocity, self.moment))
+    def by_breakpoints(self, tau: Array) -> "Crossings":
+        """The same, with the derivative of the offset by the breakpoints."""
         held = self.is_held(tau.size - 1)
-        origin = at(tau, self.nearest)
-        return self._replace(offset=_timed(from_vertex, motion, edge, origin, (*rest, held)))
+        return self._replace(offset=counted_from(at(tau, self.nearest), self.offset, held))
 
     def is_held(self, num_pieces: int) -> Array:
         """Whether a crossing is at an end of the exposure."""
@@ -70,25 +68,25 @@ class Crossings(NamedTuple):
         return jnp.where(is_near, time, length - time)
 
 
-def crossings(
-    equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord, at_rest: Array
-) -> Crossings:
+def crossings(equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord) -> Crossings:
     """Crossings of `edges`, of shape `(n + 1,)`, with those far away `brought_near`.
 
-    They are values alone: see `Crossings.moving` for derivatives.
+    They are values alone, of the motion as given: see `moment_change` for derivatives.
     """
 
-    def locate(stroke, smear, table, *others):
-        return _located(equal_pieces, Path(stroke, smear, table, track.from_vertex), *others)
+    def locate(motion, table, *others):
+        moving, at_rest = passing(motion)
+        return _located(equal_pieces, Path(moving, table, track.from_vertex), at_rest, *others)
 
     # What a crossing is looked up by is worked out once, not for each thing looked up.
-    known = (track.stroke, track.smear, track.table, tau, edges, at_rest)
-    return once(locate, *jax.lax.stop_gradient(known))
+    x = once(locate, *jax.lax.stop_gradient((track.motion, track.table, tau, edges)))
+    return x._replace(velocity=jnp.where(AFTER, x.velocity, -x.velocity))
 
 
 def _located(
-    equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord, at_rest: Array
+    equal_pieces: bool, track: Path, at_rest: Array, tau: DoubleWord, edges: DoubleWord
 ) -> Crossings:
+    """Crossings with their speed, which is that of both arms, in place of the velocity."""
     edge = brought_near(DoubleWord(edges.high[None], edges.low[None]), track, at_rest)
     speed = speed_at(track, edge)
     velocity = jnp.where(AFTER, speed, -speed)
@@ -106,7 +104,7 @@ def _located(
     piece = jnp.zeros_like(nearest) if last == 1 else nearest - 1 + from_left.astype(jnp.int32)
     length = at(lengths(equal_pieces, tau), piece)
     inside = jnp.clip(offset, jnp.where(from_left, 0.0, -length), jnp.where(from_left, length, 0.0))
-    return Crossings(piece, from_left, inside, nearest, moment, velocity)
+    return Crossings(piece, from_left, inside, nearest, moment, speed)
 
 
 def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
@@ -145,34 +143,68 @@ def at(values: Array, index: Array) -> Array:
     return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _timed(from_vertex, motion, edge, origin, values):
-    """The first of `values`, with the derivative of the moment it leads to from `origin`."""
-    return values[0]
+@jax.custom_jvp
+def counted_from(origin: Array, offset: Array, held: Array) -> Array:
+    """An `offset` with its derivative by the `origin` that it is from."""
+    return offset
 
 
-@_timed.defjvp
-def _timed_jvp(from_vertex, primals, tangents):
-    (a, T, s), _, _, (offset, velocity, tau, held) = primals
-    (da, dT, ds), dedge, dorigin, _ = tangents
+@counted_from.defjvp
+def _counted_from_jvp(primals, tangents):
+    _, offset, held = primals
+    return offset, jnp.where(held, 0.0, -tangents[0])
+
+
+def drift_change(motion: Motion, by_motion: Motion) -> Array:
+    """By how much changes of the motion move the vertex of a slow object's path in time.
+
+    All crossings move by it. It is kept apart because the arms see it from opposite sides,
+    and what it does to their light all but cancels.
+    """
+    (a, T, s), (da, dT, ds) = motion, by_motion
+    slow = _is_slow(motion)
+    bend = jnp.where(slow, 1 / jnp.where(slow, 2 * a, 1.0), 0.0)
+    vertex = bend * jnp.where(slow, s, 0.0)
+    return (bend * (ds - 2 * vertex * da) - vertex * (dT / T)) / T
+
+
+def moment_change(
+    from_vertex: bool,
+    motion: Motion,
+    x: Crossings,
+    mirrored: Array,
+    by_motion: Motion,
+    dedge: Array,
+) -> Array:
+    """By how much changes of the motion, and of its edge, move a crossing in time.
+
+    What is common to all crossings of a slow object, the `drift_change`, is left out.
+    `mirrored` is that of the breakpoint which the crossing is nearest to.
+    """
+    (a, T, s), (da, dT, ds) = motion, by_motion
+    velocity, tau = x.velocity, x.moment
+    slow = _is_slow(motion)
     reaches = (a > 0) & (from_vertex | (4 * a * T >= jnp.abs(s)))
     rate = jnp.where(reaches, 2 * a, 1.0)
     bend, vertex = jnp.where(reaches, 1 / rate, 0.0), jnp.where(reaches, s / rate, 0.0)
-    near = reaches & (from_vertex | (jnp.abs(vertex) < T / 16))
 
-    def scaled(change, tau):
-        return change / T - tau * (dT / T)
-
-    # Near the vertex a moment moves with it, and as the edge does from it; elsewhere as the
-    # edge does from where the point was. So the arms of a slow object cancel exactly.
-    t = T * tau
-    pivot = jnp.zeros_like(t) if from_vertex else jnp.where(near, vertex, t)
+    # Near the vertex a moment moves as the edge does from it, and with it, which for a slow
+    # object is its drift; elsewhere as the edge does from where the point was.
+    pivot = jnp.zeros_like(tau) if from_vertex else jnp.where(slow, vertex, T * tau)
     moves = velocity != 0
     along = (dedge + pivot * (ds - pivot * da)) * T / jnp.where(moves, velocity, 1.0)
-    change = jnp.where(near, bend * (ds - (t + vertex) * da), 0.0) + along
-    with_vertex = scaled(bend * (ds - 2 * vertex * da), vertex / T)
-    change = jnp.where(moves, scaled(change, tau), with_vertex)
-    return offset, jnp.where(held, 0.0, change - dorigin)
+    # The moment and that of the vertex may cancel: their sum is counted from the breakpoint.
+    apart = bend * (velocity / T)
+    beyond = jnp.where(slow, apart, bend * (mirrored / T) + T * x.offset)
+    turn = bend * (jnp.where(slow, 0.0, ds) - beyond * da)
+    change = jnp.where(slow | from_vertex | ~moves, turn, 0.0) + jnp.where(moves, along, 0.0)
+    return change / T - jnp.where(slow, apart / T, tau) * (dT / T)
+
+
+def _is_slow(motion: Motion) -> Array:
+    """Whether the vertex is so near mid-exposure that crossings are timed from it."""
+    a, T, s = motion
+    return (a > 0) & (jnp.abs(s) < a * T / 8)
 
 
 def time_between(

@@ -20,6 +20,7 @@ from mishutter.arms import (
     Crossings,
     at,
     brought_near,
+    counted_from,
     crossings,
     distance,
     lengths,
@@ -28,7 +29,8 @@ from mishutter.arms import (
 from mishutter.compiling import seldom_run
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
-from mishutter.path import Motion, Path, moving_speed, path
+from mishutter.path import Motion, Path, passing, path_of_light
+from mishutter.rates import Cells, Taps, moving, moving_breakpoints, parts
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter, within_unit
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import (
@@ -41,11 +43,8 @@ from mishutter.types import (
     require_scalar,
 )
 
-_REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
-"""Length of a path, in px, below which its squares underflow and it counts as a point."""
-
 _FEW_TAPS = 512
-"""Number of taps below which the search for an edge is unrolled: its steps are then few."""
+"""Number of taps up to which comparing with all is as quick as a search, and compiled sooner."""
 
 
 def blur_kernel(
@@ -128,7 +127,7 @@ def binned_exposure(
     row = jnp.asarray(edges, dtype)
     num_taps = row.size - 1
     row = jnp.pad(row, (0, row.size % 2), mode="edge")
-    ends = DoubleWord(row, jnp.zeros_like(row))
+    ends = DoubleWord(row, jnp.zeros(1, dtype))
     return _exposure(num_taps, shutter, motion, jnp.asarray(speed, dtype), ends, from_vertex=False)
 
 
@@ -167,50 +166,52 @@ def _exposure(
     profile = piecewise(shutter)
     a = motion.acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
-    at_rest = jnp.abs(a * T * T) + jnp.abs(speed * T) < _REST[np.dtype(speed.dtype)]
-    a, speed = jnp.where(at_rest, 0.0, a), jnp.where(at_rest, 1.0, speed)
     tau = profile.breakpoints(np.dtype(speed.dtype))
-    track = path(*jax.lax.stop_gradient((a, T, speed, tau)), from_vertex=from_vertex)
-    return _light(num_taps, profile, (a, T, speed), track, tau, edges, at_rest) / 2
+    return _light(num_taps, profile, (a, T, speed), tau, edges, from_vertex) / 2
 
 
 def _light(
     num_taps: int,
     profile: AbstractPiecewiseShutter,
     motion: Motion,
-    track: Path,
     tau: DoubleWord,
     edges: DoubleWord,
-    at_rest: Array,
+    from_vertex: bool,
 ) -> Array:
     """Light of both arms of the path between edges, in units of tau; shape `(n,)`.
 
     Edges and breakpoints cut an arm into cells, each in one tap and in one piece. One
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
-    a, T, _ = motion
-    x = crossings(profile.equal_pieces, track, tau, edges, at_rest)
-    edges, speed = brought_near(edges, track, at_rest), x.velocity[1]
-    parts = slice(0, num_taps), slice(1, num_taps + 1)
-    # Cells get derivatives at their two ends apart: no rows are shifted and added in reverse.
-    here, there = (
-        x.part((slice(None), k)).moving(motion, track.from_vertex, edges.high[None, k], tau.high)
-        for k in parts
-    )
-    u, v = (moving_speed(track.from_vertex, speed[k], motion, edges.high[k]) for k in parts)
-    begin, end = (DoubleWord(edges.high[k], edges.low[k]) for k in parts)
-    within = time_between(distance(end, begin), u, v, a * T * T)[None]
+    # Values alone: derivatives by the motion and the edges are put on at the end.
+    given, fixed = jax.lax.stop_gradient((motion, tau))
+    track = path_of_light(given, fixed, from_vertex=from_vertex)
+    x = crossings(profile.equal_pieces, track, fixed, edges)
+    (motion, at_rest), (given, _) = passing(motion), passing(given)
+    track = track._replace(motion=given)
+    known, near = jax.lax.stop_gradient((profile, brought_near(edges, track, at_rest)))
+    begin, end = (DoubleWord(near.high[k], near.low[k]) for _, k in parts(num_taps))
+    gap, (u, v) = distance(end, begin), (x.velocity[1][k] for _, k in parts(num_taps))
+    within = time_between(gap, u, v, track.stroke)[None]
+    is_held = x.is_held(tau.high.size - 1)
+    held_here, held_there = (is_held[k] for k in parts(num_taps))
+    is_free = ~(held_here | held_there)
+
+    here, there = (x.part(k).by_breakpoints(tau.high) for k in parts(num_taps))
     length = at(lengths(profile.equal_pieces, tau), here.piece)
     whole = here.piece == there.piece
-    held_here, held_there = (y.is_held(tau.high.size - 1) for y in (here, there))
     entered = there.inner(AFTER, length) - here.inner(AFTER, length)
     width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
-    width = jnp.where(whole & ~(held_here | held_there), within, width)
-    light = _cell_light(profile, here, AFTER, width)
+    width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(whole, within, width)), width)
+    light, cut = _cell_light(profile, here, AFTER, width), None
     if tau.high.size > 2:
-        cell, more = _from_breakpoints(num_taps, profile, motion, track, tau, edges.high, x)
-        light = light.at[cell].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
-    return _of_both_arms(light)
+        cut, more = _from_breakpoints(num_taps, profile, tau, track, x, is_free)
+        light = light.at[cut.place].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
+    mirrored = at(track.mirrored, x.nearest)
+    taps = Taps(known, x, mirrored, near.high[None], gap[None], width, is_held, cut)
+    taps = jax.lax.stop_gradient(taps)
+    light = _of_both_arms(light)
+    return moving(light, motion, edges.high, from_vertex=from_vertex, taps=taps)
 
 
 @jax.custom_jvp
@@ -227,29 +228,43 @@ def _of_both_arms_jvp(primals, tangents):
 def _from_breakpoints(
     num_taps: int,
     profile: AbstractPiecewiseShutter,
-    motion: Motion,
-    track: Path,
     tau: DoubleWord,
-    edges: Array,
+    track: Path,
     x: Crossings,
-) -> tuple[tuple[Array, Array], Array]:
-    """Light of the cells that start at breakpoints, and their arms and taps."""
+    is_free: Array,
+) -> tuple[Cells, Array]:
+    """Cells that start at breakpoints, and their light."""
     breakpoint = jnp.arange(1, tau.high.size - 1, dtype=jnp.int32)
     is_after = track.velocity[1:-1] >= 0
     arm = is_after.astype(jnp.int32)
-    # Outwards, on either arm, this ascends.
     outwards = jnp.where(AFTER, x.piece, -x.piece)
-    search = partial(jnp.searchsorted, method="scan_unrolled" if num_taps < _FEW_TAPS else "scan")
-    edge = jax.vmap(search)(outwards, jnp.where(AFTER, breakpoint, 1 - breakpoint))
-    edge = jnp.where(is_after, edge[1], edge[0])
+    edge = _num_below(outwards, is_after, jnp.where(is_after, breakpoint, 1 - breakpoint))
+    exists = (edge > 0) & (edge <= num_taps)
     end = arm, jnp.clip(edge, 1, num_taps)
-    there = x.part(end).moving(motion, track.from_vertex, edges[end[1]], tau.high)
+    place = arm, end[1] - 1
+    there, moves = x.part(end).by_breakpoints(tau.high), is_free[place]
     piece = breakpoint - 1 + arm
     length = at(lengths(profile.equal_pieces, tau), piece)
     width = jnp.where(there.piece == piece, there.inner(is_after, length), length)
-    start = there._replace(piece=piece, from_left=is_after, offset=jnp.zeros_like(width))
+    width = jnp.where(moves, jax.lax.stop_gradient(width), width)
+    # Under `vmap` JAX takes a value to be as batched as its derivative is.
+    begins = counted_from(tau.high[1:-1], jnp.where(moves, jnp.zeros_like(width), 0.0), ~moves)
+    start = there._replace(piece=piece, from_left=is_after, offset=begins)
     light = _cell_light(profile, start, is_after, width)
-    return (arm, end[1] - 1), jnp.where((edge > 0) & (edge <= num_taps), light, 0.0)
+    known = jax.lax.stop_gradient(profile)
+    light = moving_breakpoints(light, tau.high[1:-1], profile=known, moves=moves)
+    cells = Cells(place, exists, start, is_after, width)
+    return cells, jnp.where(exists, light, 0.0)
+
+
+def _num_below(rows: Array, is_second: Array, value: Array) -> Array:
+    """How many entries of one of two ascending rows are below each value; shape of `value`."""
+    if rows.shape[1] <= _FEW_TAPS:
+        row = jnp.where(is_second[:, None], rows[1:], rows[:1])
+        return jnp.sum(row < value[:, None], axis=1, dtype=jnp.int32)
+    search = partial(jnp.searchsorted, v=value, method="scan")
+    first, second = jax.vmap(search)(rows)
+    return jnp.where(is_second, second, first)
 
 
 def _cell_light(profile, start: Crossings, is_after: ArrayLike, width: Array) -> Array:

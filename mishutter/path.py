@@ -32,22 +32,49 @@ from mishutter.doubleword import (
 Motion = tuple[Array, Array, Array]
 """Acceleration parameter, px/s^2, half exposure, s, and object speed, px/s; scalars."""
 
+_REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
+"""Length of a path, in px, below which its squares underflow and it counts as a point."""
+
+
+def passing(motion: Motion) -> tuple[Motion, Array]:
+    """A motion, at a speed of 1 px/s in place of rest; and whether it is at rest."""
+    a, T, s = motion
+    at_rest = jnp.abs(a * T * T) + jnp.abs(s * T) < _REST[np.dtype(s.dtype)]
+    return (jnp.where(at_rest, 0.0, a), T, jnp.where(at_rest, 1.0, s)), at_rest
+
 
 class Path(NamedTuple):
     """Where a point is, and how fast, at each breakpoint of the shutter; lengths in px.
 
-    The rows of `table` are kept together so that they are worked out together.
+    The rows of `table` are kept together so that they are worked out together; the other
+    numbers anew wherever they are used, which costs less than to keep them.
     """
 
-    stroke: Array
-    smear: Array
+    motion: Motion
     table: Array
     from_vertex: bool
+
+    @property
+    def stroke(self) -> Array:
+        """How far the sensor goes from mid-exposure to either end, px."""
+        a, T, _ = self.motion
+        return a * T * T
+
+    @property
+    def smear(self) -> Array:
+        """How far the object goes in half an exposure, px."""
+        _, T, s = self.motion
+        return s * T
 
     @property
     def velocity(self) -> Array:
         """Velocity at breakpoints, px per half exposure."""
         return self.table[0]
+
+    @property
+    def mirrored(self) -> Array:
+        r"""$2A\tau + B$ at breakpoints: how far from 0 their mirror images move; a value alone."""
+        return self.table[5]
 
     @property
     def position(self) -> DoubleWord:
@@ -75,14 +102,23 @@ def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) ->
     Positions count from the vertex if `from_vertex`, else from where the point is at
     mid-exposure.
     """
-    return Path(a * T * T, s * T, _table(from_vertex, a, T, s, *tau), from_vertex)
+    return Path((a, T, s), _table(from_vertex, a, T, s, *tau), from_vertex)
+
+
+def path_of_light(motion: Motion, tau: DoubleWord, *, from_vertex: bool) -> Path:
+    """The path of a point that is `passing` if at rest; a value alone, of the motion as given."""
+
+    def table(motion, tau):
+        return _table_exact(from_vertex, *passing(motion)[0], *tau)
+
+    return Path(motion, once(table, motion, tau), from_vertex)
 
 
 def speed_at(track: Path, edges: DoubleWord) -> Array:
     r"""$|u| = \sqrt{B^2 + 4Ax}$ at positions on the path, 0 beyond the vertex.
 
     Counted from a vertex that is near, $|u| = \sqrt{4A(x - x_v)}$ loses nothing. It is a
-    value alone: see `moving_speed` for derivatives.
+    value alone: see `speed_change` for derivatives.
     """
     near = track.from_vertex | (4 * track.stroke >= jnp.abs(track.smear))
     origin = [jnp.where(near, x, 0.0) for x in track.vertex]
@@ -91,21 +127,19 @@ def speed_at(track: Path, edges: DoubleWord) -> Array:
     return jax.lax.stop_gradient(jnp.sqrt(jnp.maximum(square, 0.0)))
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def moving_speed(from_vertex: bool, speed: Array, motion: Motion, edge: Array) -> Array:
-    """A `speed` at an edge, with the derivative that it has, given as 0 at the vertex."""
-    return speed
+def speed_change(
+    from_vertex: bool, motion: Motion, edge: Array, speed: Array, by_motion: Motion, dedge: Array
+) -> Array:
+    r"""By how much changes of the motion, and of an edge, change the `speed` there.
 
-
-@moving_speed.defjvp
-def _moving_speed_jvp(from_vertex, primals, tangents):
-    r"""From $(u/T)^2 = s^2 + 4ax$: written so, change of $T$ meets no cancellation."""
-    speed, (a, T, s), edge = primals
-    _, (da, dT, ds), dedge = tangents
+    From $(u/T)^2 = s^2 + 4ax$: written so, change of $T$ meets no cancellation. At the vertex
+    it is given as 0.
+    """
+    (a, T, s), (da, dT, ds) = motion, by_motion
     square = 4 * (a * dedge + edge * da) + (0.0 if from_vertex else 2 * s * ds)
     moving = speed > 0
     change = T * T * square / jnp.where(moving, 2 * speed, 1.0)
-    return speed, speed * (dT / T) + jnp.where(moving, change, 0.0)
+    return speed * (dT / T) + jnp.where(moving, change, 0.0)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -140,10 +174,11 @@ def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
 
     linear = multiply(stroke, DoubleWord(tau_high, tau_low))
     velocity = (2 * linear.high - smear.high) + (2 * linear.low - smear.low)
+    mirrored = (2 * linear.high + smear.high) + (2 * linear.low + smear.low)
     position = multiply(DoubleWord(tau_high, tau_low), add(linear, negate(smear)))
     if from_vertex:
         position = add(position, rise)
-    return _rows(velocity, *position, *rise)
+    return _rows(velocity, *position, *rise, mirrored)
 
 
 def _rows(*rows):
@@ -168,7 +203,7 @@ def _table_jvp(from_vertex, primals, tangents):
         else:
             position = tau * (stroke * tau - smear)
         nothing = jnp.zeros_like(tau)
-        return jnp.stack([velocity, position, nothing, rise, nothing])
+        return jnp.stack([velocity, position, nothing, rise, nothing, nothing])
 
     return exact, jax.jvp(plain, primals, tangents)[1]
 

@@ -9,6 +9,7 @@ import pytest
 from cases import SHUTTERS
 from helpers import (
     ARGUMENTS,
+    Point,
     computed,
     derivative_error,
     edge_at_vertex,
@@ -23,6 +24,62 @@ FULL_SWEEP = 2000
 """Points a precision, shared out among the shutters."""
 QUICK = ["hann", "flutter", "spline"]
 DTYPES = {"float64": np.float64, "float32": np.float32}
+
+CORPUS = {
+    "an arm's end, of a slow object": (
+        "flutter sensor float32",
+        (5765.2217, 0.12375513, -0.018968461),
+        "87.63766 87.745575 87.84615 87.86455 87.938065 88.05675 88.07994 88.16602 88.17286 "
+        "88.243195 88.331215 88.57129 88.66878 88.67334 88.72473 88.92164 88.92699",
+    ),
+    "an arm's end, of an object at rest": (
+        "gaussian sensor float64",
+        (34356664290316.895, 3.6205829865135326e-05, -0.0),
+        "45029.04351648677 45031.12171471332 45031.45355214582 45032.33967209603 "
+        "45033.0462613374 45033.958909207315 45034.8095265151 45035.09708425671 "
+        "45036.4990217391 45036.79020501462 45038.920373137815 45040.31547139034 "
+        "45041.29892781976 45041.749881177624 45041.95000771326 45042.13078233519 "
+        "45044.346416873326",
+    ),
+    "adjacent open chips": (
+        "flutter sensor float32",
+        (1.0566539e06, 0.0004222746, 426.88516),
+        "-0.0010864949 -0.0008411765 -0.0008014052 -0.0006598674 -0.0002562643 -0.0002087851 "
+        "0.0004830687 0.0013189642 0.0014962852 0.002172854 0.002521659 0.0025579205 "
+        "0.0025820849 0.0026033923 0.0026341972 0.0028316467 0.002864627",
+    ),
+    "a knot at mid-exposure of a fast object": (
+        "spline-symmetric sensor float32",
+        (3.6033143e-07, 0.015700633, -6.9390135e-06),
+        "-7.314071e-10 -7.0404843e-10 -6.7273775e-10 -6.1646266e-10 -6.1509814e-10 "
+        "-3.3305822e-10 -1.6944128e-10 1.6191846e-10 1.8076153e-10 1.8168521e-10 3.580676e-10 "
+        "3.628115e-10 4.1518822e-10 4.3535048e-10 4.725535e-10 6.6077926e-10 6.6406347e-10",
+    ),
+    "an end that acceleration does not move": (
+        "gaussian vertex float32",
+        (20.869053, 73.065674, -3049.6228),
+        "445634.03",
+    ),
+    "the same in double precision": (
+        "spline vertex float64",
+        (1.2235890492023427e24, 4.9616490892085395e-09, -1.2142038983080694e16),
+        "120489059.81059691",
+    ),
+    "chips that mirror each other": (
+        "flutter vertex float32",
+        (6.91949e20, 1.2809605e-08, 0.0),
+        "60618.742",
+    ),
+    "a taper that ends at the vertex": (
+        "tukey sensor float32",
+        (11412.615, 0.23355962, 3038.6997),
+        "-202.31102 -202.30772 -202.30629 -202.3007 -202.29378 -202.28355 -202.28046 -202.27533 "
+        "-202.27092 -202.26965 -202.24652 -202.24536 -202.24345 -202.23969 -202.23619 "
+        "-202.23329 -202.2205",
+    ),
+}
+"""Points that once missed a bound, by what they have in common: acceleration, exposure, speed
+and edges (or the phase)."""
 
 
 def check(point, arguments=ARGUMENTS):
@@ -45,6 +102,17 @@ def test_taps_and_derivatives(slug):
     rng = np.random.default_rng(11)
     for _ in range(20):
         check(random_point(rng, np.float64, slug))
+
+
+@pytest.mark.parametrize("name", CORPUS)
+def test_points_that_missed_once(name):
+    """Taps and their derivatives by every argument, where long times all but cancel."""
+    kind, motion, taps = CORPUS[name]
+    slug, frame, precision = kind.split()
+    dtype = DTYPES[precision]
+    a, T, s = (dtype(x) for x in motion)
+    stroke = float(a) * float(T) ** 2
+    check(Point(slug, stroke, a, T, s, np.array(taps.split(), dtype), frame))
 
 
 @pytest.mark.slow

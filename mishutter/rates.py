@@ -1,0 +1,190 @@
+r"""How the light of taps changes as the motion, the edges and the breakpoints do.
+
+On an arm a tap holds the shutter's integral from one crossing to the next. It changes by the
+transmittance at each, times how much that crossing moves: a difference of what is nearly equal
+where a tap is narrow, and so written about its middle,
+$\frac12 (w_1 + w_2)\,d\Delta\tau + (w_2 - w_1)\,d\bar\tau$, with $w_2 - w_1$ from the slopes
+of the tap's cells and the steps between them. A tap that holds an end of the exposure changes
+by the one crossing that is left.
+
+Rates by all that changes are worked out together, forwards. The derivative is their product
+with the changes: in reverse one sum for each of them, and no way back through the formulae.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter.arms import AFTER, Crossings, drift_change, moment_change, time_between
+from mishutter.path import Motion, once, speed_change
+from mishutter.shutters.base import AbstractPiecewiseShutter
+
+
+class Cells(NamedTuple):
+    """Cells that start at breakpoints: arm and tap, whether in any, and width."""
+
+    place: tuple[Array, Array]
+    exists: Array
+    start: Crossings
+    is_after: Array
+    width: Array
+
+
+class Taps(NamedTuple):
+    """What rates follow from, besides the motion: crossings `x`, and `edges`, `(1, n + 1)`.
+
+    `mirrored` is that of the path at the breakpoint nearest to each, `(2, n + 1)`. `gap` is the
+    distance of a tap's edges, `(1, n)`, and `width` that of the cell which begins at the first,
+    `(2, n)`; `cut` are all other cells. `is_held` tells whether a crossing is at an end of the
+    exposure, `(2, n + 1)`.
+    """
+
+    profile: AbstractPiecewiseShutter
+    x: Crossings
+    mirrored: Array
+    edges: Array
+    gap: Array
+    width: Array
+    is_held: Array
+    cut: Cells | None
+
+    @property
+    def parts(self) -> tuple[tuple[slice, slice], ...]:
+        """Where among crossings the taps begin and end."""
+        return parts(self.gap.size)
+
+
+def parts(num_taps: int) -> tuple[tuple[slice, slice], ...]:
+    """Where, in arrays of two rows and a column an edge, taps begin and end."""
+    return (slice(None), slice(0, num_taps)), (slice(None), slice(1, num_taps + 1))
+
+
+@eqx.filter_custom_jvp
+def moving(light: Array, motion: Motion, edges: Array, *, from_vertex: bool, taps: Taps) -> Array:
+    """Light of taps, `(n,)`, with its first derivatives by the motion and the edges as well."""
+    return light
+
+
+@moving.def_jvp
+def _moving_jvp(primals, tangents, *, from_vertex, taps):
+    light, motion, _ = primals
+    change, by_motion, by_edges = tangents
+    steps = {i: step for i, step in enumerate(by_motion or ()) if step is not None}
+    if not steps and by_edges is None:
+        return light, change
+    units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(light.dtype)
+    rates = _rates(from_vertex, motion, taps, units)
+    changes = [] if change is None else [change]
+    if steps:
+        step = jnp.stack([*steps.values()])
+        changes.append(jnp.matmul(step, rates[: len(steps)], precision="highest"))
+    if by_edges is not None:
+        begin, end = by_edges[: light.size], by_edges[1 : light.size + 1]
+        changes += [rates[-2] * ((begin + end) / 2), rates[-1] * (end - begin)]
+    return light, sum(changes[1:], changes[0])
+
+
+def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> Array:
+    """Rates of light, `(m, n)`, by what each of `m` rows of `units` changes.
+
+    Columns: acceleration, half exposure, speed, position of a tap and distance of its edges.
+    """
+    a, T, _ = motion
+    # In memory, as each row needs them.
+    transmittance, rise = once(_transmittance_and_rise, taps)
+    lit = jnp.where(taps.is_held, 0.0, transmittance)
+    begin, end = (lit[k] for k in taps.parts)
+    is_free = ~(taps.is_held[taps.parts[0]] | taps.is_held[taps.parts[1]])
+    one_sided = jnp.where(AFTER, end - begin, begin - end)
+    height = _of_both(jnp.where(is_free, (begin + end) / 2, 0.0))
+    drifting = _of_both(jnp.where(is_free, rise, one_sided))
+    u, v = (taps.x.velocity[1:][k] for k in taps.parts)
+
+    def rate(unit):
+        by_motion, (shift, stretch) = tuple(unit[:3]), unit[3:]
+        moved, faster = [], []
+        for k, dedge in zip(taps.parts, (shift - stretch / 2, shift + stretch / 2), strict=True):
+            x, change = taps.x.part(k), (by_motion, dedge)
+            moved.append(moment_change(from_vertex, motion, x, taps.mirrored[k], *change))
+            speed = x.velocity[1:]
+            faster.append(speed_change(from_vertex, motion, taps.edges[k], speed, *change))
+        higher = T * (by_motion[0] * T + 2 * a * by_motion[1])
+        changes = jnp.broadcast_to(stretch, taps.gap.shape), *faster, higher
+        _, longer = jax.jvp(time_between, (taps.gap, u, v, a * T * T), changes)
+        between = end * moved[1] - begin * moved[0]
+        between = jnp.where(AFTER, between, -between)
+        # Steps that mirror each other cancel, so the arms are joined before all else.
+        turned = _of_both(jnp.where(is_free, rise * ((moved[0] + moved[1]) / 2), between))
+        return turned + height * longer[0] + drifting * drift_change(motion, by_motion)
+
+    return jax.vmap(rate)(units)
+
+
+def _of_both(arms: Array) -> Array:
+    return arms[0] + arms[1]
+
+
+def _transmittance_and_rise(taps: Taps) -> tuple[Array, Array]:
+    """Transmittance at crossings, and by how much it rises over each tap, as time runs."""
+    begin = taps.x.part(taps.parts[0])
+    rise = _rise(taps.profile, begin, AFTER, taps.width)
+    if taps.cut is not None:
+        place, exists, start, is_after, width = taps.cut
+        more = _rise(taps.profile, start, is_after, width) + _steps(taps.profile, width)
+        rise = rise.at[place].add(
+            jnp.where(exists, more, 0.0), mode="promise_in_bounds", wrap_negative_indices=False
+        )
+    nothing = jnp.zeros_like(taps.x.offset)
+    return _mean(taps.profile, taps.x, taps.x.offset, nothing), rise
+
+
+def _rise(
+    profile: AbstractPiecewiseShutter, start: Crossings, is_after: ArrayLike, width: Array
+) -> Array:
+    """Rise of the transmittance over cells, which lead outwards: their width times the slope."""
+    middle = start.offset + jnp.where(is_after, width, -width) / 2
+    once_more = jnp.ones_like(middle)
+    return width * jax.jvp(lambda y: _mean(profile, start, y, width), (middle,), (once_more,))[1]
+
+
+def _mean(profile: AbstractPiecewiseShutter, x: Crossings, offset: Array, width: Array) -> Array:
+    distance = jnp.where(x.from_left, offset, -offset)
+    return profile.piece_mean(x.piece, x.from_left, distance, width)
+
+
+def _steps(profile: AbstractPiecewiseShutter, like: Array) -> Array:
+    """Steps of the transmittance at the breakpoints inside; one of a few roundings is none."""
+    piece = jnp.arange(like.size + 1, dtype=jnp.int32)
+    nothing = jnp.zeros(like.size + 1, like.dtype)
+    above, below = (
+        profile.piece_mean(piece, side, nothing, nothing) for side in (piece >= 0, piece < 0)
+    )
+    above, below = above[1:], below[:-1]
+    rounding = 16 * jnp.finfo(above.dtype).eps * jnp.maximum(above, below)
+    return jnp.where(jnp.abs(above - below) > rounding, above - below, 0.0)
+
+
+@eqx.filter_custom_jvp
+def moving_breakpoints(
+    light: Array, tau: Array, *, profile: AbstractPiecewiseShutter, moves: Array
+) -> Array:
+    """Light of cells that start at breakpoints, with its derivative by the steps that these move.
+
+    The light of a tap between crossings changes by each step inside times how much that moves:
+    the widths of its cells do not change with the breakpoints, which would all but cancel.
+    """
+    return light
+
+
+@moving_breakpoints.def_jvp
+def _moving_breakpoints_jvp(primals, tangents, *, profile, moves):
+    light, _ = primals
+    change, by_tau = tangents
+    changes = [] if change is None else [change]
+    if by_tau is not None:
+        changes.append(-jnp.where(moves, _steps(profile, light) * by_tau, 0.0))
+    return light, sum(changes[1:], changes[0])
