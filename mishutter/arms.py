@@ -179,7 +179,7 @@ def moment_change(
     """By how much changes of the motion, and of its edge, move a crossing in time.
 
     What is common to all crossings of a slow object, the `drift_change`, is left out.
-    `mirrored` is that of the breakpoint which the crossing is nearest to.
+    `mirrored` is the `mirrored_velocity` at the breakpoint which the crossing is nearest to.
     """
     (a, T, s), (da, dT, ds) = motion, by_motion
     velocity, tau = x.velocity, x.moment

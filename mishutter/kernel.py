@@ -207,8 +207,7 @@ def _light(
     if tau.high.size > 2:
         cut, more = _from_breakpoints(num_taps, profile, tau, track, x, is_free)
         light = light.at[cut.place].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
-    mirrored = at(track.mirrored, x.nearest)
-    taps = Taps(known, x, mirrored, near.high[None], gap[None], width, is_held, cut)
+    taps = Taps(known, tau, x, near.high[None], gap[None], width, is_held, cut)
     taps = jax.lax.stop_gradient(taps)
     light = _of_both_arms(light)
     return moving(light, motion, edges.high, from_vertex=from_vertex, taps=taps)

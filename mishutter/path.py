@@ -72,11 +72,6 @@ class Path(NamedTuple):
         return self.table[0]
 
     @property
-    def mirrored(self) -> Array:
-        r"""$2A\tau + B$ at breakpoints: how far from 0 their mirror images move; a value alone."""
-        return self.table[5]
-
-    @property
     def position(self) -> DoubleWord:
         """Position at breakpoints."""
         return DoubleWord(self.table[1], self.table[2])
@@ -112,6 +107,12 @@ def path_of_light(motion: Motion, tau: DoubleWord, *, from_vertex: bool) -> Path
         return _table_exact(from_vertex, *passing(motion)[0], *tau)
 
     return Path(motion, once(table, motion, tau), from_vertex)
+
+
+def mirrored_velocity(motion: Motion, tau: DoubleWord) -> Array:
+    r"""$2A\tau + B$ at breakpoints, the velocity at the opposite speed; a value alone."""
+    a, T, s = motion
+    return once(lambda a, T, s, tau: _velocity(*_stroke_and_smear(a, T, -s), tau)[0], a, T, s, tau)
 
 
 def speed_at(track: Path, edges: DoubleWord) -> Array:
@@ -164,21 +165,28 @@ def once(function, *arguments):
 
 
 def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
-    stroke = multiply(two_product(a, T), word(T))
-    smear = two_product(s, T)
+    stroke, smear = _stroke_and_smear(a, T, s)
     exists = (a > 0) if from_vertex else _turns(a * T * T, s * T)
     high = jnp.where(exists, 4 * stroke.high, 1.0)
     rate = reciprocal(DoubleWord(high, jnp.where(exists, 4 * stroke.low, 0.0)))
     rise = multiply(multiply(smear, smear), rate)
     rise = DoubleWord(*(jnp.where(exists, x, 0.0) for x in rise))
 
-    linear = multiply(stroke, DoubleWord(tau_high, tau_low))
-    velocity = (2 * linear.high - smear.high) + (2 * linear.low - smear.low)
-    mirrored = (2 * linear.high + smear.high) + (2 * linear.low + smear.low)
-    position = multiply(DoubleWord(tau_high, tau_low), add(linear, negate(smear)))
+    tau = DoubleWord(tau_high, tau_low)
+    velocity, linear = _velocity(stroke, smear, tau)
+    position = multiply(tau, add(linear, negate(smear)))
     if from_vertex:
         position = add(position, rise)
-    return _rows(velocity, *position, *rise, mirrored)
+    return _rows(velocity, *position, *rise)
+
+
+def _stroke_and_smear(a, T, s):
+    return multiply(two_product(a, T), word(T)), two_product(s, T)
+
+
+def _velocity(stroke, smear, tau):
+    linear = multiply(stroke, tau)
+    return (2 * linear.high - smear.high) + (2 * linear.low - smear.low), linear
 
 
 def _rows(*rows):
@@ -203,7 +211,7 @@ def _table_jvp(from_vertex, primals, tangents):
         else:
             position = tau * (stroke * tau - smear)
         nothing = jnp.zeros_like(tau)
-        return jnp.stack([velocity, position, nothing, rise, nothing, nothing])
+        return jnp.stack([velocity, position, nothing, rise, nothing])
 
     return exact, jax.jvp(plain, primals, tangents)[1]
 

@@ -19,8 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.arms import AFTER, Crossings, drift_change, moment_change, time_between
-from mishutter.path import Motion, once, speed_change
+from mishutter.arms import AFTER, Crossings, at, drift_change, moment_change, time_between
+from mishutter.doubleword import DoubleWord
+from mishutter.path import Motion, mirrored_velocity, once, speed_change
 from mishutter.shutters.base import AbstractPiecewiseShutter
 
 
@@ -37,15 +38,14 @@ class Cells(NamedTuple):
 class Taps(NamedTuple):
     """What rates follow from, besides the motion: crossings `x`, and `edges`, `(1, n + 1)`.
 
-    `mirrored` is that of the path at the breakpoint nearest to each, `(2, n + 1)`. `gap` is the
-    distance of a tap's edges, `(1, n)`, and `width` that of the cell which begins at the first,
-    `(2, n)`; `cut` are all other cells. `is_held` tells whether a crossing is at an end of the
-    exposure, `(2, n + 1)`.
+    `tau` are the breakpoints. `gap` is the distance of a tap's edges, `(1, n)`, and `width` that
+    of the cell which begins at the first, `(2, n)`; `cut` are all other cells. `is_held` tells
+    whether a crossing is at an end of the exposure, `(2, n + 1)`.
     """
 
     profile: AbstractPiecewiseShutter
+    tau: DoubleWord
     x: Crossings
-    mirrored: Array
     edges: Array
     gap: Array
     width: Array
@@ -103,13 +103,14 @@ def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> 
     height = _of_both(jnp.where(is_free, (begin + end) / 2, 0.0))
     drifting = _of_both(jnp.where(is_free, rise, one_sided))
     u, v = (taps.x.velocity[1:][k] for k in taps.parts)
+    mirrored = at(mirrored_velocity(motion, taps.tau), taps.x.nearest)
 
     def rate(unit):
         by_motion, (shift, stretch) = tuple(unit[:3]), unit[3:]
         moved, faster = [], []
         for k, dedge in zip(taps.parts, (shift - stretch / 2, shift + stretch / 2), strict=True):
             x, change = taps.x.part(k), (by_motion, dedge)
-            moved.append(moment_change(from_vertex, motion, x, taps.mirrored[k], *change))
+            moved.append(moment_change(from_vertex, motion, x, mirrored[k], *change))
             speed = x.velocity[1:]
             faster.append(speed_change(from_vertex, motion, taps.edges[k], speed, *change))
         higher = T * (by_motion[0] * T + 2 * a * by_motion[1])
