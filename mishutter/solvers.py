@@ -18,6 +18,7 @@ from mishutter.threads import in_threads, num_processors
 
 Progress = Callable[[int, float], None]
 _STEPS_PER_CALL, _PATIENCE = 10, 3
+_TOGETHER = 16
 _MARGIN = 0.02
 _TOLERANCE = 1e-7
 
@@ -68,7 +69,7 @@ def descend(
     while steps_left > 0:
         count = jnp.asarray(min(_STEPS_PER_CALL, steps_left))
         advance = partial(_advanced, objective, count)
-        calls = in_threads(advance, states, len(states), first_alone=not history)
+        calls = in_threads(advance, states, num_processors(), first_alone=not history)
         states, each_met, each_finite = zip(*calls, strict=True)
         _check_finite(np.concatenate(each_finite)[: len(starts)])
         steps_left -= _STEPS_PER_CALL
@@ -92,9 +93,12 @@ def descend(
 def _shared_out(objective: AbstractObjective, starts: Array) -> list[Array]:
     """Starts in parts of one size for the processors; the last is repeated to fill its part.
 
-    Those that are at hand together stay together.
+    Those that are at hand together stay together: a few, whose number does not depend on the
+    machine as their roundings might, or on an accelerator all.
     """
-    num_parts = 1 if objective.batches else min(num_processors(), len(starts))
+    num_parts = min(num_processors(), len(starts))
+    if objective.batches:
+        num_parts = -(-len(starts) // _TOGETHER) if jax.default_backend() == "cpu" else 1
     size = -(-len(starts) // num_parts)
     padded = np.pad(np.asarray(starts), ((0, -len(starts) % size), (0, 0)), "edge")
     return [jax.device_put(part) for part in padded.reshape(-1, size, starts.shape[1])]
