@@ -208,15 +208,20 @@ def _light(
     whole = here.piece == there.piece
     entered = there.inner(AFTER, length) - here.inner(AFTER, length)
     width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
+    # Between crossings one cell gives way to the next: see `moving_breakpoints`.
     width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(whole, within, width)), width)
     light, cut = _cell_light(profile, here, AFTER, width), None
     if tau.high.size > 2:
         cut, more = _from_breakpoints(num_taps, profile, tau, track, x, is_free)
         light = light.at[cut.place].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
     taps = Taps(known, tau, x, near.high[None], gap[None], width, is_held, cut)
-    taps = jax.lax.stop_gradient(taps)
-    light = _of_both_arms(light)
-    return moving(light, motion, edges.high, from_vertex=from_vertex, taps=taps)
+    return moving(
+        _of_both_arms(light),
+        motion,
+        edges.high,
+        from_vertex=from_vertex,
+        taps=jax.lax.stop_gradient(taps),
+    )
 
 
 @jax.custom_jvp
