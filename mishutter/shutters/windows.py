@@ -230,9 +230,9 @@ def _alternating(first: int) -> list[Fraction]:
     return [Fraction((-1) ** k, math.factorial(2 * k + 1)) for k in range(first, first + 24)]
 
 
-_SINE = economised(_alternating(0), Fraction(5, 2), 8)
+_SINE = economised(_alternating(0), Fraction(5, 8), 6)
 _SINC_DEFICIT = economised([-c for c in _alternating(1)], Fraction(10), 9)
-"""To a rounding, for angles up to a quarter and a half of a turn."""
+"""To a rounding, for angles up to an eighth and a half of a turn."""
 
 
 def _cosine_ramp_mean(centre: Array, width: Array) -> Array:
@@ -240,15 +240,17 @@ def _cosine_ramp_mean(centre: Array, width: Array) -> Array:
 
     $\frac12(1 - \operatorname{sinc} d\,\cos \pi c)
     = \frac12(1 - \operatorname{sinc} d) + \operatorname{sinc} d\,\sin^2(\pi c/2)$ for
-    $c$ and $d$ in [0, 1]. Both functions are polynomials: terms
+    $c$ and $d$ in [0, 1], and the sine counted from the nearer end of the ramp, so that at
+    either the slope keeps its digits as well. Both functions are polynomials: terms
     enough for the whole range compile to less than a library's sine.
     """
     half = width / 2
     square = (jnp.pi * half) ** 2
     deficit = square * polynomial(_SINC_DEFICIT, square)
-    angle = (jnp.pi / 2) * centre
-    sine = angle * polynomial(_SINE, angle**2)
-    return deficit / 2 + (1 - deficit) * sine**2
+    high = centre > 0.5
+    angle = (jnp.pi / 2) * jnp.where(high, 1 - centre, centre)
+    sine_square = (angle * polynomial(_SINE, angle**2)) ** 2
+    return deficit / 2 + (1 - deficit) * jnp.where(high, 1 - sine_square, sine_square)
 
 
 _NARROW = 0.5
