@@ -1,6 +1,5 @@
 """Tolerances by name, random points of the domain, and the comparison with the reference."""
 
-import itertools
 from dataclasses import dataclass
 from functools import partial
 
@@ -22,9 +21,6 @@ DERIVATIVE_OF_LARGEST = {np.float64: 1e-9, np.float32: 1e-4}
 DERIVATIVE_OF_TAP = {np.float64: 1e-12, np.float32: 1e-5}
 """to the largest tap per natural unit of the argument: one that is zero in exact
 arithmetic, because all light falls on one tap, is a difference of equal numbers."""
-DERIVATIVE_ROUNDINGS_OF_ARM = 4
-"""Error of a derivative by speed in roundings of what one arm of the path has by the slope of
-its profile: the arms of a slow object differ by no more than its speed moves them."""
 TRANSFER_ABSOLUTE = {np.float64: 1e-12, np.float32: 2e-6}
 """Error of a transfer function, of modulus at most 1."""
 FORWARD_AGAINST_REVERSE = 1e-12
@@ -37,8 +33,6 @@ MAX_STROKE = {np.float64: 8, np.float32: 6}
 more, which is the bound itself where a profile vanishes at the far end of the path."""
 
 NUM_TAPS = 16
-STEPPED = ("rect", "flutter", "chips", "one-open-chip")
-"""Shutters that are constant between jumps."""
 ARGUMENTS = ("acceleration", "half_exposure", "speed", "position", "shutter")
 
 
@@ -227,9 +221,6 @@ def derivative_error(derivatives, point, argument, largest_tap):
     floor = DERIVATIVE_OF_TAP[dtype] * largest_tap / mp.mpf(natural_scale(point, argument))
     if argument == "speed" and not any(exact):
         floor = max(floor, _of_one_arm(point) * DERIVATIVE_OF_LARGEST[dtype])
-    if argument == "speed" and point.acceleration > 0 and point.slug not in STEPPED:
-        roundings = DERIVATIVE_ROUNDINGS_OF_ARM * float(np.finfo(dtype).eps)
-        floor = max(floor, roundings * _before_the_vertex(point))
     allowed = max(DERIVATIVE_OF_LARGEST[dtype] * max(abs(r) for r in exact), floor)
     allowed = max(allowed, mp.mpf(float(np.finfo(dtype).tiny)))
     errors = [abs(mp.mpf(float(h)) - r) for h, r in zip(derivatives, exact, strict=True)]
@@ -240,20 +231,6 @@ def _of_one_arm(point):
     """Derivative by speed of one arm of the path, where the two arms' cancel: `T dh/dx`."""
     by_position = exact_derivative(point, "position")
     return mp.mpf(float(point.half_exposure)) * max(abs(r) for r in by_position)
-
-
-def _before_the_vertex(point):
-    """What the vertex's delay by speed does to one arm's light where the profile is smooth."""
-    window = SHUTTERS[point.slug].reference(point.taps.dtype.type)
-    a, T, s = (mp.mpf(float(x)) for x in (point.acceleration, point.half_exposure, point.speed))
-    vertex, step = s / (2 * a * T), mp.mpf(10) ** -20
-    origin = 0 if point.frame == "vertex" else -s * s / (4 * a)
-    steps = range(NUM_TAPS + 1) if point.frame == "vertex" else [0]
-    edges = [mp.mpf(float(e)) + k - origin for e in point.taps for k in steps]
-    times = [vertex - mp.sqrt(max(e, 0) / a) / T for e in edges]
-    inside = [min(max(t, 2 * step - 1), 1 - 2 * step) for t in times]
-    heights = [(window.integral(t + step) - window.integral(t - step)) / 2 / step for t in inside]
-    return max(abs(x - y) for x, y in itertools.pairwise(heights)) / (4 * a * T)
 
 
 def edge_at_vertex(point):
