@@ -52,6 +52,10 @@ class Crossings(NamedTuple):
         held = self.is_held(tau.size - 1)
         return self._replace(offset=counted_from(at(tau, self.nearest), self.offset, held))
 
+    def halfway(self, is_after: ArrayLike, width: Array) -> Array:
+        """Middle of cells of a `width` that lead outwards from here, counted as the offset is."""
+        return self.offset + jnp.where(is_after, width, -width) / 2
+
     def is_held(self, num_pieces: int) -> Array:
         """Whether a crossing is at an end of the exposure."""
         last = jnp.where(self.from_left, 0, num_pieces - 1)
@@ -107,6 +111,17 @@ def _located(
     length = at(lengths(equal_pieces, tau), piece)
     inside = jnp.clip(offset, jnp.where(from_left, 0.0, -length), jnp.where(from_left, length, 0.0))
     return Crossings(piece, from_left, inside, nearest, moment, speed)
+
+
+@jax.custom_jvp
+def of_both_arms(rows: Array) -> Array:
+    """Sum over the arms: of two slices, which is quick, and in reverse of what spreads."""
+    return rows[0] + rows[1]
+
+
+@of_both_arms.defjvp
+def _of_both_arms_jvp(primals, tangents):
+    return of_both_arms(*primals), jnp.sum(tangents[0], axis=0)
 
 
 def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:

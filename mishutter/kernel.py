@@ -24,13 +24,14 @@ from mishutter.arms import (
     crossings,
     distance,
     lengths,
+    of_both_arms,
     time_between,
 )
 from mishutter.compiling import seldom_run
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
 from mishutter.path import Motion, Path, passing, path_of_light
-from mishutter.rates import Cells, Taps, moving, moving_breakpoints, parts
+from mishutter.rates import Cells, Taps, mean_about, moving, moving_breakpoints, parts
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter, within_unit
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import (
@@ -193,9 +194,9 @@ def _light(
     given, fixed = jax.lax.stop_gradient((motion, tau))
     track = path_of_light(given, fixed, from_vertex=from_vertex)
     x = crossings(profile.equal_pieces, track, fixed, edges)
-    (motion, at_rest), (given, _) = passing(motion), passing(given)
-    track = track._replace(motion=given)
-    known, near = jax.lax.stop_gradient((profile, brought_near(edges, track, at_rest)))
+    motion, at_rest = passing(motion)
+    track = track._replace(motion=jax.lax.stop_gradient(motion))
+    near = jax.lax.stop_gradient(brought_near(edges, track, at_rest))
     begin, end = (DoubleWord(near.high[k], near.low[k]) for _, k in parts(num_taps))
     gap, (u, v) = distance(end, begin), (x.velocity[1][k] for _, k in parts(num_taps))
     within = time_between(gap, u, v, track.stroke)[None]
@@ -214,25 +215,14 @@ def _light(
     if tau.high.size > 2:
         cut, more = _from_breakpoints(num_taps, profile, tau, track, x, is_free)
         light = light.at[cut.place].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
-    taps = Taps(known, tau, x, near.high[None], gap[None], width, is_held, cut)
+    taps = Taps(profile, tau, x, near.high[None], gap[None], width, is_held, cut)
     return moving(
-        _of_both_arms(light),
+        of_both_arms(light),
         motion,
         edges.high,
         from_vertex=from_vertex,
         taps=jax.lax.stop_gradient(taps),
     )
-
-
-@jax.custom_jvp
-def _of_both_arms(light: Array) -> Array:
-    """Sum over the arms: of two slices, which is quick, and in reverse of what spreads."""
-    return light[0] + light[1]
-
-
-@_of_both_arms.defjvp
-def _of_both_arms_jvp(primals, tangents):
-    return _of_both_arms(*primals), jnp.sum(tangents[0], axis=0)
 
 
 def _from_breakpoints(
@@ -279,8 +269,5 @@ def _num_below(rows: Array, is_second: Array, value: Array) -> Array:
 
 def _cell_light(profile, start: Crossings, is_after: ArrayLike, width: Array) -> Array:
     """Light of cells of a `width` that `start` on an arm and lead outwards."""
-    centre = start.offset + jnp.where(is_after, width, -width) / 2
-    mean = profile.piece_mean(
-        start.piece, start.from_left, jnp.where(start.from_left, centre, -centre), width
-    )
+    mean = mean_about(profile, start, start.halfway(is_after, width), width)
     return width * within_unit(mean)

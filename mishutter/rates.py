@@ -19,7 +19,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.arms import AFTER, Crossings, at, drift_change, moment_change, time_between
+from mishutter.arms import (
+    AFTER,
+    Crossings,
+    at,
+    drift_change,
+    moment_change,
+    of_both_arms,
+    time_between,
+)
 from mishutter.doubleword import DoubleWord
 from mishutter.path import Motion, mirrored_velocity, once, speed_change
 from mishutter.shutters.base import AbstractPiecewiseShutter
@@ -100,8 +108,8 @@ def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> 
     begin, end = (lit[k] for k in taps.parts)
     is_free = ~(taps.is_held[taps.parts[0]] | taps.is_held[taps.parts[1]])
     one_sided = jnp.where(AFTER, end - begin, begin - end)
-    height = _of_both(jnp.where(is_free, (begin + end) / 2, 0.0))
-    drifting = _of_both(jnp.where(is_free, rise, one_sided))
+    height = of_both_arms(jnp.where(is_free, (begin + end) / 2, 0.0))
+    drifting = of_both_arms(jnp.where(is_free, rise, one_sided))
     u, v = (taps.x.velocity[1:][k] for k in taps.parts)
     mirrored = at(mirrored_velocity(motion, taps.tau), taps.x.nearest)
 
@@ -119,14 +127,10 @@ def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> 
         between = end * moved[1] - begin * moved[0]
         between = jnp.where(AFTER, between, -between)
         # Steps that mirror each other cancel, so the arms are joined before all else.
-        turned = _of_both(jnp.where(is_free, rise * ((moved[0] + moved[1]) / 2), between))
+        turned = of_both_arms(jnp.where(is_free, rise * ((moved[0] + moved[1]) / 2), between))
         return turned + height * longer[0] + drifting * drift_change(motion, by_motion)
 
     return jax.vmap(rate)(units)
-
-
-def _of_both(arms: Array) -> Array:
-    return arms[0] + arms[1]
 
 
 def _transmittance_and_rise(taps: Taps) -> tuple[Array, Array]:
@@ -140,20 +144,25 @@ def _transmittance_and_rise(taps: Taps) -> tuple[Array, Array]:
             jnp.where(exists, more, 0.0), mode="promise_in_bounds", wrap_negative_indices=False
         )
     nothing = jnp.zeros_like(taps.x.offset)
-    return _mean(taps.profile, taps.x, taps.x.offset, nothing), rise
+    return mean_about(taps.profile, taps.x, taps.x.offset, nothing), rise
 
 
 def _rise(
     profile: AbstractPiecewiseShutter, start: Crossings, is_after: ArrayLike, width: Array
 ) -> Array:
     """Rise of the transmittance over cells, which lead outwards: their width times the slope."""
-    middle = start.offset + jnp.where(is_after, width, -width) / 2
+    middle = start.halfway(is_after, width)
     once_more = jnp.ones_like(middle)
-    return width * jax.jvp(lambda y: _mean(profile, start, y, width), (middle,), (once_more,))[1]
+    return (
+        width * jax.jvp(lambda y: mean_about(profile, start, y, width), (middle,), (once_more,))[1]
+    )
 
 
-def _mean(profile: AbstractPiecewiseShutter, x: Crossings, offset: Array, width: Array) -> Array:
-    distance = jnp.where(x.from_left, offset, -offset)
+def mean_about(
+    profile: AbstractPiecewiseShutter, x: Crossings, middle: Array, width: Array
+) -> Array:
+    """Mean transmittance over a `width` about a `middle` that is counted as the offsets of `x`."""
+    distance = jnp.where(x.from_left, middle, -middle)
     return profile.piece_mean(x.piece, x.from_left, distance, width)
 
 
