@@ -43,7 +43,7 @@ class Crossings(NamedTuple):
     moment: Array
     velocity: Array
 
-    def part(self, which: tuple[slice | Array, slice | Array]) -> "Crossings":
+    def part(self, which: tuple[slice | Array | int, ...]) -> "Crossings":
         """Those of some arms and edges."""
         return Crossings(*(x[which] for x in self))
 
@@ -99,7 +99,7 @@ def _located(
     timed = partial(time_between, without_stroke=float(jnp.finfo(speed.dtype).tiny))
     moment = timed(distance(edge, track.middle), -track.smear, velocity, track.stroke)
     moment = jnp.clip(moment, -_LATE, _LATE)
-    nearest = _nearest(equal_pieces, tau.high, moment)
+    nearest = _nearest(equal_pieces, track, tau.high, edge, moment)
     passed, *position = (at(x, nearest) for x in (track.velocity, *track.position))
     offset = timed(distance(edge, DoubleWord(*position)), passed, velocity, track.stroke)
 
@@ -137,13 +137,23 @@ def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
     return DoubleWord(high, jnp.where(high == edges.high, edges.low, 0.0))
 
 
-def _nearest(equal_pieces: bool, tau: Array, moment: Array) -> Array:
-    """Which breakpoint is nearest to moments, to rounding: half way, either will do."""
+def _nearest(equal_pieces: bool, track: Path, tau: Array, edge: DoubleWord, moment: Array) -> Array:
+    """Which breakpoint is nearest to moments, to rounding: half way, either will do.
+
+    Pieces that are not equal may be shorter than a moment's rounding: it is an end of the one
+    that holds the crossing, known by the positions of breakpoints.
+    """
     last = tau.size - 1
     if equal_pieces:
         return jnp.round(jnp.clip((moment + 1) * (last / 2), 0, last)).astype(jnp.int32)
-    middle = (tau[1:] + tau[:-1]) / 2
-    return jnp.sum(moment[None] > middle[:, None, None], axis=0, dtype=jnp.int32)
+    piece = jnp.zeros_like(moment, jnp.int32)
+    for k in range(1, last):
+        beyond = distance(edge, DoubleWord(*(x[k] for x in track.position)))
+        turned = track.velocity[k] >= 0
+        is_past = jnp.where(AFTER, ~turned | (beyond >= 0), ~turned & (beyond < 0))
+        piece += is_past.astype(jnp.int32)
+    is_late = moment > at((tau[1:] + tau[:-1]) / 2, piece)
+    return piece + is_late.astype(jnp.int32)
 
 
 def lengths(equal_pieces: bool, tau: DoubleWord) -> Array:

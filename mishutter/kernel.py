@@ -71,9 +71,7 @@ def blur_kernel(
 
     In float64 a tap is exact to 1e-12 of itself or 1e-15 of the largest, on strokes up to
     1e8 px, in float32 to 2e-6 or 1e-7, up to 1e6 px. First derivatives are exact to 1e-9
-    (1e-4) of the largest; that by the speed of a slow object under a smooth profile, where
-    the arms of the path all but cancel, to 4 roundings of one arm's. Higher derivatives are
-    not complete.
+    (1e-4) of the largest. Higher derivatives are not complete.
 
     Args:
         shutter: Transmittance over the exposure.
@@ -98,8 +96,9 @@ def blur_kernel(
     dtype = _dtype(shutter, motion, speed, phase)
     first = jnp.asarray(phase, dtype)
     index = jnp.arange(num_taps + 1 + (num_taps + 1) % 2, dtype=dtype)
-    edges = two_sum(index, jnp.broadcast_to(first, index.shape))
-    return _exposure(num_taps, shutter, motion, jnp.asarray(speed, dtype), edges, from_vertex=True)
+    edges = two_sum(index, jnp.broadcast_to(jax.lax.stop_gradient(first), index.shape))
+    point = motion, jnp.asarray(speed, dtype)
+    return _exposure(num_taps, shutter, point, edges, first, from_vertex=True)
 
 
 def binned_exposure(
@@ -134,8 +133,9 @@ def binned_exposure(
     row = jnp.asarray(edges, dtype)
     num_taps = row.size - 1
     row = jnp.pad(row, (0, row.size % 2), mode="edge")
-    ends = DoubleWord(row, jnp.zeros(1, dtype))
-    return _exposure(num_taps, shutter, motion, jnp.asarray(speed, dtype), ends, from_vertex=False)
+    ends, nothing = DoubleWord(row, jnp.zeros(1, dtype)), jnp.zeros((), dtype)
+    point = motion, jnp.asarray(speed, dtype)
+    return _exposure(num_taps, shutter, point, ends, nothing, from_vertex=False)
 
 
 @seldom_run
@@ -164,17 +164,18 @@ def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: RowLike) -
 def _exposure(
     num_taps: int,
     shutter: AbstractShutter,
-    motion: AbstractMotion,
-    speed: Array,
+    point: tuple[AbstractMotion, Array],
     edges: DoubleWord,
+    shift: Array,
     *,
     from_vertex: bool,
 ) -> Array:
-    profile = piecewise(shutter)
+    """Share of light between `edges`, which also move with a `shift`; shape `(n,)`."""
+    profile, (motion, speed) = piecewise(shutter), point
     a = motion.acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
     tau = profile.breakpoints(np.dtype(speed.dtype))
-    return _light(num_taps, profile, (a, T, speed), tau, edges, from_vertex) / 2
+    return _light(num_taps, profile, (a, T, speed), tau, edges, shift, from_vertex) / 2
 
 
 def _light(
@@ -183,6 +184,7 @@ def _light(
     motion: Motion,
     tau: DoubleWord,
     edges: DoubleWord,
+    shift: Array,
     from_vertex: bool,
 ) -> Array:
     """Light of both arms of the path between edges, in units of tau; shape `(n,)`.
@@ -220,6 +222,7 @@ def _light(
         of_both_arms(light),
         motion,
         edges.high,
+        shift,
         from_vertex=from_vertex,
         taps=jax.lax.stop_gradient(taps),
     )

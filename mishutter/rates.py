@@ -2,15 +2,21 @@ r"""How the light of taps changes as the motion, the edges and the breakpoints d
 
 On an arm a tap holds the shutter's integral from one crossing to the next. It changes by the
 transmittance at each, times how much that crossing moves: a difference of what is nearly equal
-where a tap is narrow, and so written about its middle,
-$\frac12 (w_1 + w_2)\,d\Delta\tau + (w_2 - w_1)\,d\bar\tau$, with $w_2 - w_1$ from the slopes
-of the tap's cells and the steps between them. A tap that holds an end of the exposure changes
-by the one crossing that is left.
+where a tap is narrow, and so written $w\,d\Delta\tau + (w_2 - w_1)\,d\tau$, with $w_2 - w_1$
+from the slopes of the tap's cells and the steps between them, $w$ at the darker of its edges and
+$\tau$ at the other: near the vertex a crossing moves without bound, which does nothing in the
+dark. A tap that holds an end of the exposure changes by the one crossing that is left.
+
+Under a symmetric profile the arms of a slow object all but cancel where its drift moves their
+crossings alike: what is left is the profile's rise from where one is crossed to where the other
+would be in a mirror, $w(\nu + r) - w(\nu - r) = \int_{r - \nu}^{r + \nu} w'$.
 
 Rates by all that changes are worked out together, forwards. The derivative is their product
 with the changes: in reverse one sum for each of them, and no way back through the formulae.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -31,6 +37,9 @@ from mishutter.arms import (
 from mishutter.doubleword import DoubleWord
 from mishutter.path import Motion, mirrored_velocity, once, speed_change
 from mishutter.shutters.base import AbstractPiecewiseShutter
+
+_ASIDE = float(np.sqrt(1 / 12))
+"""Nodes of the Gauss-Legendre rule of two, on either side of the middle of an interval."""
 
 
 class Cells(NamedTuple):
@@ -72,16 +81,22 @@ def parts(num_taps: int) -> tuple[tuple[slice, slice], ...]:
 
 
 @eqx.filter_custom_jvp
-def moving(light: Array, motion: Motion, edges: Array, *, from_vertex: bool, taps: Taps) -> Array:
-    """Light of taps, `(n,)`, with its first derivatives by the motion and the edges as well."""
+def moving(
+    light: Array, motion: Motion, edges: Array, shift: Array, *, from_vertex: bool, taps: Taps
+) -> Array:
+    """Light of taps, `(n,)`, with its first derivatives by what moves them as well.
+
+    That is the motion, the edges and a `shift` of all edges, which is in these already.
+    """
     return light
 
 
 @moving.def_jvp
 def _moving_jvp(primals, tangents, *, from_vertex, taps):
-    light, motion, _ = primals
-    change, by_motion, by_edges = tangents
-    steps = {i: step for i, step in enumerate(by_motion or ()) if step is not None}
+    light, motion, *_ = primals
+    change, by_motion, by_edges, by_shift = tangents
+    scalars = enumerate((*(by_motion or (None,) * 3), by_shift))
+    steps = {i: step for i, step in scalars if step is not None}
     if not steps and by_edges is None:
         return light, change
     units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(light.dtype)
@@ -106,11 +121,16 @@ def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> 
     transmittance, rise = once(_transmittance_and_rise, taps)
     lit = jnp.where(taps.is_held, 0.0, transmittance)
     begin, end = (lit[k] for k in taps.parts)
+    u, v = (taps.x.velocity[1:][k] for k in taps.parts)
     is_free = ~(taps.is_held[taps.parts[0]] | taps.is_held[taps.parts[1]])
     one_sided = jnp.where(AFTER, end - begin, begin - end)
-    height = of_both_arms(jnp.where(is_free, (begin + end) / 2, 0.0))
+    inner, outer = (of_both_arms(jnp.where(is_free, w, 0.0)) for w in (begin, end))
+    height = jnp.minimum(inner, outer)
     drifting = of_both_arms(jnp.where(is_free, rise, one_sided))
-    u, v = (taps.x.velocity[1:][k] for k in taps.parts)
+    # All else that makes the crossings drift does so in proportion to the speed.
+    if taps.profile.symmetric and np.any(units[:, 2]):
+        known, left_over = once(_rise_between_arms, motion, taps)
+        drifting = jnp.where(known, left_over, drifting)
     mirrored = at(mirrored_velocity(motion, taps.tau), taps.x.nearest)
 
     def rate(unit):
@@ -127,7 +147,8 @@ def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> 
         between = end * moved[1] - begin * moved[0]
         between = jnp.where(AFTER, between, -between)
         # Steps that mirror each other cancel, so the arms are joined before all else.
-        turned = of_both_arms(jnp.where(is_free, rise * ((moved[0] + moved[1]) / 2), between))
+        lighter = jnp.where(inner > outer, moved[0], moved[1])
+        turned = of_both_arms(jnp.where(is_free, rise * lighter, between))
         return turned + height * longer[0] + drifting * drift_change(motion, by_motion)
 
     return jax.vmap(rate)(units)
@@ -151,11 +172,44 @@ def _rise(
     profile: AbstractPiecewiseShutter, start: Crossings, is_after: ArrayLike, width: Array
 ) -> Array:
     """Rise of the transmittance over cells, which lead outwards: their width times the slope."""
-    middle = start.halfway(is_after, width)
-    once_more = jnp.ones_like(middle)
-    return (
-        width * jax.jvp(lambda y: mean_about(profile, start, y, width), (middle,), (once_more,))[1]
+    return width * _slope(profile, start, start.halfway(is_after, width), width)
+
+
+def _slope(profile: AbstractPiecewiseShutter, x: Crossings, middle: Array, width: Array) -> Array:
+    """Mean slope of the transmittance, as of `mean_about`."""
+    return _derivative(partial(mean_about, profile, x, width=width), middle)
+
+
+def _derivative(function: Callable[[Array], Array], at: Array) -> Array:
+    return jax.jvp(function, (at,), (jnp.ones_like(at),))[1]
+
+
+def _rise_between_arms(motion: Motion, taps: Taps) -> tuple[Array, Array]:
+    """Whether a tap's crossings mirror each other nearly, and both arms' rise over it if so."""
+    a, T, s = motion
+    profile, num_pieces = taps.profile, taps.tau.high.size - 1
+    before, after = (taps.x.part((arm, slice(None))) for arm in (0, 1))
+    apart = jnp.where(a > 0, s / jnp.where(a > 0, a * T, 1.0), jnp.inf)
+    near = jnp.abs(apart) < 2 * float(jnp.finfo(apart.dtype).eps) ** 0.4
+    apart = jnp.where(near, apart, 0.0)
+    mirrored = (before.piece + after.piece == num_pieces - 1) & (
+        before.from_left != after.from_left
     )
+    is_held, at_vertex = jnp.any(taps.is_held, axis=0), after.velocity == 0
+    known = jnp.where(is_held, jnp.all(taps.is_held, axis=0), mirrored | at_vertex)
+    middle = (after.offset - before.offset) / 2
+    rise = apart * _slope(profile, after, middle, jnp.broadcast_to(jnp.abs(apart), middle.shape))
+    rise = jnp.where(is_held | at_vertex, 0.0, rise)
+
+    # The difference of two such rises loses what a narrow tap is narrower than the profile.
+    (_, begin), (_, end) = taps.parts
+    inside = mirrored & ~is_held
+    whole = inside[begin] & inside[end] & (after.piece[begin] == after.piece[end])
+    start, width = after.part((begin,)), taps.width[1]
+    slope, centre = partial(_slope, profile, start, width=width), middle[begin] + width / 2
+    bends = [_derivative(slope, centre + place * apart) for place in (-_ASIDE, _ASIDE)]
+    both = jnp.where(whole, apart * width * sum(bends) / 2, rise[end] - rise[begin])
+    return near & known[begin] & known[end], both
 
 
 def mean_about(

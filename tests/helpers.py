@@ -219,18 +219,10 @@ def derivative_error(derivatives, point, argument, largest_tap):
         return np.nan
     exact = exact_derivative(point, argument)
     floor = DERIVATIVE_OF_TAP[dtype] * largest_tap / mp.mpf(natural_scale(point, argument))
-    if argument == "speed" and not any(exact):
-        floor = max(floor, _of_one_arm(point) * DERIVATIVE_OF_LARGEST[dtype])
     allowed = max(DERIVATIVE_OF_LARGEST[dtype] * max(abs(r) for r in exact), floor)
     allowed = max(allowed, mp.mpf(float(np.finfo(dtype).tiny)))
     errors = [abs(mp.mpf(float(h)) - r) for h, r in zip(derivatives, exact, strict=True)]
     return float(max(errors) / allowed)
-
-
-def _of_one_arm(point):
-    """Derivative by speed of one arm of the path, where the two arms' cancel: `T dh/dx`."""
-    by_position = exact_derivative(point, "position")
-    return mp.mpf(float(point.half_exposure)) * max(abs(r) for r in by_position)
 
 
 def edge_at_vertex(point):

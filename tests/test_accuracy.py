@@ -4,15 +4,20 @@ The short sweep runs always; the full one of 2,000 points a precision is marked 
 are fixed, so a failure names its point and can be repeated.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import SHUTTERS
 from helpers import (
     ARGUMENTS,
+    DERIVATIVE_OF_LARGEST,
+    NUM_TAPS,
     Point,
     computed,
     derivative_error,
     edge_at_vertex,
+    exact_derivative,
     exact_taps,
     random_frequencies,
     random_point,
@@ -77,6 +82,39 @@ CORPUS = {
         "-202.27092 -202.26965 -202.24652 -202.24536 -202.24345 -202.23969 -202.23619 "
         "-202.23329 -202.2205",
     ),
+    "an edge all but at a vertex in the dark": (
+        "hann sensor float64",
+        (107068.6018503074, 0.001994048817463575, -427.0000378141676),
+        "-1.0012160023998262 -0.8553583452288875 -0.7941196419090221 -0.7362234185446276 "
+        "-0.5680972041150223 -0.4892744611512207 -0.466291976415461 -0.42572946023012137 "
+        "-0.30310869746666935 -0.2786882382869941 -0.14162883695174402 -0.09414652942112735 "
+        "0.1200107899791773 0.27985889824517174 0.2904315991220522 0.3497979810019922 "
+        "0.3887878687254035",
+    ),
+    "the top of a taper, of a fast object": (
+        "tukey vertex float32",
+        (6.592622, 72.021515, 684212.0),
+        "1.7724574e10",
+    ),
+    "a chip that holds the vertex": (
+        "one-open-chip sensor float32",
+        (4.9429634e-11, 1.3175808, 5.5823606e-11),
+        "-7.8862854e-11 -7.83518e-11 -6.971284e-11 -5.9889205e-11 -4.2684502e-11 -1.4285474e-11 "
+        "-1.118872e-11 -6.671178e-12 -4.8104598e-12 -1.9518094e-12 1.0638714e-11 2.269495e-11 "
+        "2.6431796e-11 4.072423e-11 4.4740125e-11 7.023698e-11 7.766367e-11",
+    ),
+    "a vertex at a knot": (
+        "spline-symmetric vertex float32",
+        (1502959.75, 0.43140876293182373, -555762.875),
+        "0.0",
+    ),
+    "a slow object under a smooth profile": (
+        "gaussian sensor float32",
+        (1.52709e-14, 6880.408, 1.262699e-15),
+        "7.172903e-07 7.1779067e-07 7.1784484e-07 7.186063e-07 7.191869e-07 7.1983305e-07 "
+        "7.2051284e-07 7.213602e-07 7.2206325e-07 7.225901e-07 7.2370585e-07 7.238655e-07 "
+        "7.248054e-07 7.260553e-07 7.2639557e-07 7.279605e-07 7.279867e-07",
+    ),
 }
 """Points that once missed a bound, by what they have in common: acceleration, exposure, speed
 and edges (or the phase)."""
@@ -113,6 +151,25 @@ def test_points_that_missed_once(name):
     a, T, s = (dtype(x) for x in motion)
     stroke = float(a) * float(T) ** 2
     check(Point(slug, stroke, a, T, s, np.array(taps.split(), dtype), frame))
+
+
+@pytest.mark.parametrize("precision", DTYPES)
+@pytest.mark.parametrize("slug", ["hann", "spline-symmetric"])
+def test_slow_objects_under_a_symmetric_profile(slug, precision):
+    """By speed, where the arms of the path all but cancel: of what is left, not of one arm."""
+    dtype, rng = DTYPES[precision], np.random.default_rng(3)
+    for _ in range(12):
+        stroke, T = 10 ** rng.uniform(-6, 6), dtype(10 ** rng.uniform(-6, 3))
+        a = dtype(stroke / float(T) ** 2)
+        s = dtype(2 * float(a) * float(T) * 10 ** rng.uniform(-12, -3))
+        edges = np.sort(stroke * rng.uniform(-0.1, 1.1, NUM_TAPS + 1)).astype(dtype)
+        point = Point(slug, stroke, a, T, s, edges, "sensor")
+        found = computed(point)[1][:, ARGUMENTS.index("speed")].astype(float)
+        exact = np.array([float(x) for x in exact_derivative(point, "speed")])
+        error = np.max(np.abs(found - exact)) / np.max(np.abs(exact))
+        assert error <= DERIVATIVE_OF_LARGEST[dtype], point
+        at_rest = computed(replace(point, speed=dtype(0)))[1]
+        assert not np.any(at_rest[:, ARGUMENTS.index("speed")]), point
 
 
 @pytest.mark.slow

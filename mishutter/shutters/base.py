@@ -47,6 +47,9 @@ class AbstractPiecewiseShutter(AbstractShutter):
     equal_pieces: eqx.AbstractClassVar[bool]
     """Whether the pieces are equally long; one that is not may be all of the exposure."""
 
+    symmetric: eqx.AbstractVar[bool]
+    """Whether $w(-\\tau) = w(\\tau)$, whatever the parameters."""
+
     @abstractmethod
     def dtype(self) -> np.dtype | None:
         """Precision of the parameters; None for a shutter without any."""

@@ -31,6 +31,7 @@ class ChippedShutter(AbstractAdjustableShutter):
     transmittances: Array
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = False
     linear: ClassVar[bool] = True
 
     def __init__(self, transmittances: RowLike):

@@ -40,6 +40,7 @@ class SampledShutter(AbstractPiecewiseShutter):
     shutter: AbstractShutter
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = False
 
     def transmittance(self, tau: ArrayLike) -> Array:
         return self.shutter.transmittance(tau)

@@ -27,6 +27,7 @@ class RectShutter(AbstractPiecewiseShutter):
 
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -51,6 +52,7 @@ class HannShutter(AbstractPiecewiseShutter):
 
     panels_per_piece: ClassVar[int] = 2
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -66,7 +68,8 @@ class HannShutter(AbstractPiecewiseShutter):
         return jnp.sin((jnp.pi / 2) * offset) ** 2
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
-        return _cosine_ramp_mean(jnp.minimum(distance, 2 - distance), width)
+        height = jnp.minimum(distance, 2 - distance)
+        return _cosine_ramp_mean(height, 1 - height, width)
 
 
 @final
@@ -75,6 +78,7 @@ class TriangleShutter(AbstractPiecewiseShutter):
 
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -110,6 +114,7 @@ class GaussianShutter(AbstractAdjustableShutter):
     sigma: Array
     panels_per_piece: ClassVar[int] = 16
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
     def __init__(self, sigma: ArrayLike = 0.4):
@@ -164,6 +169,7 @@ class TukeyShutter(AbstractAdjustableShutter):
     taper: Array
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
     def __init__(self, taper: ArrayLike = 0.5):
@@ -206,8 +212,10 @@ class TukeyShutter(AbstractAdjustableShutter):
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         taper = _nonzero(self.taper.astype(width.dtype))
         flat = piece == 1
-        height = jnp.where((piece == 0) == from_left, distance, taper - distance)
-        ramp = _cosine_ramp_mean(*(jnp.where(flat, 0.0, x / taper) for x in (height, width)))
+        rising, rest = (piece == 0) == from_left, taper - distance
+        height, depth = jnp.where(rising, distance, rest), jnp.where(rising, rest, distance)
+        shares = (jnp.where(flat, 0.0, x / taper) for x in (height, depth, width))
+        ramp = _cosine_ramp_mean(*shares)
         return jnp.where(flat, 1.0, ramp)
 
     def box(self) -> Array:
@@ -235,8 +243,8 @@ _SINC_DEFICIT = economised([-c for c in _alternating(1)], Fraction(10), 9)
 """To a rounding, for angles up to an eighth and a half of a turn."""
 
 
-def _cosine_ramp_mean(centre: Array, width: Array) -> Array:
-    r"""Mean of $\sin^2(\pi v/2)$ over $c \pm d$, without cancellation.
+def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
+    r"""Mean of $\sin^2(\pi v/2)$ over $c \pm d$, without cancellation; `from_top` is $1 - c$.
 
     $\frac12(1 - \operatorname{sinc} d\,\cos \pi c)
     = \frac12(1 - \operatorname{sinc} d) + \operatorname{sinc} d\,\sin^2(\pi c/2)$ for
@@ -248,12 +256,12 @@ def _cosine_ramp_mean(centre: Array, width: Array) -> Array:
     square = (jnp.pi * half) ** 2
     deficit = square * polynomial(_SINC_DEFICIT, square)
     high = centre > 0.5
-    angle = (jnp.pi / 2) * jnp.where(high, 1 - centre, centre)
+    angle = (jnp.pi / 2) * jnp.where(high, from_top, centre)
     sine_square = (angle * polynomial(_SINE, angle**2)) ** 2
     return deficit / 2 + (1 - deficit) * jnp.where(high, 1 - sine_square, sine_square)
 
 
-_NARROW = 0.5
+_NARROW = 0.4
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 
 
