@@ -149,11 +149,11 @@ def _table(from_vertex, a, T, s, tau_high, tau_low):
     return once(partial(_table_exact, from_vertex), a, T, s, tau_high, tau_low)
 
 
-def once(function, *arguments):
+def once(function, *arguments, when: Array | bool = True):
     """`function` of `arguments`, as a loop of one turn: a compiler may not unroll it.
 
     Left open, hundreds of operations would be folded into each use of their results, and
-    compiled, and run, dozens of times.
+    compiled, and run, dozens of times. Unless it is run `when` asked, zeros.
     """
     start = jax.tree.map(jnp.zeros_like, jax.eval_shape(function, *arguments))
     never = jnp.array(False)
@@ -161,7 +161,7 @@ def once(function, *arguments):
     def turn(_):
         return never, function(*arguments)
 
-    return jax.lax.while_loop(lambda state: state[0], turn, (jnp.array(True), start))[1]
+    return jax.lax.while_loop(lambda state: state[0], turn, (jnp.asarray(when), start))[1]
 
 
 def _table_exact(from_vertex, a, T, s, tau_high, tau_low):

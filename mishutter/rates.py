@@ -30,6 +30,7 @@ from mishutter.arms import (
     Crossings,
     at,
     drift_change,
+    lengths,
     moment_change,
     of_both_arms,
     time_between,
@@ -37,9 +38,6 @@ from mishutter.arms import (
 from mishutter.doubleword import DoubleWord
 from mishutter.path import Motion, mirrored_velocity, once, speed_change
 from mishutter.shutters.base import AbstractPiecewiseShutter
-
-_ASIDE = float(np.sqrt(1 / 12))
-"""Nodes of the Gauss-Legendre rule of two, on either side of the middle of an interval."""
 
 
 class Cells(NamedTuple):
@@ -129,8 +127,10 @@ def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> 
     drifting = of_both_arms(jnp.where(is_free, rise, one_sided))
     # All else that makes the crossings drift does so in proportion to the speed.
     if taps.profile.symmetric and np.any(units[:, 2]):
-        known, left_over = once(_rise_between_arms, motion, taps)
-        drifting = jnp.where(known, left_over, drifting)
+        apart = _between_arms(motion)
+        is_near = (apart != 0) & (jnp.abs(apart) < 2 * _near(apart))
+        known, left_over = once(_rise_between_arms, apart, taps, when=is_near)
+        drifting = jnp.where(known, left_over, jnp.where(apart == 0, 0.0, drifting))
     mirrored = at(mirrored_velocity(motion, taps.tau), taps.x.nearest)
 
     def rate(unit):
@@ -184,21 +184,28 @@ def _derivative(function: Callable[[Array], Array], at: Array) -> Array:
     return jax.jvp(function, (at,), (jnp.ones_like(at),))[1]
 
 
-def _rise_between_arms(motion: Motion, taps: Taps) -> tuple[Array, Array]:
-    """Whether a tap's crossings mirror each other nearly, and both arms' rise over it if so."""
+def _between_arms(motion: Motion) -> Array:
+    r"""How far crossings are from mirroring each other: $2\nu$, scalar."""
     a, T, s = motion
+    return jnp.where(a > 0, s / jnp.where(a > 0, a * T, 1.0), jnp.inf)
+
+
+def _near(like: Array) -> float:
+    """Shares of a piece over which its slope is all but straight, and its rise all but lost."""
+    return float(jnp.finfo(like.dtype).eps) ** 0.4
+
+
+def _rise_between_arms(apart: Array, taps: Taps) -> tuple[Array, Array]:
+    """Whether a tap's crossings all but mirror each other, and both arms' rise over it if so."""
     profile, num_pieces = taps.profile, taps.tau.high.size - 1
     before, after = (taps.x.part((arm, slice(None))) for arm in (0, 1))
-    apart = jnp.where(a > 0, s / jnp.where(a > 0, a * T, 1.0), jnp.inf)
-    near = jnp.abs(apart) < 2 * float(jnp.finfo(apart.dtype).eps) ** 0.4
-    apart = jnp.where(near, apart, 0.0)
-    mirrored = (before.piece + after.piece == num_pieces - 1) & (
-        before.from_left != after.from_left
-    )
+    mirrored = before.piece + after.piece == num_pieces - 1
+    mirrored &= before.from_left != after.from_left
+    near = jnp.abs(apart) < _near(apart) * at(lengths(profile.equal_pieces, taps.tau), after.piece)
     is_held, at_vertex = jnp.any(taps.is_held, axis=0), after.velocity == 0
-    known = jnp.where(is_held, jnp.all(taps.is_held, axis=0), mirrored | at_vertex)
+    known = jnp.where(is_held, jnp.all(taps.is_held, axis=0), (mirrored & near) | at_vertex)
     middle = (after.offset - before.offset) / 2
-    rise = apart * _slope(profile, after, middle, jnp.broadcast_to(jnp.abs(apart), middle.shape))
+    rise = apart * _slope(profile, after, middle, jnp.zeros_like(middle))
     rise = jnp.where(is_held | at_vertex, 0.0, rise)
 
     # The difference of two such rises loses what a narrow tap is narrower than the profile.
@@ -206,10 +213,9 @@ def _rise_between_arms(motion: Motion, taps: Taps) -> tuple[Array, Array]:
     inside = mirrored & ~is_held
     whole = inside[begin] & inside[end] & (after.piece[begin] == after.piece[end])
     start, width = after.part((begin,)), taps.width[1]
-    slope, centre = partial(_slope, profile, start, width=width), middle[begin] + width / 2
-    bends = [_derivative(slope, centre + place * apart) for place in (-_ASIDE, _ASIDE)]
-    both = jnp.where(whole, apart * width * sum(bends) / 2, rise[end] - rise[begin])
-    return near & known[begin] & known[end], both
+    bend = _derivative(partial(_slope, profile, start, width=width), middle[begin] + width / 2)
+    both = jnp.where(whole, apart * width * bend, rise[end] - rise[begin])
+    return known[begin] & known[end], both
 
 
 def mean_about(
