@@ -90,7 +90,7 @@ def same_quality(photon_rate: float) -> list[dict]:
     scene = ms.Scene([0.0], photon_rate=photon_rate, read_noise=READ_NOISE, **spectrum)
     key = jax.random.key(1)
     captured = ms.simulate_capture(whole, scene, motion, shutter, border="scene", key=key)
-    truth = whole[:, captured_columns(motion, shutter, 0.0, whole.shape[1])]
+    truth = whole[:, captured_columns(motion, 0.0, whole.shape[1])]
     model = ms.blur_model(scene, motion, shutter)
     taps = np.trim_zeros(model.assumed, "b").astype(np.float32)[None] / np.float32(model.efficiency)
     light = np.asarray(captured) / np.float32(model.efficiency)

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from mishutter.scene import Scene
     from mishutter.shutters import AbstractShutter
 
+_RANGES = "`--acceleration` and `--half-exposure`"
 _NUM_VALUES = 40
+_MOST_POINTS = 10_000_000
+"""More are neither held in memory nor gone through for their front in reasonable time."""
 
 
 def sweep(
@@ -61,12 +64,12 @@ def sweep(
     json: JsonOption = False,
 ) -> None:
     """Map acceleration and exposure: the best points, and what cannot be had together."""
-    folder = None if out is None else writable_folder(out)
     accelerations = _values("--acceleration", acceleration, log, zero=True)
     half_exposures = _values("--half-exposure", half_exposure, log, zero=False)
     start_jax()
     from mishutter.report import named_shutter
     from mishutter.sweep import sweep as run
+    from mishutter.sweep_grid import require_within
 
     scene = scene_of(scene_file)
     named = {name: named_shutter(name) for name in shutters or []}
@@ -77,6 +80,9 @@ def sweep(
     if accelerations is None:
         accelerations = _accelerations_of(scene, half_exposures)
     total = accelerations.size * half_exposures.size
+    _require_few(f"{_RANGES} together", total)
+    require_within(_RANGES, scene, accelerations, half_exposures)
+    folder = None if out is None else writable_folder(out)
     with _notes(), progress_bar("sweeping", total) as update:
         begin = time.perf_counter()
         first: list[int] = []
@@ -123,6 +129,7 @@ def _values(option: str, text: str | None, log: bool, *, zero: bool) -> "np.ndar
         raise ValueError(f"`{option}` must run between finite numbers; got '{text}'.")
     if count < 1:
         raise ValueError(f"`{option}` must hold at least one value; got '{text}'.")
+    _require_few(f"`{option}`", count)
     if low < 0 or (low == 0 and not zero):
         bound = "at least 0" if zero else "above 0"
         raise ValueError(f"`{option}` must be {bound}; got '{text}'.")
@@ -133,6 +140,12 @@ def _values(option: str, text: str | None, log: bool, *, zero: bool) -> "np.ndar
     if log and low == 0 and count > 1:
         raise ValueError(f"`{option}` must begin above 0 with --log; got '{text}'.")
     return np.geomspace(low, high, count) if log and low > 0 else np.linspace(low, high, count)
+
+
+def _require_few(subject: str, count: int) -> None:
+    """Refuse more points than can be held, before any is."""
+    if count > _MOST_POINTS:
+        raise ValueError(f"{subject} must make at most {_MOST_POINTS:,} points; got {count:,}.")
 
 
 def _half_exposures_of(scene: "Scene") -> "np.ndarray":
@@ -148,6 +161,8 @@ def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray") -> "np.ndarr
     import numpy as np
 
     limits = scene.limits
+    ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
+    half_exposures = np.clip(half_exposures, *ends)
     by_stroke = float(limits.max_stroke) / half_exposures**2
     by_speed = float(limits.max_top_speed) / (2 * half_exposures)
     largest = np.minimum(by_stroke, by_speed)
@@ -217,14 +232,9 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
             "files": files,
         }
         write_json(document)
-    elif best:
+    else:
         rows = [[name, *_cells(point)] for name, point in best.items()]
         print_table("Best points of the sweep", _COLUMNS, rows)
-    else:
-        raise ValueError(
-            "the sweep must reach a point within the scene's limits; "
-            f"got {int(values.outside.size)} points outside them."
-        )
     if files:
         note(f"{folder}: {', '.join(files)}")
 

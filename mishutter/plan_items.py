@@ -75,7 +75,7 @@ def items_of(
         ),
         *_spectra_items(full, kept, needs, space),
         *_terms_items(needs),
-        *_search_items(shutter, needs, space),
+        *_search_items(shutter, space),
         _precision_item(scene),
     )
 
@@ -151,7 +151,7 @@ def _terms_items(needs: Needs) -> list[Item]:
     return [Item("terms of the loss", str(given), str(kept), why)]
 
 
-def _search_items(shutter: AbstractShutter, needs: Needs, space: DesignSpace | None) -> list[Item]:
+def _search_items(shutter: AbstractShutter, space: DesignSpace | None) -> list[Item]:
     if space is None:
         return []
     fixed = [

@@ -4,26 +4,33 @@ Grey values carry the maps, so that they survive a grey printout.
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from mishutter.design import shutter_from_dict
 from mishutter.plots import save_figure
 from mishutter.scene import Scene
 from mishutter.shutters import SplineShutter
-from mishutter.sweep_grid import METRICS, OPTIMISED
+from mishutter.sweep_grid import OPTIMISED
 from mishutter.trade_offs import OBJECTIVES, gain_over_snapshot, pareto_front
-from mishutter.types import require
+from mishutter.types import require, require_positive_int
 
 if TYPE_CHECKING:
     import xarray
 
 _MARKERS = "os^Dvp*XP<>h"
 _OF_ALL = "the best shutter"
+_EXPOSURE = "half exposure $T$ / ms"
+_ACCELERATION = "acceleration $a$ / (px/s²)"
+_APART = 0.07
+"""Least distance of two labelled points of a front, in widths of the axes."""
 
 
 def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> list[str]:
@@ -49,7 +56,8 @@ def plot_map(
     """A metric over acceleration and exposure, with the optimum marked.
 
     Dashed lines join points of equal stroke in px, dotted ones points of equal top speed
-    in px/s. Hatched is outside the limits.
+    in px/s. Hatched is outside the limits. A camera at rest is left out, and so are rows and
+    columns that are wholly outside. A single row or column is a line of points.
 
     Args:
         dataset: What `sweep` returned, of one scene and light.
@@ -57,67 +65,115 @@ def plot_map(
         shutter: Of which shutter; of the best at each point by default.
 
     Raises:
-        ValueError: if the grid is a single row or the metric is not in the dataset.
+        ValueError: if the metric or the shutter is not in the dataset, it is of several
+            scenes or lights, or no point is within the limits.
     """
-    require(metric in dataset, "plot_map(metric=...)", "be in the sweep", metric)
-    enough = dataset.acceleration.size > 1 and dataset.half_exposure.size > 1
-    require(enough, "plot_map(dataset=...)", "have rows and columns", dict(dataset.sizes))
     smaller = not OBJECTIVES.get(metric, True)
-    values = dataset[metric] if shutter is None else dataset[metric].sel(shutter=shutter)
-    if shutter is None:
-        values = values.min("shutter") if smaller else values.max("shutter")
-    values = values.transpose("acceleration", "half_exposure").values
-    a, half = dataset.acceleration.values, dataset.half_exposure.values * 1e3
-    moving = a > 0
-    a, values = a[moving], values[moving]
+    values = _values(dataset, metric, shutter, smaller)
+    within = ~np.isnan(values)
+    reached = bool(np.any(within))
+    require(reached, "plot_map(dataset=...)", "reach a point within the limits", "none")
+    rows, columns = np.any(within, axis=1), np.any(within, axis=0)
+    a, half = dataset.acceleration.values[rows], dataset.half_exposure.values[columns] * 1e3
+    values = values[rows][:, columns]
+    if min(values.shape) > 1:
+        a, values = a[a > 0], values[a > 0]
     figure = Figure(figsize=(7.0, 5.4), layout="constrained")
     axes = figure.subplots()
-    shown = np.ma.masked_invalid(values)
-    picture = axes.pcolormesh(half, a, shown, cmap="gray", shading="nearest", rasterized=True)
-    axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
-    _scale(axes, half, a)
-    _contours(axes, half, a)
-    label, unit = METRICS.get(metric, (metric.replace("_", " "), "dB"))
-    figure.colorbar(picture, ax=axes, label=label if unit == "1" else f"{label} / {unit}")
-    if np.any(np.isfinite(values)):
-        index = np.nanargmin(values) if smaller else np.nanargmax(values)
-        row, column = np.unravel_index(index, values.shape)
-        style = {"marker": "*", "markersize": 17, "color": "white", "markeredgecolor": "black"}
-        best = f"best: {values[row, column]:.3g}"
-        axes.plot(half[column], a[row], linestyle="none", label=best, **style)
-        axes.legend(loc="lower left")
-    axes.set_title(f"{label}, {shutter or _OF_ALL}", fontsize="medium")
-    axes.set(xlabel="half exposure $T$ / ms", ylabel="acceleration $a$ / (px/s²)")
+    draw = _draw_map if min(values.shape) > 1 else _draw_line
+    x, y = draw(axes, half, a, values, _label(dataset, metric))
+    best = np.nanargmin(values) if smaller else np.nanargmax(values)
+    star = {"marker": "*", "markersize": 17, "color": "white", "markeredgecolor": "black"}
+    axes.plot(x.flat[best], y.flat[best], clip_on=False, zorder=5, **star)
+    unit = _unit(dataset, metric)
+    title = f"{_text(dataset, metric)}, {shutter or _OF_ALL}"
+    title += f"\n☆ best: {values.flat[best]:.3g} {'' if unit == '1' else unit}"
+    axes.set_title(title, fontsize="medium", pad=10)
     return figure
 
 
-def _scale(axes: Axes, half: np.ndarray, a: np.ndarray) -> None:
-    """Logarithmic axes where the values spread over more than their mean."""
-    if a[-1] > 8 * a[0]:
-        axes.set_yscale("log")
-    if half[-1] > 8 * half[0]:
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.xaxis.set_minor_formatter(
-            lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else ""
-        )
+def _values(
+    dataset: "xarray.Dataset", metric: str, shutter: str | None, smaller: bool
+) -> np.ndarray:
+    """A metric of one shutter, or of the best at each point; shape `(a, t)`."""
+    require(metric in dataset, "plot_map(metric=...)", "be in the sweep", metric)
+    values = dataset[metric]
+    names = [str(name) for name in dataset.shutter.values]
+    known = shutter is None or shutter in names
+    require(known, "plot_map(shutter=...)", f"be one of {', '.join(names)}", shutter)
+    if "shutter" in values.dims:
+        best = values.min("shutter") if smaller else values.max("shutter")
+        values = best if shutter is None else values.sel(shutter=shutter)
+    one = set(values.dims) == {"acceleration", "half_exposure"}
+    require(one, "plot_map(dataset=...)", "be of one scene and light", dict(values.sizes))
+    return values.transpose("acceleration", "half_exposure").values
+
+
+def _draw_map(
+    axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Grey values over acceleration and exposure; where on the axes each of them is."""
+    shown = np.ma.masked_invalid(values)
+    picture = axes.pcolormesh(half, a, shown, cmap="gray", shading="nearest", rasterized=True)
+    axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
+    _scale(axes.set_xscale, axes.xaxis, half)
+    _scale(axes.set_yscale, axes.yaxis, a)
+    _contours(axes, half, a)
+    axes.figure.colorbar(picture, ax=axes, label=label)
+    axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
+    x, y = np.meshgrid(half, a)
+    return x, y
+
+
+def _draw_line(
+    axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """A single row or column as a line of points; where on the axes each of them is."""
+    row = a.size == 1
+    x, y = half if row else a, values.ravel()
+    axes.plot(x, y, marker="o", markersize=4, color="black")
+    axes.grid(True, color="0.88", linewidth=0.6)
+    _scale(axes.set_xscale, axes.xaxis, x)
+    at = f"{_EXPOSURE}, at $a$ = {a[0]:.4g} px/s²"
+    axes.set(xlabel=at if row else f"{_ACCELERATION}, at $T$ = {half[0]:.4g} ms", ylabel=label)
+    return x, y
+
+
+def _on_axes(axes: Axes, places: np.ndarray) -> np.ndarray:
+    """Places of data as shares of the axes' width and height; shape `(n, 2)`."""
+    axes.axis()
+    return (axes.transData - axes.transAxes).transform(places)
+
+
+def _scale(set_scale: Callable[[str], None], axis: Axis, values: np.ndarray) -> None:
+    """A logarithmic axis where positive values spread over more than their mean."""
+    known = values[np.isfinite(values)]
+    if not known.size or known.min() <= 0 or known.max() <= 8 * known.min():
+        return
+    set_scale("log")
+    if known.min() >= 1e-3 and known.max() < 1e5:
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
 
 
 def _contours(axes: Axes, half: np.ndarray, a: np.ndarray) -> None:
     """Lines of equal stroke and of equal top speed, labelled, over the whole map."""
     limits = axes.axis()
-    x = np.geomspace(half[0], half[-1], 200)
-    y = np.geomspace(a[0], a[-1], 200)
-    stroke = y[:, None] * (x[None] * 1e-3) ** 2
-    speed = 2 * y[:, None] * x[None] * 1e-3
+    x, y = (np.geomspace(values[0], values[-1], 200) for values in (half, a))
+    time, acceleration = np.log10(x * 1e-3), np.log10(y)[:, None]
+    stroke, speed = acceleration + 2 * time, np.log10(2) + acceleration + time
     for values, style, unit in ((stroke, "dashed", "px"), (speed, "dotted", "px/s")):
-        decades = np.arange(np.floor(np.log10(values.min())), np.ceil(np.log10(values.max())) + 1)
-        levels = [10.0**d * m for d in decades for m in ((1, 3) if decades.size < 5 else (1,))]
+        first, last = int(np.floor(values.min())), int(np.ceil(values.max()))
+        texts = {
+            decade + np.log10(share): f"{float(f'{share}e{decade}'):g} {unit}"
+            for decade in range(first, last + 1, 1 + (last - first) // 12)
+            for share in ((1, 3) if last - first < 4 else (1,))
+        }
         for colour, width in (("white", 2.4), ("black", 1.0)):
             lines = axes.contour(
-                x, y, values, levels, colors=colour, linestyles=style, linewidths=width
+                x, y, values, list(texts), colors=colour, linestyles=style, linewidths=width
             )
-        marks = axes.clabel(lines, fmt=lambda v, unit=unit: f"{v:g} {unit}", fontsize=8)
+        marks = axes.clabel(lines, fmt=texts, fontsize=8)
         for mark in marks:
             mark.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8})
     axes.axis(limits)
@@ -131,50 +187,83 @@ def plot_front(
     Args:
         dataset: What `sweep` returned, of one scene and light.
         objectives: Metrics on the axes.
-        num_profiles: Points of the front whose profiles are drawn beneath.
+        num_profiles: Points of the front whose profiles are drawn beneath, at most.
+
+    Raises:
+        ValueError: if an objective is not a metric of the sweep, or no profile is asked for.
     """
-    first, second = objectives
+    require_positive_int("plot_front(num_profiles=...)", num_profiles)
     front = pareto_front(dataset, objectives)
+    places = np.stack([front[name].values for name in objectives], axis=1)
+    finite = np.all(np.isfinite(places), axis=1)
+    front, places = front.isel(point=finite), places[finite]
     figure = Figure(figsize=(7.0, 7.0), layout="constrained")
-    grid = figure.add_gridspec(2, num_profiles, height_ratios=(3, 1))
-    axes = figure.add_subplot(grid[0, :])
+    rows = figure.add_gridspec(2, 1, height_ratios=(3, 1))
+    axes = figure.add_subplot(rows[0])
+    _draw_points(axes, dataset, objectives)
+    axes.step(*places.T, color="black", linewidth=1.6, label="Pareto front")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, markerscale=2)
+    shown = _spread(_on_axes(axes, places), num_profiles)
+    columns = rows[1].subgridspec(1, max(1, len(shown)))
+    for column, index in enumerate(shown):
+        letter = chr(ord("A") + column)
+        axes.plot(*places[index], marker="o", markersize=7, color="white", markeredgecolor="black")
+        around = {"path_effects": [withStroke(linewidth=3, foreground="white")], "weight": "bold"}
+        axes.annotate(letter, places[index], (5, 6), textcoords="offset points", **around)
+        panel = figure.add_subplot(columns[column])
+        _draw_profile(panel, dataset, front.isel(point=index), letter)
+        panel.set_ylabel("transmittance" if column == 0 else "", fontsize="small")
+        panel.tick_params(labelleft=column == 0, labelsize="small")
+    return figure
+
+
+def _draw_points(axes: Axes, dataset: "xarray.Dataset", objectives: tuple[str, str]) -> None:
+    """Every point of a sweep under two objectives, a grey and a marker a shutter."""
     names = [str(name) for name in dataset.shutter.values]
     for index, name in enumerate(names):
         some = dataset.sel(shutter=name)
         axes.plot(
-            some[first].values.ravel(),
-            some[second].values.ravel(),
+            *(some[objective].values.ravel() for objective in objectives),
             linestyle="none",
             marker=_MARKERS[index % len(_MARKERS)],
             markersize=3,
             color=str(0.35 + 0.45 * index / max(1, len(names) - 1)),
             label=name,
         )
-    axes.step(front[first], front[second], color="black", linewidth=1.6, label="Pareto front")
-    ends = front[first].values
-    if ends.size and ends.min() > 0 and ends.max() > 30 * ends.min():
-        axes.set_xscale("log")
-    axes.set(xlabel=_label(first), ylabel=_label(second))
+    scales = (axes.set_xscale, axes.xaxis), (axes.set_yscale, axes.yaxis)
+    for objective, scale in zip(objectives, scales, strict=True):
+        if _unit(dataset, objective) != "dB":
+            _scale(*scale, dataset[objective].values)
+    xlabel, ylabel = (_label(dataset, objective) for objective in objectives)
+    axes.set(xlabel=xlabel, ylabel=ylabel)
     axes.grid(True, color="0.88", linewidth=0.6)
-    axes.legend(fontsize="small", markerscale=2)
-    shown = np.unique(np.linspace(0, front.sizes["point"] - 1, num_profiles).round().astype(int))
+
+
+def _spread(places: np.ndarray, count: int) -> list[int]:
+    """Some of the points of a line, evenly along it and none beside another."""
+    steps = np.hypot(*np.diff(places, axis=0).T)
+    along = np.cumsum(np.append(0, steps))[: len(places)]
+    kept: list[int] = []
+    for length in np.linspace(0, along[-1:].sum(), count) if len(places) else ():
+        index = int(np.argmin(np.abs(along - length)))
+        if not kept or along[index] - along[kept[-1]] >= _APART:
+            kept.append(index)
+    return kept
+
+
+def _draw_profile(
+    axes: Axes, dataset: "xarray.Dataset", point: "xarray.Dataset", letter: str
+) -> None:
+    """The profile of a point of a sweep over its exposure."""
     tau = np.linspace(-1, 1, 401)
-    for column, index in enumerate(shown):
-        point = front.isel(point=int(index))
-        name = str(point.shutter.values)
-        letter = "ABCDEFGH"[column]
-        place = (float(point[first]), float(point[second]))
-        axes.plot(*place, marker="o", markersize=7, color="white", markeredgecolor="black")
-        axes.annotate(letter, place, (5, 6), textcoords="offset points", weight="bold")
-        panel = figure.add_subplot(grid[1, column])
-        half = float(point.half_exposure) * 1e3
-        transmittance = np.pad(_transmittance(dataset, point, tau), 1)
-        panel.plot(np.pad(tau, 1, "edge") * half, transmittance, color="black")
-        panel.set(ylim=(-0.05, 1.1), xlabel="time / ms")
-        stroke = float(point.acceleration) * float(point.half_exposure) ** 2
-        panel.set_title(f"{letter}: {name}\n{stroke:.3g} px stroke", fontsize="small")
-        panel.tick_params(labelleft=column == 0, labelsize="small")
-    return figure
+    half = float(point.half_exposure) * 1e3
+    transmittance = np.pad(_transmittance(dataset, point, tau), 1)
+    axes.plot(np.pad(tau, 1, "edge") * half, transmittance, color="black")
+    axes.set(ylim=(-0.05, 1.1))
+    axes.set_xlabel("time / ms", fontsize="small")
+    axes.locator_params(axis="x", nbins=4)
+    stroke = float(point.acceleration) * float(point.half_exposure) ** 2
+    axes.set_title(f"{letter}: {point.shutter.values}\n{stroke:.3g} px stroke", fontsize="small")
 
 
 def _transmittance(
@@ -191,6 +280,14 @@ def _transmittance(
     return np.asarray(shutter_from_dict(described).transmittance(tau))
 
 
-def _label(name: str) -> str:
-    text, unit = METRICS[name]
+def _text(dataset: "xarray.Dataset", name: str) -> str:
+    return str(dataset[name].attrs.get("long_name", name.replace("_", " ")))
+
+
+def _unit(dataset: "xarray.Dataset", name: str) -> str:
+    return str(dataset[name].attrs.get("units", "1"))
+
+
+def _label(dataset: "xarray.Dataset", name: str) -> str:
+    text, unit = _text(dataset, name), _unit(dataset, name)
     return text if unit == "1" else f"{text} / {unit}"

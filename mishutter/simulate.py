@@ -121,9 +121,7 @@ def blurred_at_speeds(
         yield every_colour(channels_last(_blurred(planes, taps, origin, "scene"), light), light)
 
 
-def captured_columns(
-    motion: AbstractMotion, shutter: AbstractShutter, speed: float, num_columns: int
-) -> slice:
+def captured_columns(motion: AbstractMotion, speed: float, num_columns: int) -> slice:
     """Columns of the picture that a capture with `border="scene"` lies over."""
     num_taps, origin = kernel_layout(motion, speed)
     return slice(num_taps - 1 - origin, num_columns - origin)

@@ -16,6 +16,7 @@ from mishutter.plan import PLANNED, Automatic, Plan, sized_for
 from mishutter.scene import Scene
 from mishutter.shutters import AbstractShutter, SplineShutter, TukeyShutter
 from mishutter.sweep_blocks import Engine
+from mishutter.sweep_cluster import compute_remotely, connection
 from mishutter.sweep_grid import METRICS, OPTIMISED, Grid, Search, checked_axis, named
 from mishutter.sweep_store import AbstractBlocks, MemoryBlocks, StoredBlocks
 from mishutter.types import RowLike, describe, require, require_positive_int
@@ -105,23 +106,23 @@ def sweep(
         (loss, num_coefficients, max_steps, seed),
         plan,
     )
-    blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
-    missing, total = blocks.missing(), len(grid.blocks())
-    _LOG.info("%d of %d blocks found, %d to compute", total - len(missing), total, len(missing))
-    num_points = len(grid.scenes) * grid.accelerations.size * grid.half_exposures.size
-    done = num_points - sum(grid.num_points(block) for block in missing)
-    if progress is not None:
-        progress(done, num_points)
-    if scheduler is not None:
-        from mishutter.sweep_cluster import compute_remotely
-
-        computed = compute_remotely(grid, missing, blocks, scheduler, str(store) if store else None)
-    else:
-        computed = _computed_here(grid, missing, blocks)
-    for block in computed:
-        done += grid.num_points(block)
+    with connection(scheduler) as client:
+        blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
+        missing, total = blocks.missing(), len(grid.blocks())
+        _LOG.info("%d of %d blocks found, %d to compute", total - len(missing), total, len(missing))
+        num_points = len(grid.scenes) * grid.accelerations.size * grid.half_exposures.size
+        done = num_points - sum(grid.num_points(block) for block in missing)
         if progress is not None:
             progress(done, num_points)
+        if client is None:
+            computed = _computed_here(grid, missing, blocks)
+        else:
+            place = None if store is None else str(store)
+            computed = compute_remotely(grid, missing, blocks, client, place)
+        for block in computed:
+            done += grid.num_points(block)
+            if progress is not None:
+                progress(done, num_points)
     _LOG.info("%d blocks computed", len(missing))
     return blocks.dataset()
 

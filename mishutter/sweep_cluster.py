@@ -3,6 +3,7 @@
 import logging
 import pickle
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import jax
@@ -16,45 +17,48 @@ _RETRIES = 3
 _engines: dict[str, Engine] = {}
 
 
-def compute_remotely(
-    grid: Grid, missing: list[Block], blocks: AbstractBlocks, scheduler: Any, store: str | None
-) -> Iterator[Block]:
-    """Compute blocks on a cluster, in whatever order they are finished.
-
-    With a store its workers write to it; without one they send what they found. A block
-    whose worker dies goes to another.
+def connection(scheduler: Any) -> AbstractContextManager:
+    """A client of a scheduler, for as long as it is used; None where there is none.
 
     Raises:
         ValueError: if `distributed` is not installed or no scheduler answers.
     """
+    if scheduler is None:
+        return nullcontext()
     try:
-        import cloudpickle
-        from distributed import Client, as_completed
+        from distributed import Client
     except ImportError:
         raise ValueError(
             "`sweep(scheduler=...)` must have distributed installed, by "
             "pip install 'mishutter[cluster]'; got no such package."
         ) from None
     own = not isinstance(scheduler, Client)
-    client = _connected(Client, scheduler) if own else scheduler
-    try:
-        packed = cloudpickle.dumps(grid)
-        wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
-        tasks = {
-            client.submit(
-                compute_task, packed, block, store, wide, pure=False, retries=_RETRIES
-            ): block
-            for block in missing
-        }
-        for task in as_completed(list(tasks)):
-            arrays = task.result()
-            if arrays is not None:
-                blocks.write(tasks[task], arrays)
-            task.release()
-            yield tasks[task]
-    finally:
-        if own:
-            client.close()
+    return _connected(Client, scheduler) if own else nullcontext(scheduler)
+
+
+def compute_remotely(
+    grid: Grid, missing: list[Block], blocks: AbstractBlocks, client: Any, store: str | None
+) -> Iterator[Block]:
+    """Compute blocks on a cluster, in whatever order they are finished.
+
+    With a store its workers write to it; without one they send what they found. A block
+    whose worker dies goes to another.
+    """
+    import cloudpickle
+    from distributed import as_completed
+
+    packed = cloudpickle.dumps(grid)
+    wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+    tasks = {
+        client.submit(compute_task, packed, block, store, wide, pure=False, retries=_RETRIES): block
+        for block in missing
+    }
+    for task in as_completed(list(tasks)):
+        arrays = task.result()
+        if arrays is not None:
+            blocks.write(tasks[task], arrays)
+        task.release()
+        yield tasks[task]
 
 
 def compute_task(packed: bytes, block: Block, store: str | None, wide: bool) -> Arrays | None:

@@ -15,7 +15,7 @@ from mishutter.design import package_version, scene_to_dict, shutter_to_dict
 from mishutter.losses.base import AbstractResponseLoss
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
-from mishutter.types import common_dtype, require
+from mishutter.types import common_dtype, describe, require
 
 METRICS = {
     "condition_number": ("condition number of a still object's kernel", "1"),
@@ -217,6 +217,7 @@ class Grid:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+@np.errstate(over="ignore")
 def outside_limits(scene: Scene, accelerations: np.ndarray, half_exposures: np.ndarray):
     """Bits of `REASONS` of the motion's limits at every point; shape `(a, t)`."""
     limits = scene.limits
@@ -231,9 +232,30 @@ def outside_limits(scene: Scene, accelerations: np.ndarray, half_exposures: np.n
     return np.bitwise_or.reduce(bits)
 
 
+def require_within(
+    subject: str, scene: Scene, accelerations: np.ndarray, half_exposures: np.ndarray
+) -> None:
+    """Refuse a grid of which no point is within the limits, by the limits that it breaks."""
+    outside = outside_limits(scene, accelerations, half_exposures)
+    counts = {
+        reason.replace("_", " "): int(np.count_nonzero(outside & (1 << bit)))
+        for bit, reason in enumerate(REASONS)
+    }
+    broken = ", ".join(f"{count} by {reason}" for reason, count in counts.items() if count)
+    if np.all(outside):
+        raise ValueError(
+            f"{subject} must reach a point within the scene's limits; "
+            f"got {outside.size} outside them, {broken}."
+        )
+
+
 def checked_axis(subject: str, values: Any, *, bound: str, strict: bool) -> np.ndarray:
     """One axis of the grid: at least one finite value, ascending, in its range."""
-    axis = np.asarray(values, np.float64)
+    try:
+        axis = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        got = describe(values)
+        raise ValueError(f"`{subject}` must be one row of numbers; got {got}.") from None
     require(axis.ndim == 1, subject, "be one row", f"shape {axis.shape}")
     require(axis.size >= 1, subject, "hold at least one value", "none")
     require(bool(np.all(np.isfinite(axis))), subject, "be finite", axis)

@@ -173,6 +173,7 @@ class Layout:
         """Fastest `2A + B` that a point within limits asks for; px."""
         return self._largest(lambda a, half, fastest: 2 * a * half * half + fastest * half)
 
+    @np.errstate(over="ignore")
     def _largest(self, value) -> float:
         """Largest value of a function of acceleration, half exposure and speed within limits."""
         a, half = self.grid.accelerations[:, None], self.grid.half_exposures[None]
@@ -207,6 +208,7 @@ def _reach(stroke: np.ndarray, smear: float) -> np.ndarray:
     return np.where(moving, far, 2 * np.ceil(smear) + 1)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _point_sizes(
     scene: Scene, accelerations: np.ndarray, half_exposures: np.ndarray, inside: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -216,8 +218,7 @@ def _point_sizes(
     """
     stroke = accelerations[:, None] * half_exposures[None] ** 2
     smear = float(scene.max_speed) * half_exposures[None]
-    with np.errstate(over="ignore"):
-        far = (2 * stroke + smear) ** 2 / np.where(stroke > 0, 4 * stroke, np.inf)
+    far = (2 * stroke + smear) ** 2 / np.where(stroke > 0, 4 * stroke, np.inf)
     longest = np.maximum(np.maximum(far, 2 * smear), 4 * float(scene.limits.max_stroke))
     whole = np.where(inside, np.minimum(np.ceil(longest), 1 << 14), -1.0)
     num_taps, length = np.zeros(whole.shape, np.int32), np.zeros(whole.shape, np.int32)

@@ -113,7 +113,13 @@ class StoredBlocks(AbstractBlocks):
         occupied = self.path.exists()
         require(not occupied or self.path.is_dir(), _SUBJECT, "be a folder", f"a file, '{path}'")
         if not occupied or not any(self.path.iterdir()):
-            _create(grid, self.path)
+            try:
+                _create(grid, self.path)
+            except OSError as error:
+                got = f"'{path}': {error.strerror or type(error).__name__}"
+                raise OSError(
+                    f"`{_SUBJECT}` must be a folder that can be written; got {got}."
+                ) from None
         try:
             self.group = zarr.open_group(self.path, mode="r+")
         except (FileNotFoundError, ValueError, KeyError):

@@ -67,7 +67,8 @@ def pareto_front(
         The points along the dimension `point`, in rising order of the first objective.
 
     Raises:
-        ValueError: if there are no two objectives, or one is not a metric of the sweep.
+        ValueError: if there are no two objectives, one is not a metric of the sweep, or
+            they are not over the same dimensions.
     """
     senses = dict(objectives) if isinstance(objectives, Mapping) else dict.fromkeys(objectives, "")
     subject = "pareto_front(objectives=...)"
@@ -76,6 +77,8 @@ def pareto_front(
         require(sense in ("", "max", "min"), subject, "say max or min", sense)
         _oriented(dataset, name, sense)
     dimensions = dataset[next(iter(senses))].dims
+    alike = all(dataset[name].dims == dimensions for name in senses)
+    require(alike, subject, "be over the same dimensions", objectives)
     values = np.stack([_oriented(dataset, name, sense).ravel() for name, sense in senses.items()])
     known = np.flatnonzero(np.all(~np.isnan(values), axis=0))
     kept = known[_undominated(values[:, known])]
@@ -88,11 +91,12 @@ def gain_over(dataset: "xarray.Dataset", name: str) -> "xarray.DataArray":
     """Expected PSNR of every shutter over another's at the same point; dB.
 
     Raises:
-        ValueError: if there is no such shutter in the sweep.
+        ValueError: if there is no such shutter, or no expected PSNR, in the sweep.
     """
     names = [str(x) for x in dataset.shutter.values]
     require(name in names, "gain_over(name=...)", f"be one of {', '.join(names)}", name)
-    gain = dataset.expected_psnr - dataset.expected_psnr.sel(shutter=name, drop=True)
+    psnr = _psnr("gain_over(dataset=...)", dataset)
+    gain = psnr - psnr.sel(shutter=name, drop=True)
     return gain.assign_attrs(long_name=f"gain over {name}", units="dB")
 
 
@@ -105,15 +109,19 @@ def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataA
     Args:
         dataset: What `sweep` returned.
         scene: The scene, or the one of the sweep's that the dataset was reduced to.
+
+    Raises:
+        ValueError: if the sweep holds no expected PSNR.
     """
-    present = [n for n in ("photon_rate", "read_noise") if n in dataset.expected_psnr.dims]
+    psnr = _psnr("gain_over_snapshot(dataset=...)", dataset)
+    present = [n for n in ("photon_rate", "read_noise") if n in psnr.dims]
     light = {name: np.asarray(dataset[name]) for name in present}
     best = best_snapshots(scene, light.get("photon_rate"), light.get("read_noise"))
     level = best.expected_psnr
     for name in ("photon_rate", "read_noise"):
         if name not in light:
             level = level.isel({name: 0}, drop=True)
-    gain = dataset.expected_psnr - level
+    gain = psnr - level
     return gain.assign_attrs(long_name="gain over best snapshot", units="dB")
 
 
@@ -127,10 +135,14 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
     Returns:
         `gain` in dB over light and read noise, and the acceleration, half exposure and
         shutter that reach it.
+
+    Raises:
+        ValueError: if it is not a sweep of the expected PSNR over both.
     """
-    dimensions = ("photon_rate", "read_noise")
-    lit = all(name in dataset.expected_psnr.dims for name in dimensions)
-    require(lit, "light_map(dataset=...)", "have photon rates and read noises", dataset.sizes)
+    subject = "light_map(dataset=...)"
+    psnr = _psnr(subject, dataset)
+    lit = all(name in psnr.dims for name in ("photon_rate", "read_noise"))
+    require(lit, subject, "have photon rates and read noises", dict(dataset.sizes))
     stacked = gain_over_snapshot(dataset, scene).stack(point=(*_PLACE, "shutter"))
     index = stacked.fillna(-np.inf).argmax("point")
     best = stacked.isel(point=index)
@@ -151,11 +163,14 @@ def best_snapshots(
 
     Returns:
         `expected_psnr` in dB and `half_exposure` in s over both.
+
+    Raises:
+        ValueError: if a rate or a noise is not finite or below 0.
     """
     import xarray
 
-    rates = np.atleast_1d(np.asarray(scene.photon_rate if photon_rates is None else photon_rates))
-    noises = np.atleast_1d(np.asarray(scene.read_noise if read_noises is None else read_noises))
+    rates = _light("photon_rates", scene.photon_rate if photon_rates is None else photon_rates)
+    noises = _light("read_noises", scene.read_noise if read_noises is None else read_noises)
     limits = scene.limits
     ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
     half = np.geomspace(*ends, _NUM_EXPOSURES)[:, None, None]
@@ -176,6 +191,20 @@ def best_snapshots(
         },
         {"photon_rate": rates, "read_noise": noises},
     )
+
+
+def _light(name: str, values: RowLike) -> np.ndarray:
+    row = np.atleast_1d(np.asarray(values))
+    right = row.ndim == 1 and bool(np.all((row >= 0) & np.isfinite(row)))
+    require(right, f"best_snapshots({name}=...)", "be finite, at least 0 and one row", row)
+    return row
+
+
+def _psnr(subject: str, dataset: "xarray.Dataset") -> "xarray.DataArray":
+    """The expected PSNR of a sweep, which must have been asked for."""
+    held = "expected_psnr" in dataset
+    require(held, subject, "hold expected_psnr among its metrics", list(dataset))
+    return dataset.expected_psnr
 
 
 def _snapshot_error(

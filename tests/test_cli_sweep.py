@@ -21,8 +21,17 @@ MISTAKES = {
     "no-time": (["--half-exposure", "0:3:3"], "`--half-exposure` must be above 0; got '0:3:3'"),
     "one-of-many": (["--acceleration", "1e4:2e4:1"], "must hold two values or more from A to B"),
     "log-zero": (["--log", "--acceleration", "0:1e5:3"], "must begin above 0 with --log; got"),
+    "many": (
+        ["--acceleration", "1:2:1000000000000"],
+        "must make at most 10,000,000 points; got 1,",
+    ),
+    "many-together": (["--acceleration", "1:2:9000000"], "points; got 360,000,000"),
     "shutter": (["--shutter", "hamming"], "must be one of rect, hann, "),
     "out": (["--out", "/dev/null/x"], "must be a folder that takes files"),
+    "store": (
+        ["--store", "/dev/null/x"],
+        "must be a folder that can be written; got '/dev/null/x':",
+    ),
 }
 
 
@@ -64,21 +73,41 @@ def test_json_and_a_store(scene_file, tmp_path, capsys):
     assert second.out == first.out
 
 
-def test_a_range_with_zero_and_one_point(scene_file, capsys):
-    """A camera at rest is in the table; so is a grid of a single point."""
-    options = ["--acceleration", "0:0:1", "--half-exposure", "3:3:1"]
+def test_a_range_with_zero_and_one_point(scene_file, tmp_path, capsys):
+    """A camera at rest is in the table; so is a grid of a single point, pictures and all."""
+    options = ["--acceleration", "0:0:1", "--half-exposure", "3:3:1", "--out", str(tmp_path / "d")]
     assert cli.main(["sweep", scene_file, *options]) == 0
+    assert sorted(path.name for path in (tmp_path / "d").iterdir()) == ["map.png", "pareto.png"]
     out = capsys.readouterr().out
     assert "Best points of the sweep" in out
     assert "expected_psnr" in out
 
 
-def test_nothing_within_limits(scene_file, capsys):
-    """One line says that no point is left."""
-    options = ["--acceleration", "1e9:2e9:2", "--half-exposure", "3:9:2"]
-    assert cli.main(["sweep", scene_file, *options]) == 2
-    last = capsys.readouterr().err.splitlines()[-1]
-    assert "must reach a point within the scene's limits; got 4 points outside them" in last
+OUTSIDE = {
+    "far": (
+        ["1e9:2e9:2", "1:9:2"],
+        "got 4 outside them, 4 by stroke, 4 by top speed, 2 by exposure",
+    ),
+    "overflow": (["1e308:1.7e308:3", "3:9:2"], "got 6 outside them, 6 by stroke, 6 by top speed"),
+    "long": (["0:1e5:3", "1e300:1e308:2"], "6 by exposure too long"),
+    "short": ([None, "1e-310:1e-309:2"], "got 80 outside them, 80 by exposure too short"),
+    "too-long": ([None, "1e300:1e305:2"], "80 by exposure too long"),
+}
+
+
+@pytest.mark.parametrize("slug", OUTSIDE)
+@pytest.mark.parametrize("also", ["", "--json", "--out", "--store"])
+def test_nothing_within_limits(slug, also, scene_file, tmp_path, capsys):
+    """One line names the limits that are broken, whatever was asked for, and nothing is made."""
+    ranges, message = OUTSIDE[slug]
+    place = tmp_path / "new"
+    options = [also] if also == "--json" else [also, place] if also else []
+    for name, text in zip(("--acceleration", "--half-exposure"), ranges, strict=True):
+        options += [name, text] if text else []
+    line = refused(capsys, "sweep", scene_file, *options)
+    assert "must reach a point within the scene's limits; got " in line
+    assert message in line
+    assert not place.exists()
 
 
 @pytest.mark.slow

@@ -1,11 +1,27 @@
 """Pictures say what they show: labelled axes with units, lines that survive a grey printout."""
 
+from functools import cache
+from itertools import pairwise
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers_sweep import SCENE, grid
 from PIL import Image
+from test_drive import _design
 
-from mishutter import HannShutter, ParabolicMotion, RectShutter, StillCamera, plots
+from mishutter import (
+    HannShutter,
+    ParabolicMotion,
+    Picture,
+    RectShutter,
+    StillCamera,
+    drive_table,
+    gain_over,
+    plots,
+    plots_sweep,
+    sweep,
+)
 from mishutter.restoration import RestoredPhotograph
 
 MOTION = ParabolicMotion(acceleration=2.3e5, half_exposure=0.0061)
@@ -35,12 +51,26 @@ def photograph(level, num_seeds=3):
     )
 
 
+@cache
+def swept():
+    """The small sweep, and what it gains over Hann."""
+    found = sweep(SCENE, **grid())
+    return found.assign(gain=gain_over(found, "Hann"))
+
+
+FRONT = ("condition_number", "expected_psnr")
+
 FIGURES = {
     "profiles": lambda: plots.plot_profiles(DESIGNS),
     "kernels": lambda: plots.plot_kernels(DESIGNS, [0.0, 700.0]),
     "transfer": lambda: plots.plot_transfer(DESIGNS, [0.0, 700.0]),
     "psnr": lambda: plots.plot_psnr({"rect": photograph(21), "Hann": photograph(24)}),
     "history": lambda: plots.plot_history(jnp.array([0.7, 0.4, 0.3])),
+    "drive": lambda: plots.plot_drive(drive_table(_design(HannShutter()), num_levels=5)),
+    "map": lambda: plots_sweep.plot_map(swept(), "gain"),
+    "row": lambda: plots_sweep.plot_map(swept().isel(acceleration=[2])),
+    "column": lambda: plots_sweep.plot_map(swept().isel(half_exposure=[2]), shutter="rect"),
+    "front": lambda: plots_sweep.plot_front(swept(), FRONT),
 }
 
 
@@ -51,12 +81,14 @@ def figures():
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_axes_are_labelled(name, figures):
-    """Every panel says what is up; the lowest says what is across, with its unit."""
+    """Every panel, or its neighbour, says what is up; the lowest what is across, with its unit."""
     panels = figures[name].axes
-    assert all(axes.get_ylabel() for axes in panels)
-    assert panels[-1].get_xlabel()
+    numbered = [axes for axes in panels if axes.yaxis.get_tick_params().get("labelleft", True)]
+    assert all(axes.get_ylabel() for axes in numbered)
+    lowest = [axes for axes in panels if axes.get_label() != "<colorbar>"][-1]
+    assert lowest.get_xlabel()
     if name != "history":
-        assert "/ " in panels[-1].get_xlabel()
+        assert "/ " in lowest.get_xlabel()
 
 
 @pytest.mark.parametrize("name", ["profiles", "transfer"])
@@ -75,6 +107,99 @@ def test_a_figure_is_a_whole_png(name, figures, tmp_path):
     with Image.open(path) as picture:
         assert min(picture.size) > 300
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+GRIDS = {
+    "map": {},
+    "row": {"acceleration": [2]},
+    "column": {"half_exposure": [2]},
+    "point": {"acceleration": [1], "half_exposure": [3]},
+    "at-rest": {"acceleration": [0]},
+    "at-rest-and-a-row": {"acceleration": [0, 2]},
+    "at-rest-and-a-point": {"acceleration": [0, 2], "half_exposure": [3]},
+}
+
+
+@pytest.mark.parametrize("slug", GRIDS)
+def test_a_map_of_any_grid_marks_its_best(slug, tmp_path):
+    """A star that the axes do not cut off, its value in the title, be it one row or one point."""
+    found = swept().isel(GRIDS[slug])
+    figure = plots_sweep.plot_map(found)
+    plots.save_figure(figure, tmp_path / "map.png")
+    (star,) = (line for line in figure.axes[0].get_lines() if line.get_marker() == "*")
+    assert not star.get_clip_on()
+    moving = found.expected_psnr
+    if min(moving.shape[:2]) > 1:
+        moving = moving.where(moving.acceleration > 0, drop=True)
+    best = moving.where(moving == moving.max(), drop=True)
+    assert f"best: {float(best.max()):.3g} dB" in figure.axes[0].get_title()
+    places = {float(best.acceleration[0]), 1e3 * float(best.half_exposure[0]), float(best.max())}
+    assert {float(star.get_xdata()[0]), float(star.get_ydata()[0])} <= places
+
+
+def test_a_map_leaves_out_what_is_wholly_outside():
+    """One acceleration near the largest number leaves the others as they are."""
+    huge = sweep(SCENE, **grid(accelerations=[3e4, 9e4, 1.7e308]))
+    axes = plots_sweep.plot_map(huge).axes[0]
+    assert axes.get_ylim()[1] < 2e5
+
+
+MAP_MISTAKES = {
+    "metric": ({}, {"metric": "beauty"}, "`plot_map(metric=...)` must be in the sweep; got"),
+    "shutter": ({}, {"shutter": "Tukey"}, "must be one of rect, Hann; got 'Tukey'"),
+    "outside": ({"half_exposure": [0]}, {}, "must reach a point within the limits; got 'none'"),
+}
+
+
+@pytest.mark.parametrize("slug", MAP_MISTAKES)
+def test_map_mistakes(slug):
+    """What is not in a sweep cannot be drawn."""
+    some, arguments, message = MAP_MISTAKES[slug]
+    with pytest.raises(ValueError, match="must") as caught:
+        plots_sweep.plot_map(swept().isel(some), **arguments)
+    assert message in str(caught.value)
+
+
+def test_a_map_of_several_scenes():
+    """One of them must be chosen."""
+    both = sweep([SCENE, SCENE], **grid(metrics=["efficiency"]))
+    with pytest.raises(ValueError, match="must be of one scene and light; got"):
+        plots_sweep.plot_map(both, "efficiency")
+
+
+def test_a_front_is_legible_beside_an_outlier():
+    """A condition number of 1,200 makes the axis logarithmic, and letters stay apart."""
+    moving = swept().isel(acceleration=slice(1, None))
+    numbers = moving.condition_number
+    far = numbers.where(numbers != numbers.max(), 1.2e3)
+    figure = plots_sweep.plot_front(moving.assign(condition_number=far), FRONT)
+    axes = figure.axes[0]
+    assert axes.get_xscale() == "log"
+    assert axes.get_yscale() == "linear"
+    places = [axes.transData.transform(text.xy) for text in axes.texts]
+    assert len(places) == len(figure.axes) - 1 > 1
+    assert all(np.hypot(*(a - b)) > 20 for a, b in pairwise(places))
+
+
+def test_a_front_of_nothing():
+    """Where no point is within the limits there are no letters and no profiles."""
+    figure = plots_sweep.plot_front(swept().isel(half_exposure=[0]), FRONT)
+    assert len(figure.axes) == 1
+    assert not figure.axes[0].texts
+    with pytest.raises(ValueError, match=r"plot_front\(num_profiles=...\)` must be a positive"):
+        plots_sweep.plot_front(swept(), FRONT, num_profiles=0)
+
+
+def test_a_capture_side_by_side():
+    """Each picture says what it is; that of the scene is left out where there is none."""
+    light = np.random.default_rng(3).uniform(0.1, 0.9, (23, 31, 1))
+    seen = {"photograph": Picture(light), "layers": None}
+    titles = {
+        name: [axes.get_title() for axes in plots.plot_capture(picture, light, light).axes]
+        for name, picture in seen.items()
+    }
+    assert titles["layers"] == ["captured", "restored"]
+    assert titles["photograph"] == ["the scene, at rest", "captured", "restored"]
 
 
 def test_photograph_side_by_side(tmp_path):

@@ -85,7 +85,7 @@ def test_scene_beyond_the_sensor():
     from mishutter.simulate import captured_columns
 
     picture = rows(3, 200, 1)
-    seen = captured_columns(MOVING, ms.HannShutter(), 99.0, 200)
+    seen = captured_columns(MOVING, 99.0, 200)
     inner = ms.simulate_capture(
         picture, SCENE, MOVING, ms.HannShutter(), speed=99.0, border="scene"
     )

@@ -147,6 +147,14 @@ def test_one_point_and_no_point():
     assert int(none.outside[0, 0]) == 1 + 2 + 8
 
 
+def test_numbers_that_overflow_are_outside():
+    """A stroke beyond the largest number is beyond the limits, and says nothing more."""
+    points = {"accelerations": [0.0, 9e4, 1.7e308], "half_exposures": [7e-3, 1e300]}
+    found = sweep(SCENE, **grid(**points))
+    assert differences(found, SCENE, SHUTTERS, inside_points(found)) == []
+    assert inside_points(found) == [(0, 0), (1, 0)]
+
+
 def test_only_the_metrics_asked_for(swept):
     """Metrics left out change nothing of those kept."""
     some = sweep(SCENE, **grid(metrics=["expected_psnr"]))
@@ -174,6 +182,7 @@ MISTAKES = {
     "nan": ({"accelerations": [1e4, np.nan]}, "`sweep(accelerations=...)` must be finite; got"),
     "negative": ({"accelerations": [-1.0, 1e4]}, "must be at least 0; got"),
     "no-time": ({"half_exposures": [0.0, 1.0]}, "`sweep(half_exposures=...)` must be above 0; got"),
+    "text": ({"accelerations": np.array(["fast"])}, "must be one row of numbers; got"),
     "table": ({"accelerations": np.ones((1, 1))}, "must be one row; got 'shape (1, 1)'"),
     "metric": ({"metrics": ["beauty"]}, "`sweep(metrics=...)` must name some of condition_number"),
     "no-metric": ({"metrics": []}, "`sweep(metrics=...)` must name some of"),

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers_sweep import SCENE, grid
+from test_cli import refused
 
 import mishutter
-from mishutter import cli, sweep
+from mishutter import sweep
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -68,16 +69,16 @@ def test_a_dead_worker_is_survived(cluster, tmp_path):
     assert stored.load().identical(sweep(SCENE, **many()))
 
 
-def test_a_scheduler_that_does_not_answer(monkeypatch, capsys):
-    """One line within seconds, in Python and on the command line."""
+def test_a_scheduler_that_does_not_answer(monkeypatch, tmp_path, capsys):
+    """One line within seconds, in Python and on the command line, and no store is made."""
     monkeypatch.setattr("mishutter.sweep_cluster._SECONDS_TO_ANSWER", 1)
     address = "tcp://127.0.0.1:9"
     with pytest.raises(ValueError, match=r"must be a scheduler that answers within 1 s; got"):
-        sweep(SCENE, **many(scheduler=address))
+        sweep(SCENE, **many(scheduler=address, store=tmp_path / "a.zarr"))
+    assert not any(tmp_path.iterdir())
     arguments = ["sweep", "--acceleration", "1e5:2e5:2", "--half-exposure", "5:6:2"]
-    assert cli.main([*arguments, "--scheduler", address]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert lines[-1].startswith("mishutter: error: `sweep(scheduler=...)` must be a scheduler")
+    line = refused(capsys, *arguments, "--scheduler", address)
+    assert line.startswith("mishutter: error: `sweep(scheduler=...)` must be a scheduler")
 
 
 def test_without_the_extra(monkeypatch):

@@ -67,6 +67,47 @@ def test_nothing_betters_a_pareto_front(swept):
     assert {"acceleration", "half_exposure", "shutter"} <= set(front.coords)
 
 
+MISTAKES = {
+    "no-psnr": (lambda d: gain_over(d[["efficiency"]], "Hann"), "must hold expected_psnr among"),
+    "no-psnr-here": (lambda d: gain_over_snapshot(d[["efficiency"]], SCENE), "must hold expected_"),
+    "no-psnr-lit": (lambda d: light_map(d[["efficiency"]], SCENE), "must hold expected_psnr among"),
+    "no-light": (lambda d: light_map(d, SCENE), "must have photon rates and read noises; got"),
+    "no-shutter": (lambda d: gain_over(d, "Tukey"), "must be one of rect, Hann; got 'Tukey'"),
+    "one-objective": (lambda d: pareto_front(d, ["efficiency"]), "must name at least two metrics"),
+    "dimensions": (
+        lambda d: pareto_front(d, {"efficiency": "max", "outside": "min"}),
+        "`pareto_front(objectives=...)` must be over the same dimensions; got",
+    ),
+    "metric": (
+        lambda d: best_points(d, ["beauty"]),
+        "must be metrics of the sweep, expected_psnr,",
+    ),
+    "dark": (lambda d: best_snapshots(SCENE, [-1.0]), "`best_snapshots(photon_rates=...)` must be"),
+    "noise": (
+        lambda d: best_snapshots(SCENE, None, [np.nan]),
+        "must be finite, at least 0 and one",
+    ),
+}
+
+
+@pytest.mark.parametrize("slug", MISTAKES)
+def test_mistakes(slug, swept):
+    """What a sweep does not say is refused by what it lacks."""
+    ask, message = MISTAKES[slug]
+    with pytest.raises(ValueError, match="must") as caught:
+        ask(swept)
+    assert message in str(caught.value)
+
+
+def test_nothing_within_limits(swept):
+    """There is no best point then, the front is empty, and gains are unknown."""
+    none = swept.where(False)
+    assert best_points(none) == {}
+    assert pareto_front(none, ["efficiency", "expected_psnr"]).sizes["point"] == 0
+    assert bool(gain_over(none, "Hann").isnull().all())
+    assert bool(gain_over_snapshot(none, SCENE).isnull().all())
+
+
 def test_gain_over_a_shutter(swept):
     """A shutter gains nothing over itself and the difference over another."""
     gain = gain_over(swept, "Hann")
