@@ -72,10 +72,20 @@ def require_scalar(subject: str, value: ArrayLike) -> None:
     require(jnp.ndim(value) == 0, subject, "be a scalar", f"shape {jnp.shape(value)}")
 
 
-def require_positive_int(subject: str, value: object) -> None:
-    """Refuse anything but a whole number of at least one."""
+def require_positive_int(subject: str, value: object) -> int:
+    """A whole number of at least one, NumPy's too, as a plain integer; refuse anything else."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     require(whole and value >= 1, subject, "be a positive integer", value)  # type: ignore[operator]
+    return int(value)  # type: ignore[arg-type]
+
+
+class Bare(str):
+    """Text that an error shows without quotes."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return str(self)
 
 
 def describe(value: object) -> str:
@@ -84,5 +94,8 @@ def describe(value: object) -> str:
         return str(value)
     if hasattr(value, "shape") and getattr(value, "size", 0) == 1:
         return str(np.asarray(value).item())
-    text = repr(value) if not hasattr(value, "shape") else str(np.asarray(value).tolist())
+    try:
+        text = repr(value) if not hasattr(value, "shape") else str(np.asarray(value).tolist())
+    except (RecursionError, ValueError):  # nested too deeply, or an integer of 5,000 digits
+        return f"{type(value).__name__} too long to show"
     return text if len(text) <= 80 else text[:77] + "..."
