@@ -132,7 +132,7 @@ BAD = {
     "text": ("a.png", lambda p: p.write_text("none"), "must name a whole PNG, JPEG or TIFF"),
     "missing": ("a.png", lambda p: None, "not found"),
     "matte": ("a.toml", wrong_matte, "must be as large as its picture, 43 x 11 px; got"),
-    "layers": ("a.toml", lambda p: p.write_text("[[layers]]"), "must describe layers; got"),
+    "layers": ("a.toml", lambda p: p.write_text("[[layers]]"), "picture` must be given; got"),
     "no-frames": ("frames", lambda p: p.mkdir(), "must hold pictures; got"),
     "frames-differ": ("frames", two_sizes, "must all have shape (11, 43, 1); got"),
     "no-video": ("a.mp4", lambda p: p.write_text("none"), "must name a video that imageio reads"),
