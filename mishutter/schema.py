@@ -99,7 +99,7 @@ def _requirement(kind: str, context: dict[str, Any], message: str) -> str:
         "string_type": "be text",
         "list_type": "be a list",
         "model_type": "be a table",
-        "literal_error": "be one of {expected}",
+        "literal_error": "be {expected}",
         "too_short": "hold at least {min_length} value",
         "too_long": "hold at most {max_length} values",
         "string_too_short": "not be empty",

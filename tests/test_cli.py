@@ -114,12 +114,14 @@ def test_usage_mistakes(slug, capsys):
 
 
 DESIGNS = {
-    "empty": ("", "must be a JSON file; got "),
-    "cut-short": ('{"format": 1, "mishutter": ', "must be a JSON file; got "),
+    "empty": ("", "must be a JSON file; got: "),
+    "cut-short": ('{"format": 1, "mishutter": ', "must be a JSON file; got: "),
     "a-list": ("[1, 2]", "must be a design saved by mishutter; got"),
     "another-file": ('{"name": "x"}', "must be a design saved by mishutter; got"),
     "another-version": ('{"format": 99}', "must be of design format 1; got"),
-    "incomplete": ('{"format": 1}', "must be a complete design; got"),
+    "incomplete": ('{"format": 1}', "design.json: `shutter` must be given; got nothing"),
+    "brackets-without-end": ("[" * 100_000, "must be a JSON file; got: brackets nested too"),
+    "digits-without-end": ('{"format": 1' + "0" * 5000 + "}", "must be a JSON file; got: Exceeds"),
 }
 
 
@@ -220,11 +222,14 @@ def test_nothing_else_reaches_the_terminal(arguments):
     assert done.stderr.startswith("mishutter: error: ")
 
 
+COMMANDS = ("optimise", "compare", "plan", "simulate", "sweep", "reproduce", "export")
+
+
 def test_help_names_every_command():
     """`--help` lists the commands, in a process that does not compute anything."""
     command = [sys.executable, "-m", "mishutter", "--help"]
     done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
-    assert all(name in done.stdout for name in ("optimise", "compare"))
+    assert all(name in done.stdout for name in COMMANDS)
 
 
 @pytest.fixture(scope="module")
@@ -277,8 +282,10 @@ def test_the_profile_has_its_units(optimised):
     design = Design.load(folder / "design.json")
     assert names == "time,tau,transmittance"
     assert units == "ms,1,1"
-    first = [float(cell) for cell in rows[0].split(",")]
-    assert first[0] == pytest.approx(-1e3 * float(design.motion.half_exposure), rel=1e-8)
+    time, tau, _ = np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
+    half = 1e3 * float(design.motion.half_exposure)
+    np.testing.assert_allclose(time, np.linspace(-half, half, len(rows)), atol=1e-8 * half)
+    np.testing.assert_allclose(tau, np.linspace(-1, 1, len(rows)), atol=1e-8)
 
 
 @pytest.mark.slow
