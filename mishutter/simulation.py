@@ -18,7 +18,7 @@ from mishutter.restoration import deconvolve
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.simulate import simulate_capture
-from mishutter.types import require_positive_int
+from mishutter.types import require_key, require_positive_int
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share that is."""
@@ -76,6 +76,7 @@ def capture_and_restore(
         ValueError: as `simulate_capture`.
     """
     require_positive_int("capture_and_restore(rows_at_once=...)", rows_at_once)
+    require_key("capture_and_restore(key=...)", key)
     report = progress if progress is not None else lambda text, share: None
     limits = {"full_well": full_well, "adc_bits": adc_bits}
     whole = isinstance(subject, Layers | Frames)

@@ -332,6 +332,10 @@ def test_pictures_that_are_none():
     bad[1, 2, 0] = np.nan
     with pytest.raises(ValueError, match=r"picture=...\)` must be finite"):
         ms.simulate_capture(bad, SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"`deconvolve\(captured=...\)` must be finite"):
+        ms.deconvolve(bad, SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"picture=...\)` must be at least 0; got -0.3"):
+        ms.simulate_capture(np.full((2, 9), -0.3), SCENE, MOVING, ms.HannShutter())
     dark = ms.Scene([0.0], photon_rate=0.0, read_noise=1.0)
     with pytest.raises(ValueError, match="must have a photon rate above 0"):
         ms.simulate_capture(rows(), dark, MOVING, ms.HannShutter(), key=jax.random.key(1))
