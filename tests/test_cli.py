@@ -102,6 +102,12 @@ USAGE = {
     "shutter-range": (["compare", "--shutter", "tukey:1.5"], "`TukeyShutter(taper=...)` must"),
     "shutter-no-value": (["compare", "--shutter", "hann:0.5"], "must give hann no parameter"),
     "missing-design": (["compare", "--design", "no.json"], "No such file or directory"),
+    "out-unnamed": (["optimise", "--out", ""], "`--out` must be a path of at least one character"),
+    "scene-unnamed": (["plan", ""], "`[SCENE.toml]` must be a path of at least one character; got"),
+    "free-and-fixed": (
+        ["plan", "--fixed", "--free", "shutter"],
+        "`--free` must be left out with --fixed; got 'shutter'",
+    ),
     "out-under-nothing": (["compare", "--out", "/dev/null/x"], "must be a folder that takes files"),
 }
 
@@ -171,12 +177,32 @@ def test_picture_mistakes(slug, tmp_path, capsys):
     assert message in refused(capsys, "optimise", path)
 
 
-def test_the_output_folder_is_tried_first(tmp_path, capsys):
-    """A folder that takes no files is refused before the scene is even read."""
+def test_the_output_folder_is_tried_before_the_search(tmp_path, capsys, monkeypatch):
+    """A folder that takes no files is refused before anything is computed."""
     place = tmp_path / "file"
     place.write_text("in the way")
-    line = refused(capsys, "optimise", tmp_path / "no.toml", "--out", place)
+    monkeypatch.setattr("mishutter.planning.plan", None)
+    line = refused(capsys, "optimise", "--out", place)
     assert "`--out` must be a folder that takes files; got" in line
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["optimise", "no.toml"],
+        ["optimise", "/"],
+        ["compare", "no.toml"],
+        ["compare", "--design", "no.json"],
+        ["simulate", "no.toml"],
+        ["simulate", "--subject", "no.png"],
+        ["export", "no.json"],
+    ],
+    ids=" ".join,
+)
+def test_no_folder_is_made_for_what_cannot_be_read(command, tmp_path, capsys):
+    """Nothing is left behind where the input is missing."""
+    refused(capsys, *command, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")

@@ -148,7 +148,7 @@ def test_what_cannot_be_captured(slug, tmp_path, scene, capsys):
     out = tmp_path / "out"
     line = refused(capsys, "simulate", scene, "--subject", tmp_path / name, "--out", out)
     assert message in line
-    assert not list(out.iterdir())
+    assert not list(out.glob("*"))
 
 
 USAGE = {
@@ -158,6 +158,17 @@ USAGE = {
     "bits": (["--adc-bits", "30"], "must be at most 24; got 30"),
     "full-well": (["--full-well", "0"], "; got '0'"),
     "shutter": (["--shutter", "hamming"], "must be one of rect, hann, "),
+    "shutter-and-design": (
+        ["--design", "d.json", "--shutter", "hann"],
+        "`--shutter` must be left out with --design; got 'hann'",
+    ),
+    "seed": (
+        ["--seed", str(1 << 63)],
+        "`--seed` must be less than or equal to 92233",
+    ),
+    "no-out": (["--out", ""], "`--out` must be a path of at least one character; got ''"),
+    "no-subject": (["--subject", ""], "`--subject` must be a path of at least one character"),
+    "no-design": (["--design", ""], "`--design` must be a path of at least one character"),
 }
 
 
@@ -168,6 +179,15 @@ def test_simulate_usage(slug, tmp_path, scene, capsys):
     saved(CODED[..., 0])(tmp_path / "a.png")
     given = ["simulate", scene, "--subject", tmp_path / "a.png", "--out", tmp_path, *arguments]
     assert message in refused(capsys, *given)
+
+
+def test_layers_have_their_own_speeds(tmp_path, scene, capsys):
+    """A speed on the command line is that of a photograph."""
+    saved(CODED[..., 0])(tmp_path / "a.png")
+    (tmp_path / "a.toml").write_text('[[layers]]\npicture = "a.png"')
+    given = ["simulate", scene, "--subject", tmp_path / "a.toml", "--out", tmp_path / "out"]
+    line = refused(capsys, *given, "--speed", "500")
+    assert "`--speed` must be left out but for a photograph; got 500" in line
 
 
 def test_simulate_needs_a_subject(tmp_path, scene, capsys):

@@ -279,6 +279,15 @@ def test_layers_from_a_file(tmp_path):
         ms.Layers.load(str(tmp_path / "none.toml"))
 
 
+@pytest.mark.parametrize("options", [{"speed": 300.0}, {"border": "zero"}])
+def test_layers_bring_their_own_speeds_and_borders(options):
+    """A speed or a border beside layers is refused rather than ignored, whoever captures."""
+    alone = ms.Layers((ms.Layer(ms.Picture(rows(2, 40, 1))),))
+    for capture in (ms.simulate_capture, ms.capture_and_restore):
+        with pytest.raises(ValueError, match="must be left to layers and frames; got"):
+            capture(alone, SCENE, MOVING, ms.HannShutter(), **options)
+
+
 def test_layers_beyond_reach():
     """A layer farther off than any sensor reaches is refused where it is made."""
     with pytest.raises(ValueError, match=r"`Layer\(left=...\)` must lie within 1e\+09 px; got"):
