@@ -84,7 +84,8 @@ def simulate(
     scene = scene_of(scene_file)
     chosen = None if design is None else Design.load(design)
     motion = motion_of(scene) if chosen is None else chosen.motion
-    profile = named_shutter(shutter or "hann") if chosen is None else chosen.shutter
+    window = "hann" if shutter is None else shutter
+    profile = named_shutter(window) if chosen is None else chosen.shutter
     seen = _subject(subject, scene.picture)
     if speed and not isinstance(seen, Picture):
         raise ValueError(f"`--speed` must be left out but for a photograph; got {speed:g}.")

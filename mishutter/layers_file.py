@@ -15,11 +15,12 @@ from mishutter.types import require
 
 _READ = "read_layers(path=...)"
 _Place = Annotated[int, Field(ge=-FARTHEST, le=FARTHEST)]
+_Name = Annotated[str, Field(min_length=1)]
 
 
 class _LayerEntry(Section):
-    picture: str
-    matte: str | None = None
+    picture: _Name
+    matte: _Name | None = None
     speed_px_per_s: Speed = 0.0
     left: _Place = 0
     top: _Place = 0

@@ -74,7 +74,7 @@ def require_scalar(subject: str, value: ArrayLike) -> None:
 
 def require_key(subject: str, value: object) -> None:
     """Refuse anything but one random key of JAX, of the new kind or the old, or None for none."""
-    shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", None)
+    shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", np.dtype(object))
     typed = shape == () and jnp.issubdtype(dtype, jax.dtypes.prng_key)
     raw = shape is not None and len(shape) == 1 and dtype == np.uint32
     one = value is None or typed or raw

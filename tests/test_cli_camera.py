@@ -158,6 +158,7 @@ USAGE = {
     "bits": (["--adc-bits", "30"], "must be at most 24; got 30"),
     "full-well": (["--full-well", "0"], "; got '0'"),
     "shutter": (["--shutter", "hamming"], "must be one of rect, hann, "),
+    "shutter-unnamed": (["--shutter", ""], "must be one of rect, hann, "),
     "shutter-and-design": (
         ["--design", "d.json", "--shutter", "hann"],
         "`--shutter` must be left out with --design; got 'hann'",
