@@ -39,7 +39,7 @@ class Limits(eqx.Module):
         max_half_exposure: Longest $T$; s.
 
     Raises:
-        ValueError: if one is not positive, or the exposures are out of order.
+        ValueError: if one is not a positive scalar, or the exposures are out of order.
     """
 
     max_stroke: Array
@@ -85,9 +85,8 @@ class Scene(eqx.Module):
         mean_level: Mean of the picture in linear light, white = 1.
         deviation: Standard deviation of the picture in linear light.
         power_spectrum: Power of the picture's rows at `num_frequencies` equal
-            steps' centres in (0, 0.5) cycles/px, on any scale; all 0 only where the
-            deviation is; the spectrum
-            $1/(f^2 + 0.01^2)$ by default. Shape `(m,)`.
+            steps' centres in (0, 0.5) cycles/px, on any scale, none only without
+            deviation; the spectrum $1/(f^2 + 0.01^2)$ by default. Shape `(m,)`.
         cutoff_frequency: Highest frequency that the optics pass: the picture on the
             sensor holds none above it; cycles/px, above 0 and at most 0.5.
         limits: What the mechanism and the exposure may reach.
@@ -95,8 +94,8 @@ class Scene(eqx.Module):
         picture: Path of the photograph to show results on; None for none.
 
     Raises:
-        ValueError: if a value is not finite or out of its range, the weights do not
-            sum to 1, or lengths differ.
+        ValueError: if a value is not finite, out of its range or of another kind, the
+            weights do not sum to 1, or lengths differ.
     """
 
     speeds: Array

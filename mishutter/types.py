@@ -73,7 +73,7 @@ def require_scalar(subject: str, value: ArrayLike) -> None:
 
 
 def require_key(subject: str, value: object) -> None:
-    """Refuse anything but one random key of JAX, of the new kind or the old, or None for none."""
+    """Refuse anything but one random key, of JAX's new kind or the old, or None."""
     shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", np.dtype(object))
     typed = shape == () and jnp.issubdtype(dtype, jax.dtypes.prng_key)
     raw = shape is not None and len(shape) == 1 and dtype == np.uint32
@@ -83,7 +83,7 @@ def require_key(subject: str, value: object) -> None:
 
 
 def require_positive_int(subject: str, value: object) -> int:
-    """A whole number of at least one, NumPy's too, as a plain integer; refuse anything else."""
+    """A whole number of at least one as Python's own integer; refuse anything else."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     require(whole and int(value) >= 1, subject, "be a positive integer", value)  # type: ignore[call-overload]
     return int(value)  # type: ignore[arg-type]

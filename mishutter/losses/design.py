@@ -41,7 +41,7 @@ class DesignLoss(AbstractResponseLoss):
     precision.
 
     Args:
-        condition: $w_1$, at least 0.
+        condition: $w_1$, at least 0; a number, not an array that is traced.
         invariance: $w_2$, at least 0.
         efficiency: $w_3$, at least 0.
 
@@ -54,12 +54,11 @@ class DesignLoss(AbstractResponseLoss):
     efficiency: float = eqx.field(default=1.0, converter=_plain)
 
     def __check_init__(self) -> None:
+        requirement = "be a finite plain number of at least 0"
         for name in ("condition", "invariance", "efficiency"):
             value = getattr(self, name)
             number = isinstance(value, int | float) and 0 <= value < float("inf")
-            require(
-                number, f"DesignLoss({name}=...)", "be a finite plain number of at least 0", value
-            )
+            require(number, f"DesignLoss({name}=...)", requirement, value)
 
     def parts(self, plan: Plan) -> Parts:
         every = not plan.skips
