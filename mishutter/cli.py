@@ -88,7 +88,6 @@ def optimise(
     ] = False,
 ) -> None:
     """Design a shutter for a scene, and show it beside the windows one would have picked."""
-    folder = None if out is None else writable_folder(out)
     start_jax()
     from mishutter.optimise import optimise as search
     from mishutter.optimise import starting_shutter
@@ -97,6 +96,7 @@ def optimise(
     scene = scene_of(scene_file)
     chosen, names = loss_of(loss), tuple(name.value for name in free or FreeName)
     motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    folder = None if out is None else writable_folder(out)
     found = planned(scene, motion, start, loss=chosen, free=names, tolerance=tolerance)
     if verbose:
         note(plan_text(found))
@@ -132,7 +132,6 @@ def compare(
     noise_seeds: SeedsOption = 1,
 ) -> None:
     """Show given shutters or saved designs beside the baselines, without a search for one."""
-    folder = None if out is None else writable_folder(out)
     start_jax()
     from mishutter import report
     from mishutter.design import Design
@@ -142,6 +141,7 @@ def compare(
     given = {name: design.shutter for name, design in saved.items()}
     given |= {name: report.named_shutter(name) for name in shutters or []}
     motion = next(iter(saved.values())).motion if len(saved) == 1 else motion_of(scene)
+    folder = None if out is None else writable_folder(out)
     result = _compared(scene, motion, given, loss_of(loss), noise_seeds)
     _deliver(result, folder, json)
 

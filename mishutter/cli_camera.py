@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mishutter.cli_options import JsonOption, SceneArgument, motion_of, scene_of
+from mishutter.cli_options import JsonOption, SceneArgument, as_path, motion_of, scene_of
 from mishutter.files import writable_folder
 from mishutter.terminal import note, print_table, progress_bar, start_jax, write_json
 
@@ -36,16 +36,19 @@ def simulate(
         typer.Option(
             "--subject",
             metavar="PATH",
+            parser=as_path,
             help="Photograph, layered scene (.toml), video or folder of frames; the scene's "
             "photograph without one.",
         ),
     ] = None,
     design: Annotated[
-        Path | None, typer.Option("--design", metavar="FILE", help="Saved design to use.")
+        Path | None,
+        typer.Option("--design", metavar="FILE", parser=as_path, help="Saved design to use."),
     ] = None,
     shutter: Annotated[
-        str, typer.Option("--shutter", metavar="NAME[:VALUE]", help="Without a design.")
-    ] = "hann",
+        str | None,
+        typer.Option("--shutter", metavar="NAME[:VALUE]", help="Without a design; hann if not."),
+    ] = None,
     speed: Annotated[
         float, typer.Option("--speed", min=-1e7, max=1e7, help="Of a photograph, px/s.")
     ] = 0.0,
@@ -57,19 +60,23 @@ def simulate(
     adc_bits: Annotated[
         int | None, typer.Option("--adc-bits", min=1, max=32, help="Bits of the converter.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the noise.")] = 0,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, max=(1 << 63) - 1, help="Of the noise.")
+    ] = 0,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for the pictures.")
+        Path,
+        typer.Option("--out", metavar="DIR", parser=as_path, help="Folder for the pictures."),
     ] = Path("simulation"),
     json: JsonOption = False,
 ) -> None:
     """Capture a photograph, a layered scene or footage, and restore it."""
-    folder = writable_folder(out)
+    if design is not None and shutter is not None:
+        raise ValueError(f"`--shutter` must be left out with --design; got '{shutter}'.")
     start_jax()
     import jax
 
     from mishutter.design import Design
-    from mishutter.pictures import write_picture
+    from mishutter.pictures import Picture, write_picture
     from mishutter.plots import plot_capture, save_figure
     from mishutter.report import named_shutter
     from mishutter.simulation import capture_and_restore
@@ -77,8 +84,12 @@ def simulate(
     scene = scene_of(scene_file)
     chosen = None if design is None else Design.load(design)
     motion = motion_of(scene) if chosen is None else chosen.motion
-    profile = named_shutter(shutter) if chosen is None else chosen.shutter
+    window = "hann" if shutter is None else shutter
+    profile = named_shutter(window) if chosen is None else chosen.shutter
     seen = _subject(subject, scene.picture)
+    if speed and not isinstance(seen, Picture):
+        raise ValueError(f"`--speed` must be left out but for a photograph; got {speed:g}.")
+    folder = writable_folder(out)
     with progress_bar("capturing and restoring", _NUM_TICKS) as update:
         result = capture_and_restore(
             seen,
@@ -106,7 +117,10 @@ def simulate(
 
 
 def reproduce(
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for figures and page.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="DIR", parser=as_path, help="Folder for figures and page."),
+    ],
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer speeds, noise levels and photographs.")
     ] = False,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter.cli_options import JsonOption, OutOption
+from mishutter.cli_options import JsonOption, OutOption, as_path
 from mishutter.files import writable_folder
 from mishutter.terminal import note, print_table, print_text, start_jax, write_json
 
@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def export(
-    design: Annotated[Path, typer.Argument(metavar="DESIGN.json", help="Saved design.")],
+    design: Annotated[
+        Path, typer.Argument(metavar="DESIGN.json", parser=as_path, help="Saved design.")
+    ],
     out: OutOption = None,
     json: JsonOption = False,
     num_steps: Annotated[
@@ -31,13 +33,14 @@ def export(
     ] = 1.0,
 ) -> None:
     """Drive table of a saved design: the level of each step, and what is lost by it."""
-    folder = None if out is None else writable_folder(out)
     start_jax()
     from mishutter.design import Design
     from mishutter.drive import drive_table
 
+    saved = Design.load(design)
+    folder = None if out is None else writable_folder(out)
     table = drive_table(
-        Design.load(design),
+        saved,
         num_steps=num_steps,
         num_levels=num_levels,
         floor=floor,

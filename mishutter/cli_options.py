@@ -27,12 +27,24 @@ class FreeName(Enum):
     HALF_EXPOSURE = "half_exposure"
 
 
+def as_path(text: str | Path) -> Path:
+    """The path that an argument gives; `Path("")` would be the current folder."""
+    if text == "":
+        raise typer.BadParameter("should be a path of at least one character")
+    return Path(text)
+
+
 SceneArgument = Annotated[
     Path | None,
-    typer.Argument(metavar="[SCENE.toml]", help="Scene file; the built-in scene without one."),
+    typer.Argument(
+        metavar="[SCENE.toml]",
+        parser=as_path,
+        help="Scene file; the built-in scene without one.",
+    ),
 ]
 OutOption = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Folder for designs and pictures.")
+    Path | None,
+    typer.Option("--out", metavar="DIR", parser=as_path, help="Folder for designs and pictures."),
 ]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON document, and nothing else, on stdout.")

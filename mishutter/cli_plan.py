@@ -35,6 +35,9 @@ def plan(
     num_coefficients: CoefficientsOption = 24,
 ) -> None:
     """Show what a search for this scene computes, what it skips and why."""
+    if fixed and free:
+        given = ", ".join(name.value for name in free)
+        raise ValueError(f"`--free` must be left out with --fixed; got '{given}'.")
     start_jax()
     from mishutter.optimise import starting_shutter
     from mishutter.planning import plan as planned

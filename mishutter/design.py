@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from mishutter.design_schema import FORMAT, SavedDesign, SavedMotion
 from mishutter.files import strict_json, write_text
 from mishutter.metrics import Metrics, evaluate
 from mishutter.motion import AbstractMotion, ParabolicMotion, StillCamera
 from mishutter.plan import Plan
 from mishutter.scene import Limits, Scene
+from mishutter.schema import parsed, validated
 from mishutter.shutters import (
     AbstractShutter,
     ChippedShutter,
@@ -25,9 +27,8 @@ from mishutter.shutters import (
     TukeyShutter,
 )
 from mishutter.shutters.base import profile_of
-from mishutter.types import require
+from mishutter.types import Bare, require
 
-FORMAT = 1
 _PROFILE_POINTS = 1001
 
 
@@ -102,20 +103,16 @@ class Design:
             ValueError: if the file is not a design of this format.
             OSError: if it cannot be read.
         """
-        subject = f"Design.load(path={str(path)!r})"
-        try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise ValueError(f"`{subject}` must be a JSON file; got {error}.") from None
+        name = str(path)
+        data = parsed(json.loads, Path(path).read_bytes(), name, "JSON")
         is_design = isinstance(data, dict) and "format" in data
-        require(is_design, subject, "be a design saved by mishutter", type(data).__name__)
-        known = data["format"] == FORMAT
-        require(known, subject, f"be of design format {FORMAT}", f"format {data['format']}")
+        require(is_design, name, "be a design saved by mishutter", type(data).__name__)
+        require(data["format"] == FORMAT, name, f"be of design format {FORMAT}", data["format"])
+        file = validated(SavedDesign, data, name)
         try:
-            return _from_dict(data)
-        except (KeyError, TypeError, AttributeError) as error:
-            what = f"{type(error).__name__} {error}"
-            raise ValueError(f"`{subject}` must be a complete design; got {what}.") from None
+            return _built(file)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
 
     def write_profile(self, path: str | Path) -> None:
         """Write the profile as CSV with a line of units: time, normalised time, transmittance.
@@ -165,14 +162,13 @@ def shutter_to_dict(shutter: AbstractShutter) -> dict[str, Any]:
         ValueError: if it is not one of the package's own kinds.
     """
     kind = type(shutter)
-    known = kind in _PARAMETER_OF
+    known = kind in _PARAMETERS_OF
     require(known, "Design.save(shutter=...)", "be one of mishutter's own kinds", kind.__name__)
     data: dict[str, Any] = {"kind": kind.__name__}
-    name = _PARAMETER_OF[kind]
-    if name is not None:
-        data[name] = np.asarray(getattr(shutter, name), np.float64).tolist()
-    if isinstance(shutter, SplineShutter):
-        data |= {"symmetric": shutter.symmetric, "num_coefficients": shutter.num_coefficients}
+    for name in _PARAMETERS_OF[kind]:
+        value = getattr(shutter, name)
+        is_array = hasattr(value, "shape")
+        data[name] = np.asarray(value, np.float64).tolist() if is_array else value
     return data
 
 
@@ -196,59 +192,54 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
     }
 
 
-_PARAMETER_OF: dict[type[AbstractShutter], str | None] = {
-    RectShutter: None,
-    HannShutter: None,
-    TriangleShutter: None,
-    GaussianShutter: "sigma",
-    TukeyShutter: "taper",
-    ChippedShutter: "transmittances",
-    SplineShutter: "parameters",
+_PARAMETERS_OF: dict[type[AbstractShutter], tuple[str, ...]] = {
+    RectShutter: (),
+    HannShutter: (),
+    TriangleShutter: (),
+    GaussianShutter: ("sigma",),
+    TukeyShutter: ("taper",),
+    ChippedShutter: ("transmittances",),
+    SplineShutter: ("parameters", "symmetric", "num_coefficients"),
 }
-
-
-def _from_dict(data: dict[str, Any]) -> Design:
-    shutter = shutter_from_dict(data["shutter"])
-    motion = _motion_from_dict(data["motion"])
-    scene_data: dict[str, Any] = {
-        name: np.array(value) if isinstance(value, list) else value
-        for name, value in data["scene"].items()
-    }
-    limits = Limits(**scene_data.pop("limits"))
-    speeds, weights = scene_data.pop("speeds"), scene_data.pop("weights")
-    scene = Scene(speeds, weights, limits=limits, motion=motion, **scene_data)
-    return Design(
-        shutter=shutter,
-        motion=motion,
-        scene=scene,
-        loss=float(data["loss"]),
-        history=np.array(data["history"]),
-        converged=bool(data["converged"]),
-        outcome=str(data["outcome"]),
-        certificate=float(data["certificate"]),
-        loss_name=str(data["loss_name"]),
-        best_start_loss=float(data["best_start_loss"]),
-        plan=Plan.from_dict(data["plan"]) if data.get("plan") else None,
-    )
 
 
 def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
     """The shutter that `shutter_to_dict` wrote.
 
     Raises:
-        ValueError: if its kind is not known.
+        ValueError: if its kind is not known, or its parameters are not those of its kind.
     """
-    kinds = {kind.__name__: kind for kind in _PARAMETER_OF}
-    known = data["kind"] in kinds
-    require(known, "Design.load(shutter kind)", f"be one of {', '.join(kinds)}", data["kind"])
-    arguments = {name: value for name, value in data.items() if name != "kind"}
-    for name, value in arguments.items():
-        if isinstance(value, list):
-            arguments[name] = np.array(value)
-    return kinds[data["kind"]](**arguments)
+    kinds = {kind.__name__: kind for kind in _PARAMETERS_OF}
+    name, given = data["kind"], {key: value for key, value in data.items() if key != "kind"}
+    require(name in kinds, "shutter.kind", f"be one of {', '.join(kinds)}", name)
+    wanted = _PARAMETERS_OF[kinds[name]]
+    for key in wanted:
+        require(key in given, f"shutter.{key}", f"be given for a {name}", Bare("nothing"))
+    for key, value in given.items():
+        require(key in wanted, f"shutter.{key}", f"be left out of a {name}", value)
+    return kinds[name](**given)
 
 
-def _motion_from_dict(data: dict[str, Any]) -> AbstractMotion:
-    if data["kind"] == "StillCamera":
-        return StillCamera(half_exposure=data["half_exposure"])
-    return ParabolicMotion(acceleration=data["acceleration"], half_exposure=data["half_exposure"])
+def _built(file: SavedDesign) -> Design:
+    motion = _motion(file.motion)
+    scene = file.scene.model_dump()
+    scene["limits"] = Limits(**scene["limits"])
+    return Design(
+        shutter=shutter_from_dict(file.shutter.model_dump(exclude_none=True)),
+        motion=motion,
+        scene=Scene(**scene, motion=motion),
+        loss=file.loss,
+        history=np.array(file.history),
+        converged=file.converged,
+        outcome=file.outcome,
+        certificate=file.certificate,
+        loss_name=file.loss_name,
+        best_start_loss=file.best_start_loss,
+        plan=None if file.plan is None else Plan.from_dict(file.plan.model_dump()),
+    )
+
+
+def _motion(saved: SavedMotion) -> AbstractMotion:
+    if saved.kind == "StillCamera":
+        return StillCamera(half_exposure=saved.half_exposure)
+    return ParabolicMotion(acceleration=saved.acceleration, half_exposure=saved.half_exposure)

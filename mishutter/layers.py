@@ -12,6 +12,9 @@ from mishutter.rows import PAD_MODES, fast_length, padded_columns
 from mishutter.shutters.base import AbstractShutter
 from mishutter.types import require, require_finite
 
+FARTHEST = 10**9
+"""Columns or rows that a layer's corner may lie from the sensor's."""
+
 
 @dataclass(frozen=True, eq=False)
 class Layer:
@@ -31,6 +34,9 @@ class Layer:
 
     def __post_init__(self) -> None:
         require_finite("Layer(speed=...)", self.speed)
+        for name, place in (("left", self.left), ("top", self.top)):
+            near = -FARTHEST <= place <= FARTHEST
+            require(near, f"Layer({name}=...)", f"lie within {FARTHEST:g} px", place)
 
     @property
     def matte(self) -> np.ndarray:

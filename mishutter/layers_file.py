@@ -2,30 +2,31 @@
 
 import tomllib
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
-from mishutter.layers import Layer, Layers
-from mishutter.pictures import Picture, read_picture
+from mishutter.layers import FARTHEST, Layer, Layers
+from mishutter.pictures import Picture, read_opacity, read_picture
+from mishutter.scene_schema import Speed
+from mishutter.schema import Section, parsed, validated
 from mishutter.types import require
 
 _READ = "read_layers(path=...)"
+_Place = Annotated[int, Field(ge=-FARTHEST, le=FARTHEST)]
+_Name = Annotated[str, Field(min_length=1)]
 
 
-class _LayerEntry(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    picture: str
-    matte: str | None = None
-    speed_px_per_s: float = Field(default=0.0, allow_inf_nan=False)
-    left: int = 0
-    top: int = 0
+class _LayerEntry(Section):
+    picture: _Name
+    matte: _Name | None = None
+    speed_px_per_s: Speed = 0.0
+    left: _Place = 0
+    top: _Place = 0
 
 
-class _LayersFile(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
+class _LayersFile(Section):
     border: str = "reflect"
     layers: list[_LayerEntry] = Field(min_length=1)
 
@@ -62,19 +63,10 @@ def read_layers(path: str | Path) -> Layers:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"`{_READ}` must name a TOML file; got {str(path)!r}, not found.")
-    try:
-        parsed = _LayersFile.model_validate(tomllib.loads(path.read_text("utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"`{_READ}` must be TOML; got {error} in {str(path)!r}.") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise ValueError(
-            f"`{_READ}` must describe layers; got {first['msg'].lower()} at {where} in "
-            f"{str(path)!r}."
-        ) from error
-    layers = tuple(_layer(entry, path.parent) for entry in parsed.layers)
-    return Layers(layers, border=parsed.border)
+    tables = parsed(tomllib.loads, path.read_bytes(), str(path), "TOML")
+    file = validated(_LayersFile, tables, str(path))
+    layers = tuple(_layer(entry, path.parent) for entry in file.layers)
+    return Layers(layers, border=file.border)
 
 
 def _layer(entry: _LayerEntry, folder: Path) -> Layer:
@@ -85,13 +77,8 @@ def _layer(entry: _LayerEntry, folder: Path) -> Layer:
 
 
 def _matte(path: Path, picture: Picture) -> np.ndarray:
-    from mishutter.pictures import GAMMA
-
-    read = read_picture(path)
-    shape, expected = read.light.shape[:2], picture.light.shape[:2]
-    got = f"{shape[1]} x {shape[0]} px in {str(path)!r}"
+    matte, expected = read_opacity(path), picture.light.shape[:2]
+    got = f"{matte.shape[1]} x {matte.shape[0]} px in {str(path)!r}"
     size = f"be as large as its picture, {expected[1]} x {expected[0]} px"
-    require(shape == expected, "read_layers(matte=...)", size, got)
-    if path.suffix.lower() in (".tif", ".tiff") and read.light.dtype == np.float32:
-        return np.clip(read.luminance, 0, 1)
-    return np.clip(read.luminance ** (1 / GAMMA), 0, 1).astype(np.float32)
+    require(matte.shape == expected, "read_layers(matte=...)", size, got)
+    return matte

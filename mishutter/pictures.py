@@ -95,25 +95,30 @@ def read_picture(path: str | Path) -> Picture:
             holds a value that is not light.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"`{_READ}` must name a file; got {str(path)!r}, not found.")
-    if path.is_dir():
-        raise IsADirectoryError(f"`{_READ}` must name a file; got the folder {str(path)!r}.")
-    try:
-        raw = _decoded(path)
-    except PermissionError as error:
-        raise PermissionError(
-            f"`{_READ}` must name a readable file; got {str(path)!r}, permission denied."
-        ) from error
-    except MemoryError:
-        raise
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(
-            f"`{_READ}` must name a whole PNG, JPEG or TIFF picture of at most "
-            f"{MAX_PIXELS // 10**6} megapixels; got {str(path)!r}: {reason}."
-        ) from error
-    return _to_picture(raw, path)
+    values, gamma = _values(path)
+    has_matte = values.shape[2] in (2, 4)
+    colour = values[..., :-1] if has_matte else values
+    matte = np.ascontiguousarray(values[..., -1]) if has_matte else None
+    light = np.ascontiguousarray(colour) if gamma == 1.0 else colour ** np.float32(gamma)
+    return Picture(light=light, matte=matte, name=path.stem)
+
+
+def read_opacity(path: str | Path) -> np.ndarray:
+    """Read a grey picture as opacity: its values as the file holds them, without gamma.
+
+    Args:
+        path: A PNG, JPEG or TIFF file; of one in colour the luminance is taken.
+
+    Returns:
+        Opacity in `[0, 1]`; shape `(rows, columns)`, float32.
+
+    Raises:
+        OSError: as `read_picture`.
+        ValueError: as `read_picture`.
+    """
+    values, _ = _values(Path(path))
+    colour = values[..., : 1 if values.shape[2] < 3 else 3]
+    return np.clip(Picture(np.ascontiguousarray(colour)).luminance, 0, 1)
 
 
 def example_picture() -> Picture:
@@ -262,7 +267,31 @@ def _decoded_by_pillow(path: Path) -> np.ndarray:
     return array.astype(np.uint16) if array.dtype == np.int32 else array
 
 
-def _to_picture(raw: np.ndarray, path: Path) -> Picture:
+def _pixels(path: Path) -> np.ndarray:
+    """Pixels as `_decoded` gives them, or one line that says why not."""
+    if not path.exists():
+        raise FileNotFoundError(f"`{_READ}` must name a file; got {str(path)!r}, not found.")
+    if path.is_dir():
+        raise IsADirectoryError(f"`{_READ}` must name a file; got the folder {str(path)!r}.")
+    try:
+        return _decoded(path)
+    except PermissionError as error:
+        raise PermissionError(
+            f"`{_READ}` must name a readable file; got {str(path)!r}, permission denied."
+        ) from error
+    except MemoryError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(
+            f"`{_READ}` must name a whole PNG, JPEG or TIFF picture of at most "
+            f"{MAX_PIXELS // 10**6} megapixels; got {str(path)!r}: {reason}."
+        ) from error
+
+
+def _values(path: Path) -> tuple[np.ndarray, float]:
+    """Values in `[0, 1]`, shape `(rows, columns, channels)`, and their gamma."""
+    raw = _pixels(path)
     raw = raw[..., None] if raw.ndim == 2 else raw
     layout = raw.ndim == 3 and raw.shape[2] in (1, 2, 3, 4) and min(raw.shape) > 0
     require(layout, _READ, "name a grey or RGB picture, with or without alpha", f"{path}")
@@ -280,8 +309,4 @@ def _to_picture(raw: np.ndarray, path: Path) -> Picture:
         values, gamma = raw.astype(np.float32), 1.0
     else:
         raise ValueError(f"`{_READ}` must hold 8 or 16 bits a channel; got {raw.dtype}.")
-    has_matte = values.shape[2] in (2, 4)
-    colour = values[..., :-1] if has_matte else values
-    matte = np.ascontiguousarray(values[..., -1]) if has_matte else None
-    light = np.ascontiguousarray(colour) if gamma == 1.0 else colour ** np.float32(gamma)
-    return Picture(light=light, matte=matte, name=path.stem)
+    return values, gamma

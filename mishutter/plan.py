@@ -154,7 +154,9 @@ def extent(scene: Scene, motion: AbstractMotion) -> tuple[float, float]:
     a, half = (np.asarray(x, np.float64) for x in (motion.acceleration, motion.half_exposure))
     stroke, smear = a * half * half, float(scene.max_speed) * half
     moving = stroke > 0
-    reach = np.where(moving, (2 * stroke + smear) ** 2 / (4 * np.where(moving, stroke, 1.0)), 0.0)
+    with np.errstate(over="ignore"):  # a stroke that is hardly one: longer than any kernel kept
+        length = (2 * stroke + smear) ** 2 / (4 * np.where(moving, stroke, 1.0))
+    reach = np.where(moving, length, 0.0)
     longest = np.max(np.maximum(reach, 2 * smear))
     return float(longest), float(np.max(2 * stroke + smear))
 
@@ -171,7 +173,7 @@ def larger(first: Plan, second: Plan) -> Plan:
 
 def sized_for(reach: float, velocity: float) -> Plan:
     """Sizes for kernels of `reach` px on paths of at most `velocity` px per half exposure."""
-    num_taps = min(_rounded_up(reach + 1), _MAX_TAPS)
+    num_taps = _rounded_up(min(reach + 1.0, float(_MAX_TAPS)))
     phase = 2 * np.pi * 0.5 * 2 * velocity
     num_nodes = _rounded_up(phase / _PHASE_PER_NODE + 4 * _SPARE_NODES)
     length = default_num_frequencies(num_taps)

@@ -20,9 +20,9 @@ from mishutter.quality import psnr
 from mishutter.rows import channels_last, rows_last
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
-from mishutter.simulate import as_light, blurred_at_speeds, kernel_layout, noisy
+from mishutter.simulate import as_light, as_pixels, blurred_at_speeds, kernel_layout, noisy
 from mishutter.threads import in_threads, num_processors
-from mishutter.types import require, require_positive_int
+from mishutter.types import require, require_key, require_positive_int
 
 _CAPTURES_AT_ONCE = 4
 """At most: each holds a picture and what every decoder made of it."""
@@ -88,7 +88,7 @@ def deconvolve(
     Raises:
         ValueError: if `captured` is not finite or not a picture.
     """
-    light = as_light(captured)
+    light = as_pixels(captured, "deconvolve(captured=...)")
     chosen = EnsembleDecoder() if decoder is None else decoder
     chosen = chosen.stopping_at_noise() if tolerates(plan) else chosen
     known = blur_model(scene, motion, shutter, plan=plan) if model is None else model
@@ -168,7 +168,8 @@ def restore_by_each(
         ValueError: as `restore_photograph`.
     """
     require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
-    light = as_light(picture)
+    require_key("restore_photograph(key=...)", key)
+    light = as_light(picture, "restore_photograph(picture=...)")
     light = light[..., None] if light.ndim == 2 else light
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     weights = np.asarray(scene.weights) if speeds is None else None

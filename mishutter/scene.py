@@ -1,5 +1,6 @@
 """What is photographed: the speeds that occur, the light, the sensor's noise and limits."""
 
+import os
 from typing import final
 
 import equinox as eqx
@@ -38,7 +39,7 @@ class Limits(eqx.Module):
         max_half_exposure: Longest $T$; s.
 
     Raises:
-        ValueError: if one is not positive, or the exposures are out of order.
+        ValueError: if one is not a positive scalar, or the exposures are out of order.
     """
 
     max_stroke: Array
@@ -61,6 +62,7 @@ class Limits(eqx.Module):
 
     def __check_init__(self) -> None:
         for name in ("max_stroke", "max_top_speed", "min_half_exposure", "max_half_exposure"):
+            require_scalar(f"Limits({name}=...)", getattr(self, name))
             _check_at_least(f"Limits({name}=...)", getattr(self, name), "above 0", strict=True)
         if is_concrete(self.min_half_exposure) and is_concrete(self.max_half_exposure):
             require(
@@ -83,8 +85,8 @@ class Scene(eqx.Module):
         mean_level: Mean of the picture in linear light, white = 1.
         deviation: Standard deviation of the picture in linear light.
         power_spectrum: Power of the picture's rows at `num_frequencies` equal
-            steps' centres in (0, 0.5) cycles/px, on any scale; the spectrum
-            $1/(f^2 + 0.01^2)$ by default. Shape `(m,)`.
+            steps' centres in (0, 0.5) cycles/px, on any scale, none only without
+            deviation; the spectrum $1/(f^2 + 0.01^2)$ by default. Shape `(m,)`.
         cutoff_frequency: Highest frequency that the optics pass: the picture on the
             sensor holds none above it; cycles/px, above 0 and at most 0.5.
         limits: What the mechanism and the exposure may reach.
@@ -92,8 +94,8 @@ class Scene(eqx.Module):
         picture: Path of the photograph to show results on; None for none.
 
     Raises:
-        ValueError: if a value is not finite or out of its range, the weights do not
-            sum to 1, or lengths differ.
+        ValueError: if a value is not finite, out of its range or of another kind, the
+            weights do not sum to 1, or lengths differ.
     """
 
     speeds: Array
@@ -121,7 +123,7 @@ class Scene(eqx.Module):
         cutoff_frequency: ArrayLike = NYQUIST_FREQUENCY,
         limits: Limits | None = None,
         motion: AbstractMotion | None = None,
-        picture: str | None = None,
+        picture: str | os.PathLike[str] | None = None,
     ):
         self.speeds = as_float(speeds)
         count = max(self.speeds.size, 1)
@@ -135,7 +137,7 @@ class Scene(eqx.Module):
         self.cutoff_frequency = as_float(cutoff_frequency)
         self.limits = Limits() if limits is None else limits
         self.motion = motion
-        self.picture = picture
+        self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
 
     def __check_init__(self) -> None:
         shape = self.speeds.shape
@@ -156,9 +158,26 @@ class Scene(eqx.Module):
             value = getattr(self, name)
             require_scalar(f"Scene({name}=...)", value)
             _check_at_least(f"Scene({name}=...)", value, "at least 0")
-        if self.power_spectrum is not None:
-            _check_at_least("Scene(power_spectrum=...)", self.power_spectrum, "at least 0")
+        self._check_spectrum()
         self._check_cutoff()
+        for name, kind, requirement in (
+            ("limits", Limits, "be `Limits`"),
+            ("motion", AbstractMotion | None, "be a motion"),
+            ("picture", str | None, "be a path"),
+        ):
+            value = getattr(self, name)
+            require(isinstance(value, kind), f"Scene({name}=...)", requirement, value)
+
+    def _check_spectrum(self) -> None:
+        subject, power = "Scene(power_spectrum=...)", self.power_spectrum
+        if power is None:
+            return
+        one_row = power.ndim == 1 and power.size >= 1
+        require(one_row, subject, "be one row of at least one value", f"shape {power.shape}")
+        _check_at_least(subject, power, "at least 0")
+        if is_concrete(power) and is_concrete(self.deviation):
+            some = bool(np.any(np.asarray(power) > 0)) or float(self.deviation) == 0
+            require(some, subject, "hold some power where the deviation is not 0", 0.0)
 
     def _check_cutoff(self) -> None:
         subject, cutoff = "Scene(cutoff_frequency=...)", self.cutoff_frequency

@@ -10,12 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from mishutter.motion import ParabolicMotion
 from mishutter.scene import Limits, Scene
 from mishutter.scene_schema import (
-    Bare,
     LimitsSection,
     MotionSection,
     Normal,
@@ -23,9 +21,9 @@ from mishutter.scene_schema import (
     SceneFile,
     Speeds,
     Uniform,
-    first_line,
 )
-from mishutter.types import require
+from mishutter.schema import in_section, parsed, validated
+from mishutter.types import Bare, require
 
 EXAMPLE_PICTURE = "example"
 """What `[picture] path` says for the photograph that scikit-image ships."""
@@ -58,17 +56,10 @@ def example_scene() -> Scene:
 
 
 def _scene(data: bytes, name: str, folder: Path) -> Scene:
+    tables = parsed(tomllib.loads, data, name, "TOML")
+    file = validated(SceneFile, tables, name, in_section)
     try:
-        tables = tomllib.loads(data.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{name} must be UTF-8 text; got byte {error.start} of it.") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{name} must be a TOML file; got: {error}.") from None
-    try:
-        file = SceneFile.model_validate(tables)
         return _built(file, folder)
-    except ValidationError as error:
-        raise ValueError(f"{name}: {first_line(error)}") from None
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 
@@ -194,6 +185,6 @@ def _picture(section: PictureSection, folder: Path) -> dict[str, Any]:
     if section.path == EXAMPLE_PICTURE:
         place, picture = EXAMPLE_PICTURE, example_picture()
     else:
-        place = str(folder / section.path)
+        place = str((folder / section.path).absolute())
         picture = read_picture(place)
     return {"picture": place, **row_power_spectrum(picture, _NUM_FREQUENCIES)._asdict()}

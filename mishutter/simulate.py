@@ -22,7 +22,14 @@ from mishutter.rows import channels_last, convolved, extended, require_border, r
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.tiles import expose_tiles
-from mishutter.types import common_dtype, is_concrete, require, require_finite, require_scalar
+from mishutter.types import (
+    common_dtype,
+    is_concrete,
+    require,
+    require_finite,
+    require_key,
+    require_scalar,
+)
 
 MAX_TAPS = 1 << 13
 """Longest kernel that a capture is simulated with; px."""
@@ -75,12 +82,12 @@ def simulate_capture(
         columns with `border="scene"`.
 
     Raises:
-        ValueError: if an argument is out of its range, the scene has no light and noise
-            is asked for, or the picture is narrower than the kernel with
+        ValueError: if an argument is out of its range, light is below 0, the scene has
+            no light and noise is asked for, or the picture is narrower than the kernel with
             `border="scene"`.
     """
     require_border("simulate_capture(border=...)", border)
-    _check_light(scene, key)
+    _check_noise(scene, key)
     if isinstance(picture, Layers | Frames):
         alone = speed == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., border=...)"
@@ -89,7 +96,7 @@ def simulate_capture(
         expose = in_layers if isinstance(picture, Layers) else expose_frames
         light = jnp.asarray(expose(picture, motion, shutter))  # type: ignore[arg-type]
         return _recorded(light, scene, motion, key, full_well, adc_bits)
-    light = as_light(picture)
+    light = as_light(picture, "simulate_capture(picture=...)")
     kernel, origin = capture_kernel(motion, shutter, speed, np.dtype(light.dtype))
     if border == "scene":
         columns = light.shape[-1 if light.ndim == 2 else -2]
@@ -190,13 +197,21 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     return num_taps, num_taps // 2 if isinstance(motion, StillCamera) else 0
 
 
-def as_light(picture: Picture | ArrayLike) -> Array:
+def as_light(picture: Picture | ArrayLike, subject: str) -> Array:
     """The light of a picture as an array: `(rows, columns)` or with channels last."""
-    subject = "simulate_capture(picture=...)"
     if isinstance(picture, Picture):
         return jax.device_put(picture.light)
-    require(jnp.ndim(picture) >= 2, subject, "have rows and columns", jnp.shape(picture))
-    require(jnp.size(picture) > 0, subject, "hold at least one pixel", jnp.shape(picture))
+    light = as_pixels(picture, subject)
+    least = float(np.min(np.asarray(light))) if is_concrete(light) else 0.0
+    require(least >= 0, subject, "be at least 0", least)
+    return light
+
+
+def as_pixels(picture: ArrayLike, subject: str) -> Array:
+    """Pixels as an array: `(rows, columns)` or with channels last."""
+    shape = np.shape(picture)
+    require(len(shape) >= 2, subject, "have rows and columns", shape)
+    require(0 not in shape, subject, "hold at least one pixel", shape)
     require_finite(subject, picture)
     return jnp.asarray(picture, common_dtype(picture))
 
@@ -215,11 +230,12 @@ def _recorded(
 
 def noisy(light: Array, scene: Scene, motion: AbstractMotion, key: Array) -> Array:
     """The noise of one capture on what fell on the sensor; the shape of `light`."""
-    _check_light(scene, key)
+    _check_noise(scene, key)
     return _recorded(light, scene, motion, key, None, None)
 
 
-def _check_light(scene: Scene, key: Array | None) -> None:
+def _check_noise(scene: Scene, key: Array | None) -> None:
+    require_key("simulate_capture(key=...)", key)
     rate = scene.photon_rate
     lit = key is None or not is_concrete(rate) or float(rate) > 0
     require(lit, "simulate_capture(scene=...)", "have a photon rate above 0 e-/s", 0.0)

@@ -18,7 +18,7 @@ from mishutter.restoration import deconvolve
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.simulate import simulate_capture
-from mishutter.types import require_positive_int
+from mishutter.types import require_key, require_positive_int
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share that is."""
@@ -62,7 +62,7 @@ def capture_and_restore(
         scene: Light and noise, and what the decoder may know.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        speed: Speed of a photograph, px/s.
+        speed: Speed of a photograph, px/s; 0 for layers and frames.
         decoder: How to restore; the ensemble filter by default.
         key: JAX key of the noise; None for none.
         border: As in `simulate_capture`, for a photograph.
@@ -76,12 +76,14 @@ def capture_and_restore(
         ValueError: as `simulate_capture`.
     """
     require_positive_int("capture_and_restore(rows_at_once=...)", rows_at_once)
+    require_key("capture_and_restore(key=...)", key)
     report = progress if progress is not None else lambda text, share: None
-    limits = {"full_well": full_well, "adc_bits": adc_bits}
+    options = {"speed": speed, "border": border, "plan": plan}
+    options |= {"full_well": full_well, "adc_bits": adc_bits}
     whole = isinstance(subject, Layers | Frames)
     if whole:
         report("exposing", 0.0)
-        exposed = simulate_capture(subject, scene, motion, shutter, key=key, plan=plan, **limits)
+        exposed = simulate_capture(subject, scene, motion, shutter, key=key, **options)
         light = np.asarray(exposed)
     else:
         light = subject.light if isinstance(subject, Picture) else np.asarray(subject)
@@ -94,17 +96,7 @@ def capture_and_restore(
         part = jnp.asarray(light[first : first + rows_at_once])
         if not whole:
             own = None if key is None else jax.random.fold_in(key, first)
-            part = simulate_capture(
-                part,
-                scene,
-                motion,
-                shutter,
-                speed=speed,
-                key=own,
-                border=border,
-                plan=plan,
-                **limits,
-            )
+            part = simulate_capture(part, scene, motion, shutter, key=own, **options)
         found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
         if captured is None or restored is None:
             shape = (light.shape[0], *part.shape[1:])

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array
 
 from mishutter.compiling import quick_to_compile
 from mishutter.descent import along_panel, along_rays, panels, turns_far
@@ -11,6 +11,8 @@ from mishutter.motion import AbstractMotion
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import (
+    RowLike,
+    as_float,
     common_dtype,
     require,
     require_finite,
@@ -23,7 +25,7 @@ _BLOCK_SIZE = 1 << 14
 """Frequencies times panels above which they are done block by block, to bound memory."""
 
 
-def condition_number(kernel: ArrayLike, *, num_frequencies: int | None = None) -> Array:
+def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> Array:
     r"""Condition number of the convolution with a kernel, $\max|H| / \min|H|$ (3).
 
     Over the frequencies of the discrete Fourier transform of the kernel, padded with
@@ -44,13 +46,13 @@ def condition_number(kernel: ArrayLike, *, num_frequencies: int | None = None) -
             not a whole number of at least the number of taps.
     """
     subject = "condition_number(kernel=...)"
-    one_row = jnp.ndim(kernel) == 1 and jnp.size(kernel) >= 1
-    require(one_row, subject, "be one row of at least one tap", f"shape {jnp.shape(kernel)}")
-    require_finite(subject, kernel)
-    taps = jnp.asarray(kernel, common_dtype(kernel))
+    taps = as_float(kernel)
+    one_row = taps.ndim == 1 and taps.size >= 1
+    require(one_row, subject, "be one row of at least one tap", f"shape {taps.shape}")
+    require_finite(subject, taps)
     length = default_num_frequencies(taps.size) if num_frequencies is None else num_frequencies
     subject = "condition_number(num_frequencies=...)"
-    require_positive_int(subject, length)
+    length = require_positive_int(subject, length)
     require(length >= taps.size, subject, f"be at least the {taps.size} taps", length)
 
     magnitude = jax.lax.stop_gradient(jnp.sum(jnp.abs(taps)))
@@ -72,8 +74,8 @@ def transfer_function(
     shutter: AbstractShutter,
     motion: AbstractMotion,
     *,
-    speed: ArrayLike,
-    frequency: ArrayLike,
+    speed: RowLike,
+    frequency: RowLike,
 ) -> Array:
     r"""Response to a spatial frequency, in the sensor frame, without the pixel aperture.
 
@@ -97,7 +99,7 @@ def transfer_function(
     require_finite("transfer_function(speed=...)", speed)
     require_finite("transfer_function(frequency=...)", frequency)
     dtype = common_dtype(*jax.tree.leaves((shutter, motion)), speed, frequency)
-    shape = jnp.broadcast_shapes(jnp.shape(speed), jnp.shape(frequency))
+    shape = jnp.broadcast_shapes(np.shape(speed), np.shape(frequency))
     s = jnp.broadcast_to(jnp.asarray(speed, dtype), shape).reshape(-1)
     f = jnp.broadcast_to(jnp.asarray(frequency, dtype), shape).reshape(-1)
     return _transfer(piecewise(shutter), motion, s, f).reshape(shape)

@@ -69,13 +69,33 @@ def require_scalar(subject: str, value: ArrayLike) -> None:
     """Refuse anything but a scalar number."""
     if isinstance(value, str | bytes) or value is None:
         require(False, subject, "be a number", value)
-    require(jnp.ndim(value) == 0, subject, "be a scalar", f"shape {jnp.shape(value)}")
+    require(np.ndim(value) == 0, subject, "be a scalar", f"shape {np.shape(value)}")
 
 
-def require_positive_int(subject: str, value: object) -> None:
-    """Refuse anything but a whole number of at least one."""
+def require_key(subject: str, value: object) -> None:
+    """Refuse anything but one random key, of JAX's new kind or the old, or None."""
+    shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", np.dtype(object))
+    typed = shape == () and jnp.issubdtype(dtype, jax.dtypes.prng_key)
+    raw = shape is not None and len(shape) == 1 and dtype == np.uint32
+    one = value is None or typed or raw
+    got = value if shape is None else f"shape {shape} of {dtype}"
+    require(one, subject, "be one key, as `jax.random.key(seed)` gives it", got)
+
+
+def require_positive_int(subject: str, value: object) -> int:
+    """A whole number of at least one as Python's own integer; refuse anything else."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    require(whole and value >= 1, subject, "be a positive integer", value)  # type: ignore[operator]
+    require(whole and int(value) >= 1, subject, "be a positive integer", value)  # type: ignore[call-overload]
+    return int(value)  # type: ignore[arg-type]
+
+
+class Bare(str):
+    """Text that an error shows without quotes."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return str(self)
 
 
 def describe(value: object) -> str:
@@ -84,5 +104,8 @@ def describe(value: object) -> str:
         return str(value)
     if hasattr(value, "shape") and getattr(value, "size", 0) == 1:
         return str(np.asarray(value).item())
-    text = repr(value) if not hasattr(value, "shape") else str(np.asarray(value).tolist())
+    try:
+        text = repr(value) if not hasattr(value, "shape") else str(np.asarray(value).tolist())
+    except (RecursionError, ValueError):  # nested too deeply, or an integer of 5,000 digits
+        return f"{type(value).__name__} too long to show"
     return text if len(text) <= 80 else text[:77] + "..."

@@ -102,6 +102,12 @@ USAGE = {
     "shutter-range": (["compare", "--shutter", "tukey:1.5"], "`TukeyShutter(taper=...)` must"),
     "shutter-no-value": (["compare", "--shutter", "hann:0.5"], "must give hann no parameter"),
     "missing-design": (["compare", "--design", "no.json"], "No such file or directory"),
+    "out-unnamed": (["optimise", "--out", ""], "`--out` must be a path of at least one character"),
+    "scene-unnamed": (["plan", ""], "`[SCENE.toml]` must be a path of at least one character; got"),
+    "free-and-fixed": (
+        ["plan", "--fixed", "--free", "shutter"],
+        "`--free` must be left out with --fixed; got 'shutter'",
+    ),
     "out-under-nothing": (["compare", "--out", "/dev/null/x"], "must be a folder that takes files"),
 }
 
@@ -114,12 +120,14 @@ def test_usage_mistakes(slug, capsys):
 
 
 DESIGNS = {
-    "empty": ("", "must be a JSON file; got "),
-    "cut-short": ('{"format": 1, "mishutter": ', "must be a JSON file; got "),
+    "empty": ("", "must be a JSON file; got: "),
+    "cut-short": ('{"format": 1, "mishutter": ', "must be a JSON file; got: "),
     "a-list": ("[1, 2]", "must be a design saved by mishutter; got"),
     "another-file": ('{"name": "x"}', "must be a design saved by mishutter; got"),
     "another-version": ('{"format": 99}', "must be of design format 1; got"),
-    "incomplete": ('{"format": 1}', "must be a complete design; got"),
+    "incomplete": ('{"format": 1}', "design.json: `shutter` must be given; got nothing"),
+    "brackets-without-end": ("[" * 100_000, "must be a JSON file; got: brackets nested too"),
+    "digits-without-end": ('{"format": 1' + "0" * 5000 + "}", "must be a JSON file; got: Exceeds"),
 }
 
 
@@ -169,12 +177,32 @@ def test_picture_mistakes(slug, tmp_path, capsys):
     assert message in refused(capsys, "optimise", path)
 
 
-def test_the_output_folder_is_tried_first(tmp_path, capsys):
-    """A folder that takes no files is refused before the scene is even read."""
+def test_the_output_folder_is_tried_before_the_search(tmp_path, capsys, monkeypatch):
+    """A folder that takes no files is refused before anything is computed."""
     place = tmp_path / "file"
     place.write_text("in the way")
-    line = refused(capsys, "optimise", tmp_path / "no.toml", "--out", place)
+    monkeypatch.setattr("mishutter.planning.plan", None)
+    line = refused(capsys, "optimise", "--out", place)
     assert "`--out` must be a folder that takes files; got" in line
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["optimise", "no.toml"],
+        ["optimise", "/"],
+        ["compare", "no.toml"],
+        ["compare", "--design", "no.json"],
+        ["simulate", "no.toml"],
+        ["simulate", "--subject", "no.png"],
+        ["export", "no.json"],
+    ],
+    ids=" ".join,
+)
+def test_no_folder_is_made_for_what_cannot_be_read(command, tmp_path, capsys):
+    """Nothing is left behind where the input is missing."""
+    refused(capsys, *command, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
@@ -220,11 +248,14 @@ def test_nothing_else_reaches_the_terminal(arguments):
     assert done.stderr.startswith("mishutter: error: ")
 
 
+COMMANDS = ("optimise", "compare", "plan", "simulate", "sweep", "reproduce", "export")
+
+
 def test_help_names_every_command():
     """`--help` lists the commands, in a process that does not compute anything."""
     command = [sys.executable, "-m", "mishutter", "--help"]
     done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
-    assert all(name in done.stdout for name in ("optimise", "compare"))
+    assert all(name in done.stdout for name in COMMANDS)
 
 
 @pytest.fixture(scope="module")
@@ -277,8 +308,10 @@ def test_the_profile_has_its_units(optimised):
     design = Design.load(folder / "design.json")
     assert names == "time,tau,transmittance"
     assert units == "ms,1,1"
-    first = [float(cell) for cell in rows[0].split(",")]
-    assert first[0] == pytest.approx(-1e3 * float(design.motion.half_exposure), rel=1e-8)
+    time, tau, _ = np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
+    half = 1e3 * float(design.motion.half_exposure)
+    np.testing.assert_allclose(time, np.linspace(-half, half, len(rows)), atol=1e-8 * half)
+    np.testing.assert_allclose(tau, np.linspace(-1, 1, len(rows)), atol=1e-8)
 
 
 @pytest.mark.slow

@@ -132,7 +132,7 @@ BAD = {
     "text": ("a.png", lambda p: p.write_text("none"), "must name a whole PNG, JPEG or TIFF"),
     "missing": ("a.png", lambda p: None, "not found"),
     "matte": ("a.toml", wrong_matte, "must be as large as its picture, 43 x 11 px; got"),
-    "layers": ("a.toml", lambda p: p.write_text("[[layers]]"), "must describe layers; got"),
+    "layers": ("a.toml", lambda p: p.write_text("[[layers]]"), "picture` must be given; got"),
     "no-frames": ("frames", lambda p: p.mkdir(), "must hold pictures; got"),
     "frames-differ": ("frames", two_sizes, "must all have shape (11, 43, 1); got"),
     "no-video": ("a.mp4", lambda p: p.write_text("none"), "must name a video that imageio reads"),
@@ -148,7 +148,7 @@ def test_what_cannot_be_captured(slug, tmp_path, scene, capsys):
     out = tmp_path / "out"
     line = refused(capsys, "simulate", scene, "--subject", tmp_path / name, "--out", out)
     assert message in line
-    assert not list(out.iterdir())
+    assert not list(out.glob("*"))
 
 
 USAGE = {
@@ -158,6 +158,18 @@ USAGE = {
     "bits": (["--adc-bits", "30"], "must be at most 24; got 30"),
     "full-well": (["--full-well", "0"], "; got '0'"),
     "shutter": (["--shutter", "hamming"], "must be one of rect, hann, "),
+    "shutter-unnamed": (["--shutter", ""], "must be one of rect, hann, "),
+    "shutter-and-design": (
+        ["--design", "d.json", "--shutter", "hann"],
+        "`--shutter` must be left out with --design; got 'hann'",
+    ),
+    "seed": (
+        ["--seed", str(1 << 63)],
+        "`--seed` must be less than or equal to 92233",
+    ),
+    "no-out": (["--out", ""], "`--out` must be a path of at least one character; got ''"),
+    "no-subject": (["--subject", ""], "`--subject` must be a path of at least one character"),
+    "no-design": (["--design", ""], "`--design` must be a path of at least one character"),
 }
 
 
@@ -168,6 +180,15 @@ def test_simulate_usage(slug, tmp_path, scene, capsys):
     saved(CODED[..., 0])(tmp_path / "a.png")
     given = ["simulate", scene, "--subject", tmp_path / "a.png", "--out", tmp_path, *arguments]
     assert message in refused(capsys, *given)
+
+
+def test_layers_have_their_own_speeds(tmp_path, scene, capsys):
+    """A speed on the command line is that of a photograph."""
+    saved(CODED[..., 0])(tmp_path / "a.png")
+    (tmp_path / "a.toml").write_text('[[layers]]\npicture = "a.png"')
+    given = ["simulate", scene, "--subject", tmp_path / "a.toml", "--out", tmp_path / "out"]
+    line = refused(capsys, *given, "--speed", "500")
+    assert "`--speed` must be left out but for a photograph; got 500" in line
 
 
 def test_simulate_needs_a_subject(tmp_path, scene, capsys):

@@ -1,12 +1,13 @@
 """A design on disk gives back the same numbers, or one line that says why not."""
 
 import json
+import re
 from dataclasses import replace
 
 import jax
 import numpy as np
 import pytest
-from helpers_design import MOTION, SCENE
+from helpers_design import MOTION, SCENE, SMALL
 
 from mishutter import (
     ChippedShutter,
@@ -20,6 +21,8 @@ from mishutter import (
     TukeyShutter,
 )
 from mishutter.design import motion_to_dict, shutter_from_dict, shutter_to_dict
+from mishutter.files import strict_json
+from mishutter.plan import Item
 
 SHUTTERS = {
     "rect": RectShutter(),
@@ -104,7 +107,6 @@ def test_the_profile_is_a_table_with_units(design, tmp_path):
     [
         (lambda data: data | {"format": 99}, "be of design format 1; got"),
         (lambda data: [1, 2], "be a design saved by mishutter; got"),
-        (lambda data: {k: v for k, v in data.items() if k != "motion"}, "be a complete design"),
         (lambda data: data | {"shutter": {"kind": "Iris"}}, "be one of"),
     ],
 )
@@ -114,6 +116,71 @@ def test_another_file_is_refused(design, tmp_path, change, text):
     path.write_text(json.dumps(change(design.to_dict())))
     with pytest.raises(ValueError, match=text):
         Design.load(path)
+
+
+MISTAKES = {
+    "no-motion": (("motion",), None, "`motion` must be a table; got None"),
+    "other-motion": (("motion", "kind"), "Foo", "must be 'ParabolicMotion' or 'StillCamera'; got"),
+    "no-exposure": (("motion", "half_exposure"), None, "must be a number; got None"),
+    "exposure-before-it-began": (("motion", "half_exposure"), -1.0, "must be above 0 s; got -1"),
+    "profile-as-text": (("shutter", "parameters"), "abc", "must be a list; got 'abc'"),
+    "profile-of-nothing": (("shutter", "parameters"), None, "be given for a SplineShutter; got"),
+    "profile-too-short": (("shutter", "parameters"), [1, 0.5], "at least 4 coefficients; got"),
+    "symmetry-as-text": (("shutter", "symmetric"), "no", "must be true or false; got 'no'"),
+    "width-of-a-spline": (("shutter", "sigma"), 0.3, "must be left out of a SplineShutter; got"),
+    "ragged-speeds": (("scene", "speeds"), [[1], [2, 3]], "`scene.speeds[0]` must be a number"),
+    "spectrum-as-text": (("scene", "power_spectrum"), "x", "must be a list; got 'x'"),
+    "two-strokes": (("scene", "limits", "max_stroke"), [1, 2], "must be a number; got [1, 2]"),
+    "picture-as-number": (("scene", "picture"), 5, "`scene.picture` must be text; got 5"),
+    "light-by-another-name": (("scene", "photon"), 5, "perhaps `scene.photon_rate`; got 'photon'"),
+    "loss-as-text": (("loss",), "abc", "`loss` must be a number; got 'abc'"),
+    "history-as-text": (("history",), "x", "`history` must be a list; got 'x'"),
+    "plan-of-text": (("plan",), {"num_taps": "x"}, "`plan.num_taps` must be a whole number; got"),
+}
+"""Slug to the key that is changed, its value, and the error."""
+
+
+@pytest.mark.parametrize("slug", MISTAKES)
+def test_mistakes_in_a_design_are_named(design, tmp_path, slug):
+    """Each is refused in one line that names the file and the key."""
+    (*tables, key), value, message = MISTAKES[slug]
+    data = json.loads(json.dumps(design.to_dict()))
+    table = data
+    for name in tables:
+        table = table[name]
+    table[key] = value
+    path = tmp_path / "design.json"
+    path.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+        Design.load(path)
+    assert str(caught.value).startswith(f"{path}: `")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=0.0021)])
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_every_shutter_on_every_motion_is_loaded(design, tmp_path, slug, motion):
+    """All that metrics are measured of comes back to the last bit."""
+    parts = {"shutter": shutter_to_dict(SHUTTERS[slug]), "motion": motion_to_dict(motion)}
+    path = tmp_path / "design.json"
+    path.write_text(strict_json(design.to_dict() | parts))
+    loaded = Design.load(path)
+    saved = (SHUTTERS[slug], motion, SCENE)
+    found = (loaded.shutter, loaded.motion, loaded.scene.bare())
+    assert jax.tree.structure(saved) == jax.tree.structure(found)
+    assert jax.tree.all(jax.tree.map(np.array_equal, saved, found))
+
+
+def test_a_design_with_a_plan_and_without_a_number_is_loaded(design, tmp_path):
+    """A search's plan, and a loss that JSON has no token for, come back."""
+    decision = Item("speeds", "9", "5", "they mirror one another", None)
+    plan = replace(SMALL, items=(decision,))
+    other = replace(design, plan=plan, best_start_loss=np.inf, certificate=np.nan)
+    other.save(tmp_path / "design.json")
+    loaded = Design.load(tmp_path / "design.json")
+    assert (loaded.plan, loaded.plan.items) == (plan, plan.items)
+    assert np.isposinf(loaded.best_start_loss)
+    assert np.isnan(loaded.certificate)
 
 
 def test_a_truncated_file_is_refused(tmp_path):

@@ -95,7 +95,13 @@ def test_a_weight_of_zero_leaves_its_term_out():
     assert np.isclose(loss(SCENE, MOTION, shutter, plan=SMALL), 1 - shutter.efficiency())
 
 
-@pytest.mark.parametrize("weight", [-1.0, float("nan"), float("inf"), "1"])
+@pytest.mark.parametrize("weight", [np.float32(0.5), np.array(0.5), jnp.asarray(0.5)])
+def test_a_weight_may_be_a_scalar_array(weight):
+    """The number that it holds is the weight."""
+    assert DesignLoss(condition=weight) == DesignLoss(condition=0.5)
+
+
+@pytest.mark.parametrize("weight", [-1.0, float("nan"), float("inf"), "1", np.array(-0.5)])
 def test_weights_out_of_range_are_refused(weight):
     """A weight is a finite number of at least 0."""
     with pytest.raises((ValueError, TypeError), match="condition"):

@@ -37,7 +37,7 @@ from mishutter import (
     plan,
     plan_error,
 )
-from mishutter.plan import reduced
+from mishutter.plan import reduced, sizes
 from mishutter.speeds import distinct_speeds
 
 LIMITS = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03)
@@ -209,6 +209,15 @@ def test_what_cannot_be_planned_is_refused(arguments, text):
     """Each mistake in the call is one line that names the argument."""
     with pytest.raises(ValueError, match=text):
         plan(SCENE, MOTION, PROFILE, **arguments)
+
+
+def test_a_stroke_that_is_hardly_one_has_sizes():
+    """A kernel whose length is past all numbers is cut as any other that is too long."""
+    sized = [
+        sizes(SCENE, ParabolicMotion(acceleration=stroke / 1e-4, half_exposure=0.01))
+        for stroke in (1e-320, 1e-9)
+    ]
+    assert sized[0] == sized[1]
 
 
 @pytest.mark.parametrize(

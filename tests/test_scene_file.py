@@ -48,6 +48,8 @@ def test_picture_paths_start_at_the_file(tmp_path, monkeypatch):
     scene = read_scene(path)
     assert scene.picture == str(folder / "photo.png")
     assert scene.mean_level == pytest.approx(light.mean(), abs=1e-4)
+    monkeypatch.chdir(folder)
+    assert read_scene("scene.toml").picture == str(folder / "photo.png")
 
 
 def test_without_a_picture_levels_may_be_given(tmp_path):

@@ -251,9 +251,25 @@ def test_layers_from_a_file(tmp_path):
             '[[layers]]\npicture = "front.png"\nmatte = "back.png"',
             "must be as large as its picture",
         ),
-        "layers": ("[[layers]]\npicture = 3", "must describe layers; got .* at layers.0.picture"),
-        "other": ('colour = 1\n[[layers]]\npicture = "back.png"', "got extra inputs .* at colour"),
-        "not toml": ("layers = [", "must be TOML"),
+        "layers": ("[[layers]]\npicture = 3", r"`layers\[0\].picture` must be text; got 3"),
+        "other": (
+            'colour = 1\n[[layers]]\npicture = "back.png"',
+            "bad.toml: the file must hold known keys only; got 'colour'",
+        ),
+        "unit": (
+            '[[layers]]\npicture = "back.png"\nspeed = 3',
+            "perhaps `layers.speed_px_per_s`; got 'speed'",
+        ),
+        "far": (
+            '[[layers]]\npicture = "back.png"\nleft = 99999999999999999999',
+            r"bad.toml: `layers\[0\].left` must be at most 1e\+09; got 9999",
+        ),
+        "fast": (
+            '[[layers]]\npicture = "back.png"\nspeed_px_per_s = 1e300',
+            r"bad.toml: `layers\[0\].speed_px_per_s` must be at most 1e\+07; got 1e\+300",
+        ),
+        "not toml": ("layers = [", "must be a TOML file"),
+        "deep": ("layers = " + "[" * 5000, "must be a TOML file; got: brackets nested too"),
     }
     for text, message in refusals.values():
         (tmp_path / "bad.toml").write_text(text)
@@ -261,6 +277,37 @@ def test_layers_from_a_file(tmp_path):
             ms.Layers.load(str(tmp_path / "bad.toml"))
     with pytest.raises(FileNotFoundError, match=r"must name a TOML file; got .*not found"):
         ms.Layers.load(str(tmp_path / "none.toml"))
+
+
+@pytest.mark.parametrize("options", [{"speed": 300.0}, {"border": "zero"}])
+def test_layers_bring_their_own_speeds_and_borders(options):
+    """A speed or a border beside layers is refused rather than ignored, whoever captures."""
+    alone = ms.Layers((ms.Layer(ms.Picture(rows(2, 40, 1))),))
+    for capture in (ms.simulate_capture, ms.capture_and_restore):
+        with pytest.raises(ValueError, match="must be left to layers and frames; got"):
+            capture(alone, SCENE, MOVING, ms.HannShutter(), **options)
+
+
+def test_layers_beyond_reach():
+    """A layer farther off than any sensor reaches is refused where it is made."""
+    with pytest.raises(ValueError, match=r"`Layer\(left=...\)` must lie within 1e\+09 px; got"):
+        ms.Layer(ms.Picture(rows()), left=10**20)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_a_matte_is_the_same_in_any_file(kind, tmp_path):
+    """8 and 16 bits and floating point, in a TIFF or a PNG: opacity without gamma."""
+    import tifffile
+
+    coded = np.arange(20, dtype=np.uint8).reshape(4, 5) * np.uint8(13)
+    matte = coded / np.float32(255)
+    stored = matte if kind == np.float32 else coded.astype(kind) * (np.iinfo(kind).max // 255)
+    tifffile.imwrite(tmp_path / "matte.tif", stored.astype(kind))
+    ms.write_picture(tmp_path / "back.png", rows(4, 5, 3))
+    back = '[[layers]]\npicture = "back.png"\n'
+    (tmp_path / "scene.toml").write_text(back + back + 'matte = "matte.tif"\n')
+    found = ms.Layers.load(str(tmp_path / "scene.toml")).layers[1].matte
+    np.testing.assert_allclose(found, matte, atol=1e-7)
 
 
 def test_pictures_narrower_than_the_kernel():
@@ -294,6 +341,10 @@ def test_pictures_that_are_none():
     bad[1, 2, 0] = np.nan
     with pytest.raises(ValueError, match=r"picture=...\)` must be finite"):
         ms.simulate_capture(bad, SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"`deconvolve\(captured=...\)` must be finite"):
+        ms.deconvolve(bad, SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"picture=...\)` must be at least 0; got -0.3"):
+        ms.simulate_capture(np.full((2, 9), -0.3), SCENE, MOVING, ms.HannShutter())
     dark = ms.Scene([0.0], photon_rate=0.0, read_noise=1.0)
     with pytest.raises(ValueError, match="must have a photon rate above 0"):
         ms.simulate_capture(rows(), dark, MOVING, ms.HannShutter(), key=jax.random.key(1))

@@ -108,6 +108,15 @@ def test_vmap_jit_and_blocks_change_nothing():
     )
 
 
+def test_lists_are_arrays():
+    """A list of taps, speeds or frequencies is the row that it looks like."""
+    taps, speeds, frequency = [0.1, 0.5, 0.3], [3.0, -50.0], [0.11, 0.37]
+    assert condition_number(taps) == condition_number(np.array(taps))
+    found = transfer_function(HannShutter(), MOTION, speed=speeds, frequency=frequency)
+    given = {"speed": np.array(speeds), "frequency": np.array(frequency)}
+    assert jnp.array_equal(found, transfer_function(HannShutter(), MOTION, **given))
+
+
 def test_still_and_closed_cameras():
     """No motion: the efficiency at every frequency. Nothing open: zero."""
     still = StillCamera(half_exposure=0.02)

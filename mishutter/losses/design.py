@@ -1,9 +1,11 @@
 """The weighted loss of condition number, invariance and light."""
 
-from typing import final
+from typing import Any, final
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from mishutter.losses.base import AbstractResponseLoss, Parts
@@ -12,9 +14,15 @@ from mishutter.motion import AbstractMotion
 from mishutter.plan import Plan
 from mishutter.response import Response
 from mishutter.scene import Scene
-from mishutter.types import require
+from mishutter.types import is_concrete, require
 
 _SHARPNESS = 200.0
+
+
+def _plain(weight: Any) -> Any:
+    """The number that a scalar array holds, where it is known."""
+    scalar = is_concrete(weight) and np.ndim(weight) == 0 and hasattr(weight, "dtype")
+    return weight.item() if scalar else weight
 
 
 @final
@@ -33,7 +41,7 @@ class DesignLoss(AbstractResponseLoss):
     precision.
 
     Args:
-        condition: $w_1$, at least 0.
+        condition: $w_1$, at least 0; a number, not an array that is traced.
         invariance: $w_2$, at least 0.
         efficiency: $w_3$, at least 0.
 
@@ -41,15 +49,16 @@ class DesignLoss(AbstractResponseLoss):
         ValueError: if a weight is negative or not finite.
     """
 
-    condition: float = 0.1
-    invariance: float = 1.0
-    efficiency: float = 1.0
+    condition: float = eqx.field(default=0.1, converter=_plain)
+    invariance: float = eqx.field(default=1.0, converter=_plain)
+    efficiency: float = eqx.field(default=1.0, converter=_plain)
 
     def __check_init__(self) -> None:
+        requirement = "be a finite plain number of at least 0"
         for name in ("condition", "invariance", "efficiency"):
             value = getattr(self, name)
             number = isinstance(value, int | float) and 0 <= value < float("inf")
-            require(number, f"DesignLoss({name}=...)", "be a finite weight of at least 0", value)
+            require(number, f"DesignLoss({name}=...)", requirement, value)
 
     def parts(self, plan: Plan) -> Parts:
         every = not plan.skips

@@ -1,0 +1,53 @@
+"""A scene made in Python is refused where it is made, by the argument that is wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mishutter import Limits, Scene
+
+LIGHT = {"photon_rate": 1e5, "read_noise": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("power", "message"),
+    [
+        (np.ones((2, 3)), r"must be one row of at least one value; got 'shape \(2, 3\)'"),
+        (2.0, r"must be one row of at least one value; got 'shape \(\)'"),
+        ([], r"must be one row of at least one value; got 'shape \(0,\)'"),
+        ([0.3, -0.1], "must be at least 0; got"),
+        ([0.0, 0.0, 0.0], "must hold some power where the deviation is not 0; got 0.0"),
+    ],
+)
+def test_spectra_that_are_none(power, message):
+    """A power spectrum is one row, and no picture with contrast is without power."""
+    with pytest.raises(ValueError, match=message):
+        Scene([0.0], **LIGHT, power_spectrum=power)
+
+
+def test_a_picture_without_contrast_has_no_power():
+    """What `row_power_spectrum` finds of one grey is a scene."""
+    scene = Scene([0.0], **LIGHT, power_spectrum=np.zeros(7), deviation=0.0)
+    assert not np.any(scene.power_spectrum)
+
+
+@pytest.mark.parametrize("name", ["motion", "limits", "picture"])
+def test_parts_that_are_something_else(name):
+    """A part of the wrong kind is refused by name, also where annotations are not checked."""
+    scene = Scene([0.0], **LIGHT)
+    object.__setattr__(scene, name, 3)
+    with pytest.raises(ValueError, match=rf"`Scene\({name}=...\)` must be .*; got 3"):
+        scene.__check_init__()
+
+
+def test_a_picture_may_be_a_path():
+    """A path is kept as text, which a design file holds."""
+    path = Path("some") / "photo.png"
+    assert Scene([0.0], **LIGHT, picture=path).picture == str(path)
+
+
+def test_a_limit_is_one_number():
+    """Two strokes are refused by name."""
+    with pytest.raises(ValueError, match=r"`Limits\(max_stroke=...\)` must be a scalar; got"):
+        Limits(max_stroke=np.array([1.0, 2.0]))
