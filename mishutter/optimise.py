@@ -71,6 +71,11 @@ def optimise(
     grid, and the best of them are polished directly. The result is never worse than the
     best start.
 
+    Where acceleration moves, a design keeps up ($2aT$) with the fastest object that occurs
+    or with what the given motion keeps up with, whichever is slower: a given motion within
+    the limits is always among the starts, and one that gives up rare fast objects lets the
+    search give them up too.
+
     Args:
         scene: Speeds, light, noise and limits.
         motion: Motion to start from; a `StillCamera` stays at rest.

@@ -5,6 +5,7 @@ import sys
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import ROUNDING
 from helpers_design import LIMITS, MOTION, SCENE, SMALL
 
 from mishutter import (
@@ -14,7 +15,9 @@ from mishutter import (
     HannShutter,
     NonFiniteLossError,
     Outcome,
+    ParabolicMotion,
     RectShutter,
+    Scene,
     SearchFailedError,
     SplineShutter,
     StillCamera,
@@ -76,6 +79,35 @@ def test_a_joint_search_keeps_every_bound():
     tau = jnp.linspace(-1, 1, 301)
     profile = design.shutter.transmittance(tau)
     assert bool(jnp.all((profile >= 0) & (profile <= 1)))
+
+
+@pytest.mark.parametrize("half_exposure", [5e-4, 7e-3, 3e-2])
+@pytest.mark.parametrize("stroke", [0.004, 0.7, 3.0])
+def test_a_start_within_the_limits_is_a_point_of_the_box(stroke, half_exposure):
+    """Also one that is slower than the fastest object, or than all but a shiver."""
+    motion = ParabolicMotion(acceleration=stroke / half_exposure**2, half_exposure=half_exposure)
+    space = design_space(SCENE, motion, PROFILE, ("acceleration", "half_exposure"))
+    _, found = space.at(space.box(PROFILE, motion))
+    assert np.isclose(found.acceleration, motion.acceleration, rtol=1e-13)
+    assert np.isclose(found.half_exposure, motion.half_exposure, rtol=1e-13)
+
+
+@pytest.mark.parametrize("free", ["acceleration", ("acceleration", "half_exposure")])
+def test_a_start_that_gives_up_an_outlier_is_not_made_worse(free):
+    """Rare objects that a motion of less stroke leaves behind: the search may do as it does."""
+    scene = Scene(
+        [-300.0, 0.0, 310.0, 8000.0],
+        [0.333, 0.333, 0.333, 0.001],
+        photon_rate=2e5,
+        read_noise=4.0,
+        limits=LIMITS,
+    )
+    motion = ParabolicMotion(acceleration=15.0 / 9e-4, half_exposure=3e-2)
+    loss, shutter = ExpectedErrorLoss(), HannShutter()
+    design = optimise(scene, motion, shutter, loss=loss, free=free, plan=SMALL)
+    given = float(loss(scene, motion, shutter, plan=SMALL))
+    assert design.best_start_loss <= given * (1 + ROUNDING)
+    assert design.loss <= design.best_start_loss
 
 
 def test_each_baseline_has_its_own_best_motion():
