@@ -218,10 +218,15 @@ def plot_history(history: ArrayLike, *, loss_name: str = "loss") -> Figure:
 
 
 def shown_speeds(speeds: ArrayLike) -> list[float]:
-    """The slowest, a middling and the fastest of a scene's speeds, by size; px/s."""
-    ordered = np.unique(np.abs(np.asarray(speeds, np.float64)))
-    chosen = {0: None, (ordered.size - 1) // 2: None, ordered.size - 1: None}
-    return [float(ordered[index]) for index in chosen]
+    """The slowest, a middling and the fastest of a scene's speeds, by size; px/s.
+
+    Of two that differ in sign alone the positive one.
+    """
+    by_size = {
+        abs(speed): speed for speed in np.sort(np.asarray(speeds, np.float64) + 0.0).tolist()
+    }
+    ordered = [by_size[size] for size in sorted(by_size)]
+    return list(dict.fromkeys(ordered[i] for i in (0, (len(ordered) - 1) // 2, -1)))
 
 
 def _styles() -> Any:
