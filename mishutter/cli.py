@@ -6,7 +6,7 @@ What takes seconds to import is imported inside the commands.
 import itertools
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -33,7 +33,7 @@ from mishutter.cli_options import (
 )
 from mishutter.cli_plan import plan, plan_text
 from mishutter.cli_sweep import sweep
-from mishutter.files import writable_folder
+from mishutter.files import short_names, writable_folder
 from mishutter.terminal import (
     error_line,
     note,
@@ -44,6 +44,7 @@ from mishutter.terminal import (
 )
 
 if TYPE_CHECKING:
+    from mishutter.design import Design
     from mishutter.losses import AbstractLoss
     from mishutter.motion import AbstractMotion
     from mishutter.report import Report
@@ -113,8 +114,7 @@ def optimise(
             progress=lambda step, value: update(step, f"loss {value:.6g}"),
             plan=found,
         )
-    given = {"optimised": design.shutter}
-    result = _compared(scene, design.motion, given, chosen, noise_seeds)
+    result = _compared(scene, design.motion, {"optimised": design}, chosen, noise_seeds)
     _deliver(replace(result, design=design), folder, json)
 
 
@@ -135,14 +135,15 @@ def compare(
     folder = None if out is None else writable_folder(out)
     start_jax()
     from mishutter import report
+    from mishutter.compare import taken_names
     from mishutter.design import Design
 
     scene = scene_of(scene_file)
-    saved = {path.stem: Design.load(path) for path in designs or []}
-    given = {name: design.shutter for name, design in saved.items()}
-    given |= {name: report.named_shutter(name) for name in shutters or []}
+    windows = {name: report.named_shutter(name) for name in shutters or []}
+    files = short_names(designs or [], {*taken_names(), *windows})
+    saved = {name: Design.load(path) for name, path in files.items()}
     motion = next(iter(saved.values())).motion if len(saved) == 1 else motion_of(scene)
-    result = _compared(scene, motion, given, loss_of(loss), noise_seeds)
+    result = _compared(scene, motion, saved | windows, loss_of(loss), noise_seeds)
     _deliver(result, folder, json)
 
 
@@ -156,7 +157,7 @@ app.command()(sweep)
 def _compared(
     scene: "Scene",
     motion: "AbstractMotion",
-    given: dict[str, "AbstractShutter"],
+    given: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
     num_seeds: int,
 ) -> "Report":
@@ -164,7 +165,7 @@ def _compared(
     from mishutter.compare import baselines
     from mishutter.compare import compare as beside_baselines
 
-    total = len(given | baselines()) + 2
+    total = len({*given, *baselines()}) + 2
     with progress_bar("comparing", total) as update:
         step = _counting(update)
         comparison = beside_baselines(scene, motion, given, loss=loss, step=step)

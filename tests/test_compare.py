@@ -2,10 +2,20 @@
 
 import numpy as np
 import pytest
-from helpers_design import LIMITS
+from helpers import ROUNDING
+from helpers_design import LIMITS, MOTION
 
-from mishutter import HannShutter, ParabolicMotion, Scene, compare
-from mishutter.compare import OWN_BEST_MOTION, SAME_MOTION
+from mishutter import (
+    ExpectedErrorLoss,
+    GaussianShutter,
+    HannShutter,
+    ParabolicMotion,
+    Scene,
+    TukeyShutter,
+    compare,
+    optimise,
+)
+from mishutter.compare import OWN_BEST_MOTION, SAME_MOTION, taken_names
 
 ROUNDING_DB = 1e-9
 OUTLIER = Scene(
@@ -32,3 +42,33 @@ def test_its_own_best_motion_is_never_below_the_same_motion(table):
             same = float(row.metrics.expected_psnr)
             assert float(own.metrics.expected_psnr) >= same - ROUNDING_DB
             assert np.isfinite(same)
+
+
+def test_designs_keep_or_start_from_their_own_motions():
+    """What this loss found for this scene stays as it is; another design is tuned."""
+    loss = ExpectedErrorLoss()
+    found = optimise(OUTLIER, SLOW, HannShutter(), loss=loss, free="acceleration")
+    elsewhere = OUTLIER.bare(weights=np.array([0.2, 0.3, 0.4, 0.1]))
+    other = optimise(elsewhere, MOTION, HannShutter(), loss=loss, free="half_exposure")
+    table = compare(OUTLIER, MOTION, {"found": found, "other": other}, loss=loss)
+    kept, tuned = table.row("found"), table.row("other")
+    assert kept.motion is found.motion
+    assert (kept.loss, kept.metrics) == (found.loss, found.metrics)
+    assert tuned.motion is not other.motion
+    assert tuned.loss <= float(loss(OUTLIER, other.motion, other.shutter)) * (1 + ROUNDING)
+    assert table.row("other", SAME_MOTION).motion is MOTION
+
+
+@pytest.mark.parametrize("name", taken_names())
+def test_a_baseline_keeps_its_name(name):
+    """Another shutter is refused by it, and the verdict never speaks of the wrong one."""
+    with pytest.raises(ValueError, match=f"call no other shutter one of .*; got '{name}'"):
+        compare(OUTLIER, SLOW, {name: TukeyShutter(0.3)})
+
+
+def test_a_baseline_may_be_given_by_name(table):
+    """The same window under its own name is one row, and one of those judged."""
+    given = compare(OUTLIER, SLOW, {"Hann": HannShutter(), "Gaussian": GaussianShutter()})
+    assert sorted(row.name for row in given.rows) == sorted(
+        row.name for row in table.rows if row.name != "mine"
+    )

@@ -103,7 +103,7 @@ def test_a_start_that_gives_up_an_outlier_is_not_made_worse(free):
         limits=LIMITS,
     )
     motion = ParabolicMotion(acceleration=15.0 / 9e-4, half_exposure=3e-2)
-    loss, shutter = ExpectedErrorLoss(), HannShutter()
+    loss, shutter = ExpectedErrorLoss(), RectShutter()
     design = optimise(scene, motion, shutter, loss=loss, free=free, plan=SMALL)
     given = float(loss(scene, motion, shutter, plan=SMALL))
     assert design.best_start_loss <= given * (1 + ROUNDING)
