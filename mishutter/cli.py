@@ -17,7 +17,6 @@ from mishutter.cli_camera import reproduce, simulate
 from mishutter.cli_export import export
 from mishutter.cli_options import (
     CoefficientsOption,
-    FreeName,
     FreeOption,
     JsonOption,
     LossName,
@@ -27,6 +26,7 @@ from mishutter.cli_options import (
     SeedsOption,
     ShuttersOption,
     ToleranceOption,
+    free_names,
     loss_of,
     motion_of,
     scene_of,
@@ -96,8 +96,8 @@ def optimise(
     from mishutter.planning import plan as planned
 
     scene = scene_of(scene_file)
-    chosen, names = loss_of(loss), tuple(name.value for name in free or FreeName)
     motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    chosen, names = loss_of(loss), free_names(free, motion, start)
     found = planned(scene, motion, start, loss=chosen, free=names, tolerance=tolerance)
     if verbose:
         note(plan_text(found))

@@ -23,6 +23,7 @@ from mishutter.shutters.base import AbstractAdjustableShutter, AbstractShutter
 from mishutter.types import common_dtype, require
 
 FREE_NAMES = ("shutter", "acceleration", "half_exposure")
+_ROUNDING = 1e-6
 _SLOWEST = 1e-2
 """Share of the largest acceleration that is explored where every object is at rest."""
 
@@ -138,6 +139,28 @@ def design_space(
     )
     ordered = tuple(name for name in FREE_NAMES if name in names)
     return DesignSpace(shutter, motion, limits, scene.max_speed.astype(dtype), ordered)
+
+
+def all_that_can_move(motion: AbstractMotion, shutter: AbstractShutter) -> tuple[str, ...]:
+    """What a search moves by default: a camera at rest stays, and so does a fixed window."""
+    held = set()
+    if isinstance(settled(motion), StillCamera):
+        held.add("acceleration")
+    if not isinstance(shutter, AbstractAdjustableShutter):
+        held.add("shutter")
+    return tuple(name for name in FREE_NAMES if name not in held)
+
+
+def within_limits(motion: AbstractMotion, limits: Limits) -> bool:
+    """Whether stroke, top speed and exposure keep their limits, to rounding."""
+    half = float(motion.half_exposure)
+    shares = (
+        float(motion.stroke) / float(limits.max_stroke),
+        float(motion.top_speed) / float(limits.max_top_speed),
+        half / float(limits.max_half_exposure),
+        float(limits.min_half_exposure) / half,
+    )
+    return max(shares) <= 1 + _ROUNDING
 
 
 def box_of(shutter: AbstractShutter) -> Array:
