@@ -256,6 +256,9 @@ def _row(name: str, design: Design) -> Row:
     return Row(OWN_BEST_MOTION, name, design.shutter, design.motion, design.loss, design.metrics)
 
 
+_NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
+
+
 def _with_verdict(rows: list[Row], given: tuple[str, ...]) -> Comparison:
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
     snapshot = next(row for row in at_best if row.name == BEST_SNAPSHOT)
@@ -263,13 +266,15 @@ def _with_verdict(rows: list[Row], given: tuple[str, ...]) -> Comparison:
         row for row in at_best if row.name != BEST_SNAPSHOT
     ]
     best = max(contenders, key=lambda row: float(row.metrics.expected_psnr))
-    gain = float(best.metrics.expected_psnr) - float(snapshot.metrics.expected_psnr)
-    still = float(snapshot.metrics.expected_psnr)
+    level, still = (float(row.metrics.expected_psnr) for row in (best, snapshot))
+    if np.isposinf(still):
+        return Comparison(tuple(rows), _NO_DETAIL, 0.0)
+    gain = level - still
     comparison = "better than" if gain >= 0 else "worse than"
     verdict = (
         f"For this scene {best.name} on its own best motion is expected to be "
         f"{abs(gain):.2f} dB {comparison} the best snapshot "
-        f"({float(best.metrics.expected_psnr):.2f} dB against {still:.2f} dB, exposures "
+        f"({level:.2f} dB against {still:.2f} dB, exposures "
         f"{float(best.motion.exposure) * 1e3:.3g} ms and "
         f"{float(snapshot.motion.exposure) * 1e3:.3g} ms)."
     )

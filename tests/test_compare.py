@@ -44,6 +44,14 @@ def test_its_own_best_motion_is_never_below_the_same_motion(table):
             assert np.isfinite(same)
 
 
+def test_nothing_to_restore_is_said_in_words():
+    """A scene without detail: no decibels of infinity, and no gain."""
+    grey = Scene([-300.0, 310.0], photon_rate=2e5, read_noise=4.0, deviation=0.0, limits=LIMITS)
+    table = compare(grey, MOTION, {"mine": TukeyShutter(0.3)})
+    assert "there is nothing to restore" in table.verdict
+    assert table.gain == 0
+
+
 def test_designs_keep_or_start_from_their_own_motions():
     """What this loss found for this scene stays as it is; another design is tuned."""
     loss = ExpectedErrorLoss()

@@ -12,7 +12,7 @@ from mishutter.files import short_names
     [
         (["A/design.json"], [], ["design"]),
         (["A/design.json", "B/design.json"], [], ["A/design", "B/design"]),
-        (["A/x/design.json", "B/x/design.json", "B/mine.json"], [], ["A/x/design", "B/x/design", "mine"]),
+        (["A/x/a.json", "B/x/a.json", "B/b.json"], [], ["A/x/a", "B/x/a", "b"]),
         (["out/Hann.json", "out/best snapshot.json"], ["Hann"], ["out/Hann", "best snapshot"]),
         (["A/design.json", "A/design.json"], [], ["design"]),
         (["/a/b.json", "/a/b.txt"], [], ["/a/b.json", "/a/b.txt"]),

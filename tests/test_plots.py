@@ -83,7 +83,9 @@ def test_photograph_side_by_side(tmp_path):
     figure = plots.plot_photograph(results, 400.0, crop=(11, 17))
     titles = [axes.get_title() for axes in figure.axes]
     assert "450 px/s" in titles[1]
-    assert "restored, 24.7 dB" in titles
+    assert "restored, 24.7 dB\n(gamma put back)" in titles
+    linear = plots.plot_photograph(results, 400.0, crop=(11, 17), linear=True)
+    assert linear.axes[-1].get_title() == "restored, 26.7 dB\n(linear light)"
     plots.save_figure(figure, tmp_path / "photograph.png")
 
 
