@@ -254,8 +254,8 @@ def _print_photographs(
 def _design_line(design: Design) -> str:
     return (
         f"{design.outcome} Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best "
-        f"start), projected gradient {design.certificate:.1e}, a history of {len(design.history)}; "
-        f"a = {float(design.motion.acceleration):.6g} px/s^2, "
+        f"start, {len(design.history)} in its history), projected gradient "
+        f"{design.certificate:.1e}; a = {float(design.motion.acceleration):.6g} px/s^2, "
         f"T = {float(design.motion.half_exposure) * 1e3:.4g} ms."
     )
 
