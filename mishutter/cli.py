@@ -6,7 +6,7 @@ What takes seconds to import is imported inside the commands.
 import itertools
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,7 +17,6 @@ from mishutter.cli_camera import reproduce, simulate
 from mishutter.cli_export import export
 from mishutter.cli_options import (
     CoefficientsOption,
-    FreeName,
     FreeOption,
     JsonOption,
     LossName,
@@ -27,13 +26,15 @@ from mishutter.cli_options import (
     SeedsOption,
     ShuttersOption,
     ToleranceOption,
+    as_path,
+    free_names,
     loss_of,
     motion_of,
     scene_of,
 )
 from mishutter.cli_plan import plan, plan_text
 from mishutter.cli_sweep import sweep
-from mishutter.files import writable_folder
+from mishutter.files import short_names, writable_folder
 from mishutter.terminal import (
     error_line,
     note,
@@ -44,6 +45,7 @@ from mishutter.terminal import (
 )
 
 if TYPE_CHECKING:
+    from mishutter.design import Design
     from mishutter.losses import AbstractLoss
     from mishutter.motion import AbstractMotion
     from mishutter.report import Report
@@ -94,8 +96,8 @@ def optimise(
     from mishutter.planning import plan as planned
 
     scene = scene_of(scene_file)
-    chosen, names = loss_of(loss), tuple(name.value for name in free or FreeName)
     motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    chosen, names = loss_of(loss), free_names(free, motion, start)
     folder = None if out is None else writable_folder(out)
     found = planned(scene, motion, start, loss=chosen, free=names, tolerance=tolerance)
     if verbose:
@@ -113,8 +115,7 @@ def optimise(
             progress=lambda step, value: update(step, f"loss {value:.6g}"),
             plan=found,
         )
-    given = {"optimised": design.shutter}
-    result = _compared(scene, design.motion, given, chosen, noise_seeds)
+    result = _compared(scene, design.motion, {"optimised": design}, chosen, noise_seeds)
     _deliver(replace(result, design=design), folder, json)
 
 
@@ -123,7 +124,9 @@ def compare(
     scene_file: SceneArgument = None,
     designs: Annotated[
         list[Path] | None,
-        typer.Option("--design", metavar="FILE", help="Saved design; repeat for more."),
+        typer.Option(
+            "--design", metavar="FILE", parser=as_path, help="Saved design; repeat for more."
+        ),
     ] = None,
     shutters: ShuttersOption = None,
     out: OutOption = None,
@@ -134,15 +137,16 @@ def compare(
     """Show given shutters or saved designs beside the baselines, without a search for one."""
     start_jax()
     from mishutter import report
+    from mishutter.compare import taken_names
     from mishutter.design import Design
 
     scene = scene_of(scene_file)
-    saved = {path.stem: Design.load(path) for path in designs or []}
-    given = {name: design.shutter for name, design in saved.items()}
-    given |= {name: report.named_shutter(name) for name in shutters or []}
+    windows = {name: report.named_shutter(name) for name in shutters or []}
+    files = short_names(designs or [], {*taken_names(), *windows})
+    saved = {name: Design.load(path) for name, path in files.items()}
     motion = next(iter(saved.values())).motion if len(saved) == 1 else motion_of(scene)
     folder = None if out is None else writable_folder(out)
-    result = _compared(scene, motion, given, loss_of(loss), noise_seeds)
+    result = _compared(scene, motion, saved | windows, loss_of(loss), noise_seeds)
     _deliver(result, folder, json)
 
 
@@ -156,7 +160,7 @@ app.command()(sweep)
 def _compared(
     scene: "Scene",
     motion: "AbstractMotion",
-    given: dict[str, "AbstractShutter"],
+    given: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
     num_seeds: int,
 ) -> "Report":
@@ -164,7 +168,7 @@ def _compared(
     from mishutter.compare import baselines
     from mishutter.compare import compare as beside_baselines
 
-    total = len(given | baselines()) + 2
+    total = len({*given, *baselines()}) + 2
     with progress_bar("comparing", total) as update:
         step = _counting(update)
         comparison = beside_baselines(scene, motion, given, loss=loss, step=step)

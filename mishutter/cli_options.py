@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from mishutter.losses import AbstractLoss
     from mishutter.motion import AbstractMotion
     from mishutter.scene import Scene
+    from mishutter.shutters import AbstractShutter
 
 
 class LossName(Enum):
@@ -51,7 +52,8 @@ JsonOption = Annotated[
 ]
 LossOption = Annotated[LossName, typer.Option("--loss", help="What is made small.")]
 FreeOption = Annotated[
-    list[FreeName] | None, typer.Option("--free", help="What may move; repeat for more.")
+    list[FreeName] | None,
+    typer.Option("--free", help="What may move; repeat for more; all that can without it."),
 ]
 CoefficientsOption = Annotated[
     int, typer.Option("--coefficients", min=4, max=512, help="Coefficients of the profile.")
@@ -93,6 +95,15 @@ def motion_of(scene: "Scene") -> "AbstractMotion":
     if scene.motion is None:
         raise ValueError("`[motion]` must be given; got nothing.")
     return scene.motion
+
+
+def free_names(
+    given: list[FreeName] | None, motion: "AbstractMotion", shutter: "AbstractShutter"
+) -> tuple[str, ...]:
+    """What `--free` names, or all that can move."""
+    from mishutter.design_space import all_that_can_move
+
+    return tuple(name.value for name in given or ()) or all_that_can_move(motion, shutter)
 
 
 def loss_of(name: LossName) -> "AbstractLoss":

@@ -6,13 +6,13 @@ import typer
 
 from mishutter.cli_options import (
     CoefficientsOption,
-    FreeName,
     FreeOption,
     JsonOption,
     LossName,
     LossOption,
     SceneArgument,
     ToleranceOption,
+    free_names,
     loss_of,
     motion_of,
     scene_of,
@@ -43,14 +43,9 @@ def plan(
     from mishutter.planning import plan as planned
 
     scene = scene_of(scene_file)
-    found = planned(
-        scene,
-        motion_of(scene),
-        starting_shutter(scene, num_coefficients),
-        loss=loss_of(loss),
-        free=() if fixed else tuple(name.value for name in free or FreeName),
-        tolerance=tolerance,
-    )
+    motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    names = () if fixed else free_names(free, motion, start)
+    found = planned(scene, motion, start, loss=loss_of(loss), free=names, tolerance=tolerance)
     if json:
         write_json(found.to_dict())
     else:
@@ -59,5 +54,6 @@ def plan(
 
 def plan_text(found: "Plan") -> str:
     """The table of a plan, and what all of it may change."""
-    change = "nothing beyond rounding" if found.bound == 0 else f"{found.bound:.1e} of a result"
-    return f"{found}\nAll together change at most {change}."
+    share = f"at most {found.bound:.1e} of a result"
+    change = "nothing beyond rounding" if found.bound == 0 else share
+    return f"{found}\nAll together change {change}."

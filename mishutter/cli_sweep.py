@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mishutter.cli_options import JsonOption, OutOption, SceneArgument, ShuttersOption, scene_of
+from mishutter.cli_options import (
+    JsonOption,
+    OutOption,
+    SceneArgument,
+    ShuttersOption,
+    as_path,
+    scene_of,
+)
 from mishutter.files import writable_folder
 from mishutter.terminal import note, print_table, progress_bar, start_jax, write_json
 
@@ -54,7 +61,9 @@ def sweep(
     ] = 24,
     store: Annotated[
         Path | None,
-        typer.Option("--store", metavar="PATH", help="Zarr store to write to, or to resume."),
+        typer.Option(
+            "--store", metavar="PATH", parser=as_path, help="Zarr store to write to, or to resume."
+        ),
     ] = None,
     scheduler: Annotated[
         str | None,

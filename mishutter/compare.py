@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from mishutter.design import Design, metrics_to_dict, motion_to_dict
@@ -25,6 +26,7 @@ from mishutter.shutters import (
     TukeyShutter,
 )
 from mishutter.threads import in_threads, num_processors
+from mishutter.types import require
 
 SAME_MOTION = "same motion"
 OWN_BEST_MOTION = "own best motion"
@@ -108,7 +110,7 @@ class Comparison:
 def compare(
     scene: Scene,
     motion: AbstractMotion,
-    shutters: Mapping[str, AbstractShutter] | None = None,
+    shutters: Mapping[str, AbstractShutter | Design] | None = None,
     *,
     loss: AbstractLoss | None = None,
     step: Step | None = None,
@@ -117,15 +119,15 @@ def compare(
     r"""Measure shutters beside the baselines, in two readings.
 
     *Same motion*: every shutter on `motion`. *Own best motion*: acceleration and
-    exposure tuned for each by the same loss within the scene's limits; the given
-    shutters stay on `motion` if it is at least as good, so a finished design keeps its
-    own. The best Tukey has its taper tuned too; the best snapshot is a camera at rest
-    with an open shutter and its exposure tuned.
+    exposure tuned for each by the same loss within the scene's limits, from `motion` or
+    from the motion of a `Design`; a `Design` that this loss found for this scene is
+    finished and stays as it is. The best Tukey has its taper tuned too; the best
+    snapshot is a camera at rest with an open shutter and its exposure tuned.
 
     Args:
         scene: Speeds, light, noise and limits.
         motion: Motion of the first reading, and the start of the second.
-        shutters: What to compare with the baselines, by name.
+        shutters: What to compare with the baselines, by name: profiles or designs.
         loss: What tunes the motions; the expected error by default.
         step: Called with the name of each shutter when its own best motion is found.
         plan: What to compute: of a plan only its tolerance is kept, for the searches, and
@@ -133,6 +135,9 @@ def compare(
 
     Returns:
         The table and the verdict.
+
+    Raises:
+        ValueError: if a name is that of a baseline that is not the same shutter.
     """
     loss = ExpectedErrorLoss() if loss is None else loss
     step = step or (lambda name: None)
@@ -140,24 +145,21 @@ def compare(
     tuned = partial(_tuned, loss=loss, plan=plan)
     measured_by = PLANNED if isinstance(plan, Plan) else plan
     given = dict(shutters or {})
-    fixed = given | {name: window for name, window in baselines().items() if name not in given}
+    for name, entry in given.items():
+        _require_own_name(name, entry)
+    entries = given | {name: window for name, window in baselines().items() if name not in given}
+    fixed = {n: e.shutter if isinstance(e, Design) else e for n, e in entries.items()}
+    measured = partial(evaluate, scene, motion, plan=measured_by)
     rows = [
-        Row(
-            SAME_MOTION,
-            name,
-            shutter,
-            motion,
-            None,
-            evaluate(scene, motion, shutter, plan=measured_by),
-        )
+        Row(SAME_MOTION, name, shutter, motion, None, measured(shutter))
         for name, shutter in fixed.items()
     ]
-    everything = ("shutter", *_MOTION_ONLY)
     # The longest search is begun first, and the others go on beside it.
+    everything = ("shutter", *_MOTION_ONLY)
     tukey = partial(_at_own_best, BEST_TUKEY, scene, motion, TukeyShutter(0.5), everything, tuned)
     searches = [tukey] + [
-        partial(_at_own_best, name, scene, motion, shutter, _MOTION_ONLY, tuned)
-        for name, shutter in fixed.items()
+        partial(_own_best, name, entry, scene, motion, loss, tuned)
+        for name, entry in entries.items()
     ]
     searches.append(partial(best_snapshot, scene, loss, plan))
     at_best = {}
@@ -179,6 +181,17 @@ def baselines() -> dict[str, AbstractShutter]:
     }
 
 
+def taken_names() -> tuple[str, ...]:
+    """Names of rows that every comparison has."""
+    return (*baselines(), BEST_TUKEY, BEST_SNAPSHOT)
+
+
+def _require_own_name(name: str, entry: AbstractShutter | Design) -> None:
+    same = bool(eqx.tree_equal(baselines().get(name), entry))
+    requirement = f"call no other shutter one of {', '.join(taken_names())}"
+    require(same or name not in taken_names(), "compare(shutters=...)", requirement, name)
+
+
 def best_snapshot(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None = PLANNED) -> Row:
     """A camera at rest with an ordinary shutter, its exposure tuned by the loss."""
     low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
@@ -188,6 +201,27 @@ def best_snapshot(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | Non
 
 
 _MOTION_ONLY = ("acceleration", "half_exposure")
+
+
+def _own_best(
+    name: str,
+    entry: AbstractShutter | Design,
+    scene: Scene,
+    motion: AbstractMotion,
+    loss: AbstractLoss,
+    tuned: Callable[..., Design],
+) -> Row:
+    if not isinstance(entry, Design):
+        return _at_own_best(name, scene, motion, entry, _MOTION_ONLY, tuned)
+    if _is_finished(entry, scene, loss):
+        return _row(name, entry)
+    return _at_own_best(name, scene, entry.motion, entry.shutter, _MOTION_ONLY, tuned)
+
+
+def _is_finished(design: Design, scene: Scene, loss: AbstractLoss) -> bool:
+    """Whether a design was found for this scene by this loss."""
+    same_scene = bool(eqx.tree_equal(design.scene.bare(), scene.bare()))
+    return same_scene and design.loss_name == repr(loss)
 
 
 def _at_own_best(
@@ -222,6 +256,9 @@ def _row(name: str, design: Design) -> Row:
     return Row(OWN_BEST_MOTION, name, design.shutter, design.motion, design.loss, design.metrics)
 
 
+_NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
+
+
 def _with_verdict(rows: list[Row], given: tuple[str, ...]) -> Comparison:
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
     snapshot = next(row for row in at_best if row.name == BEST_SNAPSHOT)
@@ -229,13 +266,15 @@ def _with_verdict(rows: list[Row], given: tuple[str, ...]) -> Comparison:
         row for row in at_best if row.name != BEST_SNAPSHOT
     ]
     best = max(contenders, key=lambda row: float(row.metrics.expected_psnr))
-    gain = float(best.metrics.expected_psnr) - float(snapshot.metrics.expected_psnr)
-    still = float(snapshot.metrics.expected_psnr)
+    level, still = (float(row.metrics.expected_psnr) for row in (best, snapshot))
+    if np.isposinf(still):
+        return Comparison(tuple(rows), _NO_DETAIL, 0.0)
+    gain = level - still
     comparison = "better than" if gain >= 0 else "worse than"
     verdict = (
         f"For this scene {best.name} on its own best motion is expected to be "
         f"{abs(gain):.2f} dB {comparison} the best snapshot "
-        f"({float(best.metrics.expected_psnr):.2f} dB against {still:.2f} dB, exposures "
+        f"({level:.2f} dB against {still:.2f} dB, exposures "
         f"{float(best.motion.exposure) * 1e3:.3g} ms and "
         f"{float(snapshot.motion.exposure) * 1e3:.3g} ms)."
     )

@@ -3,9 +3,10 @@ r"""The designs a solver may reach, as a unit box.
 A point of the box is a shutter's coordinates, then the half exposure, then the
 acceleration, each only if it is free. The motion's coordinates are logarithmic between
 bounds that hold stroke, top speed and exposure at every point: the half exposure
-between its limits, and the acceleration between the slowest that still keeps up with
-the fastest object, $a = S/(2T)$, and the largest that
-$aT^2 \le$ stroke and $2aT \le$ top speed allow.
+between its limits, and the acceleration between the slowest that keeps up with what the
+given motion keeps up with, or with the fastest object, $a = S/(2T)$, if that is less, and
+the largest that $aT^2 \le$ stroke and $2aT \le$ top speed allow. So a given motion within
+the limits is a point of the box.
 """
 
 from collections.abc import Iterable
@@ -16,12 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter.motion import AbstractMotion, ParabolicMotion, StillCamera
+from mishutter.motion import AbstractMotion, ParabolicMotion, StillCamera, settled
 from mishutter.scene import Limits, Scene
 from mishutter.shutters.base import AbstractAdjustableShutter, AbstractShutter
 from mishutter.types import common_dtype, require
 
 FREE_NAMES = ("shutter", "acceleration", "half_exposure")
+_ROUNDING = 1e-6
 _SLOWEST = 1e-2
 """Share of the largest acceleration that is explored where every object is at rest."""
 
@@ -102,8 +104,8 @@ class DesignSpace(eqx.Module):
         by_stroke = self.limits.max_stroke / half_exposure / half_exposure
         by_speed = self.limits.max_top_speed / (2 * half_exposure)
         high = jnp.minimum(by_stroke, by_speed)
-        keeping_up = self.max_speed / (2 * half_exposure)
-        return jnp.clip(keeping_up, _SLOWEST * high, high), high
+        keeping_up = jnp.clip(self.max_speed / (2 * half_exposure), _SLOWEST * high, high)
+        return jnp.minimum(keeping_up, self.motion.top_speed / (2 * half_exposure)), high
 
 
 def design_space(
@@ -115,6 +117,7 @@ def design_space(
         ValueError: if `free` is empty or names something that cannot move.
     """
     names = (free,) if isinstance(free, str) else tuple(free)
+    motion = settled(motion)
     subject = "optimise(free=...)"
     known = bool(names) and all(name in FREE_NAMES for name in names)
     require(known, subject, f"name some of {', '.join(FREE_NAMES)}", free)
@@ -136,6 +139,28 @@ def design_space(
     )
     ordered = tuple(name for name in FREE_NAMES if name in names)
     return DesignSpace(shutter, motion, limits, scene.max_speed.astype(dtype), ordered)
+
+
+def all_that_can_move(motion: AbstractMotion, shutter: AbstractShutter) -> tuple[str, ...]:
+    """What a search moves by default: a camera at rest stays, and so does a fixed window."""
+    held = set()
+    if isinstance(settled(motion), StillCamera):
+        held.add("acceleration")
+    if not isinstance(shutter, AbstractAdjustableShutter):
+        held.add("shutter")
+    return tuple(name for name in FREE_NAMES if name not in held)
+
+
+def within_limits(motion: AbstractMotion, limits: Limits) -> bool:
+    """Whether stroke, top speed and exposure keep their limits, to rounding."""
+    half = float(motion.half_exposure)
+    shares = (
+        float(motion.stroke) / float(limits.max_stroke),
+        float(motion.top_speed) / float(limits.max_top_speed),
+        half / float(limits.max_half_exposure),
+        float(limits.min_half_exposure) / half,
+    )
+    return max(shares) <= 1 + _ROUNDING
 
 
 def box_of(shutter: AbstractShutter) -> Array:

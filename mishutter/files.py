@@ -4,7 +4,8 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,23 @@ def writable_folder(path: str | Path) -> Path:
             f"`--out` must be a folder that takes files; got {str(path)!r}: {reason}."
         ) from None
     return folder
+
+
+def short_names(paths: Iterable[Path], taken: Iterable[str] = ()) -> dict[str, Path]:
+    """Files by as much of the end of their paths as tells them apart, without suffix.
+
+    Args:
+        paths: The files.
+        taken: What none of them may be called.
+    """
+    ends = {path: _ends(path.absolute()) for path in paths}
+    counts = Counter(taken) + Counter(end for each in ends.values() for end in each)
+    return {next((e for e in each if counts[e] == 1), str(p)): p for p, each in ends.items()}
+
+
+def _ends(path: Path) -> list[str]:
+    parts = (*path.parts[:-1], path.stem)
+    return [str(Path(*parts[first:])) for first in reversed(range(len(parts)))]
 
 
 def strict_json(document: Any) -> str:

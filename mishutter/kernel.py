@@ -89,7 +89,7 @@ def blur_kernel(
         ValueError: if `num_taps` is not a positive integer, or `speed` or `phase` is
             not a finite scalar.
     """
-    require_positive_int("blur_kernel(num_taps=...)", num_taps)
+    num_taps = require_positive_int("blur_kernel(num_taps=...)", num_taps)
     for name, value in (("speed", speed), ("phase", phase)):
         require_scalar(f"blur_kernel({name}=...)", value)
         require_finite(f"blur_kernel({name}=...)", value)

@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from mishutter.compiling import seldom_run
 from mishutter.design import Design
-from mishutter.design_space import FREE_NAMES, DesignSpace, design_space
+from mishutter.design_space import DesignSpace, all_that_can_move, design_space, within_limits
 from mishutter.losses.base import AbstractLoss
 from mishutter.motion import AbstractMotion
 from mishutter.objective import objective_of, roughly
@@ -32,6 +32,7 @@ from mishutter.solvers import Progress, certificate_at, descend, losses_at, poli
 from mishutter.types import require, require_positive_int
 
 _CERTIFIED = 1e-3
+"""Largest projected gradient of a minimum, as a share of the loss."""
 _GRID_COORDINATES = 3
 _GRID_POINTS = {1: 16, 2: 6, 3: 4}
 _NUM_POLISHED = 3
@@ -45,6 +46,9 @@ class Outcome(Enum):
     STALLED = "The search stopped where no step lowered the loss, short of its tolerance."
 
 
+_OUTSIDE = " What was held of the motion is outside the scene's limits."
+
+
 class SearchFailedError(RuntimeError):
     """A search with `throw=True` did not converge."""
 
@@ -55,7 +59,7 @@ def optimise(
     shutter: AbstractShutter,
     *,
     loss: AbstractLoss,
-    free: str | Iterable[str] = FREE_NAMES,
+    free: str | Iterable[str] | None = None,
     num_starts: int = 16,
     seed: int = 0,
     max_steps: int = 300,
@@ -71,12 +75,18 @@ def optimise(
     grid, and the best of them are polished directly. The result is never worse than the
     best start.
 
+    Where acceleration moves, a design keeps up ($2aT$) with the fastest object that occurs
+    or with what the given motion keeps up with, whichever is slower: a given motion within
+    the limits is always among the starts, and one that gives up rare fast objects lets the
+    search give them up too.
+
     Args:
         scene: Speeds, light, noise and limits.
         motion: Motion to start from; a `StillCamera` stays at rest.
         shutter: Profile to start from; its kind is kept.
         loss: What is made small.
-        free: What may move: `"shutter"`, `"acceleration"`, `"half_exposure"`.
+        free: What may move: `"shutter"`, `"acceleration"`, `"half_exposure"`; all that can
+            by default.
         num_starts: How many descents.
         seed: Of the random starts.
         max_steps: Steps of the descent, and of the polish, at most.
@@ -88,7 +98,8 @@ def optimise(
 
     Returns:
         The best design found, how the search ended in a sentence, and the
-        projected-gradient norm as the certificate.
+        projected-gradient norm as the certificate. What is held of the motion is not moved
+        into the limits; where it lies outside, a second sentence says so.
 
     Raises:
         ValueError: if `free` names nothing that can move, or a count is not positive.
@@ -98,6 +109,7 @@ def optimise(
     require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
     require(isinstance(loss, AbstractLoss), "optimise(loss=...)", "be a loss", loss)
+    free = all_that_can_move(motion, shutter) if free is None else free
     space = design_space(scene, motion, shutter, free)
     if plan is None:
         plan = full_sizes(scene, space.motion, space)
@@ -137,7 +149,7 @@ def optimise(
         loss=value,
         history=np.append(history, min(value, history[-1])),
         converged=outcome is Outcome.CONVERGED,
-        outcome=outcome.value,
+        outcome=outcome.value + ("" if within_limits(found_motion, space.limits) else _OUTSIDE),
         certificate=certificate,
         loss_name=repr(loss),
         best_start_loss=float(np.min(first)),
@@ -162,7 +174,7 @@ def _confirmed(
 
 
 def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
-    if certificate <= _CERTIFIED * max(1.0, abs(loss)):
+    if certificate <= _CERTIFIED * abs(loss):
         return Outcome.CONVERGED
     return Outcome.STEPS_USED if steps_used else Outcome.STALLED
 
@@ -232,11 +244,15 @@ def _window_fits(num_coefficients: int, symmetric: bool) -> list[np.ndarray]:
 
 
 def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:
-    """The free-form profile a search starts from: symmetric if the scene's speeds are."""
+    """The free-form profile a search starts from: symmetric if the scene's speeds are.
+
+    Its precision is that of the speeds.
+    """
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
     forward = np.lexsort((weights, speeds))
     backward = np.lexsort((weights, -speeds))
     symmetric = np.allclose(speeds[forward], -speeds[backward]) and np.allclose(
         weights[forward], weights[backward]
     )
-    return SplineShutter.fit(TukeyShutter(0.5), num_coefficients, symmetric=bool(symmetric))
+    taper = np.asarray(0.5, speeds.dtype)
+    return SplineShutter.fit(TukeyShutter(taper), num_coefficients, symmetric=bool(symmetric))

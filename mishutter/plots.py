@@ -134,14 +134,22 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False
         error = None if np.any(np.isnan(error)) else error[order]
         marks = {"marker": "o", "markersize": 3, "capsize": 2}
         axes.errorbar(result.speeds[order], level[order], error, label=name, **marks, **style)
-    kind = "linear light" if linear else "gamma put back"
-    axes.set(xlabel="object speed / (px/s)", ylabel=f"PSNR of restored picture / dB ({kind})")
+    label = f"PSNR of restored picture / dB ({_kind(linear)})"
+    axes.set(xlabel="object speed / (px/s)", ylabel=label)
     axes.legend()
     return figure
 
 
+def _kind(linear: bool) -> str:
+    return "linear light" if linear else "gamma put back"
+
+
 def plot_photograph(
-    results: Mapping[str, RestoredPhotograph], speed: float, *, crop: tuple[int, int] = _CROP
+    results: Mapping[str, RestoredPhotograph],
+    speed: float,
+    *,
+    crop: tuple[int, int] = _CROP,
+    linear: bool = False,
 ) -> Figure:
     """A photograph captured above and restored below, one column a design.
 
@@ -149,6 +157,7 @@ def plot_photograph(
         results: What `restore_photograph` gave for each design, at the same speeds.
         speed: The speed to show, the nearest that was tried; px/s.
         crop: Rows and columns to show, from the middle of the picture; px.
+        linear: Whether the PSNR is of linear light, not with gamma put back.
 
     Raises:
         ValueError: if there is nothing to show.
@@ -165,11 +174,13 @@ def plot_photograph(
     panels[1, 0].axis("off")
     for column, (name, result) in enumerate(results.items(), start=1):
         index = int(np.argmin(np.abs(result.speeds - speed)))
-        nearest, level = result.speeds[index], result.psnr[index]
+        nearest = result.speeds[index]
+        level = (result.linear_psnr if linear else result.psnr)[index]
         captured = result.captured[index]
         gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
         _show(panels[0, column], captured * gain, crop, f"{name}, captured\nat {nearest:g} px/s")
-        _show(panels[1, column], result.restored[index], crop, f"restored, {level:.1f} dB")
+        title = f"restored, {level:.1f} dB\n({_kind(linear)})"
+        _show(panels[1, column], result.restored[index], crop, title)
     return figure
 
 
@@ -209,19 +220,24 @@ def _show(axes: Axes, light: np.ndarray, crop: tuple[int, int], title: str) -> N
 
 
 def plot_history(history: ArrayLike, *, loss_name: str = "loss") -> Figure:
-    """Smallest loss so far against the step of the search."""
+    """Smallest loss so far as the search went on, as `Design.history` holds it."""
     figure, (axes,) = _new(1)
     losses = np.asarray(history)
     axes.plot(np.arange(losses.size), losses, color=_COLOURS[0], linewidth=1.6)
-    axes.set(xlabel="step", ylabel=f"smallest {loss_name} so far")
+    axes.set(xlabel="step or start, and last the polish", ylabel=f"smallest {loss_name} so far")
     return figure
 
 
 def shown_speeds(speeds: ArrayLike) -> list[float]:
-    """The slowest, a middling and the fastest of a scene's speeds, by size; px/s."""
-    ordered = np.unique(np.abs(np.asarray(speeds, np.float64)))
-    chosen = {0: None, (ordered.size - 1) // 2: None, ordered.size - 1: None}
-    return [float(ordered[index]) for index in chosen]
+    """The slowest, a middling and the fastest of a scene's speeds, by size; px/s.
+
+    Of two that differ in sign alone the positive one.
+    """
+    by_size = {
+        abs(speed): speed for speed in np.sort(np.asarray(speeds, np.float64) + 0.0).tolist()
+    }
+    ordered = [by_size[size] for size in sorted(by_size)]
+    return list(dict.fromkeys(ordered[i] for i in (0, (len(ordered) - 1) // 2, -1)))
 
 
 def _styles() -> Any:

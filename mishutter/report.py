@@ -17,7 +17,7 @@ from mishutter.decoders import (
 from mishutter.design import Design
 from mishutter.files import strict_json, write_text
 from mishutter.pictures import Picture, example_picture, read_picture
-from mishutter.restoration import RestoredPhotograph, restore_by_each
+from mishutter.restoration import RestoredPhotograph, least_columns, restore_by_each
 from mishutter.scene import Scene
 from mishutter.scene_file import EXAMPLE_PICTURE
 from mishutter.shutters import (
@@ -31,7 +31,7 @@ from mishutter.shutters import (
     TukeyShutter,
 )
 from mishutter.simulate import kernel_layout
-from mishutter.terminal import print_table, print_text
+from mishutter.terminal import note, print_table, print_text
 from mishutter.types import require
 
 Update = Callable[[str], None]
@@ -107,7 +107,10 @@ def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]
 def photographs(
     scene: Scene, rows: Mapping[str, Row], num_seeds: int, update: Update
 ) -> dict[str, dict[str, RestoredPhotograph]]:
-    """The scene's photograph captured and restored by every row's design and every decoder."""
+    """The scene's photograph captured and restored by every row's design and every decoder.
+
+    One that is too narrow for their kernels is left out, with a note.
+    """
     if scene.picture is None or num_seeds == 0:
         return {}
     picture = _middle_rows(scene_picture(scene.picture))
@@ -115,6 +118,11 @@ def photographs(
     results: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
     speeds = np.asarray(scene.speeds).tolist()
     longest = max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
+    width, enough = picture.light.shape[1], least_columns(longest)
+    if width < enough:
+        blur = f"{width} columns are too few to be restored from this blur; {enough} would do"
+        note(f"{scene.picture}: {blur}.")
+        return {}
     for name, row in rows.items():
         found = restore_by_each(
             picture,
@@ -207,7 +215,7 @@ def _cells(row: Row, snapshot: float) -> list[str]:
     return [
         row.name,
         f"{level:.2f}",
-        f"{level - snapshot:+.2f}",
+        f"{0.0 if level == snapshot else level - snapshot:+.2f}",
         f"{float(m.condition_number):.2f}",
         f"{float(m.kernel_difference):.4f}",
         f"{float(m.relative_kernel_difference):.3f}",
@@ -220,9 +228,14 @@ def _cells(row: Row, snapshot: float) -> list[str]:
 
 
 def _condition_note(rows: list[Row]) -> str:
-    places = dict.fromkeys((row.metrics.phase, row.metrics.dft_length) for row in rows)
-    texts = [f"phase {phase:g} px over {length} DFT points" for phase, length in places]
-    return f"PSNR expected of the best single linear filter; condition at {'; '.join(texts)}."
+    places: dict[str, list[str]] = {}
+    for row in rows:
+        place = f"phase {row.metrics.phase:g} px over {row.metrics.dft_length} DFT points"
+        places.setdefault(place, []).append(row.name)
+    most = max(places, key=lambda place: len(places[place]))
+    others = [f", of {' and '.join(places[p])} at {p}" for p in places if p != most]
+    condition = f"condition at {most}{''.join(others)}"
+    return f"PSNR expected of the best single linear filter; {condition}."
 
 
 def _print_photographs(
@@ -241,14 +254,16 @@ def _print_photographs(
 def _design_line(design: Design) -> str:
     return (
         f"{design.outcome} Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best "
-        f"start), projected gradient {design.certificate:.1e}, {len(design.history)} steps; "
-        f"a = {float(design.motion.acceleration):.6g} px/s^2, "
+        f"start, {len(design.history)} in its history), projected gradient "
+        f"{design.certificate:.1e}; a = {float(design.motion.acceleration):.6g} px/s^2, "
         f"T = {float(design.motion.half_exposure) * 1e3:.4g} ms."
     )
 
 
 def write_report(report: Report, folder: Path) -> list[str]:
     """Designs, profiles and pictures into a folder; the names of the files.
+
+    Pictures of a photograph that an earlier run left there, and this one has none for, go.
 
     Raises:
         OSError: if a file cannot be written.
@@ -268,7 +283,7 @@ def write_report(report: Report, folder: Path) -> list[str]:
         results = report.photographs[ENSEMBLE]
         figures["psnr.png"] = plots.plot_psnr(results, linear=True)
         side_by_side = {name: results[name] for name in main}
-        figures["photograph.png"] = plots.plot_photograph(side_by_side, speeds[-1])
+        figures["photograph.png"] = plots.plot_photograph(side_by_side, speeds[-1], linear=True)
     if report.design is not None:
         loss_name = report.design.loss_name.split("(")[0]
         figures["history.png"] = plots.plot_history(report.design.history, loss_name=loss_name)
@@ -277,5 +292,7 @@ def write_report(report: Report, folder: Path) -> list[str]:
     for name, figure in figures.items():
         plots.save_figure(figure, folder / name)
     write_text(folder / "report.json", strict_json(document(report)) + "\n")
+    for name in {"psnr.png", "photograph.png"} - set(figures):
+        (folder / name).unlink(missing_ok=True)
     written = ["report.json", *figures]
     return written if report.design is None else ["design.json", "profile.csv", *written]

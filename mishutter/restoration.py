@@ -239,6 +239,11 @@ class _Errors(NamedTuple):
     coded: np.ndarray
 
 
+def least_columns(num_taps: int) -> int:
+    """How wide a photograph must be for kernels of a length."""
+    return num_taps + num_taps // 2 + 15
+
+
 def _common_columns(
     num_columns: int, motion: AbstractMotion, speeds: np.ndarray, least_taps: int
 ) -> tuple[slice, slice]:
@@ -249,9 +254,8 @@ def _common_columns(
     """
     num_taps, origin = kernel_layout(motion, *speeds.tolist(), least_taps=least_taps)
     left = num_columns - num_taps + 1
-    enough = left >= num_taps // 2 + 16
-    subject = "restore_photograph(picture=...)"
-    require(enough, subject, f"have at least {num_taps + num_taps // 2 + 15} columns", num_columns)
+    enough, subject = least_columns(num_taps), "restore_photograph(picture=...)"
+    require(num_columns >= enough, subject, f"have at least {enough} columns", num_columns)
     margin = min(num_taps // 2, (left - num_taps // 2) // 4)
     first = num_taps - 1 - origin
     judged = slice(origin + margin, num_columns - num_taps // 2 - margin - first)

@@ -301,6 +301,16 @@ def test_a_saved_design_has_the_same_metrics(optimised):
 
 
 @pytest.mark.slow
+def test_what_is_judged_is_what_is_saved(optimised):
+    """The row of the design is the design, also where the search was cut short."""
+    _, text = optimised
+    document = json.loads(text)
+    rows = [row for row in document["comparison"]["rows"] if row["name"] == "optimised"]
+    assert [row["motion"] for row in rows] == 2 * [document["design"]["motion"]]
+    assert rows[1]["loss"] == document["design"]["loss"]
+
+
+@pytest.mark.slow
 def test_the_profile_has_its_units(optimised):
     """The CSV names its columns, then their units, then spans the exposure in ms."""
     folder, _ = optimised
@@ -327,16 +337,22 @@ def test_files_are_whole(optimised):
 
 
 @pytest.mark.slow
-def test_compare_reads_a_design_back(optimised, small_scene, cached):
-    """`compare` shows a saved design at the metrics it was saved with, as a table."""
+def test_compare_reads_designs_back(optimised, small_scene, cached):
+    """`compare` shows saved designs, of any name, at the metrics they were saved with."""
     folder, _ = optimised
+    other = folder.parent / "Hann.json"
+    other.write_bytes((folder / "design.json").read_bytes())
     design = Design.load(folder / "design.json")
-    options = ["--design", str(folder / "design.json"), "--noise-seeds", "0"]
+    options = ["--design", str(folder / "design.json"), "--design", str(other)]
+    options += ["--noise-seeds", "0"]
     command = [sys.executable, "-m", "mishutter", "compare", str(small_scene), *options]
     done = subprocess.run(command, capture_output=True, text=True, env=cached, check=True)
     assert done.stderr == ""
     assert "Same motion" in done.stdout
     assert "Own best motion" in done.stdout
-    line = next(line for line in done.stdout.splitlines() if line.split()[:1] == ["design"])
-    assert f"{float(design.metrics.expected_psnr):.2f}" in line
+    _, own_best = done.stdout.split("Own best motion")
+    lines = {line.split()[0]: line for line in own_best.splitlines() if line.split()}
+    assert "Hann" in lines
+    for name in ("design", "made/Hann"):
+        assert f"{float(design.metrics.expected_psnr):.2f}" in lines[name]
     assert "the best snapshot" in done.stdout.splitlines()[-1]

@@ -156,6 +156,15 @@ def test_forward_and_reverse_mode_agree_by_phase(phase):
     np.testing.assert_allclose(forward, reverse, atol=1e-12 * np.max(np.abs(forward)))
 
 
+def test_a_count_may_be_an_integer_of_numpy():
+    """It is a shape, so it must not become an array on the way."""
+    motion = ParabolicMotion(acceleration=30.0, half_exposure=1.0)
+    counted = blur_kernel(HannShutter(), motion, num_taps=np.int64(40))
+    np.testing.assert_array_equal(counted, blur_kernel(HannShutter(), motion, num_taps=40))
+    half = SplineShutter([0.2, 0.9, 1.0], symmetric=True, num_coefficients=np.int64(5))
+    assert type(half.num_coefficients) is int
+
+
 @pytest.mark.parametrize("share", [-1.0, 1.0, 0.37, 0.0])
 @pytest.mark.parametrize("taper", [0.0, 1e-20, 1e-17])
 def test_a_taper_shorter_than_a_rounding_loses_no_light(taper, share):

@@ -1,10 +1,12 @@
 """The search: never worse than its starts, the same minimum by another solver, honest ends."""
 
 import sys
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import ROUNDING
 from helpers_design import LIMITS, MOTION, SCENE, SMALL
 
 from mishutter import (
@@ -14,14 +16,17 @@ from mishutter import (
     HannShutter,
     NonFiniteLossError,
     Outcome,
+    ParabolicMotion,
     RectShutter,
+    Scene,
     SearchFailedError,
     SplineShutter,
     StillCamera,
     TukeyShutter,
     optimise,
+    starting_shutter,
 )
-from mishutter.design_space import design_space
+from mishutter.design_space import FREE_NAMES, all_that_can_move, design_space
 from mishutter.objective import DesignObjective, LinearObjective, objective_of
 from mishutter.optimise import start_boxes
 from mishutter.plan import needed_speeds
@@ -78,6 +83,35 @@ def test_a_joint_search_keeps_every_bound():
     assert bool(jnp.all((profile >= 0) & (profile <= 1)))
 
 
+@pytest.mark.parametrize("half_exposure", [5e-4, 7e-3, 3e-2])
+@pytest.mark.parametrize("stroke", [0.004, 0.7, 3.0])
+def test_a_start_within_the_limits_is_a_point_of_the_box(stroke, half_exposure):
+    """Also one that is slower than the fastest object, or than all but a shiver."""
+    motion = ParabolicMotion(acceleration=stroke / half_exposure**2, half_exposure=half_exposure)
+    space = design_space(SCENE, motion, PROFILE, ("acceleration", "half_exposure"))
+    _, found = space.at(space.box(PROFILE, motion))
+    assert np.isclose(found.acceleration, motion.acceleration, rtol=1e-13)
+    assert np.isclose(found.half_exposure, motion.half_exposure, rtol=1e-13)
+
+
+@pytest.mark.parametrize("free", ["acceleration", ("acceleration", "half_exposure")])
+def test_a_start_that_gives_up_an_outlier_is_not_made_worse(free):
+    """Rare objects that a motion of less stroke leaves behind: the search may do as it does."""
+    scene = Scene(
+        [-300.0, 0.0, 310.0, 8000.0],
+        [0.333, 0.333, 0.333, 0.001],
+        photon_rate=2e5,
+        read_noise=4.0,
+        limits=LIMITS,
+    )
+    motion = ParabolicMotion(acceleration=15.0 / 9e-4, half_exposure=3e-2)
+    loss, shutter = ExpectedErrorLoss(), RectShutter()
+    design = optimise(scene, motion, shutter, loss=loss, free=free, plan=SMALL)
+    given = float(loss(scene, motion, shutter, plan=SMALL))
+    assert design.best_start_loss <= given * (1 + ROUNDING)
+    assert design.loss <= design.best_start_loss
+
+
 def test_each_baseline_has_its_own_best_motion():
     """Tuned by one loss: free profile <= best Tukey <= Hann and rect."""
     loss = ExpectedErrorLoss()
@@ -96,6 +130,53 @@ def test_the_best_snapshot_moves_about_a_pixel():
         scene, still, RectShutter(), loss=ExpectedErrorLoss(), free="half_exposure", plan=SMALL
     )
     assert 0.6 < 1500 * float(found.motion.exposure) < 1.6
+
+
+@pytest.mark.parametrize(
+    ("motion", "shutter", "names"),
+    [
+        (MOTION, PROFILE, FREE_NAMES),
+        (MOTION, HannShutter(), FREE_NAMES[1:]),
+        (StillCamera(half_exposure=1e-3), PROFILE, ("shutter", "half_exposure")),
+        (ParabolicMotion(acceleration=0.0, half_exposure=1e-3), RectShutter(), FREE_NAMES[2:]),
+    ],
+)
+def test_all_that_can_move(motion, shutter, names):
+    """By default a fixed window is held, and a camera at rest stays there."""
+    assert all_that_can_move(motion, shutter) == names
+
+
+@pytest.mark.parametrize("at_rest", [StillCamera, partial(ParabolicMotion, acceleration=0.0)])
+def test_a_camera_at_rest_stays_there(at_rest):
+    """Without a word about what is free, by either way to say that it is still."""
+    design = optimise(
+        SCENE, at_rest(half_exposure=1e-3), RectShutter(), loss=ExpectedErrorLoss(), plan=SMALL
+    )
+    assert isinstance(design.motion, StillCamera)
+    assert design.converged
+
+
+@pytest.mark.parametrize(
+    ("stroke", "free", "is_outside"),
+    [(44.0, "half_exposure", False), (44.0, "shutter", True), (29.0, "shutter", False)],
+)
+def test_a_held_motion_outside_the_limits_is_told_of(stroke, free, is_outside):
+    """It is not moved into them, and the outcome says so."""
+    motion = ParabolicMotion(acceleration=stroke / 1e-4, half_exposure=1e-2)
+    shutter = TukeyShutter(0.45)
+    design = optimise(SCENE, motion, shutter, loss=ExpectedErrorLoss(), free=free, plan=SMALL)
+    assert ("outside the scene's limits" in design.outcome) == is_outside
+    assert (float(design.motion.stroke) > float(LIMITS.max_stroke)) == is_outside
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_starting_profile_is_as_precise_as_the_speeds(dtype):
+    """A scene in single precision starts from a profile in single precision."""
+    scene = Scene(np.array([-310.0, 0.0, 520.0], dtype), photon_rate=1e5, read_noise=4.0)
+    shutter = starting_shutter(scene, 7)
+    assert shutter.parameters.dtype == dtype
+    twice = SplineShutter.fit(TukeyShutter(0.5), 7).parameters
+    assert np.array_equal(shutter.parameters, twice.astype(dtype))
 
 
 class _NotFinite(AbstractLoss):
@@ -127,9 +208,11 @@ def test_descents_are_the_same_on_any_number_of_processors(monkeypatch):
         assert other.num_unfinished == found[0].num_unfinished
 
 
-def test_a_search_that_is_cut_short_says_so():
-    """Steps used up: `throw` raises, otherwise the outcome is a sentence."""
-    arguments = {"loss": DesignLoss(), "free": "shutter", "num_starts": 2, "max_steps": 1}
+@pytest.mark.parametrize("unit", [1.0, 1e-5])
+def test_a_search_that_is_cut_short_says_so(unit):
+    """Steps used up, in a loss of any unit: `throw` raises, otherwise the outcome is a sentence."""
+    loss = DesignLoss(condition=0.1 * unit, invariance=unit, efficiency=unit)
+    arguments = {"loss": loss, "free": "shutter", "num_starts": 2, "max_steps": 1}
     design = optimise(SCENE, MOTION, PROFILE, plan=SMALL, **arguments)
     assert not design.converged
     assert design.outcome in {Outcome.STEPS_USED.value, Outcome.STALLED.value}
@@ -144,7 +227,10 @@ def test_a_search_that_is_cut_short_says_so():
         ({"free": ()}, "name some of"),
         ({"free": ("profile",)}, "name some of"),
         ({"free": "shutter", "shutter": HannShutter()}, "have parameters"),
-        ({"motion": StillCamera(half_exposure=1e-3)}, "leave a still camera at rest"),
+        (
+            {"motion": StillCamera(half_exposure=1e-3), "free": "acceleration"},
+            "leave a still camera at rest",
+        ),
         ({"num_starts": 0}, "be a positive integer"),
         ({"max_steps": -3}, "be a positive integer"),
     ],

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from bad_scenes import edited
 
 from mishutter import (
     AbstractLoss,
@@ -269,11 +270,19 @@ def test_the_command_prints_the_plan(capsys):
     assert cli.main(["plan", "--free", "shutter"]) == 0
     text = capsys.readouterr().out
     assert "4 mirrored" in text
-    assert text.rstrip().endswith("nothing beyond rounding.")
+    assert text.rstrip().endswith("All together change nothing beyond rounding.")
     assert cli.main(["plan", "--json", "--fixed", "--loss", "design"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["skips"]
     assert {entry["name"] for entry in document["items"]} >= {"speeds", "taps", "frequencies"}
+
+
+def test_a_camera_at_rest_is_planned(tmp_path, capsys):
+    """Where nothing is named, what can move is free: a still camera's profile and exposure."""
+    path = tmp_path / "still.toml"
+    path.write_text(edited("stroke_px", "stroke_px = 0"))
+    assert cli.main(["plan", str(path)]) == 0
+    assert "acceleration not free" in capsys.readouterr().out
 
 
 def test_a_tolerance_out_of_range_is_one_line(capsys):

@@ -208,7 +208,9 @@ def test_photograph_side_by_side(tmp_path):
     figure = plots.plot_photograph(results, 400.0, crop=(11, 17))
     titles = [axes.get_title() for axes in figure.axes]
     assert "450 px/s" in titles[1]
-    assert "restored, 24.7 dB" in titles
+    assert "restored, 24.7 dB\n(gamma put back)" in titles
+    linear = plots.plot_photograph(results, 400.0, crop=(11, 17), linear=True)
+    assert linear.axes[-1].get_title() == "restored, 26.7 dB\n(linear light)"
     plots.save_figure(figure, tmp_path / "photograph.png")
 
 
@@ -218,10 +220,19 @@ def test_one_seed_has_no_error_bar():
     assert not figure.axes[0].collections
 
 
-def test_speeds_that_are_shown():
-    """The slowest, a middling and the fastest by size, each once."""
-    assert plots.shown_speeds(np.array([-900.0, 0.0, 300.0, 900.0])) == [0.0, 300.0, 900.0]
-    assert plots.shown_speeds(np.array([410.0])) == [410.0]
+@pytest.mark.parametrize(
+    ("speeds", "shown"),
+    [
+        ([-900.0, 0.0, 300.0, 900.0], [0.0, 300.0, 900.0]),
+        ([-900.0, -300.0, 0.0, 300.0, 900.0], [0.0, 300.0, 900.0]),
+        ([-2550.0, -1500.0, -450.0], [-450.0, -1500.0, -2550.0]),
+        ([-700.0, 200.0], [200.0, -700.0]),
+        ([410.0], [410.0]),
+    ],
+)
+def test_speeds_that_are_shown(speeds, shown):
+    """The slowest, a middling and the fastest by size, each once, as the scene has them."""
+    assert plots.shown_speeds(np.array(speeds)) == shown
 
 
 def test_nothing_to_show_is_an_error():

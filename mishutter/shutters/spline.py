@@ -73,7 +73,9 @@ class SplineShutter(AbstractAdjustableShutter):
         self.parameters = as_float(parameters)
         self.symmetric = symmetric
         count = self.parameters.size * (2 if symmetric else 1)
-        self.num_coefficients = count if num_coefficients is None else num_coefficients
+        if num_coefficients is not None:
+            count = require_positive_int("SplineShutter(num_coefficients=...)", num_coefficients)
+        self.num_coefficients = count
 
     def __check_init__(self) -> None:
         subject, count = "SplineShutter(parameters=...)", self.num_coefficients

@@ -1,0 +1,82 @@
+"""A design beside its baselines: two readings, one verdict, and names that stay apart."""
+
+import numpy as np
+import pytest
+from helpers import ROUNDING
+from helpers_design import LIMITS, MOTION
+
+from mishutter import (
+    ExpectedErrorLoss,
+    GaussianShutter,
+    HannShutter,
+    ParabolicMotion,
+    Scene,
+    TukeyShutter,
+    compare,
+    optimise,
+)
+from mishutter.compare import OWN_BEST_MOTION, SAME_MOTION, taken_names
+
+ROUNDING_DB = 1e-9
+OUTLIER = Scene(
+    [-300.0, 0.0, 310.0, 8000.0],
+    [0.333, 0.333, 0.333, 0.001],
+    photon_rate=2e5,
+    read_noise=4.0,
+    limits=LIMITS,
+)
+"""Rare objects that are left behind at less loss than keeping up with them costs."""
+SLOW = ParabolicMotion(acceleration=15.0 / 9e-4, half_exposure=3e-2)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return compare(OUTLIER, SLOW, {"mine": HannShutter()})
+
+
+def test_its_own_best_motion_is_never_below_the_same_motion(table):
+    """Also where the motion at hand gives up what the fastest object would ask for."""
+    for row in table.rows:
+        if row.reading == SAME_MOTION:
+            own = table.row(row.name, OWN_BEST_MOTION)
+            same = float(row.metrics.expected_psnr)
+            assert float(own.metrics.expected_psnr) >= same - ROUNDING_DB
+            assert np.isfinite(same)
+
+
+def test_nothing_to_restore_is_said_in_words():
+    """A scene without detail: no decibels of infinity, and no gain."""
+    grey = Scene([-300.0, 310.0], photon_rate=2e5, read_noise=4.0, deviation=0.0, limits=LIMITS)
+    table = compare(grey, MOTION, {"mine": TukeyShutter(0.3)})
+    assert "there is nothing to restore" in table.verdict
+    assert table.gain == 0
+
+
+def test_designs_keep_or_start_from_their_own_motions():
+    """What this loss found for this scene stays as it is; another design is tuned."""
+    loss = ExpectedErrorLoss()
+    found = optimise(OUTLIER, SLOW, HannShutter(), loss=loss, free="acceleration")
+    elsewhere = OUTLIER.bare(weights=np.array([0.2, 0.3, 0.4, 0.1]))
+    other = optimise(elsewhere, MOTION, HannShutter(), loss=loss, free="half_exposure")
+    table = compare(OUTLIER, MOTION, {"found": found, "other": other}, loss=loss)
+    kept, tuned = table.row("found"), table.row("other")
+    assert kept.motion is found.motion
+    assert (kept.loss, kept.metrics) == (found.loss, found.metrics)
+    assert tuned.motion is not other.motion
+    assert tuned.loss <= float(loss(OUTLIER, other.motion, other.shutter)) * (1 + ROUNDING)
+    assert table.row("other", SAME_MOTION).motion is MOTION
+
+
+@pytest.mark.parametrize("name", taken_names())
+def test_a_baseline_keeps_its_name(name):
+    """Another shutter is refused by it, and the verdict never speaks of the wrong one."""
+    with pytest.raises(ValueError, match=f"call no other shutter one of .*; got '{name}'"):
+        compare(OUTLIER, SLOW, {name: TukeyShutter(0.3)})
+
+
+def test_a_baseline_may_be_given_by_name(table):
+    """The same window under its own name is one row, and one of those judged."""
+    given = compare(OUTLIER, SLOW, {"Hann": HannShutter(), "Gaussian": GaussianShutter()})
+    assert sorted(row.name for row in given.rows) == sorted(
+        row.name for row in table.rows if row.name != "mine"
+    )

@@ -1,0 +1,56 @@
+"""Reports: notes that say of what they speak, and a folder that holds one run."""
+
+import numpy as np
+import pytest
+from helpers_design import LIMITS, MOTION, SCENE
+
+from mishutter import HannShutter, RectShutter, Scene, StillCamera, TukeyShutter, evaluate
+from mishutter.compare import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Row
+from mishutter.pictures import write_picture
+from mishutter.report import Report, photographs, print_report, write_report
+
+DESIGNS = {
+    "rect": (MOTION, RectShutter()),
+    "Hann": (MOTION, HannShutter()),
+    BEST_TUKEY: (MOTION, TukeyShutter(0.3)),
+    BEST_SNAPSHOT: (StillCamera(half_exposure=1.3e-3), RectShutter()),
+}
+
+
+@pytest.fixture(scope="module")
+def report():
+    rows = [
+        Row(OWN_BEST_MOTION, name, shutter, motion, 0.3, evaluate(SCENE, motion, shutter))
+        for name, (motion, shutter) in DESIGNS.items()
+    ]
+    return Report(SCENE, Comparison(tuple(rows), "A verdict.", 0.1), ())
+
+
+def test_a_condition_says_of_which_row_it_is(report, capsys):
+    """Where phases differ, the few rows that have another are named."""
+    print_report(report)
+    lines = capsys.readouterr().out.splitlines()
+    (note,) = (line for line in lines if line.startswith("PSNR expected"))
+    assert note.count("phase") == 2
+    assert f", of {BEST_SNAPSHOT} at phase " in note
+
+
+def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):
+    """Those of a photograph go where this run has none; what is somebody else's stays."""
+    kept, stale = {"design.json", "notes.txt"}, {"psnr.png", "photograph.png"}
+    for name in kept | stale:
+        (tmp_path / name).write_text("from before")
+    written = write_report(report, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == kept | set(written)
+    assert not stale & set(written)
+
+
+def test_a_narrow_photograph_is_left_out_with_a_note(report, tmp_path, capsys):
+    """What was computed is not lost to it: one line names the file and how wide it should be."""
+    path = tmp_path / "narrow.png"
+    write_picture(path, np.random.default_rng(3).uniform(0.2, 0.8, (9, 41)))
+    scene = Scene([0.0, 310.0], photon_rate=1e5, read_noise=4.0, limits=LIMITS, picture=str(path))
+    rows = {row.name: row for row in report.comparison.rows}
+    assert photographs(scene, rows, 1, lambda name: None) == {}
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{path}: 41 columns are too few")
