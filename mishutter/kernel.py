@@ -53,7 +53,7 @@ def blur_kernel(
     motion: AbstractMotion,
     *,
     speed: ArrayLike = 0.0,
-    num_taps: int,
+    num_taps: int | np.integer,
     phase: ArrayLike = 0.0,
 ) -> Array:
     r"""Blur kernel of a moving point, aligned at the vertex of its path.

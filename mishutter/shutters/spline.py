@@ -68,7 +68,7 @@ class SplineShutter(AbstractAdjustableShutter):
         parameters: RowLike,
         *,
         symmetric: bool = False,
-        num_coefficients: int | None = None,
+        num_coefficients: int | np.integer | None = None,
     ):
         self.parameters = as_float(parameters)
         self.symmetric = symmetric
