@@ -111,7 +111,10 @@ def binned_exposure(
     smoothly. A point that does not move at all falls on one pixel.
 
     The derivative with respect to an edge exactly at the vertex is infinite under an
-    open shutter, and is given from the side on which no light falls.
+    open shutter, and is given from the side on which no light falls. Where an edge meets
+    a step of the shutter exactly, the light has a kink, and the derivative is that of
+    either side. In reverse mode a shift of all edges is the sum of what each edge does
+    alone, which for narrow taps cancels; `blur_kernel` shifts them as one by its phase.
 
     Args:
         shutter: Transmittance over the exposure.
