@@ -39,6 +39,9 @@ from mishutter.doubleword import DoubleWord
 from mishutter.path import Motion, mirrored_velocity, once, speed_change
 from mishutter.shutters.base import AbstractPiecewiseShutter
 
+_ASIDE = float(np.sqrt(1 / 12))
+"""Nodes of the Gauss-Legendre rule of two, on either side of the middle of an interval."""
+
 
 class Cells(NamedTuple):
     """Cells that start at breakpoints: arm and tap, whether in any, and width."""
@@ -191,8 +194,8 @@ def _between_arms(motion: Motion) -> Array:
 
 
 def _near(like: Array) -> float:
-    """Shares of a piece over which its slope is all but straight, and its rise all but lost."""
-    return float(jnp.finfo(like.dtype).eps) ** 0.4
+    """Share of a piece over which two nodes are enough, and a difference of two is not."""
+    return float(jnp.finfo(like.dtype).eps) ** 0.2
 
 
 def _rise_between_arms(apart: Array, taps: Taps) -> tuple[Array, Array]:
@@ -205,7 +208,7 @@ def _rise_between_arms(apart: Array, taps: Taps) -> tuple[Array, Array]:
     is_held, at_vertex = jnp.any(taps.is_held, axis=0), after.velocity == 0
     known = jnp.where(is_held, jnp.all(taps.is_held, axis=0), (mirrored & near) | at_vertex)
     middle = (after.offset - before.offset) / 2
-    rise = apart * _slope(profile, after, middle, jnp.zeros_like(middle))
+    rise = apart * _slope(profile, after, middle, jnp.broadcast_to(jnp.abs(apart), middle.shape))
     rise = jnp.where(is_held | at_vertex, 0.0, rise)
 
     # The difference of two such rises loses what a narrow tap is narrower than the profile.
@@ -213,8 +216,9 @@ def _rise_between_arms(apart: Array, taps: Taps) -> tuple[Array, Array]:
     inside = mirrored & ~is_held
     whole = inside[begin] & inside[end] & (after.piece[begin] == after.piece[end])
     start, width = after.part((begin,)), taps.width[1]
-    bend = _derivative(partial(_slope, profile, start, width=width), middle[begin] + width / 2)
-    both = jnp.where(whole, apart * width * bend, rise[end] - rise[begin])
+    slope, centre = partial(_slope, profile, start, width=width), middle[begin] + width / 2
+    bends = [_derivative(slope, centre + place * apart) for place in (-_ASIDE, _ASIDE)]
+    both = jnp.where(whole, apart * width * (sum(bends) / 2), rise[end] - rise[begin])
     return known[begin] & known[end], both
 
 
