@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from helpers import ROUNDING
-from helpers_design import LIMITS, MOTION
+from helpers_design import LIMITS, MOTION, OUTLIER, SLOW
 
 from mishutter import (
     ExpectedErrorLoss,
     GaussianShutter,
     HannShutter,
-    ParabolicMotion,
     Scene,
     TukeyShutter,
     compare,
@@ -18,15 +17,6 @@ from mishutter import (
 from mishutter.compare import OWN_BEST_MOTION, SAME_MOTION, taken_names
 
 ROUNDING_DB = 1e-9
-OUTLIER = Scene(
-    [-300.0, 0.0, 310.0, 8000.0],
-    [0.333, 0.333, 0.333, 0.001],
-    photon_rate=2e5,
-    read_noise=4.0,
-    limits=LIMITS,
-)
-"""Rare objects that are left behind at less loss than keeping up with them costs."""
-SLOW = ParabolicMotion(acceleration=15.0 / 9e-4, half_exposure=3e-2)
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,7 @@ class AbstractPiecewiseShutter(AbstractShutter):
     """Whether the pieces are equally long; one that is not may be all of the exposure."""
 
     symmetric: eqx.AbstractVar[bool]
-    """Whether $w(-\\tau) = w(\\tau)$, whatever the parameters."""
+    r"""Whether $w(-\tau) = w(\tau)$, whatever the parameters."""
 
     @abstractmethod
     def dtype(self) -> np.dtype | None:
