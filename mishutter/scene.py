@@ -216,7 +216,7 @@ class Scene(eqx.Module):
         return Scene(speeds, **others)  # type: ignore[arg-type]
 
     @staticmethod
-    def load(path: str) -> "Scene":
+    def load(path: str | os.PathLike[str]) -> "Scene":
         """Read a scene from a TOML file; see `mishutter.scene_file` for its keys.
 
         Raises:
@@ -225,7 +225,7 @@ class Scene(eqx.Module):
         """
         from mishutter.scene_file import read_scene
 
-        return read_scene(path)
+        return read_scene(os.fspath(path))
 
     def bare(
         self,

@@ -243,7 +243,7 @@ def test_layers_from_a_file(tmp_path):
         'matte = "matte.png"\nspeed_px_per_s = -40.5\nleft = 3\n'
     )
     (tmp_path / "scene.toml").write_text(text)
-    scene = ms.Layers.load(str(tmp_path / "scene.toml"))
+    scene = ms.Layers.load(tmp_path / "scene.toml")
     np.testing.assert_allclose(scene.layers[1].matte, matte, atol=1e-4)
     assert (scene.layers[1].speed, scene.layers[1].left) == (-40.5, 3)
     refusals = {
