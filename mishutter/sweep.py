@@ -17,9 +17,9 @@ from mishutter.scene import Scene
 from mishutter.shutters import AbstractShutter, SplineShutter, TukeyShutter
 from mishutter.sweep_blocks import Engine
 from mishutter.sweep_cluster import compute_remotely, connection
-from mishutter.sweep_grid import METRICS, OPTIMISED, Grid, Search, checked_axis, named
+from mishutter.sweep_grid import METRICS, OPTIMISED, Grid, Search, checked_axis
 from mishutter.sweep_store import AbstractBlocks, MemoryBlocks, StoredBlocks
-from mishutter.types import RowLike, describe, require, require_positive_int
+from mishutter.types import RowLike, describe, named, require, require_positive_int
 
 if TYPE_CHECKING:
     import xarray
