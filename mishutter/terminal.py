@@ -1,7 +1,9 @@
 """What a terminal sees: one line for an error, a progress bar, strict JSON, a table."""
 
 import re
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -141,6 +143,27 @@ def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]
     ) as progress:
         task = progress.add_task(label, total=total, message="")
         yield lambda done, message="": progress.update(task, completed=done, message=message)
+
+
+@contextmanager
+def ends_when_asked() -> Iterator[None]:
+    """SIGTERM ends what is under way as an exit does, so that no file is left half written.
+
+    Raises:
+        SystemExit: with 143, as a shell tells of a process that was terminated.
+    """
+
+    def end(*_: object) -> None:
+        raise SystemExit(128 + signal.SIGTERM)
+
+    if threading.current_thread() is not threading.main_thread():  # which alone is told
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def start_jax() -> None:

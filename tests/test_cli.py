@@ -7,6 +7,7 @@ see that nothing else reaches the terminal.
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -222,6 +223,19 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
     monkeypatch.setattr("mishutter.scene_file.example_scene", interrupt)
     assert cli.main(["compare"]) == 130
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_termination_is_143(monkeypatch):
+    """SIGTERM unwinds a command, which takes away what it has begun to write."""
+
+    def terminated(*_, **__):
+        os.kill(os.getpid(), signal.SIGTERM)
+        raise AssertionError
+
+    monkeypatch.setattr("mishutter.scene_file.example_scene", terminated)
+    with pytest.raises(SystemExit, match="143"):
+        cli.main(["compare"])
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
 def test_a_bug_shows_itself(monkeypatch):

@@ -228,9 +228,16 @@ def photograph(path, rows):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("when", ["computing", "writing"])
-def test_an_interrupt_leaves_no_half_written_file(when, tmp_path, scene):
-    """SIGINT ends with 130 and no traceback; what is in the folder, if anything, is whole."""
+@pytest.mark.parametrize(
+    ("when", "sent", "code"),
+    [
+        ("computing", signal.SIGINT, 130),
+        ("writing", signal.SIGINT, 130),
+        ("writing", signal.SIGTERM, 143),
+    ],
+)
+def test_an_interrupt_leaves_no_half_written_file(when, sent, code, tmp_path, scene):
+    """A signal ends it with its code and no traceback; what is in the folder, if any, is whole."""
     photograph(tmp_path / "a.jpg", 6000)
     out = tmp_path / "out"
     arguments = ["simulate", scene, "--subject", tmp_path / "a.jpg", "--out", out, "--noiseless"]
@@ -243,9 +250,9 @@ def test_an_interrupt_leaves_no_half_written_file(when, tmp_path, scene):
             break
         time.sleep(0.002)
     time.sleep(2.5 if when == "computing" else 0)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(sent)
     _, errors = process.communicate(timeout=120)
-    assert process.returncode == 130
+    assert process.returncode == code
     assert "Traceback" not in errors
     assert not list(out.glob(".*"))
     assert {ms.read_picture(path).light.shape for path in out.iterdir()} <= {(6000, 2000, 3)}
