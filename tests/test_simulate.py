@@ -69,6 +69,23 @@ def test_the_kernel_for_other_libraries(motion):
     np.testing.assert_allclose(found, wanted[..., 0], atol=1e-12)
 
 
+def test_no_acceleration_is_a_camera_at_rest():
+    """Captured, restored and handed to other libraries as one, and not in the dark."""
+    unmoved, hann = ms.ParabolicMotion(acceleration=0.0, half_exposure=HALF), ms.HannShutter()
+    picture, speed = rows(5, 90, 1), 310.0
+    layers = ms.Layers((ms.Layer(ms.Picture(picture), speed),))
+    for subject, options in ((picture, {"speed": speed}), (layers, {})):
+        found, wanted = (
+            ms.capture_and_restore(subject, SCENE, motion, hann, **options)
+            for motion in (unmoved, STILL)
+        )
+        np.testing.assert_array_equal(found.captured, wanted.captured)
+        np.testing.assert_array_equal(found.restored, wanted.restored)
+    np.testing.assert_array_equal(
+        *(ms.centred_kernel(motion, hann, speed=speed) for motion in (unmoved, STILL))
+    )
+
+
 def test_borders():
     """Each border rule continues the picture as numpy's padding of the same name does."""
     picture = rows(2, 50, 1)
