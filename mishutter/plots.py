@@ -38,6 +38,8 @@ _CROP = (160, 240)
 _DOTS_PER_INCH = 130
 _MOST_COLUMNS = 1000
 """More columns of a picture than a panel has dots for are averaged."""
+_LEAST_HEIGHT = 1 / 16
+"""Of a panel, in widths: a picture that is flatter is stretched to it, so that it is seen."""
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -76,7 +78,8 @@ def plot_drive(table: DriveTable) -> Figure:
     top.plot(edges[:-1] + step / 2, table.wanted, label="designed", **second)
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
     top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    bottom.plot(edges[:-1], table.position, **first)
+    time = np.linspace(edges[0], edges[-1], _NUM_POINTS)
+    bottom.plot(time, float(table.design.motion.acceleration) * (time * 1e-3) ** 2, **first)
     bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
     return figure
 
@@ -191,12 +194,14 @@ def plot_capture(seen: object, captured: np.ndarray, restored: np.ndarray) -> Fi
         shown = {"the scene, at rest": seen.light} | shown
     rows, columns = captured.shape[:2]
     width = 4.0
-    size = (len(shown) * width + 0.2, width * min(rows / columns, 3.0) + 0.6)
+    height = float(np.clip(rows / columns, _LEAST_HEIGHT, 3.0))
+    size = (len(shown) * width + 0.2, width * height + 0.6)
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, light) in zip(panels[0], shown.items(), strict=True):
         small = _shrunk(light, max(1, columns // _MOST_COLUMNS))
         _show(axes, small, small.shape[:2], title)
+        axes.set_aspect("auto" if rows / columns < _LEAST_HEIGHT else "equal")
     return figure
 
 

@@ -153,7 +153,8 @@ def _scale(set_scale: Callable[[str], None], axis: Axis, values: np.ndarray) -> 
     set_scale("log")
     if known.min() >= 1e-3 and known.max() < 1e5:
         axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
+        shown = "235" if known.max() < 100 * known.min() else ""
+        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in shown else "")
 
 
 def _contours(axes: Axes, half: np.ndarray, a: np.ndarray) -> None:

@@ -135,7 +135,7 @@ def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:
     A moving sensor is aligned at the vertex, a camera at rest at mid-exposure, in the
     middle of its middle tap.
     """
-    return -0.5 - num_taps // 2 if isinstance(motion, StillCamera) else 0.0
+    return -0.5 - num_taps // 2 if isinstance(settled(motion), StillCamera) else 0.0
 
 
 def kernels_at_speeds(
