@@ -148,8 +148,10 @@ def capture_kernel(
     num_taps, origin = kernel_layout(motion, speed)
     dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
     speeds = np.asarray([float(speed)], dtype)
-    (taps,) = np.asarray(kernels_at_speeds(shutter, motion, speeds, num_taps), dtype)
-    return jax.device_put(taps), origin
+    kernels = kernels_at_speeds(shutter, motion, speeds, num_taps)
+    if not is_concrete(kernels):
+        return kernels[0].astype(dtype), origin
+    return jax.device_put(np.asarray(kernels, dtype)[0]), origin
 
 
 def centred_kernel(

@@ -86,6 +86,20 @@ def test_no_acceleration_is_a_camera_at_rest():
     )
 
 
+def test_a_capture_differentiates_by_the_shutter():
+    """Forward and reverse mode, against a difference; motion and speed are numbers."""
+    picture = rows(3, 40, 1)
+
+    def light(taper):
+        shutter = ms.TukeyShutter(taper)
+        return jnp.sum(ms.simulate_capture(picture, SCENE, MOVING, shutter, speed=310.0) ** 2)
+
+    slope = jax.jit(jax.grad(light))(0.37)
+    np.testing.assert_allclose(slope, jax.jacfwd(light)(0.37), rtol=1e-11)
+    difference = (light(0.37 + 1e-5) - light(0.37 - 1e-5)) / 2e-5
+    np.testing.assert_allclose(slope, difference, rtol=1e-7)
+
+
 def test_borders():
     """Each border rule continues the picture as numpy's padding of the same name does."""
     picture = rows(2, 50, 1)
