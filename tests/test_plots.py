@@ -170,6 +170,12 @@ def test_kernels_without_acceleration_lie_around_mid_exposure():
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_notebook_shows_it(name, figures):
+    """Also one that never imports `pyplot`, by which a figure would else be shown."""
+    assert figures[name]._repr_png_().startswith(b"\x89PNG")
+
+
 def test_a_map_of_several_scenes():
     """One of them must be chosen."""
     both = sweep([SCENE, SCENE], **grid(metrics=["efficiency"]))
