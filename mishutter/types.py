@@ -116,6 +116,12 @@ def named(
     return found
 
 
+def require_seed(subject: str, value: object) -> None:
+    """Refuse anything but a whole number of at least 0."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    require(whole and int(value) >= 0, subject, "be a whole number of at least 0", value)  # type: ignore[call-overload]
+
+
 class Bare(str):
     """Text that an error shows without quotes."""
 
