@@ -210,12 +210,16 @@ def as_light(picture: Picture | ArrayLike, subject: str) -> Array:
 
 
 def as_pixels(picture: ArrayLike, subject: str) -> Array:
-    """Pixels as an array: `(rows, columns)` or with channels last."""
+    """Pixels as an array of 32 or 64 bits: `(rows, columns)` or with channels last."""
     shape = np.shape(picture)
     require(len(shape) >= 2, subject, "have rows and columns", shape)
     require(0 not in shape, subject, "hold at least one pixel", shape)
     require_finite(subject, picture)
-    return jnp.asarray(picture, common_dtype(picture))
+    coded = getattr(picture, "dtype", None) in (np.uint8, np.uint16)
+    requirement = "hold light, white = 1, as `read_picture` makes it of what a file holds"
+    require(not coded, subject, requirement, getattr(picture, "dtype", None))
+    dtype = common_dtype(picture)
+    return jnp.asarray(picture, dtype if dtype.itemsize >= 4 else np.float32)
 
 
 def _recorded(

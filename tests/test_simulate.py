@@ -236,6 +236,14 @@ def test_footage_shows_each_frame_for_its_share():
     np.testing.assert_allclose(found, np.tensordot(share, frames, 1), atol=1e-12)
 
 
+def test_footage_that_is_no_light():
+    """A frame below 0 is refused as a picture below 0 is."""
+    with pytest.raises(
+        ValueError, match=r"`Frames\(frames=...\)` must hold light of at least 0; got"
+    ):
+        ms.simulate_capture(ms.Frames.of([-rows()]), SCENE, STILL, ms.HannShutter())
+
+
 def test_footage_from_a_folder_and_a_video(tmp_path):
     """Pictures of a folder are frames in the order of their names; so are those of a video."""
     picture = rows(32, 48, 3)
@@ -366,12 +374,24 @@ def test_refusals(change, message):
         ms.simulate_capture(rows(), SCENE, MOVING, ms.HannShutter(), **change)
 
 
+def test_half_precision_is_computed_in_single():
+    """What no Fourier transform takes is widened."""
+    picture = rows().astype(np.float16)
+    found = ms.simulate_capture(picture, SCENE, MOVING, ms.HannShutter())
+    assert found.dtype == np.float32
+    wanted = ms.simulate_capture(picture.astype(np.float32), SCENE, MOVING, ms.HannShutter())
+    np.testing.assert_array_equal(found, wanted)
+
+
 def test_pictures_that_are_none():
     """A value that is not light is refused before anything is computed."""
     bad = rows()
     bad[1, 2, 0] = np.nan
     with pytest.raises(ValueError, match=r"picture=...\)` must be finite"):
         ms.simulate_capture(bad, SCENE, MOVING, ms.HannShutter())
+    coded = (rows() * 255).astype(np.uint8)
+    with pytest.raises(ValueError, match=r"picture=...\)` must hold light, white = 1, .*; got .*8"):
+        ms.simulate_capture(coded, SCENE, MOVING, ms.HannShutter())
     with pytest.raises(ValueError, match=r"`deconvolve\(captured=...\)` must be finite"):
         ms.deconvolve(bad, SCENE, MOVING, ms.HannShutter())
     with pytest.raises(ValueError, match=r"picture=...\)` must be at least 0; got -0.3"):
