@@ -1,11 +1,13 @@
 """What a terminal sees: one line for an error, a progress bar, strict JSON, a table."""
 
+import os
 import re
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -167,17 +169,26 @@ def ends_when_asked() -> Iterator[None]:
 
 
 def start_jax() -> None:
-    """64-bit numbers, and compiled programs kept in the user's cache folder."""
+    """64-bit numbers, and compiled programs kept in the user's cache folder, if it takes files."""
     import jax
     from platformdirs import user_cache_path
 
     from mishutter.programs import keep_programs
 
     jax.config.update("jax_enable_x64", True)
-    if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
-        folder = user_cache_path("mishutter", appauthor=False) / "jax"
+    folder = user_cache_path("mishutter", appauthor=False) / "jax"
+    if getattr(jax.config, "jax_compilation_cache_dir", None) is None and _takes_files(folder):
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
         if getattr(jax.config, "jax_enable_compilation_cache", True):
             keep_programs(folder.parent / "programs")
+
+
+def _takes_files(folder: Path) -> bool:
+    """Whether a folder is there, or can be made, and may be written to."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)

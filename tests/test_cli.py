@@ -262,6 +262,17 @@ def test_nothing_else_reaches_the_terminal(arguments):
     assert done.stderr.startswith("mishutter: error: ")
 
 
+def test_without_a_cache_folder(small_scene, tmp_path):
+    """Where the user's cache folder takes no files, nothing is kept and nothing said of it."""
+    (tmp_path / "file").write_text("in the way")
+    command = [sys.executable, "-m", "mishutter", "plan", str(small_scene), "--json"]
+    elsewhere = environment(XDG_CACHE_HOME=str(tmp_path / "file"))
+    done = subprocess.run(command, capture_output=True, text=True, env=elsewhere, check=False)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "num_taps" in json.loads(done.stdout)
+
+
 COMMANDS = ("optimise", "compare", "plan", "simulate", "sweep", "reproduce", "export")
 
 
