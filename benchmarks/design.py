@@ -3,8 +3,8 @@
 Wall time against the gap to the best loss that any of them found, on one problem: a profile
 of 24 coefficients, nine speeds, the weighted design loss. Every method is given the same
 starts and the same compiled loss and gradient, and BLAS in one thread, as `optimise` sets it:
-SciPy's own steps take up to a hundred times longer in two that wait for each other. Run `python -m benchmarks.design`; a typical
-printout stands in `RESULTS.md`.
+SciPy's own steps take up to a hundred times longer in two that wait for each other. Run
+`python -m benchmarks.design`; a typical printout stands in `RESULTS.md`.
 """
 
 import time
