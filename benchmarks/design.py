@@ -2,8 +2,9 @@
 
 Wall time against the gap to the best loss that any of them found, on one problem: a profile
 of 24 coefficients, nine speeds, the weighted design loss. Every method is given the same
-starts and the same compiled loss and gradient. Run `python -m benchmarks.design`; a typical
-printout stands in `RESULTS.md`.
+starts and the same compiled loss and gradient, and BLAS in one thread, as `optimise` sets it:
+SciPy's own steps take up to a hundred times longer in two that wait for each other. Run
+`python -m benchmarks.design`; a typical printout stands in `RESULTS.md`.
 """
 
 import time
@@ -34,6 +35,7 @@ from mishutter.optimise import start_boxes  # noqa: E402
 from mishutter.plan import needed_speeds, reduced, sizes  # noqa: E402
 from mishutter.planning import plan as plan_of_scene  # noqa: E402
 from mishutter.solvers import descend, imported_jaxopt, loss_and_gradient  # noqa: E402
+from mishutter.threads import alone_in_blas  # noqa: E402
 
 NUM_STEPS = 150
 MARKERS = "osv^<>DPX*"
@@ -165,6 +167,7 @@ def _losses(objective, boxes):
     return np.asarray(_compiled(jax.vmap(objective), "losses")(boxes))
 
 
+@alone_in_blas()
 def measure() -> list[dict]:
     """First call and steady state of every method, from 1 and from 64 starts."""
     planned, from_scratch, starts = problem()

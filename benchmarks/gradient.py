@@ -14,7 +14,7 @@ import mpmath as mp  # noqa: E402
 import numpy as np  # noqa: E402
 
 from benchmarks import harness  # noqa: E402
-from benchmarks.kernel import SHUTTERS, direction, problems, reference  # noqa: E402
+from benchmarks.kernel import NUM_TAPS, SHUTTERS, direction, problems, reference  # noqa: E402
 from mishutter import ParabolicMotion, binned_exposure  # noqa: E402
 
 CHOSEN = ("52 chips", "spline")
@@ -23,7 +23,7 @@ STEPS = (1e-2, 1e-4, 1e-6, 1e-8)
 
 def total_of(problem):
     """Weighted sum of the taps, as a function of scaled motion and shutter parameters."""
-    case, weights = SHUTTERS[problem.slug], direction()
+    case, weights = SHUTTERS[problem.slug], direction(NUM_TAPS)
     scale = jnp.array([problem.a, problem.T, problem.s])
 
     def total(x):
@@ -44,7 +44,7 @@ def exact(problem, at) -> np.ndarray:
         motion = [x[0] * problem.a, x[1] * problem.T, x[2] * problem.s]
         edges = problem.edges.tolist()
         taps = reference.exposures(case.window(np.array(x[3:])), *motion, edges, from_vertex=False)
-        return mp.fsum(h * float(c) for h, c in zip(taps, direction(), strict=True))
+        return mp.fsum(h * float(c) for h, c in zip(taps, direction(NUM_TAPS), strict=True))
 
     def moved(index):
         return lambda x: [total([*base[:index], x, *base[index + 1 :]])]

@@ -9,7 +9,6 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
 import matplotlib.pyplot as plt  # noqa: E402
 import mpmath as mp  # noqa: E402
 import numpy as np  # noqa: E402
@@ -46,118 +45,109 @@ def _behind(stroke, smear):
     return smear**2 / (4 * stroke) if abs(smear) < 2 * stroke else abs(smear) - stroke
 
 
-def direction(num_taps: int = NUM_TAPS) -> np.ndarray:
+def speeds_of(problem: Problem, num_speeds: int) -> np.ndarray:
+    """The problem's speed alone, or as many from one way to the other."""
+    return problem.s * (np.linspace(-1, 1, num_speeds) if num_speeds > 1 else np.ones(1))
+
+
+def direction(num_taps: int) -> np.ndarray:
     """Weights of the taps in the scalar whose gradient is taken."""
     return np.cos(1.3 * np.arange(num_taps) + 0.2)
 
 
-def exact(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Taps, and the gradient of their weighted sum by a, T, s, by the reference."""
+def exact(problem: Problem, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Taps by speed, and the gradient of their weighted sum by a, T, speeds, by the reference.
+
+    The gradient is by shares of a, of T and of the problem's speed.
+    """
     window = SHUTTERS[problem.slug].reference()
-    at = (problem.a, problem.T, problem.s)
+    edges, scales = problem.edges.tolist(), np.abs([problem.a, problem.T, problem.s])
 
     def taps(*motion):
-        edges = problem.edges.tolist()
         return reference.exposures(window, *motion, edges, from_vertex=False)
 
-    def by(index):
+    def by(index, at):
         def moved(x):
-            weighted = zip(taps(*at[:index], x, *at[index + 1 :]), direction(), strict=True)
+            weighted = zip(taps(*at[:index], x, *at[index + 1 :]), weights, strict=True)
             return [mp.fsum(h * float(c) for h, c in weighted)]
 
-        return reference.derivative(moved, at[index], abs(at[index]))[0]
+        return float(reference.derivative(moved, at[index], scales[index])[0])
 
-    return np.array([float(h) for h in taps(*at)]), np.array([float(by(i)) for i in range(3)])
+    weights = direction(problem.edges.size - 1)
+    motions = [(problem.a, problem.T, float(s)) for s in speeds]
+    values = np.array([[float(h) for h in taps(*at)] for at in motions])
+    each = np.array([[by(index, at) for index in range(3)] for at in motions]) * scales
+    return values, np.concatenate([each[:, :2].sum(axis=0), each[:, 2]])
 
 
-def gradient_of(method: Method):
-    """Gradient of the weighted sum of a method's taps by a, T and s."""
-    weights = direction()
+def value_of(method: Method, num_speeds: int):
+    """A method's taps, by speed, as a function of a row of a, T and the speeds."""
+    if num_speeds == 1:
+        return lambda row: method.taps(row[0], row[1], row[2])[None]
+    if method.compiled:
+        every = jax.vmap(method.taps, in_axes=(None, None, 0))
+        return lambda row: every(row[0], row[1], row[2:])
+    return lambda row: np.stack([method.taps(row[0], row[1], s) for s in row[2:]])
 
-    def total(motion):
-        return jnp.sum(method.taps(*motion) * weights)
+
+def gradient_of(method: Method, num_speeds: int, weights: np.ndarray, scales: np.ndarray):
+    """Gradient of the weighted sum of a method's taps by shares of `scales`."""
+    value = value_of(method, num_speeds)
+
+    def total(shares):
+        return (value(shares * scales) * weights).sum()
 
     if method.compiled:
         return jax.jit(jax.grad(total))
 
-    def differences(motion):
-        steps = 1e-6 * np.diag(motion)
-        return np.array([(total(motion + d) - total(motion - d)) / (2 * d.sum()) for d in steps])
+    def differences(shares):
+        steps = 1e-6 * np.eye(shares.size)
+        return np.array([(total(shares + d) - total(shares - d)) / 2e-6 for d in steps])
 
     return differences
 
 
-def measure(problem: Problem) -> list[dict]:
+def measure(problem: Problem, num_speeds: int) -> list[dict]:
     """A row a method and setting: time and error of value and of gradient."""
-    taps, gradient = exact(problem)
-    motion = np.array([problem.a, problem.T, problem.s])
+    speeds = speeds_of(problem, num_speeds)
+    taps, gradient = exact(problem, speeds)
+    row = np.concatenate([[problem.a, problem.T], speeds])
+    scales = np.abs([problem.a, problem.T, *[problem.s] * num_speeds])
+    weights = direction(problem.edges.size - 1)
     rows = []
     for method in methods(problem):
-        value = jax.jit(method.taps) if method.compiled else method.taps
-        for what, function, arguments, truth in (
-            ("value", value, tuple(motion), taps),
-            ("gradient", gradient_of(method), (motion,), gradient * motion),
+        value = value_of(method, num_speeds)
+        for what, function, argument, truth in (
+            ("value", jax.jit(value) if method.compiled else value, row, taps),
+            ("gradient", gradient_of(method, num_speeds, weights, scales), row / scales, gradient),
         ):
-            row = {"problem": problem.name, "method": method.name, "knob": method.knob}
+            named = {"problem": problem.name, "method": method.name, "knob": method.knob}
             try:
                 if what == "gradient" and method.name == "quadax" and problem.slug != "hann":
                     raise NotImplementedError("not run: minutes to compile")
-                result = harness.timed(function, *arguments)
+                result = harness.timed(function, argument)
                 found = np.asarray(result.pop("value"), float)
-                found = found if what == "value" else found * motion
                 error = float(np.max(np.abs(found - truth)) / np.max(np.abs(truth)))
             except Exception as problem_met:
                 result, error = harness.failed(problem_met), float("nan")
-            rows.append({**row, "what": what, "error": error, **result})
+            rows.append({**named, "what": what, "error": error, **result})
     return rows
 
 
-def measure_design(problem: Problem) -> list[dict]:
-    """The same at the size of a design, for what is compiled: every speed in one call.
-
-    The error is the value's, from ours in float64, which is the first method.
-    """
-    speeds = problem.s * np.linspace(-1, 1, DESIGN_SPEEDS)
-    arguments = np.concatenate([[problem.a, problem.T], speeds])
-    rows, truth = [], None
-    for method in methods(problem):
-        if not method.compiled or method.name == "quadax":
-            continue
-        every = jax.vmap(method.taps, in_axes=(None, None, 0))
-
-        def value(x, every=every):
-            return every(x[0], x[1], x[2:])
-
-        def total(x, value=value):
-            return jnp.sum(value(x) * direction(DESIGN_TAPS))
-
-        taps = harness.timed(jax.jit(value), arguments)
-        found = np.asarray(taps.pop("value"), float)
-        truth = found if truth is None else truth
-        error = float(np.max(np.abs(found - truth)) / np.max(truth))
-        gradient = harness.timed(jax.jit(jax.grad(total)), arguments)
-        gradient.pop("value")
-        row = {"problem": problem.name, "method": method.name, "knob": method.knob}
-        rows += [{**row, "what": "value", "error": error, **taps}]
-        rows += [{**row, "what": "gradient", **gradient}]
-    return rows
-
-
-def picture(rows: list[dict]) -> None:
+def picture(rows: list[dict], name: str) -> None:
     """Error along x, time along y; a method is a marker of its own, ours are filled."""
-    names = list(dict.fromkeys(row["problem"] for row in rows))
+    columns = list(dict.fromkeys(row["problem"] for row in rows))
     labels = list(dict.fromkeys(row["method"] for row in rows))
     figure, panels = plt.subplots(
-        2, len(names), figsize=(15, 6.4), sharex=True, sharey=True, layout="constrained"
+        2, len(columns), figsize=(15, 6.4), sharex=True, sharey=True, layout="constrained"
     )
-    for (line, what), (column, name) in (
-        (i, j) for i in enumerate(("value", "gradient")) for j in enumerate(names)
+    for (line, what), (column, problem) in (
+        (i, j) for i in enumerate(("value", "gradient")) for j in enumerate(columns)
     ):
         panel = panels[line, column]
         for index, label in enumerate(labels):
-            chosen = [
-                r for r in rows if (r["problem"], r["what"], r["method"]) == (name, what, label)
-            ]
+            here = problem, what, label
+            chosen = [r for r in rows if (r["problem"], r["what"], r["method"]) == here]
             x = [max(r["error"], 1e-17) for r in chosen]
             y = [1e3 * r["best_s"] for r in chosen]
             mine = label.startswith("ours")
@@ -170,37 +160,65 @@ def picture(rows: list[dict]) -> None:
                 markerfacecolor="black" if mine else "white",
                 markersize=9 if mine else 6,
             )
-        panel.set_title(name if line == 0 else "")
+        panel.set_title(problem if line == 0 else "")
         panel.grid(alpha=0.3)
     for line, what in enumerate(("value", "gradient")):
         panels[line, 0].set_ylabel(f"run time of the {what}, ms")
     for panel in panels[1]:
         panel.set_xlabel("error / largest")
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    harness.save_picture(figure, "kernel")
+    harness.save_picture(figure, name)
     plt.close(figure)
 
 
 def main() -> None:
     """Measure, store, print and draw."""
-    rows: list[dict] = []
-    for problem in problems():
-        rows += measure(problem)
-        harness.write("kernel", rows, num_taps=NUM_TAPS)
-        print(f"kernel: {problem.name} done", file=sys.stderr)
-    picture(rows)
-    design = [row for problem in problems(DESIGN_TAPS) for row in measure_design(problem)]
-    harness.write("kernel", rows, num_taps=NUM_TAPS, design_rows=design)
-    columns = ["problem", "what", "method", "knob", "error", "best ms", "first call s"]
-    text = "## Kernel: run time against error\n\n![kernel](results/kernel.png)\n\n"
-    text += harness.table(_shown(rows), [*columns, "why"])
-    text += f"\n\nThe same, {DESIGN_SPEEDS} speeds of {DESIGN_TAPS} taps in one call, as a design "
-    text += "computes them;\nerrors of values, from ours in float64:\n\n"
-    harness.section("kernel", text + harness.table(_shown(design), columns))
+    sizes = (
+        ("kernel", f"{DESIGN_SPEEDS} speeds of {DESIGN_TAPS} taps, as a design computes them"),
+        ("kernel_alone", f"one speed of {NUM_TAPS} taps"),
+    )
+    counts = (DESIGN_TAPS, DESIGN_SPEEDS), (NUM_TAPS, 1)
+    columns = [
+        "problem",
+        "what",
+        "method",
+        "knob",
+        "error",
+        "best ms",
+        "to ours",
+        "first call s",
+        "why",
+    ]
+    text = "## Kernel: run time against error\n"
+    for (name, heading), (num_taps, num_speeds) in zip(sizes, counts, strict=True):
+        rows: list[dict] = []
+        for problem in problems(num_taps):
+            rows += measure(problem, num_speeds)
+            harness.write(name, rows, num_taps=num_taps, num_speeds=num_speeds)
+            print(f"kernel: {heading}, {problem.name} done", file=sys.stderr)
+        picture(rows, name)
+        text += f"\nIn one call {heading}; times also to those of ours in float64:"
+        text += f"\n\n![{name}](results/{name}.png)\n\n"
+        text += harness.table(_shown(rows), columns) + "\n"
+    harness.section("kernel", text)
 
 
 def _shown(rows: list[dict]) -> list[dict]:
-    return [{**r, "best ms": 1e3 * r["best_s"], "first call s": r["first_s"]} for r in rows]
+    """Rows for the table, with each time's ratio to that of ours, in double precision."""
+    mine = {
+        (row["problem"], row["what"]): row["best_s"]
+        for row in rows
+        if row["method"] == "ours, float64"
+    }
+    return [
+        {
+            **row,
+            "best ms": 1e3 * row["best_s"],
+            "to ours": row["best_s"] / mine[row["problem"], row["what"]],
+            "first call s": row["first_s"],
+        }
+        for row in rows
+    ]
 
 
 if __name__ == "__main__":

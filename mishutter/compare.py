@@ -25,7 +25,7 @@ from mishutter.shutters import (
     TriangleShutter,
     TukeyShutter,
 )
-from mishutter.threads import in_threads, num_processors
+from mishutter.threads import alone_in_blas, in_threads, num_processors
 from mishutter.types import named, require
 
 SAME_MOTION = "same motion"
@@ -108,6 +108,7 @@ class Comparison:
         return "\n".join([*lines, self.verdict])
 
 
+@alone_in_blas()
 def compare(
     scene: Scene,
     motion: AbstractMotion,

@@ -41,7 +41,7 @@ class Design:
         motion: The sensor's motion.
         scene: The scene it was designed for.
         loss: Final loss.
-        history: Smallest loss so far: after each step of the descents, or each start of a
+        history: Smallest loss known so far: after each step of the descents, or each start of a
             grid, and last after the polish.
         converged: Whether the search met its tolerance.
         outcome: How the search ended, in a sentence.

@@ -146,12 +146,12 @@ def objective_of(
     return DesignObjective(loss, scene, space, plan)
 
 
-def roughly(objective: AbstractObjective) -> AbstractObjective:
+def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjective:
     """The objective on fewer frequencies and nodes, where they take the time; itself where not.
 
     Good enough to descend on where the ends are finished on the whole.
     """
-    if not isinstance(objective, DesignObjective):
+    if not isinstance(objective, DesignObjective | MotionObjective):
         return objective
     plan, scene = objective.plan, objective.scene
     share = plan.num_frequencies // _ROUGH_FREQUENCIES
@@ -169,7 +169,7 @@ def roughly(objective: AbstractObjective) -> AbstractObjective:
     power = np.asarray(picture_power(scene, _ROUGH_FREQUENCIES * share, dtype))
     bands = jax.device_put(power.reshape(_ROUGH_FREQUENCIES, share).mean(axis=1))
     banded = eqx.tree_at(lambda s: s.power_spectrum, scene, bands, is_leaf=lambda x: x is None)
-    return DesignObjective(objective.loss, banded, objective.space, rough)
+    return objective_of(objective.loss, banded, space, rough)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from enum import Enum
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -14,7 +15,7 @@ from mishutter.design import Design
 from mishutter.design_space import DesignSpace, all_that_can_move, design_space, within_limits
 from mishutter.losses.base import AbstractLoss
 from mishutter.motion import AbstractMotion
-from mishutter.objective import objective_of, roughly
+from mishutter.objective import AbstractObjective, objective_of, roughly
 from mishutter.plan import PLANNED, Automatic, Plan, reduced
 from mishutter.planning import design_at, full_sizes
 from mishutter.planning import plan as plan_of_scene
@@ -28,7 +29,8 @@ from mishutter.shutters.windows import (
     TriangleShutter,
     TukeyShutter,
 )
-from mishutter.solvers import Progress, certificate_at, descend, losses_at, polish
+from mishutter.solvers import Descent, Progress, certificate_at, descend, losses_at, polish
+from mishutter.threads import alone_in_blas
 from mishutter.types import require, require_positive_int, require_seed
 
 _CERTIFIED = 1e-3
@@ -36,6 +38,8 @@ _CERTIFIED = 1e-3
 _GRID_COORDINATES = 3
 _GRID_POINTS = {1: 16, 2: 6, 3: 4}
 _NUM_POLISHED = 3
+_SEEN = 1e-3
+"""Fall of a loss, as a share of it, that a history shows."""
 
 
 class Outcome(Enum):
@@ -53,6 +57,7 @@ class SearchFailedError(RuntimeError):
     """A search with `throw=True` did not converge."""
 
 
+@alone_in_blas()
 def optimise(
     scene: Scene,
     motion: AbstractMotion,
@@ -71,9 +76,9 @@ def optimise(
 
     Optimistix BFGS descends from many starts at once: the given design, the baselines'
     profiles, then random ones. The best is polished by jaxopt's box-constrained
-    L-BFGS-B. Where at most three coordinates move, the starts are the given design and a
-    grid, and the best of them are polished directly. The result is never worse than the
-    best start.
+    L-BFGS-B. Where at most three coordinates move, the starts are the given design and the
+    best of a grid, and are polished directly. The result is never worse than the best
+    start.
 
     Where acceleration moves, a design keeps up ($2aT$) with the fastest object that occurs
     or with what the given motion keeps up with, whichever is slower: a given motion within
@@ -118,26 +123,16 @@ def optimise(
         plan = plan_of_scene(scene, motion, shutter, loss=loss, free=space.free)
     objective = objective_of(loss, reduced(scene, plan), space, plan)
     starts = start_boxes(space, num_starts, seed)
-    first = losses_at(objective, starts)
-    history = np.minimum.accumulate(first)
     if space.size > _GRID_COORDINATES:
-        rough = roughly(objective)
-        descent = descend(rough, jax.device_put(starts), max_steps=max_steps, progress=progress)
-        ends = descent.boxes[np.argsort(descent.losses, kind="stable")[:_NUM_POLISHED]]
-        history = descent.history
-        if rough is not objective:
-            history = np.minimum.accumulate(losses_at(objective, descent.trail))
-        candidates = np.concatenate([ends, starts])
-        losses = np.concatenate([losses_at(objective, ends), first])
-        num_polished = 1
+        found = _descended(objective, space, starts, max_steps, progress)
     else:
-        candidates, losses, num_polished = starts, first, _NUM_POLISHED
-    best = np.argsort(losses, kind="stable")[:num_polished]
-    ends = [polish(objective, candidates[index], max_steps=max_steps) for index in best]
+        found = _from_grid(objective, space, starts, max_steps)
+    best = np.argsort(found.losses, kind="stable")[: found.num_polished]
+    ends = [polish(objective, found.boxes[index], max_steps=max_steps) for index in best]
     polished = min(ends, key=lambda end: end.loss)
     box, value, certificate = polished.box, polished.loss, polished.certificate
-    if float(losses[best[0]]) < value:
-        box, value = candidates[best[0]], float(losses[best[0]])
+    if float(found.losses[best[0]]) < value:
+        box, value = found.boxes[best[0]], float(found.losses[best[0]])
         certificate = certificate_at(objective, box)
     outcome = _outcome(certificate, value, polished.num_steps >= max_steps)
     if throw and outcome is not Outcome.CONVERGED:
@@ -148,18 +143,73 @@ def optimise(
         motion=found_motion,
         scene=scene,
         loss=value,
-        history=np.append(history, min(value, history[-1])),
+        history=np.append(found.history, min(value, found.history[-1])),
         converged=outcome is Outcome.CONVERGED,
         outcome=outcome.value + ("" if within_limits(found_motion, space.limits) else _OUTSIDE),
         certificate=certificate,
         loss_name=repr(loss),
-        best_start_loss=float(np.min(first)),
+        best_start_loss=found.best_start_loss,
         plan=plan,
     )
     if plan.tolerance == 0:
         return design
     again = partial(optimise, num_starts=1, seed=seed, max_steps=max_steps, progress=progress)
     return _confirmed(design, plan, loss, space, again)
+
+
+class _Found(NamedTuple):
+    """Points to polish the best of: losses, the history so far, and the least at a start."""
+
+    boxes: np.ndarray
+    losses: np.ndarray
+    history: np.ndarray
+    best_start_loss: float
+    num_polished: int
+
+
+def _descended(
+    objective: AbstractObjective,
+    space: DesignSpace,
+    starts: np.ndarray,
+    max_steps: int,
+    progress: Progress | None,
+) -> _Found:
+    """The starts, and where descents on the rough objective lead from them."""
+    rough = roughly(objective, space)
+    first = losses_at(objective, starts)
+    descent = descend(rough, jax.device_put(starts), max_steps=max_steps, progress=progress)
+    history = descent.history if rough is objective else _measured(objective, descent)
+    ends = descent.boxes[np.argsort(descent.losses, kind="stable")[:_NUM_POLISHED]]
+    losses = np.concatenate([losses_at(objective, ends), first])
+    return _Found(np.concatenate([ends, starts]), losses, history, float(np.min(first)), 1)
+
+
+def _measured(objective: AbstractObjective, descent: Descent) -> np.ndarray:
+    """History of a rough descent by the whole objective, wherever it fell by a thousandth."""
+    rough, steps = descent.history, [0]
+    for step, value in enumerate(rough):
+        if rough[steps[-1]] - value > _SEEN * abs(value):
+            steps.append(step)
+    losses = np.full(rough.size, np.inf)
+    losses[steps] = losses_at(objective, descent.trail[steps])
+    return np.minimum.accumulate(losses)
+
+
+def _from_grid(
+    objective: AbstractObjective, space: DesignSpace, starts: np.ndarray, max_steps: int
+) -> _Found:
+    """The given design and the best of a grid, and where polishes on the rough objective end."""
+    rough = roughly(objective, space)
+    best = np.argsort(losses_at(rough, starts), kind="stable")[:_NUM_POLISHED]
+    boxes = starts[np.union1d(0, best)]
+    first = losses = losses_at(objective, boxes)
+    num_polished = _NUM_POLISHED
+    if rough is not objective:
+        ends = np.stack([polish(rough, starts[index], max_steps=max_steps).box for index in best])
+        boxes = np.concatenate([ends, boxes])
+        losses = np.concatenate([losses_at(objective, ends), first])
+        num_polished = 1
+    return _Found(boxes, losses, np.minimum.accumulate(first), float(np.min(first)), num_polished)
 
 
 def _confirmed(

@@ -21,6 +21,9 @@ _STEPS_PER_CALL, _PATIENCE = 10, 3
 _TOGETHER = 16
 _MARGIN = 0.02
 _TOLERANCE = 1e-7
+_MEMORY = 10
+"""Steps that L-BFGS-B remembers; more than coordinates say nothing new, and each number of them
+has JAX compile what jaxopt makes of it."""
 
 
 class NonFiniteLossError(ArithmeticError):
@@ -276,6 +279,7 @@ def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> 
         maxiter=max_steps,
         jit=False,
         tol=1e-9,
+        options={"maxcor": min(_MEMORY, box.size)},
     )
     low, high = np.zeros_like(box), np.ones_like(box)
     point, info = solver.run(jax.device_put(box), bounds=(low, high))

@@ -3,9 +3,12 @@
 import itertools
 import os
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from contextlib import contextmanager
+from functools import lru_cache
+from threading import Lock
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -63,3 +66,38 @@ def in_threads(
             yield waiting.popleft().result()
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+class _Alone:
+    """Who asked for BLAS in one thread, and what takes that back."""
+
+    lock = Lock()
+    num_callers = 0
+    limits: Any = None
+
+
+@contextmanager
+def alone_in_blas() -> Iterator[None]:
+    """BLAS in the calling thread alone, for all of the process, until the last caller leaves.
+
+    On matrices of a few rows its threads take a hundred times as long to meet as to work
+    where the processors are busy.
+    """
+    with _Alone.lock:
+        _Alone.num_callers += 1
+        if _Alone.num_callers == 1:
+            _Alone.limits = _thread_pools().limit(limits=1, user_api="blas")
+    try:
+        yield
+    finally:
+        with _Alone.lock:
+            _Alone.num_callers -= 1
+            if _Alone.num_callers == 0:
+                _Alone.limits.restore_original_limits()
+
+
+@lru_cache
+def _thread_pools() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

@@ -27,7 +27,7 @@ from mishutter import (
     starting_shutter,
 )
 from mishutter.design_space import FREE_NAMES, all_that_can_move, design_space
-from mishutter.objective import DesignObjective, LinearObjective, objective_of
+from mishutter.objective import DesignObjective, LinearObjective, objective_of, roughly
 from mishutter.optimise import start_boxes
 from mishutter.plan import needed_speeds
 from mishutter.solvers import Polished, descend, losses_at, polish, projected_gradient_norm
@@ -92,6 +92,22 @@ def test_a_start_within_the_limits_is_a_point_of_the_box(stroke, half_exposure):
     _, found = space.at(space.box(PROFILE, motion))
     assert np.isclose(found.acceleration, motion.acceleration, rtol=1e-13)
     assert np.isclose(found.half_exposure, motion.half_exposure, rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("shutter", "free"),
+    [(HannShutter(), ("acceleration", "half_exposure")), (TukeyShutter(0.5), None)],
+)
+def test_a_rough_grid_leads_where_the_whole_loss_does(shutter, free):
+    """Polished from every point of the grid by the whole loss, none ends lower."""
+    loss = ExpectedErrorLoss()
+    design = optimise(SCENE, MOTION, shutter, loss=loss, free=free)
+    space = design_space(SCENE, MOTION, shutter, free or all_that_can_move(MOTION, shutter))
+    objective = objective_of(loss, needed_speeds(SCENE, shutter), space, design.plan)
+    assert roughly(objective, space) is not objective
+    ends = [polish(objective, box, max_steps=300).loss for box in start_boxes(space, 1, 0)]
+    assert design.converged, design.outcome
+    assert design.loss <= min(ends) * (1 + 1e-7)
 
 
 @pytest.mark.parametrize("free", ["acceleration", ("acceleration", "half_exposure")])

@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
-from mishutter.threads import in_threads, num_threads
+from mishutter.threads import alone_in_blas, in_threads, num_threads
 
 
 @pytest.mark.parametrize("count", [1, 3])
@@ -67,3 +68,21 @@ def test_processors_are_shared_out():
     here = np.array(jax.devices())
     assert num_threads(here) >= 1
     assert num_threads(np.repeat(here, 1000)) == 1
+
+
+def _blas_threads():
+    return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+
+def test_blas_is_alone_until_the_last_caller_leaves():
+    """Inside one another and side by side; then it has as many threads as it had."""
+
+    @alone_in_blas()
+    def found(_):
+        return _blas_threads()
+
+    before = _blas_threads()
+    with alone_in_blas():
+        inside = [found(0), *in_threads(found, range(6), 2), _blas_threads()]
+    assert all(set(counts) == {1} for counts in inside)
+    assert _blas_threads() == before
