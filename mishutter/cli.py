@@ -36,6 +36,7 @@ from mishutter.cli_plan import plan, plan_text
 from mishutter.cli_sweep import sweep
 from mishutter.files import short_names, writable_folder
 from mishutter.terminal import (
+    ends_when_asked,
     error_line,
     note,
     progress_bar,
@@ -201,7 +202,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = typer.main.get_command(app)
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        code = command.main(given, prog_name="mishutter", standalone_mode=False)
+        with ends_when_asked():
+            code = command.main(given, prog_name="mishutter", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         code = 130
     except BrokenPipeError:

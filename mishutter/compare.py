@@ -1,6 +1,6 @@
 """A design beside its baselines, and the verdict for a scene."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -26,7 +26,7 @@ from mishutter.shutters import (
     TukeyShutter,
 )
 from mishutter.threads import alone_in_blas, in_threads, num_processors
-from mishutter.types import require
+from mishutter.types import named, require
 
 SAME_MOTION = "same motion"
 OWN_BEST_MOTION = "own best motion"
@@ -34,6 +34,7 @@ BEST_TUKEY = "best Tukey"
 BEST_SNAPSHOT = "best snapshot"
 
 Step = Callable[[str], None]
+Entry = AbstractShutter | Design
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class Comparison:
 def compare(
     scene: Scene,
     motion: AbstractMotion,
-    shutters: Mapping[str, AbstractShutter | Design] | None = None,
+    shutters: Mapping[str, Any] | Sequence[Any] | Entry | None = None,
     *,
     loss: AbstractLoss | None = None,
     step: Step | None = None,
@@ -128,7 +129,8 @@ def compare(
     Args:
         scene: Speeds, light, noise and limits.
         motion: Motion of the first reading, and the start of the second.
-        shutters: What to compare with the baselines, by name: profiles or designs.
+        shutters: What to compare with the baselines, by name: profiles or designs. Those of a
+            list are "shutter 0" and so on.
         loss: What tunes the motions; the expected error by default.
         step: Called with the name of each shutter when its own best motion is found.
         plan: What to compute: of a plan only its tolerance is kept, for the searches, and
@@ -138,14 +140,15 @@ def compare(
         The table and the verdict.
 
     Raises:
-        ValueError: if a name is that of a baseline that is not the same shutter.
+        ValueError: if a name is that of a baseline that is not the same shutter, or
+            something else than a shutter or a design is given.
     """
     loss = ExpectedErrorLoss() if loss is None else loss
     step = step or (lambda name: None)
     motion = settled(motion)
     tuned = partial(_tuned, loss=loss, plan=plan)
     measured_by = PLANNED if isinstance(plan, Plan) else plan
-    given = dict(shutters or {})
+    given = _given(shutters) if shutters else {}
     for name, entry in given.items():
         _require_own_name(name, entry)
     entries = given | {name: window for name, window in baselines().items() if name not in given}
@@ -170,6 +173,11 @@ def compare(
         at_best[row.name] = row
     rows += [at_best[name] for name in (*fixed, BEST_TUKEY, BEST_SNAPSHOT)]
     return _with_verdict(rows, tuple(given))
+
+
+def _given(shutters: object) -> dict[str, Entry]:
+    kinds, what = (AbstractShutter, Design), "shutter or design"
+    return named("compare(shutters=...)", shutters, kinds, what, label="shutter ")
 
 
 def baselines() -> dict[str, AbstractShutter]:

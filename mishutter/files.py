@@ -32,7 +32,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
             file.write(content)
         move_into_place(temporary, target)
     except BaseException:
-        os.unlink(temporary)
+        Path(temporary).unlink(missing_ok=True)
         raise
 
 

@@ -123,6 +123,7 @@ def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
     require(floating, subject, "hold light as floating-point numbers", str(light.dtype))
     finite = bool(np.all(np.isfinite(light)))
     require(finite, subject, "hold finite light", "a value that is not")
+    require(bool(np.min(light) >= 0), subject, "hold light of at least 0", np.min(light))
     same = shape is None or light.shape == shape
     require(same, subject, f"all have shape {shape}", f"shape {light.shape}")
     return light

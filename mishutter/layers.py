@@ -1,6 +1,7 @@
 """Objects in front of one another, each at its own speed, captured with exact occlusion."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +68,7 @@ class Layers:
         require(opaque, "Layers(layers=...)", "begin with an opaque layer", "one with a matte")
 
     @staticmethod
-    def load(path: str) -> "Layers":
+    def load(path: str | Path) -> "Layers":
         """Read a layered scene from a TOML file; see `mishutter.layers_file` for its keys.
 
         Raises:

@@ -49,6 +49,11 @@ class Metrics(eqx.Module):
     dft_length: int = eqx.field(static=True)
     num_taps: int = eqx.field(static=True)
 
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        lines = (f"  {name}={getattr(self, name)}" for name in self.__dataclass_fields__)
+        return "\n".join(["Metrics(", *lines, ")"])
+
 
 def evaluate(
     scene: Scene,

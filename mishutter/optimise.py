@@ -31,7 +31,7 @@ from mishutter.shutters.windows import (
 )
 from mishutter.solvers import Descent, Progress, certificate_at, descend, losses_at, polish
 from mishutter.threads import alone_in_blas
-from mishutter.types import require, require_positive_int
+from mishutter.types import require, require_positive_int, require_seed
 
 _CERTIFIED = 1e-3
 """Largest projected gradient of a minimum, as a share of the loss."""
@@ -113,6 +113,7 @@ def optimise(
     """
     require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
+    require_seed("optimise(seed=...)", seed)
     require(isinstance(loss, AbstractLoss), "optimise(loss=...)", "be a loss", loss)
     free = all_that_can_move(motion, shutter) if free is None else free
     space = design_space(scene, motion, shutter, free)

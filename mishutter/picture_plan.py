@@ -4,12 +4,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.plan import Automatic, Plan
+from mishutter.plan import Automatic, Plan, require_plan
 from mishutter.types import is_concrete
 
 
 def skips(plan: Plan | Automatic | None) -> bool:
     """Whether an argument `plan=` leaves out what changes nothing."""
+    require_plan(plan)
     return plan.skips if isinstance(plan, Plan) else plan is not None
 
 

@@ -26,7 +26,7 @@ from mishutter.shutters import (
 )
 from mishutter.spectrum import default_num_frequencies
 from mishutter.speeds import distinct_speeds, quadrature
-from mishutter.types import is_concrete
+from mishutter.types import is_concrete, require
 
 NUM_FREQUENCIES = 256
 _PHASE_PER_NODE = 1.8
@@ -196,10 +196,17 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
 
+def require_plan(value: object) -> None:
+    """Refuse what is no argument `plan=`, which would else be taken for the default."""
+    known = value is None or isinstance(value, Plan | Automatic)
+    require(known, "plan", "be a plan, or None for everything", value)
+
+
 def chosen(
     plan: Plan | Automatic | None, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
 ) -> Plan:
     """The plan that an argument `plan=` stands for; None computes everything."""
+    require_plan(plan)
     if isinstance(plan, Plan):
         return plan
     return sizes(scene, motion) if plan is None else automatic(scene, motion, shutter)

@@ -8,7 +8,7 @@ import io
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -38,6 +38,16 @@ _CROP = (160, 240)
 _DOTS_PER_INCH = 130
 _MOST_COLUMNS = 1000
 """More columns of a picture than a panel has dots for are averaged."""
+_LEAST_HEIGHT = 1 / 16
+"""Of a panel, in widths: a picture that is flatter is stretched to it, so that it is seen."""
+
+
+@final
+class Drawing(Figure):
+    """A figure that a notebook shows, which it does by itself only with `pyplot` imported."""
+
+    def _repr_png_(self) -> bytes:
+        return _png(self)
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -46,10 +56,14 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     Raises:
         OSError: if the file cannot be written.
     """
+    write_bytes(path, _png(figure))
+
+
+def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     FigureCanvasAgg(figure)
     figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
-    write_bytes(path, buffer.getvalue())
+    return buffer.getvalue()
 
 
 def plot_profiles(designs: Named) -> Figure:
@@ -76,7 +90,8 @@ def plot_drive(table: DriveTable) -> Figure:
     top.plot(edges[:-1] + step / 2, table.wanted, label="designed", **second)
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
     top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    bottom.plot(edges[:-1], table.position, **first)
+    time = np.linspace(edges[0], edges[-1], _NUM_POINTS)
+    bottom.plot(time, float(table.design.motion.acceleration) * (time * 1e-3) ** 2, **first)
     bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
     return figure
 
@@ -167,7 +182,7 @@ def plot_photograph(
     scale = 2.6 / columns
     count = len(results) + 1
     size = (count * columns * scale + 0.1, 2 * rows * scale + 1.0)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Drawing(figsize=size, layout="constrained")
     panels = figure.subplots(2, count, squeeze=False)
     reference = next(iter(results.values())).reference
     _show(panels[0, 0], reference, crop, "the scene, at rest")
@@ -191,12 +206,14 @@ def plot_capture(seen: object, captured: np.ndarray, restored: np.ndarray) -> Fi
         shown = {"the scene, at rest": seen.light} | shown
     rows, columns = captured.shape[:2]
     width = 4.0
-    size = (len(shown) * width + 0.2, width * min(rows / columns, 3.0) + 0.6)
-    figure = Figure(figsize=size, layout="constrained")
+    height = float(np.clip(rows / columns, _LEAST_HEIGHT, 3.0))
+    size = (len(shown) * width + 0.2, width * height + 0.6)
+    figure = Drawing(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, light) in zip(panels[0], shown.items(), strict=True):
         small = _shrunk(light, max(1, columns // _MOST_COLUMNS))
         _show(axes, small, small.shape[:2], title)
+        axes.set_aspect("auto" if rows / columns < _LEAST_HEIGHT else "equal")
     return figure
 
 
@@ -246,7 +263,7 @@ def _styles() -> Any:
 
 
 def _new(num_panels: int, *, height: float = 4.2, share: bool = False) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(7.0, height * num_panels + 0.4), layout="constrained")
+    figure = Drawing(figsize=(7.0, height * num_panels + 0.4), layout="constrained")
     panels = figure.subplots(num_panels, 1, squeeze=False, sharex=share, sharey=share)
     for axes in panels[:, 0]:
         axes.grid(True, color="0.88", linewidth=0.6)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from mishutter.design import shutter_from_dict
-from mishutter.plots import save_figure
+from mishutter.plots import Drawing, save_figure
 from mishutter.scene import Scene
 from mishutter.shutters import SplineShutter
 from mishutter.sweep_grid import OPTIMISED
@@ -78,7 +78,7 @@ def plot_map(
     values = values[rows][:, columns]
     if min(values.shape) > 1:
         a, values = a[a > 0], values[a > 0]
-    figure = Figure(figsize=(7.0, 5.4), layout="constrained")
+    figure = Drawing(figsize=(7.0, 5.4), layout="constrained")
     axes = figure.subplots()
     draw = _draw_map if min(values.shape) > 1 else _draw_line
     x, y = draw(axes, half, a, values, _label(dataset, metric))
@@ -153,7 +153,8 @@ def _scale(set_scale: Callable[[str], None], axis: Axis, values: np.ndarray) -> 
     set_scale("log")
     if known.min() >= 1e-3 and known.max() < 1e5:
         axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
+        shown = "235" if known.max() < 100 * known.min() else ""
+        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in shown else "")
 
 
 def _contours(axes: Axes, half: np.ndarray, a: np.ndarray) -> None:
@@ -197,7 +198,7 @@ def plot_front(
     places = np.stack([front[name].values for name in objectives], axis=1)
     finite = np.all(np.isfinite(places), axis=1)
     front, places = front.isel(point=finite), places[finite]
-    figure = Figure(figsize=(7.0, 7.0), layout="constrained")
+    figure = Drawing(figsize=(7.0, 7.0), layout="constrained")
     rows = figure.add_gridspec(2, 1, height_ratios=(3, 1))
     axes = figure.add_subplot(rows[0])
     _draw_points(axes, dataset, objectives)

@@ -52,7 +52,7 @@ def psnr(
         dB; `inf` where the two agree.
 
     Raises:
-        ValueError: if the shapes differ, or the matte is empty.
+        ValueError: if the shapes differ, a value is not finite, or the matte is empty.
     """
     true, found = _alike("psnr", reference, estimate)
     weight = None if matte is None else _weights(true.shape, matte)
@@ -178,6 +178,9 @@ def _alike(name: str, reference: ArrayLike, estimate: ArrayLike) -> tuple[np.nda
     true, found = np.asarray(reference), np.asarray(estimate)
     alike = true.shape == found.shape and true.size > 0
     require(alike, f"{name}(estimate=...)", f"have shape {true.shape}", f"shape {found.shape}")
+    for argument, values in (("reference", true), ("estimate", found)):
+        finite = bool(np.all(np.isfinite(values)))
+        require(finite, f"{name}({argument}=...)", "be finite", "a value that is not")
     return true, found
 
 

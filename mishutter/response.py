@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from mishutter.compiling import quick_to_compile, seldom_run
 from mishutter.kernel import binned_exposure, blur_kernel
-from mishutter.motion import AbstractMotion, StillCamera
+from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.nodes import LitNodes, light_let_through, lit_nodes
 from mishutter.plan import Plan, size_class
 from mishutter.scene import Scene
@@ -135,7 +135,7 @@ def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:
     A moving sensor is aligned at the vertex, a camera at rest at mid-exposure, in the
     middle of its middle tap.
     """
-    return -0.5 - num_taps // 2 if isinstance(motion, StillCamera) else 0.0
+    return -0.5 - num_taps // 2 if isinstance(settled(motion), StillCamera) else 0.0
 
 
 def kernels_at_speeds(
@@ -149,7 +149,7 @@ def kernels_at_speeds(
     Known ones are computed eight at a time and cut from longer ones, so that one program
     for each kind of shutter serves whoever asks, for however many.
     """
-    kernels = _kernels_and_light(shutter, motion, speeds, num_taps)[0]
+    kernels = _kernels_and_light(shutter, settled(motion), speeds, num_taps)[0]
     if not isinstance(kernels, np.ndarray):
         return kernels
     with jax.ensure_compile_time_eval():

@@ -4,6 +4,7 @@ import os
 from typing import final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
@@ -216,7 +217,7 @@ class Scene(eqx.Module):
         return Scene(speeds, **others)  # type: ignore[arg-type]
 
     @staticmethod
-    def load(path: str) -> "Scene":
+    def load(path: str | os.PathLike[str]) -> "Scene":
         """Read a scene from a TOML file; see `mishutter.scene_file` for its keys.
 
         Raises:
@@ -225,7 +226,7 @@ class Scene(eqx.Module):
         """
         from mishutter.scene_file import read_scene
 
-        return read_scene(path)
+        return read_scene(os.fspath(path))
 
     def bare(
         self,
@@ -262,7 +263,8 @@ class Scene(eqx.Module):
         """Largest speed of either sign that occurs; px/s."""
         if self.speeds_known:
             speeds, weights = np.asarray(self.speeds), np.asarray(self.weights)
-            return jnp.asarray(np.max(np.abs(speeds), where=weights > 0, initial=0))
+            with jax.ensure_compile_time_eval():  # a number also where something else is traced
+                return jnp.asarray(np.max(np.abs(speeds), where=weights > 0, initial=0))
         return jnp.max(jnp.where(self.weights > 0, jnp.abs(self.speeds), 0))
 
 

@@ -12,7 +12,7 @@ from mishutter.compiling import compiled
 from mishutter.frames import Frames, expose_frames
 from mishutter.kernel import support
 from mishutter.layers import Layers, expose_layers
-from mishutter.motion import AbstractMotion, StillCamera
+from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.noise import recorded, white_electrons
 from mishutter.picture_plan import distinct_colours, every_colour, skips
 from mishutter.pictures import Picture
@@ -148,8 +148,10 @@ def capture_kernel(
     num_taps, origin = kernel_layout(motion, speed)
     dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
     speeds = np.asarray([float(speed)], dtype)
-    (taps,) = np.asarray(kernels_at_speeds(shutter, motion, speeds, num_taps), dtype)
-    return jax.device_put(taps), origin
+    kernels = kernels_at_speeds(shutter, motion, speeds, num_taps)
+    if not is_concrete(kernels):
+        return kernels[0].astype(dtype), origin
+    return jax.device_put(np.asarray(kernels, dtype)[0]), origin
 
 
 def centred_kernel(
@@ -194,7 +196,7 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     held = math.isfinite(longest) and longest <= MAX_TAPS
     require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_TAPS} px", longest)
     num_taps = max(least_taps, sized_for(longest - 1, stroke + smear / 2).num_taps)
-    return num_taps, num_taps // 2 if isinstance(motion, StillCamera) else 0
+    return num_taps, num_taps // 2 if isinstance(settled(motion), StillCamera) else 0
 
 
 def as_light(picture: Picture | ArrayLike, subject: str) -> Array:
@@ -208,12 +210,16 @@ def as_light(picture: Picture | ArrayLike, subject: str) -> Array:
 
 
 def as_pixels(picture: ArrayLike, subject: str) -> Array:
-    """Pixels as an array: `(rows, columns)` or with channels last."""
+    """Pixels as an array of 32 or 64 bits: `(rows, columns)` or with channels last."""
     shape = np.shape(picture)
     require(len(shape) >= 2, subject, "have rows and columns", shape)
     require(0 not in shape, subject, "hold at least one pixel", shape)
     require_finite(subject, picture)
-    return jnp.asarray(picture, common_dtype(picture))
+    coded = getattr(picture, "dtype", None) in (np.uint8, np.uint16)
+    requirement = "hold light, white = 1, as `read_picture` makes it of what a file holds"
+    require(not coded, subject, requirement, getattr(picture, "dtype", None))
+    dtype = common_dtype(picture)
+    return jnp.asarray(picture, dtype if dtype.itemsize >= 4 else np.float32)
 
 
 def _recorded(

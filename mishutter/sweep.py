@@ -17,9 +17,16 @@ from mishutter.scene import Scene
 from mishutter.shutters import AbstractShutter, SplineShutter, TukeyShutter
 from mishutter.sweep_blocks import Engine
 from mishutter.sweep_cluster import compute_remotely, connection
-from mishutter.sweep_grid import METRICS, OPTIMISED, Grid, Search, checked_axis, named
+from mishutter.sweep_grid import METRICS, OPTIMISED, Grid, Search, checked_axis
 from mishutter.sweep_store import AbstractBlocks, MemoryBlocks, StoredBlocks
-from mishutter.types import RowLike, describe, require, require_positive_int
+from mishutter.types import (
+    RowLike,
+    describe,
+    named,
+    require,
+    require_positive_int,
+    require_seed,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -42,7 +49,7 @@ def sweep(
     num_coefficients: int = 24,
     max_steps: int = 40,
     seed: int = 0,
-    metrics: Sequence[str] | None = None,
+    metrics: str | Sequence[str] | None = None,
     photon_rates: RowLike | None = None,
     read_noises: RowLike | None = None,
     full_well: float | None = None,
@@ -68,7 +75,7 @@ def sweep(
         num_coefficients: Coefficients of the profile.
         max_steps: Steps of each descent, at most.
         seed: Of the random starts.
-        metrics: Which fields of `Metrics` to keep; all by default.
+        metrics: Which field or fields of `Metrics` to keep; all by default.
         photon_rates: Light to measure under in place of the scene's, e-/s at white,
             ascending; a dimension of the expected PSNR.
         read_noises: The same of the read noise, e-.
@@ -148,6 +155,7 @@ def _grid(
     plan: Plan | Automatic | None,
 ) -> Grid:
     named_scenes = named("sweep(scenes=...)", scenes, Scene, "scene")
+    metrics = [metrics] if isinstance(metrics, str) else metrics
     chosen = tuple(METRICS) if metrics is None else tuple(metrics)
     known = bool(chosen) and all(name in METRICS for name in chosen)
     require(known, "sweep(metrics=...)", f"name some of {', '.join(METRICS)}", metrics)
@@ -185,6 +193,7 @@ def _search(
     plan: Plan | Automatic | None,
 ) -> Search:
     require_positive_int("sweep(max_steps=...)", max_steps)
+    require_seed("sweep(seed=...)", seed)
     starts = [starting_shutter(scene, num_coefficients) for scene in scenes.values()]
     symmetric = all(isinstance(s, SplineShutter) and s.symmetric for s in starts)
     chosen = ExpectedErrorLoss() if loss is None else loss

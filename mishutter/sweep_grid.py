@@ -3,7 +3,6 @@
 import hashlib
 import itertools
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -263,19 +262,6 @@ def checked_axis(subject: str, values: Any, *, bound: str, strict: bool) -> np.n
     require(bool(np.all(inside)), subject, f"be {bound}", axis)
     require(bool(np.all(np.diff(axis) > 0)), subject, "ascend without repeats", axis)
     return axis
-
-
-def named(subject: str, given: Any, kind: type, what: str) -> dict[str, Any]:
-    """Things by name, from one, from a list or from a mapping of them."""
-    if isinstance(given, Mapping):
-        found = {str(name): value for name, value in given.items()}
-    elif isinstance(given, Sequence) and not isinstance(given, str):
-        found = {str(index): value for index, value in enumerate(given)}
-    else:
-        found = {"0": given}
-    right = bool(found) and all(isinstance(value, kind) for value in found.values())
-    require(right, subject, f"hold at least one {what} and nothing else", given)
-    return found
 
 
 def _listed(values: np.ndarray | None) -> list[float] | None:

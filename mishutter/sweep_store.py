@@ -5,6 +5,7 @@ store of anything else is refused. A block's arrays are chunks of their own, and
 `done` is written last: what is marked is whole.
 """
 
+import errno
 import json
 import os
 import shutil
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 Arrays = dict[str, np.ndarray]
 _DONE = "done"
 _SUBJECT = "sweep(store=...)"
+_OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
 _COORDINATES = {
     "acceleration": ("parameter a of x = a t^2", "px/s^2"),
     "half_exposure": ("half the exposure, T", "s"),
@@ -224,9 +226,11 @@ def _create(grid: Grid, path: Path) -> None:
         )
         os.chmod(folder, 0o777 & ~_umask())
         os.rename(folder, path)
-    except BaseException:
+    except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
-        raise
+        # Another process that began meanwhile made it; whether it is the same sweep is seen next.
+        if not (isinstance(error, OSError) and error.errno in _OCCUPIED):
+            raise
 
 
 def _umask() -> int:

@@ -1,9 +1,13 @@
 """What a terminal sees: one line for an error, a progress bar, strict JSON, a table."""
 
+import os
 import re
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -143,18 +147,48 @@ def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]
         yield lambda done, message="": progress.update(task, completed=done, message=message)
 
 
+@contextmanager
+def ends_when_asked() -> Iterator[None]:
+    """SIGTERM ends what is under way as an exit does, so that no file is left half written.
+
+    Raises:
+        SystemExit: with 143, as a shell tells of a process that was terminated.
+    """
+
+    def end(*_: object) -> None:
+        raise SystemExit(128 + signal.SIGTERM)
+
+    if threading.current_thread() is not threading.main_thread():  # which alone is told
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def start_jax() -> None:
-    """64-bit numbers, and compiled programs kept in the user's cache folder."""
+    """64-bit numbers, and compiled programs kept in the user's cache folder, if it takes files."""
     import jax
     from platformdirs import user_cache_path
 
     from mishutter.programs import keep_programs
 
     jax.config.update("jax_enable_x64", True)
-    if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
-        folder = user_cache_path("mishutter", appauthor=False) / "jax"
+    folder = user_cache_path("mishutter", appauthor=False) / "jax"
+    if getattr(jax.config, "jax_compilation_cache_dir", None) is None and _takes_files(folder):
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
         if getattr(jax.config, "jax_enable_compilation_cache", True):
             keep_programs(folder.parent / "programs")
+
+
+def _takes_files(folder: Path) -> bool:
+    """Whether a folder is there, or can be made, and may be written to."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)

@@ -31,17 +31,18 @@ _NUM_REFINEMENTS = 6
 
 
 def best_points(
-    dataset: "xarray.Dataset", objectives: Sequence[str] | None = None
+    dataset: "xarray.Dataset", objectives: str | Sequence[str] | None = None
 ) -> dict[str, "xarray.Dataset"]:
     """The best point of a sweep under each objective, of all shutters; by objective.
 
     Args:
         dataset: What `sweep` returned, of one scene and light.
-        objectives: Metrics; all that the sweep holds by default.
+        objectives: One metric or several; all that the sweep holds by default.
 
     Raises:
         ValueError: if an objective is not a metric of the sweep.
     """
+    objectives = [objectives] if isinstance(objectives, str) else objectives
     names = [n for n in OBJECTIVES if n in dataset] if objectives is None else list(objectives)
     found = {}
     for name in names:
@@ -54,7 +55,7 @@ def best_points(
 
 
 def pareto_front(
-    dataset: "xarray.Dataset", objectives: Sequence[str] | Mapping[str, str]
+    dataset: "xarray.Dataset", objectives: str | Sequence[str] | Mapping[str, str]
 ) -> "xarray.Dataset":
     """Points of a sweep that nothing betters under every objective at once.
 
@@ -70,6 +71,7 @@ def pareto_front(
         ValueError: if there are no two objectives, one is not a metric of the sweep, or
             they are not over the same dimensions.
     """
+    objectives = [objectives] if isinstance(objectives, str) else objectives
     senses = dict(objectives) if isinstance(objectives, Mapping) else dict.fromkeys(objectives, "")
     subject = "pareto_front(objectives=...)"
     require(len(senses) >= 2, subject, "name at least two metrics", objectives)

@@ -13,7 +13,8 @@
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.core
@@ -87,6 +88,38 @@ def require_positive_int(subject: str, value: object) -> int:
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     require(whole and int(value) >= 1, subject, "be a positive integer", value)  # type: ignore[call-overload]
     return int(value)  # type: ignore[arg-type]
+
+
+def named(
+    subject: str, given: object, kind: type | tuple[type, ...], what: str, label: str = ""
+) -> dict[str, Any]:
+    """Things by name, from one, from a list or from a mapping of them.
+
+    Args:
+        subject: The argument.
+        given: The things; those without names are numbered.
+        kind: What each must be.
+        what: What to call one in an error.
+        label: What stands before a number.
+
+    Raises:
+        ValueError: if there is none, or one of another kind.
+    """
+    if isinstance(given, Mapping):
+        found = {str(name): value for name, value in given.items()}
+    elif isinstance(given, Sequence) and not isinstance(given, str):
+        found = {f"{label}{index}": value for index, value in enumerate(given)}
+    else:
+        found = {f"{label}0": given}
+    right = bool(found) and all(isinstance(value, kind) for value in found.values())
+    require(right, subject, f"hold at least one {what} and nothing else", given)
+    return found
+
+
+def require_seed(subject: str, value: object) -> None:
+    """Refuse anything but a whole number of at least 0."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    require(whole and int(value) >= 0, subject, "be a whole number of at least 0", value)  # type: ignore[call-overload]
 
 
 class Bare(str):

@@ -7,6 +7,7 @@ see that nothing else reaches the terminal.
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -224,6 +225,19 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
+def test_a_termination_is_143(monkeypatch):
+    """SIGTERM unwinds a command, which takes away what it has begun to write."""
+
+    def terminated(*_, **__):
+        os.kill(os.getpid(), signal.SIGTERM)
+        raise AssertionError
+
+    monkeypatch.setattr("mishutter.scene_file.example_scene", terminated)
+    with pytest.raises(SystemExit, match="143"):
+        cli.main(["compare"])
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
 def test_a_bug_shows_itself(monkeypatch):
     """What is no mistake of the user's keeps its traceback."""
 
@@ -246,6 +260,17 @@ def test_nothing_else_reaches_the_terminal(arguments):
     assert done.stdout == ""
     assert len(done.stderr.splitlines()) == 1
     assert done.stderr.startswith("mishutter: error: ")
+
+
+def test_without_a_cache_folder(small_scene, tmp_path):
+    """Where the user's cache folder takes no files, nothing is kept and nothing said of it."""
+    (tmp_path / "file").write_text("in the way")
+    command = [sys.executable, "-m", "mishutter", "plan", str(small_scene), "--json"]
+    elsewhere = environment(XDG_CACHE_HOME=str(tmp_path / "file"))
+    done = subprocess.run(command, capture_output=True, text=True, env=elsewhere, check=False)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "num_taps" in json.loads(done.stdout)
 
 
 COMMANDS = ("optimise", "compare", "plan", "simulate", "sweep", "reproduce", "export")

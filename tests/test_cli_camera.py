@@ -155,7 +155,7 @@ USAGE = {
     "speed": (["--speed", "quick"], "`--speed` must be a valid number; got 'quick'"),
     "long-blur": (["--speed", "1e7"], "must blur over at most 8192 px; got"),
     "decoder": (["--decoder", "magic"], "; got 'magic'"),
-    "bits": (["--adc-bits", "30"], "must be at most 24; got 30"),
+    "bits": (["--adc-bits", "25"], "`--adc-bits` must be less than or equal to 24; got '25'"),
     "full-well": (["--full-well", "0"], "; got '0'"),
     "shutter": (["--shutter", "hamming"], "must be one of rect, hann, "),
     "shutter-unnamed": (["--shutter", ""], "must be one of rect, hann, "),
@@ -228,9 +228,16 @@ def photograph(path, rows):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("when", ["computing", "writing"])
-def test_an_interrupt_leaves_no_half_written_file(when, tmp_path, scene):
-    """SIGINT ends with 130 and no traceback; what is in the folder, if anything, is whole."""
+@pytest.mark.parametrize(
+    ("when", "sent", "code"),
+    [
+        ("computing", signal.SIGINT, 130),
+        ("writing", signal.SIGINT, 130),
+        ("writing", signal.SIGTERM, 143),
+    ],
+)
+def test_an_interrupt_leaves_no_half_written_file(when, sent, code, tmp_path, scene):
+    """A signal ends it with its code and no traceback; what is in the folder, if any, is whole."""
     photograph(tmp_path / "a.jpg", 6000)
     out = tmp_path / "out"
     arguments = ["simulate", scene, "--subject", tmp_path / "a.jpg", "--out", out, "--noiseless"]
@@ -243,9 +250,9 @@ def test_an_interrupt_leaves_no_half_written_file(when, tmp_path, scene):
             break
         time.sleep(0.002)
     time.sleep(2.5 if when == "computing" else 0)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(sent)
     _, errors = process.communicate(timeout=120)
-    assert process.returncode == 130
+    assert process.returncode == code
     assert "Traceback" not in errors
     assert not list(out.glob(".*"))
     assert {ms.read_picture(path).light.shape for path in out.iterdir()} <= {(6000, 2000, 3)}

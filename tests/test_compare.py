@@ -10,6 +10,7 @@ from mishutter import (
     GaussianShutter,
     HannShutter,
     Scene,
+    StillCamera,
     TukeyShutter,
     compare,
     optimise,
@@ -55,6 +56,21 @@ def test_designs_keep_or_start_from_their_own_motions():
     assert tuned.motion is not other.motion
     assert tuned.loss <= float(loss(OUTLIER, other.motion, other.shutter)) * (1 + ROUNDING)
     assert table.row("other", SAME_MOTION).motion is MOTION
+
+
+def test_shutters_without_names(table):
+    """One shutter or a list is compared as a mapping is, under numbers."""
+    for given in (HannShutter(), [HannShutter()]):
+        found = compare(OUTLIER, SLOW, given)
+        assert found.row("shutter 0").metrics == table.row("mine").metrics
+        assert "shutter 0 on its own best motion" in found.verdict
+
+
+def test_what_is_no_shutter():
+    """Anything else is refused by name, before anything is computed."""
+    message = r"`compare\(shutters=...\)` must hold at least one shutter or design and nothing else"
+    with pytest.raises(ValueError, match=message):
+        compare(OUTLIER, SLOW, {"a": HannShutter(), "b": StillCamera(half_exposure=1e-3)})
 
 
 @pytest.mark.parametrize("name", taken_names())

@@ -42,6 +42,18 @@ def bright():
     return scene(photon_rate=1e6, mean_level=0.21, deviation=0.2)
 
 
+@pytest.mark.parametrize("name", DECODERS)
+def test_a_capture_alone_may_be_traced(name):
+    """What is known of the blur is worked out once, and the rest compiles."""
+    known = bright(), camera(), ms.HannShutter()
+
+    def restored(captured):
+        return ms.deconvolve(captured, *known, decoder=DECODERS[name])
+
+    captured = ms.simulate_capture(photograph(100, 103), *known)
+    np.testing.assert_allclose(jax.jit(restored)(captured), restored(captured), atol=1e-11)
+
+
 @pytest.mark.parametrize("num_taps", [1, 37, 46, 65, 150])
 def test_banded_product_is_the_periodic_convolution(num_taps):
     """The banded product and its adjoint are the convolution and the correlation of the DFT."""

@@ -77,6 +77,20 @@ def test_gradients_agree_with_differences(slug):
         assert np.isclose(gradient[index], difference, rtol=2e-6, atol=2e-8)
 
 
+@pytest.mark.parametrize("slug", LOSSES)
+def test_a_profile_alone_may_be_traced(slug):
+    """Of a scene and a motion that are known a loss makes its own plan under `jit` as well."""
+    loss = LOSSES[slug]
+
+    def value(profile):
+        return loss(SCENE, MOTION, SplineShutter(profile))
+
+    profile = jnp.asarray(PROFILE)
+    found = jax.jit(jax.value_and_grad(value))(profile)
+    for one, other in zip(found, jax.value_and_grad(value)(profile), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-13)
+
+
 def test_losses_add_and_take_factors():
     """A sum of weighted losses is the weighted sum of their values."""
     first, second = LOSSES.values()

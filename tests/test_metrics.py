@@ -1,5 +1,7 @@
 """Metrics against independent formulae: the definitions are what is pinned, not figures."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +23,7 @@ from mishutter import (
     transfer_function,
 )
 from mishutter.metrics import expected_squared_error
-from mishutter.plan import Plan, sizes
+from mishutter.plan import PLANNED, Plan, sizes
 from mishutter.response import respond
 from mishutter.waves import frequency_grid
 
@@ -202,3 +204,22 @@ def test_light_may_be_traced_where_the_motion_is_known():
     found = jax.jit(expected)(jnp.asarray(3e5))
     np.testing.assert_allclose(found, expected(jnp.asarray(3e5)), rtol=1e-12)
     assert float(jax.grad(expected)(jnp.asarray(3e5))) > 0
+
+
+def test_where_the_shutter_alone_is_traced():
+    """The scene and the motion stay numbers, from which what to compute is planned."""
+
+    def level(taper, plan):
+        return evaluate(SCENE, MOTION, TukeyShutter(taper), plan=plan).expected_psnr
+
+    wanted = evaluate(SCENE, MOTION, SHUTTER).expected_psnr
+    for plan in (PLANNED, None):
+        found = jax.jit(partial(level, plan=plan))(jnp.asarray(0.37))
+        np.testing.assert_allclose(found, wanted, rtol=1e-12)
+
+
+def test_metrics_show_their_numbers():
+    """In a notebook as in a terminal."""
+    found = evaluate(SCENE, MOTION, SHUTTER)
+    assert f"expected_psnr={found.expected_psnr}" in repr(found)
+    assert f"dft_length={found.dft_length}" in repr(found)

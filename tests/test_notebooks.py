@@ -42,7 +42,7 @@ def test_it_ends_with_its_claim(name):
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 @pytest.mark.parametrize("name", NOTEBOOKS)
 def test_it_runs(name, tmp_path, monkeypatch):
-    """Its cells run in order in a fresh kernel, and its claim holds."""
+    """Its cells run in order in a fresh kernel, its pictures are seen, and its claim holds."""
     path = os.pathsep.join([str(Path(mishutter.__file__).parent.parent), *sys.path])
     for key, value in (STRICT | {"PYTHONPATH": path}).items():
         monkeypatch.setenv(key, value)
@@ -54,3 +54,11 @@ def test_it_runs(name, tmp_path, monkeypatch):
         resources={"metadata": {"path": str(tmp_path)}},
     )
     client.execute()
+    outputs = [out.data for c in notebook.cells if c.cell_type == "code" for out in _shown(c)]
+    drawn = [data for data in outputs if data["text/plain"].endswith("Axes>")]
+    assert drawn
+    assert all("image/png" in data for data in drawn)
+
+
+def _shown(cell):
+    return [out for out in cell.outputs if "data" in out]

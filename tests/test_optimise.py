@@ -241,6 +241,7 @@ def test_a_search_that_is_cut_short_says_so(unit):
         ),
         ({"num_starts": 0}, "be a positive integer"),
         ({"max_steps": -3}, "be a positive integer"),
+        ({"seed": -1}, "be a whole number of at least 0; got -1"),
     ],
 )
 def test_what_cannot_be_searched_is_refused(arguments, text):

@@ -38,7 +38,7 @@ from mishutter import (
     plan,
     plan_error,
 )
-from mishutter.plan import reduced, sizes
+from mishutter.plan import reduced, require_plan, sizes
 from mishutter.speeds import distinct_speeds
 
 LIMITS = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03)
@@ -196,6 +196,13 @@ def test_a_wrong_plan_is_found_out(wrong, loss):
     assert check_plan(right, scene, MOTION, shutter, loss=loss) <= 1e-12
     with pytest.raises(WrongPlanError, match="must change no result by more than 1e-12"):
         check_plan(replace(right, **wrong), scene, MOTION, shutter, loss=loss)
+
+
+def test_what_is_no_plan_is_refused():
+    """False, or a word, is neither a plan nor the None that asks for everything."""
+    for value in (False, "exact"):
+        with pytest.raises(ValueError, match=r"`plan` must be a plan, or None for everything; got"):
+            require_plan(value)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers_sweep import SCENE, grid
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 from test_drive import _design
 
@@ -160,6 +161,21 @@ def test_map_mistakes(slug):
     assert message in str(caught.value)
 
 
+def test_kernels_without_acceleration_lie_around_mid_exposure():
+    """They are drawn where a camera at rest has them."""
+    unmoved = ParabolicMotion(acceleration=0.0, half_exposure=0.0013)
+    given = {"at rest": DESIGNS["snapshot"], "unmoved": (unmoved, RectShutter())}
+    drawn = [axes.patches[-1].get_data() for axes in plots.plot_kernels(given, [0.0, 2700.0]).axes]
+    for one, other in zip(*drawn, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_notebook_shows_it(name, figures):
+    """Also one that never imports `pyplot`, by which a figure would else be shown."""
+    assert figures[name]._repr_png_().startswith(b"\x89PNG")
+
+
 def test_a_map_of_several_scenes():
     """One of them must be chosen."""
     both = sweep([SCENE, SCENE], **grid(metrics=["efficiency"]))
@@ -181,6 +197,26 @@ def test_a_front_is_legible_beside_an_outlier():
     assert all(np.hypot(*(a - b)) > 20 for a, b in pairwise(places))
 
 
+@pytest.mark.parametrize("largest", [60.0, 8e3])
+def test_numbers_of_a_logarithmic_axis_stay_apart(largest):
+    """Between decades they are written where there is room, over two decades at most."""
+    moving = swept().isel(acceleration=slice(1, None))
+    numbers = moving.condition_number
+    far = numbers.where(numbers != numbers.max(), largest)
+    figure = plots_sweep.plot_front(moving.assign(condition_number=far), FRONT)
+    FigureCanvasAgg(figure).draw()
+    axes = figure.axes[0]
+    texts = [*axes.get_xticklabels(), *axes.get_xticklabels(minor=True)]
+    boxes = [text.get_window_extent() for text in texts if text.get_text()]
+    boxes = sorted((box for box in boxes if axes.bbox.x0 <= box.x0 <= axes.bbox.x1), key=_left)
+    assert len(boxes) >= 3
+    assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
+
+
+def _left(box):
+    return box.x0
+
+
 def test_a_front_of_nothing():
     """Where no point is within the limits there are no letters and no profiles."""
     figure = plots_sweep.plot_front(swept().isel(half_exposure=[0]), FRONT)
@@ -200,6 +236,27 @@ def test_a_capture_side_by_side():
     }
     assert titles["layers"] == ["captured", "restored"]
     assert titles["photograph"] == ["the scene, at rest", "captured", "restored"]
+
+
+def test_a_flat_capture_is_seen():
+    """One row of 20,000 pixels is stretched; what is not that flat keeps its shape."""
+    for shape, aspect, height in (((1, 20_000, 1), "auto", 10), ((40, 300, 1), 1.0, 40)):
+        light = np.full(shape, 0.5)
+        figure = plots.plot_capture(None, light, light)
+        FigureCanvasAgg(figure).draw()
+        for axes in figure.axes:
+            assert axes.get_aspect() == aspect
+            assert axes.get_window_extent().height >= height
+
+
+def test_a_drive_of_one_step_shows_the_sensor():
+    """The sensor moves through the whole exposure, however few steps drive the shutter."""
+    design = _design(HannShutter())
+    figure = plots.plot_drive(drive_table(design, num_steps=1))
+    time, position = figure.axes[1].lines[0].get_data()
+    half = float(design.motion.half_exposure) * 1e3
+    np.testing.assert_allclose((time[0], time[-1]), (-half, half))
+    np.testing.assert_allclose((position.max(), position.min()), (design.motion.stroke, 0))
 
 
 def test_photograph_side_by_side(tmp_path):

@@ -49,6 +49,8 @@ def test_refusals():
     """What cannot be compared is refused in one line."""
     with pytest.raises(ValueError, match=r"must have shape \(40, 220, 3\)"):
         ms.psnr(PICTURE, PICTURE[1:])
+    with pytest.raises(ValueError, match=r"`psnr\(estimate=...\)` must be finite"):
+        ms.psnr(PICTURE, PICTURE * np.nan)
     with pytest.raises(ValueError, match="must leave 7 of the 220 columns"):
         ms.measure_quality(PICTURE, PICTURE, border=109)
     with pytest.raises(ValueError, match="must be at least 7 x 7 px"):

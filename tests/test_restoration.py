@@ -171,3 +171,16 @@ def test_every_decoder_finds_the_photograph(decoder, motion):
     )
     assert found.psnr[0] > 28
     assert found.restored.shape == found.captured.shape == (1, *found.reference.shape)
+
+
+@pytest.mark.parametrize(
+    ("speeds", "message"),
+    [
+        ([], "must be one row of at least one speed; got"),
+        ([0.0, np.nan], r"`restore_photograph\(speeds=...\)` must be finite; got"),
+    ],
+)
+def test_speeds_that_are_none(speeds, message):
+    """They are refused by their name."""
+    with pytest.raises(ValueError, match=message):
+        ms.restore_photograph(np.ones((4, 300)), scene(), camera(), ms.HannShutter(), speeds=speeds)

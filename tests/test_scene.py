@@ -47,6 +47,17 @@ def test_a_picture_may_be_a_path():
     assert Scene([0.0], **LIGHT, picture=path).picture == str(path)
 
 
+def test_a_scene_is_loaded_by_text_or_path(tmp_path):
+    """A file is named by either, also where annotations are checked."""
+    path = tmp_path / "scène 1.toml"
+    path.write_text(
+        "[speeds]\nlist_px_per_s = [7]\n[light]\nphoton_rate_per_s = 3e5\n"
+        "[sensor]\nread_noise_e = 2\n"
+    )
+    for place in (path, str(path)):
+        assert float(Scene.load(place).read_noise) == 2
+
+
 def test_a_limit_is_one_number():
     """Two strokes are refused by name."""
     with pytest.raises(ValueError, match=r"`Limits\(max_stroke=...\)` must be a scalar; got"):

@@ -69,6 +69,37 @@ def test_the_kernel_for_other_libraries(motion):
     np.testing.assert_allclose(found, wanted[..., 0], atol=1e-12)
 
 
+def test_no_acceleration_is_a_camera_at_rest():
+    """Captured, restored and handed to other libraries as one, and not in the dark."""
+    unmoved, hann = ms.ParabolicMotion(acceleration=0.0, half_exposure=HALF), ms.HannShutter()
+    picture, speed = rows(5, 90, 1), 310.0
+    layers = ms.Layers((ms.Layer(ms.Picture(picture), speed),))
+    for subject, options in ((picture, {"speed": speed}), (layers, {})):
+        found, wanted = (
+            ms.capture_and_restore(subject, SCENE, motion, hann, **options)
+            for motion in (unmoved, STILL)
+        )
+        np.testing.assert_array_equal(found.captured, wanted.captured)
+        np.testing.assert_array_equal(found.restored, wanted.restored)
+    np.testing.assert_array_equal(
+        *(ms.centred_kernel(motion, hann, speed=speed) for motion in (unmoved, STILL))
+    )
+
+
+def test_a_capture_differentiates_by_the_shutter():
+    """Forward and reverse mode, against a difference; motion and speed are numbers."""
+    picture = rows(3, 40, 1)
+
+    def light(taper):
+        shutter = ms.TukeyShutter(taper)
+        return jnp.sum(ms.simulate_capture(picture, SCENE, MOVING, shutter, speed=310.0) ** 2)
+
+    slope = jax.jit(jax.grad(light))(0.37)
+    np.testing.assert_allclose(slope, jax.jacfwd(light)(0.37), rtol=1e-11)
+    difference = (light(0.37 + 1e-5) - light(0.37 - 1e-5)) / 2e-5
+    np.testing.assert_allclose(slope, difference, rtol=1e-7)
+
+
 def test_borders():
     """Each border rule continues the picture as numpy's padding of the same name does."""
     picture = rows(2, 50, 1)
@@ -205,6 +236,14 @@ def test_footage_shows_each_frame_for_its_share():
     np.testing.assert_allclose(found, np.tensordot(share, frames, 1), atol=1e-12)
 
 
+def test_footage_that_is_no_light():
+    """A frame below 0 is refused as a picture below 0 is."""
+    with pytest.raises(
+        ValueError, match=r"`Frames\(frames=...\)` must hold light of at least 0; got"
+    ):
+        ms.simulate_capture(ms.Frames.of([-rows()]), SCENE, STILL, ms.HannShutter())
+
+
 def test_footage_from_a_folder_and_a_video(tmp_path):
     """Pictures of a folder are frames in the order of their names; so are those of a video."""
     picture = rows(32, 48, 3)
@@ -243,7 +282,7 @@ def test_layers_from_a_file(tmp_path):
         'matte = "matte.png"\nspeed_px_per_s = -40.5\nleft = 3\n'
     )
     (tmp_path / "scene.toml").write_text(text)
-    scene = ms.Layers.load(str(tmp_path / "scene.toml"))
+    scene = ms.Layers.load(tmp_path / "scene.toml")
     np.testing.assert_allclose(scene.layers[1].matte, matte, atol=1e-4)
     assert (scene.layers[1].speed, scene.layers[1].left) == (-40.5, 3)
     refusals = {
@@ -335,12 +374,24 @@ def test_refusals(change, message):
         ms.simulate_capture(rows(), SCENE, MOVING, ms.HannShutter(), **change)
 
 
+def test_half_precision_is_computed_in_single():
+    """What no Fourier transform takes is widened."""
+    picture = rows().astype(np.float16)
+    found = ms.simulate_capture(picture, SCENE, MOVING, ms.HannShutter())
+    assert found.dtype == np.float32
+    wanted = ms.simulate_capture(picture.astype(np.float32), SCENE, MOVING, ms.HannShutter())
+    np.testing.assert_array_equal(found, wanted)
+
+
 def test_pictures_that_are_none():
     """A value that is not light is refused before anything is computed."""
     bad = rows()
     bad[1, 2, 0] = np.nan
     with pytest.raises(ValueError, match=r"picture=...\)` must be finite"):
         ms.simulate_capture(bad, SCENE, MOVING, ms.HannShutter())
+    coded = (rows() * 255).astype(np.uint8)
+    with pytest.raises(ValueError, match=r"picture=...\)` must hold light, white = 1, .*; got .*8"):
+        ms.simulate_capture(coded, SCENE, MOVING, ms.HannShutter())
     with pytest.raises(ValueError, match=r"`deconvolve\(captured=...\)` must be finite"):
         ms.deconvolve(bad, SCENE, MOVING, ms.HannShutter())
     with pytest.raises(ValueError, match=r"picture=...\)` must be at least 0; got -0.3"):

@@ -157,9 +157,10 @@ def test_numbers_that_overflow_are_outside():
 
 def test_only_the_metrics_asked_for(swept):
     """Metrics left out change nothing of those kept."""
-    some = sweep(SCENE, **grid(metrics=["expected_psnr"]))
-    assert set(some.data_vars) == {"expected_psnr", "outside"}
-    np.testing.assert_array_equal(some.expected_psnr, swept.expected_psnr)
+    for metrics in (["expected_psnr"], "expected_psnr"):
+        some = sweep(SCENE, **grid(metrics=metrics))
+        assert set(some.data_vars) == {"expected_psnr", "outside"}
+        np.testing.assert_array_equal(some.expected_psnr, swept.expected_psnr)
 
 
 def test_single_precision(swept):
@@ -196,6 +197,10 @@ MISTAKES = {
     "name": (
         {"optimise": True, "shutters": {"optimised": TukeyShutter()}},
         "`sweep(shutters=...)` must have other names; got 'optimised'",
+    ),
+    "seed": (
+        {"optimise": True, "seed": -1},
+        "`sweep(seed=...)` must be a whole number of at least 0; got -1",
     ),
     "steps": ({"optimise": True, "max_steps": 0}, "must be a positive integer; got 0"),
 }

@@ -39,6 +39,22 @@ def test_a_store_holds_what_memory_holds(whole, tmp_path):
     assert stored.load().identical(whole)
 
 
+def test_two_that_begin_at_once_share_a_store(whole, tmp_path, monkeypatch):
+    """Where another process makes the store first, it is that one that is written to."""
+    place = tmp_path / "a.zarr"
+    rename, begun = os.rename, []
+
+    def later(source, target):
+        if not begun:
+            begun.append(target)
+            sweep(SCENE, **many(store=place))
+        rename(source, target)
+
+    monkeypatch.setattr(os, "rename", later)
+    assert sweep(SCENE, **many(store=place)).load().identical(whole)
+    assert os.listdir(tmp_path) == ["a.zarr"]
+
+
 def test_only_missing_blocks_are_computed(whole, tmp_path, monkeypatch, caplog):
     """After an interrupt the rest is computed and the result is the uninterrupted one."""
     place, written = tmp_path / "a.zarr", []

@@ -43,6 +43,7 @@ def test_best_points_are_the_extremes(swept):
     assert float(best["expected_psnr"].expected_psnr) == float(swept.expected_psnr.max())
     assert float(best["condition_number"].condition_number) == float(swept.condition_number.min())
     point = best["expected_psnr"]
+    assert best_points(swept, "expected_psnr")["expected_psnr"].identical(point)
     motion = ParabolicMotion(
         acceleration=float(point.acceleration), half_exposure=float(point.half_exposure)
     )
@@ -74,6 +75,7 @@ MISTAKES = {
     "no-light": (lambda d: light_map(d, SCENE), "must have photon rates and read noises; got"),
     "no-shutter": (lambda d: gain_over(d, "Tukey"), "must be one of rect, Hann; got 'Tukey'"),
     "one-objective": (lambda d: pareto_front(d, ["efficiency"]), "must name at least two metrics"),
+    "one-name": (lambda d: pareto_front(d, "efficiency"), "must name at least two metrics"),
     "dimensions": (
         lambda d: pareto_front(d, {"efficiency": "max", "outside": "min"}),
         "`pareto_front(objectives=...)` must be over the same dimensions; got",

@@ -4,6 +4,7 @@ from abc import abstractmethod
 from typing import final
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array
 
@@ -124,6 +125,17 @@ def blur_model(
     Raises:
         ValueError: if a kernel would be longer than 8,192 px.
     """
+    with jax.ensure_compile_time_eval():  # numbers also where the capture is traced
+        return _known_blur(scene, motion, shutter, plan, least_taps)
+
+
+def _known_blur(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    plan: Plan | Automatic | None,
+    least_taps: int,
+) -> BlurModel:
     speeds = np.asarray(scene.speeds)
     num_taps, origin = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     weights = np.asarray(scene.weights, np.float64)
