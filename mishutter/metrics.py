@@ -18,7 +18,7 @@ from mishutter.response import Records, Response, assembled, kernel_phase, recor
 from mishutter.scene import CORNER_FREQUENCY, Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.spectrum import condition_number
-from mishutter.waves import frequency_grid
+from mishutter.waves import frequency_grid, on_steps
 
 
 @final
@@ -113,12 +113,12 @@ def kernel_differences(
 
 
 def _num_supported(scene: Scene, motion: AbstractMotion, like: Array) -> Array:
-    """Taps that light of the fastest object falls on."""
+    """Taps that light of the fastest object falls on; those at rest have a middle one."""
     if isinstance(motion, StillCamera):
-        reach = 2 * scene.max_speed * motion.half_exposure
+        count = 2 * jnp.ceil(scene.max_speed * motion.half_exposure - 0.5) + 1
     else:
-        reach = support(motion, scene.max_speed)
-    return jax.lax.stop_gradient(jnp.maximum(jnp.ceil(reach), 1)).astype(like.dtype)
+        count = jnp.ceil(support(motion, scene.max_speed))
+    return jax.lax.stop_gradient(jnp.maximum(count, 1)).astype(like.dtype)
 
 
 def expected_squared_error(
@@ -173,8 +173,7 @@ def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     if scene.power_spectrum is None:
         power = 1 / (frequency**2 + CORNER_FREQUENCY**2)
     else:
-        given = scene.power_spectrum.astype(dtype)
-        power = jnp.interp(frequency, frequency_grid(given.size, dtype), given)
+        power = on_steps(jnp.asarray(scene.power_spectrum, dtype), num_frequencies)
     power = jnp.where(frequency <= scene.cutoff_frequency.astype(dtype), power, 0)
     total = jnp.mean(power)
     lit = total > 0

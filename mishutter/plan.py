@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from mishutter.motion import AbstractMotion
-from mishutter.scene import CORNER_FREQUENCY, Scene
+from mishutter.scene import CORNER_FREQUENCY, NUM_FREQUENCIES, Scene
 from mishutter.shutters import (
     AbstractShutter,
     GaussianShutter,
@@ -27,8 +27,8 @@ from mishutter.shutters import (
 from mishutter.spectrum import default_num_frequencies
 from mishutter.speeds import distinct_speeds, quadrature
 from mishutter.types import is_concrete
+from mishutter.waves import frequencies, on_steps
 
-NUM_FREQUENCIES = 256
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 _MAX_TAPS = 1 << 14
@@ -274,11 +274,6 @@ def is_symmetric(shutter: AbstractShutter) -> bool:
     return isinstance(shutter, _SYMMETRIC_WINDOWS)
 
 
-def frequencies(count: int) -> np.ndarray:
-    """Centres of equal steps in (0, 0.5); cycles/px, shape `(count,)`."""
-    return (np.arange(count) + 0.5) * (0.5 / count)
-
-
 def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
     """The scene's power spectrum at the plan's frequencies, where that changes nothing."""
     given = scene.power_spectrum
@@ -294,8 +289,7 @@ def power_on_grid(scene: Scene, num_frequencies: int) -> np.ndarray:
 
 
 def _spectrum(scene: Scene, num_frequencies: int) -> np.ndarray:
-    grid = frequencies(num_frequencies)
     if scene.power_spectrum is None:
+        grid = frequencies(num_frequencies)
         return (1 / (grid**2 + CORNER_FREQUENCY**2)).astype(scene.speeds.dtype)
-    known = np.asarray(scene.power_spectrum)
-    return np.interp(grid, frequencies(known.size), known).astype(known.dtype)
+    return np.asarray(on_steps(np.asarray(scene.power_spectrum), num_frequencies))

@@ -23,7 +23,7 @@ from mishutter import (
 from mishutter.metrics import expected_squared_error
 from mishutter.plan import Plan, sizes
 from mishutter.response import respond
-from mishutter.waves import frequency_grid
+from mishutter.waves import frequency_grid, on_steps
 
 HALF_EXPOSURE = 0.013
 MOTION = ParabolicMotion(acceleration=31.0 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
@@ -77,6 +77,22 @@ def test_no_acceleration_is_a_camera_at_rest():
     assert jax.tree.all(jax.tree.map(lambda x, y: bool(x == y), first, second))
 
 
+def test_a_spectrum_in_narrow_steps_loses_none_of_its_power():
+    """Lines between the frequencies that are looked at count as much as those on them."""
+    lines = np.zeros(1280)
+    lines[[51, 933]] = 3.0, 1.0
+    broad = lines.reshape(256, 5).mean(axis=1)
+    narrow, wide = (
+        evaluate(Scene(SPEEDS, photon_rate=7e4, read_noise=6.0, power_spectrum=x), MOTION, SHUTTER)
+        for x in (lines, broad)
+    )
+    assert np.isclose(narrow.expected_psnr, wide.expected_psnr, rtol=1e-12)
+    lines = np.random.default_rng(4).uniform(0.2, 3.0, 301)
+    exact = np.diff(np.interp(np.arange(257) / 256, np.arange(302) / 301, np.r_[0, lines.cumsum()]))
+    for known in (lines, jnp.asarray(lines)):
+        assert np.allclose(on_steps(known, 256), exact * 256 / 301, rtol=1e-12)
+
+
 def test_kernel_difference_is_the_rms_over_the_taps_reached():
     """Raw and relative difference follow from public kernels."""
     count = int(np.ceil(31.0 * (1 + 2100 / float(MOTION.top_speed)) ** 2))
@@ -87,6 +103,21 @@ def test_kernel_difference_is_the_rms_over_the_taps_reached():
     assert np.isclose(metrics.kernel_difference, np.sqrt(square), rtol=1e-12)
     relative = np.sqrt(square / np.mean(still**2))
     assert np.isclose(metrics.relative_kernel_difference, relative, rtol=1e-12)
+
+
+@pytest.mark.parametrize("reach", [0.4, 0.7, 1.45, 2.6])
+def test_kernel_difference_of_a_still_camera_is_over_the_pixels_lit(reach):
+    """A middle pixel and as many to either side as the fastest object reaches into."""
+    still = StillCamera(half_exposure=HALF_EXPOSURE)
+    edges = np.arange(-9, 10) + 0.5
+    speeds = np.array([reach, -0.3 * reach]) / HALF_EXPOSURE
+    fast, slow, rest = (
+        np.asarray(binned_exposure(SHUTTER, still, speed=s, edges=edges)) for s in (*speeds, 0.0)
+    )
+    square = (np.sum((fast - rest) ** 2) + np.sum((slow - rest) ** 2)) / 2
+    metrics = evaluate(Scene(speeds, photon_rate=7e4, read_noise=6.0), still, SHUTTER)
+    lit = np.count_nonzero(fast)
+    assert np.isclose(metrics.kernel_difference, np.sqrt(square / lit), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("shutter", "published"), [(RectShutter(), 9.27), (HannShutter(), 4.44)])
