@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mishutter.motion import AbstractMotion, StillCamera
+from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.shutters.base import AbstractShutter
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import common_dtype
@@ -34,7 +34,7 @@ class Cells(NamedTuple):
 
 def pixel_phase(motion: AbstractMotion) -> float:
     """Where pixel 0 begins: 0 px for a moving sensor, -0.5 px for a camera at rest."""
-    return -0.5 if isinstance(motion, StillCamera) else 0.0
+    return -0.5 if isinstance(settled(motion), StillCamera) else 0.0
 
 
 def exposure_cells(

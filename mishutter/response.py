@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from mishutter.compiling import quick_to_compile, seldom_run
 from mishutter.kernel import binned_exposure, blur_kernel
-from mishutter.motion import AbstractMotion, StillCamera
+from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.nodes import LitNodes, light_let_through, lit_nodes
 from mishutter.plan import Plan, size_class
 from mishutter.scene import Scene
@@ -135,7 +135,7 @@ def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:
     A moving sensor is aligned at the vertex, a camera at rest at mid-exposure, in the
     middle of its middle tap.
     """
-    return -0.5 - num_taps // 2 if isinstance(motion, StillCamera) else 0.0
+    return -0.5 - num_taps // 2 if isinstance(settled(motion), StillCamera) else 0.0
 
 
 def kernels_at_speeds(
@@ -162,6 +162,7 @@ def _kernels_and_light(
     speeds: Array | np.ndarray,
     num_taps: int,
 ) -> tuple[Array | np.ndarray, Array]:
+    motion = settled(motion)
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
     first = np.asarray(kernel_phase(motion, num_taps), dtype)
     if not all(is_concrete(leaf) for leaf in jax.tree.leaves((shutter, motion, speeds))):

@@ -4,6 +4,7 @@ import os
 from typing import final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
@@ -275,7 +276,8 @@ class Scene(eqx.Module):
         """Largest speed of either sign that occurs; px/s."""
         if self.speeds_known:
             speeds, weights = np.asarray(self.speeds), np.asarray(self.weights)
-            return jnp.asarray(np.max(np.abs(speeds), where=weights > 0, initial=0))
+            with jax.ensure_compile_time_eval():
+                return jnp.asarray(np.max(np.abs(speeds), where=weights > 0, initial=0))
         return jnp.max(jnp.where(self.weights > 0, jnp.abs(self.speeds), 0))
 
 

@@ -12,7 +12,7 @@ from mishutter.compiling import compiled
 from mishutter.frames import Frames, expose_frames
 from mishutter.kernel import support
 from mishutter.layers import Layers, expose_layers
-from mishutter.motion import AbstractMotion, StillCamera
+from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.noise import recorded, white_electrons
 from mishutter.picture_plan import distinct_colours, every_colour, skips
 from mishutter.pictures import Picture
@@ -63,9 +63,9 @@ def simulate_capture(
             or `Frames` of footage: these are aligned at mid-exposure, and bring their
             own speeds and borders.
         scene: Light and noise; its speeds are not used.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        speed: Speed of the picture, px/s; 0 for layers and frames.
+        motion: Motion of the sensor; concrete.
+        shutter: Transmittance over the exposure; concrete with layers and frames.
+        speed: Speed of the picture, px/s; 0 for layers and frames; concrete.
         key: JAX key of the noise; None for none.
         border: Where light from beyond the picture comes from. `"scene"`: the picture is
             the scene, and the sensor records the part of it whose light is all known,
@@ -148,8 +148,10 @@ def capture_kernel(
     num_taps, origin = kernel_layout(motion, speed)
     dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
     speeds = np.asarray([float(speed)], dtype)
-    (taps,) = np.asarray(kernels_at_speeds(shutter, motion, speeds, num_taps), dtype)
-    return jax.device_put(taps), origin
+    taps = kernels_at_speeds(shutter, motion, speeds, num_taps)[0]
+    if is_concrete(taps):
+        return jax.device_put(np.asarray(taps, dtype)), origin
+    return taps.astype(dtype), origin
 
 
 def centred_kernel(
@@ -194,7 +196,7 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     held = math.isfinite(longest) and longest <= MAX_TAPS
     require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_TAPS} px", longest)
     num_taps = max(least_taps, sized_for(longest - 1, stroke + smear / 2).num_taps)
-    return num_taps, num_taps // 2 if isinstance(motion, StillCamera) else 0
+    return num_taps, num_taps // 2 if isinstance(settled(motion), StillCamera) else 0
 
 
 def as_light(picture: Picture | ArrayLike, subject: str) -> Array:

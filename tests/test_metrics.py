@@ -8,6 +8,8 @@ import pytest
 from mishutter import (
     RASKAR_CODE,
     ChippedShutter,
+    DesignLoss,
+    ExpectedErrorLoss,
     HannShutter,
     ParabolicMotion,
     RectShutter,
@@ -21,7 +23,7 @@ from mishutter import (
     transfer_function,
 )
 from mishutter.metrics import expected_squared_error
-from mishutter.plan import Plan, sizes
+from mishutter.plan import PLANNED, Plan, sizes
 from mishutter.response import respond
 from mishutter.waves import frequency_grid, on_steps
 
@@ -91,6 +93,25 @@ def test_a_spectrum_in_narrow_steps_loses_none_of_its_power():
     exact = np.diff(np.interp(np.arange(257) / 256, np.arange(302) / 301, np.r_[0, lines.cumsum()]))
     for known in (lines, jnp.asarray(lines)):
         assert np.allclose(on_steps(known, 256), exact * 256 / 301, rtol=1e-12)
+
+
+@pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=HALF_EXPOSURE)])
+def test_only_the_shutter_is_traced(motion):
+    """A scene and a motion that a compiled function closes over are known to it."""
+
+    def found(taper):
+        metrics = evaluate(SCENE, motion, TukeyShutter(taper))
+        losses = [
+            loss(SCENE, motion, TukeyShutter(taper), plan=plan)
+            for loss in (ExpectedErrorLoss(), DesignLoss())
+            for plan in (PLANNED, None)
+        ]
+        return metrics, losses
+
+    plain, compiled = found(jnp.asarray(0.37)), jax.jit(found)(0.37)
+    for first, second in zip(jax.tree.leaves(plain), jax.tree.leaves(compiled), strict=True):
+        assert np.isclose(first, second, rtol=1e-9)
+    assert plain[0].num_taps == compiled[0].num_taps
 
 
 def test_kernel_difference_is_the_rms_over_the_taps_reached():

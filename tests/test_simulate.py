@@ -127,6 +127,40 @@ def test_a_key_gives_the_same_noise_compiled_and_batched():
     assert np.all(each[0] != each[1])
 
 
+def test_a_capture_differentiates_with_respect_to_the_shutter():
+    """A shutter that is traced gives the capture, and its slope that of differences."""
+    light = jnp.asarray(rows(4, 90, 1)[..., 0])
+
+    def capture(taper):
+        return ms.simulate_capture(light, SCENE, MOVING, ms.TukeyShutter(taper), speed=0.2 * TOP)
+
+    np.testing.assert_allclose(jax.jit(capture)(0.37), capture(0.37), rtol=1e-12)
+    slope = jax.jacfwd(capture)(jnp.asarray(0.37))
+    differences = (capture(0.37 + 1e-6) - capture(0.37 - 1e-6)) / 2e-6
+    np.testing.assert_allclose(slope, differences, atol=1e-8)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3 * TOP])
+def test_a_parabola_of_no_acceleration_captures_as_a_camera_at_rest(speed):
+    """Its light is not lost, and it is aligned, modelled and layered as a still camera's."""
+    parked = ms.ParabolicMotion(acceleration=0.0, half_exposure=HALF)
+    light = rows(3, 120, 1)
+    layers = ms.Layers((ms.Layer(ms.Picture(light.astype(np.float32)), speed),))
+
+    def found(motion):
+        model = ms.blur_model(SCENE, motion, ms.HannShutter())
+        return [
+            ms.simulate_capture(light, SCENE, motion, ms.HannShutter(), speed=speed),
+            ms.simulate_capture(layers, SCENE, motion, ms.HannShutter()),
+            ms.centred_kernel(motion, ms.HannShutter(), speed=speed),
+            model.kernels,
+        ]
+
+    for first, second in zip(found(parked), found(STILL), strict=True):
+        np.testing.assert_array_equal(first, second)
+        assert np.sum(first) > 0
+
+
 def test_full_well_and_converter():
     """Light is cut at the full well and rounded to the converter's steps, both ends included."""
     light = jnp.linspace(0.0, 1.5, 40)
