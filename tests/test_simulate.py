@@ -127,6 +127,25 @@ def test_a_key_gives_the_same_noise_compiled_and_batched():
     assert np.all(each[0] != each[1])
 
 
+def test_a_closed_shutter_records_darkness():
+    """Layers and frames of which no light falls on the sensor are black, not an error."""
+    closed = ms.ChippedShutter([0.0, 0.0])
+    picture = ms.Picture(rows(2, 90, 1).astype(np.float32))
+    layers = ms.Layers((ms.Layer(picture), ms.Layer(picture, 300.0, left=9)))
+    for subject in (layers, ms.Frames.of([picture.light, picture.light])):
+        for plan in (None, ms.plan(SCENE, MOVING, closed)):
+            assert not np.any(ms.simulate_capture(subject, SCENE, MOVING, closed, plan=plan))
+
+
+@pytest.mark.parametrize("motion", [STILL, MOVING])
+def test_layers_at_rest_get_the_light_of_a_narrow_profile(motion):
+    """However long nothing crosses an edge, the light of that time is integrated exactly."""
+    shutter = ms.GaussianShutter(0.05)
+    layers = ms.Layers((ms.Layer(ms.Picture(np.ones((2, 90, 1), np.float32))),))
+    light = ms.simulate_capture(layers, SCENE, motion, shutter)
+    np.testing.assert_allclose(light, float(shutter.efficiency()), rtol=1e-6)
+
+
 def test_a_capture_differentiates_with_respect_to_the_shutter():
     """A shutter that is traced gives the capture, and its slope that of differences."""
     light = jnp.asarray(rows(4, 90, 1)[..., 0])
