@@ -171,3 +171,10 @@ def test_every_decoder_finds_the_photograph(decoder, motion):
     )
     assert found.psnr[0] > 28
     assert found.restored.shape == found.captured.shape == (1, *found.reference.shape)
+
+
+def test_no_picture_is_restored_without_light():
+    """Nothing can be known of noise on no electrons, and the scene is what says so."""
+    message = r"`deconvolve\(scene=...\)` must have a photon rate above 0 e-/s; got 0.0"
+    with pytest.raises(ValueError, match=message):
+        ms.deconvolve(np.ones((3, 90)), scene(photon_rate=0.0), camera(), ms.HannShutter())
