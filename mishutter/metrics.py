@@ -59,7 +59,9 @@ def evaluate(
 ) -> Metrics:
     r"""Measure a design.
 
-    The definitions and their sources are those of the functions below.
+    The definitions and their sources are those of the functions below. A motion that is
+    traced is taken to be within the scene's limits, and kernels of a scene that is traced
+    to be at most 256 px long: longer ones are cut, as all are after 16,384 px.
 
     Args:
         scene: Speeds, light and noise.

@@ -138,13 +138,15 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     """Everything: sizes that hold the scene on this motion and on all within its limits.
 
     One size for all of them makes designs comparable (the condition number depends on
-    the DFT length) and lets them share one compiled program. Where the numbers are being
-    traced they are not known, and a kernel of up to 256 px is provided for.
+    the DFT length) and lets them share one compiled program. Of a motion or speeds that
+    are being traced nothing is known but the limits, and where those are traced too a
+    kernel of up to 256 px is provided for.
     """
-    leaves = jax.tree.leaves((scene.speeds, scene.limits.max_stroke, motion))
-    if not all(is_concrete(leaf) for leaf in leaves):
+    if not is_concrete(scene.limits.max_stroke):
         return sized_for(_UNKNOWN_REACH, _UNKNOWN_REACH)
     longest = 4 * float(scene.limits.max_stroke)
+    if not all(is_concrete(leaf) for leaf in jax.tree.leaves((scene.speeds, motion))):
+        return sized_for(longest, longest)
     reach, velocity = extent(scene, motion)
     return sized_for(max(reach, longest), max(velocity, longest))
 

@@ -11,6 +11,7 @@ from mishutter import (
     DesignLoss,
     ExpectedErrorLoss,
     HannShutter,
+    Limits,
     ParabolicMotion,
     RectShutter,
     Scene,
@@ -112,6 +113,24 @@ def test_only_the_shutter_is_traced(motion):
     for first, second in zip(jax.tree.leaves(plain), jax.tree.leaves(compiled), strict=True):
         assert np.isclose(first, second, rtol=1e-9)
     assert plain[0].num_taps == compiled[0].num_taps
+
+
+def test_a_traced_motion_is_measured_as_one_that_is_known():
+    """A derivative by the motion is that of the figure that is reported, long strokes included."""
+    limits = Limits(max_stroke=500.0)
+    scene = Scene(SPEEDS, WEIGHTS, photon_rate=7e4, read_noise=6.0, limits=limits)
+
+    def found(acceleration):
+        motion = ParabolicMotion(acceleration=acceleration, half_exposure=HALF_EXPOSURE)
+        loss = DesignLoss()(scene, motion, SHUTTER)
+        return loss, evaluate(scene, motion, SHUTTER)
+
+    acceleration = jnp.asarray(430.0 / HALF_EXPOSURE**2)
+    (loss, metrics), _ = jax.value_and_grad(found, has_aux=True)(acceleration)
+    for traced, known in zip(
+        jax.tree.leaves((loss, metrics)), jax.tree.leaves(found(acceleration)), strict=True
+    ):
+        assert np.isclose(traced, known, rtol=1e-9)
 
 
 def test_kernel_difference_is_the_rms_over_the_taps_reached():
