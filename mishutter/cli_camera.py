@@ -58,7 +58,7 @@ def simulate(
         float | None, typer.Option("--full-well", min=1.0, help="Most electrons of a pixel.")
     ] = None,
     adc_bits: Annotated[
-        int | None, typer.Option("--adc-bits", min=1, max=32, help="Bits of the converter.")
+        int | None, typer.Option("--adc-bits", min=1, max=24, help="Bits of the converter.")
     ] = None,
     seed: Annotated[
         int, typer.Option("--seed", min=0, max=(1 << 63) - 1, help="Of the noise.")

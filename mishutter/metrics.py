@@ -61,7 +61,8 @@ def evaluate(
 
     The definitions and their sources are those of the functions below. A motion that is
     traced is taken to be within the scene's limits, and kernels of a scene that is traced
-    to be at most 256 px long: longer ones are cut, as all are after 16,384 px.
+    to be at most 256 px long: longer ones are cut, as all are after 16,384 px. Without
+    acceleration a motion is a camera at rest, where it is not traced.
 
     Args:
         scene: Speeds, light and noise.

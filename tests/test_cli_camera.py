@@ -155,7 +155,7 @@ USAGE = {
     "speed": (["--speed", "quick"], "`--speed` must be a valid number; got 'quick'"),
     "long-blur": (["--speed", "1e7"], "must blur over at most 8192 px; got"),
     "decoder": (["--decoder", "magic"], "; got 'magic'"),
-    "bits": (["--adc-bits", "30"], "must be at most 24; got 30"),
+    "bits": (["--adc-bits", "30"], "`--adc-bits` must be less than or equal to 24; got '30'"),
     "full-well": (["--full-well", "0"], "; got '0'"),
     "shutter": (["--shutter", "hamming"], "must be one of rect, hann, "),
     "shutter-unnamed": (["--shutter", ""], "must be one of rect, hann, "),
