@@ -91,11 +91,13 @@ def deconvolve(
     light = as_pixels(captured, "deconvolve(captured=...)")
     chosen = EnsembleDecoder() if decoder is None else decoder
     chosen = chosen.stopping_at_noise() if tolerates(plan) else chosen
-    known = blur_model(scene, motion, shutter, plan=plan) if model is None else model
-    lit, subject = known.electrons > 0, "deconvolve(scene=...)"
-    require(lit, subject, "have a photon rate above 0 e-/s", known.electrons)
+    if model is None:
+        with jax.ensure_compile_time_eval():
+            model = blur_model(scene, motion, shutter, plan=plan)
+    lit, subject = model.electrons > 0, "deconvolve(scene=...)"
+    require(lit, subject, "have a photon rate above 0 e-/s", model.electrons)
     distinct = distinct_colours(light, plan)
-    restored = channels_last(chosen.restore(rows_last(distinct), known), light)
+    restored = channels_last(chosen.restore(rows_last(distinct), model), light)
     return every_colour(restored, light)
 
 

@@ -157,6 +157,18 @@ def test_pictures_narrower_than_the_kernel(name, columns):
     assert bool(jnp.all(jnp.isfinite(found)))
 
 
+@pytest.mark.parametrize("name", ["ensemble", "accelerated"])
+def test_a_restoration_compiles(name):
+    """Within a compiled function of the capture, what is known of the blur stays known."""
+    capture = jnp.asarray(np.random.default_rng(2).random((3, 120)))
+
+    def restored(captured):
+        shutter, decoder = ms.HannShutter(), DECODERS[name]
+        return ms.deconvolve(captured, bright(), camera(), shutter, decoder=decoder)
+
+    np.testing.assert_allclose(jax.jit(restored)(capture), restored(capture), atol=1e-12)
+
+
 def test_tikhonov_leaves_the_noise():
     """What the regularised estimate leaves unexplained has the power of the noise."""
     known = scene(mean_level=0.21, deviation=0.2)

@@ -133,6 +133,19 @@ def test_a_traced_motion_is_measured_as_one_that_is_known():
         assert np.isclose(traced, known, rtol=1e-9)
 
 
+def test_what_a_compiled_function_builds_is_known_to_it():
+    """A scene or a motion made of numbers inside has the sizes that it has outside."""
+
+    def found(taper):
+        scene = Scene([-700.0, 0.0, 300.0], photon_rate=7e4, read_noise=6.0)
+        motion = ParabolicMotion(acceleration=31.0 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+        return evaluate(scene, motion, TukeyShutter(taper))
+
+    plain, compiled = found(0.37), jax.jit(found)(0.37)
+    assert (plain.num_taps, plain.dft_length) == (compiled.num_taps, compiled.dft_length)
+    assert np.isclose(plain.condition_number, compiled.condition_number, rtol=1e-12)
+
+
 def test_kernel_difference_is_the_rms_over_the_taps_reached():
     """Raw and relative difference follow from public kernels."""
     count = int(np.ceil(31.0 * (1 + 2100 / float(MOTION.top_speed)) ** 2))
