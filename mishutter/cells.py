@@ -16,10 +16,12 @@ from mishutter.shutters.sampled import piecewise
 from mishutter.types import common_dtype
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_NUM_PANELS = 16
+"""Steps of the exposure on each of which these nodes integrate the narrowest profile."""
 
 
 class Cells(NamedTuple):
-    """Cells of time, those without light left out.
+    """Cells of time, those without light left out; the first where none has any.
 
     Attributes:
         shifts: By how many pixels each object is displaced; shape `(cells, objects)`.
@@ -59,13 +61,15 @@ def exposure_cells(
     crossings = [_crossings(a, half, float(s), phase) for s in speeds]
     fixed = [np.array([-half, half]), breaks, np.empty(0) if times is None else times]
     ends = np.unique(np.clip(np.concatenate(fixed + crossings), -half, half))
-    begin, width = ends[:-1], np.diff(ends)
-    nodes = begin[:, None] + width[:, None] * (_NODES + 1) / 2
+    begin, middle = ends[:-1], ends[:-1] + np.diff(ends) / 2
+    panels = np.union1d(ends, np.linspace(-half, half, _NUM_PANELS + 1))
+    width = np.diff(panels)
+    nodes = panels[:-1, None] + width[:, None] * (_NODES + 1) / 2
     open_share = np.asarray(shutter.transmittance((nodes / half).astype(dtype)), np.float64)
-    light = width / (4 * half) * (open_share @ _WEIGHTS)
-    middle = begin + width / 2
+    exposed = width / (4 * half) * (open_share @ _WEIGHTS)
+    light = np.add.reduceat(exposed, np.searchsorted(panels, begin))
     position = a * middle[:, None] ** 2 - np.asarray(speeds, np.float64) * middle[:, None]
-    lit = light > 0
+    lit = light > 0 if np.any(light > 0) else begin == begin[0]
     return Cells(np.floor(position - phase).astype(int)[lit], light[lit], begin[lit])
 
 

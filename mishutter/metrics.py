@@ -18,7 +18,7 @@ from mishutter.response import Records, Response, assembled, kernel_phase, recor
 from mishutter.scene import CORNER_FREQUENCY, Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.spectrum import condition_number
-from mishutter.waves import frequency_grid
+from mishutter.waves import frequency_grid, on_steps
 
 
 @final
@@ -64,7 +64,10 @@ def evaluate(
 ) -> Metrics:
     r"""Measure a design.
 
-    The definitions and their sources are those of the functions below.
+    The definitions and their sources are those of the functions below. A motion that is
+    traced is taken to be within the scene's limits, and kernels of a scene that is traced
+    to be at most 256 px long: longer ones are cut, as all are after 16,384 px. Without
+    acceleration a motion is a camera at rest, where it is not traced.
 
     Args:
         scene: Speeds, light and noise.
@@ -118,12 +121,12 @@ def kernel_differences(
 
 
 def _num_supported(scene: Scene, motion: AbstractMotion, like: Array) -> Array:
-    """Taps that light of the fastest object falls on."""
+    """Taps that light of the fastest object falls on; those at rest have a middle one."""
     if isinstance(motion, StillCamera):
-        reach = 2 * scene.max_speed * motion.half_exposure
+        count = 2 * jnp.ceil(scene.max_speed * motion.half_exposure - 0.5) + 1
     else:
-        reach = support(motion, scene.max_speed)
-    return jax.lax.stop_gradient(jnp.maximum(jnp.ceil(reach), 1)).astype(like.dtype)
+        count = jnp.ceil(support(motion, scene.max_speed))
+    return jax.lax.stop_gradient(jnp.maximum(count, 1)).astype(like.dtype)
 
 
 def expected_squared_error(
@@ -178,8 +181,7 @@ def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     if scene.power_spectrum is None:
         power = 1 / (frequency**2 + CORNER_FREQUENCY**2)
     else:
-        given = scene.power_spectrum.astype(dtype)
-        power = jnp.interp(frequency, frequency_grid(given.size, dtype), given)
+        power = on_steps(jnp.asarray(scene.power_spectrum, dtype), num_frequencies)
     power = jnp.where(frequency <= scene.cutoff_frequency.astype(dtype), power, 0)
     total = jnp.mean(power)
     lit = total > 0

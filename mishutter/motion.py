@@ -3,6 +3,7 @@
 from typing import final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
@@ -83,7 +84,8 @@ class StillCamera(AbstractMotion):
     @property
     def acceleration(self) -> Array:  # type: ignore[override]
         """Zero; px/s^2."""
-        return jnp.zeros_like(self.half_exposure)
+        with jax.ensure_compile_time_eval():
+            return jnp.zeros(self.half_exposure.shape, self.half_exposure.dtype)
 
 
 def settled(motion: AbstractMotion) -> AbstractMotion:

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from mishutter.motion import AbstractMotion
-from mishutter.scene import CORNER_FREQUENCY, Scene
+from mishutter.scene import CORNER_FREQUENCY, NUM_FREQUENCIES, Scene
 from mishutter.shutters import (
     AbstractShutter,
     GaussianShutter,
@@ -27,8 +27,8 @@ from mishutter.shutters import (
 from mishutter.spectrum import default_num_frequencies
 from mishutter.speeds import distinct_speeds, quadrature
 from mishutter.types import is_concrete, require
+from mishutter.waves import frequencies, on_steps
 
-NUM_FREQUENCIES = 256
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 _MAX_TAPS = 1 << 14
@@ -138,13 +138,15 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     """Everything: sizes that hold the scene on this motion and on all within its limits.
 
     One size for all of them makes designs comparable (the condition number depends on
-    the DFT length) and lets them share one compiled program. Where the numbers are being
-    traced they are not known, and a kernel of up to 256 px is provided for.
+    the DFT length) and lets them share one compiled program. Of a motion or speeds that
+    are being traced nothing is known but the limits, and where those are traced too a
+    kernel of up to 256 px is provided for.
     """
-    leaves = jax.tree.leaves((scene.speeds, scene.limits.max_stroke, motion))
-    if not all(is_concrete(leaf) for leaf in leaves):
+    if not is_concrete(scene.limits.max_stroke):
         return sized_for(_UNKNOWN_REACH, _UNKNOWN_REACH)
     longest = 4 * float(scene.limits.max_stroke)
+    if not all(is_concrete(leaf) for leaf in jax.tree.leaves((scene.speeds, motion))):
+        return sized_for(longest, longest)
     reach, velocity = extent(scene, motion)
     return sized_for(max(reach, longest), max(velocity, longest))
 
@@ -281,11 +283,6 @@ def is_symmetric(shutter: AbstractShutter) -> bool:
     return isinstance(shutter, _SYMMETRIC_WINDOWS)
 
 
-def frequencies(count: int) -> np.ndarray:
-    """Centres of equal steps in (0, 0.5); cycles/px, shape `(count,)`."""
-    return (np.arange(count) + 0.5) * (0.5 / count)
-
-
 def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
     """The scene's power spectrum at the plan's frequencies, where that changes nothing."""
     given = scene.power_spectrum
@@ -301,8 +298,7 @@ def power_on_grid(scene: Scene, num_frequencies: int) -> np.ndarray:
 
 
 def _spectrum(scene: Scene, num_frequencies: int) -> np.ndarray:
-    grid = frequencies(num_frequencies)
     if scene.power_spectrum is None:
+        grid = frequencies(num_frequencies)
         return (1 / (grid**2 + CORNER_FREQUENCY**2)).astype(scene.speeds.dtype)
-    known = np.asarray(scene.power_spectrum)
-    return np.interp(grid, frequencies(known.size), known).astype(known.dtype)
+    return np.asarray(on_steps(np.asarray(scene.power_spectrum), num_frequencies))

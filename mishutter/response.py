@@ -149,7 +149,7 @@ def kernels_at_speeds(
     Known ones are computed eight at a time and cut from longer ones, so that one program
     for each kind of shutter serves whoever asks, for however many.
     """
-    kernels = _kernels_and_light(shutter, settled(motion), speeds, num_taps)[0]
+    kernels = _kernels_and_light(shutter, motion, speeds, num_taps)[0]
     if not isinstance(kernels, np.ndarray):
         return kernels
     with jax.ensure_compile_time_eval():
@@ -162,6 +162,7 @@ def _kernels_and_light(
     speeds: Array | np.ndarray,
     num_taps: int,
 ) -> tuple[Array | np.ndarray, Array]:
+    motion = settled(motion)
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
     first = np.asarray(kernel_phase(motion, num_taps), dtype)
     if not all(is_concrete(leaf) for leaf in jax.tree.leaves((shutter, motion, speeds))):

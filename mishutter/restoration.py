@@ -86,12 +86,14 @@ def deconvolve(
         displaced by what its speed alone decides.
 
     Raises:
-        ValueError: if `captured` is not finite or not a picture.
+        ValueError: if `captured` is not finite or not a picture, or the scene has no light.
     """
     light = as_pixels(captured, "deconvolve(captured=...)")
     chosen = EnsembleDecoder() if decoder is None else decoder
     chosen = chosen.stopping_at_noise() if tolerates(plan) else chosen
     known = blur_model(scene, motion, shutter, plan=plan) if model is None else model
+    lit, subject = known.electrons > 0, "deconvolve(scene=...)"
+    require(lit, subject, "have a photon rate above 0 e-/s", known.electrons)
     distinct = distinct_colours(light, plan)
     restored = channels_last(chosen.restore(rows_last(distinct), known), light)
     return every_colour(restored, light)

@@ -19,14 +19,16 @@ from mishutter.types import (
     require_positive_int,
     require_scalar,
 )
+from mishutter.waves import frequencies, on_steps
 
 DEFAULT_MEAN = 0.25
 DEFAULT_DEVIATION = 0.2
 CORNER_FREQUENCY = 0.01
 NYQUIST_FREQUENCY = 0.5
+NUM_FREQUENCIES = 256
 """Mean, standard deviation (linear light, white = 1) and corner (cycles/px) of the
-spectrum that stands for a photograph where a scene brings none, and the highest frequency
-that a sensor records (cycles/px)."""
+spectrum that stands for a photograph where a scene brings none, the highest frequency
+that a sensor records (cycles/px), and how many equal steps up to it are looked at."""
 
 
 @final
@@ -85,11 +87,11 @@ class Scene(eqx.Module):
         read_noise: Standard deviation of the read noise $\sigma$; e-.
         mean_level: Mean of the picture in linear light, white = 1.
         deviation: Standard deviation of the picture in linear light.
-        power_spectrum: Power of the picture's rows at `num_frequencies` equal
-            steps' centres in (0, 0.5) cycles/px, on any scale, none only without
-            deviation; the spectrum $1/(f^2 + 0.01^2)$ by default. Shape `(m,)`.
+        power_spectrum: Power of the picture's rows at the centres of $m$ equal steps of
+            (0, 0.5) cycles/px, on any scale, none only without deviation; the spectrum
+            $1/(f^2 + 0.01^2)$ by default. It is looked at in 256 steps. Shape `(m,)`.
         cutoff_frequency: Highest frequency that the optics pass: the picture on the
-            sensor holds none above it; cycles/px, above 0 and at most 0.5.
+            sensor holds none above it, and below it some; cycles/px, at most 0.5.
         limits: What the mechanism and the exposure may reach.
         motion: Motion to start from or to compare at; None leaves it to the caller.
         picture: Path of the photograph to show results on; None for none.
@@ -187,6 +189,17 @@ class Scene(eqx.Module):
         if is_concrete(cutoff):
             passes = 0 < float(np.asarray(cutoff)) <= NYQUIST_FREQUENCY
             require(passes, subject, "be above 0 and at most 0.5 cycles/px", cutoff)
+            self._check_power_below(float(np.asarray(cutoff)))
+
+    def _check_power_below(self, cutoff: float) -> None:
+        power, deviation = self.power_spectrum, self.deviation
+        if not (is_concrete(power) and is_concrete(deviation)) or float(deviation) == 0:
+            return
+        known = np.ones(1) if power is None else np.asarray(power)
+        lit = on_steps(known, NUM_FREQUENCIES) > 0
+        first = float(np.min(frequencies(NUM_FREQUENCIES), where=lit, initial=np.inf))
+        requirement = f"pass some of the picture, whose power begins at {first:.3g} cycles/px"
+        require(first <= cutoff, "Scene(cutoff_frequency=...)", requirement, cutoff)
 
     @staticmethod
     def uniform(
@@ -263,7 +276,7 @@ class Scene(eqx.Module):
         """Largest speed of either sign that occurs; px/s."""
         if self.speeds_known:
             speeds, weights = np.asarray(self.speeds), np.asarray(self.weights)
-            with jax.ensure_compile_time_eval():  # a number also where something else is traced
+            with jax.ensure_compile_time_eval():
                 return jnp.asarray(np.max(np.abs(speeds), where=weights > 0, initial=0))
         return jnp.max(jnp.where(self.weights > 0, jnp.abs(self.speeds), 0))
 

@@ -63,9 +63,9 @@ def simulate_capture(
             or `Frames` of footage: these are aligned at mid-exposure, and bring their
             own speeds and borders.
         scene: Light and noise; its speeds are not used.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        speed: Speed of the picture, px/s; 0 for layers and frames.
+        motion: Motion of the sensor; concrete.
+        shutter: Transmittance over the exposure; concrete with layers and frames.
+        speed: Speed of the picture, px/s; 0 for layers and frames; concrete.
         key: JAX key of the noise; None for none.
         border: Where light from beyond the picture comes from. `"scene"`: the picture is
             the scene, and the sensor records the part of it whose light is all known,
@@ -148,10 +148,10 @@ def capture_kernel(
     num_taps, origin = kernel_layout(motion, speed)
     dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
     speeds = np.asarray([float(speed)], dtype)
-    kernels = kernels_at_speeds(shutter, motion, speeds, num_taps)
-    if not is_concrete(kernels):
-        return kernels[0].astype(dtype), origin
-    return jax.device_put(np.asarray(kernels, dtype)[0]), origin
+    taps = kernels_at_speeds(shutter, motion, speeds, num_taps)[0]
+    if is_concrete(taps):
+        return jax.device_put(np.asarray(taps, dtype)), origin
+    return taps.astype(dtype), origin
 
 
 def centred_kernel(

@@ -8,8 +8,8 @@ import numpy as np
 
 from mishutter.metrics import picture_power
 from mishutter.motion import ParabolicMotion, settled
-from mishutter.plan import NUM_FREQUENCIES, is_symmetric, sizes
-from mishutter.scene import Scene
+from mishutter.plan import is_symmetric, sizes
+from mishutter.scene import NUM_FREQUENCIES, Scene
 from mishutter.speeds import rounding
 from mishutter.sweep_grid import KERNEL_METRICS, SPECTRUM_METRICS, Block, Grid, outside_limits
 from mishutter.sweep_kernels import TAPS
@@ -116,7 +116,7 @@ class Layout:
         smear = self.max_speeds[block.scene] * half[:, None]
         moving = stroke > 0
         far = (2 * stroke + smear) ** 2 / np.where(moving, 4 * stroke, 1.0)
-        return np.maximum(np.ceil(np.where(moving, far, 2 * smear)), 1)
+        return np.where(moving, np.maximum(np.ceil(far), 1), 2 * np.ceil(smear - 0.5) + 1)
 
     def scene_numbers(self, scene: Scene, *, symmetric: bool) -> SceneNumbers:
         """A scene's speeds folded, and as many in number for every scene of the grid."""

@@ -20,9 +20,9 @@ from jaxtyping import Array
 from mishutter.compiling import quick_to_compile
 from mishutter.losses.base import AbstractResponseLoss
 from mishutter.motion import ParabolicMotion
-from mishutter.plan import NUM_FREQUENCIES, Plan, sizes
+from mishutter.plan import Plan, sizes
 from mishutter.response import Response
-from mishutter.scene import Scene
+from mishutter.scene import NUM_FREQUENCIES, Scene
 from mishutter.shutters import HannShutter, RectShutter, SplineShutter, TukeyShutter
 from mishutter.sweep_grid import Block, Search
 from mishutter.sweep_layout import Kit, Layout

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mishutter.metrics import picture_power
-from mishutter.plan import NUM_FREQUENCIES
-from mishutter.scene import Scene
+from mishutter.scene import NUM_FREQUENCIES, Scene
 from mishutter.types import RowLike, require
 from mishutter.waves import frequency_grid
 

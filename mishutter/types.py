@@ -50,8 +50,14 @@ def common_dtype(*values: RowLike) -> np.dtype:
 
 
 def as_float(value: RowLike) -> Array:
-    """`value` as a floating array: its own precision if it has one, JAX's default if not."""
-    return jnp.asarray(value, dtype=common_dtype(value))
+    """`value` as a floating array: its own precision if it has one, JAX's default if not.
+
+    One that is known stays known, also in a function that is being compiled.
+    """
+    if not all(is_concrete(leaf) for leaf in jax.tree.leaves(value)):
+        return jnp.asarray(value, dtype=common_dtype(value))
+    with jax.ensure_compile_time_eval():
+        return jnp.asarray(value, dtype=common_dtype(value))
 
 
 def require(holds: bool, subject: str, requirement: str, got: object) -> None:

@@ -19,6 +19,29 @@ def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Array:
     return (jnp.arange(num_frequencies, dtype=dtype) + 0.5) * (0.5 / num_frequencies)
 
 
+def frequencies(count: int) -> np.ndarray:
+    """Centres of equal steps in (0, 0.5); cycles/px, shape `(count,)`."""
+    return (np.arange(count) + 0.5) * (0.5 / count)
+
+
+def on_steps(power: Array | np.ndarray, count: int) -> Array | np.ndarray:
+    """Power of a spectrum known on other equal steps of (0, 0.5); shape `(count,)`.
+
+    Between fewer it is interpolated, of more it is the mean, so that none is lost.
+    """
+    space = np if isinstance(power, np.ndarray) else jnp
+    if power.size <= count:
+        known, wanted = (frequencies(x).astype(power.dtype) for x in (power.size, count))
+        return space.interp(wanted, known, power)
+    edges = np.union1d(np.linspace(0, 1, power.size + 1), np.linspace(0, 1, count + 1))
+    middle, share = (edges[1:] + edges[:-1]) / 2, np.diff(edges) * count
+    pieces = power[(middle * power.size).astype(int)] * share.astype(power.dtype)
+    step = (middle * count).astype(int)
+    if space is jnp:
+        return jax.ops.segment_sum(pieces, step, count)
+    return np.bincount(step, pieces, count).astype(power.dtype)
+
+
 @partial(jax.custom_jvp, nondiff_argnums=(2, 3))
 def sum_of_waves(position: Array, light: Array, num_frequencies: int, num_kept: int) -> Array:
     r"""$\sum_q l_q e^{-2\pi i f_m x_q}$ on the lowest of the grid; `(s, num_kept)`, complex."""

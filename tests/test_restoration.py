@@ -184,3 +184,10 @@ def test_speeds_that_are_none(speeds, message):
     """They are refused by their name."""
     with pytest.raises(ValueError, match=message):
         ms.restore_photograph(np.ones((4, 300)), scene(), camera(), ms.HannShutter(), speeds=speeds)
+
+
+def test_no_picture_is_restored_without_light():
+    """Nothing can be known of noise on no electrons, and the scene is what says so."""
+    message = r"`deconvolve\(scene=...\)` must have a photon rate above 0 e-/s; got 0.0"
+    with pytest.raises(ValueError, match=message):
+        ms.deconvolve(np.ones((3, 90)), scene(photon_rate=0.0), camera(), ms.HannShutter())

@@ -32,6 +32,18 @@ def test_a_picture_without_contrast_has_no_power():
     assert not np.any(scene.power_spectrum)
 
 
+@pytest.mark.parametrize(
+    ("power", "cutoff", "first"), [(None, 9e-4, "0.000977"), (np.arange(8) > 5, 0.21, "0.345")]
+)
+def test_optics_that_pass_nothing_of_the_picture(power, cutoff, first):
+    """A picture that the lens leaves nothing of is refused, not restored without error."""
+    message = rf"pass some of the picture, whose power begins at {first} cycles/px; got {cutoff}"
+    with pytest.raises(ValueError, match=message):
+        Scene([0.0], **LIGHT, power_spectrum=power, cutoff_frequency=cutoff)
+    Scene([0.0], **LIGHT, power_spectrum=power, cutoff_frequency=cutoff, deviation=0.0)
+    Scene([0.0], **LIGHT, power_spectrum=power, cutoff_frequency=0.35)
+
+
 @pytest.mark.parametrize("name", ["motion", "limits", "picture"])
 def test_parts_that_are_something_else(name):
     """A part of the wrong kind is refused by name, also where annotations are not checked."""

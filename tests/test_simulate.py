@@ -69,23 +69,6 @@ def test_the_kernel_for_other_libraries(motion):
     np.testing.assert_allclose(found, wanted[..., 0], atol=1e-12)
 
 
-def test_no_acceleration_is_a_camera_at_rest():
-    """Captured, restored and handed to other libraries as one, and not in the dark."""
-    unmoved, hann = ms.ParabolicMotion(acceleration=0.0, half_exposure=HALF), ms.HannShutter()
-    picture, speed = rows(5, 90, 1), 310.0
-    layers = ms.Layers((ms.Layer(ms.Picture(picture), speed),))
-    for subject, options in ((picture, {"speed": speed}), (layers, {})):
-        found, wanted = (
-            ms.capture_and_restore(subject, SCENE, motion, hann, **options)
-            for motion in (unmoved, STILL)
-        )
-        np.testing.assert_array_equal(found.captured, wanted.captured)
-        np.testing.assert_array_equal(found.restored, wanted.restored)
-    np.testing.assert_array_equal(
-        *(ms.centred_kernel(motion, hann, speed=speed) for motion in (unmoved, STILL))
-    )
-
-
 def test_a_capture_differentiates_by_the_shutter():
     """Forward and reverse mode, against a difference; motion and speed are numbers."""
     picture = rows(3, 40, 1)
@@ -156,6 +139,46 @@ def test_a_key_gives_the_same_noise_compiled_and_batched():
     np.testing.assert_allclose(jax.vmap(capture)(keys), each, atol=1e-12)
     np.testing.assert_allclose(jax.jit(capture)(keys[1]), each[1], atol=1e-12)
     assert np.all(each[0] != each[1])
+
+
+def test_a_closed_shutter_records_darkness():
+    """Layers and frames of which no light falls on the sensor are black, not an error."""
+    closed = ms.ChippedShutter([0.0, 0.0])
+    picture = ms.Picture(rows(2, 90, 1).astype(np.float32))
+    layers = ms.Layers((ms.Layer(picture), ms.Layer(picture, 300.0, left=9)))
+    for subject in (layers, ms.Frames.of([picture.light, picture.light])):
+        for plan in (None, ms.plan(SCENE, MOVING, closed)):
+            assert not np.any(ms.simulate_capture(subject, SCENE, MOVING, closed, plan=plan))
+
+
+@pytest.mark.parametrize("motion", [STILL, MOVING])
+def test_layers_at_rest_get_the_light_of_a_narrow_profile(motion):
+    """However long nothing crosses an edge, the light of that time is integrated exactly."""
+    shutter = ms.GaussianShutter(0.05)
+    layers = ms.Layers((ms.Layer(ms.Picture(np.ones((2, 90, 1), np.float32))),))
+    light = ms.simulate_capture(layers, SCENE, motion, shutter)
+    np.testing.assert_allclose(light, float(shutter.efficiency()), rtol=1e-6)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3 * TOP])
+def test_a_parabola_of_no_acceleration_captures_as_a_camera_at_rest(speed):
+    """Its light is not lost, and it is aligned, modelled and layered as a still camera's."""
+    parked = ms.ParabolicMotion(acceleration=0.0, half_exposure=HALF)
+    light = rows(3, 120, 1)
+    layers = ms.Layers((ms.Layer(ms.Picture(light.astype(np.float32)), speed),))
+
+    def found(motion):
+        model = ms.blur_model(SCENE, motion, ms.HannShutter())
+        return [
+            ms.simulate_capture(light, SCENE, motion, ms.HannShutter(), speed=speed),
+            ms.simulate_capture(layers, SCENE, motion, ms.HannShutter()),
+            ms.centred_kernel(motion, ms.HannShutter(), speed=speed),
+            model.kernels,
+        ]
+
+    for first, second in zip(found(parked), found(STILL), strict=True):
+        np.testing.assert_array_equal(first, second)
+        assert np.sum(first) > 0
 
 
 def test_full_well_and_converter():

@@ -12,9 +12,9 @@ from mishutter.metrics import picture_power
 from mishutter.motion import AbstractMotion
 from mishutter.noise import noise_variance, white_electrons
 from mishutter.picture_plan import skips
-from mishutter.plan import NUM_FREQUENCIES, PLANNED, Automatic, Plan, needed_speeds
+from mishutter.plan import PLANNED, Automatic, Plan, needed_speeds
 from mishutter.response import kernels_at_speeds
-from mishutter.scene import Scene
+from mishutter.scene import NUM_FREQUENCIES, Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.simulate import kernel_layout
 

@@ -86,7 +86,8 @@ def richardson_lucy(
     r"""Plain Richardson-Lucy along rows in the dark, as scikit-image's on one row of taps.
 
     $f \leftarrow f \cdot H^\top(g / Hf)$ from a flat start, the picture being dark beyond
-    its borders and the kernel's middle tap displacing nothing: the result agrees with
+    its borders and the kernel's middle tap displacing nothing: of an odd number of
+    taps the result is that of
     `skimage.restoration.richardson_lucy(captured, kernel[None], clip=False)`. For
     photographs use `RichardsonLucyDecoder`, which knows better about borders.
 
