@@ -65,9 +65,9 @@ def evaluate(
     r"""Measure a design.
 
     The definitions and their sources are those of the functions below. A motion that is
-    traced is taken to be within the scene's limits, and kernels of a scene that is traced
-    to be at most 256 px long: longer ones are cut, as all are after 16,384 px. Without
-    acceleration a motion is a camera at rest, where it is not traced.
+    traced may have kernels as long as the scene's limits allow, and those of a scene that is
+    traced be 256 px long: longer ones are an error when it is run. After 16,384 px all are
+    cut. Without acceleration a motion is a camera at rest, where it is not traced.
 
     Args:
         scene: Speeds, light and noise.
@@ -78,9 +78,13 @@ def evaluate(
 
     Returns:
         The metrics; see `Metrics`.
+
+    Raises:
+        RuntimeError: if a motion or a scene that is traced has longer kernels; under
+            `jax.jit` JAX makes an error of its own of it.
     """
-    motion = settled(motion)
-    plan = replace(chosen(plan, scene, motion, shutter), num_kept=None)
+    plan, motion = chosen(plan, scene, settled(motion), shutter)
+    plan = replace(plan, num_kept=None)
     scene, motion, shutter = lowered(plan, scene, motion, shutter)
     kept = reduced(scene, plan)
     return measured(kept, motion, records(kept, motion, shutter, plan), plan)

@@ -10,10 +10,12 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 
-from mishutter.motion import AbstractMotion
+from mishutter.kernel import support
+from mishutter.motion import AbstractMotion, StillCamera
 from mishutter.scene import CORNER_FREQUENCY, NUM_FREQUENCIES, Scene
 from mishutter.shutters import (
     AbstractShutter,
@@ -206,12 +208,23 @@ def require_plan(value: object) -> None:
 
 def chosen(
     plan: Plan | Automatic | None, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
-) -> Plan:
-    """The plan that an argument `plan=` stands for; None computes everything."""
+) -> tuple[Plan, AbstractMotion]:
+    """The plan that an argument `plan=` stands for, None for everything, and the motion.
+
+    One that is traced is refused, when it is run, if a plan made here has too few taps for it.
+    """
     require_plan(plan)
     if isinstance(plan, Plan):
-        return plan
-    return sizes(scene, motion) if plan is None else automatic(scene, motion, shutter)
+        return plan, motion
+    found = sizes(scene, motion) if plan is None else automatic(scene, motion, shutter)
+    if all(is_concrete(leaf) for leaf in jax.tree.leaves((scene.speeds, motion))):
+        return found, motion
+    still = isinstance(motion, StillCamera)
+    fastest = scene.max_speed
+    reach = 2 * fastest * motion.half_exposure if still else support(motion, fastest)
+    requirement = f"blur over at most {found.num_taps} px where it or the scene's limits are traced"
+    message = f"`motion` must {requirement}; got one that blurs over more."
+    return found, eqx.error_if(motion, reach > found.num_taps, message)
 
 
 def reduced(scene: Scene, plan: Plan) -> Scene:

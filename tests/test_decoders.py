@@ -54,6 +54,28 @@ def test_a_capture_alone_may_be_traced(name):
     np.testing.assert_allclose(jax.jit(restored)(captured), restored(captured), atol=1e-11)
 
 
+@pytest.mark.parametrize("name", [*DECODERS, "until_noise"])
+def test_a_restoration_differentiates(name):
+    """In reverse mode as in forward mode, and along a direction as a difference does.
+
+    Total variation bends wherever a difference of neighbours is kept or not: closer together
+    than any step that rounding allows.
+    """
+    decoder = DECODERS.get(name, ms.RichardsonLucyDecoder(until_noise=True))
+    captured = ms.simulate_capture(photograph(4, 120), bright(), camera(), ms.HannShutter())
+    direction, weights = np.random.default_rng(5).standard_normal((2, *captured.shape))
+
+    def seen(step):
+        light = captured + step * direction * captured
+        restored = ms.deconvolve(light, bright(), camera(), ms.HannShutter(), decoder=decoder)
+        return jnp.sum(weights * restored)
+
+    slope = jax.grad(seen)(0.0)
+    np.testing.assert_allclose(slope, jax.jvp(seen, (0.0,), (1.0,))[1], rtol=1e-9)
+    if name != "total variation":
+        np.testing.assert_allclose(slope, (seen(1e-6) - seen(-1e-6)) / 2e-6, rtol=1e-4)
+
+
 @pytest.mark.parametrize("num_taps", [1, 37, 46, 65, 150])
 def test_banded_product_is_the_periodic_convolution(num_taps):
     """The banded product and its adjoint are the convolution and the correlation of the DFT."""

@@ -133,6 +133,22 @@ def test_a_traced_motion_is_measured_as_one_that_is_known():
         assert np.isclose(traced, known, rtol=1e-9)
 
 
+@pytest.mark.parametrize("measure", [evaluate, DesignLoss()])
+def test_kernels_longer_than_a_compiled_function_provides_for(measure):
+    """They are not cut without a word: of a traced motion by its scene's limits, else 256 px."""
+    few, many = (
+        ParabolicMotion(acceleration=stroke / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+        for stroke in (20.0, 1000.0)
+    )
+    by_motion = jax.jit(lambda motion: measure(SCENE, motion, SHUTTER))
+    for compiled in (by_motion, lambda motion: jax.jit(measure)(SCENE, motion, SHUTTER)):
+        assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(compiled(few)))
+        with pytest.raises(
+            (RuntimeError, ValueError), match=r"`motion` must blur over at most \d+ px where"
+        ):
+            compiled(many)
+
+
 def test_what_a_compiled_function_builds_is_known_to_it():
     """A scene or a motion made of numbers inside has the sizes that it has outside."""
 

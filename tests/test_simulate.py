@@ -127,6 +127,21 @@ def test_shot_noise_is_poisson(mean):
     assert abs(drawn.var() - mean) <= 5 * fourth
 
 
+def test_noise_is_held_where_a_capture_differentiates():
+    """A noisy capture moves with its light as one without noise does."""
+    picture = rows(3, 60, 1)
+
+    def slope(key):
+        def light(taper):
+            shutter = ms.TukeyShutter(taper)
+            return jnp.sum(ms.simulate_capture(picture, SCENE, MOVING, shutter, key=key))
+
+        return jax.grad(light)(0.4)
+
+    np.testing.assert_allclose(slope(jax.random.key(3)), slope(None), rtol=1e-12)
+    assert slope(None) < 0
+
+
 def test_a_key_gives_the_same_noise_compiled_and_batched():
     """`jit` and `vmap` over keys draw what single calls draw, and keys differ."""
     light = jnp.asarray(rows(6, 30, 1)[..., 0])

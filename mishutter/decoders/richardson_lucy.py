@@ -164,7 +164,8 @@ def _restored(
     recorded = slice(origin, origin + extension.columns)
     counts = None
     if noise is not None:
-        counts = _steps_until_noise(data, start, operator, norm, method, recorded, noise)
+        given = *jax.lax.stop_gradient((data, start)), operator, norm
+        counts = _steps_until_noise(*given, method, recorded, noise)
     return _iterated(data, start, operator, norm, method, counts)[..., : extension.columns]
 
 
@@ -210,13 +211,17 @@ def _iterated(
         return padded.reshape(-1, tile, length)
 
     def iterated(item: tuple) -> Array:
-        data, start, count = item
-        step = lambda _, state: _step(state, data, operator, norm)[0]  # noqa: E731
-        return jax.lax.fori_loop(0, count, step, _first_state(start, method[1]))[0]
+        data, start, *count = item
 
-    if counts is None:
-        counts = jnp.full(data.size // (rows * length), method[0], jnp.int32)
-    items = (tiles(data), tiles(start), jnp.repeat(counts, per_plane))
+        def step(index: Array, state: tuple) -> tuple:
+            after = lambda: _step(state, data, operator, norm)[0]  # noqa: E731
+            return jax.lax.cond(index < count[0], after, lambda: state) if count else after()
+
+        # As many turns as are known beforehand: others do not differentiate in reverse.
+        return jax.lax.fori_loop(0, method[0], step, _first_state(start, method[1]))[0]
+
+    counted = () if counts is None else (jnp.repeat(counts, per_plane),)
+    items = (tiles(data), tiles(start), *counted)
     found = jax.lax.map(iterated, items).reshape(-1, per_plane * tile, length)
     return found[:, :rows].reshape(data.shape)
 

@@ -1,5 +1,6 @@
 """Least squares with a penalty on roughness, its strength set by the noise."""
 
+from collections.abc import Callable
 from typing import final
 
 import jax
@@ -14,6 +15,7 @@ from mishutter.rows import along_rows
 
 _LEAST, _MOST = 1e-9, 1e9
 _NUM_HALVINGS = 40
+_AT_END = 1e-3
 
 
 @final
@@ -58,20 +60,36 @@ def _regularised(
         total = passed + penalty
         return jnp.where(total > 0, penalty / jnp.where(total > 0, total, 1), 1)
 
-    def halved(_, bounds: tuple) -> tuple:
-        low, high = bounds
-        middle = (low + high) / 2
-        left = jnp.fft.irfft(spectrum * weight(middle).astype(spectrum.dtype), extension.length)[
-            ..., :columns
-        ]
-        power = jnp.mean(left**2, axis=(-2, -1), keepdims=True)
-        too_rough = power > noise
-        return jnp.where(too_rough, low, middle), jnp.where(too_rough, middle, high)
+    def unexplained(logarithm: Array) -> Array:
+        left = spectrum * weight(logarithm).astype(spectrum.dtype)
+        recorded = jnp.fft.irfft(left, extension.length)[..., :columns]
+        return jnp.mean(recorded**2, axis=(-2, -1), keepdims=True)
 
     one = jnp.ones((*captured.shape[:-2], 1, 1), captured.dtype)
-    start = (one * float(np.log(_LEAST)), one * float(np.log(_MOST)))
-    low, high = jax.lax.fori_loop(0, _NUM_HALVINGS, halved, start)
-    total = passed + jnp.exp((low + high) / 2) * rough
+    strength = _root(lambda logarithm: unexplained(logarithm) - noise, one)
+    total = passed + jnp.exp(strength) * rough
     scale = jnp.where(total > 0, 1 / jnp.where(total > 0, total, 1), 0)
     inverse = jnp.conj(transfer) * scale.astype(spectrum.dtype)
     return jnp.fft.irfft(spectrum * inverse, extension.length)[..., :columns] + mean * gain
+
+
+def _root(rising: Callable[[Array], Array], one: Array) -> Array:
+    r"""Logarithm at which a function is zero, or an end of the range; shape of `one`.
+
+    Its derivative is that of the root, $-\partial f/f'$: bisection itself has none.
+    """
+    low, high = float(np.log(_LEAST)), float(np.log(_MOST))
+
+    def halved(_, bounds: tuple) -> tuple:
+        low, high = bounds
+        middle = (low + high) / 2
+        above = jax.lax.stop_gradient(rising(middle)) > 0
+        return jnp.where(above, low, middle), jnp.where(above, middle, high)
+
+    bounds = jax.lax.fori_loop(0, _NUM_HALVINGS, halved, (one * low, one * high))
+    found = (bounds[0] + bounds[1]) / 2
+    value, slope = jax.jvp(rising, (found,), (one,))
+    inside = (slope > 0) & (found - low > _AT_END) & (high - found > _AT_END)
+    slope = jax.lax.stop_gradient(jnp.where(inside, slope, 1))
+    moved = (value - jax.lax.stop_gradient(value)) / slope
+    return found - jnp.where(inside, moved, 0)

@@ -84,8 +84,7 @@ class AbstractResponseLoss(AbstractLoss):
         *,
         plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
-        motion = settled(motion)
-        plan = chosen(plan, scene, motion, shutter)
+        plan, motion = chosen(plan, scene, settled(motion), shutter)
         scene, motion, shutter = lowered(plan, scene, motion, shutter)
         kept = reduced(scene, plan)
         response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
