@@ -98,7 +98,7 @@ def blur_kernel(
     index = jnp.arange(num_taps + 1 + (num_taps + 1) % 2, dtype=dtype)
     edges = two_sum(index, jnp.broadcast_to(jax.lax.stop_gradient(first), index.shape))
     point = motion, jnp.asarray(speed, dtype)
-    return _exposure(num_taps, shutter, point, edges, first, from_vertex=True)
+    return _exposure(num_taps, piecewise(shutter), point, edges, first, from_vertex=True)
 
 
 def binned_exposure(
@@ -138,7 +138,7 @@ def binned_exposure(
     row = jnp.pad(row, (0, row.size % 2), mode="edge")
     ends, nothing = DoubleWord(row, jnp.zeros(1, dtype)), jnp.zeros((), dtype)
     point = motion, jnp.asarray(speed, dtype)
-    return _exposure(num_taps, shutter, point, ends, nothing, from_vertex=False)
+    return _exposure(num_taps, piecewise(shutter), point, ends, nothing, from_vertex=False)
 
 
 @seldom_run
@@ -166,7 +166,7 @@ def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: RowLike) -
 @eqx.filter_jit
 def _exposure(
     num_taps: int,
-    shutter: AbstractShutter,
+    profile: AbstractPiecewiseShutter,
     point: tuple[AbstractMotion, Array],
     edges: DoubleWord,
     shift: Array,
@@ -174,7 +174,7 @@ def _exposure(
     from_vertex: bool,
 ) -> Array:
     """Share of light between `edges`, which also move with a `shift`; shape `(n,)`."""
-    profile, (motion, speed) = piecewise(shutter), point
+    motion, speed = point
     a = motion.acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
     tau = profile.breakpoints(np.dtype(speed.dtype))

@@ -90,6 +90,8 @@ def deconvolve(
     """
     light = as_pixels(captured, "deconvolve(captured=...)")
     chosen = EnsembleDecoder() if decoder is None else decoder
+    right = isinstance(chosen, AbstractDecoder)
+    require(right, "deconvolve(decoder=...)", "be a decoder", decoder)
     chosen = chosen.stopping_at_noise() if tolerates(plan) else chosen
     known = blur_model(scene, motion, shutter, plan=plan) if model is None else model
     lit, subject = known.electrons > 0, "deconvolve(scene=...)"

@@ -252,7 +252,7 @@ def _check_same(found: dict[str, Any], asked: dict[str, Any]) -> None:
             got, want = (_short(x) for x in _first_difference(found.get(name), asked[name]))
             words = name.replace("_", " ")
             raise ValueError(
-                f"`{_SUBJECT}` must hold the same sweep, whose {words} are {want}; got {got}."
+                f"`{_SUBJECT}` must hold the same sweep, with {words}: {want}; got {got}."
             )
 
 

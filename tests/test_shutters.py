@@ -7,6 +7,7 @@ import pytest
 from cases import MOTIONS, SHUTTERS
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jaxtyping import Array
 
 import mishutter
 from mishutter import (
@@ -18,7 +19,9 @@ from mishutter import (
     SplineShutter,
     TukeyShutter,
     binned_exposure,
+    blur_kernel,
     shutters,
+    transfer_function,
 )
 from mishutter.motion import AbstractMotion
 from mishutter.shutters import AbstractAdjustableShutter, SampledShutter, piecewise
@@ -105,6 +108,47 @@ class OwnHann(AbstractShutter):
     def transmittance(self, tau):
         inside = jnp.abs(tau) <= 1
         return jnp.where(inside, jnp.cos(jnp.pi / 2 * jnp.where(inside, tau, 0)) ** 2, 0.0)
+
+
+class Amplifier(AbstractShutter):
+    """What a user writes by mistake: somewhere it is no transmittance."""
+
+    values: Array
+
+    def transmittance(self, tau):
+        return jnp.interp(jnp.asarray(tau), jnp.linspace(-1, 1, self.values.size), self.values)
+
+
+class Constant(AbstractShutter):
+    """One that forgets its argument."""
+
+    def transmittance(self, tau):
+        return jnp.ones(())
+
+
+@pytest.mark.parametrize(
+    ("shutter", "message"),
+    [
+        (
+            Amplifier(jnp.array([0.0, 2.0, 0.0])),
+            r"`Amplifier.transmittance` must lie in .*got 2",
+        ),
+        (Amplifier(jnp.array([0.5, -0.1, 0.5])), r"must lie in \[0, 1\]; got -0.1"),
+        (Amplifier(jnp.array([0.5, jnp.nan, 0.5])), r"must lie in \[0, 1\]; got nan"),
+        (Constant(), r"must have the shape of its argument; got 'shape \(\)'"),
+    ],
+)
+def test_a_shutter_of_ones_own_that_is_none(shutter, message):
+    """It is refused wherever it is integrated, by its name."""
+    motion = ParabolicMotion(acceleration=37.0, half_exposure=1.1)
+    for use in (
+        shutter.efficiency,
+        lambda: blur_kernel(shutter, motion, num_taps=9),
+        lambda: binned_exposure(shutter, motion, speed=0.0, edges=np.arange(5.0)),
+        lambda: transfer_function(shutter, motion, speed=0.0, frequency=0.1),
+    ):
+        with pytest.raises(ValueError, match=message):
+            use()
 
 
 def test_a_shutter_of_ones_own_is_integrated():

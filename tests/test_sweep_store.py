@@ -103,10 +103,10 @@ def test_progress_counts_what_was_found(tmp_path):
 
 
 OTHERS = {
-    "accelerations": ({"accelerations": [1e4, 2e4]}, "whose accelerations are [10000.0, 20000.0]"),
-    "shutters": ({"shutters": {"rect": GaussianShutter(0.3)}}, "whose shutters are"),
-    "metrics": ({"metrics": ["efficiency"]}, "whose metrics are ['efficiency']"),
-    "full-well": ({"full_well": 9e3}, "whose full well are 9000.0; got None"),
+    "accelerations": ({"accelerations": [1e4, 2e4]}, "with accelerations: [10000.0, 20000.0]"),
+    "shutters": ({"shutters": {"rect": GaussianShutter(0.3)}}, "with shutters: "),
+    "metrics": ({"metrics": ["efficiency"]}, "with metrics: ['efficiency']"),
+    "full-well": ({"full_well": 9e3}, "with full well: 9000.0; got None"),
 }
 
 

@@ -3,6 +3,7 @@
 from functools import lru_cache
 from typing import ClassVar, final
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
@@ -20,6 +21,7 @@ from mishutter.shutters.polynomial import (
     expand,
     split_control,
 )
+from mishutter.types import common_dtype, is_concrete, require
 
 _NUM_PIECES, _DEGREE = 64, 5
 _interpolation = lru_cache(bernstein_from_values)
@@ -46,8 +48,6 @@ class SampledShutter(AbstractPiecewiseShutter):
         return self.shutter.transmittance(tau)
 
     def dtype(self) -> np.dtype | None:
-        import jax
-
         arrays = [x for x in jax.tree.leaves(self.shutter) if hasattr(x, "dtype")]
         return np.dtype(arrays[0].dtype) if arrays else None
 
@@ -74,5 +74,24 @@ class SampledShutter(AbstractPiecewiseShutter):
 
 
 def piecewise(shutter: AbstractShutter) -> AbstractPiecewiseShutter:
-    """`shutter` itself if it is known piece by piece, its interpolant if not."""
-    return shutter if isinstance(shutter, AbstractPiecewiseShutter) else SampledShutter(shutter)
+    """`shutter` itself if it is known piece by piece, its interpolant if not.
+
+    Raises:
+        ValueError: if one that is interpolated, and not traced, is not a transmittance.
+    """
+    if isinstance(shutter, AbstractPiecewiseShutter):
+        return shutter
+    if all(is_concrete(leaf) for leaf in jax.tree.leaves(shutter)):
+        _check_transmittance(shutter)
+    return SampledShutter(shutter)
+
+
+def _check_transmittance(shutter: AbstractShutter) -> None:
+    tau, subject = np.linspace(-1, 1, _NUM_PIECES + 1), f"{type(shutter).__name__}.transmittance"
+    with jax.ensure_compile_time_eval():
+        found = np.asarray(shutter.transmittance(jnp.asarray(tau)))
+    alike = found.shape == tau.shape
+    require(alike, subject, "have the shape of its argument", f"shape {found.shape}")
+    light = found[np.argmax(np.abs(np.where(np.isnan(found), np.inf, found - 0.5)))]
+    rounding = 16 * float(np.finfo(common_dtype(found)).eps)
+    require(bool(-rounding <= light <= 1 + rounding), subject, "lie in [0, 1]", light)
