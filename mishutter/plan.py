@@ -28,7 +28,7 @@ from mishutter.shutters import (
 )
 from mishutter.spectrum import default_num_frequencies
 from mishutter.speeds import distinct_speeds, quadrature
-from mishutter.types import is_concrete, require
+from mishutter.types import is_concrete, numbers_of, require
 from mishutter.waves import frequencies, on_steps
 
 _PHASE_PER_NODE = 1.8
@@ -142,8 +142,9 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     One size for all of them makes designs comparable (the condition number depends on
     the DFT length) and lets them share one compiled program. Of a motion or speeds that
     are being traced nothing is known but the limits, and where those are traced too a
-    kernel of up to 256 px is provided for.
+    kernel of up to 256 px is provided for; what is only differentiated is known.
     """
+    scene, motion = numbers_of((scene, motion))
     if not is_concrete(scene.limits.max_stroke):
         return sized_for(_UNKNOWN_REACH, _UNKNOWN_REACH)
     longest = 4 * float(scene.limits.max_stroke)
@@ -217,7 +218,7 @@ def chosen(
     if isinstance(plan, Plan):
         return plan, motion
     found = sizes(scene, motion) if plan is None else automatic(scene, motion, shutter)
-    if all(is_concrete(leaf) for leaf in jax.tree.leaves((scene.speeds, motion))):
+    if all(is_concrete(x) for x in jax.tree.leaves(numbers_of((scene.speeds, motion)))):
         return found, motion
     still = isinstance(motion, StillCamera)
     fastest = scene.max_speed

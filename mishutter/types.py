@@ -30,6 +30,11 @@ RowLike = ArrayLike | Sequence[float]
 """An array, or a plain list of numbers."""
 
 
+def numbers_of(tree: Any) -> Any:
+    """A tree with the numbers of what is differentiated but not compiled."""
+    return jax.tree.map(lambda x: x if is_concrete(x) else jax.lax.stop_gradient(x), tree)
+
+
 def is_concrete(value: object) -> bool:
     """Whether `value` can be looked at now, rather than being traced."""
     return not isinstance(value, jax.core.Tracer)

@@ -115,22 +115,39 @@ def test_only_the_shutter_is_traced(motion):
     assert plain[0].num_taps == compiled[0].num_taps
 
 
-def test_a_traced_motion_is_measured_as_one_that_is_known():
-    """A derivative by the motion is that of the figure that is reported, long strokes included."""
-    limits = Limits(max_stroke=500.0)
-    scene = Scene(SPEEDS, WEIGHTS, photon_rate=7e4, read_noise=6.0, limits=limits)
-
+def _by_acceleration(scene):
     def found(acceleration):
         motion = ParabolicMotion(acceleration=acceleration, half_exposure=HALF_EXPOSURE)
-        loss = DesignLoss()(scene, motion, SHUTTER)
-        return loss, evaluate(scene, motion, SHUTTER)
+        return DesignLoss()(scene, motion, SHUTTER), evaluate(scene, motion, SHUTTER)
 
+    return found
+
+
+def test_a_traced_motion_is_measured_as_one_that_is_known():
+    """Within its scene's limits, long strokes included."""
+    limits = Limits(max_stroke=500.0)
+    found = _by_acceleration(Scene(SPEEDS, WEIGHTS, photon_rate=7e4, read_noise=6.0, limits=limits))
     acceleration = jnp.asarray(430.0 / HALF_EXPOSURE**2)
-    (loss, metrics), _ = jax.value_and_grad(found, has_aux=True)(acceleration)
+    (loss, metrics), _ = jax.jit(jax.value_and_grad(found, has_aux=True))(acceleration)
     for traced, known in zip(
         jax.tree.leaves((loss, metrics)), jax.tree.leaves(found(acceleration)), strict=True
     ):
         assert np.isclose(traced, known, rtol=1e-9)
+
+
+def test_a_derivative_is_that_of_the_figure_reported():
+    """Of an object much faster than the sensor too, whose kernel no limit foresees."""
+    found = _by_acceleration(
+        Scene([0.0, 40 * float(MOTION.top_speed)], photon_rate=7e4, read_noise=6.0)
+    )
+    acceleration = jnp.asarray(31.0 / HALF_EXPOSURE**2)
+    (loss, metrics), slope = jax.value_and_grad(found, has_aux=True)(acceleration)
+    known = found(acceleration)
+    assert loss == known[0]
+    assert (metrics.num_taps, metrics.dft_length) == (known[1].num_taps, known[1].dft_length)
+    step = 1e-5 * acceleration
+    difference = (found(acceleration + step)[0] - found(acceleration - step)[0]) / (2 * step)
+    assert np.isclose(slope, difference, rtol=1e-5)
 
 
 @pytest.mark.parametrize("measure", [evaluate, DesignLoss()])
