@@ -18,6 +18,7 @@ STRICT = {
     "JAX_NUMPY_DTYPE_PROMOTION": "strict",
     "JAX_NUMPY_RANK_PROMOTION": "raise",
     "JAX_PLATFORMS": "cpu",
+    "MPLBACKEND": "module://matplotlib_inline.backend_inline",
 }
 
 
