@@ -38,7 +38,7 @@ _CERTIFIED = 1e-3
 _GRID_COORDINATES = 3
 _GRID_POINTS = {1: 16, 2: 6, 3: 4}
 _NUM_POLISHED = 3
-_SEEN = 1e-3
+_SEEN = 1e-4
 """Fall of a loss, as a share of it, that a history shows."""
 
 
@@ -185,7 +185,7 @@ def _descended(
 
 
 def _measured(objective: AbstractObjective, descent: Descent) -> np.ndarray:
-    """History of a rough descent by the whole objective, wherever it fell by a thousandth."""
+    """History of a rough descent by the whole objective, wherever it fell by some."""
     rough, steps = descent.history, [0]
     for step, value in enumerate(rough):
         if rough[steps[-1]] - value > _SEEN * abs(value):
