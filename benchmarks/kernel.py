@@ -173,11 +173,11 @@ def picture(rows: list[dict], name: str) -> None:
 
 def main() -> None:
     """Measure, store, print and draw."""
+    design = f"{DESIGN_SPEEDS} speeds of {DESIGN_TAPS} taps, as a design computes them"
     sizes = (
-        ("kernel", f"{DESIGN_SPEEDS} speeds of {DESIGN_TAPS} taps, as a design computes them"),
-        ("kernel_alone", f"one speed of {NUM_TAPS} taps"),
+        ("kernel", design, DESIGN_TAPS, DESIGN_SPEEDS),
+        ("kernel_alone", f"one speed of {NUM_TAPS} taps", NUM_TAPS, 1),
     )
-    counts = (DESIGN_TAPS, DESIGN_SPEEDS), (NUM_TAPS, 1)
     columns = [
         "problem",
         "what",
@@ -190,7 +190,7 @@ def main() -> None:
         "why",
     ]
     text = "## Kernel: run time against error\n"
-    for (name, heading), (num_taps, num_speeds) in zip(sizes, counts, strict=True):
+    for name, heading, num_taps, num_speeds in sizes:
         rows: list[dict] = []
         for problem in problems(num_taps):
             rows += measure(problem, num_speeds)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mishutter.motion import AbstractMotion, StillCamera, settled
+from mishutter.motion import AbstractMotion, stands_still
 from mishutter.shutters.base import AbstractShutter
 from mishutter.shutters.sampled import piecewise
 from mishutter.types import common_dtype
@@ -36,7 +36,7 @@ class Cells(NamedTuple):
 
 def pixel_phase(motion: AbstractMotion) -> float:
     """Where pixel 0 begins: 0 px for a moving sensor, -0.5 px for a camera at rest."""
-    return -0.5 if isinstance(settled(motion), StillCamera) else 0.0
+    return -0.5 if stands_still(motion) else 0.0
 
 
 def exposure_cells(

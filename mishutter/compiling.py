@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from mishutter.programs import KeptProgram, Options, may_be_kept
-from mishutter.types import is_concrete
+from mishutter.types import all_concrete, is_concrete
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
@@ -54,7 +54,7 @@ def _compiled(
     @wraps(function)
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
         leaves = jax.tree.leaves((args, kwargs))
-        known = all(is_concrete(leaf) for leaf in leaves)
+        known = all_concrete(leaves)
         if not known or not (options is None or _takes_options()):
             return plain(*args, **kwargs)
         if may_be_kept(leaves):

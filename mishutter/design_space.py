@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter.motion import AbstractMotion, ParabolicMotion, StillCamera, settled
+from mishutter.motion import AbstractMotion, ParabolicMotion, StillCamera, settled, stands_still
 from mishutter.scene import Limits, Scene
 from mishutter.shutters.base import AbstractAdjustableShutter, AbstractShutter
 from mishutter.types import common_dtype, require
@@ -144,7 +144,7 @@ def design_space(
 def all_that_can_move(motion: AbstractMotion, shutter: AbstractShutter) -> tuple[str, ...]:
     """What a search moves by default: a camera at rest stays, and so does a fixed window."""
     held = set()
-    if isinstance(settled(motion), StillCamera):
+    if stands_still(motion):
         held.add("acceleration")
     if not isinstance(shutter, AbstractAdjustableShutter):
         held.add("shutter")

@@ -95,6 +95,11 @@ def settled(motion: AbstractMotion) -> AbstractMotion:
     return motion
 
 
+def stands_still(motion: AbstractMotion) -> bool:
+    """Whether the sensor is known not to move."""
+    return isinstance(settled(motion), StillCamera)
+
+
 def _check_acceleration(value: Array) -> None:
     subject = "ParabolicMotion(acceleration=...)"
     require_finite(subject, value)

@@ -28,7 +28,7 @@ from mishutter.shutters import (
 )
 from mishutter.spectrum import default_num_frequencies
 from mishutter.speeds import distinct_speeds, quadrature
-from mishutter.types import is_concrete, numbers_of, require
+from mishutter.types import all_concrete, is_concrete, numbers_of, require
 from mishutter.waves import frequencies, on_steps
 
 _PHASE_PER_NODE = 1.8
@@ -148,7 +148,7 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     if not is_concrete(scene.limits.max_stroke):
         return sized_for(_UNKNOWN_REACH, _UNKNOWN_REACH)
     longest = 4 * float(scene.limits.max_stroke)
-    if not all(is_concrete(leaf) for leaf in jax.tree.leaves((scene.speeds, motion))):
+    if not all_concrete((scene.speeds, motion)):
         return sized_for(longest, longest)
     reach, velocity = extent(scene, motion)
     return sized_for(max(reach, longest), max(velocity, longest))
@@ -218,7 +218,7 @@ def chosen(
     if isinstance(plan, Plan):
         return plan, motion
     found = sizes(scene, motion) if plan is None else automatic(scene, motion, shutter)
-    if all(is_concrete(x) for x in jax.tree.leaves(numbers_of((scene.speeds, motion)))):
+    if all_concrete(numbers_of((scene.speeds, motion))):
         return found, motion
     still = isinstance(motion, StillCamera)
     fastest = scene.max_speed

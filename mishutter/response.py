@@ -14,13 +14,13 @@ from jaxtyping import Array
 
 from mishutter.compiling import quick_to_compile, seldom_run
 from mishutter.kernel import binned_exposure, blur_kernel
-from mishutter.motion import AbstractMotion, StillCamera, settled
+from mishutter.motion import AbstractMotion, StillCamera, settled, stands_still
 from mishutter.nodes import LitNodes, light_let_through, lit_nodes
 from mishutter.plan import Plan, size_class
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter
 from mishutter.shutters.sampled import piecewise
-from mishutter.types import common_dtype, is_concrete
+from mishutter.types import all_concrete, common_dtype, is_concrete
 from mishutter.waves import sum_of_waves
 
 _SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 192
@@ -135,7 +135,7 @@ def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:
     A moving sensor is aligned at the vertex, a camera at rest at mid-exposure, in the
     middle of its middle tap.
     """
-    return -0.5 - num_taps // 2 if isinstance(settled(motion), StillCamera) else 0.0
+    return -0.5 - num_taps // 2 if stands_still(motion) else 0.0
 
 
 def kernels_at_speeds(
@@ -165,7 +165,7 @@ def _kernels_and_light(
     motion = settled(motion)
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
     first = np.asarray(kernel_phase(motion, num_taps), dtype)
-    if not all(is_concrete(leaf) for leaf in jax.tree.leaves((shutter, motion, speeds))):
+    if not all_concrete((shutter, motion, speeds)):
         return _kernels_from(shutter, motion, jnp.asarray(speeds, dtype), first, num_taps)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))

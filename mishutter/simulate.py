@@ -12,7 +12,7 @@ from mishutter.compiling import compiled
 from mishutter.frames import Frames, expose_frames
 from mishutter.kernel import support
 from mishutter.layers import Layers, expose_layers
-from mishutter.motion import AbstractMotion, StillCamera, settled
+from mishutter.motion import AbstractMotion, stands_still
 from mishutter.noise import recorded, white_electrons
 from mishutter.picture_plan import distinct_colours, every_colour, skips
 from mishutter.pictures import Picture
@@ -196,7 +196,7 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     held = math.isfinite(longest) and longest <= MAX_TAPS
     require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_TAPS} px", longest)
     num_taps = max(least_taps, sized_for(longest - 1, stroke + smear / 2).num_taps)
-    return num_taps, num_taps // 2 if isinstance(settled(motion), StillCamera) else 0
+    return num_taps, num_taps // 2 if stands_still(motion) else 0
 
 
 def as_light(picture: Picture | ArrayLike, subject: str) -> Array:

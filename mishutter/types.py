@@ -30,6 +30,11 @@ RowLike = ArrayLike | Sequence[float]
 """An array, or a plain list of numbers."""
 
 
+def all_concrete(tree: Any) -> bool:
+    """Whether all of a tree `is_concrete`."""
+    return all(is_concrete(leaf) for leaf in jax.tree.leaves(tree))
+
+
 def numbers_of(tree: Any) -> Any:
     """A tree with the numbers of what is differentiated but not compiled."""
     return jax.tree.map(lambda x: x if is_concrete(x) else jax.lax.stop_gradient(x), tree)
@@ -59,7 +64,7 @@ def as_float(value: RowLike) -> Array:
 
     One that is known stays known, also in a function that is being compiled.
     """
-    if not all(is_concrete(leaf) for leaf in jax.tree.leaves(value)):
+    if not all_concrete(value):
         return jnp.asarray(value, dtype=common_dtype(value))
     with jax.ensure_compile_time_eval():
         return jnp.asarray(value, dtype=common_dtype(value))
@@ -96,8 +101,7 @@ def require_key(subject: str, value: object) -> None:
 
 def require_positive_int(subject: str, value: object) -> int:
     """A whole number of at least one as Python's own integer; refuse anything else."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    require(whole and int(value) >= 1, subject, "be a positive integer", value)  # type: ignore[call-overload]
+    require(_is_whole(value, 1), subject, "be a positive integer", value)
     return int(value)  # type: ignore[arg-type]
 
 
@@ -129,8 +133,12 @@ def named(
 
 def require_seed(subject: str, value: object) -> None:
     """Refuse anything but a whole number of at least 0."""
+    require(_is_whole(value, 0), subject, "be a whole number of at least 0", value)
+
+
+def _is_whole(value: object, least: int) -> bool:
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    require(whole and int(value) >= 0, subject, "be a whole number of at least 0", value)  # type: ignore[call-overload]
+    return whole and int(value) >= least  # type: ignore[call-overload]
 
 
 class Bare(str):

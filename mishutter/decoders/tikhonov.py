@@ -16,6 +16,7 @@ from mishutter.rows import along_rows
 _LEAST, _MOST = 1e-9, 1e9
 _NUM_HALVINGS = 40
 _AT_END = 1e-3
+"""How near to an end of its range a logarithm is held there, and does not move."""
 
 
 @final

@@ -21,7 +21,7 @@ from mishutter.shutters.polynomial import (
     expand,
     split_control,
 )
-from mishutter.types import common_dtype, is_concrete, require
+from mishutter.types import all_concrete, common_dtype, require
 
 _NUM_PIECES, _DEGREE = 64, 5
 _interpolation = lru_cache(bernstein_from_values)
@@ -81,7 +81,7 @@ def piecewise(shutter: AbstractShutter) -> AbstractPiecewiseShutter:
     """
     if isinstance(shutter, AbstractPiecewiseShutter):
         return shutter
-    if all(is_concrete(leaf) for leaf in jax.tree.leaves(shutter)):
+    if all_concrete(shutter):
         _check_transmittance(shutter)
     return SampledShutter(shutter)
 
