@@ -14,6 +14,7 @@ from mishutter.compiling import seldom_run
 from mishutter.design import Design
 from mishutter.design_space import DesignSpace, all_that_can_move, design_space, within_limits
 from mishutter.losses.base import AbstractLoss
+from mishutter.many_starts import Descent, Progress, descend
 from mishutter.motion import AbstractMotion
 from mishutter.objective import AbstractObjective, objective_of, roughly
 from mishutter.plan import PLANNED, Automatic, Plan, reduced
@@ -29,7 +30,7 @@ from mishutter.shutters.windows import (
     TriangleShutter,
     TukeyShutter,
 )
-from mishutter.solvers import Descent, Progress, certificate_at, descend, losses_at, polish
+from mishutter.solvers import certificate_at, losses_at, polish
 from mishutter.threads import alone_in_blas
 from mishutter.types import require, require_positive_int, require_seed
 
@@ -75,7 +76,8 @@ def optimise(
     r"""Search for the design of least loss within the scene's limits.
 
     Optimistix BFGS descends from many starts at once: the given design, the baselines'
-    profiles, then random ones. The best is polished by jaxopt's box-constrained
+    profiles, then random ones; after 20 steps, and every 10 from there, the worse half of
+    them is given up, until four are left. The best is polished by jaxopt's box-constrained
     L-BFGS-B. Where at most three coordinates move, the starts are the given design and the
     best of a grid, and are polished directly. The result is never worse than the best
     start.

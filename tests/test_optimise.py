@@ -27,10 +27,11 @@ from mishutter import (
     starting_shutter,
 )
 from mishutter.design_space import FREE_NAMES, all_that_can_move, design_space
+from mishutter.many_starts import descend
 from mishutter.objective import DesignObjective, LinearObjective, objective_of, roughly
 from mishutter.optimise import start_boxes
 from mishutter.plan import needed_speeds
-from mishutter.solvers import Polished, descend, losses_at, polish, projected_gradient_norm
+from mishutter.solvers import Polished, losses_at, polish, projected_gradient_norm
 
 PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)
 LOSSES = {"design": DesignLoss(), "expected_error": ExpectedErrorLoss()}
@@ -207,13 +208,31 @@ def test_descents_are_the_same_on_any_number_of_processors(monkeypatch):
     starts = jnp.asarray(start_boxes(space, 5, 3))
     found = []
     for count in (1, 2, 8):
-        monkeypatch.setattr("mishutter.solvers.num_processors", lambda count=count: count)
+        monkeypatch.setattr("mishutter.many_starts.num_processors", lambda count=count: count)
         found.append(descend(objective, starts, max_steps=25))
     for other in found[1:]:
         assert other.boxes.shape == starts.shape
         np.testing.assert_allclose(other.losses, found[0].losses, rtol=1e-9)
         np.testing.assert_allclose(other.history, found[0].history, rtol=1e-9)
         assert other.num_unfinished == found[0].num_unfinished
+
+
+@pytest.mark.parametrize("free", ["shutter", ("shutter", "half_exposure")])
+def test_the_worse_half_of_the_starts_is_given_up(monkeypatch, free):
+    """They stay where they were after 20 steps; the others end where they would have anyway."""
+    space, objective = _objective(ExpectedErrorLoss(), free)
+    starts = jnp.asarray(start_boxes(space, 18, 7))
+    early = descend(objective, starts, max_steps=20)
+    found = descend(objective, starts, max_steps=120)
+    order = np.argsort(early.losses)
+    np.testing.assert_array_equal(found.boxes[order[9:]], early.boxes[order[9:]])
+    np.testing.assert_array_equal(found.losses[order[9:]], early.losses[order[9:]])
+    monkeypatch.setattr("mishutter.many_starts._NUM_LAST", 18)
+    kept = descend(objective, starts, max_steps=120)
+    worse = order[9:]
+    assert np.sum(kept.losses[worse] < found.losses[worse]) > 4
+    assert np.min(found.losses) <= np.min(kept.losses) * (1 + 1e-6)
+    assert found.losses.shape == kept.losses.shape == (18,)
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-5])
