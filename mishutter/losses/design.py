@@ -16,7 +16,7 @@ from mishutter.response import Response
 from mishutter.scene import Scene
 from mishutter.types import is_concrete, require
 
-_SHARPNESS = 200.0
+_SHARPNESS = 200
 
 
 def _plain(weight: Any) -> Any:
@@ -82,8 +82,9 @@ def smooth_condition_number(spectrum: Array) -> Array:
     brightest = jax.lax.stop_gradient(jnp.max(power))
     lit = brightest > 0
     floor = jnp.finfo(power.dtype).eps ** 2
-    decay = -_SHARPNESS * jnp.log(jnp.where(lit, power / jnp.where(lit, brightest, 1.0), 0) + floor)
-    deepest = jax.lax.stop_gradient(jnp.max(decay))
-    sums = jnp.sum(jnp.exp(-decay)) * jnp.sum(jnp.exp(decay - deepest))
-    logarithm = (jnp.log(sums) + deepest) / _SHARPNESS
+    share = jnp.where(lit, power / jnp.where(lit, brightest, 1.0), 0) + floor
+    least = jax.lax.stop_gradient(jnp.min(share))
+    # Powers by squaring, of numbers up to 1: many times quicker than exponentials of logarithms.
+    sums = jnp.sum(share**_SHARPNESS) * jnp.sum((least / share) ** _SHARPNESS)
+    logarithm = jnp.log(sums) / _SHARPNESS - jnp.log(least)
     return jnp.where(lit, jnp.exp(logarithm / 2), 1 / jnp.finfo(power.dtype).eps)
