@@ -178,7 +178,7 @@ def measure() -> list[dict]:
         for count in (1, 64):
             try:
                 seconds = []
-                for _ in range(3):
+                for _ in range(6):
                     start = time.perf_counter()
                     losses = method(objective, starts[:count])
                     seconds.append(time.perf_counter() - start)
