@@ -223,8 +223,9 @@ def _sampled(rng: np.random.Generator, drawn: dict, mean: float) -> list[int]:
 
 def main() -> None:
     """Measure, store and print."""
-    arguments = [int(x) for x in sys.argv[1:] if x.isdigit()] + [100_000, 500][len(sys.argv[1:]) :]
-    rows = measure(*arguments[:2])
+    given = [int(x) for x in sys.argv[1:] if x.isdigit()]
+    count, sample = given + [100_000, 500][len(given) :]
+    rows = measure(count, sample)
     harness.write("stress", rows)
     text = "## Stress: random scenes and designs, value and gradient of the loss\n\n"
     harness.section("stress", text + harness.table(rows, list(rows[0])))
