@@ -7,7 +7,7 @@ import typer
 
 from mishutter.cli_options import JsonOption, OutOption, as_path
 from mishutter.files import writable_folder
-from mishutter.terminal import note, print_table, print_text, start_jax, write_json
+from mishutter.terminal import note, print_table, print_text, start_jax, working, write_json
 
 if TYPE_CHECKING:
     from mishutter.drive import DriveTable
@@ -48,7 +48,9 @@ def export(
     )
     files = [] if folder is None else _write(table, folder)
     if json:
-        write_json(table.to_dict() | {"files": files})
+        with working("measuring the shutter as driven"):
+            document = table.to_dict() | {"files": files}
+        write_json(document)
     elif folder is None:
         print_text(table.to_csv().rstrip("\n"))
     else:
@@ -66,7 +68,8 @@ def _write(table: "DriveTable", folder: Path) -> list[str]:
 
 
 def _print_losses(table: "DriveTable") -> None:
-    wanted, driven = table.design.metrics, table.metrics()
+    with working("measuring the shutter as driven"):
+        wanted, driven = table.design.metrics, table.metrics()
     rows = [
         [name, f"{float(getattr(wanted, field)):.4g}", f"{float(getattr(driven, field)):.4g}"]
         for name, field in (

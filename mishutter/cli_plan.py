@@ -17,7 +17,7 @@ from mishutter.cli_options import (
     motion_of,
     scene_of,
 )
-from mishutter.terminal import print_text, start_jax, write_json
+from mishutter.terminal import print_text, start_jax, working, write_json
 
 if TYPE_CHECKING:
     from mishutter.plan import Plan
@@ -45,7 +45,8 @@ def plan(
     scene = scene_of(scene_file)
     motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
     names = () if fixed else free_names(free, motion, start)
-    found = planned(scene, motion, start, loss=loss_of(loss), free=names, tolerance=tolerance)
+    with working("planning"):
+        found = planned(scene, motion, start, loss=loss_of(loss), free=names, tolerance=tolerance)
     if json:
         write_json(found.to_dict())
     else:

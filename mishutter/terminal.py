@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -145,6 +145,14 @@ def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]
     ) as progress:
         task = progress.add_task(label, total=total, message="")
         yield lambda done, message="": progress.update(task, completed=done, message=message)
+
+
+@contextmanager
+def working(label: str) -> Iterator[None]:
+    """A sign of life on standard error while something goes on that has no steps to count."""
+    console = Console(file=sys.stderr)
+    with console.status(label) if console.is_terminal else nullcontext():
+        yield
 
 
 @contextmanager

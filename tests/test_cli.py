@@ -4,12 +4,14 @@ Mistakes are made in-process, where they are quick, and a few in a process of th
 see that nothing else reaches the terminal.
 """
 
+import io
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +23,7 @@ import mishutter
 from mishutter import cli
 from mishutter.design import Design
 from mishutter.pictures import write_picture
+from mishutter.terminal import working
 
 SMALL_SCENE = """
 [speeds]
@@ -381,3 +384,15 @@ def test_compare_reads_designs_back(optimised, small_scene, cached):
     for name in ("design", "made/Hann"):
         assert f"{float(design.metrics.expected_psnr):.2f}" in lines[name]
     assert "the best snapshot" in done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_what_cannot_be_counted_gives_a_sign_of_life(monkeypatch, is_terminal):
+    """A person at a terminal is told what goes on; a file of messages is not filled with it."""
+    stream = io.StringIO()
+    monkeypatch.setattr(stream, "isatty", lambda: is_terminal, raising=False)
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setenv("TERM", "xterm")
+    with working("counting the grains of sand"):
+        time.sleep(0.01)
+    assert ("counting the grains of sand" in stream.getvalue()) == is_terminal
