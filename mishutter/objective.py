@@ -32,7 +32,7 @@ from mishutter.response import (
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractAdjustableShutter
 from mishutter.shutters.windows import RectShutter
-from mishutter.types import common_dtype
+from mishutter.types import common_dtype, require
 
 _ROUGH_FREQUENCIES = 64
 _ROUGH_NODES = 0.7
@@ -54,6 +54,16 @@ class AbstractObjective(eqx.Module):
         """Whether many points at once take less time than one after the other."""
 
 
+def _one_number(value: Any, name: str) -> Array:
+    """What a loss gave, which may be a user's, if it is what a solver can make small."""
+    is_array = isinstance(value, jax.Array)
+    got = f"{value.dtype} of shape {value.shape}" if is_array else type(value).__name__
+    is_number = is_array or isinstance(value, float)
+    is_one = is_number and np.shape(value) == () and jnp.isrealobj(value)
+    require(is_one, f"{name}.__call__", "give one real number", got)
+    return jnp.asarray(value)
+
+
 def _many_at_once() -> bool:
     """Whether waves of many points are best at hand together: those of one fit a CPU's cache."""
     return jax.default_backend() != "cpu"
@@ -70,7 +80,8 @@ class DesignObjective(AbstractObjective):
 
     def __call__(self, box: Array) -> Array:
         shutter, motion = self.space.at(box)
-        return self.loss(self.scene, motion, shutter, plan=self.plan)
+        value = self.loss(self.scene, motion, shutter, plan=self.plan)
+        return _one_number(value, type(self.loss).__name__).astype(box.dtype)
 
     @property
     def batches(self) -> bool:

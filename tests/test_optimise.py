@@ -1,8 +1,10 @@
 """The search: never worse than its starts, the same minimum by another solver, honest ends."""
 
+import re
 import sys
 from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -200,6 +202,37 @@ def test_a_gradient_that_is_not_finite_is_an_error(shutter):
     """Never a silent stall: the search stops and names what is wrong."""
     with pytest.raises(NonFiniteLossError, match="must be finite; got a NaN or an infinity"):
         optimise(SCENE, MOTION, shutter, loss=_NotFinite(), free="shutter", plan=SMALL)
+
+
+class _Returns(AbstractLoss):
+    """What a user's loss may give by mistake, or a plain number."""
+
+    what: str
+
+    def __call__(self, scene, motion, shutter, *, plan=None):
+        light = shutter.efficiency()
+        pair, wave = jnp.stack([light, motion.stroke]), jax.lax.complex(light, light)
+        return {"pair": pair, "wave": wave, "none": None, "number": 0.75}[self.what]
+
+
+@pytest.mark.parametrize(
+    ("what", "got"),
+    [("pair", "float64 of shape (2,)"), ("wave", "complex128 of shape ()"), ("none", "NoneType")],
+)
+def test_a_loss_that_is_not_one_number_is_named(what, got):
+    """A mistake in a user's own loss is one line that names its class and what it gave."""
+    line = f"`_Returns.__call__` must give one real number; got '{got}'."
+    with pytest.raises(ValueError, match=re.escape(line)):
+        optimise(SCENE, MOTION, PROFILE, loss=_Returns(what), plan=SMALL)
+
+
+@pytest.mark.parametrize("free", ["shutter", "half_exposure"])
+def test_a_loss_that_is_a_plain_number_is_flat(free):
+    """A user's loss that depends on nothing converges where it began."""
+    options = {"num_starts": 2, "plan": SMALL}
+    design = optimise(SCENE, MOTION, PROFILE, loss=_Returns("number"), free=free, **options)
+    assert design.loss == 0.75
+    assert design.converged
 
 
 def test_descents_are_the_same_on_any_number_of_processors(monkeypatch):
