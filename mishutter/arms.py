@@ -74,8 +74,10 @@ class Crossings(NamedTuple):
         return jnp.where(is_near, time, length - time)
 
 
-def crossings(equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord) -> Crossings:
-    """Crossings of `edges`, of shape `(n + 1,)`, with those far away `brought_near`.
+def crossings(
+    equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord
+) -> tuple[Crossings, Array, DoubleWord]:
+    """Crossings of `edges`, of shape `(n + 1,)`, the speeds there, and the edges `brought_near`.
 
     They are values alone, of the motion as given: see `moment_change` for derivatives.
     """
@@ -85,14 +87,16 @@ def crossings(equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWor
         return _located(equal_pieces, Path(moving, table, track.from_vertex), at_rest, *others)
 
     # What a crossing is looked up by is worked out once, not for each thing looked up.
-    x = once(locate, *jax.lax.stop_gradient((track.motion, track.table, tau, edges)))
-    return x._replace(velocity=jnp.where(AFTER, x.velocity, -x.velocity))
+    x, near = once(locate, *jax.lax.stop_gradient((track.motion, track.table, tau, edges)))
+    speed = x.velocity
+    x = x._replace(velocity=jnp.where(AFTER, speed, -speed))
+    return x, speed[0], DoubleWord(near.high[0], near.low[0])
 
 
 def _located(
     equal_pieces: bool, track: Path, at_rest: Array, tau: DoubleWord, edges: DoubleWord
-) -> Crossings:
-    """Crossings with their speed, which is that of both arms, in place of the velocity."""
+) -> tuple[Crossings, DoubleWord]:
+    """Crossings with their speed, that of both arms, in place of the velocity; and the edges."""
     edge = brought_near(DoubleWord(edges.high[None], edges.low[None]), track, at_rest)
     speed = speed_at(track, edge)
     velocity = jnp.where(AFTER, speed, -speed)
@@ -110,7 +114,7 @@ def _located(
     piece = jnp.zeros_like(nearest) if last == 1 else nearest - 1 + from_left.astype(jnp.int32)
     length = at(lengths(equal_pieces, tau), piece)
     inside = jnp.clip(offset, jnp.where(from_left, 0.0, -length), jnp.where(from_left, length, 0.0))
-    return Crossings(piece, from_left, inside, nearest, moment, speed)
+    return Crossings(piece, from_left, inside, nearest, moment, speed), edge
 
 
 @jax.custom_jvp
@@ -247,7 +251,7 @@ def time_between(
     A path without a stroke has no other side; what is divided by there instead of $2A$ may
     be so small as to put it beyond all time, but not where derivatives are taken.
     """
-    same_way = before * jnp.sign(after) > 0
+    same_way = ((before > 0) & (after > 0)) | ((before < 0) & (after < 0))
     rate = jnp.where(stroke > 0, 2 * stroke, without_stroke)
     return jnp.where(same_way, 2 * distance, after - before) / jnp.where(
         same_way, before + after, rate

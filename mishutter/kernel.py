@@ -19,7 +19,6 @@ from mishutter.arms import (
     AFTER,
     Crossings,
     at,
-    brought_near,
     counted_from,
     crossings,
     distance,
@@ -30,7 +29,7 @@ from mishutter.arms import (
 from mishutter.compiling import seldom_run
 from mishutter.doubleword import DoubleWord, two_sum
 from mishutter.motion import AbstractMotion
-from mishutter.path import Motion, Path, passing, path_of_light
+from mishutter.path import Motion, Path, kept, passing, path_of_light
 from mishutter.rates import Cells, Taps, mean_about, moving, moving_breakpoints, parts
 from mishutter.shutters.base import AbstractPiecewiseShutter, AbstractShutter, within_unit
 from mishutter.shutters.sampled import piecewise
@@ -198,12 +197,11 @@ def _light(
     # Values alone: derivatives by the motion and the edges are put on at the end.
     given, fixed = jax.lax.stop_gradient((motion, tau))
     track = path_of_light(given, fixed, from_vertex=from_vertex)
-    x = crossings(profile.equal_pieces, track, fixed, edges)
-    motion, at_rest = passing(motion)
+    x, speed, near = crossings(profile.equal_pieces, track, fixed, edges)
+    motion, _ = passing(motion)
     track = track._replace(motion=jax.lax.stop_gradient(motion))
-    near = jax.lax.stop_gradient(brought_near(edges, track, at_rest))
     begin, end = (DoubleWord(near.high[k], near.low[k]) for _, k in parts(num_taps))
-    gap, (u, v) = distance(end, begin), (x.velocity[1][k] for _, k in parts(num_taps))
+    gap, (u, v) = distance(end, begin), (speed[k] for _, k in parts(num_taps))
     within = time_between(gap, u, v, track.stroke)[None]
     is_held = x.is_held(tau.high.size - 1)
     held_here, held_there = (is_held[k] for k in parts(num_taps))
@@ -216,6 +214,8 @@ def _light(
     width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
     # Between crossings one cell gives way to the next: see `moving_breakpoints`.
     width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(whole, within, width)), width)
+    if tau.high.size > 2:
+        width = kept(width)
     light, cut = _cell_light(profile, here, AFTER, width), None
     if tau.high.size > 2:
         cut, more = _from_breakpoints(num_taps, profile, tau, track, x, is_free)
@@ -252,7 +252,7 @@ def _from_breakpoints(
     piece = breakpoint - 1 + arm
     length = at(lengths(profile.equal_pieces, tau), piece)
     width = jnp.where(there.piece == piece, there.inner(is_after, length), length)
-    width = jnp.where(moves, jax.lax.stop_gradient(width), width)
+    width = kept(jnp.where(moves, jax.lax.stop_gradient(width), width))
     # Under `vmap` JAX takes a value to be as batched as its derivative is.
     begins = counted_from(tau.high[1:-1], jnp.where(moves, jnp.zeros_like(width), 0.0), ~moves)
     start = there._replace(piece=piece, from_left=is_after, offset=begins)

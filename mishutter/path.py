@@ -164,6 +164,20 @@ def once(function, *arguments, when: Array | bool = True):
     return jax.lax.while_loop(lambda state: state[0], turn, (jnp.asarray(when), start))[1]
 
 
+@jax.custom_jvp
+def kept(value: Array) -> Array:
+    """A value that is put into memory before it is used.
+
+    What is fused with a lookup is worked out number by number; apart from it, several at a time.
+    """
+    return once(lambda x: x, value)
+
+
+@kept.defjvp
+def _kept_jvp(primals, tangents):
+    return kept(*primals), tangents[0]
+
+
 def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
     stroke, smear = _stroke_and_smear(a, T, s)
     exists = (a > 0) if from_vertex else _turns(a * T * T, s * T)
