@@ -38,8 +38,10 @@ _CROP = (160, 240)
 _DOTS_PER_INCH = 130
 _MOST_COLUMNS = 1000
 """More columns of a picture than a panel has dots for are averaged."""
-_LEAST_HEIGHT = 1 / 16
-"""Of a panel, in widths: a picture that is flatter is stretched to it, so that it is seen."""
+_LEAST_HEIGHT, _MOST_HEIGHT = 1 / 16, 3.0
+"""Of a panel, in widths."""
+_MOST_ELONGATED = 16
+"""A picture of a longer shape, lying or standing, is stretched to its panel, to be seen."""
 
 
 @final
@@ -206,14 +208,15 @@ def plot_capture(seen: object, captured: np.ndarray, restored: np.ndarray) -> Fi
         shown = {"the scene, at rest": seen.light} | shown
     rows, columns = captured.shape[:2]
     width = 4.0
-    height = float(np.clip(rows / columns, _LEAST_HEIGHT, 3.0))
+    height = float(np.clip(rows / columns, _LEAST_HEIGHT, _MOST_HEIGHT))
+    stretched = max(rows / columns, columns / rows) > _MOST_ELONGATED
     size = (len(shown) * width + 0.2, width * height + 0.6)
     figure = Drawing(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, light) in zip(panels[0], shown.items(), strict=True):
         small = _shrunk(light, max(1, columns // _MOST_COLUMNS))
         _show(axes, small, small.shape[:2], title)
-        axes.set_aspect("auto" if rows / columns < _LEAST_HEIGHT else "equal")
+        axes.set_aspect("auto" if stretched else "equal")
     return figure
 
 
