@@ -113,16 +113,25 @@ def _draw_map(
     axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Grey values over acceleration and exposure; where on the axes each of them is."""
-    shown = np.ma.masked_invalid(values)
-    picture = axes.pcolormesh(half, a, shown, cmap="gray", shading="nearest", rasterized=True)
-    axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
     _scale(axes.set_xscale, axes.xaxis, half)
     _scale(axes.set_yscale, axes.yaxis, a)
+    x, y = _edges(half, axes.get_xscale()), _edges(a, axes.get_yscale())
+    shown = np.ma.masked_invalid(values)
+    picture = axes.pcolormesh(x, y, shown, cmap="gray", rasterized=True)
+    axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
     _contours(axes, half, a)
     axes.figure.colorbar(picture, ax=axes, label=label)
     axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
     x, y = np.meshgrid(half, a)
     return x, y
+
+
+def _edges(values: np.ndarray, scale: str) -> np.ndarray:
+    """Edges of cells around values, half-way between them on their axis: on it all of them."""
+    along = np.log(values) if scale == "log" else values
+    middles = along[:-1] + np.diff(along) / 2
+    edges = np.concatenate([2 * along[:1] - middles[:1], middles, 2 * along[-1:] - middles[-1:]])
+    return np.exp(edges) if scale == "log" else edges
 
 
 def _draw_line(

@@ -145,6 +145,17 @@ def test_a_map_leaves_out_what_is_wholly_outside():
     assert axes.get_ylim()[1] < 2e5
 
 
+def test_a_map_of_equal_steps_shows_every_point():
+    """On logarithmic axes too the first row and column are whole, and none is outside."""
+    a, half = np.linspace(2e4, 3e5, 5), np.linspace(0.001, 0.0105, 6)
+    even = sweep(SCENE, **grid(accelerations=a, half_exposures=half))
+    axes = plots_sweep.plot_map(even).axes[0]
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    points = np.stack(np.meshgrid(half * 1e3, a), axis=-1).reshape(-1, 2)
+    shares = axes.transAxes.inverted().transform(axes.transData.transform(points))
+    assert np.all((shares > 0.01) & (shares < 0.99))
+
+
 MAP_MISTAKES = {
     "metric": ({}, {"metric": "beauty"}, "`plot_map(metric=...)` must be in the sweep; got"),
     "shutter": ({}, {"shutter": "Tukey"}, "must be one of rect, Hann; got 'Tukey'"),
