@@ -100,6 +100,43 @@ def test_lines_differ_in_style(name, figures):
         assert len(set(lines)) == len(DESIGNS)
 
 
+NAMES = ["rect", "a_design_" + 9 * "of_a_long_name_", "_own", "cost $5 to $\\frac", "run/03/design"]
+NAMES += [f"tukey:{share}" for share in (0.1, 0.2, 0.3, 0.4)]
+MANY = {
+    "profiles": lambda: plots.plot_profiles(dict.fromkeys(NAMES, DESIGNS["Hann"])),
+    "transfer": lambda: plots.plot_transfer(dict.fromkeys(NAMES, DESIGNS["Hann"]), [0.0, 700.0]),
+    "psnr": lambda: plots.plot_psnr({name: photograph(21) for name in NAMES}),
+}
+
+
+@pytest.mark.parametrize("slug", MANY)
+def test_designs_of_any_name_and_number(slug):
+    """All stand in the legend, as they are called, beside no line's likeness or any line."""
+    figure = MANY[slug]()
+    FigureCanvasAgg(figure).draw()
+    (legend,) = figure.legends
+    texts = [text.get_text().strip().replace("\\$", "$") for text in legend.get_texts()]
+    assert len(texts) == len(NAMES)
+    for text, name in zip(texts, NAMES, strict=True):
+        assert text.startswith(name[:15])
+    box = legend.get_window_extent()
+    assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+    for axes in figure.axes:
+        assert axes.bbox.y1 < box.y0 < box.y1 <= figure.bbox.y1
+        assert axes.bbox.width > 0.7 * figure.bbox.width
+    lines = [line for line in figure.axes[0].get_lines() if line.get_linestyle() != "None"]
+    styles = {(line.get_color(), str(line._unscaled_dash_pattern)) for line in lines}
+    assert len(styles) == len(NAMES)
+
+
+def test_speeds_of_one_value_are_told_apart_in_grey():
+    """Points have a shape of their own, and one does not cover another."""
+    axes = plots.plot_psnr({"rect": photograph(21), "best Tukey": photograph(21)}).axes[0]
+    lines = [line for line in axes.get_lines() if line.get_linestyle() != "None"]
+    assert len({line.get_marker() for line in lines}) == 2
+    assert all(line.get_fillstyle() == "none" for line in lines)
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_figure_is_a_whole_png(name, figures, tmp_path):
     """A saved figure opens as a picture and leaves nothing else in its folder."""
