@@ -24,6 +24,8 @@ _WIDTH = 132
 """Columns of a table where standard output is no terminal."""
 _LEAST_TEXT = 16
 """Columns of a table's first column, however narrow the terminal."""
+_MOMENT = 0.05
+"""Time for garbage to be collected; s."""
 
 USAGE_ERROR = typer.BadParameter.__mro__[1]
 CLICK_ERROR = typer.BadParameter.__mro__[2]
@@ -203,6 +205,9 @@ def take_any_text() -> None:
 def ends_when_asked() -> Iterator[None]:
     """SIGTERM ends what is under way as an exit does, so that no file is left half written.
 
+    An interrupt or a termination that comes while Python collects garbage, as JAX has it do
+    all the time, is raised where nothing can pass it on: then it is sent once more.
+
     Raises:
         SystemExit: with 143, as a shell tells of a process that was terminated.
     """
@@ -210,14 +215,23 @@ def ends_when_asked() -> Iterator[None]:
     def end(*_: object) -> None:
         raise SystemExit(128 + signal.SIGTERM)
 
+    def send_again(lost: Any) -> None:
+        number = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}.get(lost.exc_type)
+        if number is None:
+            before_hook(lost)
+        else:
+            threading.Timer(_MOMENT, os.kill, (os.getpid(), number)).start()
+
     if threading.current_thread() is not threading.main_thread():  # which alone is told
         yield
         return
-    before = signal.signal(signal.SIGTERM, end)
+    before, before_hook = signal.signal(signal.SIGTERM, end), sys.unraisablehook
+    sys.unraisablehook = send_again
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+        sys.unraisablehook = before_hook
 
 
 def start_jax() -> None:

@@ -6,11 +6,13 @@ the terminal and whatever its encoding.
 
 import io
 import re
+import signal
 import sys
+import time
 
 import pytest
 
-from mishutter.terminal import print_table, take_any_text, write_error
+from mishutter.terminal import ends_when_asked, print_table, take_any_text, write_error
 
 COLUMNS = ("shutter", "PSNR dB", "snapshot +dB", "kernel diff", "relative", "light", "open ms")
 ROWS = [
@@ -77,3 +79,30 @@ def test_closed_streams(monkeypatch):
     take_any_text()
     print_table("Best points", ["best", "loss"], [["rect", "0.2318"]])
     write_error("nobody sees it")
+
+
+class Sending:
+    """A signal comes while this is taken away."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def __del__(self):
+        signal.raise_signal(self.number)
+
+
+def work_after(garbage):
+    """Much longer than the moment after which a signal comes again."""
+    del garbage
+    time.sleep(20)
+
+
+@pytest.mark.parametrize(
+    ("number", "raised"),
+    [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)],
+    ids=["interrupt", "termination"],
+)
+def test_a_signal_among_garbage_is_not_lost(number, raised):
+    """It ends what is under way a moment later, and prints nothing."""
+    with pytest.raises(raised), ends_when_asked():
+        work_after(Sending(number))
