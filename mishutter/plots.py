@@ -5,6 +5,7 @@ is touched. Lines differ in style as well as colour, so that they survive a grey
 """
 
 import io
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count, cycle
 from pathlib import Path
@@ -67,7 +68,9 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     FigureCanvasAgg(figure)
-    figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks
+        figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
     return buffer.getvalue()
 
 

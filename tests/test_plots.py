@@ -129,6 +129,13 @@ def test_designs_of_any_name_and_number(slug):
     assert len(styles) == len(NAMES)
 
 
+def test_letters_that_the_font_lacks(tmp_path):
+    """A name in them is drawn as boxes, and is no reason for a warning."""
+    figure = plots.plot_profiles({"設計": DESIGNS["Hann"]})
+    plots.save_figure(figure, tmp_path / "profile.png")
+    assert (tmp_path / "profile.png").stat().st_size > 0
+
+
 def test_speeds_of_one_value_are_told_apart_in_grey():
     """Points have a shape of their own, and one does not cover another."""
     axes = plots.plot_psnr({"rect": photograph(21), "best Tukey": photograph(21)}).axes[0]
