@@ -41,6 +41,7 @@ from mishutter.terminal import (
     note,
     progress_bar,
     start_jax,
+    take_any_text,
     write_error,
     write_json,
 )
@@ -201,6 +202,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code."""
     command = typer.main.get_command(app)
     given = list(sys.argv[1:] if arguments is None else arguments)
+    take_any_text()
     try:
         with ends_when_asked():
             code = command.main(given, prog_name="mishutter", standalone_mode=False)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mishutter.png import is_deep_png, read_deep_png, write_deep_png
-from mishutter.tiff import is_packed_deep, unpacked_page
+from mishutter.tiff import is_tiff, read_tiff
 from mishutter.types import require, require_positive_int
 
 GAMMA = 2.2
@@ -80,8 +80,8 @@ def read_picture(path: str | Path) -> Picture:
 
     Whole-number pictures (8 or 16 bits; grey, RGB, alpha, palette, CMYK) are scaled to
     `[0, 1]` and raised to the power 2.2; colour profiles are not applied. Floating-point
-    TIFFs are taken to be linear light already. A picture is turned upright as its EXIF
-    tag says. Of a file with several pages the first is read.
+    TIFFs are taken to be linear light already. A picture is turned upright as its
+    orientation tag says. Of a file with several pages the first is read.
 
     Args:
         path: A PNG, JPEG or TIFF file.
@@ -219,33 +219,12 @@ def row_power_spectrum(picture: Picture, num_frequencies: int = 256) -> RowSpect
 
 
 def _decoded(path: Path) -> np.ndarray:
-    """Pixels as the file holds them; `(rows, columns)` or with channels last."""
-    if path.suffix.lower() in (".tif", ".tiff"):
-        return _decoded_tiff(path)
+    """Pixels as the file holds them, upright; `(rows, columns)` or with channels last."""
+    if is_tiff(path):
+        pixels = read_tiff(path, MAX_PIXELS)
+        return _decoded_by_pillow(path) if pixels is None else pixels
     if is_deep_png(path):
         return read_deep_png(path, MAX_PIXELS)
-    return _decoded_by_pillow(path)
-
-
-def _decoded_tiff(path: Path) -> np.ndarray:
-    import tifffile
-
-    with tifffile.TiffFile(path) as file:
-        page = file.pages[0]
-        if page.imagewidth * page.imagelength > MAX_PIXELS:  # type: ignore[union-attr]
-            raise ValueError(f"{page.imagewidth} x {page.imagelength} pixels")  # type: ignore[union-attr]
-        plain = page.photometric in (1, 2) and page.bitspersample in (8, 16, 32, 64)  # type: ignore[union-attr]
-        if plain and is_packed_deep(page):
-            return unpacked_page(path, page)
-        if plain:
-            try:
-                array = page.asarray()
-            except ValueError as error:  # a compression that only Pillow has
-                if "imagecodecs" not in str(error):
-                    raise
-                return _decoded_by_pillow(path)
-            separate = array.ndim == 3 and page.planarconfig == 2  # type: ignore[union-attr]
-            return np.moveaxis(array, 0, -1) if separate else array
     return _decoded_by_pillow(path)
 
 
@@ -264,7 +243,8 @@ def _decoded_by_pillow(path: Path) -> np.ndarray:
             else:
                 wanted = "RGBA" if seen else "L" if upright.mode == "1" else "RGB"
             array = np.asarray(upright.convert(wanted) if wanted != upright.mode else upright)
-    return array.astype(np.uint16) if array.dtype == np.int32 else array
+    deep_grey = array.dtype == np.int32 and file.format != "TIFF"  # as Pillow gave it of old
+    return array.astype(np.uint16) if deep_grey else array
 
 
 def _pixels(path: Path) -> np.ndarray:

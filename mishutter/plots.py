@@ -5,8 +5,9 @@ is touched. Lines differ in style as well as colour, so that they survive a grey
 """
 
 import io
-from collections.abc import Mapping, Sequence
-from itertools import cycle
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import count, cycle
 from pathlib import Path
 from typing import Any, final
 
@@ -32,14 +33,19 @@ Named = Mapping[str, tuple[AbstractMotion, AbstractShutter]]
 
 _COLOURS = ("#0072b2", "#d55e00", "#000000", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
+_MARKERS = ("o", "s", "^", "D", "v", "x", "P")
 _NUM_POINTS = 1001
 _LEAST_RESPONSE = 1e-4
 _CROP = (160, 240)
 _DOTS_PER_INCH = 130
+_LETTERS_OF_A_COLUMN = 34
+"""Of a legend in two columns."""
 _MOST_COLUMNS = 1000
 """More columns of a picture than a panel has dots for are averaged."""
-_LEAST_HEIGHT = 1 / 16
-"""Of a panel, in widths: a picture that is flatter is stretched to it, so that it is seen."""
+_LEAST_HEIGHT, _MOST_HEIGHT = 1 / 16, 3.0
+"""Of a panel, in widths."""
+_MOST_ELONGATED = 16
+"""A picture of a longer shape, lying or standing, is stretched to its panel, to be seen."""
 
 
 @final
@@ -62,7 +68,9 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     FigureCanvasAgg(figure)
-    figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks
+        figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
     return buffer.getvalue()
 
 
@@ -74,9 +82,10 @@ def plot_profiles(designs: Named) -> Figure:
         half = float(motion.half_exposure) * 1e3
         w, efficiency = profile_of(shutter, tau.astype(motion.half_exposure.dtype))
         time, w = np.pad(tau * half, 1, "edge"), np.pad(w, 1)
-        axes.plot(time, w, label=f"{name}, lets {float(efficiency):.0%} through", **style)
+        label = f"{shown_name(name)}, lets {float(efficiency):.0%} through"
+        axes.plot(time, w, label=label, **style)
     axes.set(xlabel="time from mid-exposure / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    _legend(figure, axes)
     return figure
 
 
@@ -108,7 +117,8 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
         kernels = np.asarray(kernels_at_speeds(shutter, motion, row, num_taps))
         for speed, taps, style in zip(speeds, kernels, _styles(), strict=False):
             axes.stairs(taps, edges, label=f"{speed:g} px/s", **style)
-        axes.set_title(f"{name}, stroke {float(motion.stroke):.3g} px", fontsize="medium")
+        title = f"{shown_name(name)}, stroke {float(motion.stroke):.3g} px"
+        axes.set_title(title, fontsize="medium")
         axes.set_ylabel("light / px")
     panels[0].legend()
     panels[-1].set_xlabel("position from the vertex of the path / px")
@@ -131,10 +141,10 @@ def plot_transfer(designs: Named, speeds: Sequence[float]) -> Figure:
             f = frequency.astype(motion.half_exposure.dtype)
             response = np.abs(transfer_function(shutter, motion, speed=speed, frequency=f))
             shown = np.maximum(response * np.sinc(frequency), _LEAST_RESPONSE)
-            axes.semilogy(frequency, shown, label=name, **style)
+            axes.semilogy(frequency, shown, label=shown_name(name), **style)
         axes.set_title(f"object at {speed:g} px/s", fontsize="medium")
         axes.set_ylabel("modulation transfer")
-    panels[0].legend(ncols=2)
+    _legend(figure, panels[0])
     panels[-1].set(xlabel="spatial frequency / (cycles/px)", ylim=(1e-3, 1.2), xlim=(0, 0.5))
     return figure
 
@@ -142,16 +152,18 @@ def plot_transfer(designs: Named, speeds: Sequence[float]) -> Figure:
 def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False) -> Figure:
     """PSNR of the restored photograph against object speed, with its standard error."""
     figure, (axes,) = _new(1)
-    for (name, result), style in zip(results.items(), _styles(), strict=False):
+    drawn = zip(results.items(), _styles(), cycle(_MARKERS), strict=False)
+    for (name, result), style, marker in drawn:
         level = result.linear_psnr if linear else result.psnr
         error = result.linear_standard_error if linear else result.standard_error
         order = np.argsort(result.speeds)
         error = None if np.any(np.isnan(error)) else error[order]
-        marks = {"marker": "o", "markersize": 3, "capsize": 2}
-        axes.errorbar(result.speeds[order], level[order], error, label=name, **marks, **style)
+        marks = {"marker": marker, "markersize": 6, "fillstyle": "none", "capsize": 2}
+        marks |= {"label": shown_name(name)}
+        axes.errorbar(result.speeds[order], level[order], error, **marks, **style)
     label = f"PSNR of restored picture / dB ({_kind(linear)})"
     axes.set(xlabel="object speed / (px/s)", ylabel=label)
-    axes.legend()
+    _legend(figure, axes)
     return figure
 
 
@@ -180,10 +192,10 @@ def plot_photograph(
     require(len(results) > 0, "plot_photograph(results=...)", "hold a result", 0)
     rows, columns = crop
     scale = 2.6 / columns
-    count = len(results) + 1
-    size = (count * columns * scale + 0.1, 2 * rows * scale + 1.0)
+    across = len(results) + 1
+    size = (across * columns * scale + 0.1, 2 * rows * scale + 1.0)
     figure = Drawing(figsize=size, layout="constrained")
-    panels = figure.subplots(2, count, squeeze=False)
+    panels = figure.subplots(2, across, squeeze=False)
     reference = next(iter(results.values())).reference
     _show(panels[0, 0], reference, crop, "the scene, at rest")
     panels[1, 0].axis("off")
@@ -193,7 +205,8 @@ def plot_photograph(
         level = (result.linear_psnr if linear else result.psnr)[index]
         captured = result.captured[index]
         gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
-        _show(panels[0, column], captured * gain, crop, f"{name}, captured\nat {nearest:g} px/s")
+        title = f"{shown_name(name, 26)}, captured\nat {nearest:g} px/s"
+        _show(panels[0, column], captured * gain, crop, title)
         title = f"restored, {level:.1f} dB\n({_kind(linear)})"
         _show(panels[1, column], result.restored[index], crop, title)
     return figure
@@ -206,14 +219,15 @@ def plot_capture(seen: object, captured: np.ndarray, restored: np.ndarray) -> Fi
         shown = {"the scene, at rest": seen.light} | shown
     rows, columns = captured.shape[:2]
     width = 4.0
-    height = float(np.clip(rows / columns, _LEAST_HEIGHT, 3.0))
+    height = float(np.clip(rows / columns, _LEAST_HEIGHT, _MOST_HEIGHT))
+    stretched = max(rows / columns, columns / rows) > _MOST_ELONGATED
     size = (len(shown) * width + 0.2, width * height + 0.6)
     figure = Drawing(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, light) in zip(panels[0], shown.items(), strict=True):
         small = _shrunk(light, max(1, columns // _MOST_COLUMNS))
         _show(axes, small, small.shape[:2], title)
-        axes.set_aspect("auto" if rows / columns < _LEAST_HEIGHT else "equal")
+        axes.set_aspect("auto" if stretched else "equal")
     return figure
 
 
@@ -257,9 +271,30 @@ def shown_speeds(speeds: ArrayLike) -> list[float]:
     return list(dict.fromkeys(ordered[i] for i in (0, (len(ordered) - 1) // 2, -1)))
 
 
-def _styles() -> Any:
-    pairs = zip(cycle(_COLOURS), cycle(_DASHES), strict=False)
-    return ({"color": colour, "linestyle": dash, "linewidth": 1.6} for colour, dash in pairs)
+def shown_name(name: str, most: int = 40) -> str:
+    """A name as a picture shows it: of `most` letters at most, and as text, whatever it holds.
+
+    A dollar would begin a formula, and a legend leaves out what begins with an underscore.
+    """
+    cut = name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-(most // 2) :]}"
+    return f"{' ' if cut.startswith('_') else ''}{cut}".replace("$", r"\$")
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    """Names of the lines above all panels, where they hide none; the figure grows by them."""
+    handles, labels = axes.get_legend_handles_labels()
+    columns = 2 if max(map(len, labels), default=0) <= _LETTERS_OF_A_COLUMN else 1
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, height + 0.2 * -(-len(labels) // columns))
+
+
+def _styles() -> Iterator[dict[str, Any]]:
+    """Lines of which no two of the first 49 are alike: dashes move on by one each round."""
+    for index in count():
+        turn, place = divmod(index, len(_COLOURS))
+        dash = _DASHES[(place + turn) % len(_DASHES)]
+        yield {"color": _COLOURS[place], "linestyle": dash, "linewidth": 1.6}
 
 
 def _new(num_panels: int, *, height: float = 4.2, share: bool = False) -> tuple[Figure, list[Axes]]:

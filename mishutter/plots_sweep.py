@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from mishutter.design import shutter_from_dict
-from mishutter.plots import Drawing, save_figure
+from mishutter.plots import Drawing, save_figure, shown_name
 from mishutter.scene import Scene
 from mishutter.shutters import SplineShutter
 from mishutter.sweep_grid import OPTIMISED
@@ -29,6 +29,8 @@ _MARKERS = "os^Dvp*XP<>h"
 _OF_ALL = "the best shutter"
 _EXPOSURE = "half exposure $T$ / ms"
 _ACCELERATION = "acceleration $a$ / (px/s²)"
+_LETTERS = 20
+"""Of a name, at most."""
 _APART = 0.07
 """Least distance of two labelled points of a front, in widths of the axes."""
 
@@ -113,16 +115,25 @@ def _draw_map(
     axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Grey values over acceleration and exposure; where on the axes each of them is."""
-    shown = np.ma.masked_invalid(values)
-    picture = axes.pcolormesh(half, a, shown, cmap="gray", shading="nearest", rasterized=True)
-    axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
     _scale(axes.set_xscale, axes.xaxis, half)
     _scale(axes.set_yscale, axes.yaxis, a)
+    x, y = _edges(half, axes.get_xscale()), _edges(a, axes.get_yscale())
+    shown = np.ma.masked_invalid(values)
+    picture = axes.pcolormesh(x, y, shown, cmap="gray", rasterized=True)
+    axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
     _contours(axes, half, a)
     axes.figure.colorbar(picture, ax=axes, label=label)
     axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
     x, y = np.meshgrid(half, a)
     return x, y
+
+
+def _edges(values: np.ndarray, scale: str) -> np.ndarray:
+    """Edges of cells around values, half-way between them on their axis: on it all of them."""
+    along = np.log(values) if scale == "log" else values
+    middles = along[:-1] + np.diff(along) / 2
+    edges = np.concatenate([2 * along[:1] - middles[:1], middles, 2 * along[-1:] - middles[-1:]])
+    return np.exp(edges) if scale == "log" else edges
 
 
 def _draw_line(
@@ -203,7 +214,7 @@ def plot_front(
     axes = figure.add_subplot(rows[0])
     _draw_points(axes, dataset, objectives)
     axes.step(*places.T, color="black", linewidth=1.6, label="Pareto front")
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, markerscale=2)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, markerscale=2)
     shown = _spread(_on_axes(axes, places), num_profiles)
     columns = rows[1].subgridspec(1, max(1, len(shown)))
     for column, index in enumerate(shown):
@@ -229,7 +240,7 @@ def _draw_points(axes: Axes, dataset: "xarray.Dataset", objectives: tuple[str, s
             marker=_MARKERS[index % len(_MARKERS)],
             markersize=3,
             color=str(0.35 + 0.45 * index / max(1, len(names) - 1)),
-            label=name,
+            label=shown_name(name, _LETTERS),
         )
     scales = (axes.set_xscale, axes.xaxis), (axes.set_yscale, axes.yaxis)
     for objective, scale in zip(objectives, scales, strict=True):
@@ -264,7 +275,8 @@ def _draw_profile(
     axes.set_xlabel("time / ms", fontsize="small")
     axes.locator_params(axis="x", nbins=4)
     stroke = float(point.acceleration) * float(point.half_exposure) ** 2
-    axes.set_title(f"{letter}: {point.shutter.values}\n{stroke:.3g} px stroke", fontsize="small")
+    name = shown_name(str(point.shutter.values), _LETTERS)
+    axes.set_title(f"{letter}: {name}\n{stroke:.3g} px stroke", fontsize="small")
 
 
 def _transmittance(

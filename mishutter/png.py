@@ -11,6 +11,7 @@ from typing import BinaryIO
 import numpy as np
 
 from mishutter.files import move_into_place
+from mishutter.upright import ORIENTATION, upright
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _CHANNELS = {0: 1, 2: 3, 4: 2, 6: 4}
@@ -28,7 +29,7 @@ def is_deep_png(path: Path) -> bool:
 
 
 def read_deep_png(path: Path, max_pixels: int) -> np.ndarray:
-    """Decode a 16-bit PNG; shape `(rows, columns, channels)`, uint16.
+    """Decode a 16-bit PNG, upright; shape `(rows, columns, channels)`, uint16.
 
     Raises:
         ValueError: with the reason, if it is damaged or larger than `max_pixels`.
@@ -61,7 +62,7 @@ def read_deep_png(path: Path, max_pixels: int) -> np.ndarray:
             values = _unfiltered(lines[:, 0], lines[:, 1:], 2 * channels)
             picture[top::down, left::across] = values.view(">u2").reshape(r, c, channels)
         first += size
-    return picture
+    return upright(picture, _orientation(dict(chunks).get(b"eXIf", b"")))
 
 
 def write_deep_png(path: Path, rows_of: Callable[[slice], np.ndarray], shape: tuple) -> None:
@@ -88,6 +89,14 @@ def write_deep_png(path: Path, rows_of: Callable[[slice], np.ndarray], shape: tu
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def _orientation(exif: bytes) -> int:
+    from PIL import Image
+
+    tags = Image.Exif()
+    tags.load(exif)
+    return tags.get(ORIENTATION, 1)
 
 
 def _compressed(rows_of: Callable[[slice], np.ndarray], rows: int, width: int) -> Iterator[bytes]:

@@ -1,5 +1,6 @@
 """What a terminal sees: one line for an error, a progress bar, strict JSON, a table."""
 
+import io
 import os
 import re
 import signal
@@ -12,6 +13,7 @@ from typing import Any
 
 import typer
 from rich import box
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -20,6 +22,10 @@ from mishutter.files import strict_json
 
 _WIDTH = 132
 """Columns of a table where standard output is no terminal."""
+_LEAST_TEXT = 16
+"""Columns of a table's first column, however narrow the terminal."""
+_MOMENT = 0.05
+"""Time for garbage to be collected; s."""
 
 USAGE_ERROR = typer.BadParameter.__mro__[1]
 CLICK_ERROR = typer.BadParameter.__mro__[2]
@@ -111,22 +117,57 @@ def write_json(document: Mapping[str, Any]) -> None:
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on standard output; the first column is text, the others numbers."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
-    for index, name in enumerate(columns):
-        table.add_column(name, justify="right" if index else "left", no_wrap=index == 0)
-    for row in rows:
-        table.add_row(*row)
-    _console().print(table)
+    """A table on standard output; the first column is text, the others numbers.
+
+    What there is no room for goes on below, beside the first column once more: no number
+    is cut. That column takes at most half the room then, and has lines broken.
+    """
+    console = _console()
+    cells = [[str(row[index]) for row in rows] for index in range(len(columns))]
+    full = [max(map(cell_len, (name, *held))) for name, held in zip(columns, cells, strict=True)]
+    least = [
+        max(map(cell_len, ("", *name.split(), *held)))
+        for name, held in zip(columns, cells, strict=True)
+    ]
+    least[0] = min(full[0], max(console.width // 2, _LEAST_TEXT))
+    for part in _parts(least, console.width):
+        room = max(console.width, _across(least, part))
+        widths = full if _across(full, part) <= room else least
+        table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+        for index in part:
+            justify = "right" if index else "left"
+            table.add_column(columns[index], justify=justify, width=widths[index])
+        for row in rows:
+            table.add_row(*(row[index] for index in part))
+        console.width = room
+        console.print(table)
+        title = ""
+
+
+def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
+    """Columns of each part of a table, the first in all of them, as many as there is room for."""
+    parts = [[0]]
+    for index in range(1, len(widths)):
+        if len(parts[-1]) > 1 and _across(widths, [*parts[-1], index]) > room:
+            parts.append([0])
+        parts[-1].append(index)
+    return parts
+
+
+def _across(widths: Sequence[int], part: Sequence[int]) -> int:
+    """Width of a table of some columns, with what stands between them."""
+    return 1 + sum(widths[index] + 3 for index in part)
 
 
 def print_text(text: str = "") -> None:
     """A line of results on standard output."""
-    _console().print(text, markup=False, highlight=False, soft_wrap=True)
+    _console().print(text, soft_wrap=True)
 
 
 def _console() -> Console:
-    return Console(file=sys.stdout, width=None if sys.stdout.isatty() else _WIDTH)
+    """Of text as it is: the name of a design may hold brackets and colons."""
+    width = None if sys.stdout.isatty() else _WIDTH
+    return Console(file=sys.stdout, width=width, markup=False, emoji=False, highlight=False)
 
 
 @contextmanager
@@ -147,6 +188,19 @@ def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]
         yield lambda done, message="": progress.update(task, completed=done, message=message)
 
 
+def take_any_text() -> None:
+    """Standard output and error that fail on no character, and on none where they are closed.
+
+    An encoding that lacks a letter, of a name or a unit, would lose the whole result.
+    """
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
 @contextmanager
 def working(label: str) -> Iterator[None]:
     """A sign of life on standard error while something goes on that has no steps to count."""
@@ -159,6 +213,9 @@ def working(label: str) -> Iterator[None]:
 def ends_when_asked() -> Iterator[None]:
     """SIGTERM ends what is under way as an exit does, so that no file is left half written.
 
+    An interrupt or a termination that comes while Python collects garbage, as JAX has it do
+    all the time, is raised where nothing can pass it on: then it is sent once more.
+
     Raises:
         SystemExit: with 143, as a shell tells of a process that was terminated.
     """
@@ -166,14 +223,23 @@ def ends_when_asked() -> Iterator[None]:
     def end(*_: object) -> None:
         raise SystemExit(128 + signal.SIGTERM)
 
+    def send_again(lost: Any) -> None:
+        number = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}.get(lost.exc_type)
+        if number is None:
+            before_hook(lost)
+        else:
+            threading.Timer(_MOMENT, os.kill, (os.getpid(), number)).start()
+
     if threading.current_thread() is not threading.main_thread():  # which alone is told
         yield
         return
-    before = signal.signal(signal.SIGTERM, end)
+    before, before_hook = signal.signal(signal.SIGTERM, end), sys.unraisablehook
+    sys.unraisablehook = send_again
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+        sys.unraisablehook = before_hook
 
 
 def start_jax() -> None:

@@ -97,7 +97,7 @@ def gain_over(dataset: "xarray.Dataset", name: str) -> "xarray.DataArray":
     names = [str(x) for x in dataset.shutter.values]
     require(name in names, "gain_over(name=...)", f"be one of {', '.join(names)}", name)
     psnr = _psnr("gain_over(dataset=...)", dataset)
-    gain = psnr - psnr.sel(shutter=name, drop=True)
+    gain = _gain(psnr, psnr.sel(shutter=name, drop=True))
     return gain.assign_attrs(long_name=f"gain over {name}", units="dB")
 
 
@@ -122,8 +122,14 @@ def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataA
     for name in ("photon_rate", "read_noise"):
         if name not in light:
             level = level.isel({name: 0}, drop=True)
-    gain = psnr - level
+    gain = _gain(psnr, level)
     return gain.assign_attrs(long_name="gain over best snapshot", units="dB")
+
+
+def _gain(psnr: "xarray.DataArray", level: "xarray.DataArray") -> "xarray.DataArray":
+    """Difference of two levels; none where both are infinite, with nothing to restore."""
+    with np.errstate(invalid="ignore"):
+        return (psnr - level).where(psnr != level, 0.0)
 
 
 def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
@@ -185,9 +191,11 @@ def best_snapshots(
         half, ratio = np.clip(best * near, *ends), ratio ** (2 / (_NUM_NEAR - 1))
     error = np.min(_snapshot_error(scene, best, rates[:, None], noises[None]), axis=0)
     dimensions = ("photon_rate", "read_noise")
+    with np.errstate(divide="ignore"):  # a picture without detail is restored without error
+        level = -10 * np.log10(error)
     return xarray.Dataset(
         {
-            "expected_psnr": (dimensions, -10 * np.log10(error), {"units": "dB"}),
+            "expected_psnr": (dimensions, level, {"units": "dB"}),
             "half_exposure": (dimensions, best[0], {"units": "s"}),
         },
         {"photon_rate": rates, "read_noise": noises},

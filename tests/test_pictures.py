@@ -4,6 +4,9 @@ Pinned against values written by other libraries, because what matters is that a
 means here what it means elsewhere; and each refusal by its text.
 """
 
+import struct
+import zlib
+
 import numpy as np
 import pytest
 from packed_tiff import write_packed_tiff
@@ -17,6 +20,11 @@ CODED = np.random.default_rng(7).integers(0, 256, (ROWS, COLUMNS, 4)).astype(np.
 
 def as_light(coded):
     return (coded / np.iinfo(coded.dtype).max) ** GAMMA
+
+
+def chunk(name, data):
+    """A chunk of a PNG."""
+    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
 
 def save(path, array, **options):
@@ -102,6 +110,102 @@ def test_float_tiff_is_light_already(tmp_path):
         ms.read_picture(tmp_path / "h.tif")
 
 
+def turned(pixels, orientation):
+    """Pillow's reading of the orientation tag, channel by channel."""
+    from PIL import Image, ImageOps
+
+    planes = []
+    for channel in range(pixels.shape[2]):
+        plane = Image.fromarray(pixels[..., channel].astype(np.int32))
+        plane.getexif()[274] = orientation
+        planes.append(np.asarray(ImageOps.exif_transpose(plane)))
+    return np.stack(planes, axis=-1).astype(pixels.dtype)
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_pictures_stand_upright(tmp_path, orientation, depth):
+    """A TIFF and a PNG are turned as their tag says, at 8 bits a channel and at 16."""
+    import tifffile
+    from PIL import Image
+
+    coded = CODED[..., :3].astype(depth) * (np.iinfo(depth).max // 255)
+    tag = (274, "H", 1, orientation, True)
+    tifffile.imwrite(tmp_path / "t.tif", coded, photometric="rgb", extratags=[tag])
+    exif = Image.Exif()
+    exif[274] = orientation
+    if depth == np.uint8:
+        Image.fromarray(coded).save(tmp_path / "t.png", exif=exif)
+    else:
+        ms.write_picture(tmp_path / "t.png", as_light(coded))
+        whole = (tmp_path / "t.png").read_bytes()
+        tags = chunk(b"eXIf", exif.tobytes().removeprefix(b"Exif\0\0"))
+        (tmp_path / "t.png").write_bytes(whole[:33] + tags + whole[33:])  # after the header
+    for name in ("t.tif", "t.png"):
+        read = ms.read_picture(tmp_path / name).light
+        np.testing.assert_allclose(read, as_light(turned(coded, orientation)), atol=1e-6)
+
+
+def test_a_tiff_that_holds_black_as_its_largest_value(tmp_path):
+    """White is where the file says it is, at 16 bits too."""
+    import tifffile
+
+    coded = CODED[..., 0].astype(np.uint16) * 251 + 3
+    tifffile.imwrite(tmp_path / "w.tif", 65535 - coded, photometric="miniswhite")
+    read = ms.read_picture(tmp_path / "w.tif")
+    np.testing.assert_allclose(read.light, as_light(coded[..., None]), atol=1e-6)
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16, np.float32])
+def test_colour_that_opacity_is_multiplied_into(tmp_path, depth):
+    """A TIFF with associated alpha is read as the same picture with its alpha apart."""
+    import tifffile
+
+    full = 1 if depth == np.float32 else np.iinfo(depth).max
+    matte = CODED[..., 3:] / 255
+    held = np.concatenate([CODED[..., :3] / 255 * matte, matte], axis=-1) * full
+    held = (held if full == 1 else np.rint(held)).astype(depth)
+    tifffile.imwrite(tmp_path / "a.tif", held, photometric="rgb", extrasamples=["assocalpha"])
+    read = ms.read_picture(tmp_path / "a.tif")
+    assert read.matte is not None
+    np.testing.assert_allclose(read.matte, matte[..., 0], atol=1e-6)
+    seen = read.matte > 0.2
+    apart = CODED[..., :3] / 255 if full == 1 else as_light(CODED[..., :3])
+    np.testing.assert_allclose(read.light[seen], apart[seen], atol=0.03 if full == 255 else 2e-4)
+
+
+def test_a_tiff_of_a_depth_that_pictures_do_not_have(tmp_path):
+    """Twelve bits, and whole numbers of 32, are refused, not taken for 16."""
+    from PIL import Image
+
+    wide = Image.fromarray(CODED[..., 0].astype(np.int32) * 70001)
+    wide.save(tmp_path / "i.tif", compression="tiff_lzw")
+    with pytest.raises(ValueError, match="must hold 8 or 16 bits a channel; got int32"):
+        ms.read_picture(tmp_path / "i.tif")
+    Image.fromarray(CODED[..., 0]).save(tmp_path / "t.tif")
+    whole, depth = (tmp_path / "t.tif").read_bytes(), struct.pack("<HHI", 258, 3, 1)
+    assert whole.count(depth) == 1
+    twelve = whole.replace(depth + struct.pack("<H", 8), depth + struct.pack("<H", 12))
+    (tmp_path / "t.tif").write_bytes(twelve)
+    with pytest.raises(ValueError, match=r"t.tif': 12 bits a channel"):
+        ms.read_picture(tmp_path / "t.tif")
+
+
+def test_a_picture_is_known_by_what_it_holds(tmp_path):
+    """A TIFF named as a PNG keeps its bits, and a PNG named as a TIFF is read."""
+    import tifffile
+
+    coded = CODED[..., :3].astype(np.uint16) * 251 + 3
+    tifffile.imwrite(tmp_path / "a.tif", coded, photometric="rgb")
+    (tmp_path / "a.tif").rename(tmp_path / "a.png")
+    ms.write_picture(tmp_path / "b.png", as_light(coded))
+    (tmp_path / "b.png").rename(tmp_path / "b.tif")
+    for name in ("a.png", "b.tif"):
+        np.testing.assert_allclose(
+            ms.read_picture(tmp_path / name).light, as_light(coded), atol=1e-6
+        )
+
+
 @pytest.mark.parametrize("channels", [1, 3, 4])
 def test_sixteen_bit_png_both_ways(tmp_path, channels):
     """What is written at 16 bits comes back to within half a step of them."""
@@ -116,9 +220,6 @@ def test_sixteen_bit_png_both_ways(tmp_path, channels):
 @pytest.mark.parametrize("kind", [0, 1, 2, 3, 4])
 def test_every_row_filter_of_png(tmp_path, kind):
     """A 16-bit PNG decodes whatever filter its rows use (PNG specification, section 9)."""
-    import struct
-    import zlib
-
     coded = CODED[..., :3].astype(np.uint16) * 200 + 11
     lines = coded.astype(">u2").view(np.uint8).reshape(ROWS, -1).astype(int)
     packed = b""
@@ -132,11 +233,6 @@ def test_every_row_filter_of_png(tmp_path, kind):
         paeth = np.where(first, left, np.where(near[1] <= near[2], up, corner))
         guess = [0 * up, left, up, (left + up) // 2, paeth][kind]
         packed += bytes([kind]) + ((lines[r] - guess) % 256).astype(np.uint8).tobytes()
-
-    def chunk(name, data):
-        return (
-            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-        )
 
     header = struct.pack(">IIBBBBB", COLUMNS, ROWS, 16, 2, 0, 0, 0)
     body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(packed)) + chunk(b"IEND", b"")

@@ -100,6 +100,50 @@ def test_lines_differ_in_style(name, figures):
         assert len(set(lines)) == len(DESIGNS)
 
 
+NAMES = ["rect", "a_design_" + 9 * "of_a_long_name_", "_own", "cost $5 to $\\frac", "run/03/design"]
+NAMES += [f"tukey:{share}" for share in (0.1, 0.2, 0.3, 0.4)]
+MANY = {
+    "profiles": lambda: plots.plot_profiles(dict.fromkeys(NAMES, DESIGNS["Hann"])),
+    "transfer": lambda: plots.plot_transfer(dict.fromkeys(NAMES, DESIGNS["Hann"]), [0.0, 700.0]),
+    "psnr": lambda: plots.plot_psnr({name: photograph(21) for name in NAMES}),
+}
+
+
+@pytest.mark.parametrize("slug", MANY)
+def test_designs_of_any_name_and_number(slug):
+    """All stand in the legend, as they are called, beside no line's likeness or any line."""
+    figure = MANY[slug]()
+    FigureCanvasAgg(figure).draw()
+    (legend,) = figure.legends
+    texts = [text.get_text().strip().replace("\\$", "$") for text in legend.get_texts()]
+    assert len(texts) == len(NAMES)
+    for text, name in zip(texts, NAMES, strict=True):
+        assert text.startswith(name[:15])
+    box = legend.get_window_extent()
+    assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+    for axes in figure.axes:
+        assert axes.bbox.y1 < box.y0 < box.y1 <= figure.bbox.y1
+        assert axes.bbox.width > 0.7 * figure.bbox.width
+    lines = [line for line in figure.axes[0].get_lines() if line.get_linestyle() != "None"]
+    styles = {(line.get_color(), str(line._unscaled_dash_pattern)) for line in lines}
+    assert len(styles) == len(NAMES)
+
+
+def test_letters_that_the_font_lacks(tmp_path):
+    """A name in them is drawn as boxes, and is no reason for a warning."""
+    figure = plots.plot_profiles({"設計": DESIGNS["Hann"]})
+    plots.save_figure(figure, tmp_path / "profile.png")
+    assert (tmp_path / "profile.png").stat().st_size > 0
+
+
+def test_speeds_of_one_value_are_told_apart_in_grey():
+    """Points have a shape of their own, and one does not cover another."""
+    axes = plots.plot_psnr({"rect": photograph(21), "best Tukey": photograph(21)}).axes[0]
+    lines = [line for line in axes.get_lines() if line.get_linestyle() != "None"]
+    assert len({line.get_marker() for line in lines}) == 2
+    assert all(line.get_fillstyle() == "none" for line in lines)
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_figure_is_a_whole_png(name, figures, tmp_path):
     """A saved figure opens as a picture and leaves nothing else in its folder."""
@@ -143,6 +187,17 @@ def test_a_map_leaves_out_what_is_wholly_outside():
     huge = sweep(SCENE, **grid(accelerations=[3e4, 9e4, 1.7e308]))
     axes = plots_sweep.plot_map(huge).axes[0]
     assert axes.get_ylim()[1] < 2e5
+
+
+def test_a_map_of_equal_steps_shows_every_point():
+    """On logarithmic axes too the first row and column are whole, and none is outside."""
+    a, half = np.linspace(2e4, 3e5, 5), np.linspace(0.001, 0.0105, 6)
+    even = sweep(SCENE, **grid(accelerations=a, half_exposures=half))
+    axes = plots_sweep.plot_map(even).axes[0]
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    points = np.stack(np.meshgrid(half * 1e3, a), axis=-1).reshape(-1, 2)
+    shares = axes.transAxes.inverted().transform(axes.transData.transform(points))
+    assert np.all((shares > 0.01) & (shares < 0.99))
 
 
 MAP_MISTAKES = {
@@ -238,15 +293,18 @@ def test_a_capture_side_by_side():
     assert titles["photograph"] == ["the scene, at rest", "captured", "restored"]
 
 
-def test_a_flat_capture_is_seen():
-    """One row of 20,000 pixels is stretched; what is not that flat keeps its shape."""
-    for shape, aspect, height in (((1, 20_000, 1), "auto", 10), ((40, 300, 1), 1.0, 40)):
-        light = np.full(shape, 0.5)
-        figure = plots.plot_capture(None, light, light)
-        FigureCanvasAgg(figure).draw()
-        for axes in figure.axes:
-            assert axes.get_aspect() == aspect
-            assert axes.get_window_extent().height >= height
+@pytest.mark.parametrize(
+    ("shape", "aspect"),
+    [((1, 20_000, 1), "auto"), ((40, 300, 1), 1.0), ((5_000, 3, 1), "auto"), ((300, 40, 1), 1.0)],
+)
+def test_a_capture_of_any_shape_is_seen(shape, aspect):
+    """One long row, or a few columns, are stretched; what is less so keeps its shape."""
+    light = np.full(shape, 0.5)
+    figure = plots.plot_capture(None, light, light)
+    FigureCanvasAgg(figure).draw()
+    for axes in figure.axes:
+        assert axes.get_aspect() == aspect
+        assert min(axes.get_window_extent().size) >= 10
 
 
 def test_a_drive_of_one_step_shows_the_sensor():

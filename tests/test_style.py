@@ -16,9 +16,9 @@ sweep_store sweep_blocks sweep_search sweep_layout sweep_tiles sweep_spectra swe
 sweep_kernels sweep_points sweep_tables sweep_grid simulation restoration compare optimise planning
 plan_tolerance plan_check many_starts solvers objective plan_items design_space drive design
 design_schema losses decoders metrics simulate tiles layers_file layers frames cells quality noise
-rows response nodes picture_plan plan speeds scene_file scene_schema schema pictures png tiff scene
-spectrum descent kernel rates arms path motion shutters doubleword terminal compiling programs files
-threads waves types
+rows response nodes picture_plan plan speeds scene_file scene_schema schema pictures png tiff
+upright scene spectrum descent kernel rates arms path motion shutters doubleword terminal compiling
+programs files threads waves types
 """.split()
 """Imports point downwards in this list only, from one module or folder to a later one."""
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers_sweep import SCENE, SHUTTERS, grid
+from helpers_sweep import LIMITS, SCENE, SHUTTERS, grid
 
 from mishutter import (
     RASKAR_CODE,
@@ -141,6 +141,17 @@ def test_gain_over_the_best_snapshot(swept):
     gain = gain_over_snapshot(swept, SCENE)
     level = float(best_snapshots(SCENE).expected_psnr[0, 0])
     np.testing.assert_allclose(gain, swept.expected_psnr - level, rtol=1e-12)
+
+
+def test_nothing_is_gained_where_there_is_nothing_to_restore():
+    """Of a picture without detail every PSNR is infinite, and every gain within limits 0."""
+    plain = Scene([0.0, 310.0], photon_rate=2e5, read_noise=6.0, deviation=0.0, limits=LIMITS)
+    found = sweep(plain, **grid())
+    inside = found.outside.values == 0
+    assert np.all(np.isinf(found.expected_psnr.values[inside]))
+    for gain in (gain_over(found, "Hann"), gain_over_snapshot(found, plain)):
+        assert np.all(gain.values[inside] == 0)
+        assert np.all(np.isnan(gain.values[~inside]))
 
 
 LIGHT_SCENE = Scene.uniform(
