@@ -233,6 +233,22 @@ def test_no_design_exceeds_the_wedge_bound_everywhere():
         assert 0 < float(evaluate(scene, MOTION, shutter).bound_share) < 1
 
 
+@pytest.mark.parametrize("plan", [PLANNED, None])
+def test_the_share_of_the_bound_is_that_of_its_definition(plan):
+    """Least of |K|^2 over min((2T)^2, T/(Sf)) of what occurs; what never does bounds nothing."""
+    scene = Scene([-900.0, 400.0, 5e4], [0.3, 0.7, 0.0], photon_rate=7e4, read_noise=6.0)
+    frequency = (np.arange(256) + 0.5) / 512
+    bound = np.minimum((2 * HALF_EXPOSURE) ** 2, HALF_EXPOSURE / (900 * frequency))
+    shares = [
+        abs(transfer_function(SHUTTER, MOTION, speed=speed, frequency=frequency)) ** 2
+        * (2 * HALF_EXPOSURE) ** 2
+        / bound
+        for speed in (-900.0, 400.0)
+    ]
+    found = evaluate(scene, MOTION, SHUTTER, plan=plan).bound_share
+    assert np.isclose(found, np.min(shares), rtol=1e-9)
+
+
 def test_the_vertex_alignment_changes_no_power():
     """The response on the grid has the modulus of the public transfer function."""
     plan = Plan(64, 256, 64, 512)

@@ -12,7 +12,7 @@ from frame_reference import integrate_frames
 
 import mishutter as ms
 import mishutter.layers_file
-from mishutter.noise import noise_variance, recorded, shot_electrons
+from mishutter.noise import _RUN, noise_variance, recorded, shot_electrons
 from mishutter.pictures import shipped_picture
 
 HALF = 0.011
@@ -127,6 +127,14 @@ def test_shot_noise_is_poisson(mean):
     assert abs(drawn.var() - mean) <= 5 * fourth
 
 
+def test_no_two_runs_of_pixels_have_the_same_noise():
+    """However many pixels there are, none's noise is another's: sums over lags stay small."""
+    drawn = np.asarray(shot_electrons(jax.random.key(5), jnp.full(3 * _RUN, 40.0))) - 40
+    first, second, third = drawn.reshape(3, -1) / np.sqrt(40)
+    for one, other in ((first, second), (second, third), (first, third)):
+        assert abs(np.mean(one * other)) < 5 / np.sqrt(_RUN)
+
+
 def test_noise_is_held_where_a_capture_differentiates():
     """A noisy capture moves with its light as one without noise does."""
     picture = rows(3, 60, 1)
@@ -203,6 +211,17 @@ def test_full_well_and_converter():
     np.testing.assert_allclose(cut, np.minimum(light, 0.8), atol=1e-12)
     stepped = recorded(light, 1000.0, 0.0, key=None, adc_bits=3)
     np.testing.assert_allclose(stepped, np.round(np.clip(light, 0, 1) * 7) / 7, atol=1e-12)
+    both = recorded(light, 1000.0, 0.0, key=None, full_well=800.0, adc_bits=3)
+    steps = np.round(np.minimum(light / 0.8, 1) * 7)
+    np.testing.assert_allclose(both, 0.8 * steps / 7, atol=1e-12)
+
+
+def test_read_noise_goes_beyond_a_full_well():
+    """A full well cuts off what is collected, not what is read: noise lies to either side."""
+    bright = jnp.full((30, 40), 1.3)
+    found = np.asarray(recorded(bright, 1000.0, 9.0, key=jax.random.key(3), full_well=800.0))
+    np.testing.assert_allclose(found.mean(), 0.8, atol=4 * 0.009 / np.sqrt(found.size))
+    np.testing.assert_allclose(found.std(), 0.009, rtol=4 / np.sqrt(2 * found.size))
 
 
 @pytest.mark.parametrize("name", SHUTTERS)
