@@ -21,7 +21,6 @@ from mishutter.files import strict_json
 _WIDTH = 132
 """Columns of a table where standard output is no terminal."""
 
-USAGE_ERROR = typer.BadParameter.__mro__[1]
 CLICK_ERROR = typer.BadParameter.__mro__[2]
 """What the command line parser raises, whichever Click it was built on."""
 
