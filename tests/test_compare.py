@@ -66,6 +66,12 @@ def test_shutters_without_names(table):
         assert "shutter 0 on its own best motion" in found.verdict
 
 
+def test_a_row_that_is_not_there(table):
+    """It is refused by the names that are."""
+    with pytest.raises(ValueError, match=r"name=...\)` must be one of .*Hann, .*; got 'Hamming'"):
+        table.row("Hamming")
+
+
 def test_what_is_no_shutter():
     """Anything else is refused by name, before anything is computed."""
     message = r"`compare\(shutters=...\)` must hold at least one shutter or design and nothing else"

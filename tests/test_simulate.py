@@ -4,6 +4,8 @@ Occlusion is pinned against thousands of composited frames rather than against a
 formula, because what is uncovered during the exposure is what a formula gets wrong.
 """
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -293,12 +295,42 @@ def test_footage_shows_each_frame_for_its_share():
     np.testing.assert_allclose(found, np.tensordot(share, frames, 1), atol=1e-12)
 
 
-def test_footage_that_is_no_light():
-    """A frame below 0 is refused as a picture below 0 is."""
-    with pytest.raises(
-        ValueError, match=r"`Frames\(frames=...\)` must hold light of at least 0; got"
-    ):
-        ms.simulate_capture(ms.Frames.of([-rows()]), SCENE, STILL, ms.HannShutter())
+FOOTAGE = {
+    "negative": ([-rows()], "`Frames(frames=...)` must hold light of at least 0; got -"),
+    "nan": ([np.nan * rows()], "`Frames(frames=...)` must hold finite light; got"),
+    "coded": ([np.ones((2, 3, 1), np.uint8)], "must hold light as floating-point numbers; got"),
+    "two-channels": ([np.ones((2, 3, 2))], "must be pictures; got 'shape (2, 3, 2)'"),
+    "two-sizes": ([rows(), rows(5)], "must all have shape (7, 260, 3); got 'shape (5, 260, 3)'"),
+}
+
+
+@pytest.mark.parametrize("slug", FOOTAGE)
+def test_footage_that_is_none(slug):
+    """A frame is refused as a picture is, and where it is unlike the one before."""
+    frames, message = FOOTAGE[slug]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        ms.simulate_capture(ms.Frames.of(frames), SCENE, STILL, ms.HannShutter())
+
+
+def test_footage_of_another_length():
+    """As many frames as were said must come, and at least one."""
+    for count in (1, 3):
+        frames = ms.Frames(iter([rows(), rows()]), count)
+        with pytest.raises(ValueError, match=rf"must be the 2 that came; got {count}"):
+            ms.simulate_capture(frames, SCENE, STILL, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"`Frames.of\(frames=...\)` must hold at least one frame"):
+        ms.Frames.of([])
+
+
+def test_layers_that_are_none():
+    """There is a background, it is opaque, and it goes on by a rule that is known."""
+    clear = ms.Layer(ms.Picture(rows(), np.full((7, 260), 0.4)))
+    with pytest.raises(ValueError, match="must hold at least one layer; got 0"):
+        ms.Layers(())
+    with pytest.raises(ValueError, match="must begin with an opaque layer; got"):
+        ms.Layers((clear,))
+    with pytest.raises(ValueError, match=r"must be one of .*'reflect'.*; got 'scene'"):
+        ms.Layers((ms.Layer(ms.Picture(rows())),), border="scene")
 
 
 def test_footage_from_a_folder_and_a_video(tmp_path):
@@ -450,6 +482,12 @@ def test_pictures_that_are_none():
     coded = (rows() * 255).astype(np.uint8)
     with pytest.raises(ValueError, match=r"picture=...\)` must hold light, white = 1, .*; got .*8"):
         ms.simulate_capture(coded, SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"picture=...\)` must have rows and columns; got \(9,\)"):
+        ms.simulate_capture(np.ones(9), SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(
+        ValueError, match=r"picture=...\)` must hold at least one pixel; got \(0, 9\)"
+    ):
+        ms.simulate_capture(np.ones((0, 9)), SCENE, MOVING, ms.HannShutter())
     with pytest.raises(ValueError, match=r"`deconvolve\(captured=...\)` must be finite"):
         ms.deconvolve(bad, SCENE, MOVING, ms.HannShutter())
     with pytest.raises(ValueError, match=r"picture=...\)` must be at least 0; got -0.3"):

@@ -23,6 +23,7 @@ import mishutter
 from mishutter import (
     RASKAR_CODE,
     ChippedShutter,
+    DesignLoss,
     GaussianShutter,
     Scene,
     SplineShutter,
@@ -203,6 +204,11 @@ MISTAKES = {
         "`sweep(seed=...)` must be a whole number of at least 0; got -1",
     ),
     "steps": ({"optimise": True, "max_steps": 0}, "must be a positive integer; got 0"),
+    "well-endless": ({"full_well": np.inf}, "`sweep(full_well=...)` must be above 0 e-; got inf"),
+    "loss": (
+        {"optimise": True, "loss": DesignLoss()},
+        "`sweep(loss=...)` must be a loss of transfer functions alone, as ExpectedErrorLoss is;",
+    ),
 }
 
 
