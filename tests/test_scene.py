@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
@@ -69,6 +70,12 @@ def test_a_scene_is_loaded_by_text_or_path(tmp_path):
     )
     for place in (path, str(path)):
         assert float(Scene.load(place).read_noise) == 2
+
+
+def test_the_fastest_object_is_one_that_occurs():
+    """By size, whichever way it goes, and in a compiled function too."""
+    scene = Scene([-900.0, 400.0, 5e4], [0.3, 0.7, 0.0], **LIGHT)
+    assert float(scene.max_speed) == float(jax.jit(lambda s: s.max_speed)(scene)) == 900
 
 
 MISTAKES = {

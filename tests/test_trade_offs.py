@@ -69,12 +69,13 @@ def test_nothing_betters_a_pareto_front(swept):
 
 
 def test_a_front_of_ones_own_senses(swept):
-    """What is usually wanted large may be wanted small, first or last."""
+    """What is usually wanted large may be wanted small; of equals in one the other decides."""
     front = pareto_front(swept, {"expected_psnr": "min", "efficiency": "min"})
     least = swept.expected_psnr.where(swept.efficiency == swept.efficiency.min()).min()
     assert float(front.expected_psnr.min()) == float(swept.expected_psnr.min())
     assert float(front.efficiency.min()) == float(swept.efficiency.min())
     assert float(least) in front.expected_psnr.values
+    assert front.sizes["point"] == np.unique(front.efficiency).size
     assert np.all(np.diff(front.expected_psnr) <= 0)
 
 
