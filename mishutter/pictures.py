@@ -19,6 +19,7 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 MAX_PIXELS = 150_000_000
 """Larger pictures are refused before they are unpacked."""
 
+_ORIENTATION = 274  # of EXIF's tags the one that says how a camera was held
 _READ = "read_picture(path=...)"
 _WRITE = "write_picture(path=...)"
 
@@ -223,7 +224,7 @@ def _decoded(path: Path) -> np.ndarray:
     if path.suffix.lower() in (".tif", ".tiff"):
         return _decoded_tiff(path)
     if is_deep_png(path):
-        return read_deep_png(path, MAX_PIXELS)
+        return _upright(read_deep_png(path, MAX_PIXELS), _orientation(path))
     return _decoded_by_pillow(path)
 
 
@@ -235,8 +236,9 @@ def _decoded_tiff(path: Path) -> np.ndarray:
         if page.imagewidth * page.imagelength > MAX_PIXELS:  # type: ignore[union-attr]
             raise ValueError(f"{page.imagewidth} x {page.imagelength} pixels")  # type: ignore[union-attr]
         plain = page.photometric in (1, 2) and page.bitspersample in (8, 16, 32, 64)  # type: ignore[union-attr]
+        turned = page.tags.valueof(_ORIENTATION, default=1)  # type: ignore[union-attr]
         if plain and is_packed_deep(page):
-            return unpacked_page(path, page)
+            return _upright(unpacked_page(path, page), turned)
         if plain:
             try:
                 array = page.asarray()
@@ -245,15 +247,29 @@ def _decoded_tiff(path: Path) -> np.ndarray:
                     raise
                 return _decoded_by_pillow(path)
             separate = array.ndim == 3 and page.planarconfig == 2  # type: ignore[union-attr]
-            return np.moveaxis(array, 0, -1) if separate else array
+            return _upright(np.moveaxis(array, 0, -1) if separate else array, turned)
     return _decoded_by_pillow(path)
+
+
+def _orientation(path: Path) -> int:
+    from PIL import Image
+
+    with warnings.catch_warnings(action="ignore"):
+        with Image.open(path) as file:
+            return file.getexif().get(_ORIENTATION, 1)
+
+
+def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """Pixels turned and mirrored as EXIF's number of their orientation says."""
+    pixels = pixels.swapaxes(0, 1) if orientation in (5, 6, 7, 8) else pixels
+    down, across = (-1 if orientation in these else 1 for these in ((3, 4, 7, 8), (2, 3, 6, 7)))
+    return pixels[::down, ::across]
 
 
 def _decoded_by_pillow(path: Path) -> np.ndarray:
     from PIL import Image, ImageOps
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         with Image.open(path) as file:
             if file.width * file.height > MAX_PIXELS:
                 raise ValueError(f"{file.width} x {file.height} pixels")
