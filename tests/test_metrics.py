@@ -96,6 +96,16 @@ def test_a_spectrum_in_narrow_steps_loses_none_of_its_power():
         assert np.allclose(on_steps(known, 256), exact * 256 / 301, rtol=1e-12)
 
 
+def test_what_the_optics_do_not_pass_is_no_part_of_the_picture():
+    """It has the same contrast below the cut-off, and neither power nor error above."""
+    frequency = (np.arange(256) + 0.5) / 512
+    passed = (frequency <= 0.13) / (frequency**2 + 0.01**2)
+    light = {"photon_rate": 7e4, "read_noise": 6.0}
+    by_optics = evaluate(Scene(SPEEDS, **light, cutoff_frequency=0.13), MOTION, SHUTTER)
+    by_picture = evaluate(Scene(SPEEDS, **light, power_spectrum=passed), MOTION, SHUTTER)
+    assert np.isclose(by_optics.expected_psnr, by_picture.expected_psnr, rtol=1e-12)
+
+
 @pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=HALF_EXPOSURE)])
 def test_only_the_shutter_is_traced(motion):
     """A scene and a motion that a compiled function closes over are known to it."""
