@@ -166,6 +166,13 @@ def test_a_key_gives_the_same_noise_compiled_and_batched():
     assert np.all(each[0] != each[1])
 
 
+def test_without_noise_it_does_not_matter_how_much_light_there_is():
+    """A capture is in units of white, also where white is no electron at all."""
+    dark = ms.Scene([0.0], photon_rate=0.0, read_noise=6.0)
+    found = [ms.simulate_capture(rows(), s, MOVING, ms.HannShutter()) for s in (dark, SCENE)]
+    np.testing.assert_allclose(*found, atol=1e-12)
+
+
 def test_a_closed_shutter_records_darkness():
     """Layers and frames of which no light falls on the sensor are black, not an error."""
     closed = ms.ChippedShutter([0.0, 0.0])
