@@ -211,6 +211,19 @@ def test_a_damaged_or_boundless_png(tmp_path):
         ms.read_picture(tmp_path / "b.png")
 
 
+def test_a_boundless_tiff(tmp_path):
+    """One of more pixels than are unpacked is refused by what it says of itself."""
+    import tifffile
+
+    path = tmp_path / "b.tif"
+    tifffile.imwrite(path, CODED[..., 0])
+    with tifffile.TiffFile(path, mode="r+") as file:
+        for name in ("ImageWidth", "ImageLength"):
+            file.pages[0].tags[name].overwrite(20000)
+    with pytest.raises(ValueError, match=r"b\.tif.*: 20000 x 20000 pixels"):
+        ms.read_picture(path)
+
+
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_a_picture_is_turned_upright(tmp_path, orientation):
     """As the camera was held, whatever kind of file says so."""

@@ -55,18 +55,20 @@ def test_capture_is_the_convolution_with_the_kernel(speed):
     np.testing.assert_allclose(found[2, 199:260].T, wanted, atol=1e-12)
 
 
+@pytest.mark.parametrize("speed", [310.0, -1900.0])
 @pytest.mark.parametrize("motion", [MOVING, STILL], ids=["moving", "still"])
-def test_the_kernel_for_other_libraries(motion):
+def test_the_kernel_for_other_libraries(motion, speed):
     """SciPy's convolution with the centred kernel is the capture; its middle shifts nothing."""
     from scipy.signal import convolve
 
-    picture = rows(5, 90, 1)
-    kernel = ms.centred_kernel(motion, ms.HannShutter(), speed=310.0)
+    picture = rows(5, 150, 1)
+    kernel = ms.centred_kernel(motion, ms.HannShutter(), speed=speed)
     assert kernel.shape[0] == 1
     assert kernel.shape[1] % 2 == 1
+    assert np.sum(kernel) == pytest.approx(0.5, rel=1e-12)
     found = convolve(picture[..., 0], kernel, mode="same")
     wanted = ms.simulate_capture(
-        picture, SCENE, motion, ms.HannShutter(), speed=310.0, border="zero"
+        picture, SCENE, motion, ms.HannShutter(), speed=speed, border="zero"
     )
     np.testing.assert_allclose(found, wanted[..., 0], atol=1e-12)
 
