@@ -11,8 +11,8 @@ import pytest
 
 import mishutter as ms
 from mishutter.noise import noise_variance
-from mishutter.restoration import _Errors, _levels, restore_by_each
-from mishutter.simulate import noisy
+from mishutter.restoration import _common_columns, _Errors, _levels, restore_by_each
+from mishutter.simulate import kernel_layout, noisy
 
 HALF_EXPOSURE = 0.01
 STROKE = 34.0
@@ -185,6 +185,20 @@ def test_the_mean_over_speeds_is_by_how_often_they_occur():
         found = ms.restore_photograph(*given, num_seeds=1, **options)
         mean = np.dot(weights, 10 ** (-found.linear_psnr / 10))
         assert found.mean_psnr == pytest.approx(-10 * np.log10(mean), rel=1e-9)
+
+
+def test_columns_that_are_judged():
+    """The same of the scene for a camera that moves and one at rest, half a kernel inside."""
+    speeds, still = np.array([0.0, -300.0]), ms.StillCamera(half_exposure=HALF_EXPOSURE)
+    judged = []
+    for motion in (camera(), still):
+        assert kernel_layout(motion, *speeds, least_taps=96)[0] == 96
+        window, inner = _common_columns(900, motion, speeds, 96)
+        assert window.stop - window.start == 900 - 96 + 1
+        assert inner.start >= 48
+        assert inner.stop <= window.stop - window.start - 48
+        judged.append((window.start + inner.start, window.start + inner.stop))
+    assert judged[0] == judged[1]
 
 
 def test_no_noise_without_a_key():

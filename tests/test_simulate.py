@@ -523,3 +523,13 @@ def test_large_pictures_by_rows_are_small_ones():
     np.testing.assert_allclose(parts.restored, restored, atol=1e-9)
     assert seen[-1] == 1.0
     assert seen == sorted(seen)
+
+
+def test_portions_have_noise_of_their_own():
+    """Rows that show the same are not recorded the same, in whichever portion they are."""
+    flat, key = np.full((6, 90, 1), 0.4), jax.random.key(3)
+    given = flat, SCENE, MOVING, ms.HannShutter()
+    captured = ms.capture_and_restore(*given, key=key, rows_at_once=2).captured
+    for one in range(6):
+        for other in range(one):
+            assert np.any(captured[one] != captured[other])

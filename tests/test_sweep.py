@@ -8,6 +8,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray
 from helpers_sweep import (
     ACCELERATIONS,
     HALF_EXPOSURES,
@@ -31,6 +32,7 @@ from mishutter import (
     sweep,
 )
 from mishutter.shutters.base import AbstractShutter
+from mishutter.sweep_grid import REASONS, outside_limits
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +67,24 @@ def test_limits_are_masks_with_a_reason(swept):
         np.testing.assert_array_equal(
             np.isnan(swept[name].values), np.broadcast_to(bits[..., None] > 0, (5, 6, 2))
         )
+
+
+AT_A_LIMIT = {
+    "stroke": lambda x: (9e4 * x, 1e-2),
+    "top_speed": lambda x: (2e6 / 3 * x, 3e-3),
+    "exposure_too_short": lambda x: (3e4, 1e-3 / x),
+    "exposure_too_long": lambda x: (1e4, 0.02 * x),
+}
+
+
+@pytest.mark.parametrize("reason", AT_A_LIMIT)
+def test_a_point_at_a_limit_is_within_it(reason):
+    """To a rounding of a thousand millionth, and no more."""
+    for beyond, bits in ((1e-10, 0), (1e-8, 1 << REASONS.index(reason))):
+        a, half = (np.array([x]) for x in AT_A_LIMIT[reason](1 + beyond))
+        wide = Scene([0.0], photon_rate=1e5, read_noise=1.0, limits=LIMITS)
+        found = outside_limits(wide, a, half)
+        assert found.item() == bits
 
 
 def test_labels_and_units(swept):
@@ -137,6 +157,23 @@ def test_full_well():
     assert not bool(brightest.any())
     open_only = full.sel(shutter="rect") & ~full.sel(shutter="Hann")
     assert bool(open_only.any())
+
+
+def test_full_well_under_several_lights():
+    """What overflows in bright light alone is left out there alone."""
+    lit = {"accelerations": [3e4, 9e4], "photon_rates": [3e3, 2e5, 5e7], "full_well": 2000.0}
+    found = sweep(SCENE, **grid(**lit))
+    light = xarray.DataArray([3e3, 2e5, 5e7], dims="photon_rate")
+    within = (found.outside & 15) == 0
+    full = within & (found.efficiency * 2 * found.half_exposure * light > 2000.0)
+    full |= within.all("photon_rate") & found.efficiency.isnull()
+    assert found.outside.dims == (*found.efficiency.dims, "photon_rate")
+    np.testing.assert_array_equal((found.outside & 16) > 0, full.transpose(*found.outside.dims))
+    known = found.expected_psnr.notnull()
+    np.testing.assert_array_equal(known, (found.outside == 0).transpose(*known.dims))
+    some = (found.outside == 0).any("photon_rate")
+    assert bool((some & full.any("photon_rate")).any())
+    np.testing.assert_array_equal(found.condition_number.notnull(), some)
 
 
 def test_one_point_and_no_point():
