@@ -193,6 +193,15 @@ def test_numbers_that_overflow_are_outside():
     assert inside_points(found) == [(0, 0), (1, 0)]
 
 
+def test_the_windows_of_a_sweep_that_names_none():
+    """The baselines and a Tukey window."""
+    few = {"accelerations": [9e4], "half_exposures": [7e-3], "metrics": "efficiency"}
+    found = sweep(SCENE, **few).efficiency.sel(acceleration=9e4, half_exposure=7e-3)
+    wanted = {"rect": 1.0, "Hann": 0.5, "triangle": 0.5, "Gaussian": 0.495, "Tukey": 0.75}
+    assert list(found.shutter.values) == list(wanted)
+    np.testing.assert_allclose(found, list(wanted.values()), atol=1e-3)
+
+
 def test_only_the_metrics_asked_for(swept):
     """Metrics left out change nothing of those kept."""
     for metrics in (["expected_psnr"], "expected_psnr"):
