@@ -4,16 +4,22 @@ Borders are pinned on a photograph whose scene goes on beyond the sensor, becaus
 the usual rules (wrapped, dark) are known to ring.
 """
 
+from dataclasses import replace
+
 import borders
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from test_restoration import camera, scene
+from test_shutters import final_classes
 
 import mishutter as ms
+from mishutter import decoders
 from mishutter.decoders.banded import banded
 from mishutter.decoders.richardson_lucy import richardson_lucy
+from mishutter.decoders.total_variation import _typical_difference
+from mishutter.plan import PLANNED
 
 DECODERS = {
     "ensemble": ms.EnsembleDecoder(),
@@ -25,6 +31,11 @@ DECODERS = {
     "until the noise": ms.RichardsonLucyDecoder(accelerated=True, until_noise=True),
     "from Wiener": ms.RichardsonLucyDecoder(accelerated=True, until_noise=True, start="wiener"),
 }
+
+
+def test_every_decoder_is_among_them():
+    """One that is missing is one that nothing tests."""
+    assert {type(d) for d in DECODERS.values()} == final_classes(decoders, ms.AbstractDecoder)
 
 
 def photograph(first=100, last=124):
@@ -40,6 +51,48 @@ def portrait():
 
 def bright():
     return scene(photon_rate=1e6, mean_level=0.21, deviation=0.2)
+
+
+def test_a_model_knows_the_scene():
+    """Light, noise and its part in the dark, and the picture's spectrum, in units of white."""
+    known = ms.Scene(
+        [-300.0, 700.0, 300.0], [0.2, 0.5, 0.3], photon_rate=3e5, read_noise=4.0, mean_level=0.3
+    )
+    for plan, weights in ((PLANNED, [0.5, 0.5]), (None, [0.2, 0.5, 0.3])):
+        model = ms.blur_model(known, camera(), ms.HannShutter(), plan=plan)
+        electrons = 3e5 * 0.02
+        assert model.electrons == pytest.approx(electrons)
+        assert model.efficiency == pytest.approx(0.5)
+        assert model.read_variance == pytest.approx((4 / electrons) ** 2)
+        assert model.noise == pytest.approx(0.5 * 0.3 / electrons + model.read_variance)
+        assert np.mean(model.power) == pytest.approx(0.2**2)
+        np.testing.assert_allclose(model.weights, weights)
+        exact = ms.blur_kernel(ms.HannShutter(), camera(), num_taps=model.num_taps)
+        np.testing.assert_allclose(model.assumed, exact, atol=1e-15)
+
+
+def test_a_spectrum_between_its_steps():
+    """It goes on by equal ratios, as those of photographs do more nearly than by differences."""
+    steps, wanted = (np.arange(256) + 0.5) / 512, np.fft.rfftfreq(1000)[1:-1]
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    steep = replace(model, power=np.exp(-19 * steps))
+    np.testing.assert_allclose(steep.picture_spectrum(1000)[1:-1], np.exp(-19 * wanted), rtol=1e-9)
+
+
+def test_total_variation_takes_its_strength():
+    """Its scale is that of neighbours' differences, and the stronger the fewer of them."""
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    white = replace(model, power=np.full(256, 0.09))
+    assert _typical_difference(white, 512) == pytest.approx(0.3)
+    captured = ms.simulate_capture(
+        photograph(100, 104), bright(), camera(), ms.HannShutter(), key=jax.random.key(2)
+    )
+    rough = [
+        np.sum(np.abs(np.diff(ms.TotalVariationDecoder(strength=c).restore(planes, model))))
+        for planes in [jnp.moveaxis(captured, -1, 0)]
+        for c in (0.2, 1.0, 20.0)
+    ]
+    assert rough[0] > 1.05 * rough[1] > 1.1 * rough[2]
 
 
 @pytest.mark.parametrize("name", DECODERS)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers_design import MOTION, SCENE, SMALL
+from test_shutters import final_classes
 
 from mishutter import (
     AbstractLoss,
@@ -18,6 +19,7 @@ from mishutter import (
     blur_kernel,
     condition_number,
     evaluate,
+    losses,
 )
 from mishutter.losses.design import smooth_condition_number
 
@@ -25,6 +27,14 @@ LOSSES = {
     "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),
     "expected_error": ExpectedErrorLoss(),
 }
+
+
+def test_every_loss_is_among_them():
+    """One that is missing is one that nothing tests; a sum is of those."""
+    covered = {type(loss) for loss in LOSSES.values()} | {losses.WeightedSum}
+    assert covered == final_classes(losses, AbstractLoss)
+
+
 PROFILE = np.array([0.1, 0.55, 0.8, 1.0, 0.9, 0.35])
 
 
