@@ -17,6 +17,13 @@ from test_shutters import final_classes
 import mishutter as ms
 from mishutter import decoders
 from mishutter.decoders.banded import banded
+from mishutter.decoders.borders import captured_spectrum
+from mishutter.decoders.linear import (
+    ensemble_filter,
+    expected_squared_error,
+    share_left_unexplained,
+    wiener_filter,
+)
 from mishutter.decoders.richardson_lucy import richardson_lucy
 from mishutter.decoders.total_variation import _typical_difference
 from mishutter.plan import PLANNED
@@ -69,6 +76,35 @@ def test_a_model_knows_the_scene():
         np.testing.assert_allclose(model.weights, weights)
         exact = ms.blur_kernel(ms.HannShutter(), camera(), num_taps=model.num_taps)
         np.testing.assert_allclose(model.assumed, exact, atol=1e-15)
+
+
+def test_no_filter_leaves_less_than_the_ensemble_filter():
+    """At any frequency; and what it leaves, over all of a DFT, is the error to expect."""
+    model, length = ms.blur_model(scene(), camera(), ms.RectShutter()), 600
+    power, responses = model.picture_spectrum(length), model.responses(length)
+
+    def left(gain):
+        missed = model.weights @ np.abs(1 - gain * responses) ** 2
+        return power * missed + model.noise * np.abs(gain) ** 2
+
+    best = ensemble_filter(model, length)
+    for other in (best * 1.001, best * 0.999, best + 1e-3j, best - 1e-3j):
+        assert np.all(left(other) > left(best) * (1 - 1e-12))
+    whole = np.concatenate([left(best), left(best)[1:-1][::-1]])
+    assert expected_squared_error(model, length) == pytest.approx(np.mean(whole), rel=1e-12)
+
+
+def test_what_wieners_filter_leaves_of_a_capture():
+    """In units of the noise: what is beyond its reach at every speed, not of the still one."""
+    model, length = ms.blur_model(scene(), camera(), ms.RectShutter()), 600
+    power, still = model.picture_spectrum(length), model.assumed_response(length)
+    passed = model.weights @ np.abs(model.responses(length)) ** 2
+    missed = np.abs(1 - wiener_filter(model, length) * still) ** 2
+    captured = power * passed + model.noise
+    np.testing.assert_allclose(captured_spectrum(model, length), captured, rtol=1e-12)
+    wanted = np.mean(missed * captured) / model.noise
+    assert 0 < wanted < 1
+    assert share_left_unexplained(model, length) == pytest.approx(wanted, rel=1e-12)
 
 
 def test_a_spectrum_between_its_steps():
@@ -162,8 +198,6 @@ def test_richardson_lucy_is_that_of_scikit_image(num_taps):
 def test_wiener_is_that_of_scikit_image():
     """On periodic rows the filter is scikit-image's `wiener` with the same two spectra."""
     from skimage.restoration import wiener as reference
-
-    from mishutter.decoders.linear import wiener_filter
 
     known = bright()
     model = ms.blur_model(known, camera(), ms.HannShutter())
