@@ -9,6 +9,7 @@ from helpers import ROUNDING
 from helpers_design import LIMITS, MOTION, OUTLIER, SCENE, SLOW
 
 from mishutter import (
+    DesignLoss,
     ExpectedErrorLoss,
     GaussianShutter,
     HannShutter,
@@ -24,6 +25,7 @@ from mishutter.compare import (
     OWN_BEST_MOTION,
     SAME_MOTION,
     Row,
+    _is_finished,
     _with_verdict,
     taken_names,
 )
@@ -107,6 +109,8 @@ def test_designs_keep_or_start_from_their_own_motions():
     other = optimise(elsewhere, MOTION, HannShutter(), loss=loss, free="half_exposure")
     table = compare(OUTLIER, MOTION, {"found": found, "other": other}, loss=loss)
     kept, tuned = table.row("found"), table.row("other")
+    assert _is_finished(found, OUTLIER, loss)
+    assert not _is_finished(found, OUTLIER, DesignLoss())
     assert kept.motion is found.motion
     assert (kept.loss, kept.metrics) == (found.loss, found.metrics)
     assert tuned.motion is not other.motion
