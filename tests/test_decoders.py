@@ -17,7 +17,7 @@ from test_shutters import final_classes
 import mishutter as ms
 from mishutter import decoders
 from mishutter.decoders.banded import banded
-from mishutter.decoders.borders import captured_spectrum
+from mishutter.decoders.borders import Continuation, captured_spectrum
 from mishutter.decoders.linear import (
     ensemble_filter,
     expected_squared_error,
@@ -25,6 +25,7 @@ from mishutter.decoders.linear import (
     wiener_filter,
 )
 from mishutter.decoders.richardson_lucy import richardson_lucy
+from mishutter.decoders.tikhonov import _regularised
 from mishutter.decoders.total_variation import _typical_difference
 from mishutter.plan import PLANNED
 
@@ -276,6 +277,20 @@ def test_pictures_narrower_than_the_kernel(name, columns):
     assert found.shape == rows.shape
     assert found.dtype == jnp.float32
     assert bool(jnp.all(jnp.isfinite(found)))
+
+
+def test_tikhonov_weighs_second_differences():
+    """Of periodic rows the filter is one with one strength at every frequency."""
+    around = Continuation(np.zeros((0, 0)), 64, 64, 0)
+    rows = np.random.default_rng(6).random((3, 64))
+    response, noise, gain = np.fft.rfft([0.5, 0.3, 0.1], 64), np.asarray(1e-3), np.asarray(1.3)
+    found = np.asarray(_regularised(jnp.asarray(rows), around, response, noise, gain))
+    mean = rows.mean(axis=1, keepdims=True)
+    given, restored = (np.fft.rfft(x)[:, 1:] for x in (rows - mean, found - 1.3 * mean))
+    penalty = np.conj(response[1:]) * given / restored - np.abs(response[1:]) ** 2
+    strength = penalty / np.abs(np.exp(2j * np.pi * np.arange(1, 33) / 64) - 1) ** 4
+    np.testing.assert_allclose(strength, np.full((3, 32), strength[0, -1].real), rtol=1e-7)
+    assert strength[0, -1].real > 0
 
 
 def test_tikhonov_leaves_the_noise():
