@@ -1,6 +1,6 @@
 """How good are the borders of a restored photograph, beside the middle and beside the usual?
 
-Typical printout, on two cores of an Intel Xeon: see `RESULTS.md`.
+A typical printout stands in `RESULTS.md`.
 """
 
 import jax

@@ -1,6 +1,6 @@
 """Exact occlusion against composited frames: which run time buys which error?
 
-Typical printout, on two cores of an AMD EPYC shared with other work: see `RESULTS.md`.
+A typical printout stands in `RESULTS.md`.
 """
 
 from time import perf_counter

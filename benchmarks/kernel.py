@@ -1,6 +1,6 @@
 """Which way to the blur kernel is quickest at a given error, for value and for gradient?
 
-Typical printout, on two cores of an Intel Xeon: see `RESULTS.md`.
+A typical printout stands in `RESULTS.md`.
 """
 
 import sys

@@ -1,6 +1,6 @@
 """How fast is Richardson-Lucy beside scikit-image's, and how soon is it as good?
 
-Typical printout, on two cores of an AMD EPYC shared with other work: see `RESULTS.md`.
+A typical printout stands in `RESULTS.md`.
 """
 
 from importlib.metadata import version

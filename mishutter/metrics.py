@@ -13,7 +13,7 @@ from mishutter.compiling import seldom_run
 from mishutter.kernel import support
 from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.path import safe_sqrt
-from mishutter.plan import PLANNED, Automatic, Plan, chosen, lowered, reduced
+from mishutter.plan import PLANNED, Automatic, Plan, chosen, lowered, reduced, sizes
 from mishutter.response import Records, Response, assembled, kernel_phase, records
 from mishutter.scene import CORNER_FREQUENCY, Scene
 from mishutter.shutters.base import AbstractShutter
@@ -84,7 +84,9 @@ def evaluate(
             `jax.jit` JAX makes an error of its own of it.
     """
     plan, motion = chosen(plan, scene, settled(motion), shutter)
-    plan = replace(plan, num_kept=None)
+    if plan.num_kept is not None:  # and as many nodes in time as all frequencies ask for
+        num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
+        plan = replace(plan, num_kept=None, num_nodes=num_nodes)
     scene, motion, shutter = lowered(plan, scene, motion, shutter)
     kept = reduced(scene, plan)
     return measured(kept, motion, records(kept, motion, shutter, plan), plan)

@@ -64,7 +64,7 @@ def recorded(
         Shape and dtype of `light`.
 
     Raises:
-        ValueError: if the full well is not positive or the bits are not from 1 to 24.
+        ValueError: if the full well is not positive and finite, or the bits are not from 1 to 24.
     """
     mean, shot_key, read_key = _expected(light, electrons, key)
     shot = mean if shot_key is None else shot_electrons(shot_key, mean)
@@ -134,7 +134,8 @@ def _digitised(
 ) -> Array:
     """Electrons as they are read out, in units of a fully open exposure of white."""
     if full_well is not None:
-        require(full_well > 0, "simulate_capture(full_well=...)", "be above 0 e-", full_well)
+        limited, requirement = 0 < full_well < np.inf, "be above 0 e- and finite"
+        require(limited, "simulate_capture(full_well=...)", requirement, full_well)
         electrons = jnp.minimum(electrons, full_well)
     if key is not None:
         sigma = jnp.asarray(read_noise, light.dtype)

@@ -55,7 +55,7 @@ def psnr(
         ValueError: if the shapes differ, a value is not finite, or the matte is empty.
     """
     true, found = _alike("psnr", reference, estimate)
-    weight = None if matte is None else _weights(true.shape, matte)
+    weight = None if matte is None else _weights("psnr", true.shape, matte)
     total = 0.0
     true, found = (x[None] if x.ndim == 0 else x for x in (true, found))
     for first in range(0, len(true), _ROWS_AT_ONCE):
@@ -80,7 +80,8 @@ def ssim(reference: ArrayLike, estimate: ArrayLike, *, matte: ArrayLike | None =
         At most 1.
 
     Raises:
-        ValueError: if the shapes differ, or the picture is smaller than the 7 x 7 window.
+        ValueError: if the shapes differ, a value is not finite, the picture is smaller than
+            the 7 x 7 window, or the matte is empty.
     """
     from skimage.metrics import structural_similarity
 
@@ -91,7 +92,7 @@ def ssim(reference: ArrayLike, estimate: ArrayLike, *, matte: ArrayLike | None =
     parts: Any = structural_similarity(true, found, data_range=1.0, channel_axis=axis, full=True)
     if matte is None:
         return float(parts[0])
-    return float(np.mean(parts[1] * _weights(true.shape, matte)))
+    return float(np.mean(parts[1] * _weights("ssim", true.shape, matte)))
 
 
 def measure_quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -> Quality:
@@ -103,7 +104,8 @@ def measure_quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -
         border: Columns at either end that count as border; px.
 
     Raises:
-        ValueError: if the shapes differ or nothing is left between the borders.
+        ValueError: if the shapes differ, a value is not finite, `border` is not a positive
+            integer, or nothing is left between the borders.
     """
     require_positive_int("measure_quality(border=...)", border)
     true, found = _pair("measure_quality", reference, estimate)
@@ -143,7 +145,8 @@ def ghost_energy(
         Energy of the copy, as a share of the picture's own.
 
     Raises:
-        ValueError: if the shapes differ or the picture is narrower than twice the distance.
+        ValueError: if the shapes differ, a value is not finite, or the picture is narrower
+            than twice the distance and a few `width`.
     """
     true, found = _pair("ghost_energy", reference, estimate)
     true, found = (x[..., None] if x.ndim == 2 else x for x in (true, found))
@@ -166,11 +169,11 @@ def ghost_energy(
     return max(echo(sign * d) ** 2 for d in at for sign in (1, -1))
 
 
-def _weights(shape: tuple, matte: ArrayLike) -> np.ndarray:
+def _weights(name: str, shape: tuple, matte: ArrayLike) -> np.ndarray:
     """Weights of the rows and columns of an array of `shape`, of mean 1."""
     weight = np.asarray(matte, np.float64)
     fits = weight.shape == shape[:2] and float(np.sum(weight)) > 0
-    require(fits, "psnr(matte=...)", f"have shape {shape[:2]} and weight", weight.shape)
+    require(fits, f"{name}(matte=...)", f"have shape {shape[:2]} and weight", weight.shape)
     return weight.reshape(weight.shape + (1,) * (len(shape) - 2)) / np.mean(weight)
 
 

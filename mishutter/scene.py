@@ -209,7 +209,7 @@ class Scene(eqx.Module):
 
         Args:
             max_speed: Largest speed, px/s.
-            num_speeds: How many; one stands in the middle of the range.
+            num_speeds: How many; a single one is the middle of the range.
             min_speed: Smallest speed, px/s; `-max_speed` by default.
             others: The arguments of `Scene`.
 

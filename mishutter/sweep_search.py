@@ -36,13 +36,11 @@ _CHUNK = 32
 _COARSE_FREQUENCIES = 32
 """Frequencies that the descents from every start see; the best is finished on all."""
 
-_NUM_STARTS = 4
-
 
 @lru_cache
 def start_boxes(num_coefficients: int, symmetric: bool, seed: int) -> np.ndarray:
     """Profiles that a search starts from without neighbours: windows and a random one."""
-    windows = (TukeyShutter(0.5), HannShutter(), RectShutter(), TukeyShutter(0.25))
+    windows = (TukeyShutter(0.5), HannShutter(), RectShutter())
     fits = [SplineShutter.fit(w, num_coefficients, symmetric=symmetric) for w in windows]
     boxes = np.stack([np.asarray(fit.box()) for fit in fits])
     random = np.random.default_rng(seed).uniform(size=boxes.shape[1])
@@ -156,7 +154,8 @@ class Searcher:
 
     def __init__(self, layout: Layout, basis: Kit, settings: Search):
         self.layout, self.basis, self.settings = layout, basis, settings
-        self.windows = start_boxes(settings.num_coefficients, settings.symmetric, settings.seed)
+        given = settings.num_coefficients, settings.symmetric, settings.seed
+        self.without_neighbours = start_boxes(*given)
 
     def search(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
         """Best boxes `(a, t, c)` and losses `(a, t)` of a block, NaN outside the limits."""
@@ -165,14 +164,14 @@ class Searcher:
         inside = layout.inside(block)
         numbers = layout.scene_numbers(scene, symmetric=self.basis.symmetric)
         seen = _seen(scene, self.basis.symmetric, numbers)
-        boxes = np.full((*inside.shape, self.windows.shape[1]), np.nan)
+        boxes = np.full((*inside.shape, self.without_neighbours.shape[1]), np.nan)
         losses = np.full(inside.shape, np.nan)
         plan = sizes(seen, ParabolicMotion(acceleration=1.0, half_exposure=1e-3))
         tiles = layout.tiles(block, self.basis.tile_size)
         for chosen in tiles:
             stacked = layout.stacked(block, [chosen], self.basis, 1)
             tile = jax.tree.map(lambda x: x[0], stacked)
-            starts = self._starts(boxes, chosen.rows, chosen.column)
+            starts = starts_at(self.without_neighbours, boxes, chosen.rows, chosen.column)
             spare = self.basis.tile_size - chosen.rows.size
             starts = np.pad(starts, ((0, spare), (0, 0), (0, 0)), "edge")
             found, loss = search_tile(
@@ -190,17 +189,25 @@ class Searcher:
             losses[chosen.rows, chosen.column] = np.asarray(loss)[: chosen.rows.size]
         return boxes, losses
 
-    def _starts(self, boxes: np.ndarray, rows: np.ndarray, column: int) -> np.ndarray:
-        """A window and what the neighbours at the last exposure ended with; `(j, n, c)`."""
-        starts = np.tile(self.windows[None, :_NUM_STARTS], (rows.size, 1, 1))
-        if column == 0:
-            return starts
-        for number, step in enumerate((0, -1, 1)[: _NUM_STARTS - 1], start=1):
-            near = np.clip(rows + step, 0, boxes.shape[0] - 1)
-            known = boxes[near, column - 1]
-            there = ~np.isnan(known[:, 0])
-            starts[there, -number] = known[there]
+
+def starts_at(first: np.ndarray, boxes: np.ndarray, rows: np.ndarray, column: int) -> np.ndarray:
+    """A window and what the neighbours at the last exposure ended with; `(j, n, c)`.
+
+    Args:
+        first: What stands for neighbours that are not there; shape `(n, c)`.
+        boxes: What was found so far, NaN elsewhere; shape `(a, t, c)`.
+        rows: Accelerations; shape `(j,)`.
+        column: The exposure.
+    """
+    starts = np.tile(first[None], (rows.size, 1, 1))
+    if column == 0:
         return starts
+    for number, step in enumerate((0, -1, 1), start=1):
+        near = np.clip(rows + step, 0, boxes.shape[0] - 1)
+        known = boxes[near, column - 1]
+        there = ~np.isnan(known[:, 0])
+        starts[there, -number] = known[there]
+    return starts
 
 
 def coefficients_of(boxes: np.ndarray, settings: Search) -> np.ndarray:

@@ -224,19 +224,12 @@ def _create(grid: Grid, path: Path) -> None:
             fill_value=0,
             dimension_names=("block_scene", "block_acceleration", "block_half_exposure"),
         )
-        os.chmod(folder, 0o777 & ~_umask())
         os.rename(folder, path)
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
         # Another process that began meanwhile made it; whether it is the same sweep is seen next.
         if not (isinstance(error, OSError) and error.errno in _OCCUPIED):
             raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _chunks(grid: Grid, dimensions: tuple[str, ...]) -> tuple[int, ...]:

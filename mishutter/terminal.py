@@ -27,7 +27,6 @@ _LEAST_TEXT = 16
 _MOMENT = 0.05
 """Time for garbage to be collected; s."""
 
-USAGE_ERROR = typer.BadParameter.__mro__[1]
 CLICK_ERROR = typer.BadParameter.__mro__[2]
 """What the command line parser raises, whichever Click it was built on."""
 

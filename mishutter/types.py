@@ -1,4 +1,4 @@
-"""Array aliases, the table of units, and the checks that every public name shares.
+"""The table of units, and the checks that every public name shares.
 
 | quantity | unit |
 |---|---|
@@ -20,12 +20,8 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Complex, Float
+from jaxtyping import Array, ArrayLike
 
-Scalar = Float[Array, ""]
-Vector = Float[Array, " n"]
-ComplexArray = Complex[Array, "..."]
-FloatArray = Float[Array, "..."]
 RowLike = ArrayLike | Sequence[float]
 """An array, or a plain list of numbers."""
 

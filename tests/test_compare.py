@@ -1,11 +1,15 @@
 """A design beside its baselines: two readings, one verdict, and names that stay apart."""
 
+from dataclasses import replace
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import ROUNDING
-from helpers_design import LIMITS, MOTION, OUTLIER, SLOW
+from helpers_design import LIMITS, MOTION, OUTLIER, SCENE, SLOW
 
 from mishutter import (
+    DesignLoss,
     ExpectedErrorLoss,
     GaussianShutter,
     HannShutter,
@@ -13,9 +17,18 @@ from mishutter import (
     StillCamera,
     TukeyShutter,
     compare,
+    evaluate,
     optimise,
 )
-from mishutter.compare import OWN_BEST_MOTION, SAME_MOTION, taken_names
+from mishutter.compare import (
+    BEST_SNAPSHOT,
+    OWN_BEST_MOTION,
+    SAME_MOTION,
+    Row,
+    _is_finished,
+    _with_verdict,
+    taken_names,
+)
 
 ROUNDING_DB = 1e-9
 
@@ -43,6 +56,51 @@ def test_nothing_to_restore_is_said_in_words():
     assert table.gain == 0
 
 
+def made_up(levels):
+    """Rows of given expected PSNR, of exposures of 20 and, of the snapshot, 2.6 ms."""
+    metrics = evaluate(SCENE, MOTION, HannShutter())
+    still = StillCamera(half_exposure=1.3e-3)
+    return [
+        Row(
+            OWN_BEST_MOTION,
+            name,
+            HannShutter(),
+            still if name == BEST_SNAPSHOT else MOTION,
+            0.25,
+            replace(metrics, expected_psnr=jnp.asarray(level)),
+        )
+        for name, level in levels.items()
+    ]
+
+
+def test_the_verdict_is_of_the_best_that_was_given():
+    """Beside the best snapshot, in dB and ms, whichever of them is better."""
+    levels = {"a": 21.5, "b": 23.25, "Hann": 25.0}
+    for still, gain, words in ((24.0, -0.75, "0.75 dB worse than"), (21.0, 2.25, "2.25 dB better")):
+        found = _with_verdict(made_up(levels | {BEST_SNAPSHOT: still}), ("a", "b"))
+        assert found.gain == gain
+        assert f"For this scene b on its own best motion is expected to be {words}" in found.verdict
+        compared = f"(23.25 dB against {still:.2f} dB, exposures 20 ms and 2.6 ms)."
+        assert found.verdict.endswith(compared)
+    without = _with_verdict(made_up(levels | {BEST_SNAPSHOT: 24.0}), ())
+    assert without.gain == 1
+
+
+def test_the_table_as_text():
+    """Each number stands under its name, in the units that are named."""
+    found = _with_verdict(made_up({"a": 21.5, BEST_SNAPSHOT: 24.0}), ("a",))
+    reading, header, line, *_ = found.text().splitlines()
+    m = found.row("a").metrics
+    numbers = (m.condition_number, m.kernel_difference, m.relative_kernel_difference)
+    shares = (m.efficiency, m.bound_share)
+    assert reading == OWN_BEST_MOTION
+    assert header.split() == (
+        "shutter PSNR dB cond. diff. rel. light bound stroke px exposure ms loss".split()
+    )
+    cells = [float(cell) for cell in line.split()[1:]]
+    np.testing.assert_allclose(cells, [21.5, *numbers, *shares, 22, 20, 0.25], atol=6e-3)
+
+
 def test_designs_keep_or_start_from_their_own_motions():
     """What this loss found for this scene stays as it is; another design is tuned."""
     loss = ExpectedErrorLoss()
@@ -51,6 +109,8 @@ def test_designs_keep_or_start_from_their_own_motions():
     other = optimise(elsewhere, MOTION, HannShutter(), loss=loss, free="half_exposure")
     table = compare(OUTLIER, MOTION, {"found": found, "other": other}, loss=loss)
     kept, tuned = table.row("found"), table.row("other")
+    assert _is_finished(found, OUTLIER, loss)
+    assert not _is_finished(found, OUTLIER, DesignLoss())
     assert kept.motion is found.motion
     assert (kept.loss, kept.metrics) == (found.loss, found.metrics)
     assert tuned.motion is not other.motion
@@ -64,6 +124,12 @@ def test_shutters_without_names(table):
         found = compare(OUTLIER, SLOW, given)
         assert found.row("shutter 0").metrics == table.row("mine").metrics
         assert "shutter 0 on its own best motion" in found.verdict
+
+
+def test_a_row_that_is_not_there(table):
+    """It is refused by the names that are."""
+    with pytest.raises(ValueError, match=r"name=...\)` must be one of .*Hann, .*; got 'Hamming'"):
+        table.row("Hamming")
 
 
 def test_what_is_no_shutter():

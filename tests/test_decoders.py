@@ -4,16 +4,30 @@ Borders are pinned on a photograph whose scene goes on beyond the sensor, becaus
 the usual rules (wrapped, dark) are known to ring.
 """
 
+from dataclasses import replace
+
 import borders
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from test_restoration import camera, scene
+from test_shutters import final_classes
 
 import mishutter as ms
+from mishutter import decoders
 from mishutter.decoders.banded import banded
+from mishutter.decoders.borders import Continuation, captured_spectrum
+from mishutter.decoders.linear import (
+    ensemble_filter,
+    expected_squared_error,
+    share_left_unexplained,
+    wiener_filter,
+)
 from mishutter.decoders.richardson_lucy import richardson_lucy
+from mishutter.decoders.tikhonov import _regularised
+from mishutter.decoders.total_variation import _typical_difference
+from mishutter.plan import PLANNED
 
 DECODERS = {
     "ensemble": ms.EnsembleDecoder(),
@@ -25,6 +39,11 @@ DECODERS = {
     "until the noise": ms.RichardsonLucyDecoder(accelerated=True, until_noise=True),
     "from Wiener": ms.RichardsonLucyDecoder(accelerated=True, until_noise=True, start="wiener"),
 }
+
+
+def test_every_decoder_is_among_them():
+    """One that is missing is one that nothing tests."""
+    assert {type(d) for d in DECODERS.values()} == final_classes(decoders, ms.AbstractDecoder)
 
 
 def photograph(first=100, last=124):
@@ -40,6 +59,77 @@ def portrait():
 
 def bright():
     return scene(photon_rate=1e6, mean_level=0.21, deviation=0.2)
+
+
+def test_a_model_knows_the_scene():
+    """Light, noise and its part in the dark, and the picture's spectrum, in units of white."""
+    known = ms.Scene(
+        [-300.0, 700.0, 300.0], [0.2, 0.5, 0.3], photon_rate=3e5, read_noise=4.0, mean_level=0.3
+    )
+    for plan, weights in ((PLANNED, [0.5, 0.5]), (None, [0.2, 0.5, 0.3])):
+        model = ms.blur_model(known, camera(), ms.HannShutter(), plan=plan)
+        electrons = 3e5 * 0.02
+        assert model.electrons == pytest.approx(electrons)
+        assert model.efficiency == pytest.approx(0.5)
+        assert model.read_variance == pytest.approx((4 / electrons) ** 2)
+        assert model.noise == pytest.approx(0.5 * 0.3 / electrons + model.read_variance)
+        assert np.mean(model.power) == pytest.approx(0.2**2)
+        np.testing.assert_allclose(model.weights, weights)
+        exact = ms.blur_kernel(ms.HannShutter(), camera(), num_taps=model.num_taps)
+        np.testing.assert_allclose(model.assumed, exact, atol=1e-15)
+
+
+def test_no_filter_leaves_less_than_the_ensemble_filter():
+    """At any frequency; and what it leaves, over all of a DFT, is the error to expect."""
+    model, length = ms.blur_model(scene(), camera(), ms.RectShutter()), 600
+    power, responses = model.picture_spectrum(length), model.responses(length)
+
+    def left(gain):
+        missed = model.weights @ np.abs(1 - gain * responses) ** 2
+        return power * missed + model.noise * np.abs(gain) ** 2
+
+    best = ensemble_filter(model, length)
+    for other in (best * 1.001, best * 0.999, best + 1e-3j, best - 1e-3j):
+        assert np.all(left(other) > left(best) * (1 - 1e-12))
+    whole = np.concatenate([left(best), left(best)[1:-1][::-1]])
+    assert expected_squared_error(model, length) == pytest.approx(np.mean(whole), rel=1e-12)
+
+
+def test_what_wieners_filter_leaves_of_a_capture():
+    """In units of the noise: what is beyond its reach at every speed, not of the still one."""
+    model, length = ms.blur_model(scene(), camera(), ms.RectShutter()), 600
+    power, still = model.picture_spectrum(length), model.assumed_response(length)
+    passed = model.weights @ np.abs(model.responses(length)) ** 2
+    missed = np.abs(1 - wiener_filter(model, length) * still) ** 2
+    captured = power * passed + model.noise
+    np.testing.assert_allclose(captured_spectrum(model, length), captured, rtol=1e-12)
+    wanted = np.mean(missed * captured) / model.noise
+    assert 0 < wanted < 1
+    assert share_left_unexplained(model, length) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_a_spectrum_between_its_steps():
+    """It goes on by equal ratios, as those of photographs do more nearly than by differences."""
+    steps, wanted = (np.arange(256) + 0.5) / 512, np.fft.rfftfreq(1000)[1:-1]
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    steep = replace(model, power=np.exp(-19 * steps))
+    np.testing.assert_allclose(steep.picture_spectrum(1000)[1:-1], np.exp(-19 * wanted), rtol=1e-9)
+
+
+def test_total_variation_takes_its_strength():
+    """Its scale is that of neighbours' differences, and the stronger the fewer of them."""
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    white = replace(model, power=np.full(256, 0.09))
+    assert _typical_difference(white, 512) == pytest.approx(0.3)
+    captured = ms.simulate_capture(
+        photograph(100, 104), bright(), camera(), ms.HannShutter(), key=jax.random.key(2)
+    )
+    rough = [
+        np.sum(np.abs(np.diff(ms.TotalVariationDecoder(strength=c).restore(planes, model))))
+        for planes in [jnp.moveaxis(captured, -1, 0)]
+        for c in (0.2, 1.0, 20.0)
+    ]
+    assert rough[0] > 1.05 * rough[1] > 1.1 * rough[2]
 
 
 @pytest.mark.parametrize("name", DECODERS)
@@ -109,8 +199,6 @@ def test_richardson_lucy_is_that_of_scikit_image(num_taps):
 def test_wiener_is_that_of_scikit_image():
     """On periodic rows the filter is scikit-image's `wiener` with the same two spectra."""
     from skimage.restoration import wiener as reference
-
-    from mishutter.decoders.linear import wiener_filter
 
     known = bright()
     model = ms.blur_model(known, camera(), ms.HannShutter())
@@ -191,6 +279,20 @@ def test_pictures_narrower_than_the_kernel(name, columns):
     assert bool(jnp.all(jnp.isfinite(found)))
 
 
+def test_tikhonov_weighs_second_differences():
+    """Of periodic rows the filter is one with one strength at every frequency."""
+    around = Continuation(np.zeros((0, 0)), 64, 64, 0)
+    rows = np.random.default_rng(6).random((3, 64))
+    response, noise, gain = np.fft.rfft([0.5, 0.3, 0.1], 64), np.asarray(1e-3), np.asarray(1.3)
+    found = np.asarray(_regularised(jnp.asarray(rows), around, response, noise, gain))
+    mean = rows.mean(axis=1, keepdims=True)
+    given, restored = (np.fft.rfft(x)[:, 1:] for x in (rows - mean, found - 1.3 * mean))
+    penalty = np.conj(response[1:]) * given / restored - np.abs(response[1:]) ** 2
+    strength = penalty / np.abs(np.exp(2j * np.pi * np.arange(1, 33) / 64) - 1) ** 4
+    np.testing.assert_allclose(strength, np.full((3, 32), strength[0, -1].real), rtol=1e-7)
+    assert strength[0, -1].real > 0
+
+
 def test_tikhonov_leaves_the_noise():
     """What the regularised estimate leaves unexplained has the power of the noise."""
     known = scene(mean_level=0.21, deviation=0.2)
@@ -204,9 +306,26 @@ def test_tikhonov_leaves_the_noise():
     assert left == pytest.approx(model.noise, rel=0.25)
 
 
-def test_stopping_at_the_noise_keeps_it_out():
-    """In little light the stopped iteration is better than thirty steps of it."""
-    dim = scene(photon_rate=3e4, mean_level=0.21, deviation=0.2)
+def test_ten_accelerated_steps_go_as_far_as_twenty_five():
+    """What they leave of a capture unexplained says how far: by plain steps it takes more."""
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    captured = ms.simulate_capture(photograph(100, 104), bright(), camera(), ms.HannShutter())
+    planes = jnp.moveaxis(captured, -1, 0)
+
+    def unexplained(**options):
+        found = np.asarray(ms.RichardsonLucyDecoder(**options).restore(planes, model))
+        again = np.stack([[np.convolve(row, model.assumed) for row in plane] for plane in found])
+        return np.mean((again[..., : planes.shape[-1]] - planes)[..., 100:-100] ** 2)
+
+    quick = unexplained(num_iterations=10, accelerated=True)
+    assert quick < unexplained(num_iterations=25) < unexplained(num_iterations=10)
+
+
+@pytest.mark.parametrize(("photon_rate", "read_noise"), [(3e4, 4.0), (1e5, 60.0)])
+def test_stopping_at_the_noise_keeps_it_out(photon_rate, read_noise):
+    """In little light, or much noise of reading, it is better than thirty steps of it."""
+    light = {"photon_rate": photon_rate, "read_noise": read_noise}
+    dim = scene(**light, mean_level=0.21, deviation=0.2)
     results = [
         ms.restore_photograph(
             photograph(), dim, camera(), ms.HannShutter(), decoder=d, speeds=[0.0], num_seeds=1

@@ -60,7 +60,25 @@ def test_levels_are_the_nearest_between_floor_and_ceiling():
     assert np.max(np.abs(table.transmittance - aimed)) <= 0.83 / 10 / 2 + 1e-12
     assert table.level.min() == 0
     assert table.level.max() == 10
-    assert np.allclose(table.velocity, 2 * float(MOTION.acceleration) * table.begin)
+
+
+def test_the_table_is_in_the_units_that_it_names():
+    """Milliseconds from mid-exposure, and the sensor at a t^2 px with 2 a t px/s there."""
+    table = drive_table(_design(HannShutter()), num_steps=8, num_levels=11)
+    half = float(MOTION.half_exposure)
+    time = half * (np.arange(8) / 4 - 1)
+    position = float(MOTION.stroke) * (time / half) ** 2
+    velocity = float(MOTION.top_speed) * time / half
+    columns = (time * 1e3, table.wanted, table.level, table.transmittance, position, velocity)
+    lines = table.to_csv().splitlines()
+    rows = [[float(cell) for cell in line.split(",")] for line in lines[2:]]
+    assert lines[1] == "ms,1,1,1,px,px/s"
+    np.testing.assert_allclose(rows, np.transpose(columns), rtol=1e-8)
+    document = table.to_dict()
+    assert document["step_ms"] == pytest.approx(2e3 * half / 8)
+    np.testing.assert_allclose(document["begin_ms"], columns[0])
+    np.testing.assert_allclose(document["sensor_position_px"], position)
+    np.testing.assert_allclose(document["sensor_velocity_px_per_s"], velocity)
 
 
 def test_a_fine_table_measures_as_the_design():

@@ -1,10 +1,30 @@
-"""Files are told apart by as little of their paths as does it."""
+"""Files: as readable as any, strict JSON, told apart by as little of their paths as does it."""
 
+import json
+import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from mishutter.files import short_names
+from mishutter.files import short_names, strict_json, write_text
+
+
+def test_a_file_has_the_permissions_of_any_new_one(tmp_path):
+    """Not those of the temporary one that it was, which nobody else may read."""
+    before = os.umask(0o026)
+    try:
+        write_text(tmp_path / "a.txt", "x")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640
+
+
+def test_numbers_that_json_has_no_token_for():
+    """They are text, or nothing, in whatever holds them."""
+    document = {"a": np.array([0.5, -np.inf]), "b": (np.nan, float("inf")), "c": np.float32(0.25)}
+    expected = {"a": [0.5, "-Infinity"], "b": [None, "Infinity"], "c": 0.25}
+    assert json.loads(strict_json(document)) == expected
 
 
 @pytest.mark.parametrize(

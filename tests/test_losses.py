@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers_design import MOTION, SCENE, SMALL
+from test_shutters import final_classes
 
 from mishutter import (
     AbstractLoss,
@@ -12,10 +13,13 @@ from mishutter import (
     DesignLoss,
     ExpectedErrorLoss,
     RectShutter,
+    Scene,
     SplineShutter,
     TukeyShutter,
     blur_kernel,
     condition_number,
+    evaluate,
+    losses,
 )
 from mishutter.losses.design import smooth_condition_number
 
@@ -23,6 +27,14 @@ LOSSES = {
     "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),
     "expected_error": ExpectedErrorLoss(),
 }
+
+
+def test_every_loss_is_among_them():
+    """One that is missing is one that nothing tests; a sum is of those."""
+    covered = {type(loss) for loss in LOSSES.values()} | {losses.WeightedSum}
+    assert covered == final_classes(losses, AbstractLoss)
+
+
 PROFILE = np.array([0.1, 0.55, 0.8, 1.0, 0.9, 0.35])
 
 
@@ -35,6 +47,26 @@ def test_smoothed_condition_number_keeps_its_bound(stroke, shutter):
     smooth = float(smooth_condition_number(jnp.fft.rfft(kernel, 640)))
     true = float(condition_number(kernel, num_frequencies=640))
     assert true * (1 - 1e-12) <= smooth <= true * 321 ** (1 / 200)
+
+
+def test_the_expected_error_is_in_units_of_the_contrast():
+    """20 dB are a factor of 10, over the picture's deviation; without one there is no error."""
+    shutter = TukeyShutter(0.6)
+    for deviation in (0.13, 0.31):
+        scene = Scene([-700.0, 250.0], photon_rate=2e5, read_noise=4.0, deviation=deviation)
+        psnr = float(evaluate(scene, MOTION, shutter).expected_psnr)
+        found = float(ExpectedErrorLoss()(scene, MOTION, shutter))
+        assert np.isclose(found, 10 ** (-psnr / 20) / deviation, rtol=1e-12)
+    grey = Scene([-700.0, 250.0], photon_rate=2e5, read_noise=4.0, deviation=0.0)
+    assert float(ExpectedErrorLoss()(grey, MOTION, shutter)) == 0
+
+
+def test_a_spectral_zero_counts_as_the_working_precision():
+    """Of the largest response, and so does a response that is nothing but zeros."""
+    eps = np.finfo(float).eps
+    smooth = float(smooth_condition_number(jnp.fft.rfft(jnp.ones(4), 8)))
+    assert 1 / eps <= smooth * (1 + 1e-12) <= 5 ** (1 / 200) / eps * (1 + 1e-9)
+    assert float(smooth_condition_number(jnp.zeros(5, complex))) == 1 / eps
 
 
 @pytest.mark.parametrize("share", [0.5, 0.01, 1e-6])
@@ -100,6 +132,16 @@ def test_losses_add_and_take_factors():
         SCENE, MOTION, shutter, plan=SMALL
     )
     assert np.isclose(combined(SCENE, MOTION, shutter, plan=SMALL), expected, rtol=1e-14)
+    doubled = 2.0 * combined + second
+    expected = 2.0 * expected + second(SCENE, MOTION, shutter, plan=SMALL)
+    assert np.isclose(doubled(SCENE, MOTION, shutter, plan=SMALL), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("plan", [SMALL, None])
+def test_a_sum_without_any_weight_is_nothing(plan):
+    """Whether or not terms that weigh nothing are left out."""
+    first, second = LOSSES.values()
+    assert float((0.0 * first + second * 0.0)(SCENE, MOTION, RectShutter(), plan=plan)) == 0
 
 
 def test_a_weight_of_zero_leaves_its_term_out():

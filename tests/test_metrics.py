@@ -96,6 +96,16 @@ def test_a_spectrum_in_narrow_steps_loses_none_of_its_power():
         assert np.allclose(on_steps(known, 256), exact * 256 / 301, rtol=1e-12)
 
 
+def test_what_the_optics_do_not_pass_is_no_part_of_the_picture():
+    """It has the same contrast below the cut-off, and neither power nor error above."""
+    frequency = (np.arange(256) + 0.5) / 512
+    passed = (frequency <= 0.13) / (frequency**2 + 0.01**2)
+    light = {"photon_rate": 7e4, "read_noise": 6.0}
+    by_optics = evaluate(Scene(SPEEDS, **light, cutoff_frequency=0.13), MOTION, SHUTTER)
+    by_picture = evaluate(Scene(SPEEDS, **light, power_spectrum=passed), MOTION, SHUTTER)
+    assert np.isclose(by_optics.expected_psnr, by_picture.expected_psnr, rtol=1e-12)
+
+
 @pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=HALF_EXPOSURE)])
 def test_only_the_shutter_is_traced(motion):
     """A scene and a motion that a compiled function closes over are known to it."""
@@ -233,6 +243,22 @@ def test_no_design_exceeds_the_wedge_bound_everywhere():
         assert 0 < float(evaluate(scene, MOTION, shutter).bound_share) < 1
 
 
+@pytest.mark.parametrize("plan", [PLANNED, None])
+def test_the_share_of_the_bound_is_that_of_its_definition(plan):
+    """Least of |K|^2 over min((2T)^2, T/(Sf)) of what occurs; what never does bounds nothing."""
+    scene = Scene([-900.0, 400.0, 5e4], [0.3, 0.7, 0.0], photon_rate=7e4, read_noise=6.0)
+    frequency = (np.arange(256) + 0.5) / 512
+    bound = np.minimum((2 * HALF_EXPOSURE) ** 2, HALF_EXPOSURE / (900 * frequency))
+    shares = [
+        abs(transfer_function(SHUTTER, MOTION, speed=speed, frequency=frequency)) ** 2
+        * (2 * HALF_EXPOSURE) ** 2
+        / bound
+        for speed in (-900.0, 400.0)
+    ]
+    found = evaluate(scene, MOTION, SHUTTER, plan=plan).bound_share
+    assert np.isclose(found, np.min(shares), rtol=1e-9)
+
+
 def test_the_vertex_alignment_changes_no_power():
     """The response on the grid has the modulus of the public transfer function."""
     plan = Plan(64, 256, 64, 512)
@@ -269,7 +295,7 @@ def test_the_grid_resolves_a_long_flat_top(taper):
     ],
 )
 def test_extremes_of_light_and_noise_give_finite_errors(rate, noise, shutter):
-    """Without light, or noise, or an open shutter, value and gradient stay finite."""
+    """Without light the picture's variance is left; value and gradient stay finite."""
 
     def error(half_exposure, read_noise):
         scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=read_noise)
@@ -280,7 +306,10 @@ def test_extremes_of_light_and_noise_give_finite_errors(rate, noise, shutter):
     value, gradient = jax.value_and_grad(error, argnums=(0, 1))(HALF_EXPOSURE, noise)
     assert np.isfinite(value)
     assert np.all(np.isfinite(gradient))
-    assert 0 <= float(value) <= 0.2**2 * (1 + 1e-12)
+    if rate == 0 or not float(shutter.efficiency()):
+        assert np.isclose(value, 0.2**2, rtol=1e-12)
+    else:
+        assert 0 < float(value) < 0.1**2
 
 
 def test_a_closed_shutter_has_an_infinite_condition_number():

@@ -28,7 +28,7 @@ from mishutter import (
     optimise,
     starting_shutter,
 )
-from mishutter.design_space import FREE_NAMES, all_that_can_move, design_space
+from mishutter.design_space import FREE_NAMES, all_that_can_move, design_space, within_limits
 from mishutter.many_starts import descend
 from mishutter.objective import DesignObjective, LinearObjective, objective_of, roughly
 from mishutter.optimise import start_boxes
@@ -95,6 +95,36 @@ def test_a_start_within_the_limits_is_a_point_of_the_box(stroke, half_exposure):
     _, found = space.at(space.box(PROFILE, motion))
     assert np.isclose(found.acceleration, motion.acceleration, rtol=1e-13)
     assert np.isclose(found.half_exposure, motion.half_exposure, rtol=1e-13)
+
+
+@pytest.mark.parametrize("free", [FREE_NAMES[1:], ("acceleration",), ("half_exposure",)])
+@pytest.mark.parametrize("acceleration", [2e4, 3e5, 5e6])
+def test_a_corner_of_the_box_uses_up_the_limits(free, acceleration):
+    """All corners are within, and the farthest is at one: of exposure, stroke or top speed."""
+    motion = ParabolicMotion(acceleration=acceleration, half_exposure=1e-3)
+    space = design_space(SCENE, motion, HannShutter(), free)
+    corners = [space.at(jnp.asarray(box, float))[1] for box in np.ndindex(*[2] * space.size)]
+    assert all(within_limits(corner, LIMITS) for corner in corners)
+    last = corners[-1]
+    shares = last.stroke / 30.0, last.top_speed / 2e4, last.half_exposure / 0.03
+    assert max(shares) == pytest.approx(1, rel=1e-12)
+
+
+NEAR_A_LIMIT = {
+    "stroke": lambda x: (30.0 / 1e-4 * x, 0.01),
+    "top speed": lambda x: (1e7 * x, 1e-3),
+    "longest exposure": lambda x: (1e3, 0.03 * x),
+    "shortest exposure": lambda x: (1e3, 5e-4 / x),
+}
+
+
+@pytest.mark.parametrize("slug", NEAR_A_LIMIT)
+def test_what_is_within_the_limits(slug):
+    """Whatever is beyond one of them by no more than a millionth of it."""
+    for beyond, within in ((1e-7, True), (1e-5, False)):
+        a, half = NEAR_A_LIMIT[slug](1 + beyond)
+        motion = ParabolicMotion(acceleration=a, half_exposure=half)
+        assert within_limits(motion, LIMITS) == within
 
 
 @pytest.mark.parametrize(

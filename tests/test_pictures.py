@@ -4,6 +4,7 @@ Pinned against values written by other libraries, because what matters is that a
 means here what it means elsewhere; and each refusal by its text.
 """
 
+import re
 import struct
 import zlib
 
@@ -12,7 +13,7 @@ import pytest
 from packed_tiff import write_packed_tiff
 
 import mishutter as ms
-from mishutter.pictures import GAMMA, MAX_PIXELS, shipped_picture
+from mishutter.pictures import GAMMA, MAX_PIXELS, read_opacity
 
 ROWS, COLUMNS = 13, 29
 CODED = np.random.default_rng(7).integers(0, 256, (ROWS, COLUMNS, 4)).astype(np.uint8)
@@ -82,12 +83,14 @@ def test_sixteen_bit_tiff(tmp_path, channels):
     np.testing.assert_allclose(read.light, as_light(coded), atol=1e-6)
 
 
+@pytest.mark.parametrize("separate", [False, True])
+@pytest.mark.parametrize("tile", [None, (16, 112)])
 @pytest.mark.parametrize("differences", [False, True])
-def test_sixteen_bit_tiff_under_lzw(tmp_path, differences):
-    """A packed 16-bit RGB TIFF keeps all of its bits, in strips, with differences or without."""
+def test_sixteen_bit_tiff_under_lzw(tmp_path, differences, tile, separate):
+    """A packed 16-bit RGB TIFF keeps all of its bits, in whatever pieces they are stored."""
     coded = np.random.default_rng(3).integers(0, 50, (37, 300, 3)).astype(np.uint16) * 1301
     path = tmp_path / "p.tif"
-    write_packed_tiff(path, coded, differences=differences, rows_per_strip=16)
+    write_packed_tiff(path, coded, differences=differences, tile=tile, separate=separate)
     np.testing.assert_allclose(ms.read_picture(path).light, as_light(coded), atol=1e-6)
     path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(ValueError, match="must name a whole PNG, JPEG or TIFF"):
@@ -206,14 +209,16 @@ def test_a_picture_is_known_by_what_it_holds(tmp_path):
         )
 
 
-@pytest.mark.parametrize("channels", [1, 3, 4])
-def test_sixteen_bit_png_both_ways(tmp_path, channels):
+@pytest.mark.parametrize(("rows", "channels"), [(ROWS, 1), (521, 3), (ROWS, 4)])
+def test_sixteen_bit_png_both_ways(tmp_path, rows, channels):
     """What is written at 16 bits comes back to within half a step of them."""
-    light = np.random.default_rng(2).random((ROWS, COLUMNS, channels))
+    light = np.random.default_rng(2).random((rows, COLUMNS, channels))
     ms.write_picture(tmp_path / "w.png", light)
     read = ms.read_picture(tmp_path / "w.png")
     colour = light[..., :3]
     np.testing.assert_allclose(read.light ** (1 / GAMMA), colour ** (1 / GAMMA), atol=0.6 / 65535)
+    if channels == 4:
+        np.testing.assert_allclose(read.matte, light[..., 3], atol=0.6 / 65535)
     assert [p.name for p in tmp_path.iterdir()] == ["w.png"]
 
 
@@ -234,9 +239,8 @@ def test_every_row_filter_of_png(tmp_path, kind):
         guess = [0 * up, left, up, (left + up) // 2, paeth][kind]
         packed += bytes([kind]) + ((lines[r] - guess) % 256).astype(np.uint8).tobytes()
 
-    header = struct.pack(">IIBBBBB", COLUMNS, ROWS, 16, 2, 0, 0, 0)
-    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(packed)) + chunk(b"IEND", b"")
-    (tmp_path / "k.png").write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+    body = chunk(b"IDAT", zlib.compress(packed)) + chunk(b"IEND", b"")
+    (tmp_path / "k.png").write_bytes(png_header(COLUMNS, ROWS) + body)
     np.testing.assert_allclose(
         ms.read_picture(tmp_path / "k.png").light, as_light(coded), atol=1e-6
     )
@@ -270,6 +274,100 @@ def test_refusals(tmp_path):
     assert not list(tmp_path.glob(".a.png*"))
 
 
+def png_header(columns, rows, *, interlaced=False):
+    """Signature and header of a PNG of 16-bit RGB."""
+    numbers = struct.pack(">IIBBBBB", columns, rows, 16, 2, 0, 0, interlaced)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", numbers)
+
+
+def test_an_interlaced_png(tmp_path):
+    """Seven pictures of some of the pixels each, as PNG's section 8 lists them."""
+    coded = CODED[..., :3].astype(np.uint16) * 200 + 11
+    starts = [(0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2)]
+    packed = b""
+    for top, left, down, across in [*starts, (1, 0, 2, 1)]:
+        for line in coded[top::down, left::across]:
+            packed += b"\0" + line.astype(">u2").tobytes()
+    body = chunk(b"IDAT", zlib.compress(packed)) + chunk(b"IEND", b"")
+    (tmp_path / "i.png").write_bytes(png_header(COLUMNS, ROWS, interlaced=True) + body)
+    read = ms.read_picture(tmp_path / "i.png")
+    np.testing.assert_allclose(read.light, as_light(coded), atol=1e-6)
+
+
+def test_a_damaged_or_boundless_png(tmp_path):
+    """A header that its check sum is not of, and one of more pixels than are unpacked."""
+    whole = tmp_path / "w.png"
+    ms.write_picture(whole, CODED[..., :3] / 255)
+    data = bytearray(whole.read_bytes())
+    data[19] -= 5
+    (tmp_path / "d.png").write_bytes(data)
+    with pytest.raises(ValueError, match=r"d\.png.*: a damaged PNG"):
+        ms.read_picture(tmp_path / "d.png")
+    (tmp_path / "b.png").write_bytes(png_header(20000, 20000) + chunk(b"IEND", b""))
+    with pytest.raises(ValueError, match=r"b\.png.*: 20000 x 20000 pixels"):
+        ms.read_picture(tmp_path / "b.png")
+
+
+def test_a_boundless_tiff(tmp_path):
+    """One of more pixels than are unpacked is refused by what it says of itself."""
+    import tifffile
+
+    path = tmp_path / "b.tif"
+    tifffile.imwrite(path, CODED[..., 0])
+    with tifffile.TiffFile(path, mode="r+") as file:
+        for name in ("ImageWidth", "ImageLength"):
+            file.pages[0].tags[name].overwrite(20000)
+    with pytest.raises(ValueError, match=r"b\.tif.*: 20000 x 20000 pixels"):
+        ms.read_picture(path)
+
+
+def test_colours_in_planes_of_their_own(tmp_path):
+    """A TIFF that holds all red, then all green, is the picture that one in turns is."""
+    import tifffile
+
+    planes = np.moveaxis(CODED[..., :3], -1, 0)
+    tifffile.imwrite(tmp_path / "s.tif", planes, photometric="rgb", planarconfig="separate")
+    read = ms.read_picture(tmp_path / "s.tif")
+    np.testing.assert_allclose(read.light, as_light(CODED[..., :3]), atol=1e-6)
+
+
+def test_opacity_of_grey_and_of_a_palette(tmp_path):
+    """A grey picture may have a matte, and so may a colour of a palette."""
+    from PIL import Image
+
+    grey = ms.read_picture(save(tmp_path / "g.png", CODED[..., :2]))
+    np.testing.assert_allclose(grey.light[..., 0], as_light(CODED[..., 0]), atol=1e-6)
+    np.testing.assert_allclose(grey.matte, CODED[..., 1] / 255, atol=1e-7)
+    image = Image.fromarray(CODED[..., :3]).quantize(12)
+    image.save(tmp_path / "p.png", transparency=3)
+    clear = np.asarray(image) == 3
+    np.testing.assert_array_equal(ms.read_picture(tmp_path / "p.png").matte, np.where(clear, 0, 1))
+
+
+def test_opacity_of_a_picture_in_colour(tmp_path):
+    """It is the luminance of what the file holds, without gamma."""
+    coded = CODED[..., :3] / 255
+    save(tmp_path / "c.png", np.ascontiguousarray(CODED[..., :3]))
+    wanted = coded @ [0.2126, 0.7152, 0.0722]
+    np.testing.assert_allclose(read_opacity(tmp_path / "c.png"), wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("light", "matte", "message"),
+    [
+        (np.ones((3, 4)), None, "`Picture(light=...)` must have shape (rows, columns, 1 or 3)"),
+        (np.full((3, 4, 1), np.inf), None, "`Picture(light=...)` must be finite"),
+        (np.full((3, 4, 1), -0.25), None, "`Picture(light=...)` must be at least 0; got -0.25"),
+        (np.ones((3, 4, 1)), np.ones((4, 3)), "`Picture(matte=...)` must have shape (3, 4)"),
+        (np.ones((3, 4, 1)), np.full((3, 4), 1.5), "`Picture(matte=...)` must lie in [0, 1]"),
+    ],
+)
+def test_a_picture_that_is_none(light, matte, message):
+    """Light is finite and not below 0, opacity is a share, and both are of one size."""
+    with pytest.raises(ValueError, match=re.escape(message)):
+        ms.Picture(light, matte)
+
+
 def test_example_needs_no_network():
     """The built-in photograph comes out of scikit-image's package."""
     assert ms.example_picture().light.shape == (500, 741, 3)
@@ -293,13 +391,34 @@ def test_row_spectrum_of_a_known_process():
     assert np.mean(found.power_spectrum) == pytest.approx(found.deviation**2)
 
 
+def test_row_spectrum_of_a_wave_and_of_a_slope():
+    """A wave between two steps counts for both; a jump between a row's ends is no contrast."""
+    place = np.arange(64)
+    wave, slope = (
+        ms.Picture(np.tile(row, (3, 1))[..., None])
+        for row in (0.5 + 0.3 * np.sin(2 * np.pi * place / 8 + 0.4), (place + 2) / 70)
+    )
+    power = ms.row_power_spectrum(wave, 4).power_spectrum
+    np.testing.assert_allclose(power, np.mean(power) * np.array([2, 2, 0, 0]), atol=1e-9)
+    fine = ms.row_power_spectrum(slope, 4).power_spectrum
+    assert fine[3] < 1e-6 * fine[0]
+
+
+def test_row_spectrum_of_one_grey():
+    """There is no power where there is no contrast."""
+    found = ms.row_power_spectrum(ms.Picture(np.full((3, 40, 3), 0.5)))
+    assert not np.any(found.power_spectrum)
+    assert (found.mean_level, found.deviation) == (pytest.approx(0.5), pytest.approx(0))
+
+
 def test_row_spectrum_needs_a_row():
     """A picture of one pixel has no spectrum, and says so."""
     with pytest.raises(ValueError, match=r"must have rows of at least 8 px; got '1 px'"):
         ms.row_power_spectrum(ms.Picture(np.ones((1, 1, 1))))
 
 
-def test_luminance_of_a_photograph():
-    """Linear luminance of the shipped pictures agrees with scikit-image's `rgb2gray` weights."""
-    coffee = shipped_picture("coffee.png")
-    assert coffee.luminance.mean() == pytest.approx(0.204, abs=2e-3)
+def test_luminance_of_a_colour():
+    """The weights of ITU-R BT.709, on linear light; of grey the light itself."""
+    colour = ms.Picture(np.array([[[0.3, 0.5, 0.9]]]))
+    assert colour.luminance[0, 0] == pytest.approx(0.2126 * 0.3 + 0.7152 * 0.5 + 0.0722 * 0.9)
+    assert ms.Picture(np.full((1, 1, 1), 0.3)).luminance[0, 0] == 0.3

@@ -170,6 +170,19 @@ def test_frequencies_stop_where_the_optics_do():
     assert plan(scene, MOTION, HannShutter()).num_kept is None
 
 
+def test_the_bound_is_measured_at_every_frequency():
+    """Also by a plan for a loss that sees few of them, and so takes few nodes in time."""
+    limits = Limits(max_stroke=200.0)
+    light = {"photon_rate": 1e5, "read_noise": 3.0}
+    scene = Scene([0.0, 2000.0], **light, cutoff_frequency=0.03, limits=limits)
+    motion = ParabolicMotion(acceleration=190.0 / 1e-4, half_exposure=1e-2)
+    few = plan(scene, motion, HannShutter(), loss=ExpectedErrorLoss())
+    assert few.num_kept == 16
+    found, full = (evaluate(scene, motion, HannShutter(), plan=p) for p in (few, None))
+    assert float(found.bound_share) == pytest.approx(float(full.bound_share), rel=1e-9)
+    assert float(found.expected_psnr) == pytest.approx(float(full.expected_psnr), rel=1e-12)
+
+
 SCENE = Scene.uniform(
     max_speed=1500.0, num_speeds=5, photon_rate=1e6, read_noise=4.0, limits=LIMITS
 )

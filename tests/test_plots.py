@@ -6,6 +6,7 @@ from itertools import pairwise
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray
 from helpers_sweep import SCENE, grid
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
@@ -16,9 +17,11 @@ from mishutter import (
     ParabolicMotion,
     Picture,
     RectShutter,
+    SplineShutter,
     StillCamera,
     drive_table,
     gain_over,
+    pareto_front,
     plots,
     plots_sweep,
     sweep,
@@ -144,6 +147,23 @@ def test_speeds_of_one_value_are_told_apart_in_grey():
     assert all(line.get_fillstyle() == "none" for line in lines)
 
 
+def test_profiles_span_their_own_exposures(figures):
+    """In ms, from shut to shut, each with the light that it lets through."""
+    lines = {line.get_label(): line for line in figures["profiles"].axes[0].get_lines()}
+    halves = {"rect, lets 100% through": 6.1, "Hann, lets 50% through": 6.1}
+    for label, half in (halves | {"snapshot, lets 100% through": 1.3}).items():
+        time, light = lines[label].get_data()
+        np.testing.assert_allclose((time[0], time[-1]), (-half, half))
+        assert light[0] == light[-1] == 0
+        assert light.max() == pytest.approx(1)
+
+
+def test_transfer_is_through_the_pixel(figures):
+    """What a camera and an object at rest pass is a pixel's sinc."""
+    (line,) = (x for x in figures["transfer"].axes[0].get_lines() if x.get_label() == "snapshot")
+    np.testing.assert_allclose(line.get_ydata(), np.sinc(line.get_xdata()), rtol=1e-9)
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_figure_is_a_whole_png(name, figures, tmp_path):
     """A saved figure opens as a picture and leaves nothing else in its folder."""
@@ -180,6 +200,46 @@ def test_a_map_of_any_grid_marks_its_best(slug, tmp_path):
     assert f"best: {float(best.max()):.3g} dB" in figure.axes[0].get_title()
     places = {float(best.acceleration[0]), 1e3 * float(best.half_exposure[0]), float(best.max())}
     assert {float(star.get_xdata()[0]), float(star.get_ydata()[0])} <= places
+
+
+def test_the_best_of_shutters_is_the_least_where_less_is_better():
+    """A map of the condition number, at each point of the shutter that has the least."""
+    moving = swept().isel(acceleration=slice(1, None))
+    figure = plots_sweep.plot_map(moving, "condition_number")
+    least = moving.condition_number.min("shutter").values
+    shown = np.ma.filled(figure.axes[0].collections[0].get_array(), np.nan)
+    known = np.unique(least[~np.isnan(least)])
+    np.testing.assert_array_equal(np.unique(shown[~np.isnan(shown)]), known)
+    assert f"best: {np.nanmin(least):.3g} \n" in figure.axes[0].get_title() + "\n"
+
+
+def test_lines_of_a_map_are_where_they_say():
+    """Each label lies at a motion of about the stroke, or the top speed, that it names."""
+    axes = plots_sweep.plot_map(swept()).axes[0]
+    named = {"px": lambda a, T: a * T * T, "px/s": lambda a, T: 2 * a * T}
+    seen = set()
+    for text in axes.texts:
+        number, unit = text.get_text().split()
+        time, acceleration = text.get_position()
+        assert named[unit](acceleration, time * 1e-3) == pytest.approx(float(number), rel=0.2)
+        seen.add(unit)
+    assert seen == set(named)
+
+
+def test_profiles_of_a_front():
+    """Over the exposure in ms of one of its points, of the shutter that stands there."""
+    front = pareto_front(swept(), FRONT)
+    halves = np.unique(front.half_exposure) * 1e3
+    for axes in plots_sweep.plot_front(swept(), FRONT).axes[1:]:
+        time = axes.get_lines()[0].get_xdata()
+        assert np.isclose(halves, time.max(), rtol=1e-12).any()
+        assert time.min() == -time.max()
+    tau, spline = np.linspace(-1, 1, 31), np.array([0.2, 0.7, 0.9, 1.0, 0.4])
+    drawn = {"Hann": HannShutter(), "optimised": SplineShutter(spline)}
+    for name, shutter in drawn.items():
+        point = xarray.Dataset({"coefficients": ("coefficient", spline)}, {"shutter": name})
+        found = plots_sweep._transmittance(swept(), point, tau)
+        np.testing.assert_array_equal(found, shutter.transmittance(tau))
 
 
 def test_a_map_leaves_out_what_is_wholly_outside():
@@ -317,6 +377,15 @@ def test_a_drive_of_one_step_shows_the_sensor():
     np.testing.assert_allclose((position.max(), position.min()), (design.motion.stroke, 0))
 
 
+def test_a_drive_is_drawn_at_the_middle_of_its_steps():
+    """The mean over a step stands there, and the level from its beginning to its end."""
+    table = drive_table(_design(HannShutter()), num_steps=4)
+    top = plots.plot_drive(table).axes[0]
+    half = float(table.design.motion.half_exposure) * 1e3
+    np.testing.assert_allclose(top.lines[0].get_xdata(), half * np.array([-3, -1, 1, 3]) / 4)
+    np.testing.assert_allclose(top.patches[0].get_data().edges, half * np.linspace(-1, 1, 5))
+
+
 def test_photograph_side_by_side(tmp_path):
     """One column a design beside the scene, at the tried speed nearest to the one asked for."""
     results = {"rect": photograph(21), "Hann": photograph(24)}
@@ -327,6 +396,24 @@ def test_photograph_side_by_side(tmp_path):
     linear = plots.plot_photograph(results, 400.0, crop=(11, 17), linear=True)
     assert linear.axes[-1].get_title() == "restored, 26.7 dB\n(linear light)"
     plots.save_figure(figure, tmp_path / "photograph.png")
+
+
+def test_a_capture_is_shown_as_bright_as_its_scene():
+    """However much light a shutter costs; the picture at rest is then the scene itself."""
+    panels = plots.plot_photograph({"rect": photograph(21)}, 0.0, crop=(11, 17)).axes
+    scene, captured = (panel.images[0].get_array() for panel in panels[:2])
+    np.testing.assert_allclose(captured, scene)
+
+
+def test_levels_are_drawn_in_order_of_speed():
+    """Whatever order the speeds were tried in, each level stands at its own."""
+    found = photograph(21)
+    order = np.array([2, 0, 1])
+    mixed = found._replace(speeds=found.speeds[order], psnr=found.psnr[order])
+    for result in (found, mixed):
+        line = plots.plot_psnr({"rect": result}).axes[0].get_lines()[0]
+        np.testing.assert_array_equal(line.get_xdata(), found.speeds)
+        np.testing.assert_array_equal(line.get_ydata(), found.psnr)
 
 
 def test_one_seed_has_no_error_bar():

@@ -25,22 +25,40 @@ def test_psnr_of_one_layer():
     assert ms.psnr(PICTURE, wrong, gamma=False, matte=matte) == pytest.approx(20)
 
 
-def test_border_and_inside():
-    """An error at the border alone is in the border's figure and not in the inner one."""
+def test_ssim_of_one_layer():
+    """Nor does a matte let a fault beyond the layer into its similarity."""
+    matte = np.zeros((40, 220))
+    matte[5:20, 30:70] = 1
     wrong = PICTURE.copy()
-    wrong[:, :9] += 0.1
+    wrong[:, 90:] = 0.3
+    assert ms.ssim(PICTURE, wrong) < 0.7
+    assert ms.ssim(PICTURE, wrong, matte=matte) == pytest.approx(1)
+    wrong[:, 30:70] = 0.3
+    assert ms.ssim(PICTURE, wrong, matte=matte) < 0.2
+
+
+@pytest.mark.parametrize("end", [np.s_[:, :9], np.s_[:, -9:]], ids=["left", "right"])
+def test_border_and_inside(end):
+    """An error at either end alone is in the border's figure and not in the inner ones."""
+    wrong = PICTURE.copy()
+    wrong[end] += 0.1
     figures = ms.measure_quality(PICTURE, wrong, border=9)
     assert figures.inner_psnr == np.inf
     assert figures.inner_ssim == pytest.approx(1)
-    assert figures.border_psnr < figures.psnr
+    assert figures.linear_psnr == pytest.approx(20 - 10 * np.log10(9 / 220))
+    coded = np.mean((wrong[end] ** (1 / 2.2) - PICTURE[end] ** (1 / 2.2)) ** 2) / 2
+    assert figures.border_psnr == pytest.approx(-10 * np.log10(coded))
+    assert figures.psnr == pytest.approx(-10 * np.log10(coded * 18 / 220))
 
 
 def test_ghost_of_known_strength():
-    """A copy of amplitude 0.1 at the distance named has energy 0.01, and elsewhere next to none."""
+    """A copy of amplitude 0.1 at the distance named, to either side, has energy 0.01."""
     wide = RNG.random((60, 900))
     ghosted = wide.copy()
     ghosted[:, 47:] += 0.1 * wide[:, :-47]
-    assert ms.ghost_energy(wide, ghosted, distance=46.0) == pytest.approx(0.01, rel=0.1)
+    for way in (np.s_[:, :], np.s_[:, ::-1]):
+        energy = ms.ghost_energy(wide[way], ghosted[way], distance=46.0)
+        assert energy == pytest.approx(0.01, rel=0.1)
     assert ms.ghost_energy(wide, ghosted, distance=120.0) < 1e-4
     assert ms.ghost_energy(np.ones((9, 400)), np.ones((9, 400)), distance=20.0) == 0
 
@@ -55,7 +73,8 @@ def test_refusals():
         ms.measure_quality(PICTURE, PICTURE, border=109)
     with pytest.raises(ValueError, match="must be at least 7 x 7 px"):
         ms.ssim(PICTURE[:3], PICTURE[:3])
-    with pytest.raises(ValueError, match=r"matte=...\)` must have shape"):
-        ms.psnr(PICTURE, PICTURE, matte=np.zeros((40, 220)))
+    for name in ("psnr", "ssim"):
+        with pytest.raises(ValueError, match=rf"`{name}\(matte=...\)` must have shape"):
+            getattr(ms, name)(PICTURE, PICTURE, matte=np.zeros((40, 220)))
     with pytest.raises(ValueError, match="must be well below half of 220 px"):
         ms.ghost_energy(PICTURE, PICTURE, distance=108.0)

@@ -1,13 +1,32 @@
 """Reports: notes that say of what they speak, and a folder that holds one run."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers_design import LIMITS, MOTION, SCENE
+from test_plots import photograph
 
-from mishutter import HannShutter, RectShutter, Scene, StillCamera, TukeyShutter, evaluate
+from mishutter import (
+    HannShutter,
+    Picture,
+    RectShutter,
+    Scene,
+    StillCamera,
+    TukeyShutter,
+    evaluate,
+)
 from mishutter.compare import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Row
 from mishutter.pictures import write_picture
-from mishutter.report import Report, photographs, print_report, write_report
+from mishutter.report import (
+    Report,
+    _middle_rows,
+    document,
+    photographs,
+    print_report,
+    write_report,
+)
 
 DESIGNS = {
     "rect": (MOTION, RectShutter()),
@@ -33,6 +52,46 @@ def test_a_condition_says_of_which_row_it_is(report, capsys):
     (note,) = (line for line in lines if line.startswith("PSNR expected"))
     assert note.count("phase") == 2
     assert f", of {BEST_SNAPSHOT} at phase " in note
+
+
+def test_numbers_stand_under_their_columns(report, capsys):
+    """The gain is over the snapshot's row, and the exposure is the whole of it."""
+    print_report(report)
+    lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
+    (names,) = (cells for cells in lines if cells[0] == "shutter")
+    (numbers,) = (cells for cells in lines if cells[0] == "Hann")
+    m = report.comparison.row("Hann").metrics
+    snapshot = report.comparison.row(BEST_SNAPSHOT).metrics
+    assert dict(zip(names, numbers, strict=True)) == {
+        "shutter": "Hann",
+        "PSNR dB": f"{m.expected_psnr:.2f}",
+        "snapshot +dB": f"{m.expected_psnr - snapshot.expected_psnr:+.2f}",
+        "condition": f"{m.condition_number:.2f}",
+        "kernel diff": f"{m.kernel_difference:.4f}",
+        "relative": f"{m.relative_kernel_difference:.3f}",
+        "light": "0.500",
+        "bound": f"{m.bound_share:.3f}",
+        "stroke px": "22.0",
+        "open ms": "20.00",
+        "loss": "0.3000",
+    }
+
+
+def test_what_a_photograph_showed(report):
+    """Measured and expected stand apart, with gamma and in linear light."""
+    shown = replace(report, photographs={"ensemble": {"rect": photograph(21)}})
+    found = document(shown)["photographs"]["ensemble"]["rect"]
+    assert found["mean_linear_psnr_db"] == 21
+    assert found["expected_of_ensemble_filter_db"] == pytest.approx(21.2)
+    np.testing.assert_allclose(found["psnr_db"], [21.3, 22.1, 21.7])
+    np.testing.assert_allclose(found["linear_psnr_db"], [23.3, 24.1, 23.7])
+
+
+def test_a_high_photograph_is_cut_to_its_middle():
+    """As many rows above as below are left out."""
+    light = np.tile(np.arange(200.0)[:, None, None] / 200, (1, 9, 1))
+    assert np.array_equal(_middle_rows(Picture(light)).light, light[20:180])
+    assert np.array_equal(_middle_rows(Picture(light[:7])).light, light[:7])
 
 
 def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):

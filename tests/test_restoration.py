@@ -11,8 +11,8 @@ import pytest
 
 import mishutter as ms
 from mishutter.noise import noise_variance
-from mishutter.restoration import restore_by_each
-from mishutter.simulate import noisy
+from mishutter.restoration import _common_columns, _Errors, _levels, restore_by_each
+from mishutter.simulate import kernel_layout, noisy
 
 HALF_EXPOSURE = 0.01
 STROKE = 34.0
@@ -145,6 +145,60 @@ def test_decoders_see_the_same_captures():
         alone = ms.restore_photograph(*given, decoder=decoder, num_seeds=2)
         assert np.allclose(together[name].psnr, alone.psnr, rtol=1e-12)
         assert np.array_equal(together[name].captured, together["Wiener"].captured)
+
+
+def test_levels_and_their_standard_errors():
+    """Of means of squared errors in linear light, of means of dB with gamma; weighted or not."""
+    squared = np.array([[1e-3, 2e-3, 6e-3], [4e-4, 5e-4, 3e-4]])
+    coded = np.array([[30.0, 27.0, 24.0], [34.0, 33.0, 35.0]])
+    trials = [_Errors(s[:, None], c[:, None]) for s, c in zip(squared, coded, strict=True)]
+    speeds = np.array([0.0, 310.0])
+    found = _levels(speeds, np.array([0.7, 0.3]), trials, 0)
+    np.testing.assert_allclose(found["psnr"], [27, 34])
+    np.testing.assert_allclose(found["linear_psnr"], -10 * np.log10([3e-3, 4e-4]))
+    np.testing.assert_allclose(found["standard_error"], np.array([3, 1]) / np.sqrt(3))
+    spread = np.array([np.sqrt(7) * 1e-3 / 3e-3, 1e-4 / 4e-4]) / np.sqrt(3)
+    np.testing.assert_allclose(found["linear_standard_error"], 10 / np.log(10) * spread)
+    assert found["mean_psnr"] == pytest.approx(-10 * np.log10(0.7 * 3e-3 + 0.3 * 4e-4))
+    equal = _levels(speeds, None, trials, 0)
+    assert equal["mean_psnr"] == pytest.approx(-10 * np.log10(1.7e-3))
+
+
+def test_each_capture_has_noise_of_its_own():
+    """Also at a speed that is tried twice; and a key gives the same captures again."""
+    given = gaussian_rows(4, 300), scene(), camera(), ms.HannShutter()
+    speeds, key = [120.0, 120.0], jax.random.key(5)
+    first, again, other = (
+        ms.restore_photograph(*given, speeds=speeds, num_seeds=2, key=k).captured
+        for k in (key, key, jax.random.key(6))
+    )
+    np.testing.assert_array_equal(first, again)
+    assert np.all(first[0] != first[1])
+    assert np.all(first != other)
+
+
+def test_the_mean_over_speeds_is_by_how_often_they_occur():
+    """Of the scene's own speeds; others count alike."""
+    known = ms.Scene([0.0, 900.0], [0.85, 0.15], photon_rate=3e5, read_noise=4.0)
+    given = gaussian_rows(4, 300), known, camera(), ms.RectShutter()
+    for options, weights in (({}, [0.85, 0.15]), ({"speeds": [0.0, 900.0]}, [0.5, 0.5])):
+        found = ms.restore_photograph(*given, num_seeds=1, **options)
+        mean = np.dot(weights, 10 ** (-found.linear_psnr / 10))
+        assert found.mean_psnr == pytest.approx(-10 * np.log10(mean), rel=1e-9)
+
+
+def test_columns_that_are_judged():
+    """The same of the scene for a camera that moves and one at rest, half a kernel inside."""
+    speeds, still = np.array([0.0, -300.0]), ms.StillCamera(half_exposure=HALF_EXPOSURE)
+    judged = []
+    for motion in (camera(), still):
+        assert kernel_layout(motion, *speeds, least_taps=96)[0] == 96
+        window, inner = _common_columns(900, motion, speeds, 96)
+        assert window.stop - window.start == 900 - 96 + 1
+        assert inner.start >= 48
+        assert inner.stop <= window.stop - window.start - 48
+        judged.append((window.start + inner.start, window.start + inner.stop))
+    assert judged[0] == judged[1]
 
 
 def test_no_noise_without_a_key():

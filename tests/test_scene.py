@@ -1,7 +1,9 @@
 """A scene made in Python is refused where it is made, by the argument that is wrong."""
 
+import re
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
@@ -70,7 +72,89 @@ def test_a_scene_is_loaded_by_text_or_path(tmp_path):
         assert float(Scene.load(place).read_noise) == 2
 
 
-def test_a_limit_is_one_number():
-    """Two strokes are refused by name."""
-    with pytest.raises(ValueError, match=r"`Limits\(max_stroke=...\)` must be a scalar; got"):
-        Limits(max_stroke=np.array([1.0, 2.0]))
+def test_the_fastest_object_is_one_that_occurs():
+    """By size, whichever way it goes, and in a compiled function too."""
+    scene = Scene([-900.0, 400.0, 5e4], [0.3, 0.7, 0.0], **LIGHT)
+    assert float(scene.max_speed) == float(jax.jit(lambda s: s.max_speed)(scene)) == 900
+
+
+MISTAKES = {
+    "no-speed": (lambda: Scene([], **LIGHT), "`Scene(speeds=...)` must be one row of at least one"),
+    "table": (
+        lambda: Scene(np.array([[3.0]]), **LIGHT),
+        "must be one row of at least one speed; got 'shape",
+    ),
+    "speed-nan": (lambda: Scene([3.0, np.nan], **LIGHT), "`Scene(speeds=...)` must be finite; got"),
+    "lengths": (
+        lambda: Scene([3.0, 7.0], [0.2, 0.3, 0.5], **LIGHT),
+        "`Scene(weights=...)` must have shape (2,); got (3,)",
+    ),
+    "weights-off": (
+        lambda: Scene([3.0, 7.0], [0.25, 0.5], **LIGHT),
+        "`Scene(weights=...)` must sum to 1; got 0.75",
+    ),
+    "weight-negative": (
+        lambda: Scene([3.0, 7.0], [-0.2, 1.2], **LIGHT),
+        "`Scene(weights=...)` must be at least 0; got [-0.2, 1.2]",
+    ),
+    "dark": (
+        lambda: Scene([3.0], photon_rate=-2.0, read_noise=3.0),
+        "`Scene(photon_rate=...)` must be at least 0; got -2.0",
+    ),
+    "noise-nan": (
+        lambda: Scene([3.0], photon_rate=2.0, read_noise=np.nan),
+        "`Scene(read_noise=...)` must be finite; got nan",
+    ),
+    "two-means": (
+        lambda: Scene([3.0], **LIGHT, mean_level=np.array([0.2, 0.3])),
+        "`Scene(mean_level=...)` must be a scalar; got 'shape (2,)'",
+    ),
+    "two-strokes": (
+        lambda: Limits(max_stroke=np.array([1.0, 2.0])),
+        "`Limits(max_stroke=...)` must be a scalar; got",
+    ),
+    "no-top-speed": (
+        lambda: Limits(max_top_speed=0.0),
+        "`Limits(max_top_speed=...)` must be above 0; got 0.0",
+    ),
+    "exposures-reversed": (
+        lambda: Limits(min_half_exposure=0.03, max_half_exposure=0.02),
+        "`Limits(min_half_exposure=...)` must be at most max_half_exposure = 0.02 s; got 0.03",
+    ),
+    "range-reversed": (
+        lambda: Scene.uniform(max_speed=-5.0, min_speed=3.0, **LIGHT),
+        "`Scene.uniform(max_speed=...)` must be at least 3 px/s; got -5.0",
+    ),
+    "range-endless": (
+        lambda: Scene.uniform(max_speed=np.inf, **LIGHT),
+        "`Scene.uniform(max_speed=...)` must be finite; got inf",
+    ),
+    "range-of-none": (
+        lambda: Scene.uniform(max_speed=5.0, num_speeds=0, **LIGHT),
+        "`Scene.uniform(num_speeds=...)` must be a positive integer; got 0",
+    ),
+}
+
+
+@pytest.mark.parametrize("slug", MISTAKES)
+def test_mistakes(slug):
+    """Each is one line with the argument, what must hold and what came."""
+    make, message = MISTAKES[slug]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("given", "speeds"),
+    [
+        ({"max_speed": 310.0, "num_speeds": 4}, np.arange(-3, 4, 2) * 310 / 3),
+        ({"max_speed": 310.0, "min_speed": -70.0, "num_speeds": 3}, [-70.0, 120.0, 310.0]),
+        ({"max_speed": 310.0, "min_speed": -70.0, "num_speeds": 1}, [120.0]),
+        ({"max_speed": 310.0}, np.arange(-4, 5) * 77.5),
+    ],
+)
+def test_a_range_of_speeds(given, speeds):
+    """Both ways unless it begins elsewhere, in equal steps of equal weight."""
+    scene = Scene.uniform(**given, **LIGHT)
+    np.testing.assert_allclose(scene.speeds, speeds, rtol=1e-14)
+    np.testing.assert_allclose(scene.weights, np.full(len(speeds), 1 / len(speeds)), rtol=1e-14)

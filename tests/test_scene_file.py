@@ -23,6 +23,9 @@ def test_units_of_the_built_in_scene():
     assert scene.motion.half_exposure == pytest.approx(0.01, rel=1e-15)
     assert scene.motion.stroke == pytest.approx(45, rel=1e-14)
     assert scene.limits.max_half_exposure == pytest.approx(0.04, rel=1e-15)
+    assert scene.limits.min_half_exposure == pytest.approx(5e-4, rel=1e-15)
+    assert (float(scene.limits.max_stroke), float(scene.limits.max_top_speed)) == (45, 2e4)
+    assert (float(scene.photon_rate), float(scene.read_noise)) == (1e5, 8)
     np.testing.assert_allclose(scene.speeds, np.arange(-4, 5) * 1125.0, rtol=1e-14)
     np.testing.assert_allclose(scene.weights, np.full(9, 1 / 9), rtol=1e-14)
 
@@ -96,6 +99,25 @@ def test_without_a_motion_the_limits_are_used_up(tmp_path):
     scene = read_scene(written(tmp_path, text))
     assert scene.motion.stroke == pytest.approx(45, rel=1e-12)
     assert scene.motion.top_speed == pytest.approx(2e4, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("limit", "stroke", "top_speed"),
+    [("max_half_exposure_ms = 3", 30, 2e4), ("min_half_exposure_ms = 9", 45, 1e4)],
+)
+def test_without_a_motion_an_exposure_may_be_the_limit(limit, stroke, top_speed, tmp_path):
+    """Where it is too short for the stroke, or too long for the speed."""
+    text = edited(limit.split()[0], limit)
+    text = re.sub(r"\[motion\].*?(?=\n#)", "", text, flags=re.DOTALL)
+    motion = read_scene(written(tmp_path, text)).motion
+    assert motion.stroke == pytest.approx(stroke, rel=1e-12)
+    assert motion.top_speed == pytest.approx(top_speed, rel=1e-12)
+
+
+def test_the_optics_cut_off_where_they_say(tmp_path):
+    """In cycles a pixel."""
+    path = written(tmp_path, edited("cutoff", "cutoff_cycles_per_px = 0.31"))
+    assert float(read_scene(path).cutoff_frequency) == 0.31
 
 
 def test_an_acceleration_may_be_given(tmp_path):

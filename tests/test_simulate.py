@@ -4,6 +4,8 @@ Occlusion is pinned against thousands of composited frames rather than against a
 formula, because what is uncovered during the exposure is what a formula gets wrong.
 """
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +14,7 @@ from frame_reference import integrate_frames
 
 import mishutter as ms
 import mishutter.layers_file
-from mishutter.noise import noise_variance, recorded, shot_electrons
+from mishutter.noise import _RUN, noise_variance, recorded, shot_electrons
 from mishutter.pictures import shipped_picture
 
 HALF = 0.011
@@ -53,18 +55,20 @@ def test_capture_is_the_convolution_with_the_kernel(speed):
     np.testing.assert_allclose(found[2, 199:260].T, wanted, atol=1e-12)
 
 
+@pytest.mark.parametrize("speed", [310.0, -1900.0])
 @pytest.mark.parametrize("motion", [MOVING, STILL], ids=["moving", "still"])
-def test_the_kernel_for_other_libraries(motion):
+def test_the_kernel_for_other_libraries(motion, speed):
     """SciPy's convolution with the centred kernel is the capture; its middle shifts nothing."""
     from scipy.signal import convolve
 
-    picture = rows(5, 90, 1)
-    kernel = ms.centred_kernel(motion, ms.HannShutter(), speed=310.0)
+    picture = rows(5, 150, 1)
+    kernel = ms.centred_kernel(motion, ms.HannShutter(), speed=speed)
     assert kernel.shape[0] == 1
     assert kernel.shape[1] % 2 == 1
+    assert np.sum(kernel) == pytest.approx(0.5, rel=1e-12)
     found = convolve(picture[..., 0], kernel, mode="same")
     wanted = ms.simulate_capture(
-        picture, SCENE, motion, ms.HannShutter(), speed=310.0, border="zero"
+        picture, SCENE, motion, ms.HannShutter(), speed=speed, border="zero"
     )
     np.testing.assert_allclose(found, wanted[..., 0], atol=1e-12)
 
@@ -127,6 +131,14 @@ def test_shot_noise_is_poisson(mean):
     assert abs(drawn.var() - mean) <= 5 * fourth
 
 
+def test_no_two_runs_of_pixels_have_the_same_noise():
+    """However many pixels there are, none's noise is another's: sums over lags stay small."""
+    drawn = np.asarray(shot_electrons(jax.random.key(5), jnp.full(3 * _RUN, 40.0))) - 40
+    first, second, third = drawn.reshape(3, -1) / np.sqrt(40)
+    for one, other in ((first, second), (second, third), (first, third)):
+        assert abs(np.mean(one * other)) < 5 / np.sqrt(_RUN)
+
+
 def test_noise_is_held_where_a_capture_differentiates():
     """A noisy capture moves with its light as one without noise does."""
     picture = rows(3, 60, 1)
@@ -154,6 +166,13 @@ def test_a_key_gives_the_same_noise_compiled_and_batched():
     np.testing.assert_allclose(jax.vmap(capture)(keys), each, atol=1e-12)
     np.testing.assert_allclose(jax.jit(capture)(keys[1]), each[1], atol=1e-12)
     assert np.all(each[0] != each[1])
+
+
+def test_without_noise_it_does_not_matter_how_much_light_there_is():
+    """A capture is in units of white, also where white is no electron at all."""
+    dark = ms.Scene([0.0], photon_rate=0.0, read_noise=6.0)
+    found = [ms.simulate_capture(rows(), s, MOVING, ms.HannShutter()) for s in (dark, SCENE)]
+    np.testing.assert_allclose(*found, atol=1e-12)
 
 
 def test_a_closed_shutter_records_darkness():
@@ -203,6 +222,17 @@ def test_full_well_and_converter():
     np.testing.assert_allclose(cut, np.minimum(light, 0.8), atol=1e-12)
     stepped = recorded(light, 1000.0, 0.0, key=None, adc_bits=3)
     np.testing.assert_allclose(stepped, np.round(np.clip(light, 0, 1) * 7) / 7, atol=1e-12)
+    both = recorded(light, 1000.0, 0.0, key=None, full_well=800.0, adc_bits=3)
+    steps = np.round(np.minimum(light / 0.8, 1) * 7)
+    np.testing.assert_allclose(both, 0.8 * steps / 7, atol=1e-12)
+
+
+def test_read_noise_goes_beyond_a_full_well():
+    """A full well cuts off what is collected, not what is read: noise lies to either side."""
+    bright = jnp.full((30, 40), 1.3)
+    found = np.asarray(recorded(bright, 1000.0, 9.0, key=jax.random.key(3), full_well=800.0))
+    np.testing.assert_allclose(found.mean(), 0.8, atol=4 * 0.009 / np.sqrt(found.size))
+    np.testing.assert_allclose(found.std(), 0.009, rtol=4 / np.sqrt(2 * found.size))
 
 
 @pytest.mark.parametrize("name", SHUTTERS)
@@ -274,12 +304,42 @@ def test_footage_shows_each_frame_for_its_share():
     np.testing.assert_allclose(found, np.tensordot(share, frames, 1), atol=1e-12)
 
 
-def test_footage_that_is_no_light():
-    """A frame below 0 is refused as a picture below 0 is."""
-    with pytest.raises(
-        ValueError, match=r"`Frames\(frames=...\)` must hold light of at least 0; got"
-    ):
-        ms.simulate_capture(ms.Frames.of([-rows()]), SCENE, STILL, ms.HannShutter())
+FOOTAGE = {
+    "negative": ([-rows()], "`Frames(frames=...)` must hold light of at least 0; got -"),
+    "nan": ([np.nan * rows()], "`Frames(frames=...)` must hold finite light; got"),
+    "coded": ([np.ones((2, 3, 1), np.uint8)], "must hold light as floating-point numbers; got"),
+    "two-channels": ([np.ones((2, 3, 2))], "must be pictures; got 'shape (2, 3, 2)'"),
+    "two-sizes": ([rows(), rows(5)], "must all have shape (7, 260, 3); got 'shape (5, 260, 3)'"),
+}
+
+
+@pytest.mark.parametrize("slug", FOOTAGE)
+def test_footage_that_is_none(slug):
+    """A frame is refused as a picture is, and where it is unlike the one before."""
+    frames, message = FOOTAGE[slug]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        ms.simulate_capture(ms.Frames.of(frames), SCENE, STILL, ms.HannShutter())
+
+
+def test_footage_of_another_length():
+    """As many frames as were said must come, and at least one."""
+    for count in (1, 3):
+        frames = ms.Frames(iter([rows(), rows()]), count)
+        with pytest.raises(ValueError, match=rf"must be the 2 that came; got {count}"):
+            ms.simulate_capture(frames, SCENE, STILL, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"`Frames.of\(frames=...\)` must hold at least one frame"):
+        ms.Frames.of([])
+
+
+def test_layers_that_are_none():
+    """There is a background, it is opaque, and it goes on by a rule that is known."""
+    clear = ms.Layer(ms.Picture(rows(), np.full((7, 260), 0.4)))
+    with pytest.raises(ValueError, match="must hold at least one layer; got 0"):
+        ms.Layers(())
+    with pytest.raises(ValueError, match="must begin with an opaque layer; got"):
+        ms.Layers((clear,))
+    with pytest.raises(ValueError, match=r"must be one of .*'reflect'.*; got 'scene'"):
+        ms.Layers((ms.Layer(ms.Picture(rows())),), border="scene")
 
 
 def test_footage_from_a_folder_and_a_video(tmp_path):
@@ -401,7 +461,8 @@ def test_pictures_narrower_than_the_kernel():
         ({"border": "mirror"}, r"border=...\)` must be one of scene, reflect"),
         ({"speed": np.nan}, r"speed=...\)` must be finite"),
         ({"speed": 1e9}, "must blur over at most 8192 px"),
-        ({"full_well": 0.0}, "must be above 0 e-"),
+        ({"full_well": 0.0}, "must be above 0 e- and finite; got 0.0"),
+        ({"full_well": np.inf, "adc_bits": 8}, "must be above 0 e- and finite; got inf"),
         ({"adc_bits": 0}, "must be a positive integer"),
         ({"adc_bits": 30}, "must be at most 24"),
     ],
@@ -430,6 +491,12 @@ def test_pictures_that_are_none():
     coded = (rows() * 255).astype(np.uint8)
     with pytest.raises(ValueError, match=r"picture=...\)` must hold light, white = 1, .*; got .*8"):
         ms.simulate_capture(coded, SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"picture=...\)` must have rows and columns; got \(9,\)"):
+        ms.simulate_capture(np.ones(9), SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(
+        ValueError, match=r"picture=...\)` must hold at least one pixel; got \(0, 9\)"
+    ):
+        ms.simulate_capture(np.ones((0, 9)), SCENE, MOVING, ms.HannShutter())
     with pytest.raises(ValueError, match=r"`deconvolve\(captured=...\)` must be finite"):
         ms.deconvolve(bad, SCENE, MOVING, ms.HannShutter())
     with pytest.raises(ValueError, match=r"picture=...\)` must be at least 0; got -0.3"):
@@ -456,3 +523,13 @@ def test_large_pictures_by_rows_are_small_ones():
     np.testing.assert_allclose(parts.restored, restored, atol=1e-9)
     assert seen[-1] == 1.0
     assert seen == sorted(seen)
+
+
+def test_portions_have_noise_of_their_own():
+    """Rows that show the same are not recorded the same, in whichever portion they are."""
+    flat, key = np.full((6, 90, 1), 0.4), jax.random.key(3)
+    given = flat, SCENE, MOVING, ms.HannShutter()
+    captured = ms.capture_and_restore(*given, key=key, rows_at_once=2).captured
+    for one in range(6):
+        for other in range(one):
+            assert np.any(captured[one] != captured[other])

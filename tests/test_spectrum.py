@@ -151,14 +151,24 @@ def test_published_condition_numbers():
         (np.array([0.0, 1e-200, 0.0]), None, 1.0),
         (np.array([0.7]), 1, 1.0),
         (np.array([3.0, 1.0]), 2, 2.0),
+        (np.array([0.5 + 2.0**-44, 2.0**-44 - 0.5]), 2, 2.0**43),
     ],
 )
 def test_condition_number_of_simple_kernels(kernel, length, expected):
-    """A zero response is `inf`, and its derivative is not a NaN."""
+    """A zero response is `inf`, a small one a number, and no derivative a NaN."""
     value = condition_number(kernel, num_frequencies=length)
     assert np.allclose(value, expected)
     gradient = jax.grad(lambda h: condition_number(h, num_frequencies=length))(jnp.asarray(kernel))
     assert np.all(np.isfinite(gradient))
+
+
+@pytest.mark.parametrize(("num_taps", "length"), [(3, 1024), (256, 1024), (257, 2048)])
+def test_the_default_length_is_four_times_the_kernel(num_taps, length):
+    """A power of two, at least 1024: a dip of the response is seen, however long the kernel."""
+    kernel = 1 + np.cos(0.1 * np.arange(num_taps) ** 2)
+    by_default = condition_number(kernel)
+    assert by_default == condition_number(kernel, num_frequencies=length)
+    assert by_default != condition_number(kernel, num_frequencies=2 * length)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray
 from helpers_sweep import (
     ACCELERATIONS,
     HALF_EXPOSURES,
@@ -23,6 +24,7 @@ import mishutter
 from mishutter import (
     RASKAR_CODE,
     ChippedShutter,
+    DesignLoss,
     GaussianShutter,
     Scene,
     SplineShutter,
@@ -30,6 +32,7 @@ from mishutter import (
     sweep,
 )
 from mishutter.shutters.base import AbstractShutter
+from mishutter.sweep_grid import REASONS, outside_limits
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +67,24 @@ def test_limits_are_masks_with_a_reason(swept):
         np.testing.assert_array_equal(
             np.isnan(swept[name].values), np.broadcast_to(bits[..., None] > 0, (5, 6, 2))
         )
+
+
+AT_A_LIMIT = {
+    "stroke": lambda x: (9e4 * x, 1e-2),
+    "top_speed": lambda x: (2e6 / 3 * x, 3e-3),
+    "exposure_too_short": lambda x: (3e4, 1e-3 / x),
+    "exposure_too_long": lambda x: (1e4, 0.02 * x),
+}
+
+
+@pytest.mark.parametrize("reason", AT_A_LIMIT)
+def test_a_point_at_a_limit_is_within_it(reason):
+    """To a rounding of a thousand millionth, and no more."""
+    for beyond, bits in ((1e-10, 0), (1e-8, 1 << REASONS.index(reason))):
+        a, half = (np.array([x]) for x in AT_A_LIMIT[reason](1 + beyond))
+        wide = Scene([0.0], photon_rate=1e5, read_noise=1.0, limits=LIMITS)
+        found = outside_limits(wide, a, half)
+        assert found.item() == bits
 
 
 def test_labels_and_units(swept):
@@ -138,6 +159,23 @@ def test_full_well():
     assert bool(open_only.any())
 
 
+def test_full_well_under_several_lights():
+    """What overflows in bright light alone is left out there alone."""
+    lit = {"accelerations": [3e4, 9e4], "photon_rates": [3e3, 2e5, 5e7], "full_well": 2000.0}
+    found = sweep(SCENE, **grid(**lit))
+    light = xarray.DataArray([3e3, 2e5, 5e7], dims="photon_rate")
+    within = (found.outside & 15) == 0
+    full = within & (found.efficiency * 2 * found.half_exposure * light > 2000.0)
+    full |= within.all("photon_rate") & found.efficiency.isnull()
+    assert found.outside.dims == (*found.efficiency.dims, "photon_rate")
+    np.testing.assert_array_equal((found.outside & 16) > 0, full.transpose(*found.outside.dims))
+    known = found.expected_psnr.notnull()
+    np.testing.assert_array_equal(known, (found.outside == 0).transpose(*known.dims))
+    some = (found.outside == 0).any("photon_rate")
+    assert bool((some & full.any("photon_rate")).any())
+    np.testing.assert_array_equal(found.condition_number.notnull(), some)
+
+
 def test_one_point_and_no_point():
     """A grid of one point is a sweep, and one with none within limits is all NaN."""
     one = sweep(SCENE, **grid(accelerations=[9e4], half_exposures=[7e-3]))
@@ -153,6 +191,15 @@ def test_numbers_that_overflow_are_outside():
     found = sweep(SCENE, **grid(**points))
     assert differences(found, SCENE, SHUTTERS, inside_points(found)) == []
     assert inside_points(found) == [(0, 0), (1, 0)]
+
+
+def test_the_windows_of_a_sweep_that_names_none():
+    """The baselines and a Tukey window."""
+    few = {"accelerations": [9e4], "half_exposures": [7e-3], "metrics": "efficiency"}
+    found = sweep(SCENE, **few).efficiency.sel(acceleration=9e4, half_exposure=7e-3)
+    wanted = {"rect": 1.0, "Hann": 0.5, "triangle": 0.5, "Gaussian": 0.495, "Tukey": 0.75}
+    assert list(found.shutter.values) == list(wanted)
+    np.testing.assert_allclose(found, list(wanted.values()), atol=1e-3)
 
 
 def test_only_the_metrics_asked_for(swept):
@@ -203,6 +250,11 @@ MISTAKES = {
         "`sweep(seed=...)` must be a whole number of at least 0; got -1",
     ),
     "steps": ({"optimise": True, "max_steps": 0}, "must be a positive integer; got 0"),
+    "well-endless": ({"full_well": np.inf}, "`sweep(full_well=...)` must be above 0 e-; got inf"),
+    "loss": (
+        {"optimise": True, "loss": DesignLoss()},
+        "`sweep(loss=...)` must be a loss of transfer functions alone, as ExpectedErrorLoss is;",
+    ),
 }
 
 

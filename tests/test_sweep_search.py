@@ -17,6 +17,7 @@ from mishutter import (
     starting_shutter,
     sweep,
 )
+from mishutter.sweep_search import start_boxes, starts_at
 
 EXCESS = 1e-3
 """Loss above that of `optimise`: promised of every point."""
@@ -30,6 +31,19 @@ AXES: dict[str, Any] = {
     "optimise": True,
     "num_coefficients": 12,
 }
+
+
+def test_what_a_point_starts_from():
+    """Windows and a random profile of the seed; then a window and what its neighbours found."""
+    first = start_boxes(12, True, 5)
+    assert not np.any(np.all(first == start_boxes(12, True, 6)[-1], axis=1))
+    boxes, rows = np.full((4, 2, 6), np.nan), np.array([0, 2])
+    np.testing.assert_array_equal(starts_at(first, boxes, rows, 0), [first, first])
+    boxes[:3, 0] = np.arange(1, 4)[:, None] / 10
+    later = starts_at(first, boxes, rows, 1)
+    np.testing.assert_array_equal(later[:, 0], [first[0], first[0]])
+    np.testing.assert_array_equal(later[0, 1:, 0], [0.2, 0.1, 0.1])
+    np.testing.assert_array_equal(later[1, 1:, 0], [first[1, 0], 0.2, 0.3])
 
 
 @pytest.mark.slow

@@ -143,21 +143,37 @@ def test_what_is_no_store_is_refused(tmp_path):
         sweep(SCENE, **grid(store=tmp_path / "folder"))
 
 
+def asked_for(rows, columns):
+    """A sweep of a grid of some size."""
+    return Grid(
+        np.arange(rows) + 1.0,
+        np.arange(columns) + 1.0,
+        {"0": SCENE},
+        dict(SHUTTERS),
+        ("expected_psnr",),
+        np.array([1.0, 2.0]),
+        None,
+        None,
+        None,
+        True,
+    )
+
+
+def test_a_store_before_anything_is_computed(tmp_path):
+    """What is missing is no number, and the folder is as open as any new one."""
+    before = os.umask(0o026)
+    try:
+        empty = StoredBlocks(asked_for(3, 4), tmp_path / "a.zarr")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a.zarr").stat().st_mode & 0o777 == 0o751
+    assert bool(empty.dataset().expected_psnr.isnull().all())
+
+
 def test_blocks_cover_the_grid_once():
     """Every point of every variable belongs to one block, whatever the sizes."""
     for rows, columns in ((1, 1), (300, 2), (129, 70), (5, 900)):
-        made = Grid(
-            np.arange(rows) + 1.0,
-            np.arange(columns) + 1.0,
-            {"0": SCENE},
-            dict(SHUTTERS),
-            ("expected_psnr",),
-            np.array([1.0, 2.0]),
-            None,
-            None,
-            None,
-            True,
-        )
+        made = asked_for(rows, columns)
         count = np.zeros([made.sizes[d] for d in made.dimensions("expected_psnr")])
         for block in made.blocks():
             count[made.region(block, "expected_psnr")] += 1

@@ -78,11 +78,12 @@ def test_tiles_are_the_whole_exposure(name, seeds):
     "gone",
     [
         Layer(picture(5, 6, matte=np.zeros((5, 6))), speed=200.0, left=9, top=4),
-        Layer(picture(5, 6), speed=200.0, left=9, top=40),
+        Layer(picture(5, 6), speed=200.0, left=9, top=23),
+        Layer(picture(5, 6), speed=200.0, left=9, top=-5),
         Layer(picture(5, 6), speed=200.0, left=-90, top=4),
         Layer(picture(5, 6), speed=-350.0, left=21, top=9),
     ],
-    ids=["empty", "below", "beside", "covered"],
+    ids=["empty", "below", "above", "beside", "covered"],
 )
 def test_layers_that_nobody_sees_are_left_out(gone):
     """A layer that is clear, off the sensor or behind one that moves along is not rendered."""
@@ -102,6 +103,15 @@ def test_a_layer_that_is_seen_through_a_hole_stays():
     for front in (hole, faster):
         layers = Layers((Layer(picture(23, 61)), behind, front))
         assert len(seen_layers(layers, MOVING, HannShutter())[0].layers) == 3
+
+
+@pytest.mark.parametrize(("left", "top"), [(9, 9), (21, -2), (26, 9), (21, 12)])
+def test_a_layer_beside_one_that_moves_along_stays(left, top):
+    """To its left, above it, or beyond its far corner by a pixel or more."""
+    beside = Layer(picture(5, 6), speed=-350.0, left=left, top=top)
+    front = Layer(picture(9, 11), speed=-350.0, left=20, top=7)
+    layers = Layers((Layer(picture(23, 61)), beside, front))
+    assert len(seen_layers(layers, MOVING, HannShutter())[0].layers) == 3
 
 
 def test_many_wide_layers_take_the_transforms():

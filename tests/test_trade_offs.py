@@ -68,6 +68,17 @@ def test_nothing_betters_a_pareto_front(swept):
     assert {"acceleration", "half_exposure", "shutter"} <= set(front.coords)
 
 
+def test_a_front_of_ones_own_senses(swept):
+    """What is usually wanted large may be wanted small; of equals in one the other decides."""
+    front = pareto_front(swept, {"expected_psnr": "min", "efficiency": "min"})
+    least = swept.expected_psnr.where(swept.efficiency == swept.efficiency.min()).min()
+    assert float(front.expected_psnr.min()) == float(swept.expected_psnr.min())
+    assert float(front.efficiency.min()) == float(swept.efficiency.min())
+    assert float(least) in front.expected_psnr.values
+    assert front.sizes["point"] == np.unique(front.efficiency).size
+    assert np.all(np.diff(front.expected_psnr) <= 0)
+
+
 MISTAKES = {
     "no-psnr": (lambda d: gain_over(d[["efficiency"]], "Hann"), "must hold expected_psnr among"),
     "no-psnr-here": (lambda d: gain_over_snapshot(d[["efficiency"]], SCENE), "must hold expected_"),
@@ -75,6 +86,10 @@ MISTAKES = {
     "no-light": (lambda d: light_map(d, SCENE), "must have photon rates and read noises; got"),
     "no-shutter": (lambda d: gain_over(d, "Tukey"), "must be one of rect, Hann; got 'Tukey'"),
     "one-objective": (lambda d: pareto_front(d, ["efficiency"]), "must name at least two metrics"),
+    "sense": (
+        lambda d: pareto_front(d, {"efficiency": "large", "outside": "min"}),
+        "`pareto_front(objectives=...)` must say max or min; got 'large'",
+    ),
     "one-name": (lambda d: pareto_front(d, "efficiency"), "must name at least two metrics"),
     "dimensions": (
         lambda d: pareto_front(d, {"efficiency": "max", "outside": "min"}),

@@ -32,7 +32,7 @@ class SampledShutter(AbstractPiecewiseShutter):
     r"""Another shutter by its degree-5 interpolant on 64 equal pieces.
 
     Its transmittance differs from the original's by at most
-    $\max|w^{(6)}| / (64^6 \cdot 2^5 \cdot 6!)$ where that is smooth: 6e-13 for a Hann
+    $\max|w^{(6)}| / (64^6 \cdot 2^5 \cdot 6!)$ where that is smooth: 3e-13 for a Hann
     profile. At a kink or jump inside a piece it is a fit, no more.
 
     Args:

@@ -195,8 +195,7 @@ def _fit_coefficients(
         target = (target + target[::-1]) / 2
     basis = BSpline.design_matrix(tau, _knots(count), _DEGREE).toarray()
     solution = np.clip(lsq_linear(basis, target, bounds=(0, 1), tol=1e-14).x, 0, 1)
-    snapped = np.where(np.abs(solution - np.round(solution)) < 1e-9, np.round(solution), solution)
-    return (snapped + snapped[::-1]) / 2 if symmetric else snapped
+    return np.where(np.abs(solution - np.round(solution)) < 1e-9, np.round(solution), solution)
 
 
 def _knots(count: int) -> np.ndarray:
