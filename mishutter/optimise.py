@@ -109,7 +109,8 @@ def optimise(
         into the limits; where it lies outside, a second sentence says so.
 
     Raises:
-        ValueError: if `free` names nothing that can move, or a count is not positive.
+        ValueError: if `free` names nothing that can move, a count is not positive, `seed` is
+            negative, or `loss` is none, or gives something else than one real number.
         NonFiniteLossError: if the loss or its gradient is not finite.
         SearchFailedError: if `throw` and the search did not converge.
     """
