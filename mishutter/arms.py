@@ -58,7 +58,7 @@ class Crossings(NamedTuple):
 
     def is_held(self, num_pieces: int) -> Array:
         """Whether a crossing is at an end of the exposure."""
-        last = jnp.where(self.from_left, 0, num_pieces - 1)
+        last = jnp.where(self.from_left, *np.array([0, num_pieces - 1], np.int32))
         return (self.offset == 0) & (self.piece == last)
 
     def inner(self, is_after: ArrayLike, length: Array) -> Array:

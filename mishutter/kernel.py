@@ -267,7 +267,7 @@ def _num_below(rows: Array, is_second: Array, value: Array) -> Array:
     """How many entries of one of two ascending rows are below each value; shape of `value`."""
     if rows.shape[1] <= _FEW_TAPS:
         row = jnp.where(is_second[:, None], rows[1:], rows[:1])
-        return jnp.sum(row < value[:, None], axis=1, dtype=jnp.int32)
+        return jnp.sum(row < value[:, None], axis=1, dtype=jnp.int16).astype(jnp.int32)
     search = partial(jnp.searchsorted, v=value, method="scan")
     first, second = jax.vmap(search)(rows)
     return jnp.where(is_second, second, first)
