@@ -77,8 +77,9 @@ class Crossings(NamedTuple):
 def crossings(
     equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord
 ) -> tuple[Crossings, Array, DoubleWord]:
-    """Crossings of `edges`, of shape `(n + 1,)`, the speeds there, and the edges `brought_near`.
+    """Crossings of `edges`, of shape `(n + 1,)`, with those far away `brought_near`.
 
+    Beside them the speeds there and the edges, `(1, n + 1)`, which both arms share.
     They are values alone, of the motion as given: see `moment_change` for derivatives.
     """
 
@@ -89,8 +90,7 @@ def crossings(
     # What a crossing is looked up by is worked out once, not for each thing looked up.
     x, near = once(locate, *jax.lax.stop_gradient((track.motion, track.table, tau, edges)))
     speed = x.velocity
-    x = x._replace(velocity=jnp.where(AFTER, speed, -speed))
-    return x, speed[0], DoubleWord(near.high[0], near.low[0])
+    return x._replace(velocity=jnp.where(AFTER, speed, -speed)), speed, near
 
 
 def _located(

@@ -198,11 +198,11 @@ def _light(
     given, fixed = jax.lax.stop_gradient((motion, tau))
     track = path_of_light(given, fixed, from_vertex=from_vertex)
     x, speed, near = crossings(profile.equal_pieces, track, fixed, edges)
-    motion, _ = passing(motion)
+    motion = passing(motion)[0]
     track = track._replace(motion=jax.lax.stop_gradient(motion))
-    begin, end = (DoubleWord(near.high[k], near.low[k]) for _, k in parts(num_taps))
-    gap, (u, v) = distance(end, begin), (speed[k] for _, k in parts(num_taps))
-    within = time_between(gap, u, v, track.stroke)[None]
+    begin, end = (DoubleWord(near.high[k], near.low[k]) for k in parts(num_taps))
+    gap, (u, v) = distance(end, begin), (speed[k] for k in parts(num_taps))
+    within = time_between(gap, u, v, track.stroke)
     is_held = x.is_held(tau.high.size - 1)
     held_here, held_there = (is_held[k] for k in parts(num_taps))
     is_free = ~(held_here | held_there)
@@ -214,13 +214,13 @@ def _light(
     width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
     # Between crossings one cell gives way to the next: see `moving_breakpoints`.
     width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(whole, within, width)), width)
-    if tau.high.size > 2:
-        width = kept(width)
+    in_pieces = tau.high.size > 2
+    width = kept(width) if in_pieces else width
     light, cut = _cell_light(profile, here, AFTER, width), None
-    if tau.high.size > 2:
+    if in_pieces:
         cut, more = _from_breakpoints(num_taps, profile, tau, track, x, is_free)
         light = light.at[cut.place].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
-    taps = Taps(profile, tau, x, near.high[None], gap[None], width, is_held, cut)
+    taps = Taps(profile, tau, x, near.high, gap, width, is_held, cut)
     return moving(
         of_both_arms(light),
         motion,
