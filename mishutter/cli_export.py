@@ -1,7 +1,7 @@
 """The command that hands a design to the electronics: `export`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -47,14 +47,15 @@ def export(
         ceiling=ceiling,
     )
     files = [] if folder is None else _write(table, folder)
-    if json:
-        with working("measuring the shutter as driven"):
-            document = table.to_dict() | {"files": files}
-        write_json(document)
-    elif folder is None:
+    if folder is None and not json:
         print_text(table.to_csv().rstrip("\n"))
+        return
+    with working("measuring the shutter as driven"):
+        document = table.to_dict() | {"files": files}
+    if json:
+        write_json(document)
     else:
-        _print_losses(table)
+        _print_losses(document)
     if files:
         note(f"{folder}: {', '.join(files)}")
 
@@ -67,11 +68,10 @@ def _write(table: "DriveTable", folder: Path) -> list[str]:
     return ["drive.csv", "drive.png"]
 
 
-def _print_losses(table: "DriveTable") -> None:
-    with working("measuring the shutter as driven"):
-        wanted, driven = table.design.metrics, table.metrics()
+def _print_losses(document: dict[str, Any]) -> None:
+    wanted, driven = document["metrics_of_design"], document["metrics"]
     rows = [
-        [name, f"{float(getattr(wanted, field)):.4g}", f"{float(getattr(driven, field)):.4g}"]
+        [name, f"{wanted[field]:.4g}", f"{driven[field]:.4g}"]
         for name, field in (
             ("expected PSNR / dB", "expected_psnr"),
             ("condition number", "condition_number"),
@@ -79,5 +79,5 @@ def _print_losses(table: "DriveTable") -> None:
             ("efficiency", "efficiency"),
         )
     ]
-    title = f"{table.begin.size} steps, {table.num_levels} levels"
+    title = f"{len(document['level'])} steps, {document['num_levels']} levels"
     print_table(title, ["figure", "design", "as driven"], rows)

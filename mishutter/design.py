@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mishutter.design_schema import FORMAT, SavedDesign, SavedMotion
-from mishutter.files import strict_json, write_text
+from mishutter.files import contents, strict_json, write_text
 from mishutter.metrics import Metrics, evaluate
 from mishutter.motion import AbstractMotion, ParabolicMotion, StillCamera
 from mishutter.plan import Plan
@@ -105,7 +105,7 @@ class Design:
             OSError: if it cannot be read.
         """
         name = str(path)
-        data = parsed(json.loads, Path(path).read_bytes(), name, "JSON")
+        data = parsed(json.loads, contents(path), name, "JSON")
         is_design = isinstance(data, dict) and "format" in data
         require(is_design, name, "be a design saved by mishutter", type(data).__name__)
         require(data["format"] == FORMAT, name, f"be of design format {FORMAT}", data["format"])

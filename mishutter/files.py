@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that are read up to a size, and that appear whole or not at all."""
 
 import json
 import math
@@ -8,6 +8,23 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+
+_MOST_BYTES = 1 << 26
+"""Far beyond any scene or design; what has no end, as `/dev/zero`, is found out by it."""
+
+
+def contents(path: str | Path) -> bytes:
+    """What a scene or design file holds.
+
+    Raises:
+        OSError: if it cannot be read.
+        ValueError: if it is larger than 64 MiB.
+    """
+    with Path(path).open("rb") as file:
+        found = file.read(_MOST_BYTES + 1)
+    if len(found) > _MOST_BYTES:
+        raise ValueError(f"{path} must be a file of at most 64 MiB; got more.")
+    return found
 
 
 def write_text(path: str | Path, text: str) -> None:

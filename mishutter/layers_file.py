@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from mishutter.files import contents
 from mishutter.layers import FARTHEST, Layer, Layers
 from mishutter.pictures import Picture, read_opacity, read_picture
 from mishutter.scene_schema import Speed
@@ -63,7 +64,7 @@ def read_layers(path: str | Path) -> Layers:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"`{_READ}` must name a TOML file; got {str(path)!r}, not found.")
-    tables = parsed(tomllib.loads, path.read_bytes(), str(path), "TOML")
+    tables = parsed(tomllib.loads, contents(path), str(path), "TOML")
     file = validated(_LayersFile, tables, str(path))
     layers = tuple(_layer(entry, path.parent) for entry in file.layers)
     return Layers(layers, border=file.border)

@@ -34,14 +34,12 @@ class Descent(NamedTuple):
         losses: Their losses; shape `(starts,)`.
         history: Smallest loss so far after each step.
         trail: The best of the points after each step; shape `(steps, size)`.
-        num_unfinished: Starts that were not given up and still moved when the search ended.
     """
 
     boxes: np.ndarray
     losses: np.ndarray
     history: np.ndarray
     trail: np.ndarray
-    num_unfinished: int
 
 
 def descend(
@@ -92,9 +90,7 @@ def descend(
         if np.all(state.done) or _settled(state.loss, state.done, history):
             break
     lowest = np.minimum.accumulate(np.concatenate(history))
-    num_unfinished = int(np.sum(~state.done))
-    boxes = np.sin(state.theta) ** 2
-    return Descent(boxes, state.loss, lowest, np.concatenate(trail), num_unfinished)
+    return Descent(np.sin(state.theta) ** 2, state.loss, lowest, np.concatenate(trail))
 
 
 def _part_size(objective: AbstractObjective, num_starts: int) -> int:

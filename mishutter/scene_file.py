@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from mishutter.files import contents
 from mishutter.motion import ParabolicMotion
 from mishutter.scene import Limits, Scene
 from mishutter.scene_schema import (
@@ -46,7 +47,7 @@ def read_scene(path: str | Path) -> Scene:
         OSError: if the file or its picture cannot be read.
     """
     place = Path(path)
-    return _scene(place.read_bytes(), str(path), place.parent)
+    return _scene(contents(place), str(path), place.parent)
 
 
 def example_scene() -> Scene:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mishutter import Design, Scene
 from mishutter.files import short_names, strict_json, write_text
 
 
@@ -43,3 +44,10 @@ def test_names_of_files(paths, taken, names):
     found = short_names(map(Path, paths), taken)
     assert [str(path) for path in found.values()] == list(dict.fromkeys(paths))
     assert list(found) == names
+
+
+@pytest.mark.parametrize("read", [Scene.load, Design.load])
+def test_a_file_without_an_end_is_refused(read):
+    """Reading stops where no scene and no design would still go on."""
+    with pytest.raises(ValueError, match=r"^/dev/zero must be a file of at most 64 MiB; got more"):
+        read("/dev/zero")
