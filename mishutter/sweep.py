@@ -124,7 +124,7 @@ def sweep(
         if client is None:
             computed = _computed_here(grid, missing, blocks)
         else:
-            place = None if store is None else str(store)
+            place = None if store is None else str(Path(store).absolute())
             computed = compute_remotely(grid, missing, blocks, client, place)
         for block in computed:
             done += grid.num_points(block)

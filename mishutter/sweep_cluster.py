@@ -2,18 +2,24 @@
 
 import logging
 import pickle
+import platform
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
 from typing import Any
 
 import jax
 
+from mishutter.design import package_version
 from mishutter.sweep_blocks import Arrays, Engine
 from mishutter.sweep_grid import Block, Grid
 from mishutter.sweep_store import AbstractBlocks, StoredBlocks
+from mishutter.types import Bare, require
 
+_LOG = logging.getLogger("mishutter.sweep")
 _SECONDS_TO_ANSWER = 10
 _RETRIES = 3
+_SHARED = "`sweep(store=...)` must be a folder that all workers share"
 _engines: dict[str, Engine] = {}
 
 
@@ -43,10 +49,16 @@ def compute_remotely(
 
     With a store its workers write to it; without one they send what they found. A block
     whose worker dies goes to another.
+
+    Raises:
+        ValueError: if a worker has not this version of the package, or another store than ours.
+        OSError: if a worker cannot write to the store.
     """
     import cloudpickle
     from distributed import as_completed
 
+    if missing:
+        check_workers(client)
     packed = cloudpickle.dumps(grid)
     wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
     tasks = {
@@ -59,6 +71,23 @@ def compute_remotely(
             blocks.write(tasks[task], arrays)
         task.release()
         yield tasks[task]
+    if store is not None:
+        num_lost = len(set(missing) & set(blocks.missing()))
+        if num_lost:
+            got = f"'{store}', which lacks {num_lost} of the {len(missing)} blocks that they wrote"
+            raise ValueError(f"{_SHARED}; got {got}.")
+
+
+def check_workers(client: Any) -> None:
+    """Refuse workers without this version of the package: one without any dies of a block."""
+    workers = client.get_versions(packages=["mishutter"])["workers"]
+    if not workers:
+        _LOG.warning("no worker has joined the scheduler yet: waiting for one")
+    ours, subject = package_version(), "sweep(scheduler=...)"
+    for address, found in workers.items():
+        theirs = found["packages"]["mishutter"] or "none"
+        got = Bare(f"{theirs} on {address}")
+        require(theirs == ours, subject, f"have workers with mishutter {ours}", got)
 
 
 def compute_task(packed: bytes, block: Block, store: str | None, wide: bool) -> Arrays | None:
@@ -68,15 +97,23 @@ def compute_task(packed: bytes, block: Block, store: str | None, wide: bool) -> 
     """
     with jax.enable_x64(wide):
         grid = pickle.loads(packed)
+        blocks = None if store is None else _shared(grid, store)
         engine = _engines.get(grid.key)
         if engine is None:
             _engines.clear()
             engine = _engines[grid.key] = Engine(grid)
         arrays = engine.compute(block)
-        if store is None:
+        if blocks is None:
             return arrays
-        StoredBlocks(grid, store).write(block, arrays)
+        blocks.write(block, arrays)
         return None
+
+
+def _shared(grid: Grid, store: str) -> StoredBlocks:
+    """The client's store as a worker sees it, which never makes one of its own."""
+    if not Path(store).exists():
+        raise ValueError(f"{_SHARED}; got '{store}', not found on {platform.node()}.")
+    return StoredBlocks(grid, store, make=False)
 
 
 def _connected(client: Any, address: Any) -> Any:

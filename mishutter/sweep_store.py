@@ -97,24 +97,25 @@ class MemoryBlocks(AbstractBlocks):
 
 @final
 class StoredBlocks(AbstractBlocks):
-    """Blocks in a Zarr store, made if it is not there.
+    """Blocks in a Zarr store.
 
     Args:
         grid: The sweep.
         path: Folder of the store.
+        make: Whether to make a store where there is none.
 
     Raises:
         ValueError: if something else is there.
         OSError: if it cannot be made or read.
     """
 
-    def __init__(self, grid: Grid, path: str | Path):
+    def __init__(self, grid: Grid, path: str | Path, *, make: bool = True):
         import zarr
 
         self.grid, self.path = grid, Path(path)
         occupied = self.path.exists()
         require(not occupied or self.path.is_dir(), _SUBJECT, "be a folder", f"a file, '{path}'")
-        if not occupied or not any(self.path.iterdir()):
+        if make and not (occupied and any(self.path.iterdir())):
             try:
                 _create(grid, self.path)
             except OSError as error:

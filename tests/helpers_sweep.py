@@ -3,6 +3,7 @@
 import numpy as np
 
 from mishutter import HannShutter, Limits, ParabolicMotion, RectShutter, Scene, evaluate
+from mishutter.sweep_grid import Grid
 
 LIMITS = Limits(max_stroke=9.0, max_top_speed=4e3, min_half_exposure=1e-3, max_half_exposure=0.02)
 SCENE = Scene(
@@ -33,6 +34,22 @@ def grid(**others):
         "shutters": SHUTTERS,
     }
     return given | others
+
+
+def asked_for(rows, columns):
+    """A sweep of a grid of some size."""
+    return Grid(
+        np.arange(rows) + 1.0,
+        np.arange(columns) + 1.0,
+        {"0": SCENE},
+        dict(SHUTTERS),
+        ("expected_psnr",),
+        np.array([1.0, 2.0]),
+        None,
+        None,
+        None,
+        True,
+    )
 
 
 def motion_at(dataset, row, column):

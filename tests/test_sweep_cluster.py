@@ -1,17 +1,20 @@
 """Blocks as tasks of a cluster: the same numbers, and a worker may die."""
 
 import os
+import pickle
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_sweep import SCENE, grid
+from helpers_sweep import SCENE, asked_for, grid
 from test_cli import refused
 
 import mishutter
 from mishutter import sweep
+from mishutter.sweep_cluster import check_workers, compute_task
+from mishutter.sweep_store import StoredBlocks
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -35,15 +38,28 @@ def cluster(monkeypatch):
         yield made
 
 
-@pytest.mark.slow
-def test_two_workers_give_the_same(cluster, tmp_path):
-    """As arrays sent back to an address's caller, and in a store that a client writes to."""
+@pytest.fixture
+def worker():
+    """A client of one worker in this process."""
     from distributed import Client
 
+    with Client(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as made:
+        yield made
+
+
+@pytest.mark.slow
+def test_two_workers_give_the_same(cluster, tmp_path, monkeypatch):
+    """As arrays sent back to an address's caller, and in a store that they write to.
+
+    Its path is from where the client is, which the workers are not.
+    """
+    from distributed import Client
+
+    monkeypatch.chdir(tmp_path)
     alone = sweep(SCENE, **many())
     assert sweep(SCENE, **many(scheduler=cluster.scheduler_address)).identical(alone)
     with Client(cluster) as client:
-        stored = sweep(SCENE, **many(scheduler=client, store=tmp_path / "a.zarr"))
+        stored = sweep(SCENE, **many(scheduler=client, store="a.zarr"))
         assert stored.load().identical(alone)
 
 
@@ -86,3 +102,37 @@ def test_without_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ValueError, match=r"must have distributed installed, by pip install"):
         sweep(SCENE, **many(scheduler="tcp://127.0.0.1:9"))
+
+
+def test_workers_of_another_version_are_refused(worker, monkeypatch):
+    """Before any block is computed, with both versions and the worker named."""
+    monkeypatch.setattr("mishutter.sweep_cluster.package_version", lambda: "0.0.7")
+    message = rf"must have workers with mishutter 0\.0\.7; got {mishutter.__version__} on inproc://"
+    with pytest.raises(ValueError, match=message):
+        sweep(SCENE, **many(scheduler=worker))
+
+
+def test_a_scheduler_without_workers_is_waited_for_aloud(caplog):
+    """Who waits for the first worker is told so."""
+    from distributed import Client
+
+    with Client(n_workers=0, processes=False, dashboard_address=None) as client:
+        check_workers(client)
+    assert "no worker has joined the scheduler yet: waiting for one" in caplog.messages
+
+
+def test_a_store_that_a_worker_does_not_see(tmp_path):
+    """It is refused before its block is computed, and none is made in its place."""
+    asked = asked_for(3, 4)
+    refusals = {"away": r"all workers share; got .*away', not found on", ".": "be a sweep's store"}
+    for place, text in refusals.items():
+        with pytest.raises(ValueError, match=text):
+            compute_task(pickle.dumps(asked), asked.blocks()[0], str(tmp_path / place), True)
+    assert not any(tmp_path.iterdir())
+
+
+def test_blocks_that_workers_wrote_elsewhere_are_missed(worker, tmp_path, monkeypatch):
+    """A sweep does not end as if they were there."""
+    monkeypatch.setattr(StoredBlocks, "write", lambda *_: None)
+    with pytest.raises(ValueError, match="which lacks 6 of the 6 blocks that they wrote"):
+        sweep(SCENE, **many(scheduler=worker, store=tmp_path / "a.zarr"))

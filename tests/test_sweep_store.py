@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
-from helpers_sweep import SCENE, SHUTTERS, grid
+from helpers_sweep import SCENE, asked_for, grid
 
 import mishutter
 from mishutter import GaussianShutter, Scene, cli, sweep
-from mishutter.sweep_grid import Grid
 from mishutter.sweep_store import StoredBlocks
 
 TALL = np.arange(1, 301) * 3e3
@@ -141,22 +140,6 @@ def test_what_is_no_store_is_refused(tmp_path):
     (tmp_path / "folder" / "x").write_text("mine")
     with pytest.raises(ValueError, match=r"must be a sweep's store; got"):
         sweep(SCENE, **grid(store=tmp_path / "folder"))
-
-
-def asked_for(rows, columns):
-    """A sweep of a grid of some size."""
-    return Grid(
-        np.arange(rows) + 1.0,
-        np.arange(columns) + 1.0,
-        {"0": SCENE},
-        dict(SHUTTERS),
-        ("expected_psnr",),
-        np.array([1.0, 2.0]),
-        None,
-        None,
-        None,
-        True,
-    )
 
 
 def test_a_store_before_anything_is_computed(tmp_path):
