@@ -1,5 +1,6 @@
 """Blocks of a sweep as tasks of a `dask.distributed` cluster."""
 
+import dataclasses
 import logging
 import pickle
 import platform
@@ -8,6 +9,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 
 from mishutter.design import package_version
@@ -51,7 +53,8 @@ def compute_remotely(
     whose worker dies goes to another.
 
     Raises:
-        ValueError: if a worker has not this version of the package, or another store than ours.
+        ValueError: if a worker has not this version of the package, or another store than ours, or
+            cannot be sent a shutter or the loss.
         OSError: if a worker cannot write to the store.
     """
     import cloudpickle
@@ -59,6 +62,7 @@ def compute_remotely(
 
     if missing:
         check_workers(client)
+        _check_sendable(grid)
     packed = cloudpickle.dumps(grid)
     wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
     tasks = {
@@ -88,6 +92,20 @@ def check_workers(client: Any) -> None:
         theirs = found["packages"]["mishutter"] or "none"
         got = Bare(f"{theirs} on {address}")
         require(theirs == ours, subject, f"have workers with mishutter {ours}", got)
+
+
+def _check_sendable(grid: Grid) -> None:
+    """Refuse parts whose class is made anew on a worker, where Equinox does not know its fields."""
+
+    def stays_here(part: Any) -> bool:
+        own = isinstance(part, eqx.Module) and type(part).__module__ == "__main__"
+        return own and bool(dataclasses.fields(part))
+
+    parts = jax.tree.leaves((grid.shutters, grid.search), is_leaf=stays_here)
+    kinds = sorted({type(part).__name__ for part in parts if stays_here(part)})
+    requirement = "have its shutters and loss from modules that workers can import"
+    got = Bare(f"{', '.join(kinds)} of a script or notebook")
+    require(not kinds, "sweep(scheduler=...)", requirement, got)
 
 
 def compute_task(packed: bytes, block: Block, store: str | None, wide: bool) -> Arrays | None:

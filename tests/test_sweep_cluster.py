@@ -6,13 +6,14 @@ import sys
 import time
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers_sweep import SCENE, asked_for, grid
 from test_cli import refused
 
 import mishutter
-from mishutter import sweep
+from mishutter import AbstractShutter, sweep
 from mishutter.sweep_cluster import check_workers, compute_task
 from mishutter.sweep_store import StoredBlocks
 
@@ -136,3 +137,24 @@ def test_blocks_that_workers_wrote_elsewhere_are_missed(worker, tmp_path, monkey
     monkeypatch.setattr(StoredBlocks, "write", lambda *_: None)
     with pytest.raises(ValueError, match="which lacks 6 of the 6 blocks that they wrote"):
         sweep(SCENE, **many(scheduler=worker, store=tmp_path / "a.zarr"))
+
+
+class _Parabola(AbstractShutter):
+    """A shutter as a user writes one in a script."""
+
+    depth: float
+
+    def transmittance(self, tau):
+        tau = jnp.asarray(tau)
+        return jnp.where(jnp.abs(tau) <= 1, 1 - self.depth * tau**2, 0.0)
+
+
+def test_shutters_of_a_script_cannot_be_sent(worker, monkeypatch):
+    """A worker makes their class anew and Equinox then loses its fields; of a module they go."""
+    shutters = {"mine": _Parabola(0.7)}
+    few = many(scheduler=worker, shutters=shutters, accelerations=[3e4, 9e4])
+    assert bool(sweep(SCENE, **few).expected_psnr.notnull().any())
+    monkeypatch.setattr(_Parabola, "__module__", "__main__")
+    message = "from modules that workers can import; got _Parabola of a script or notebook"
+    with pytest.raises(ValueError, match=message):
+        sweep(SCENE, **few)
