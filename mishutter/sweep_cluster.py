@@ -5,7 +5,8 @@ import logging
 import pickle
 import platform
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, nullcontext
+from concurrent.futures import CancelledError
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ def compute_remotely(
     Raises:
         ValueError: if a worker has not this version of the package, or another store than ours, or
             cannot be sent a shutter or the loss.
-        OSError: if a worker cannot write to the store.
+        OSError: if a worker cannot write to the store, or the scheduler or all workers are lost.
     """
     import cloudpickle
     from distributed import as_completed
@@ -70,7 +71,7 @@ def compute_remotely(
         for block in missing
     }
     for task in as_completed(list(tasks)):
-        arrays = task.result()
+        arrays = _result(task)
         if arrays is not None:
             blocks.write(tasks[task], arrays)
         task.release()
@@ -80,6 +81,22 @@ def compute_remotely(
         if num_lost:
             got = f"'{store}', which lacks {num_lost} of the {len(missing)} blocks that they wrote"
             raise ValueError(f"{_SHARED}; got {got}.")
+
+
+def _result(task: Any) -> Arrays | None:
+    """What a worker found of a block."""
+    from distributed import KilledWorker
+
+    try:
+        return task.result()
+    except KilledWorker:
+        got = "workers that died, one after the other, of the same block: their logs say why"
+    except CancelledError as error:
+        got = getattr(error, "reason", "cancelled blocks")
+    raise ConnectionError(
+        f"`sweep(scheduler=...)` must last as long as the sweep; got {got}. With a store the same "
+        "sweep goes on where it stopped."
+    )
 
 
 def check_workers(client: Any) -> None:
@@ -134,11 +151,25 @@ def _shared(grid: Grid, store: str) -> StoredBlocks:
     return StoredBlocks(grid, store, make=False)
 
 
-def _connected(client: Any, address: Any) -> Any:
-    """A client of the scheduler at an address, which must answer within seconds."""
-    logger = logging.getLogger("distributed")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
+@contextmanager
+def _connected(client: Any, address: Any) -> Iterator[Any]:
+    """A client of the scheduler at an address, which must answer within seconds.
+
+    What it would log of a lost connection is an error of ours.
+    """
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        with _answered(client, address) as connected:
+            yield connected
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+def _answered(client: Any, address: Any) -> Any:
     try:
         return client(str(address), timeout=_SECONDS_TO_ANSWER)
     except (OSError, ValueError, TimeoutError):
@@ -146,5 +177,3 @@ def _connected(client: Any, address: Any) -> Any:
             f"`sweep(scheduler=...)` must be a scheduler that answers within "
             f"{_SECONDS_TO_ANSWER} s; got '{address}'."
         ) from None
-    finally:
-        logger.setLevel(level)

@@ -113,6 +113,23 @@ def test_workers_of_another_version_are_refused(worker, monkeypatch):
         sweep(SCENE, **many(scheduler=worker))
 
 
+def test_a_cluster_that_is_lost_on_the_way(worker, tmp_path):
+    """One line, and what was computed before is kept."""
+    from distributed import Future
+
+    def lose(done, total):
+        if done:
+            worker.cancel([Future(key, worker) for key in worker.futures])
+
+    given = many(store=tmp_path / "a.zarr")
+    with pytest.raises(ConnectionError, match=r"must last as long as the sweep; got \S+. With"):
+        sweep(SCENE, **given, scheduler=worker, progress=lose)
+    computed = []
+    again = sweep(SCENE, **given, progress=lambda done, total: computed.append(done))
+    assert computed[0] > 0
+    assert again.load().identical(sweep(SCENE, **many()))
+
+
 def test_a_scheduler_without_workers_is_waited_for_aloud(caplog):
     """Who waits for the first worker is told so."""
     from distributed import Client
