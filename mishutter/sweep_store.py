@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from mishutter.sweep_grid import METRICS, REASONS, Block, Grid
-from mishutter.types import describe, require
+from mishutter.types import Bare, describe, require
 
 if TYPE_CHECKING:
     import xarray
@@ -114,7 +114,8 @@ class StoredBlocks(AbstractBlocks):
 
         self.grid, self.path = grid, Path(path)
         occupied = self.path.exists()
-        require(not occupied or self.path.is_dir(), _SUBJECT, "be a folder", f"a file, '{path}'")
+        folder, got = not occupied or self.path.is_dir(), Bare(f"a file, '{path}'")
+        require(folder, _SUBJECT, "be a folder", got)
         if make and not (occupied and any(self.path.iterdir())):
             try:
                 _create(grid, self.path)
@@ -128,7 +129,7 @@ class StoredBlocks(AbstractBlocks):
         except (FileNotFoundError, ValueError, KeyError):
             raise ValueError(f"`{_SUBJECT}` must be a sweep's store; got '{path}'.") from None
         found = self.group.attrs.get("sweep")
-        require(found is not None, _SUBJECT, "be a sweep's store", f"'{path}'")
+        require(found is not None, _SUBJECT, "be a sweep's store", str(path))
         _check_same(json.loads(str(found)), json.loads(json.dumps(grid.describe())))
 
     def missing(self) -> list[Block]:
