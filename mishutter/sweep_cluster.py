@@ -106,7 +106,7 @@ def check_workers(client: Any) -> None:
         _LOG.warning("no worker has joined the scheduler yet: waiting for one")
     ours, subject = package_version(), "sweep(scheduler=...)"
     for address, found in workers.items():
-        theirs = found["packages"]["mishutter"] or "none"
+        theirs = found["packages"]["mishutter"] or "unknown"
         got = Bare(f"{theirs} on {address}")
         require(theirs == ours, subject, f"have workers with mishutter {ours}", got)
 

@@ -3,6 +3,7 @@
 import io
 import os
 import re
+import shutil
 import signal
 import sys
 import threading
@@ -165,8 +166,10 @@ def print_text(text: str = "") -> None:
 
 def _console() -> Console:
     """Of text as it is: the name of a design may hold brackets and colons."""
-    width = None if sys.stdout.isatty() else _WIDTH
-    return Console(file=sys.stdout, width=width, markup=False, emoji=False, highlight=False)
+    width, height = shutil.get_terminal_size()
+    # Rich takes a terminal without control codes to be 80 wide unless it is told both.
+    size = {"width": width if sys.stdout.isatty() else _WIDTH, "height": height}
+    return Console(file=sys.stdout, **size, markup=False, emoji=False, highlight=False)
 
 
 @contextmanager
