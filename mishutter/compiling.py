@@ -1,6 +1,7 @@
 """How programs are compiled: quickly, since a user waits for each, and to compute things once."""
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Hashable
 from functools import lru_cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -9,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from mishutter.programs import KeptProgram, Options, may_be_kept
+from mishutter.programs import TRACING, KeptProgram, Options, kind_of, may_be_kept
 from mishutter.types import all_concrete, is_concrete
 
 _Arguments = ParamSpec("_Arguments")
@@ -50,16 +51,25 @@ def _compiled(
     compile_with: Any = eqx.filter_jit
     plain, chosen = compile_with(function), compile_with(function, compiler_options=options)
     kept = KeptProgram(function, options)
+    traced: set[Hashable] = set()
+
+    def trace_alone(kind: Hashable, *args: _Arguments.args, **kwargs: _Arguments.kwargs) -> None:
+        if kind not in traced:
+            with TRACING:
+                chosen.lower(*args, **kwargs)
+            traced.add(kind)
 
     @wraps(function)
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        leaves = jax.tree.leaves((args, kwargs))
+        leaves, tree = jax.tree.flatten((args, kwargs))
         known = all_concrete(leaves)
         if not known or not (options is None or _takes_options()):
             return plain(*args, **kwargs)
         if may_be_kept(leaves):
             return kept(*args, **kwargs)
         if not _in_a_trace():
+            if threading.active_count() > 1:
+                trace_alone(kind_of(leaves, tree), *args, **kwargs)
             return chosen(*args, **kwargs)
         with jax.ensure_compile_time_eval():
             return chosen(*args, **kwargs)

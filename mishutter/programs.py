@@ -16,7 +16,7 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from enum import Enum
 from pathlib import Path
@@ -35,6 +35,9 @@ _LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 _OWN = "mishutter"
 _IN_PROGRAMS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_threefry_partitionable")
 _DAYS_UNUSED = 30
+TRACING = threading.RLock()
+"""Held while a program is traced: threads share what JAX knows of the functions in it, among
+that a derivative rule which two of them may not trace at once (`StoreException`)."""
 
 
 class _NotKept(Exception):
@@ -78,6 +81,14 @@ class _Loaded(NamedTuple):
         return tree.unflatten(next(found) if _is_shape(x) else x for x in leaves)
 
 
+def kind_of(leaves: list[Any], tree: Any) -> Hashable:
+    """All that tells one program of a function from another, in its arguments and in JAX."""
+    arrays = (x for x in leaves if eqx.is_array(x))
+    kinds = tuple((x.shape, x.dtype, _is_weak(x)) for x in arrays)
+    statics = tuple((type(x), x) for x in leaves if not eqx.is_array(x))
+    return tree, statics, kinds, _settings()
+
+
 class KeptProgram:
     """`function` compiled for each kind of arguments, or loaded if it ever was on this machine.
 
@@ -94,9 +105,7 @@ class KeptProgram:
         """The function of its arguments."""
         leaves, tree = jax.tree.flatten((args, kwargs))
         arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
-        statics = tuple((type(x), x) for x in leaves if not eqx.is_array(x))
-        kinds = tuple((x.shape, x.dtype, _is_weak(x)) for x in arrays)
-        kind = tree, statics, kinds, _settings(), _Shelf.folder
+        kind = kind_of(leaves, tree), _Shelf.folder
         if kind not in self._loaded:
             self._loaded[kind] = self._found(args, kwargs, arrays)
         return self._loaded[kind](arrays)
@@ -123,7 +132,8 @@ class KeptProgram:
             return [x for x in jax.tree.leaves(result) if eqx.is_array(x)]
 
         flat.__name__ = getattr(self._function, "__name__", "program")
-        lowered = jax.jit(flat, compiler_options=self._options).lower(*arrays)
+        with TRACING:
+            lowered = jax.jit(flat, compiler_options=self._options).lower(*arrays)
         if path is None or "callback" in lowered.as_text():
             return _Loaded(lowered.compile(), shapes[0])
         with _PAST_THE_CACHE:

@@ -1,11 +1,15 @@
 """Programs that are quick to compile say the same as any other, and may be transformed."""
 
+import time
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from mishutter import programs
 from mishutter.compiling import quick_to_compile, seldom_run
+from mishutter.threads import in_threads
 
 
 def _doubled_cube(x, *, factor=2.0):
@@ -35,3 +39,37 @@ def test_a_generator_that_xla_does_not_know_is_done_without(monkeypatch):
         assert np.isclose(quick_to_compile(_doubled_cube)(jnp.array(0.4)), 2 * np.sin(0.4) ** 3)
     finally:
         compiling._takes_options.cache_clear()
+
+
+@jax.custom_jvp
+def _product(x, y):
+    return x * y
+
+
+@_product.defjvp
+def _product_jvp(primals, tangents):
+    """A rule that takes its time, so that two threads meet in it."""
+    time.sleep(0.1)
+    (x, y), (dx, dy) = primals, tangents
+    return x * y, x * dy + y * dx
+
+
+@pytest.mark.parametrize("keeps", [False, True])
+def test_threads_may_differentiate_one_function_at_a_time(tmp_path, monkeypatch, keeps):
+    """JAX shares the rule of a mapped function among threads, and cannot trace it in two."""
+    if keeps:
+        monkeypatch.setattr(programs._Shelf, "folder", tmp_path)
+    shared = quick_to_compile(jax.vmap(_product))
+
+    def slope(argument):
+        def slopes(x, y):
+            return jax.grad(lambda *xy: jnp.sum(shared(*xy)), argument)(x, y)
+
+        return quick_to_compile(slopes)
+
+    x, y = jnp.array([0.3, 0.7]), jnp.array([1.1, -2.3])
+    by_x, by_y, by_both = in_threads(
+        lambda slopes: slopes(x, y), map(slope, [0, 1, (0, 1)]), 3, first_alone=False
+    )
+    for found, expected in ((by_x, y), (by_y, x), (by_both[0], y), (by_both[1], x)):
+        assert np.array_equal(found, expected)
