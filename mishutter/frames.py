@@ -13,7 +13,7 @@ from mishutter.motion import AbstractMotion
 from mishutter.pictures import GAMMA, Picture, read_picture
 from mishutter.rows import PAD_MODES, padded_columns
 from mishutter.shutters.base import AbstractShutter
-from mishutter.types import require, require_positive_int
+from mishutter.types import require, require_positive_int, shape_of
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
@@ -118,14 +118,14 @@ def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
     light = light[..., None] if light.ndim == 2 else light
     subject = "Frames(frames=...)"
     layout = light.ndim == 3 and light.shape[2] in (1, 3) and min(light.shape) > 0
-    require(layout, subject, "be pictures", f"shape {light.shape}")
+    require(layout, subject, "be pictures", shape_of(light))
     floating = np.issubdtype(light.dtype, np.floating)
     require(floating, subject, "hold light as floating-point numbers", str(light.dtype))
     finite = bool(np.all(np.isfinite(light)))
     require(finite, subject, "hold finite light", "a value that is not")
     require(bool(np.min(light) >= 0), subject, "hold light of at least 0", np.min(light))
     same = shape is None or light.shape == shape
-    require(same, subject, f"all have shape {shape}", f"shape {light.shape}")
+    require(same, subject, f"all have shape {shape}", shape_of(light))
     return light
 
 

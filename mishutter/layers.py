@@ -1,5 +1,6 @@
 """Objects in front of one another, each at its own speed, captured with exact occlusion."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -34,6 +35,8 @@ class Layer:
     top: int = 0
 
     def __post_init__(self) -> None:
+        picture = self.picture
+        require(isinstance(picture, Picture), "Layer(picture=...)", "be a `Picture`", picture)
         require_finite("Layer(speed=...)", self.speed)
         for name, place in (("left", self.left), ("top", self.top)):
             near = -FARTHEST <= place <= FARTHEST
@@ -60,12 +63,15 @@ class Layers:
     border: str = "reflect"
 
     def __post_init__(self) -> None:
-        require(len(self.layers) >= 1, "Layers(layers=...)", "hold at least one layer", 0)
+        subject, given = "Layers(layers=...)", self.layers
+        some = isinstance(given, Sequence) and len(given) >= 1
+        right = some and all(isinstance(layer, Layer) for layer in given)
+        require(right, subject, "hold at least one layer and nothing else", given)
         require(
             self.border in PAD_MODES, "Layers(border=...)", f"be one of {[*PAD_MODES]}", self.border
         )
         opaque = bool(np.all(self.layers[0].matte == 1))
-        require(opaque, "Layers(layers=...)", "begin with an opaque layer", "one with a matte")
+        require(opaque, subject, "begin with an opaque layer", "one with a matte")
 
     @staticmethod
     def load(path: str | Path) -> "Layers":

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.types import as_float, is_concrete, require, require_finite
+from mishutter.types import as_float, is_concrete, require, require_finite, require_scalar
 
 
 class AbstractMotion(eqx.Module):
@@ -47,15 +47,15 @@ class ParabolicMotion(AbstractMotion):
         half_exposure: $T$; s, above 0.
 
     Raises:
-        ValueError: if either is not finite or out of its range.
+        ValueError: if either is not a finite scalar, or out of its range.
     """
 
     acceleration: Array
     half_exposure: Array
 
     def __init__(self, *, acceleration: ArrayLike, half_exposure: ArrayLike):
-        self.acceleration = as_float(acceleration)
-        self.half_exposure = as_float(half_exposure)
+        self.acceleration = as_float(acceleration, "ParabolicMotion(acceleration=...)")
+        self.half_exposure = as_float(half_exposure, "ParabolicMotion(half_exposure=...)")
 
     def __check_init__(self) -> None:
         _check_acceleration(self.acceleration)
@@ -70,13 +70,13 @@ class StillCamera(AbstractMotion):
         half_exposure: $T$; s, above 0.
 
     Raises:
-        ValueError: if it is not finite and positive.
+        ValueError: if it is not a finite and positive scalar.
     """
 
     half_exposure: Array
 
     def __init__(self, *, half_exposure: ArrayLike):
-        self.half_exposure = as_float(half_exposure)
+        self.half_exposure = as_float(half_exposure, "StillCamera(half_exposure=...)")
 
     def __check_init__(self) -> None:
         _check_half_exposure("StillCamera(half_exposure=...)", self.half_exposure)
@@ -89,7 +89,12 @@ class StillCamera(AbstractMotion):
 
 
 def settled(motion: AbstractMotion) -> AbstractMotion:
-    """`motion`, or a still camera where its acceleration is known to be zero."""
+    """`motion`, or a still camera where its acceleration is known to be zero.
+
+    Raises:
+        ValueError: if it is no motion, as that of a scene may be.
+    """
+    require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
     if is_concrete(motion.acceleration) and not np.any(np.asarray(motion.acceleration)):
         return StillCamera(half_exposure=motion.half_exposure)
     return motion
@@ -102,12 +107,14 @@ def stands_still(motion: AbstractMotion) -> bool:
 
 def _check_acceleration(value: Array) -> None:
     subject = "ParabolicMotion(acceleration=...)"
+    require_scalar(subject, value)
     require_finite(subject, value)
     if is_concrete(value):
         require(bool(np.all(np.asarray(value) >= 0)), subject, "be at least 0 px/s^2", value)
 
 
 def _check_half_exposure(subject: str, value: Array) -> None:
+    require_scalar(subject, value)
     require_finite(subject, value)
     if is_concrete(value):
         require(bool(np.all(np.asarray(value) > 0)), subject, "be above 0 s", value)

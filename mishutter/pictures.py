@@ -10,7 +10,7 @@ import numpy as np
 
 from mishutter.png import is_deep_png, read_deep_png, write_deep_png
 from mishutter.tiff import is_tiff, read_tiff
-from mishutter.types import require, require_positive_int
+from mishutter.types import require, require_positive_int, shape_of
 
 GAMMA = 2.2
 """Exponent of the coding of pictures (the paper's section 4.2)."""
@@ -41,15 +41,13 @@ class Picture:
         subject = "Picture(light=...)"
         shape = np.shape(self.light)
         sized = len(shape) == 3 and shape[2] in (1, 3) and min(shape) > 0
-        require(sized, subject, "have shape (rows, columns, 1 or 3)", f"shape {shape}")
+        require(sized, subject, "have shape (rows, columns, 1 or 3)", shape_of(self.light))
         finite = bool(np.all(np.isfinite(self.light)))
         require(finite, subject, "be finite", "a value that is not")
         require(bool(np.min(self.light) >= 0), subject, "be at least 0", np.min(self.light))
         if self.matte is not None:
             matte, fits = self.matte, np.shape(self.matte) == shape[:2]
-            require(
-                fits, "Picture(matte=...)", f"have shape {shape[:2]}", f"shape {np.shape(matte)}"
-            )
+            require(fits, "Picture(matte=...)", f"have shape {shape[:2]}", shape_of(matte))
             inside = bool(np.all((matte >= 0) & (matte <= 1)))
             require(inside, "Picture(matte=...)", "lie in [0, 1]", "a value that does not")
 
@@ -157,7 +155,7 @@ def write_picture(path: str | Path, light: Picture | np.ndarray) -> None:
     array = array[..., None] if array.ndim == 2 else array
     shape = array.shape
     sized = array.ndim == 3 and shape[2] in (1, 3, 4) and min(shape) > 0
-    require(sized, "write_picture(light=...)", "be a picture", f"shape {shape}")
+    require(sized, "write_picture(light=...)", "be a picture", shape_of(array))
     if not path.parent.is_dir():
         raise FileNotFoundError(
             f"`{_WRITE}` must lie in a folder that exists; got {str(path.parent)!r}."

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from mishutter.pictures import to_display
-from mishutter.types import require, require_positive_int
+from mishutter.types import require, require_positive_int, shape_of
 
 _ROWS_AT_ONCE = 128
 
@@ -87,7 +87,7 @@ def ssim(reference: ArrayLike, estimate: ArrayLike, *, matte: ArrayLike | None =
 
     true, found = (to_display(x) for x in _pair("ssim", reference, estimate))
     sides = true.shape[:2]
-    require(min(sides) >= 7, "ssim(reference=...)", "be at least 7 x 7 px", f"shape {true.shape}")
+    require(min(sides) >= 7, "ssim(reference=...)", "be at least 7 x 7 px", shape_of(true))
     axis = -1 if true.ndim == 3 else None
     parts: Any = structural_similarity(true, found, data_range=1.0, channel_axis=axis, full=True)
     if matte is None:
@@ -180,7 +180,7 @@ def _weights(name: str, shape: tuple, matte: ArrayLike) -> np.ndarray:
 def _alike(name: str, reference: ArrayLike, estimate: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     true, found = np.asarray(reference), np.asarray(estimate)
     alike = true.shape == found.shape and true.size > 0
-    require(alike, f"{name}(estimate=...)", f"have shape {true.shape}", f"shape {found.shape}")
+    require(alike, f"{name}(estimate=...)", f"have shape {true.shape}", shape_of(found))
     for argument, values in (("reference", true), ("estimate", found)):
         finite = bool(np.all(np.isfinite(values)))
         require(finite, f"{name}({argument}=...)", "be finite", "a value that is not")

@@ -22,7 +22,7 @@ from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.simulate import as_light, as_pixels, blurred_at_speeds, kernel_layout, noisy
 from mishutter.threads import in_threads, num_processors
-from mishutter.types import require, require_finite, require_key, require_positive_int
+from mishutter.types import require, require_finite, require_key, require_positive_int, shape_of
 
 _CAPTURES_AT_ONCE = 4
 """At most: each holds a picture and what every decoder made of it."""
@@ -178,7 +178,7 @@ def restore_by_each(
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     require_finite("restore_photograph(speeds=...)", chosen_speeds)
     row = chosen_speeds.ndim == 1 and chosen_speeds.size > 0
-    got = f"shape {chosen_speeds.shape}"
+    got = shape_of(chosen_speeds)
     require(row, "restore_photograph(speeds=...)", "be one row of at least one speed", got)
     weights = np.asarray(scene.weights) if speeds is None else None
     key = jax.random.key(0) if key is None else key

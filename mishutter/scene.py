@@ -18,6 +18,7 @@ from mishutter.types import (
     require_finite,
     require_positive_int,
     require_scalar,
+    shape_of,
 )
 from mishutter.waves import frequencies, on_steps
 
@@ -58,10 +59,10 @@ class Limits(eqx.Module):
         min_half_exposure: ArrayLike = 1e-4,
         max_half_exposure: ArrayLike = 0.5,
     ):
-        self.max_stroke = as_float(max_stroke)
-        self.max_top_speed = as_float(max_top_speed)
-        self.min_half_exposure = as_float(min_half_exposure)
-        self.max_half_exposure = as_float(max_half_exposure)
+        self.max_stroke = as_float(max_stroke, "Limits(max_stroke=...)")
+        self.max_top_speed = as_float(max_top_speed, "Limits(max_top_speed=...)")
+        self.min_half_exposure = as_float(min_half_exposure, "Limits(min_half_exposure=...)")
+        self.max_half_exposure = as_float(max_half_exposure, "Limits(max_half_exposure=...)")
 
     def __check_init__(self) -> None:
         for name in ("max_stroke", "max_top_speed", "min_half_exposure", "max_half_exposure"):
@@ -128,16 +129,18 @@ class Scene(eqx.Module):
         motion: AbstractMotion | None = None,
         picture: str | os.PathLike[str] | None = None,
     ):
-        self.speeds = as_float(speeds)
+        self.speeds = as_float(speeds, "Scene(speeds=...)")
         count = max(self.speeds.size, 1)
         equal = np.full(self.speeds.shape, 1 / count, self.speeds.dtype)
-        self.weights = as_float(equal if weights is None else weights)
-        self.photon_rate = as_float(photon_rate)
-        self.read_noise = as_float(read_noise)
-        self.mean_level = as_float(mean_level)
-        self.deviation = as_float(deviation)
-        self.power_spectrum = None if power_spectrum is None else as_float(power_spectrum)
-        self.cutoff_frequency = as_float(cutoff_frequency)
+        self.weights = as_float(equal if weights is None else weights, "Scene(weights=...)")
+        self.photon_rate = as_float(photon_rate, "Scene(photon_rate=...)")
+        self.read_noise = as_float(read_noise, "Scene(read_noise=...)")
+        self.mean_level = as_float(mean_level, "Scene(mean_level=...)")
+        self.deviation = as_float(deviation, "Scene(deviation=...)")
+        self.power_spectrum = None
+        if power_spectrum is not None:
+            self.power_spectrum = as_float(power_spectrum, "Scene(power_spectrum=...)")
+        self.cutoff_frequency = as_float(cutoff_frequency, "Scene(cutoff_frequency=...)")
         self.limits = Limits() if limits is None else limits
         self.motion = motion
         self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
@@ -148,7 +151,7 @@ class Scene(eqx.Module):
             self.speeds.ndim == 1 and self.speeds.size >= 1,
             "Scene(speeds=...)",
             "be one row of at least one speed",
-            f"shape {shape}",
+            shape_of(self.speeds),
         )
         require_finite("Scene(speeds=...)", self.speeds)
         matches = self.weights.shape == shape
@@ -176,7 +179,7 @@ class Scene(eqx.Module):
         if power is None:
             return
         one_row = power.ndim == 1 and power.size >= 1
-        require(one_row, subject, "be one row of at least one value", f"shape {power.shape}")
+        require(one_row, subject, "be one row of at least one value", shape_of(power))
         _check_at_least(subject, power, "at least 0")
         if is_concrete(power) and is_concrete(self.deviation):
             some = bool(np.any(np.asarray(power) > 0)) or float(self.deviation) == 0

@@ -17,6 +17,7 @@ from mishutter.types import (
     require,
     require_finite,
     require_positive_int,
+    shape_of,
 )
 
 _MIN_FREQUENCIES = 1024
@@ -46,9 +47,9 @@ def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> 
             not a whole number of at least the number of taps.
     """
     subject = "condition_number(kernel=...)"
-    taps = as_float(kernel)
+    taps = as_float(kernel, subject)
     one_row = taps.ndim == 1 and taps.size >= 1
-    require(one_row, subject, "be one row of at least one tap", f"shape {taps.shape}")
+    require(one_row, subject, "be one row of at least one tap", shape_of(taps))
     require_finite(subject, taps)
     length = default_num_frequencies(taps.size) if num_frequencies is None else num_frequencies
     subject = "condition_number(num_frequencies=...)"
@@ -94,15 +95,23 @@ def transfer_function(
         $H(f)$, complex; the shape of `frequency`, broadcast with `speed`.
 
     Raises:
-        ValueError: if `speed` or `frequency` is not finite.
+        ValueError: if `speed` or `frequency` is not finite, or their shapes do not broadcast.
     """
     require_finite("transfer_function(speed=...)", speed)
     require_finite("transfer_function(frequency=...)", frequency)
     dtype = common_dtype(*jax.tree.leaves((shutter, motion)), speed, frequency)
-    shape = jnp.broadcast_shapes(np.shape(speed), np.shape(frequency))
+    shape = _common_shape(np.shape(speed), np.shape(frequency))
     s = jnp.broadcast_to(jnp.asarray(speed, dtype), shape).reshape(-1)
     f = jnp.broadcast_to(jnp.asarray(frequency, dtype), shape).reshape(-1)
     return _transfer(piecewise(shutter), motion, s, f).reshape(shape)
+
+
+def _common_shape(speed: tuple[int, ...], frequency: tuple[int, ...]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(speed, frequency)
+    except ValueError:
+        subject, requirement = "transfer_function(speed=...)", f"broadcast with shape {frequency}"
+        raise ValueError(f"`{subject}` must {requirement}; got shape {speed}.") from None
 
 
 @quick_to_compile

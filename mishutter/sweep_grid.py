@@ -14,7 +14,7 @@ from mishutter.design import package_version, scene_to_dict, shutter_to_dict
 from mishutter.losses.base import AbstractResponseLoss
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
-from mishutter.types import common_dtype, describe, require
+from mishutter.types import common_dtype, describe, require, shape_of
 
 METRICS = {
     "condition_number": ("condition number of a still object's kernel", "1"),
@@ -255,7 +255,7 @@ def checked_axis(subject: str, values: Any, *, bound: str, strict: bool) -> np.n
     except (TypeError, ValueError):
         got = describe(values)
         raise ValueError(f"`{subject}` must be one row of numbers; got {got}.") from None
-    require(axis.ndim == 1, subject, "be one row", f"shape {axis.shape}")
+    require(axis.ndim == 1, subject, "be one row", shape_of(axis))
     require(axis.size >= 1, subject, "hold at least one value", "none")
     require(bool(np.all(np.isfinite(axis))), subject, "be finite", axis)
     inside = axis > 0 if strict else axis >= 0

@@ -55,15 +55,30 @@ def common_dtype(*values: RowLike) -> np.dtype:
     return np.dtype(jax.dtypes.canonicalize_dtype(widest))
 
 
-def as_float(value: RowLike) -> Array:
+def as_float(value: RowLike, subject: str | None = None) -> Array:
     """`value` as a floating array: its own precision if it has one, JAX's default if not.
 
     One that is known stays known, also in a function that is being compiled.
+
+    Raises:
+        ValueError: if `subject`, the argument's name, is given and this is not real numbers.
     """
+    if subject is not None:
+        require(_is_real(value), subject, "be real numbers", value)
     if not all_concrete(value):
         return jnp.asarray(value, dtype=common_dtype(value))
     with jax.ensure_compile_time_eval():
         return jnp.asarray(value, dtype=common_dtype(value))
+
+
+def _is_real(value: object) -> bool:
+    """Whether it is a real number, an array of them, or rows of one length."""
+    if isinstance(value, list | tuple):
+        return all(map(_is_real, value)) and len(set(map(np.shape, value))) <= 1
+    dtype = getattr(value, "dtype", None)
+    if dtype is None:
+        return isinstance(value, int | float)
+    return any(jnp.issubdtype(dtype, kind) for kind in (jnp.floating, jnp.integer, jnp.bool_))
 
 
 def require(holds: bool, subject: str, requirement: str, got: object) -> None:
@@ -73,8 +88,9 @@ def require(holds: bool, subject: str, requirement: str, got: object) -> None:
 
 
 def require_finite(subject: str, value: RowLike) -> None:
-    """Refuse a NaN or an infinity where it can be seen before tracing."""
+    """Refuse a NaN or an infinity, and what is no number, where it can be seen before tracing."""
     if is_concrete(value):
+        require(_is_real(value), subject, "be real numbers", value)
         require(bool(np.all(np.isfinite(np.asarray(value)))), subject, "be finite", value)
 
 
@@ -82,7 +98,7 @@ def require_scalar(subject: str, value: ArrayLike) -> None:
     """Refuse anything but a scalar number."""
     if isinstance(value, str | bytes) or value is None:
         require(False, subject, "be a number", value)
-    require(np.ndim(value) == 0, subject, "be a scalar", f"shape {np.shape(value)}")
+    require(np.ndim(value) == 0, subject, "be a scalar", shape_of(value))
 
 
 def require_key(subject: str, value: object) -> None:
@@ -146,6 +162,11 @@ class Bare(str):
         return str(self)
 
 
+def shape_of(value: object) -> Bare:
+    """The shape of a value, for an error message."""
+    return Bare(f"shape {np.shape(value)}")  # type: ignore[arg-type]
+
+
 def describe(value: object) -> str:
     """A short text of a value, for an error message."""
     if isinstance(value, float) and not math.isfinite(value):
@@ -156,4 +177,5 @@ def describe(value: object) -> str:
         text = repr(value) if not hasattr(value, "shape") else str(np.asarray(value).tolist())
     except (RecursionError, ValueError):  # nested too deeply, or an integer of 5,000 digits
         return f"{type(value).__name__} too long to show"
+    text = " ".join(text.split()) if "\n" in text else text
     return text if len(text) <= 80 else text[:77] + "..."

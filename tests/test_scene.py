@@ -15,9 +15,9 @@ LIGHT = {"photon_rate": 1e5, "read_noise": 3.0}
 @pytest.mark.parametrize(
     ("power", "message"),
     [
-        (np.ones((2, 3)), r"must be one row of at least one value; got 'shape \(2, 3\)'"),
-        (2.0, r"must be one row of at least one value; got 'shape \(\)'"),
-        ([], r"must be one row of at least one value; got 'shape \(0,\)'"),
+        (np.ones((2, 3)), r"must be one row of at least one value; got shape \(2, 3\)"),
+        (2.0, r"must be one row of at least one value; got shape \(\)"),
+        ([], r"must be one row of at least one value; got shape \(0,\)"),
         ([0.3, -0.1], "must be at least 0; got"),
         ([0.0, 0.0, 0.0], "must hold some power where the deviation is not 0; got 0.0"),
     ],
@@ -82,7 +82,7 @@ MISTAKES = {
     "no-speed": (lambda: Scene([], **LIGHT), "`Scene(speeds=...)` must be one row of at least one"),
     "table": (
         lambda: Scene(np.array([[3.0]]), **LIGHT),
-        "must be one row of at least one speed; got 'shape",
+        "must be one row of at least one speed; got shape (1, 1).",
     ),
     "speed-nan": (lambda: Scene([3.0, np.nan], **LIGHT), "`Scene(speeds=...)` must be finite; got"),
     "lengths": (
@@ -107,7 +107,7 @@ MISTAKES = {
     ),
     "two-means": (
         lambda: Scene([3.0], **LIGHT, mean_level=np.array([0.2, 0.3])),
-        "`Scene(mean_level=...)` must be a scalar; got 'shape (2,)'",
+        "`Scene(mean_level=...)` must be a scalar; got shape (2,).",
     ),
     "two-strokes": (
         lambda: Limits(max_stroke=np.array([1.0, 2.0])),

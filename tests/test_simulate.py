@@ -4,7 +4,9 @@ Occlusion is pinned against thousands of composited frames rather than against a
 formula, because what is uncovered during the exposure is what a formula gets wrong.
 """
 
+import inspect
 import re
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -308,8 +310,8 @@ FOOTAGE = {
     "negative": ([-rows()], "`Frames(frames=...)` must hold light of at least 0; got -"),
     "nan": ([np.nan * rows()], "`Frames(frames=...)` must hold finite light; got"),
     "coded": ([np.ones((2, 3, 1), np.uint8)], "must hold light as floating-point numbers; got"),
-    "two-channels": ([np.ones((2, 3, 2))], "must be pictures; got 'shape (2, 3, 2)'"),
-    "two-sizes": ([rows(), rows(5)], "must all have shape (7, 260, 3); got 'shape (5, 260, 3)'"),
+    "two-channels": ([np.ones((2, 3, 2))], "must be pictures; got shape (2, 3, 2)"),
+    "two-sizes": ([rows(), rows(5)], "must all have shape (7, 260, 3); got shape (5, 260, 3)"),
 }
 
 
@@ -334,8 +336,10 @@ def test_footage_of_another_length():
 def test_layers_that_are_none():
     """There is a background, it is opaque, and it goes on by a rule that is known."""
     clear = ms.Layer(ms.Picture(rows(), np.full((7, 260), 0.4)))
-    with pytest.raises(ValueError, match="must hold at least one layer; got 0"):
+    with pytest.raises(ValueError, match=r"must hold at least one layer and .*; got \(\)"):
         ms.Layers(())
+    with pytest.raises(ValueError, match=r"`Layer\(picture=...\)` must be a `Picture`; got \[\["):
+        inspect.unwrap(ms.Layer.__post_init__)(SimpleNamespace(picture=np.ones((2, 3))))
     with pytest.raises(ValueError, match="must begin with an opaque layer; got"):
         ms.Layers((clear,))
     with pytest.raises(ValueError, match=r"must be one of .*'reflect'.*; got 'scene'"):

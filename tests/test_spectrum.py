@@ -186,6 +186,12 @@ def test_the_default_length_is_four_times_the_kernel(num_taps, length):
             lambda: transfer_function(HannShutter(), MOTION, speed=0.1, frequency=np.nan),
             r"transfer_function\(frequency=...\)` must be finite",
         ),
+        (
+            lambda: transfer_function(
+                HannShutter(), MOTION, speed=np.ones(2), frequency=np.ones((5, 3))
+            ),
+            r"must broadcast with shape \(5, 3\); got shape \(2,\)\.",
+        ),
     ],
 )
 def test_wrong_arguments_are_named(call, message):

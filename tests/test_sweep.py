@@ -231,7 +231,7 @@ MISTAKES = {
     "negative": ({"accelerations": [-1.0, 1e4]}, "must be at least 0; got"),
     "no-time": ({"half_exposures": [0.0, 1.0]}, "`sweep(half_exposures=...)` must be above 0; got"),
     "text": ({"accelerations": np.array(["fast"])}, "must be one row of numbers; got"),
-    "table": ({"accelerations": np.ones((1, 1))}, "must be one row; got 'shape (1, 1)'"),
+    "table": ({"accelerations": np.ones((1, 1))}, "must be one row; got shape (1, 1)"),
     "metric": ({"metrics": ["beauty"]}, "`sweep(metrics=...)` must name some of condition_number"),
     "no-metric": ({"metrics": []}, "`sweep(metrics=...)` must name some of"),
     "well": ({"full_well": 0.0}, "`sweep(full_well=...)` must be above 0 e-; got 0.0"),

@@ -1,10 +1,15 @@
 """The checks that every public name shares: what passes, and the one line of what does not."""
 
+import inspect
+
 import jax
 import numpy as np
 import pytest
 
-from mishutter.types import describe, require_key, require_positive_int
+from mishutter import HannShutter, Limits, ParabolicMotion, Scene, StillCamera
+from mishutter.motion import settled
+from mishutter.shutters.sampled import piecewise
+from mishutter.types import as_float, describe, require_finite, require_key, require_positive_int
 
 
 def test_a_count_is_a_plain_integer():
@@ -39,3 +44,45 @@ def test_what_is_too_long_is_not_shown():
         deep = [deep]
     assert describe(deep) == "list too long to show"
     assert describe(10**5000) == "int too long to show"
+
+
+NO_NUMBERS = ["3", None, 1j, [1.0, "2"], [[1.0], [1.0, 2.0]], [3.0, None], {"a": 1.0}]
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS)
+def test_what_is_no_number(value):
+    """Text, nothing, complex numbers and ragged rows are refused by name."""
+    with pytest.raises(ValueError, match=r"`f\(x=...\)` must be real numbers; got"):
+        inspect.unwrap(as_float)(value, "f(x=...)")
+    with pytest.raises(ValueError, match=r"`f\(x=...\)` must be real numbers; got"):
+        inspect.unwrap(require_finite)("f(x=...)", value)
+
+
+@pytest.mark.parametrize("value", [3, True, np.float32(2), (1.5, 2.5), [], np.ones((2, 3), np.int8)])
+def test_what_is_a_number(value):
+    """Of every kind, in rows too."""
+    assert np.array_equal(inspect.unwrap(as_float)(value, "f(x=...)"), np.asarray(value, float))
+
+
+@pytest.mark.parametrize("kind", [ParabolicMotion, StillCamera])
+def test_motions_are_of_one_number_each(kind):
+    """Many are stacked by `jax.vmap`; a row in one of them would meet the taps."""
+    others = {"acceleration": 3.0} if kind is ParabolicMotion else {}
+    subject = rf"`{kind.__name__}\(half_exposure=...\)` must be a scalar; got shape \(2,\)\."
+    with pytest.raises(ValueError, match=subject):
+        kind(half_exposure=np.array([0.1, 0.2]), **others)
+    stacked = jax.vmap(lambda half: kind(half_exposure=half, **others))(np.ones(4))
+    assert stacked.half_exposure.shape == (4,)
+
+
+def test_a_class_or_nothing_in_the_place_of_a_thing():
+    """A scene may have no motion, and a shutter's class is not a shutter."""
+    with pytest.raises(ValueError, match="`motion` must be a motion; got None"):
+        inspect.unwrap(settled)(Scene([1.0], photon_rate=1.0, read_noise=1.0).motion)
+    with pytest.raises(ValueError, match="`shutter` must be a shutter; got <class"):
+        inspect.unwrap(piecewise)(HannShutter)
+
+
+def test_an_error_is_one_line():
+    """Also where what came is shown in several."""
+    assert "\n" not in describe(Limits())

@@ -15,7 +15,7 @@ from mishutter.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoders.borders import Continuation, continuation
 from mishutter.decoders.linear import share_left_unexplained, wiener_filter
 from mishutter.rows import along_rows
-from mishutter.types import require, require_positive_int
+from mishutter.types import require, require_positive_int, shape_of
 
 _LEAST = 1e-6
 _DARKEST = 0.02
@@ -106,7 +106,7 @@ def richardson_lucy(
     require_positive_int("richardson_lucy(num_iterations=...)", num_iterations)
     taps, rows = np.asarray(kernel), jnp.asarray(captured)
     one_row = taps.ndim == 1 and taps.size >= 1
-    require(one_row, "richardson_lucy(kernel=...)", "be one row of taps", f"shape {taps.shape}")
+    require(one_row, "richardson_lucy(kernel=...)", "be one row of taps", shape_of(taps))
     columns, middle = rows.shape[-1], (taps.size - 1) // 2
     operator = banded(taps)
     length = -(-(columns + taps.size) // operator.block) * operator.block

@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter.doubleword import DoubleWord
 from mishutter.shutters.base import AbstractAdjustableShutter, uniform_breakpoints
-from mishutter.types import RowLike, as_float, common_dtype, is_concrete, require
+from mishutter.types import RowLike, as_float, common_dtype, is_concrete, require, shape_of
 
 RASKAR_CODE = np.array(
     [int(c) for c in "1010000111000001010000110011110111010111001001100111"], dtype=np.float64
@@ -35,12 +35,12 @@ class ChippedShutter(AbstractAdjustableShutter):
     linear: ClassVar[bool] = True
 
     def __init__(self, transmittances: RowLike):
-        self.transmittances = as_float(transmittances)
+        self.transmittances = as_float(transmittances, "ChippedShutter(transmittances=...)")
 
     def __check_init__(self) -> None:
         subject, chips = "ChippedShutter(transmittances=...)", self.transmittances
         one_row = chips.ndim == 1 and chips.size >= 1
-        require(one_row, subject, "be one row of at least one chip", f"shape {chips.shape}")
+        require(one_row, subject, "be one row of at least one chip", shape_of(chips))
         if is_concrete(chips):
             require(bool(jnp.all((chips >= 0) & (chips <= 1))), subject, "lie in [0, 1]", chips)
 

@@ -21,7 +21,7 @@ from mishutter.shutters.polynomial import (
     expand,
     split_control,
 )
-from mishutter.types import all_concrete, common_dtype, require
+from mishutter.types import all_concrete, common_dtype, require, shape_of
 
 _NUM_PIECES, _DEGREE = 64, 5
 _interpolation = lru_cache(bernstein_from_values)
@@ -77,8 +77,10 @@ def piecewise(shutter: AbstractShutter) -> AbstractPiecewiseShutter:
     """`shutter` itself if it is known piece by piece, its interpolant if not.
 
     Raises:
-        ValueError: if one that is interpolated, and not traced, is not a transmittance.
+        ValueError: if it is no shutter, or one that is interpolated, and not traced, is not a
+            transmittance.
     """
+    require(isinstance(shutter, AbstractShutter), "shutter", "be a shutter", shutter)
     if isinstance(shutter, AbstractPiecewiseShutter):
         return shutter
     if all_concrete(shutter):
@@ -91,7 +93,7 @@ def _check_transmittance(shutter: AbstractShutter) -> None:
     with jax.ensure_compile_time_eval():
         found = np.asarray(shutter.transmittance(jnp.asarray(tau)))
     alike = found.shape == tau.shape
-    require(alike, subject, "have the shape of its argument", f"shape {found.shape}")
+    require(alike, subject, "have the shape of its argument", shape_of(found))
     light = found[np.argmax(np.abs(np.where(np.isnan(found), np.inf, found - 0.5)))]
     rounding = 16 * float(np.finfo(common_dtype(found)).eps)
     require(bool(-rounding <= light <= 1 + rounding), subject, "lie in [0, 1]", light)

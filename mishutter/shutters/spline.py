@@ -30,6 +30,7 @@ from mishutter.types import (
     require,
     require_finite,
     require_positive_int,
+    shape_of,
 )
 
 _DEGREE = 3
@@ -70,7 +71,7 @@ class SplineShutter(AbstractAdjustableShutter):
         symmetric: bool = False,
         num_coefficients: int | np.integer | None = None,
     ):
-        self.parameters = as_float(parameters)
+        self.parameters = as_float(parameters, "SplineShutter(parameters=...)")
         self.symmetric = symmetric
         count = self.parameters.size * (2 if symmetric else 1)
         if num_coefficients is not None:
@@ -84,7 +85,7 @@ class SplineShutter(AbstractAdjustableShutter):
             self.parameters.shape == (expected,) and count > _DEGREE,
             subject,
             f"be one row for at least {_DEGREE + 1} coefficients",
-            f"shape {self.parameters.shape}",
+            shape_of(self.parameters),
         )
         require_finite(subject, self.parameters)
 

@@ -108,7 +108,7 @@ class GaussianShutter(AbstractAdjustableShutter):
         sigma: $\sigma$, in units of $\tau$; from 0.05 to 5.
 
     Raises:
-        ValueError: if `sigma` is out of its range.
+        ValueError: if `sigma` is not a scalar in its range.
     """
 
     sigma: Array
@@ -118,13 +118,13 @@ class GaussianShutter(AbstractAdjustableShutter):
     linear: ClassVar[bool] = False
 
     def __init__(self, sigma: ArrayLike = 0.4):
-        self.sigma = as_float(sigma)
+        self.sigma = as_float(sigma, "GaussianShutter(sigma=...)")
 
     def __check_init__(self) -> None:
         subject = "GaussianShutter(sigma=...)"
+        require_scalar(subject, self.sigma)
         if is_concrete(self.sigma):
-            sigma = np.asarray(self.sigma)
-            inside = bool(np.all((sigma >= _MIN_SIGMA * 0.999) & (sigma <= 5.001)))
+            inside = _MIN_SIGMA * 0.999 <= float(self.sigma) <= _MAX_SIGMA * 1.0002
             require(inside, subject, f"lie in [{_MIN_SIGMA}, {_MAX_SIGMA}]", self.sigma)
 
     def transmittance(self, tau: ArrayLike) -> Array:
@@ -163,7 +163,7 @@ class TukeyShutter(AbstractAdjustableShutter):
             1 is Hann.
 
     Raises:
-        ValueError: if `taper` is not in [0, 1].
+        ValueError: if `taper` is not a scalar in [0, 1].
     """
 
     taper: Array
@@ -173,7 +173,7 @@ class TukeyShutter(AbstractAdjustableShutter):
     linear: ClassVar[bool] = False
 
     def __init__(self, taper: ArrayLike = 0.5):
-        self.taper = as_float(taper)
+        self.taper = as_float(taper, "TukeyShutter(taper=...)")
 
     def __check_init__(self) -> None:
         require_scalar("TukeyShutter(taper=...)", self.taper)
