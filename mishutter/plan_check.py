@@ -88,8 +88,13 @@ def check_plan(
 
 
 def everything(plan: Plan, scene: Scene, motion: AbstractMotion) -> Plan:
-    """The full computation whose results those of a plan stand for."""
-    return replace(sizes(scene, settled(motion)), dft_length=plan.dft_length)
+    """The full computation whose results those of a plan stand for.
+
+    The length of the DFT is a choice of the plan's, unless no full kernel fits in it.
+    """
+    full = sizes(scene, settled(motion))
+    fits = plan.dft_length >= full.num_taps
+    return replace(full, dft_length=plan.dft_length) if fits else full
 
 
 def results(

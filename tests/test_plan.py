@@ -211,6 +211,16 @@ def test_a_wrong_plan_is_found_out(wrong, loss):
         check_plan(replace(right, **wrong), scene, MOTION, shutter, loss=loss)
 
 
+def test_a_plan_of_another_scene_is_found_out():
+    """Also where the kernels of this one are longer than its transform."""
+    shutter = HannShutter()
+    other = plan(SCENE, MOTION, shutter)
+    fast = Scene([40 * 1500.0], photon_rate=1e6, read_noise=4.0, limits=LIMITS)
+    assert sizes(fast, MOTION).num_taps > other.dft_length
+    with pytest.raises(WrongPlanError, match="must change no result by more than"):
+        check_plan(other, fast, MOTION, shutter)
+
+
 def test_what_is_no_plan_is_refused():
     """False, or a word, is neither a plan nor the None that asks for everything."""
     for value in (False, "exact"):
