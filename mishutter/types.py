@@ -45,13 +45,14 @@ def common_dtype(*values: RowLike) -> np.dtype:
     """Floating dtype that the arrays among `values` share; JAX's default without any.
 
     Python numbers adapt to the arrays beside them, and a mix of precisions
-    widens, also under strict promotion.
+    widens, also under strict promotion. Half precision, in which no integral of this
+    package means anything, counts as single.
     """
     dtypes = [np.dtype(v.dtype) for v in values if isinstance(v, np.ndarray | np.generic | Array)]
     floating = [d for d in dtypes if jnp.issubdtype(d, jnp.floating)]
     if not floating:
         return np.dtype(jnp.result_type(float))
-    widest = max(floating, key=lambda d: d.itemsize)
+    widest = max([np.dtype(np.float32), *floating], key=lambda d: d.itemsize)
     return np.dtype(jax.dtypes.canonicalize_dtype(widest))
 
 

@@ -3,13 +3,29 @@
 import inspect
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter import HannShutter, Limits, ParabolicMotion, Scene, StillCamera
+from mishutter import (
+    HannShutter,
+    Limits,
+    ParabolicMotion,
+    Scene,
+    StillCamera,
+    TukeyShutter,
+    blur_kernel,
+)
 from mishutter.motion import settled
 from mishutter.shutters.sampled import piecewise
-from mishutter.types import as_float, describe, require_finite, require_key, require_positive_int
+from mishutter.types import (
+    as_float,
+    common_dtype,
+    describe,
+    require_finite,
+    require_key,
+    require_positive_int,
+)
 
 
 def test_a_count_is_a_plain_integer():
@@ -62,6 +78,18 @@ def test_what_is_no_number(value):
 def test_what_is_a_number(value):
     """Of every kind, in rows too."""
     assert np.array_equal(inspect.unwrap(as_float)(value, "f(x=...)"), np.asarray(value, float))
+
+
+@pytest.mark.parametrize("half", [np.float16, jnp.bfloat16])
+def test_half_precision_counts_as_single(half):
+    """Which a result is as precise as; beside other numbers the widest decides."""
+    assert as_float(half(0.25)).dtype == common_dtype(half(0.25), np.float32(1)) == np.float32
+    assert common_dtype(half(0.25), 1.0, np.float64(1)) == np.float64
+    motion = ParabolicMotion(acceleration=half(300), half_exposure=half(0.25))
+    single = ParabolicMotion(acceleration=np.float32(300), half_exposure=np.float32(0.25))
+    kernel = blur_kernel(TukeyShutter(half(0.5)), motion, num_taps=5)
+    assert np.array_equal(kernel, blur_kernel(TukeyShutter(np.float32(0.5)), single, num_taps=5))
+    assert kernel.dtype == np.float32
 
 
 @pytest.mark.parametrize("kind", [ParabolicMotion, StillCamera])
