@@ -21,6 +21,11 @@ class AbstractMotion(eqx.Module):
     acceleration: eqx.AbstractVar[Array]
     half_exposure: eqx.AbstractVar[Array]
 
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        numbers = (f"{field}={getattr(self, field)}" for field in self.__dataclass_fields__)
+        return f"{type(self).__name__}({', '.join(numbers)})"
+
     @property
     def stroke(self) -> Array:
         """Travel from mid-exposure to either end, $aT^2$; px."""

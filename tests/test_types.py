@@ -114,3 +114,13 @@ def test_a_class_or_nothing_in_the_place_of_a_thing():
 def test_an_error_is_one_line():
     """Also where what came is shown in several."""
     assert "\n" not in describe(Limits())
+
+
+def test_a_motion_shows_its_numbers():
+    """Printed, or as what came in an error, traced or not."""
+    motion = ParabolicMotion(acceleration=4.5e5, half_exposure=0.01)
+    assert repr(motion) == "ParabolicMotion(acceleration=450000.0, half_exposure=0.01)"
+    assert describe(StillCamera(half_exposure=0.25)) == "StillCamera(half_exposure=0.25)"
+    shown = []
+    jax.jit(lambda m: shown.append(repr(m)))(motion)
+    assert shown[0].startswith("ParabolicMotion(acceleration=")
