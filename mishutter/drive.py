@@ -119,8 +119,9 @@ def drive_table(
         ceiling: Transmittance of the highest level, above `floor` and at most 1.
 
     Raises:
-        ValueError: if a count or a transmittance is out of its range.
+        ValueError: if there is no design, or a count or a transmittance is out of its range.
     """
+    require(isinstance(design, Design), "drive_table(design=...)", "be a `Design`", design)
     require_positive_int("drive_table(num_steps=...)", num_steps)
     few = num_steps <= MAX_STEPS
     require(few, "drive_table(num_steps=...)", f"be at most {MAX_STEPS}", num_steps)

@@ -13,7 +13,7 @@ from mishutter.motion import AbstractMotion
 from mishutter.pictures import GAMMA, Picture, read_picture
 from mishutter.rows import PAD_MODES, padded_columns
 from mishutter.shutters.base import AbstractShutter
-from mishutter.types import require, require_positive_int, shape_of
+from mishutter.types import Bare, require, require_positive_int, shape_of
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
@@ -122,7 +122,7 @@ def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
     floating = np.issubdtype(light.dtype, np.floating)
     require(floating, subject, "hold light as floating-point numbers", str(light.dtype))
     finite = bool(np.all(np.isfinite(light)))
-    require(finite, subject, "hold finite light", "a value that is not")
+    require(finite, subject, "hold finite light", Bare("a value that is not"))
     require(bool(np.min(light) >= 0), subject, "hold light of at least 0", np.min(light))
     same = shape is None or light.shape == shape
     require(same, subject, f"all have shape {shape}", shape_of(light))

@@ -12,7 +12,7 @@ from mishutter.motion import AbstractMotion
 from mishutter.pictures import Picture
 from mishutter.rows import PAD_MODES, fast_length, padded_columns
 from mishutter.shutters.base import AbstractShutter
-from mishutter.types import require, require_finite
+from mishutter.types import Bare, require, require_finite
 
 FARTHEST = 10**9
 """Columns or rows that a layer's corner may lie from the sensor's."""
@@ -71,7 +71,7 @@ class Layers:
             self.border in PAD_MODES, "Layers(border=...)", f"be one of {[*PAD_MODES]}", self.border
         )
         opaque = bool(np.all(self.layers[0].matte == 1))
-        require(opaque, subject, "begin with an opaque layer", "one with a matte")
+        require(opaque, subject, "begin with an opaque layer", Bare("one with a matte"))
 
     @staticmethod
     def load(path: str | Path) -> "Layers":

@@ -10,7 +10,7 @@ import numpy as np
 
 from mishutter.png import is_deep_png, read_deep_png, write_deep_png
 from mishutter.tiff import is_tiff, read_tiff
-from mishutter.types import require, require_positive_int, shape_of
+from mishutter.types import Bare, require, require_positive_int, shape_of
 
 GAMMA = 2.2
 """Exponent of the coding of pictures (the paper's section 4.2)."""
@@ -43,13 +43,13 @@ class Picture:
         sized = len(shape) == 3 and shape[2] in (1, 3) and min(shape) > 0
         require(sized, subject, "have shape (rows, columns, 1 or 3)", shape_of(self.light))
         finite = bool(np.all(np.isfinite(self.light)))
-        require(finite, subject, "be finite", "a value that is not")
+        require(finite, subject, "be finite", Bare("a value that is not"))
         require(bool(np.min(self.light) >= 0), subject, "be at least 0", np.min(self.light))
         if self.matte is not None:
             matte, fits = self.matte, np.shape(self.matte) == shape[:2]
             require(fits, "Picture(matte=...)", f"have shape {shape[:2]}", shape_of(matte))
             inside = bool(np.all((matte >= 0) & (matte <= 1)))
-            require(inside, "Picture(matte=...)", "lie in [0, 1]", "a value that does not")
+            require(inside, "Picture(matte=...)", "lie in [0, 1]", Bare("a value that does not"))
 
     @property
     def luminance(self) -> np.ndarray:
@@ -166,7 +166,7 @@ def write_picture(path: str | Path, light: Picture | np.ndarray) -> None:
     def coded(rows: slice) -> np.ndarray:
         block = np.asarray(array[rows])
         finite = bool(np.all(np.isfinite(block)))
-        require(finite, "write_picture(light=...)", "be finite", "a value that is not")
+        require(finite, "write_picture(light=...)", "be finite", Bare("a value that is not"))
         block = np.clip(block, 0, 1)
         block[..., :3] = block[..., :3] ** (1 / GAMMA)
         return np.rint(block * 65535).astype(np.uint16)

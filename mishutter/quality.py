@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from mishutter.pictures import to_display
-from mishutter.types import require, require_positive_int, shape_of
+from mishutter.types import require, require_finite, require_positive_int, shape_of
 
 _ROWS_AT_ONCE = 128
 
@@ -146,12 +146,14 @@ def ghost_energy(
 
     Raises:
         ValueError: if the shapes differ, a value is not finite, or the picture is narrower
-            than twice the distance and a few `width`.
+            than twice the distance, which is at least 0, and a few `width`.
     """
     true, found = _pair("ghost_energy", reference, estimate)
     true, found = (x[..., None] if x.ndim == 2 else x for x in (true, found))
-    columns, reach = true.shape[1], round(distance) + 4 * width
     subject = "ghost_energy(distance=...)"
+    require_finite(subject, distance)
+    require(distance >= 0, subject, "be at least 0 px", distance)
+    columns, reach = true.shape[1], round(distance) + 4 * width
     require(reach < columns // 2, subject, f"be well below half of {columns} px", distance)
     edges = np.diff(true, axis=1)
     error = np.diff(found - true, axis=1)

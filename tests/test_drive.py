@@ -1,6 +1,7 @@
 """Drive tables: levels that a shutter can be given, and what is lost by them."""
 
 import csv
+import inspect
 import io
 import json
 
@@ -154,3 +155,11 @@ def test_mistakes_are_one_line(arguments, message, saved, capsys):
     out, err = capsys.readouterr()
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert message in err
+
+
+def test_a_shutter_alone_is_no_design():
+    """A table is of a profile on a motion."""
+    with pytest.raises(
+        ValueError, match=r"`drive_table\(design=...\)` must be a `Design`; got Hann"
+    ):
+        inspect.unwrap(drive_table)(HannShutter())

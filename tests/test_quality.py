@@ -78,3 +78,6 @@ def test_refusals():
             getattr(ms, name)(PICTURE, PICTURE, matte=np.zeros((40, 220)))
     with pytest.raises(ValueError, match="must be well below half of 220 px"):
         ms.ghost_energy(PICTURE, PICTURE, distance=108.0)
+    for distance, requirement in ((np.nan, "finite; got nan"), (-9.0, "at least 0 px; got -9.0")):
+        with pytest.raises(ValueError, match=rf"distance=...\)` must be {requirement}"):
+            ms.ghost_energy(PICTURE, PICTURE, distance=distance)
