@@ -166,10 +166,12 @@ def print_text(text: str = "") -> None:
 
 def _console() -> Console:
     """Of text as it is: the name of a design may hold brackets and colons."""
-    width, height = shutil.get_terminal_size()
+    columns, height = shutil.get_terminal_size()
+    width = columns if sys.stdout.isatty() else _WIDTH
     # Rich takes a terminal without control codes to be 80 wide unless it is told both.
-    size = {"width": width if sys.stdout.isatty() else _WIDTH, "height": height}
-    return Console(file=sys.stdout, **size, markup=False, emoji=False, highlight=False)
+    return Console(
+        file=sys.stdout, width=width, height=height, markup=False, emoji=False, highlight=False
+    )
 
 
 @contextmanager
