@@ -41,6 +41,7 @@ from mishutter.types import (
     require_finite,
     require_positive_int,
     require_scalar,
+    shape_of,
 )
 
 _FEW_TAPS = 512
@@ -70,7 +71,7 @@ def blur_kernel(
 
     In float64 a tap is exact to 1e-12 of itself or 1e-15 of the largest, on strokes up to
     1e8 px, in float32 to 2e-6 or 1e-7, up to 1e6 px. First derivatives are exact to 1e-9
-    (1e-4) of the largest. Higher derivatives are not complete.
+    (1e-4) of the largest. Second ones exist by shutter parameters that move no breakpoint.
 
     Args:
         shutter: Transmittance over the exposure.
@@ -87,6 +88,7 @@ def blur_kernel(
     Raises:
         ValueError: if `num_taps` is not a positive integer, or `speed` or `phase` is
             not a finite scalar.
+        NotImplementedError: if differentiated twice by the motion, the phase or a breakpoint.
     """
     num_taps = require_positive_int("blur_kernel(num_taps=...)", num_taps)
     for name, value in (("speed", speed), ("phase", phase)):
@@ -127,6 +129,7 @@ def binned_exposure(
     Raises:
         ValueError: if `edges` are not finite and ascending, or fewer than two, or
             `speed` is not a finite scalar.
+        NotImplementedError: if differentiated twice by the motion, the edges or a breakpoint.
     """
     require_scalar("binned_exposure(speed=...)", speed)
     require_finite("binned_exposure(speed=...)", speed)
@@ -150,7 +153,7 @@ def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
 
 def _check_edges(edges: RowLike) -> None:
     subject = "binned_exposure(edges=...)"
-    require(np.ndim(edges) == 1, subject, "be one row", f"shape {np.shape(edges)}")
+    require(np.ndim(edges) == 1, subject, "be one row", shape_of(edges))
     require(np.size(edges) >= 2, subject, "hold at least two edges", np.size(edges))
     require_finite(subject, edges)
     if is_concrete(edges):

@@ -17,7 +17,7 @@ with the changes: in reverse one sum for each of them, and no way back through t
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -99,7 +99,7 @@ def _moving_jvp(primals, tangents, *, from_vertex, taps):
     scalars = enumerate((*(by_motion or (None,) * 3), by_shift))
     steps = {i: step for i, step in scalars if step is not None}
     if not steps and by_edges is None:
-        return light, change
+        return light, _first_derivative(change, primals[1:])
     units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(light.dtype)
     rates = _rates(from_vertex, motion, taps, units)
     changes = [] if change is None else [change]
@@ -109,7 +109,28 @@ def _moving_jvp(primals, tangents, *, from_vertex, taps):
     if by_edges is not None:
         begin, end = by_edges[: light.size], by_edges[1 : light.size + 1]
         changes += [rates[-2] * ((begin + end) / 2), rates[-1] * (end - begin)]
-    return light, sum(changes[1:], changes[0])
+    return light, _first_derivative(sum(changes[1:], changes[0]), primals)
+
+
+def _first_derivative(change: Array, moved_by: Any) -> Array:
+    """A change of light, whose own derivative by what it is `moved_by` is an error instead of 0."""
+    known = _differentiated(moved_by)
+    # Of no weight, but what is not used would be left out, error and all.
+    return change * (1 + 0 * sum(jnp.sum(jnp.sign(x)) for x in jax.tree.leaves(known)))
+
+
+@jax.custom_jvp
+def _differentiated(moved_by: Any) -> Any:
+    """What a derivative has been taken at."""
+    return moved_by
+
+
+@_differentiated.defjvp
+def _differentiated_again(primals, tangents):
+    raise NotImplementedError(
+        "Light on pixels must be differentiated once by the motion, the edges, the phase and "
+        "where pieces of a shutter meet; got a second derivative."
+    )
 
 
 def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> Array:
@@ -256,9 +277,9 @@ def moving_breakpoints(
 
 @moving_breakpoints.def_jvp
 def _moving_breakpoints_jvp(primals, tangents, *, profile, moves):
-    light, _ = primals
+    light, tau = primals
     change, by_tau = tangents
     changes = [] if change is None else [change]
     if by_tau is not None:
         changes.append(-jnp.where(moves, _steps(profile, light) * by_tau, 0.0))
-    return light, sum(changes[1:], changes[0])
+    return light, _first_derivative(sum(changes[1:], changes[0]), tau)
