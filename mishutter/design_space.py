@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from typing import final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -181,7 +182,21 @@ def require_adjustable(shutter: AbstractShutter) -> None:
 
 def _between(low: Array, high: Array, share: Array) -> Array:
     """Point of a logarithmic interval, inside it also after rounding."""
-    return jnp.clip(low * jnp.exp(share * jnp.log(high / low)), low, high)
+    return _rounded_into(low * jnp.exp(share * jnp.log(high / low)), low, high)
+
+
+@jax.custom_jvp
+def _rounded_into(value: Array, low: Array, high: Array) -> Array:
+    """Undo a last-digit excursion from an interval and leave the derivative alone.
+
+    A clip has half of it at an end, or none: a search would see no slope that leads inside.
+    """
+    return jnp.clip(value, low, high)
+
+
+@_rounded_into.defjvp
+def _rounded_into_jvp(primals, tangents):
+    return _rounded_into(*primals), tangents[0]
 
 
 def _share(low: Array, high: Array, value: Array) -> Array:

@@ -33,7 +33,7 @@ from mishutter.many_starts import descend
 from mishutter.objective import DesignObjective, LinearObjective, objective_of, roughly
 from mishutter.optimise import start_boxes
 from mishutter.plan import needed_speeds
-from mishutter.solvers import Polished, losses_at, polish, projected_gradient_norm
+from mishutter.solvers import Polished, certificate_at, losses_at, polish, projected_gradient_norm
 
 PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)
 LOSSES = {"design": DesignLoss(), "expected_error": ExpectedErrorLoss()}
@@ -108,6 +108,34 @@ def test_a_corner_of_the_box_uses_up_the_limits(free, acceleration):
     last = corners[-1]
     shares = last.stroke / 30.0, last.top_speed / 2e4, last.half_exposure / 0.03
     assert max(shares) == pytest.approx(1, rel=1e-12)
+
+
+@pytest.mark.parametrize("free", [FREE_NAMES[1:], ("acceleration",), ("half_exposure",)])
+@pytest.mark.parametrize("half_exposure", [1e-3, 1.7e-2])
+def test_the_slope_at_a_corner_of_the_box_is_that_inside(free, half_exposure):
+    """A solver at a bound sees where to leave it: rounding into the limits bends nothing."""
+    motion = ParabolicMotion(acceleration=7e4, half_exposure=half_exposure)
+    space = design_space(SCENE, motion, HannShutter(), free)
+
+    def logarithms(box):
+        _, found = space.at(box)
+        return jnp.log(jnp.stack([found.half_exposure, found.acceleration]))
+
+    slopes = jax.jacfwd(logarithms)
+    for corner in np.ndindex(*[2] * space.size):
+        box = np.array(corner, float)
+        inside = np.clip(box, 1e-7, 1 - 1e-7)
+        np.testing.assert_allclose(slopes(box), slopes(inside), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("corner", [0.0, 1.0])
+def test_a_polish_leaves_the_bound_that_it_began_at(corner):
+    """The shortest and the longest exposure are no minima, and are not certified as such."""
+    _, objective = _objective(ExpectedErrorLoss(), ("half_exposure",), RectShutter())
+    inside = polish(objective, np.array([0.5]), max_steps=100)
+    found = polish(objective, np.array([corner]), max_steps=100)
+    assert certificate_at(objective, np.array([corner])) > 0.01
+    assert found.loss == pytest.approx(inside.loss, rel=1e-6)
 
 
 NEAR_A_LIMIT = {
