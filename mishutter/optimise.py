@@ -30,12 +30,10 @@ from mishutter.shutters.windows import (
     TriangleShutter,
     TukeyShutter,
 )
-from mishutter.solvers import certificate_at, losses_at, polish
+from mishutter.solvers import certificate_at, finished, is_minimum, losses_at, polish
 from mishutter.threads import alone_in_blas
 from mishutter.types import require, require_positive_int, require_seed
 
-_CERTIFIED = 1e-3
-"""Largest projected gradient of a minimum, as a share of the loss."""
 _GRID_COORDINATES = 3
 _GRID_POINTS = {1: 16, 2: 6, 3: 4}
 _NUM_POLISHED = 3
@@ -78,9 +76,9 @@ def optimise(
     Optimistix BFGS descends from many starts at once: the given design, the baselines'
     profiles, then random ones; after 20 steps, and every 10 from there, the worse half of
     them is given up, until four are left. The best is polished by jaxopt's box-constrained
-    L-BFGS-B. Where at most three coordinates move, the starts are the given design and the
-    best of a grid, and are polished directly. The result is never worse than the best
-    start.
+    L-BFGS-B, on either side of where limits meet if it ends there. Where at most three
+    coordinates move, the starts are the given design and the best of a grid, and are
+    polished directly. The result is never worse than the best start.
 
     Where acceleration moves, a design keeps up ($2aT$) with the fastest object that occurs
     or with what the given motion keeps up with, whichever is slower: a given motion within
@@ -133,10 +131,11 @@ def optimise(
     best = np.argsort(found.losses, kind="stable")[: found.num_polished]
     ends = [polish(objective, found.boxes[index], max_steps=max_steps) for index in best]
     polished = min(ends, key=lambda end: end.loss)
+    polished = finished(objective, polished, space.bends, max_steps=max_steps)
     box, value, certificate = polished.box, polished.loss, polished.certificate
     if float(found.losses[best[0]]) < value:
         box, value = found.boxes[best[0]], float(found.losses[best[0]])
-        certificate = certificate_at(objective, box)
+        certificate = certificate_at(objective, box, space.bends)
     outcome = _outcome(certificate, value, polished.num_steps >= max_steps)
     if throw and outcome is not Outcome.CONVERGED:
         raise SearchFailedError(outcome.value)
@@ -228,7 +227,7 @@ def _confirmed(
 
 
 def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
-    if certificate <= _CERTIFIED * abs(loss):
+    if is_minimum(certificate, loss):
         return Outcome.CONVERGED
     return Outcome.STEPS_USED if steps_used else Outcome.STALLED
 
