@@ -393,6 +393,27 @@ def test_a_search_with_a_tolerance_reports_the_exact_loss():
     assert design.loss == pytest.approx(value, rel=1e-12)
 
 
+def test_a_search_with_a_tolerance_is_never_worse_than_its_start():
+    """A start that the exact loss holds best is not left for what looks better by a tolerance."""
+    loss = ExpectedErrorLoss()
+    scene = Scene.uniform(
+        max_speed=2000.0, num_speeds=9, photon_rate=1e5, read_noise=10.0, limits=LIMITS
+    )
+    options = {"loss": loss, "free": "shutter"}
+    best = optimise(scene, MOTION, PROFILE, num_starts=6, **options)
+    given = scene, MOTION, best.shutter
+    loose = plan(*given, tolerance=0.05, **options)
+    assert loose.bound > 0
+    again = optimise(*given, num_starts=1, plan=loose, **options)
+    start = float(loss(*given, plan=None))
+    assert again.loss <= again.best_start_loss * (1 + 1e-12)
+    assert again.best_start_loss == pytest.approx(start, rel=1e-12)
+    assert again.loss <= start * (1 + 1e-12)
+    from_afar = optimise(scene, MOTION, PROFILE, num_starts=6, plan=loose, **options)
+    assert np.all(np.diff(from_afar.history) <= 0)
+    assert from_afar.history[-1] == from_afar.loss
+
+
 def test_a_verbose_search_shows_its_plan(capsys, monkeypatch):
     """The table is a message on standard error, and what is printed is what is searched by."""
     seen = []
