@@ -1,18 +1,14 @@
 """The design search: many starts, a polish, and an honest end."""
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from enum import Enum
-from functools import lru_cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array
-from numpy.lib.stride_tricks import sliding_window_view
 
-from mishutter.compiling import seldom_run
 from mishutter.design import Design
 from mishutter.design_space import DesignSpace, all_that_can_move, design_space, within_limits
 from mishutter.losses.base import AbstractLoss
@@ -23,23 +19,14 @@ from mishutter.plan import PLANNED, Automatic, Plan, reduced
 from mishutter.planning import design_at, full_sizes
 from mishutter.planning import plan as plan_of_scene
 from mishutter.scene import Scene
+from mishutter.search_starts import GRID_COORDINATES, lowest_places, start_boxes
 from mishutter.shutters.base import AbstractShutter
-from mishutter.shutters.spline import SplineShutter, fitted_boxes
-from mishutter.shutters.windows import (
-    GaussianShutter,
-    HannShutter,
-    RectShutter,
-    TriangleShutter,
-    TukeyShutter,
-)
+from mishutter.shutters.spline import SplineShutter
+from mishutter.shutters.windows import TukeyShutter
 from mishutter.solvers import certificate_at, finished, is_minimum, losses_at, polish
 from mishutter.threads import alone_in_blas
 from mishutter.types import require, require_positive_int, require_seed
 
-_GRID_COORDINATES = 3
-_GRID_POINTS = {1: (17,), 2: (5, 9), 3: (4, 4, 7)}
-"""Points along each coordinate, ends included, as many a best design lies at one: most along
-the last, the acceleration, over which a condition number rises and falls with every pixel."""
 _NUM_POLISHED = 3
 _SEEN = 1e-4
 """Fall of a loss, as a share of it, that a history shows."""
@@ -128,7 +115,7 @@ def optimise(
         plan = plan_of_scene(scene, motion, shutter, loss=loss, free=space.free)
     objective = objective_of(loss, reduced(scene, plan), space, plan)
     starts = start_boxes(space, num_starts, seed)
-    if space.size > _GRID_COORDINATES:
+    if space.size > GRID_COORDINATES:
         found = _descended(objective, space, starts, max_steps, progress)
     else:
         found = _from_grid(objective, space, starts, max_steps)
@@ -207,7 +194,7 @@ def _from_grid(
 ) -> _Found:
     """The given design and the best of a grid, and where polishes on the rough objective end."""
     rough = roughly(objective, space)
-    best = _lowest_places(losses_at(rough, starts))[:_NUM_POLISHED]
+    best = lowest_places(losses_at(rough, starts))[:_NUM_POLISHED]
     boxes = starts[np.union1d(0, best)]
     first = losses = losses_at(objective, boxes)
     num_polished = _NUM_POLISHED
@@ -217,19 +204,6 @@ def _from_grid(
         losses = np.concatenate([losses_at(objective, ends), first])
         num_polished = 1
     return _Found(boxes, losses, np.minimum.accumulate(first), float(np.min(first)), num_polished)
-
-
-def _lowest_places(losses: np.ndarray) -> np.ndarray:
-    """Places in order of loss, first those of a grid that no neighbour is lower than.
-
-    The design before the grid, which has no neighbours, is one of these.
-    """
-    shape = next(n for n in _GRID_POINTS.values() if math.prod(n) == losses.size - 1)
-    on_grid, window = losses[1:].reshape(shape), (3,) * len(shape)
-    around = sliding_window_view(np.pad(on_grid, 1, constant_values=np.inf), window)
-    over_window = tuple(range(on_grid.ndim, around.ndim))
-    in_valley = np.append(True, on_grid <= np.min(around, axis=over_window))
-    return np.lexsort((losses, ~in_valley))
 
 
 def _confirmed(
@@ -261,70 +235,6 @@ def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
     if is_minimum(certificate, loss):
         return Outcome.CONVERGED
     return Outcome.STEPS_USED if steps_used else Outcome.STALLED
-
-
-def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
-    """Points to descend from; shape `(n, size)`, `n = num_starts` above three coordinates.
-
-    The given design first, then the baselines' profiles and random ones, at the given
-    motion and at random motions by turns.
-    """
-    given = np.asarray(_given_box(space))
-    if given.size <= _GRID_COORDINATES:
-        return np.concatenate([given[None], _grid(given.size).astype(given.dtype)])
-    count = space.num_profile_coordinates
-    profiles = _baseline_boxes(space)
-    random = np.random.default_rng(seed)
-    boxes = np.tile(given, (num_starts, 1))
-    for index in range(1, num_starts):
-        if count:
-            named = index <= len(profiles)
-            profile = profiles[index - 1] if named else _random_profile(random, count)
-            boxes[index, :count] = profile
-        if index % 2 or not count:
-            boxes[index, count:] = random.uniform(size=given.size - count)
-    return boxes
-
-
-@seldom_run
-def _given_box(space: DesignSpace) -> Array:
-    return space.box(space.shutter, space.motion)
-
-
-def _grid(num_coordinates: int) -> np.ndarray:
-    """A coarse grid of the unit box, the last coordinate running fastest."""
-    axes = [np.linspace(0, 1, points) for points in _GRID_POINTS[num_coordinates]]
-    grid = np.meshgrid(*axes, indexing="ij")
-    return np.stack(grid, axis=-1).reshape(-1, num_coordinates)
-
-
-def _random_profile(random: np.random.Generator, count: int) -> np.ndarray:
-    """White noise and a random walk about one half, mixed: profiles of every roughness."""
-    roughness = random.uniform()
-    noise = random.standard_normal(count)
-    walk = np.cumsum(noise) / np.sqrt(count)
-    return np.clip(0.5 + roughness * noise / 2 + (1 - roughness) * walk, 0, 1)
-
-
-def _baseline_boxes(space: DesignSpace) -> list[np.ndarray]:
-    shutter = space.shutter
-    if not ("shutter" in space.free and isinstance(shutter, SplineShutter)):
-        return []
-    return _window_fits(shutter.num_coefficients, shutter.symmetric)
-
-
-@lru_cache
-def _window_fits(num_coefficients: int, symmetric: bool) -> list[np.ndarray]:
-    windows = (
-        HannShutter(),
-        TukeyShutter(0.5),
-        RectShutter(),
-        TriangleShutter(),
-        GaussianShutter(),
-        TukeyShutter(0.25),
-        TukeyShutter(0.75),
-    )
-    return fitted_boxes(windows, num_coefficients, symmetric=symmetric)
 
 
 def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:

@@ -31,8 +31,8 @@ from mishutter import (
 from mishutter.design_space import FREE_NAMES, all_that_can_move, design_space, within_limits
 from mishutter.many_starts import descend
 from mishutter.objective import DesignObjective, LinearObjective, objective_of, roughly
-from mishutter.optimise import _lowest_places, start_boxes
 from mishutter.plan import needed_speeds
+from mishutter.search_starts import lowest_places, start_boxes
 from mishutter.solvers import Polished, certificate_at, losses_at, polish, projected_gradient_norm
 
 PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)
@@ -175,7 +175,7 @@ def test_places_of_a_grid_are_tried_valley_by_valley():
     """The lowest of each valley, corners among them, before what lies beside a lower one."""
     losses = np.full((5, 9), 4.0)
     losses[0, 0], losses[3, 4], losses[3, 5], losses[4, 8] = 1.0, 0.5, 0.6, 2.0
-    places = _lowest_places(np.append(3.0, losses))
+    places = lowest_places(np.append(3.0, losses))
     at = [1 + 9 * row + column for row, column in ((3, 4), (0, 0), (4, 8))]
     assert places[:4].tolist() == [*at, 0]
     assert places.tolist().index(1 + 9 * 3 + 5) > 4
