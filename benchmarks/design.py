@@ -32,9 +32,9 @@ from mishutter import (  # noqa: E402
 from mishutter.design_space import design_space  # noqa: E402
 from mishutter.many_starts import descend  # noqa: E402
 from mishutter.objective import AbstractObjective, objective_of  # noqa: E402
-from mishutter.optimise import start_boxes  # noqa: E402
 from mishutter.plan import needed_speeds, reduced, sizes  # noqa: E402
 from mishutter.planning import plan as plan_of_scene  # noqa: E402
+from mishutter.search_starts import start_boxes  # noqa: E402
 from mishutter.solvers import imported_jaxopt, loss_and_gradient  # noqa: E402
 from mishutter.threads import alone_in_blas  # noqa: E402
 

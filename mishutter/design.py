@@ -45,7 +45,8 @@ class Design:
             grid, and last after the polish.
         converged: Whether the search met its tolerance.
         outcome: How the search ended, in a sentence.
-        certificate: Projected-gradient norm in the unit box of designs.
+        certificate: Projected-gradient norm in the unit box of designs; where limits of the
+            motion meet, by the slopes that lead down on either side.
         loss_name: The loss that was made small.
         best_start_loss: Smallest loss among the starts.
         plan: What the search computed; None where that is not known.

@@ -10,9 +10,10 @@ the limits is a point of the box.
 """
 
 from collections.abc import Iterable
-from typing import final
+from typing import NamedTuple, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -26,6 +27,18 @@ FREE_NAMES = ("shutter", "acceleration", "half_exposure")
 _ROUNDING = 1e-6
 _SLOWEST = 1e-2
 """Share of the largest acceleration that is explored where every object is at rest."""
+
+
+class Bends(NamedTuple):
+    """Places along one coordinate of the box where a loss may have a kink.
+
+    Attributes:
+        coordinate: Which coordinate.
+        places: Its values there, inside the box; shape `(n,)`.
+    """
+
+    coordinate: int
+    places: np.ndarray
 
 
 @final
@@ -72,6 +85,23 @@ class DesignSpace(eqx.Module):
         if "acceleration" in self.free:
             acceleration = _between(*self._acceleration_bounds(half_exposure), rest.pop(0))
         return shutter, ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
+
+    @property
+    def bends(self) -> Bends:
+        """Where along the half exposure the bounds of a free acceleration change their course.
+
+        Each of stroke, top speed, what the fastest object and the given motion ask for, and
+        the least that is explored gives way to another where two of them meet.
+        """
+        index = self.num_profile_coordinates
+        if not {"acceleration", "half_exposure"} <= set(self.free):
+            return Bends(index, np.zeros(0))
+        low, high = (float(bound) for bound in self._half_exposure_bounds())
+        kept_up = float(self.max_speed), float(self.motion.top_speed)
+        speeds = [float(self.limits.max_top_speed), *kept_up, *(v / _SLOWEST for v in kept_up)]
+        times = np.array([2 * float(self.limits.max_stroke) / v for v in speeds if v > 0])
+        inside = times[(low < times) & (times < high)]
+        return Bends(index, np.log(inside / low) / np.log(high / low) if inside.size else inside)
 
     def box(self, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
         """The point of the box nearest to a design; shape `(size,)`."""
@@ -181,7 +211,21 @@ def require_adjustable(shutter: AbstractShutter) -> None:
 
 def _between(low: Array, high: Array, share: Array) -> Array:
     """Point of a logarithmic interval, inside it also after rounding."""
-    return jnp.clip(low * jnp.exp(share * jnp.log(high / low)), low, high)
+    return _rounded_into(low * jnp.exp(share * jnp.log(high / low)), low, high)
+
+
+@jax.custom_jvp
+def _rounded_into(value: Array, low: Array, high: Array) -> Array:
+    """Undo a last-digit excursion from an interval and leave the derivative alone.
+
+    A clip has half of it at an end, or none: a search would see no slope that leads inside.
+    """
+    return jnp.clip(value, low, high)
+
+
+@_rounded_into.defjvp
+def _rounded_into_jvp(primals, tangents):
+    return _rounded_into(*primals), tangents[0]
 
 
 def _share(low: Array, high: Array, value: Array) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter.compiling import seldom_run
+from mishutter.doubleword import DoubleWord
 from mishutter.shutters.base import (
     AbstractPiecewiseShutter,
     AbstractShutter,
@@ -40,9 +41,9 @@ class LitNodes(NamedTuple):
 def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitNodes:
     """About so many nodes over the exposure of a shutter."""
     profile = piecewise(shutter)
-    ends = profile.breakpoints(dtype).high
     rule = _equal_pieces if profile.equal_pieces else _shared_panels
-    return LitNodes(*rule(profile, ends, num_nodes), light_let_through(profile, dtype))
+    tau, light = rule(profile, profile.breakpoints(dtype), num_nodes)
+    return LitNodes(tau, light, light_let_through(profile, dtype))
 
 
 def light_let_through(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:
@@ -51,8 +52,9 @@ def light_let_through(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Arr
 
 
 def _equal_pieces(
-    profile: AbstractPiecewiseShutter, ends: Array, num_nodes: int
+    profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
 ) -> tuple[Array, Array]:
+    ends = exact_ends.high
     num_panels = profile.panels_per_piece
     per_panel = math.ceil(num_nodes / (ends.size - 1) / num_panels)
     nodes, weights = _panel_rule(num_panels, per_panel)
@@ -64,16 +66,17 @@ def _equal_pieces(
 
 
 def _shared_panels(
-    profile: AbstractPiecewiseShutter, ends: Array, num_nodes: int
+    profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
 ) -> tuple[Array, Array]:
     """Panels given to pieces by their lengths, as a shutter's parameters move these.
 
     Each is at most as long as one of equal panels would be, and those left over are dark.
     """
+    ends = exact_ends.high
     wanted = math.ceil(num_nodes / _SHARED_PANEL_NODES)
     rule = _panel_rule(1, math.ceil(num_nodes / wanted))
     nodes, weights = (x.astype(ends.dtype)[None] for x in rule)
-    length, least = jnp.diff(ends), profile.panels_per_piece
+    length, least = jnp.diff(ends) + jnp.diff(exact_ends.low), profile.panels_per_piece
     panel = np.arange(wanted + length.size * least - 1, dtype=ends.dtype)[:, None]
     # Rounded up, all together they must stay below one more panel a piece.
     long = jnp.ceil(jax.lax.stop_gradient(length) * (wanted / 2 * (1 - 1e-6)))

@@ -3,14 +3,12 @@
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from enum import Enum
-from functools import lru_cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array
 
-from mishutter.compiling import seldom_run
 from mishutter.design import Design
 from mishutter.design_space import DesignSpace, all_that_can_move, design_space, within_limits
 from mishutter.losses.base import AbstractLoss
@@ -21,23 +19,14 @@ from mishutter.plan import PLANNED, Automatic, Plan, reduced
 from mishutter.planning import design_at, full_sizes
 from mishutter.planning import plan as plan_of_scene
 from mishutter.scene import Scene
+from mishutter.search_starts import GRID_COORDINATES, lowest_places, start_boxes
 from mishutter.shutters.base import AbstractShutter
-from mishutter.shutters.spline import SplineShutter, fitted_boxes
-from mishutter.shutters.windows import (
-    GaussianShutter,
-    HannShutter,
-    RectShutter,
-    TriangleShutter,
-    TukeyShutter,
-)
-from mishutter.solvers import certificate_at, losses_at, polish
+from mishutter.shutters.spline import SplineShutter
+from mishutter.shutters.windows import TukeyShutter
+from mishutter.solvers import certificate_at, finished, is_minimum, losses_at, polish
 from mishutter.threads import alone_in_blas
 from mishutter.types import require, require_positive_int, require_seed
 
-_CERTIFIED = 1e-3
-"""Largest projected gradient of a minimum, as a share of the loss."""
-_GRID_COORDINATES = 3
-_GRID_POINTS = {1: 16, 2: 6, 3: 4}
 _NUM_POLISHED = 3
 _SEEN = 1e-4
 """Fall of a loss, as a share of it, that a history shows."""
@@ -78,9 +67,9 @@ def optimise(
     Optimistix BFGS descends from many starts at once: the given design, the baselines'
     profiles, then random ones; after 20 steps, and every 10 from there, the worse half of
     them is given up, until four are left. The best is polished by jaxopt's box-constrained
-    L-BFGS-B. Where at most three coordinates move, the starts are the given design and the
-    best of a grid, and are polished directly. The result is never worse than the best
-    start.
+    L-BFGS-B, on either side of where limits meet if it ends there. Where at most three
+    coordinates move, the starts are the given design and the best of a grid, and are
+    polished directly. The result is never worse than the best start.
 
     Where acceleration moves, a design keeps up ($2aT$) with the fastest object that occurs
     or with what the given motion keeps up with, whichever is slower: a given motion within
@@ -126,17 +115,18 @@ def optimise(
         plan = plan_of_scene(scene, motion, shutter, loss=loss, free=space.free)
     objective = objective_of(loss, reduced(scene, plan), space, plan)
     starts = start_boxes(space, num_starts, seed)
-    if space.size > _GRID_COORDINATES:
+    if space.size > GRID_COORDINATES:
         found = _descended(objective, space, starts, max_steps, progress)
     else:
         found = _from_grid(objective, space, starts, max_steps)
     best = np.argsort(found.losses, kind="stable")[: found.num_polished]
     ends = [polish(objective, found.boxes[index], max_steps=max_steps) for index in best]
     polished = min(ends, key=lambda end: end.loss)
+    polished = finished(objective, polished, space.bends, max_steps=max_steps)
     box, value, certificate = polished.box, polished.loss, polished.certificate
     if float(found.losses[best[0]]) < value:
         box, value = found.boxes[best[0]], float(found.losses[best[0]])
-        certificate = certificate_at(objective, box)
+        certificate = certificate_at(objective, box, space.bends)
     outcome = _outcome(certificate, value, polished.num_steps >= max_steps)
     if throw and outcome is not Outcome.CONVERGED:
         raise SearchFailedError(outcome.value)
@@ -157,7 +147,8 @@ def optimise(
     if plan.tolerance == 0:
         return design
     again = partial(optimise, num_starts=1, seed=seed, max_steps=max_steps, progress=progress)
-    return _confirmed(design, plan, loss, space, again)
+    best_start = found.boxes[np.flatnonzero(found.losses == found.best_start_loss)[-1]]
+    return _confirmed(design, plan, loss, space, best_start, again)
 
 
 class _Found(NamedTuple):
@@ -203,7 +194,7 @@ def _from_grid(
 ) -> _Found:
     """The given design and the best of a grid, and where polishes on the rough objective end."""
     rough = roughly(objective, space)
-    best = np.argsort(losses_at(rough, starts), kind="stable")[:_NUM_POLISHED]
+    best = lowest_places(losses_at(rough, starts))[:_NUM_POLISHED]
     boxes = starts[np.union1d(0, best)]
     first = losses = losses_at(objective, boxes)
     num_polished = _NUM_POLISHED
@@ -216,85 +207,34 @@ def _from_grid(
 
 
 def _confirmed(
-    design: Design, plan: Plan, loss: AbstractLoss, space: DesignSpace, again: Callable[..., Design]
+    design: Design,
+    plan: Plan,
+    loss: AbstractLoss,
+    space: DesignSpace,
+    best_start: np.ndarray,
+    again: Callable[..., Design],
 ) -> Design:
-    """A design with its loss measured exactly; searched on where the tolerance was not kept."""
-    exact = plan_of_scene(design.scene, space.motion, space.shutter, loss=loss, free=space.free)
-    at_end = design.scene, design.motion, design.shutter
-    value = float(loss(*at_end, plan=exact))
-    if abs(value - design.loss) <= plan.tolerance * abs(value):
-        return replace(design, loss=value, history=np.append(design.history[:-1], value))
-    return again(*at_end, loss=loss, free=space.free, plan=exact)
+    """A design with its loss measured exactly; searched on where the tolerance was not kept.
+
+    So it is where the best start turns out to be better: two losses within the tolerance of
+    theirs may change places.
+    """
+    scene = design.scene
+    exact = plan_of_scene(scene, space.motion, space.shutter, loss=loss, free=space.free)
+    shutter, motion = design_at(space, jax.device_put(best_start))
+    at_start, at_end = (scene, motion, shutter), (scene, design.motion, design.shutter)
+    least, value = (float(loss(*at, plan=exact)) for at in (at_start, at_end))
+    if value <= least and abs(value - design.loss) <= plan.tolerance * abs(value):
+        history = np.append(np.maximum(design.history[:-1], value), value)
+        return replace(design, loss=value, history=history, best_start_loss=least)
+    begin = at_end if value <= least else at_start
+    return again(*begin, loss=loss, free=space.free, plan=exact)
 
 
 def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
-    if certificate <= _CERTIFIED * abs(loss):
+    if is_minimum(certificate, loss):
         return Outcome.CONVERGED
     return Outcome.STEPS_USED if steps_used else Outcome.STALLED
-
-
-def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
-    """Points to descend from; shape `(n, size)`, `n = num_starts` above three coordinates.
-
-    The given design first, then the baselines' profiles and random ones, at the given
-    motion and at random motions by turns.
-    """
-    given = np.asarray(_given_box(space))
-    if given.size <= _GRID_COORDINATES:
-        return np.concatenate([given[None], _grid(given.size).astype(given.dtype)])
-    count = space.num_profile_coordinates
-    profiles = _baseline_boxes(space)
-    random = np.random.default_rng(seed)
-    boxes = np.tile(given, (num_starts, 1))
-    for index in range(1, num_starts):
-        if count:
-            named = index <= len(profiles)
-            profile = profiles[index - 1] if named else _random_profile(random, count)
-            boxes[index, :count] = profile
-        if index % 2 or not count:
-            boxes[index, count:] = random.uniform(size=given.size - count)
-    return boxes
-
-
-@seldom_run
-def _given_box(space: DesignSpace) -> Array:
-    return space.box(space.shutter, space.motion)
-
-
-def _grid(num_coordinates: int) -> np.ndarray:
-    """Cell centres of a coarse grid of the unit box."""
-    points = _GRID_POINTS[num_coordinates]
-    axis = (np.arange(points) + 0.5) / points
-    return np.stack(np.meshgrid(*[axis] * num_coordinates), axis=-1).reshape(-1, num_coordinates)
-
-
-def _random_profile(random: np.random.Generator, count: int) -> np.ndarray:
-    """White noise and a random walk about one half, mixed: profiles of every roughness."""
-    roughness = random.uniform()
-    noise = random.standard_normal(count)
-    walk = np.cumsum(noise) / np.sqrt(count)
-    return np.clip(0.5 + roughness * noise / 2 + (1 - roughness) * walk, 0, 1)
-
-
-def _baseline_boxes(space: DesignSpace) -> list[np.ndarray]:
-    shutter = space.shutter
-    if not ("shutter" in space.free and isinstance(shutter, SplineShutter)):
-        return []
-    return _window_fits(shutter.num_coefficients, shutter.symmetric)
-
-
-@lru_cache
-def _window_fits(num_coefficients: int, symmetric: bool) -> list[np.ndarray]:
-    windows = (
-        HannShutter(),
-        TukeyShutter(0.5),
-        RectShutter(),
-        TriangleShutter(),
-        GaussianShutter(),
-        TukeyShutter(0.25),
-        TukeyShutter(0.75),
-    )
-    return fitted_boxes(windows, num_coefficients, symmetric=symmetric)
 
 
 def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 
 from mishutter.losses.base import AbstractLoss
@@ -10,9 +11,10 @@ from mishutter.motion import AbstractMotion, settled
 from mishutter.plan import Plan, sizes
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
+from mishutter.types import common_dtype
 
-ROUNDING = 1e-12
-"""Relative change of a result that is put down to rounding, in double precision."""
+_ROUNDING = {8: 1e-12, 4: 1e-5}
+"""Relative change of a result that is put down to rounding, by the bytes of its numbers."""
 
 _NAMES = (
     "condition_number",
@@ -78,13 +80,18 @@ def check_plan(
         WrongPlanError: if it is above the plan's bound and rounding.
     """
     change = plan_error(plan, scene, motion, shutter, loss=loss)
-    allowed = max(plan.bound, ROUNDING)
+    allowed = max(plan.bound, rounding(scene, motion, shutter))
     if not change <= allowed:
         raise WrongPlanError(
             f"`check_plan(plan=...)` must change no result by more than {allowed:.2g} of it; "
             f"got {change:.2g}."
         )
     return change
+
+
+def rounding(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> float:
+    """Relative change of a result of these that is put down to its precision."""
+    return _ROUNDING[common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter))).itemsize]
 
 
 def everything(plan: Plan, scene: Scene, motion: AbstractMotion) -> Plan:

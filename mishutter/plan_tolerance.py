@@ -8,6 +8,7 @@ its share of the tolerance is taken.
 
 from dataclasses import dataclass, replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -17,11 +18,12 @@ from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, WeightedSu
 from mishutter.metrics import measured
 from mishutter.motion import AbstractMotion, StillCamera
 from mishutter.plan import Item, Plan, reduced, size_class
-from mishutter.plan_check import ROUNDING, everything, relative_change, results, results_of
+from mishutter.plan_check import everything, relative_change, results, results_of, rounding
 from mishutter.response import Records, assembled, records
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.speeds import distinct_speeds, quadrature
+from mishutter.types import common_dtype
 
 _NUM_SKIPS = 4
 _SAFETY = 2.0
@@ -49,6 +51,7 @@ class Probe:
 
     def __post_init__(self) -> None:
         self._given = self.plan
+        self._rounding = rounding(self.scene, self.motion, self.shutter)
         self._share = self.plan.tolerance / _NUM_SKIPS
         case = self.scene, self.motion, self.shutter, self.loss
         self._full = results(everything(self.plan, self.scene, self.motion), *case)
@@ -60,7 +63,7 @@ class Probe:
         """Take a skip if the change that it makes is within its share."""
         tried = replace(self.plan, **smaller)  # type: ignore[arg-type]
         value = self._value(tried)
-        bound = _SAFETY * relative_change(value, self._now, self._full) + ROUNDING
+        bound = _SAFETY * relative_change(value, self._now, self._full) + self._rounding
         if not bound <= self._share:
             return False
         self.plan, self._now = tried, value
@@ -138,7 +141,8 @@ def toleranced(
         _fewer_taps(probe)
     if fewer_speeds:
         _fewer_speeds(probe)
-    if single and exact.tolerance / _NUM_SKIPS > _SAFETY * _SINGLE:
+    wide = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter))).itemsize > 4
+    if single and wide and exact.tolerance / _NUM_SKIPS > _SAFETY * _SINGLE:
         why = "its rounding was measured to be within the tolerance"
         probe.take("precision", "float32", why, single=True)
     return replace(probe.plan, items=tuple(probe.items.values()))

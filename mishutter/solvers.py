@@ -10,11 +10,19 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter.compiling import quick_to_compile
+from mishutter.design_space import Bends
 from mishutter.objective import AbstractObjective
 
 _MEMORY = 10
 """Steps that L-BFGS-B remembers; more than coordinates say nothing new, and each number of them
 has JAX compile what jaxopt makes of it."""
+_CERTIFIED = 1e-3
+"""Largest projected gradient of a minimum, as a share of the loss."""
+_GAP = 64
+"""Roundings of a coordinate off a bend, where a loss knows which side it is on."""
+_NEAR = 1e-3
+"""Distance from a bend within which a polish beside it begins at it: one that was held up by a
+kink ends so close that the way there is too short to be told from none."""
 
 
 class NonFiniteLossError(ArithmeticError):
@@ -53,9 +61,33 @@ def projected_gradient_norm(box: np.ndarray, gradient: np.ndarray) -> float:
     return float(np.max(np.abs(box - np.clip(box - gradient, 0, 1)), initial=0.0))
 
 
-def certificate_at(objective: AbstractObjective, box: np.ndarray) -> float:
-    """The projected-gradient norm at a point of the box."""
-    return projected_gradient_norm(box, np.asarray(loss_and_gradient(objective, box)[1]))
+def certificate_at(objective: AbstractObjective, box: np.ndarray, bends: Bends) -> float:
+    """The projected-gradient norm at a point of the box.
+
+    At a bend it is that of the slopes by which the loss falls on either side: none at a
+    minimum, though the slopes differ and neither is 0.
+    """
+    before, after = _beside(box, bends)
+    slopes = [np.array(loss_and_gradient(objective, side)[1]) for side in (before, after)]
+    if before is not after:
+        for slope, clip in zip(slopes, (np.maximum, np.minimum), strict=True):
+            slope[bends.coordinate] = clip(slope[bends.coordinate], 0)
+    return max(projected_gradient_norm(box, slope) for slope in slopes)
+
+
+def _beside(box: np.ndarray, bends: Bends) -> tuple[np.ndarray, np.ndarray]:
+    """Points before and after a bend that a point lies at, or itself twice where it lies at none.
+
+    Next to a bend roundings tell which side a point is on.
+    """
+    gap = _GAP * np.finfo(box.dtype).eps
+    for place in bends.places:
+        if abs(box[bends.coordinate] - place) <= 2 * gap:
+            before, after = box.copy(), box.copy()
+            before[bends.coordinate] = max(place - gap, 0)
+            after[bends.coordinate] = min(place + gap, 1)
+            return before, after
+    return box, box
 
 
 class Polished(NamedTuple):
@@ -67,8 +99,27 @@ class Polished(NamedTuple):
     num_steps: int
 
 
-def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> Polished:
+def is_minimum(certificate: float, loss: float) -> bool:
+    """Whether a projected-gradient norm is small enough for a minimum of such a loss."""
+    return certificate <= _CERTIFIED * abs(loss)
+
+
+def polish(
+    objective: AbstractObjective,
+    box: np.ndarray,
+    *,
+    max_steps: int,
+    low: np.ndarray | None = None,
+    high: np.ndarray | None = None,
+) -> Polished:
     """Jaxopt's box-constrained L-BFGS-B, in the box's own coordinates.
+
+    Args:
+        objective: What is made small.
+        box: Where to begin; shape `(size,)`.
+        max_steps: Steps, at most.
+        low: Bounds in place of those of the unit box, inside it; shape `(size,)`.
+        high: The same above.
 
     Raises:
         NonFiniteLossError: if the loss or gradient is not finite on the way.
@@ -92,12 +143,51 @@ def polish(objective: AbstractObjective, box: np.ndarray, *, max_steps: int) -> 
         tol=1e-9,
         options={"maxcor": min(_MEMORY, box.size)},
     )
-    low, high = np.zeros_like(box), np.ones_like(box)
-    point, info = solver.run(jax.device_put(box), bounds=(low, high))
-    point = np.clip(np.asarray(point), 0, 1)
+    low = np.zeros_like(box) if low is None else low
+    high = np.ones_like(box) if high is None else high
+    point, info = solver.run(jax.device_put(np.clip(box, low, high)), bounds=(low, high))
+    point = np.clip(np.asarray(point), low, high)
     loss, gradient = value_and_gradient(point)
     certificate = projected_gradient_norm(point, np.asarray(gradient))
     return Polished(point, float(loss), certificate, int(info.iter_num))
+
+
+def finished(
+    objective: AbstractObjective, end: Polished, bends: Bends, *, max_steps: int
+) -> Polished:
+    """A polish that stopped short of a minimum, gone on with.
+
+    It is begun anew, which forgets curvatures that mislead it, then on either side of
+    the nearest bend: a kink holds up a solver that takes slopes for those all around.
+
+    Raises:
+        NonFiniteLossError: if the loss or gradient is not finite on the way.
+    """
+    end = end._replace(certificate=certificate_at(objective, end.box, bends))
+    for low, high in _sides(end.box, bends):
+        if is_minimum(end.certificate, end.loss) or end.num_steps >= max_steps:
+            break
+        left = max_steps - end.num_steps
+        near_low, near_high = end.box - low < _NEAR, high - end.box < _NEAR
+        start = np.where((low > 0) & near_low, low, np.where((high < 1) & near_high, high, end.box))
+        found = polish(objective, start, max_steps=left, low=low, high=high)
+        if found.loss <= end.loss:
+            certificate = certificate_at(objective, found.box, bends)
+            end = Polished(found.box, found.loss, certificate, end.num_steps + found.num_steps)
+    return end
+
+
+def _sides(box: np.ndarray, bends: Bends) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Bounds of the whole box, and of its parts before and after the bend nearest to a point."""
+    low, high = np.zeros_like(box), np.ones_like(box)
+    if not bends.places.size:
+        return [(low, high)]
+    nearest = bends.places[np.argmin(np.abs(bends.places - box[bends.coordinate]))]
+    gap = _GAP * np.finfo(box.dtype).eps
+    to_bend, from_bend = high.copy(), low.copy()
+    to_bend[bends.coordinate] = max(nearest - gap, 0)
+    from_bend[bends.coordinate] = min(nearest + gap, 1)
+    return [(low, high), (low, to_bend), (from_bend, high)]
 
 
 @lru_cache

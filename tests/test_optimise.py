@@ -31,9 +31,9 @@ from mishutter import (
 from mishutter.design_space import FREE_NAMES, all_that_can_move, design_space, within_limits
 from mishutter.many_starts import descend
 from mishutter.objective import DesignObjective, LinearObjective, objective_of, roughly
-from mishutter.optimise import start_boxes
 from mishutter.plan import needed_speeds
-from mishutter.solvers import Polished, losses_at, polish, projected_gradient_norm
+from mishutter.search_starts import lowest_places, start_boxes
+from mishutter.solvers import Polished, certificate_at, losses_at, polish, projected_gradient_norm
 
 PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)
 LOSSES = {"design": DesignLoss(), "expected_error": ExpectedErrorLoss()}
@@ -110,6 +110,34 @@ def test_a_corner_of_the_box_uses_up_the_limits(free, acceleration):
     assert max(shares) == pytest.approx(1, rel=1e-12)
 
 
+@pytest.mark.parametrize("free", [FREE_NAMES[1:], ("acceleration",), ("half_exposure",)])
+@pytest.mark.parametrize("half_exposure", [1e-3, 1.7e-2])
+def test_the_slope_at_a_corner_of_the_box_is_that_inside(free, half_exposure):
+    """A solver at a bound sees where to leave it: rounding into the limits bends nothing."""
+    motion = ParabolicMotion(acceleration=7e4, half_exposure=half_exposure)
+    space = design_space(SCENE, motion, HannShutter(), free)
+
+    def logarithms(box):
+        _, found = space.at(box)
+        return jnp.log(jnp.stack([found.half_exposure, found.acceleration]))
+
+    slopes = jax.jacfwd(logarithms)
+    for corner in np.ndindex(*[2] * space.size):
+        box = np.array(corner, float)
+        inside = np.clip(box, 1e-7, 1 - 1e-7)
+        np.testing.assert_allclose(slopes(box), slopes(inside), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("corner", [0.0, 1.0])
+def test_a_polish_leaves_the_bound_that_it_began_at(corner):
+    """The shortest and the longest exposure are no minima, and are not certified as such."""
+    space, objective = _objective(ExpectedErrorLoss(), ("half_exposure",), RectShutter())
+    inside = polish(objective, np.array([0.5]), max_steps=100)
+    found = polish(objective, np.array([corner]), max_steps=100)
+    assert certificate_at(objective, np.array([corner]), space.bends) > 0.01
+    assert found.loss == pytest.approx(inside.loss, rel=1e-6)
+
+
 NEAR_A_LIMIT = {
     "stroke": lambda x: (30.0 / 1e-4 * x, 0.01),
     "top speed": lambda x: (1e7 * x, 1e-3),
@@ -141,6 +169,33 @@ def test_a_rough_grid_leads_where_the_whole_loss_does(shutter, free):
     ends = [polish(objective, box, max_steps=300).loss for box in start_boxes(space, 1, 0)]
     assert design.converged, design.outcome
     assert design.loss <= min(ends) * (1 + 1e-7)
+
+
+def test_places_of_a_grid_are_tried_valley_by_valley():
+    """The lowest of each valley, corners among them, before what lies beside a lower one."""
+    losses = np.full((5, 9), 4.0)
+    losses[0, 0], losses[3, 4], losses[3, 5], losses[4, 8] = 1.0, 0.5, 0.6, 2.0
+    places = lowest_places(np.append(3.0, losses))
+    at = [1 + 9 * row + column for row, column in ((3, 4), (0, 0), (4, 8))]
+    assert places[:4].tolist() == [*at, 0]
+    assert places.tolist().index(1 + 9 * 3 + 5) > 4
+    assert sorted(places) == list(range(46))
+    ends = start_boxes(design_space(SCENE, MOTION, HannShutter(), FREE_NAMES[1:]), 1, 0)[1:]
+    assert ends.shape == (45, 2)
+    assert {0.0, 1.0} <= set(ends.ravel().tolist())
+
+
+def test_the_best_tukey_is_found_where_the_loss_is_jagged():
+    """A condition number rises and falls with every pixel of stroke: no rect is better."""
+    loss, scene = (
+        DesignLoss(),
+        Scene.uniform(
+            max_speed=2000.0, num_speeds=9, photon_rate=1e5, read_noise=10.0, limits=LIMITS
+        ),
+    )
+    rect = optimise(scene, MOTION, RectShutter(), loss=loss)
+    tukey = optimise(scene, MOTION, TukeyShutter(0.5), loss=loss)
+    assert tukey.loss <= rect.loss * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("free", ["acceleration", ("acceleration", "half_exposure")])

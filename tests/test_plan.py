@@ -393,6 +393,27 @@ def test_a_search_with_a_tolerance_reports_the_exact_loss():
     assert design.loss == pytest.approx(value, rel=1e-12)
 
 
+def test_a_search_with_a_tolerance_is_never_worse_than_its_start():
+    """A start that the exact loss holds best is not left for what looks better by a tolerance."""
+    loss = ExpectedErrorLoss()
+    scene = Scene.uniform(
+        max_speed=2000.0, num_speeds=9, photon_rate=1e5, read_noise=10.0, limits=LIMITS
+    )
+    options = {"loss": loss, "free": "shutter"}
+    best = optimise(scene, MOTION, PROFILE, num_starts=6, **options)
+    given = scene, MOTION, best.shutter
+    loose = plan(*given, tolerance=0.05, **options)
+    assert loose.bound > 0
+    again = optimise(*given, num_starts=1, plan=loose, **options)
+    start = float(loss(*given, plan=None))
+    assert again.loss <= again.best_start_loss * (1 + 1e-12)
+    assert again.best_start_loss == pytest.approx(start, rel=1e-12)
+    assert again.loss <= start * (1 + 1e-12)
+    from_afar = optimise(scene, MOTION, PROFILE, num_starts=6, plan=loose, **options)
+    assert np.all(np.diff(from_afar.history) <= 0)
+    assert from_afar.history[-1] == from_afar.loss
+
+
 def test_a_verbose_search_shows_its_plan(capsys, monkeypatch):
     """The table is a message on standard error, and what is printed is what is searched by."""
     seen = []
@@ -417,3 +438,31 @@ def test_a_range_that_mirrors_itself_is_folded_whole():
         assert folded.size == (count + 1) // 2
         assert np.isclose(weights.sum(), 1, rtol=1e-14)
         assert distinct_speeds(scene, folds=False)[0].size == count
+
+
+SINGLE = Scene(
+    np.array([-1400.0, -300.0, 0.0, 300.0, 650.0, 1400.0], np.float32),
+    photon_rate=np.float32(2e5),
+    read_noise=np.float32(6.0),
+    limits=LIMITS,
+)
+SLOWER = ParabolicMotion(acceleration=np.float32(1.1e5), half_exposure=np.float32(0.01))
+
+
+@pytest.mark.parametrize("loss", [None, ExpectedErrorLoss(), DesignLoss()])
+def test_plans_of_single_precision_are_judged_by_its_rounding(loss):
+    """An exact plan passes the guard, one with a tolerance skips as much, a wrong one is caught."""
+    shutter = GaussianShutter(np.float32(0.3))
+    given = SINGLE, SLOWER, shutter
+    exact, loose = (plan(*given, loss=loss, tolerance=t) for t in (0.0, 0.02))
+    assert check_plan(exact, *given, loss=loss) < 1e-5
+    assert check_plan(loose, *given, loss=loss) < 0.02
+    assert 1e-5 < loose.bound <= 0.02
+    assert not loose.single
+    assert item(loose, "precision").kept == "float32"
+    wide = tuple(jax.tree.map(lambda leaf: leaf.astype(np.float64), part) for part in given)
+    double = plan(*wide, loss=loss, tolerance=0.02)
+    sizes_of = ("num_taps", "num_kept", "num_speeds")
+    assert all(getattr(loose, name) == getattr(double, name) for name in sizes_of)
+    with pytest.raises(WrongPlanError, match="must change no result by more than 1e-05"):
+        check_plan(replace(exact, num_speeds=1), *given, loss=loss)

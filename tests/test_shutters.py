@@ -1,5 +1,7 @@
 """A shutter stays in [0, 1], is nothing outside its exposure, and integrates to itself."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,9 +15,11 @@ import mishutter
 from mishutter import (
     AbstractShutter,
     ChippedShutter,
+    ExpectedErrorLoss,
     GaussianShutter,
     HannShutter,
     ParabolicMotion,
+    Scene,
     SplineShutter,
     TukeyShutter,
     binned_exposure,
@@ -222,3 +226,26 @@ def test_efficiency_has_a_derivative():
     """By a chip's transmittance it is that chip's share of the exposure."""
     gradient = jax.grad(lambda w: ChippedShutter(w).efficiency())(jnp.full(5, 0.3))
     np.testing.assert_allclose(gradient, np.full(5, 0.2), rtol=1e-14)
+
+
+def _light_of_a_taper(name, taper):
+    shutter, motion = TukeyShutter(taper), ParabolicMotion(acceleration=2.1e5, half_exposure=0.01)
+    if name == "efficiency":
+        return shutter.efficiency()[None]
+    if name == "kernel":
+        return blur_kernel(shutter, motion, speed=700.0, num_taps=40)
+    if name == "transfer":
+        waves = transfer_function(shutter, motion, speed=700.0, frequency=np.array([0.03, 0.2]))
+        return jnp.concatenate([waves.real, waves.imag])
+    scene = Scene([-900.0, 0.0, 900.0], photon_rate=1e5, read_noise=10.0)
+    return ExpectedErrorLoss()(scene, motion, shutter)[None]
+
+
+@pytest.mark.parametrize("name", ["efficiency", "kernel", "transfer", "loss"])
+def test_a_ramp_that_is_hardly_one_has_a_slope(name):
+    """The derivative by a taper of 0, or of one whose inverse is past all numbers, is one-sided."""
+    found = jax.jacfwd(partial(_light_of_a_taper, name))
+    step = 1e-6
+    rise = _light_of_a_taper(name, step) - _light_of_a_taper(name, 0.0)
+    for taper in (0.0, 1e-300, 1e-17, 1e-9):
+        np.testing.assert_allclose(found(taper), rise / step, rtol=1e-3, atol=1e-4)

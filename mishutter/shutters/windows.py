@@ -185,21 +185,21 @@ class TukeyShutter(AbstractAdjustableShutter):
         tau = jnp.asarray(tau, common_dtype(self.taper, tau))
         depth = jnp.maximum(1 - jnp.abs(tau), 0)
         taper = self.taper.astype(tau.dtype)
-        ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / _nonzero(taper), 1)) ** 2
+        ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / _some(taper), 1)) ** 2
         return _inside(tau, jnp.where(depth >= taper, 1.0, ramp))
 
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.taper.dtype)
 
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
-        taper = self.taper.astype(dtype)
+        taper = _some(self.taper.astype(dtype))
         # Not a constant: XLA would take (1 - taper) - 1 for -taper, rounding and all.
         one, zero = jnp.where(taper >= 0, 1.0, taper), jnp.zeros_like(taper)
         high, low = two_sum(one, -taper)
         return DoubleWord(jnp.stack([-one, -high, high, one]), jnp.stack([zero, -low, low, zero]))
 
     def piece_transmittance(self, offset: Array) -> Array:
-        taper = _nonzero(self.taper).astype(offset.dtype)
+        taper = _some(self.taper.astype(np.finfo(offset.dtype).dtype)).astype(offset.dtype)
         quarter_turn = jnp.pi / (2 * taper)
         return jnp.stack(
             [
@@ -210,7 +210,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         )
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
-        taper = _nonzero(self.taper.astype(width.dtype))
+        taper = _some(self.taper.astype(width.dtype))
         flat = piece == 1
         rising, rest = (piece == 0) == from_left, taper - distance
         height, depth = jnp.where(rising, distance, rest), jnp.where(rising, rest, distance)
@@ -229,8 +229,13 @@ def _inside(tau: Array, value: Array) -> Array:
     return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
 
 
-def _nonzero(taper: Array) -> Array:
-    return jnp.where(taper > 0, taper, jnp.ones_like(taper))
+def _some(taper: Array) -> Array:
+    """A taper of which there is some: no sum sees it, but places on its ramp are known.
+
+    The derivative is that of the taper, so that at 0 it is that of the ramp that begins there.
+    """
+    least = float(np.finfo(np.dtype(taper.dtype)).tiny) ** 0.25
+    return taper + jax.lax.stop_gradient(jnp.maximum(taper, least) - taper)
 
 
 def _alternating(first: int) -> list[Fraction]:
