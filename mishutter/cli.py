@@ -39,6 +39,7 @@ from mishutter.terminal import (
     ends_when_asked,
     error_line,
     note,
+    print_text,
     progress_bar,
     start_jax,
     take_any_text,
@@ -65,9 +66,22 @@ app = typer.Typer(
 )
 
 
+def _version(wanted: bool) -> bool:
+    if wanted:
+        from mishutter.design import package_version
+
+        print_text(f"mishutter {package_version()}")
+        raise typer.Exit
+    return wanted
+
+
 @app.callback()
-def _options() -> None:
-    """Options shared by all commands: none."""
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Options shared by all commands."""
 
 
 @app.command()

@@ -49,30 +49,36 @@ def _compiled(
     function: Callable[_Arguments, _Result], options: Options
 ) -> Callable[_Arguments, _Result]:
     compile_with: Any = eqx.filter_jit
-    plain, chosen = compile_with(function), compile_with(function, compiler_options=options)
-    kept = KeptProgram(function, options)
+    plain = compile_with(function)
     traced: set[Hashable] = set()
+
+    @lru_cache
+    def chosen() -> Any:
+        return compile_with(function, compiler_options=_taken(options))
+
+    @lru_cache
+    def kept() -> KeptProgram:
+        return KeptProgram(function, _taken(options))
 
     def trace_alone(kind: Hashable, *args: _Arguments.args, **kwargs: _Arguments.kwargs) -> None:
         if kind not in traced:
             with TRACING:
-                chosen.lower(*args, **kwargs)
+                chosen().lower(*args, **kwargs)
             traced.add(kind)
 
     @wraps(function)
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
         leaves, tree = jax.tree.flatten((args, kwargs))
-        known = all_concrete(leaves)
-        if not known or not (options is None or _takes_options()):
+        if not all_concrete(leaves):
             return plain(*args, **kwargs)
         if may_be_kept(leaves):
-            return kept(*args, **kwargs)
+            return kept()(*args, **kwargs)
         if not _in_a_trace():
             if threading.active_count() > 1:
                 trace_alone(kind_of(leaves, tree), *args, **kwargs)
-            return chosen(*args, **kwargs)
+            return chosen()(*args, **kwargs)
         with jax.ensure_compile_time_eval():
-            return chosen(*args, **kwargs)
+            return chosen()(*args, **kwargs)
 
     return call
 
@@ -94,13 +100,20 @@ def computed_once(function: Callable[[], _Result], true: Array) -> _Result:
     return jax.lax.cond(true, function, lambda: nothing)
 
 
+def _taken(options: Options) -> Options:
+    """Those of some options that this XLA has, on a CPU; None if there is none."""
+    if options is None or jax.default_backend() != "cpu":
+        return None
+    if _are_known(*options):
+        return options
+    return {name: value for name, value in options.items() if _are_known(name)} or None
+
+
 @lru_cache
-def _takes_options() -> bool:
-    if jax.default_backend() != "cpu":
-        return False
+def _are_known(*names: str) -> bool:
     try:
         with jax.ensure_compile_time_eval():
-            jax.jit(lambda: 0, compiler_options=_QUICKLY)()
+            jax.jit(lambda: 0, compiler_options={name: _QUICKLY[name] for name in names})()
     except jax.errors.JaxRuntimeError:
         return False
     return True

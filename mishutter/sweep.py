@@ -130,7 +130,7 @@ def sweep(
             done += grid.num_points(block)
             if progress is not None:
                 progress(done, num_points)
-    _LOG.info("%d blocks computed", len(missing))
+    _LOG.info("%d block%s computed", len(missing), "" if len(missing) == 1 else "s")
     return blocks.dataset()
 
 

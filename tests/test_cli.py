@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -277,6 +278,12 @@ def test_without_a_cache_folder(small_scene, tmp_path):
 
 
 COMMANDS = ("optimise", "compare", "plan", "simulate", "sweep", "reproduce", "export")
+
+
+def test_the_version_is_shown(capsys):
+    """`--version` says which one is installed."""
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"mishutter {version('mishutter')}\n"
 
 
 def test_help_names_every_command():

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter import programs
+from mishutter import compiling, programs
 from mishutter.compiling import quick_to_compile, seldom_run
 from mishutter.threads import in_threads
 
@@ -28,17 +28,16 @@ def test_a_quick_program_is_the_function(compiled_by):
     assert np.allclose(slope, 6 * np.sin(x) ** 2 * np.cos(x), rtol=1e-14)
 
 
-def test_a_generator_that_xla_does_not_know_is_done_without(monkeypatch):
-    """Where XLA has no such choice, the program is compiled as any other."""
-    from mishutter import compiling
-
-    compiling._takes_options.cache_clear()
-    monkeypatch.setitem(compiling._QUICKLY, "xla_no_such_choice", True)
-    try:
-        assert not compiling._takes_options()
-        assert np.isclose(quick_to_compile(_doubled_cube)(jnp.array(0.4)), 2 * np.sin(0.4) ** 3)
-    finally:
-        compiling._takes_options.cache_clear()
+@pytest.mark.parametrize("name", ["xla_no_such_choice", "xla_backend_optimization_level"])
+def test_a_choice_that_xla_does_not_know_is_done_without(monkeypatch, name):
+    """The others are taken, and within a trace what is known is a number all the same."""
+    options = {"xla_no_such_choice": True, name: 1}
+    monkeypatch.setattr(compiling, "_QUICKLY", options)
+    taken = compiling._taken(options)
+    assert taken == (None if name == "xla_no_such_choice" else {name: 1})
+    doubled, known = quick_to_compile(_doubled_cube), jnp.array(0.4)
+    found = jax.jit(lambda: np.asarray(doubled(known)))()
+    assert np.isclose(found, 2 * np.sin(0.4) ** 3)
 
 
 @jax.custom_jvp

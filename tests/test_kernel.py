@@ -271,3 +271,33 @@ def test_wrong_arguments_are_named(call, message):
     """One sentence with the argument, what must hold and what came."""
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def _weighed(taper, speed, phase):
+    """A number that every tap of a kernel decides."""
+    motion = ParabolicMotion(acceleration=1.1e5, half_exposure=9.3e-3)
+    options = {"speed": speed, "phase": phase, "num_taps": 23}
+    return jnp.cos(1.3 * jnp.arange(23.0)) @ blur_kernel(TukeyShutter(taper), motion, **options)
+
+
+@pytest.mark.parametrize("inner", [0, 1, 2])
+@pytest.mark.parametrize("outer", [0, 1, 2])
+@pytest.mark.parametrize("outer_mode", [jax.grad, jax.jacfwd])
+def test_second_derivatives_are_refused(inner, outer, outer_mode):
+    """By taper, speed and phase, in any order and mode: they would lack most of their terms."""
+    first = jax.grad(_weighed, inner)
+    with pytest.raises(NotImplementedError, match="must be differentiated once by the motion"):
+        outer_mode(first, outer)(0.43, 310.0, -0.2)
+
+
+def test_second_derivative_by_a_profile():
+    """One that moves no breakpoint has it."""
+    motion = ParabolicMotion(acceleration=1.1e5, half_exposure=9.3e-3)
+
+    def weighed(sigma):
+        kernel = blur_kernel(GaussianShutter(sigma), motion, speed=310.0, num_taps=23)
+        return jnp.cos(1.3 * jnp.arange(23.0)) @ kernel
+
+    slope = jax.grad(weighed)
+    differences = (slope(0.37 + 1e-5) - slope(0.37 - 1e-5)) / 2e-5
+    np.testing.assert_allclose(jax.grad(slope)(0.37), differences, rtol=1e-7)

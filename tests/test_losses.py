@@ -135,6 +135,9 @@ def test_losses_add_and_take_factors():
     doubled = 2.0 * combined + second
     expected = 2.0 * expected + second(SCENE, MOTION, shutter, plan=SMALL)
     assert np.isclose(doubled(SCENE, MOTION, shutter, plan=SMALL), expected, rtol=1e-14)
+    assert sum([0.25 * first, second * 3.0]) == combined
+    with pytest.raises(TypeError, match="unsupported operand"):
+        1 + first
 
 
 @pytest.mark.parametrize("plan", [SMALL, None])

@@ -1,5 +1,6 @@
 """A shutter stays in [0, 1], is nothing outside its exposure, and integrates to itself."""
 
+import inspect
 from functools import partial
 
 import jax
@@ -249,3 +250,10 @@ def test_a_ramp_that_is_hardly_one_has_a_slope(name):
     rise = _light_of_a_taper(name, step) - _light_of_a_taper(name, 0.0)
     for taper in (0.0, 1e-300, 1e-17, 1e-9):
         np.testing.assert_allclose(found(taper), rise / step, rtol=1e-3, atol=1e-4)
+
+
+def test_a_spline_is_fitted_to_a_shutter():
+    """Anything else is named."""
+    fit = inspect.unwrap(SplineShutter.fit)
+    with pytest.raises(ValueError, match=r"fit\(shutter=...\)` must be a shutter; got 3"):
+        fit(3)

@@ -71,7 +71,7 @@ def test_only_missing_blocks_are_computed(whole, tmp_path, monkeypatch, caplog):
             sweep(SCENE, **many(store=place))
     with caplog.at_level(logging.INFO, logger="mishutter.sweep"):
         again = sweep(SCENE, **many(store=place))
-    assert caplog.messages == ["2 of 3 blocks found, 1 to compute", "1 blocks computed"]
+    assert caplog.messages == ["2 of 3 blocks found, 1 to compute", "1 block computed"]
     assert again.load().identical(whole)
 
 

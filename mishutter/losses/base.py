@@ -1,7 +1,7 @@
 """What a loss is, and how losses add up."""
 
 from abc import abstractmethod
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,8 +18,8 @@ from mishutter.shutters.base import AbstractShutter
 class AbstractLoss(eqx.Module):
     """A scalar to be made small: `loss(scene, motion, shutter, plan=...)`.
 
-    One's own loss is one small class with a `__call__`. Losses add and take factors:
-    `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
+    One's own loss is one small class with a `__call__`. Losses add, also by `sum`, and take
+    factors: `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
     """
 
     @abstractmethod
@@ -38,6 +38,10 @@ class AbstractLoss(eqx.Module):
             return NotImplemented
         terms = [term for loss in (self, other) for term in _terms(loss)]
         return WeightedSum(tuple(t[0] for t in terms), tuple(t[1] for t in terms))
+
+    def __radd__(self, other: Any) -> "AbstractLoss":
+        """Zero and a loss, from which `sum` begins, are that loss."""
+        return self if isinstance(other, int) and other == 0 else NotImplemented
 
     def __mul__(self, factor: float) -> "AbstractLoss":
         terms = _terms(self)

@@ -144,8 +144,11 @@ class SplineShutter(AbstractAdjustableShutter):
             symmetric: Whether to return the symmetric variant.
 
         Raises:
-            ValueError: if `num_coefficients` is not a whole number of at least 4.
+            ValueError: if there is no shutter, or `num_coefficients` is not a whole number of
+                at least 4.
         """
+        given = isinstance(shutter, AbstractShutter)
+        require(given, "SplineShutter.fit(shutter=...)", "be a shutter", shutter)
         subject = "SplineShutter.fit(num_coefficients=...)"
         require_positive_int(subject, num_coefficients)
         require(num_coefficients > _DEGREE, subject, "be at least 4", num_coefficients)
