@@ -26,7 +26,7 @@ from mishutter.shutters import (
     TukeyShutter,
 )
 from mishutter.threads import alone_in_blas, in_threads, num_processors
-from mishutter.types import named, require
+from mishutter.types import named, require, require_known
 
 SAME_MOTION = "same motion"
 OWN_BEST_MOTION = "own best motion"
@@ -141,8 +141,11 @@ def compare(
 
     Raises:
         ValueError: if a name is that of a baseline that is not the same shutter, or
-            something else than a shutter or a design is given.
+            something else than a shutter or a design is given, or JAX traces the scene or the
+            motion.
     """
+    for name, known in (("scene", scene), ("motion", motion)):
+        require_known(f"compare({name}=...)", known)
     loss = ExpectedErrorLoss() if loss is None else loss
     step = step or (lambda name: None)
     motion = settled(motion)

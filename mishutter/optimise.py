@@ -25,7 +25,7 @@ from mishutter.shutters.spline import SplineShutter
 from mishutter.shutters.windows import TukeyShutter
 from mishutter.solvers import certificate_at, finished, is_minimum, losses_at, polish
 from mishutter.threads import alone_in_blas
-from mishutter.types import require, require_positive_int, require_seed
+from mishutter.types import require, require_known, require_positive_int, require_seed
 
 _NUM_POLISHED = 3
 _SEEN = 1e-4
@@ -99,10 +99,13 @@ def optimise(
 
     Raises:
         ValueError: if `free` names nothing that can move, a count is not positive, `seed` is
-            negative, or `loss` is none, or gives something else than one real number.
+            negative, or `loss` is none, or gives something else than one real number; or if
+            JAX traces the scene, the motion or the shutter.
         NonFiniteLossError: if the loss or its gradient is not finite.
         SearchFailedError: if `throw` and the search did not converge.
     """
+    for name, given in (("scene", scene), ("motion", motion), ("shutter", shutter)):
+        require_known(f"optimise({name}=...)", given)
     require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
@@ -242,6 +245,7 @@ def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:
 
     Its precision is that of the speeds.
     """
+    require_known("starting_shutter(scene=...)", scene.speeds, scene.weights)
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
     forward = np.lexsort((weights, speeds))
     backward = np.lexsort((weights, -speeds))

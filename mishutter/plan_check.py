@@ -11,7 +11,7 @@ from mishutter.motion import AbstractMotion, settled
 from mishutter.plan import Plan, sizes
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
-from mishutter.types import common_dtype
+from mishutter.types import common_dtype, require_known
 
 _ROUNDING = {8: 1e-12, 4: 1e-5}
 """Relative change of a result that is put down to rounding, by the bytes of its numbers."""
@@ -79,6 +79,7 @@ def check_plan(
     Raises:
         WrongPlanError: if it is above the plan's bound and rounding.
     """
+    require_known("check_plan(scene=..., motion=..., shutter=...)", scene, motion, shutter)
     change = plan_error(plan, scene, motion, shutter, loss=loss)
     allowed = max(plan.bound, rounding(scene, motion, shutter))
     if not change <= allowed:

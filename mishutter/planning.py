@@ -28,7 +28,7 @@ from mishutter.plan_items import STOPS_AT_NOISE, Needs, items_of, needs_of
 from mishutter.plan_tolerance import toleranced
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
-from mishutter.types import require
+from mishutter.types import require, require_known
 
 
 def plan(
@@ -63,6 +63,7 @@ def plan(
     """
     number = isinstance(tolerance, int | float) and 0 <= tolerance < float("inf")
     require(number, "plan(tolerance=...)", "be a finite number of at least 0", tolerance)
+    require_known("plan(motion=...)", motion)
     names = (free,) if isinstance(free, str) else tuple(free)
     motion = settled(motion)
     space = design_space(scene, motion, shutter, names) if names else None

@@ -88,6 +88,12 @@ def require(holds: bool, subject: str, requirement: str, got: object) -> None:
         raise ValueError(f"`{subject}` must {requirement}; got {describe(got)}.")
 
 
+def require_known(subject: str, *values: object) -> None:
+    """Refuse what JAX traces, where numbers decide what is computed at all."""
+    if not all_concrete(values):
+        raise ValueError(f"`{subject}` must be of known numbers; got some that JAX traces.")
+
+
 def require_finite(subject: str, value: RowLike) -> None:
     """Refuse a NaN or an infinity, and what is no number, where it can be seen before tracing."""
     if is_concrete(value):

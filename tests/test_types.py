@@ -1,6 +1,7 @@
 """The checks that every public name shares: what passes, and the one line of what does not."""
 
 import inspect
+import re
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from mishutter import (
+    ExpectedErrorLoss,
     HannShutter,
     Limits,
     ParabolicMotion,
@@ -15,6 +17,14 @@ from mishutter import (
     StillCamera,
     TukeyShutter,
     blur_kernel,
+    check_plan,
+    compare,
+    deconvolve,
+    optimise,
+    plan,
+    simulate_capture,
+    starting_shutter,
+    sweep,
 )
 from mishutter.motion import settled
 from mishutter.shutters.sampled import piecewise
@@ -124,3 +134,41 @@ def test_a_motion_shows_its_numbers():
     shown = []
     jax.jit(lambda m: shown.append(repr(m)))(motion)
     assert shown[0].startswith("ParabolicMotion(acceleration=")
+
+
+def _scene(photon_rate=3e4, speed=310.0):
+    speeds = np.array([-1.0, 0.0, 1.0]) * speed
+    return Scene(speeds, photon_rate=photon_rate, read_noise=3.0)
+
+
+def _motion(share=1.0):
+    return ParabolicMotion(acceleration=share * 1.1e5, half_exposure=5e-3)
+
+
+WINDOW, LOSS, LIGHT = TukeyShutter(0.43), ExpectedErrorLoss(), np.full((7, 60), 0.4)
+ASKED = {
+    "optimise(scene=": lambda x: optimise(_scene(x * 3e4), _motion(), WINDOW, loss=LOSS),
+    "optimise(motion=": lambda x: optimise(_scene(), _motion(x), WINDOW, loss=LOSS),
+    "optimise(shutter=": lambda x: optimise(_scene(), _motion(), TukeyShutter(x / 2), loss=LOSS),
+    "starting_shutter(scene=": lambda x: starting_shutter(_scene(speed=x)),
+    "compare(scene=": lambda x: compare(_scene(x * 3e4), _motion(), WINDOW),
+    "compare(motion=": lambda x: compare(_scene(), _motion(x), WINDOW),
+    "plan(motion=": lambda x: plan(_scene(), _motion(x), WINDOW),
+    "simulate_capture(motion=": lambda x: simulate_capture(LIGHT, _scene(), _motion(x), WINDOW),
+    "blur_model(scene=": lambda x: deconvolve(LIGHT, _scene(x * 3e4), _motion(), WINDOW),
+    "sweep(scenes=": lambda x: sweep(
+        _scene(x * 3e4), accelerations=[1e4, 2e4], half_exposures=[5e-3]
+    ),
+    "check_plan(scene=": lambda x: check_plan(
+        plan(_scene(), _motion(), WINDOW), _scene(x * 3e4), _motion(), WINDOW
+    ),
+}
+"""What decides how much is computed, by the name in the error, as a function of a number."""
+
+
+@pytest.mark.parametrize("name", ASKED)
+@pytest.mark.parametrize("transform", [jax.jit, jax.grad])
+def test_what_decides_a_computation_is_known(name, transform):
+    """Within a function that JAX transforms it is named, in one line."""
+    with pytest.raises(ValueError, match=rf"{re.escape(name)}.*must be of known numbers; got some"):
+        transform(ASKED[name])(1.0)

@@ -17,6 +17,7 @@ from mishutter.response import kernels_at_speeds
 from mishutter.scene import NUM_FREQUENCIES, Scene
 from mishutter.shutters.base import AbstractShutter
 from mishutter.simulate import kernel_layout
+from mishutter.types import require_known
 
 
 @final
@@ -125,6 +126,7 @@ def blur_model(
     Raises:
         ValueError: if a kernel would be longer than 8,192 px.
     """
+    require_known("blur_model(scene=..., motion=...)", scene, motion)
     with jax.ensure_compile_time_eval():  # numbers also where the capture is traced
         return _known_blur(scene, motion, shutter, plan, least_taps)
 
