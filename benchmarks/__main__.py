@@ -30,7 +30,7 @@ def assemble() -> None:
         "# Results\n\nWritten by `python -m benchmarks`; every sample is in `results/`.\n"
         f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, "
         f"jax {machine['versions']['jax']}, double precision unless said otherwise; load "
-        f"{machine['load']:.1f} when written. Times are the least of up to 100 runs.\n"
+        f"{machine['load']:.1f} when written. Times are the least of up to 1,000 runs.\n"
     )
     sections = [path.read_text() for path in kept if path.exists()]
     (harness.RESULTS.parent / "RESULTS.md").write_text("\n".join([head, *sections]))
