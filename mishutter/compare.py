@@ -144,8 +144,7 @@ def compare(
             something else than a shutter or a design is given, or JAX traces the scene or the
             motion.
     """
-    for name, known in (("scene", scene), ("motion", motion)):
-        require_known(f"compare({name}=...)", known)
+    require_known("compare", scene=scene, motion=motion)
     loss = ExpectedErrorLoss() if loss is None else loss
     step = step or (lambda name: None)
     motion = settled(motion)

@@ -104,8 +104,7 @@ def optimise(
         NonFiniteLossError: if the loss or its gradient is not finite.
         SearchFailedError: if `throw` and the search did not converge.
     """
-    for name, given in (("scene", scene), ("motion", motion), ("shutter", shutter)):
-        require_known(f"optimise({name}=...)", given)
+    require_known("optimise", scene=scene, motion=motion, shutter=shutter)
     require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
@@ -245,7 +244,7 @@ def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:
 
     Its precision is that of the speeds.
     """
-    require_known("starting_shutter(scene=...)", scene.speeds, scene.weights)
+    require_known("starting_shutter", scene=(scene.speeds, scene.weights))
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
     forward = np.lexsort((weights, speeds))
     backward = np.lexsort((weights, -speeds))

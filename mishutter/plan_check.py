@@ -79,7 +79,7 @@ def check_plan(
     Raises:
         WrongPlanError: if it is above the plan's bound and rounding.
     """
-    require_known("check_plan(scene=..., motion=..., shutter=...)", scene, motion, shutter)
+    require_known("check_plan", scene=scene, motion=motion, shutter=shutter)
     change = plan_error(plan, scene, motion, shutter, loss=loss)
     allowed = max(plan.bound, rounding(scene, motion, shutter))
     if not change <= allowed:

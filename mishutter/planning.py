@@ -63,7 +63,7 @@ def plan(
     """
     number = isinstance(tolerance, int | float) and 0 <= tolerance < float("inf")
     require(number, "plan(tolerance=...)", "be a finite number of at least 0", tolerance)
-    require_known("plan(motion=...)", motion)
+    require_known("plan", motion=motion)
     names = (free,) if isinstance(free, str) else tuple(free)
     motion = settled(motion)
     space = design_space(scene, motion, shutter, names) if names else None

@@ -144,8 +144,7 @@ def capture_kernel(
         Taps, shape `(n,)`, in units of a fully open exposure; index of the tap of
         pixel `k` that comes from the picture's pixel `k`.
     """
-    require_known("simulate_capture(motion=...)", motion)
-    require_known("simulate_capture(speed=...)", speed)
+    require_known("simulate_capture", motion=motion, speed=speed)
     require_scalar("simulate_capture(speed=...)", speed)
     require_finite("simulate_capture(speed=...)", speed)
     num_taps, origin = kernel_layout(motion, speed)

@@ -156,7 +156,7 @@ def _grid(
     plan: Plan | Automatic | None,
 ) -> Grid:
     named_scenes = named("sweep(scenes=...)", scenes, Scene, "scene")
-    require_known("sweep(scenes=...)", named_scenes)
+    require_known("sweep", scenes=named_scenes)
     metrics = [metrics] if isinstance(metrics, str) else metrics
     chosen = tuple(METRICS) if metrics is None else tuple(metrics)
     known = bool(chosen) and all(name in METRICS for name in chosen)

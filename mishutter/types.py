@@ -88,10 +88,11 @@ def require(holds: bool, subject: str, requirement: str, got: object) -> None:
         raise ValueError(f"`{subject}` must {requirement}; got {describe(got)}.")
 
 
-def require_known(subject: str, *values: object) -> None:
-    """Refuse what JAX traces, where numbers decide what is computed at all."""
-    if not all_concrete(values):
-        raise ValueError(f"`{subject}` must be of known numbers; got some that JAX traces.")
+def require_known(function: str, **arguments: object) -> None:
+    """Refuse arguments that JAX traces, where numbers decide what is computed at all."""
+    for name, value in arguments.items():
+        known, subject = all_concrete(value), f"{function}({name}=...)"
+        require(known, subject, "be of known numbers", Bare("some that JAX traces"))
 
 
 def require_finite(subject: str, value: RowLike) -> None:

@@ -126,7 +126,7 @@ def blur_model(
     Raises:
         ValueError: if a kernel would be longer than 8,192 px.
     """
-    require_known("blur_model(scene=..., motion=...)", scene, motion)
+    require_known("blur_model", scene=scene, motion=motion)
     with jax.ensure_compile_time_eval():  # numbers also where the capture is traced
         return _known_blur(scene, motion, shutter, plan, least_taps)
 
