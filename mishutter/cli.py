@@ -18,6 +18,7 @@ from mishutter.cli_export import export
 from mishutter.cli_options import (
     CoefficientsOption,
     FreeOption,
+    FreshOption,
     JsonOption,
     LossName,
     LossOption,
@@ -50,6 +51,7 @@ from mishutter.terminal import (
 if TYPE_CHECKING:
     from mishutter.design import Design
     from mishutter.losses import AbstractLoss
+    from mishutter.memory import Memory
     from mishutter.motion import AbstractMotion
     from mishutter.report import Report
     from mishutter.scene import Scene
@@ -101,12 +103,14 @@ def optimise(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
     noise_seeds: SeedsOption = 1,
     tolerance: ToleranceOption = 0.0,
+    fresh: FreshOption = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", help="Show what is computed and what is skipped.")
     ] = False,
 ) -> None:
     """Design a shutter for a scene, and show it beside the windows one would have picked."""
     start_jax()
+    from mishutter.memory import Memory
     from mishutter.optimise import optimise as search
     from mishutter.optimise import starting_shutter
     from mishutter.planning import plan as planned
@@ -114,12 +118,14 @@ def optimise(
     scene = scene_of(scene_file)
     motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
     chosen, names = loss_of(loss), free_names(free, motion, start)
-    folder = None if out is None else writable_folder(out)
+    folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
     found = planned(scene, motion, start, loss=chosen, free=names, tolerance=tolerance)
     if verbose:
         note(plan_text(found))
     with progress_bar("searching", max_steps) as update:
-        design = search(
+        design = memory.of(
+            "search",
+            search,
             scene,
             motion,
             start,
@@ -128,11 +134,11 @@ def optimise(
             num_starts=num_starts,
             seed=seed,
             max_steps=max_steps,
-            progress=lambda step, value: update(step, f"loss {value:.6g}"),
             plan=found,
+            watch={"progress": lambda step, value: update(step, f"loss {value:.6g}")},
         )
-    result = _compared(scene, design.motion, {"optimised": design}, chosen, noise_seeds)
-    _deliver(replace(result, design=design), folder, json)
+    result = _compared(scene, design.motion, {"optimised": design}, chosen, noise_seeds, memory)
+    _deliver(replace(result, design=design), folder, json, memory)
 
 
 @app.command()
@@ -149,21 +155,23 @@ def compare(
     json: JsonOption = False,
     loss: LossOption = LossName.EXPECTED_ERROR,
     noise_seeds: SeedsOption = 1,
+    fresh: FreshOption = False,
 ) -> None:
     """Show given shutters or saved designs beside the baselines, without a search for one."""
     start_jax()
     from mishutter import report
     from mishutter.compare import taken_names
     from mishutter.design import Design
+    from mishutter.memory import Memory
 
     scene = scene_of(scene_file)
     windows = {name: report.named_shutter(name) for name in shutters or []}
     files = short_names(designs or [], {*taken_names(), *windows})
     saved = {name: Design.load(path) for name, path in files.items()}
     motion = next(iter(saved.values())).motion if len(saved) == 1 else motion_of(scene)
-    folder = None if out is None else writable_folder(out)
-    result = _compared(scene, motion, saved | windows, loss_of(loss), noise_seeds)
-    _deliver(result, folder, json)
+    folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
+    result = _compared(scene, motion, saved | windows, loss_of(loss), noise_seeds, memory)
+    _deliver(result, folder, json, memory)
 
 
 app.command()(plan)
@@ -179,6 +187,7 @@ def _compared(
     given: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
     num_seeds: int,
+    memory: "Memory",
 ) -> "Report":
     from mishutter import report
     from mishutter.compare import baselines
@@ -187,11 +196,25 @@ def _compared(
     total = len({*given, *baselines()}) + 2
     with progress_bar("comparing", total) as update:
         step = _counting(update)
-        comparison = beside_baselines(scene, motion, given, loss=loss, step=step)
+        comparison = memory.of(
+            "comparison", beside_baselines, scene, motion, given, loss=loss, watch={"step": step}
+        )
     rows = report.shown_rows(comparison, tuple(given))
+    picture = report.photograph_of(scene, rows) if num_seeds > 0 else None
+    if picture is None:
+        return report.Report(scene, comparison, tuple(given))
     with progress_bar("photograph", len(rows)) as update:
-        photographs = report.photographs(scene, rows, num_seeds, _counting(update))
-    return report.Report(scene, comparison, tuple(given), photographs)
+        step = _counting(update)
+        shown = memory.of(
+            "photograph",
+            report.photographs,
+            picture,
+            scene,
+            rows,
+            num_seeds,
+            watch={"update": step},
+        )
+    return report.Report(scene, comparison, tuple(given), shown)
 
 
 def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
@@ -200,7 +223,7 @@ def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
     return lambda name: update(next(count), name)
 
 
-def _deliver(result: "Report", folder: Path | None, as_json: bool) -> None:
+def _deliver(result: "Report", folder: Path | None, as_json: bool, memory: "Memory") -> None:
     from mishutter import report
 
     files = [] if folder is None else report.write_report(result, folder)
@@ -208,6 +231,8 @@ def _deliver(result: "Report", folder: Path | None, as_json: bool) -> None:
         write_json(report.document(result) | {"files": files})
     else:
         report.print_report(result)
+    if memory.recalled:
+        note(f"As found before: {memory}; `--fresh` works it out anew.")
     if files:
         note(f"{folder}: {', '.join(files)}")
 

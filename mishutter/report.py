@@ -1,9 +1,9 @@
 """A comparison for people and programs: tables, one document, pictures in a folder."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,6 +49,18 @@ _FIXED = {
 _WITH_PARAMETER = {"gaussian": GaussianShutter, "tukey": TukeyShutter}
 
 
+class Photographs(NamedTuple):
+    """What restoring a photograph showed of several shutters.
+
+    Attributes:
+        levels: How well each was restored, without the pictures; by decoder, then by shutter.
+        shown: By shutter what the ensemble filter restored, at the fastest speed alone.
+    """
+
+    levels: Mapping[str, Mapping[str, RestoredPhotograph]]
+    shown: Mapping[str, RestoredPhotograph]
+
+
 @dataclass(frozen=True)
 class Report:
     """A comparison and what the photograph showed of it.
@@ -57,14 +69,14 @@ class Report:
         scene: What was photographed.
         comparison: The shutters side by side.
         names: The given shutters among them.
-        photographs: By decoder, then by shutter, each on its own best motion.
+        photographs: What the photograph showed of each on its own best motion; None for none.
         design: The design that was searched for; None for none.
     """
 
     scene: Scene
     comparison: Comparison
     names: tuple[str, ...]
-    photographs: Mapping[str, Mapping[str, RestoredPhotograph]] = field(default_factory=dict)
+    photographs: Photographs | None = None
     design: Design | None = None
 
 
@@ -104,25 +116,31 @@ def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]
     return {name: comparison.row(name, OWN_BEST_MOTION) for name in wanted}
 
 
-def photographs(
-    scene: Scene, rows: Mapping[str, Row], num_seeds: int, update: Update
-) -> dict[str, dict[str, RestoredPhotograph]]:
-    """The scene's photograph captured and restored by every row's design and every decoder.
+def photograph_of(scene: Scene, rows: Mapping[str, Row]) -> Picture | None:
+    """What of the scene's photograph is captured; None if there is none.
 
-    One that is too narrow for their kernels is left out, with a note.
+    One that is too narrow for the kernels of some designs is left out, with a note.
     """
-    if scene.picture is None or num_seeds == 0:
-        return {}
+    if scene.picture is None:
+        return None
     picture = _middle_rows(scene_picture(scene.picture))
-    chosen = decoders()
-    results: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
-    speeds = np.asarray(scene.speeds).tolist()
-    longest = max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
-    width, enough = picture.light.shape[1], least_columns(longest)
-    if width < enough:
-        blur = f"{width} columns are too few to be restored from this blur; {enough} would do"
-        note(f"{scene.picture}: {blur}.")
-        return {}
+    width, enough = picture.light.shape[1], least_columns(_longest_kernel(scene, rows))
+    if width >= enough:
+        return picture
+    blur = f"{width} columns are too few to be restored from this blur; {enough} would do"
+    note(f"{scene.picture}: {blur}.")
+    return None
+
+
+def photographs(
+    picture: Picture, scene: Scene, rows: Mapping[str, Row], num_seeds: int, *, update: Update
+) -> Photographs:
+    """A photograph captured and restored by every row's design and every decoder."""
+    chosen, longest = decoders(), _longest_kernel(scene, rows)
+    levels: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
+    shown: dict[str, RestoredPhotograph] = {}
+    speeds = np.asarray(scene.speeds)
+    fastest = int(np.lexsort((speeds, np.abs(speeds)))[-1])
     for name, row in rows.items():
         found = restore_by_each(
             picture,
@@ -134,9 +152,15 @@ def photographs(
             least_taps=longest,
         )
         update(name)
+        shown[name] = found[ENSEMBLE].at(fastest)
         for decoder, result in found.items():
-            results[decoder][name] = result
-    return results
+            levels[decoder][name] = result.without_pictures()
+    return Photographs(levels, shown)
+
+
+def _longest_kernel(scene: Scene, rows: Mapping[str, Row]) -> int:
+    speeds = np.asarray(scene.speeds).tolist()
+    return max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
 
 
 def scene_picture(place: str) -> Picture:
@@ -156,9 +180,10 @@ def _middle_rows(picture: Picture) -> Picture:
 
 def document(report: Report) -> dict[str, Any]:
     """Everything in a report as plain numbers, lists and text."""
+    levels = {} if report.photographs is None else report.photographs.levels
     photographs = {
         decoder: {name: _photograph_document(result) for name, result in results.items()}
-        for decoder, results in report.photographs.items()
+        for decoder, results in levels.items()
     }
     found = {} if report.design is None else {"design": report.design.to_dict()}
     return found | {"comparison": report.comparison.to_dict(), "photographs": photographs}
@@ -187,8 +212,8 @@ def print_report(report: Report) -> None:
         print_table(reading.capitalize(), _COLUMNS[:num_columns], cut)
         print_text(_condition_note(rows))
         print_text()
-    if report.photographs:
-        _print_photographs(report.photographs)
+    if report.photographs is not None:
+        _print_photographs(report.photographs.levels)
     if report.design is not None:
         print_text(_design_line(report.design))
     print_text(comparison.verdict)
@@ -279,10 +304,9 @@ def write_report(report: Report, folder: Path) -> list[str]:
         "kernels.png": plots.plot_kernels(designs, speeds),
         "transfer.png": plots.plot_transfer(designs, list(dict.fromkeys((speeds[0], speeds[-1])))),
     }
-    if report.photographs:
-        results = report.photographs[ENSEMBLE]
-        figures["psnr.png"] = plots.plot_psnr(results, linear=True)
-        side_by_side = {name: results[name] for name in main}
+    if report.photographs is not None:
+        figures["psnr.png"] = plots.plot_psnr(report.photographs.levels[ENSEMBLE], linear=True)
+        side_by_side = {name: report.photographs.shown[name] for name in main}
         figures["photograph.png"] = plots.plot_photograph(side_by_side, speeds[-1], linear=True)
     if report.design is not None:
         loss_name = report.design.loss_name.split("(")[0]

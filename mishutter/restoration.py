@@ -57,6 +57,27 @@ class RestoredPhotograph(NamedTuple):
     captured: np.ndarray
     restored: np.ndarray
 
+    def at(self, index: int) -> "RestoredPhotograph":
+        """What was found at one of the speeds, alone."""
+        one = slice(index, index + 1)
+        each = {name: getattr(self, name)[one].copy() for name in _AT_EACH_SPEED}
+        return self._replace(**each)
+
+    def without_pictures(self) -> "RestoredPhotograph":
+        """The levels at all speeds, and pictures at none."""
+        return self._replace(captured=self.captured[:0].copy(), restored=self.restored[:0].copy())
+
+
+_AT_EACH_SPEED = (
+    "speeds",
+    "psnr",
+    "linear_psnr",
+    "standard_error",
+    "linear_standard_error",
+    "captured",
+    "restored",
+)
+
 
 def deconvolve(
     captured: ArrayLike,

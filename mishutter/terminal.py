@@ -247,11 +247,11 @@ def ends_when_asked() -> Iterator[None]:
 
 
 def start_jax() -> None:
-    """64-bit numbers, and compiled programs kept in the user's cache folder, if it takes files."""
+    """64-bit numbers; programs and results kept in the user's cache folder, if it takes files."""
     import jax
     from platformdirs import user_cache_path
 
-    from mishutter.programs import keep_programs
+    from mishutter import memory, programs
 
     jax.config.update("jax_enable_x64", True)
     folder = user_cache_path("mishutter", appauthor=False) / "jax"
@@ -260,7 +260,8 @@ def start_jax() -> None:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
         if getattr(jax.config, "jax_enable_compilation_cache", True):
-            keep_programs(folder.parent / "programs")
+            programs.SHELF.open(folder.parent / "programs")
+            memory.SHELF.open(folder.parent / "results")
 
 
 def _takes_files(folder: Path) -> bool:

@@ -57,7 +57,7 @@ def _product_jvp(primals, tangents):
 def test_threads_may_differentiate_one_function_at_a_time(tmp_path, monkeypatch, keeps):
     """JAX shares the rule of a mapped function among threads, and cannot trace it in two."""
     if keeps:
-        monkeypatch.setattr(programs._Shelf, "folder", tmp_path)
+        monkeypatch.setattr(programs.SHELF, "folder", tmp_path)
     shared = quick_to_compile(jax.vmap(_product))
 
     def slope(argument):

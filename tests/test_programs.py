@@ -15,7 +15,7 @@ import pytest
 from mishutter import HannShutter, RectShutter, TukeyShutter, programs
 from mishutter.nodes import lit_nodes
 from mishutter.noise import shot_electrons
-from mishutter.programs import KeptProgram, keep_programs
+from mishutter.programs import KeptProgram
 from mishutter.shutters.base import profile_of
 
 NODES, PROFILE, SHOTS = (inspect.unwrap(x) for x in (lit_nodes, profile_of, shot_electrons))
@@ -25,10 +25,10 @@ TAU = np.linspace(-1, 1, 9)
 @pytest.fixture
 def shelf(tmp_path):
     """A folder of programs of this test alone."""
-    before = programs._Shelf.folder
-    keep_programs(tmp_path / "programs")
+    before = programs.SHELF.folder
+    programs.SHELF.open(tmp_path / "programs")
     yield tmp_path / "programs"
-    programs._Shelf.folder = before
+    programs.SHELF.folder = before
 
 
 def kept(shelf):
@@ -78,15 +78,6 @@ def test_numbers_are_arguments_and_all_else_is_the_program(shelf):
         assert np.allclose(found.light, expected.light, rtol=1e-6)
 
 
-@pytest.mark.parametrize("value", [1, 1.0, True, "1", (1,), [1], None, np.float64(1.0)])
-def test_no_two_values_share_a_description(value):
-    """One, one point nought, true and the like are told apart."""
-    others = [1, 1.0, True, "1", (1,), [1], None, np.float64(1.0), {"1": 1}, frozenset((1,))]
-    own = list(programs._description(value))
-    same = [x for x in others if list(programs._description(x)) == own]
-    assert [(type(x), x) for x in same] == [(type(value), value)]
-
-
 def test_a_class_of_ones_own_is_not_kept(shelf):
     """Its source may change without the package's doing so."""
 
@@ -123,12 +114,12 @@ def test_a_damaged_file_is_made_anew(shelf, damage):
 def test_a_folder_that_cannot_be_made_costs_nothing_but_time(tmp_path):
     """A file is in its place."""
     (tmp_path / "file").write_text("")
-    before = programs._Shelf.folder
-    keep_programs(tmp_path / "file")
+    before = programs.SHELF.folder
+    programs.SHELF.open(tmp_path / "file")
     try:
         found, efficiency = KeptProgram(PROFILE)(HannShutter(), TAU)
     finally:
-        programs._Shelf.folder = before
+        programs.SHELF.folder = before
     assert np.allclose(found, np.cos(np.pi * TAU / 2) ** 2)
     assert np.isclose(efficiency, 0.5)
 
@@ -153,8 +144,8 @@ import jax
 jax.config.update("jax_enable_x64", True)
 from mishutter import example_scene, evaluate, HannShutter, ParabolicMotion
 from mishutter.noise import shot_electrons
-from mishutter.programs import KeptProgram, keep_programs
-keep_programs(Path(sys.argv[1]))
+from mishutter.programs import SHELF, KeptProgram
+SHELF.open(Path(sys.argv[1]))
 if sys.argv[2] == "again":
     KeptProgram._compiled = None
 motion = ParabolicMotion(acceleration=5e5, half_exposure=9e-3)

@@ -20,10 +20,11 @@ from mishutter import (
 from mishutter.compare import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Row
 from mishutter.pictures import write_picture
 from mishutter.report import (
+    Photographs,
     Report,
     _middle_rows,
     document,
-    photographs,
+    photograph_of,
     print_report,
     write_report,
 )
@@ -79,7 +80,7 @@ def test_numbers_stand_under_their_columns(report, capsys):
 
 def test_what_a_photograph_showed(report):
     """Measured and expected stand apart, with gamma and in linear light."""
-    shown = replace(report, photographs={"ensemble": {"rect": photograph(21)}})
+    shown = replace(report, photographs=Photographs({"ensemble": {"rect": photograph(21)}}, {}))
     found = document(shown)["photographs"]["ensemble"]["rect"]
     assert found["mean_linear_psnr_db"] == 21
     assert found["expected_of_ensemble_filter_db"] == pytest.approx(21.2)
@@ -110,6 +111,18 @@ def test_a_narrow_photograph_is_left_out_with_a_note(report, tmp_path, capsys):
     write_picture(path, np.random.default_rng(3).uniform(0.2, 0.8, (9, 41)))
     scene = Scene([0.0, 310.0], photon_rate=1e5, read_noise=4.0, limits=LIMITS, picture=str(path))
     rows = {row.name: row for row in report.comparison.rows}
-    assert photographs(scene, rows, 1, lambda name: None) == {}
+    assert photograph_of(scene, rows) is None
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"{path}: 41 columns are too few")
+
+
+def test_a_result_at_one_speed_and_one_without_pictures():
+    """The levels stay what they were; pictures go with the speeds, or all of them."""
+    whole = photograph(21)
+    fastest, levels = whole.at(2), whole.without_pictures()
+    assert (fastest.speeds, fastest.psnr) == (whole.speeds[2], whole.psnr[2])
+    assert np.array_equal(fastest.captured[0], whole.captured[2])
+    assert np.array_equal(fastest.restored[0], whole.restored[2])
+    assert levels.captured.shape == levels.restored.shape == (0, *whole.captured.shape[1:])
+    for name in ("speeds", "psnr", "linear_psnr", "standard_error", "mean_psnr"):
+        assert np.array_equal(getattr(levels, name), getattr(whole, name))

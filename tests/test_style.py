@@ -18,7 +18,7 @@ plan_tolerance plan_check many_starts search_starts solvers objective plan_items
 design design_schema losses decoders metrics simulate tiles layers_file layers frames cells quality
 noise rows response nodes picture_plan plan speeds scene_file scene_schema schema pictures png tiff
 upright scene spectrum descent kernel rates arms path motion shutters doubleword terminal compiling
-programs files threads waves types
+memory programs shelf files threads waves types
 """.split()
 """Imports point downwards in this list only, from one module or folder to a later one."""
 
