@@ -51,6 +51,7 @@ class DesignSpace(eqx.Module):
         limits: Bounds on stroke, top speed and exposure.
         max_speed: Fastest object; px/s.
         free: What may move.
+        num_profile_coordinates: How many of the coordinates belong to the shutter.
     """
 
     shutter: AbstractShutter
@@ -58,11 +59,7 @@ class DesignSpace(eqx.Module):
     limits: Limits
     max_speed: Array
     free: tuple[str, ...] = eqx.field(static=True)
-
-    @property
-    def num_profile_coordinates(self) -> int:
-        """How many of the coordinates belong to the shutter."""
-        return eqx.filter_eval_shape(box_of, self.shutter).size if "shutter" in self.free else 0
+    num_profile_coordinates: int = eqx.field(static=True)
 
     @property
     def size(self) -> int:
@@ -168,7 +165,8 @@ def design_space(
         }
     )
     ordered = tuple(name for name in FREE_NAMES if name in names)
-    return DesignSpace(shutter, motion, limits, scene.max_speed.astype(dtype), ordered)
+    count = eqx.filter_eval_shape(box_of, shutter).size if "shutter" in ordered else 0
+    return DesignSpace(shutter, motion, limits, scene.max_speed.astype(dtype), ordered, count)
 
 
 def all_that_can_move(motion: AbstractMotion, shutter: AbstractShutter) -> tuple[str, ...]:

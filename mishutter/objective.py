@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from mishutter.compiling import seldom_run
 from mishutter.design_space import DesignSpace
 from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, Parts
 from mishutter.metrics import picture_power
@@ -217,13 +218,10 @@ class Layout:
 def _basis(
     space: DesignSpace, scene: Scene, plan: Plan, parts_wanted: Parts
 ) -> tuple[Array, Layout]:
-    """Response of each coordinate alone, by the program that measures finished designs."""
-    profile: Any = space.shutter
-    corners = np.eye(space.size, dtype=space.max_speed.dtype)
-    shutters = [profile.at(jax.device_put(corner)) for corner in corners]
-    each = [records(scene, space.motion, shutter, plan, *parts_wanted) for shutter in shutters]
-    kernels, spectra, light = (np.stack(part) for part in zip(*each, strict=True))
-    still = spectrum = differences = np.zeros((space.size, 0), light.dtype)
+    """Response of each coordinate alone, and what it is laid out as."""
+    recorded = _records_of_each(scene, space.motion, space.shutter, space.size, plan, parts_wanted)
+    kernels, spectra, light = map(np.asarray, recorded)
+    still = spectrum = differences = np.zeros((light.size, 0), light.dtype)
     if parts_wanted.kernels:
         shares = np.sqrt(np.asarray(scene.weights, light.dtype))[: kernels.shape[1] - 1, None]
         spectrum = np.fft.rfft(kernels[:, 0], plan.dft_length)
@@ -231,9 +229,27 @@ def _basis(
         differences = _triangular(shares * (kernels[:, 1:] - kernels[:, :1]))
     waves = spectrum, spectra
     parts = [still, differences, *map(np.real, waves), *map(np.imag, waves), light]
-    rows = np.concatenate([np.reshape(part, (space.size, -1)) for part in parts], axis=1)
+    rows = np.concatenate([np.reshape(part, (light.size, -1)) for part in parts], axis=1)
     layout = Layout(still.shape[1], differences.shape[1], spectrum.shape[1], spectra.shape[1:])
     return jax.device_put(rows.astype(light.dtype)), layout
+
+
+@seldom_run
+def _records_of_each(
+    scene: Scene,
+    motion: AbstractMotion,
+    profile: Any,
+    num_coordinates: int,
+    plan: Plan,
+    parts_wanted: Parts,
+) -> Records:
+    """Of a profile with each coordinate alone at 1, by one program."""
+
+    def one(corner: Array) -> Records:
+        return records(scene, motion, profile.at(corner), plan, *parts_wanted)
+
+    corners = jnp.eye(num_coordinates, dtype=scene.speeds.dtype)
+    return jax.lax.map(one, corners)
 
 
 def _triangular(rows: np.ndarray) -> np.ndarray:

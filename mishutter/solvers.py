@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, ArrayLike
 
 from mishutter.compiling import quick_to_compile
 from mishutter.design_space import Bends
 from mishutter.objective import AbstractObjective
 
+_POINTS_A_CALL = 16
 _MEMORY = 10
 """Steps that L-BFGS-B remembers; more than coordinates say nothing new, and each number of them
 has JAX compile what jaxopt makes of it."""
@@ -39,10 +40,36 @@ def check_finite(finite: Array | np.ndarray) -> None:
         )
 
 
-@quick_to_compile
-def loss_and_gradient(objective: AbstractObjective, box: Array | np.ndarray) -> tuple[Array, Array]:
+def loss_and_gradient(
+    objective: AbstractObjective, box: Array | np.ndarray
+) -> tuple[np.floating, np.ndarray]:
     """Loss and gradient at a point of the box; scalar and `(size,)`."""
-    return jax.value_and_grad(objective)(jnp.asarray(box))
+    losses, gradients = _losses_and_gradients(objective, np.asarray(box)[None])
+    return losses[0], gradients[0]
+
+
+def _losses_and_gradients(
+    objective: AbstractObjective, boxes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of at most so many points as one call takes; shapes `(n,)` and `(n, size)`."""
+    room = np.zeros((_POINTS_A_CALL, *boxes.shape[1:]), boxes.dtype)
+    room[: len(boxes)] = boxes
+    found = _one_by_one(objective, room, np.asarray(len(boxes)))
+    losses, gradients = (np.asarray(part)[: len(boxes)] for part in found)
+    return losses, gradients
+
+
+@quick_to_compile
+def _one_by_one(
+    objective: AbstractObjective, boxes: ArrayLike, count: ArrayLike
+) -> tuple[Array, Array]:
+    def one(index: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        loss, gradient = jax.value_and_grad(objective)(points[index])
+        return found[0].at[index].set(loss), found[1].at[index].set(gradient)
+
+    points = jnp.asarray(boxes)
+    nothing = jnp.zeros_like(points[:, 0]), jnp.zeros_like(points)
+    return jax.lax.fori_loop(0, count, one, nothing)
 
 
 def losses_at(objective: AbstractObjective, boxes: np.ndarray) -> np.ndarray:
@@ -51,9 +78,11 @@ def losses_at(objective: AbstractObjective, boxes: np.ndarray) -> np.ndarray:
     Raises:
         NonFiniteLossError: if a loss or its gradient is not finite.
     """
-    pairs = [loss_and_gradient(objective, box) for box in boxes]
-    check_finite(np.array([np.isfinite(f) and np.all(np.isfinite(g)) for f, g in pairs]))
-    return np.array([float(loss) for loss, _ in pairs])
+    calls = range(0, len(boxes), _POINTS_A_CALL)
+    each = [_losses_and_gradients(objective, boxes[i : i + _POINTS_A_CALL]) for i in calls]
+    losses, gradients = (np.concatenate(part) for part in zip(*each, strict=True))
+    check_finite(np.isfinite(losses) & np.all(np.isfinite(gradients), axis=1))
+    return losses
 
 
 def projected_gradient_norm(box: np.ndarray, gradient: np.ndarray) -> float:
