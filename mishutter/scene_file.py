@@ -61,8 +61,9 @@ def _scene(data: bytes, name: str, folder: Path) -> Scene:
     file = validated(SceneFile, tables, name, in_section)
     try:
         return _built(file, folder)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
+    except (ValueError, OSError) as error:
+        kind = ValueError if isinstance(error, ValueError) else type(error)
+        raise kind(f"{name}: {error}") from None
 
 
 def _built(file: SceneFile, folder: Path) -> Scene:

@@ -149,3 +149,11 @@ def test_a_file_that_is_not_text(tmp_path):
     path.write_bytes(b"\xff\xd8\xff\xe0")
     with pytest.raises(ValueError, match="must be UTF-8 text; got byte 0"):
         read_scene(path)
+
+
+def test_a_picture_that_is_missing_is_told_with_the_scene_that_names_it(tmp_path):
+    """The kind of error stays what it was."""
+    path = tmp_path / "scene.toml"
+    path.write_text(edited("path = ", 'path = "no.png"'))
+    with pytest.raises(FileNotFoundError, match=r"scene\.toml: .*no\.png', not found"):
+        read_scene(path)
