@@ -238,7 +238,8 @@ def restore_by_each(
     on_sensor = blurred_at_speeds(light, motion, shutter, chosen_speeds.tolist(), plan, least_taps)
     count = min(num_processors(), _CAPTURES_AT_ONCE)
     trials = list(in_threads(tried, enumerate(on_sensor), count))
-    expected = float(-10 * np.log10(expected_squared_error(model)))
+    with np.errstate(divide="ignore"):
+        expected = float(-10 * np.log10(expected_squared_error(model)))
     return {
         name: RestoredPhotograph(
             **_levels(chosen_speeds, weights, trials, index),

@@ -245,3 +245,12 @@ def test_no_picture_is_restored_without_light():
     message = r"`deconvolve\(scene=...\)` must have a photon rate above 0 e-/s; got 0.0"
     with pytest.raises(ValueError, match=message):
         ms.deconvolve(np.ones((3, 90)), scene(photon_rate=0.0), camera(), ms.HannShutter())
+
+
+def test_of_a_picture_without_detail_nothing_is_expected_to_be_wrong():
+    """As in the table of a comparison, not what the smallest of numbers would leave."""
+    white, known = np.ones((8, 300, 1)), scene(mean_level=1.0, deviation=0.0)
+    result = ms.restore_photograph(white, known, camera(), ms.HannShutter(), num_seeds=1)
+    assert np.isposinf(result.expected_psnr)
+    assert np.isposinf(ms.evaluate(known, camera(), ms.HannShutter()).expected_psnr)
+    assert np.all(np.isfinite(result.psnr))

@@ -69,8 +69,10 @@ def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
 
     $2\int_0^{1/2} [S \sum p_i |1 - G H_i|^2 + N |G|^2]\,df$. It differs from the
     `expected_psnr` of a continuous picture by what the sampling of the picture folds
-    back, which counts where light is plentiful.
+    back, which counts where light is plentiful. Of a picture without detail it is 0.
     """
+    if not np.any(model.power > 0):
+        return 0.0
     response = ensemble_filter(model, length)
     missed = model.weights @ np.abs(1 - response * model.responses(length)) ** 2
     left = model.picture_spectrum(length) * missed + model.noise * np.abs(response) ** 2
