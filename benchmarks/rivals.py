@@ -18,6 +18,8 @@ import scipy.integrate
 from mishutter import AbstractShutter, ParabolicMotion, binned_exposure
 from mishutter.shutters import piecewise
 
+PASSING_TIMES = "passing times alone"
+
 
 class Problem(NamedTuple):
     """A shutter, a motion and edges; `slug` names the shutter among the test cases."""
@@ -90,6 +92,16 @@ def antiderivative(problem: Problem) -> Method:
         return jnp.sum(primitive(upper) - primitive(lower), axis=0) / 2
 
     return Method("closed-form differences", 0, taps)
+
+
+def passing_times(problem: Problem) -> Method:
+    """No rival but a floor: when each edge is passed, which every exact method has to find."""
+
+    def taps(a, T, s):
+        lower, upper = _intervals(problem, a, T, s)
+        return jnp.sum(upper - lower, axis=0) / 2
+
+    return Method(PASSING_TIMES, 0, taps)
 
 
 def _hann_primitive(_):
@@ -189,6 +201,7 @@ def methods(problem: Problem) -> list[Method]:
     found += [gauss_legendre(problem, n) for n in (2, 4, 8, 16)]
     if problem.slug in PRIMITIVES:
         found.append(antiderivative(problem))
+    found.append(passing_times(problem))
     found += [area_sampled(problem, n) for n in (1, 64)]
     found += [frame_sums(problem, n) for n in (1000, 100_000)]
     found.append(adaptive(problem, 1e-12))
