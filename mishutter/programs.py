@@ -20,7 +20,7 @@ from jax.experimental.serialize_executable import deserialize_and_load, serializ
 from mishutter.shelf import Shelf, description, is_weak, setting, settings
 
 Options = dict[str, bool | int] | None
-SHELF = Shelf(by_value=False)
+SHELF = Shelf(by_value=False, most_bytes=1 << 30)
 TRACING = threading.RLock()
 """Held while a program is traced: threads share what JAX knows of the functions in it, among
 that a derivative rule which two of them may not trace at once (`StoreException`)."""
@@ -146,7 +146,7 @@ def _write(path: Path, compiled: jax.stages.Compiled, result: Any) -> None:
 
 
 def _read(path: Path, num_arrays: int) -> _Loaded:
-    program, result = pickle.loads(path.read_bytes())
+    program, result = pickle.loads(SHELF.read(path))
     arguments = jax.tree.structure(((0,) * num_arrays, {}))
     num_results = sum(_is_shape(x) for x in jax.tree.leaves(result))
     results = jax.tree.structure([0] * num_results)
