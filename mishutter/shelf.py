@@ -40,7 +40,7 @@ class Shelf:
 
     Args:
         by_value: Whether arrays are told apart by their numbers, or by their kind alone.
-        most_bytes: Of all its files together; those that were read longest ago go first.
+        most_bytes: Of all its files together; large ones that were read long ago go first.
     """
 
     def __init__(self, *, by_value: bool, most_bytes: int) -> None:
@@ -191,13 +191,14 @@ def _check(content: bytes) -> bytes:
 
 
 def _forget_beyond(most: int, folder: Path) -> None:
-    """Remove what was read longest ago until the rest takes no more than so many bytes."""
+    """Remove each file that there is no room for, of so many bytes, beside those read since."""
     files = {path: path.stat() for path in folder.iterdir() if path.is_file()}
-    total = 0
+    room = most
     for path in sorted(files, key=lambda path: files[path].st_atime, reverse=True):
-        total += files[path].st_size
-        if total > most:
+        if files[path].st_size > room:
             path.unlink(missing_ok=True)
+        else:
+            room -= files[path].st_size
 
 
 def _remove_unused(current: Path) -> None:

@@ -102,6 +102,15 @@ def test_what_was_read_longest_ago_goes_first(shelf):
     assert [path.exists() for path in paths] == [True, False, True, True]
 
 
+def test_a_large_file_does_not_take_small_ones_with_it(shelf):
+    """What took minutes to work out may be a few bytes, beside pictures that took a moment."""
+    paths = kept(shelf, 0, size=10), kept(shelf, 1, size=2000)
+    for number, path in enumerate(paths):
+        os.utime(path, (number, 1000))
+    paths += (kept(shelf, 2, size=2000),)
+    assert [path.exists() for path in paths] == [True, False, True]
+
+
 def test_what_alone_takes_more_is_not_kept(shelf):
     """It would cost all others their place, and then its own."""
     paths = kept(shelf, 0), kept(shelf, 1, size=3200)
