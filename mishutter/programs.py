@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Hashable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 import equinox as eqx
 import jax
@@ -96,7 +97,10 @@ class KeptProgram:
             shapes[:] = [jax.tree.map(_shape, result)]
             return [x for x in jax.tree.leaves(result) if eqx.is_array(x)]
 
-        flat.__name__ = getattr(self._function, "__name__", "program")
+        # No two share a name: what JAX's cache holds is never taken for it, though another thread
+        # has JAX begin to use its cache again while this one is past it.
+        name = getattr(self._function, "__name__", "program")
+        flat.__name__ = name if path is None else f"{name}_{uuid4().hex}"
         with TRACING:
             lowered = jax.jit(flat, compiler_options=self._options).lower(*arrays)
         if path is None or "callback" in lowered.as_text():
