@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import stat
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -11,6 +12,7 @@ from typing import Any
 
 _MOST_BYTES = 1 << 26
 """Far beyond any scene or design; what has no end, as `/dev/zero`, is found out by it."""
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def contents(path: str | Path) -> bytes:
@@ -82,6 +84,25 @@ def writable_folder(path: str | Path) -> Path:
             f"`--out` must be a folder that takes files; got {str(path)!r}: {reason}."
         ) from None
     return folder
+
+
+def is_own_folder(path: Path) -> bool:
+    """Whether a folder takes files of this user alone: it is there, or is made, and is theirs.
+
+    Where others may write to it, they no longer may: what lies in it is run.
+    """
+    if not path.is_absolute():  # `~` of a user without a home
+        return False
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = path.stat()
+        if hasattr(os, "getuid") and found.st_uid != os.getuid():
+            return False
+        if found.st_mode & _OTHERS_WRITE:
+            path.chmod(stat.S_IMODE(found.st_mode) & ~_OTHERS_WRITE)
+    except OSError:
+        return False
+    return os.access(path, os.W_OK)
 
 
 def short_names(paths: Iterable[Path], taken: Iterable[str] = ()) -> dict[str, Path]:

@@ -176,7 +176,9 @@ def _solver_state(theta: Array) -> Any:
 def _start(starts: Array) -> _State:
     theta = jnp.arcsin(jnp.sqrt(jnp.clip(starts, _MARGIN, 1 - _MARGIN)))
     state = eqx.filter_vmap(_solver_state)(theta)
-    memory = jax.tree.leaves(eqx.filter(state, eqx.is_array))
+    # Optimistix takes JAX's default for its step size, which would widen the angles.
+    leaves = jax.tree.leaves(eqx.filter(state, eqx.is_array))
+    memory = [x.astype(theta.dtype) if eqx.is_inexact_array(x) else x for x in leaves]
     not_known = jnp.full(theta.shape[0], jnp.finfo(theta.dtype).max)
     return _State(theta, not_known, memory, jnp.zeros(theta.shape[0], bool))
 

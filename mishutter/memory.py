@@ -1,19 +1,14 @@
 """What long work found, kept in the user's cache folder: no question is worked out twice."""
 
-import os
 import pickle
-import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import datetime
-from pathlib import Path
 from typing import Any, TypeVar
 
 from mishutter.shelf import Shelf
 
-SHELF = Shelf(by_value=True)
-_MOST_BYTES = 1 << 28
-"""Of all results together; those that were asked for longest ago go first."""
+SHELF = Shelf(by_value=True, most_bytes=1 << 28)
 _Result = TypeVar("_Result")
 
 
@@ -57,24 +52,11 @@ class Memory:
         path = SHELF.place_of((work, args, kwargs))
         if path is not None and not self._fresh:
             with suppress(Exception):  # whatever is wrong with a file, working it out mends it
-                result, when = pickle.loads(path.read_bytes()), path.stat().st_mtime
-                with suppress(OSError):
-                    os.utime(path, (time.time(), when))
-                self.recalled[name] = when
+                result = pickle.loads(SHELF.read(path))
+                self.recalled[name] = path.stat().st_mtime
                 return result
         result = work(*args, **kwargs, **watch)
         if path is not None:
             with suppress(Exception):  # what cannot be kept is worked out again
                 SHELF.keep(path, pickle.dumps(result))
-                _forget_beyond(_MOST_BYTES, path.parent)
         return result
-
-
-def _forget_beyond(most: int, folder: Path) -> None:
-    """Remove what was asked for longest ago until the rest takes no more than so many bytes."""
-    files = {path: path.stat() for path in folder.iterdir() if path.is_file()}
-    total = 0
-    for path in sorted(files, key=lambda path: files[path].st_atime, reverse=True):
-        total += files[path].st_size
-        if total > most:
-            path.unlink(missing_ok=True)

@@ -151,8 +151,7 @@ def objective_of(
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
     held = plan.skips and "shutter" not in space.free
     if held and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
-        dtype = common_dtype(*jax.tree.leaves((scene.speeds, space.motion, space.shutter)))
-        nodes = lit_nodes(space.shutter, plan.num_nodes, dtype)
+        nodes = lit_nodes(space.shutter, plan.num_nodes, np.dtype(space.max_speed.dtype))
         space = replace(space, shutter=RectShutter())
         return MotionObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
@@ -248,7 +247,8 @@ def _records_of_each(
     def one(corner: Array) -> Records:
         return records(scene, motion, profile.at(corner), plan, *parts_wanted)
 
-    corners = jnp.eye(num_coordinates, dtype=scene.speeds.dtype)
+    dtype = common_dtype(motion.half_exposure, scene.speeds)
+    corners = jnp.eye(num_coordinates, dtype=dtype)
     return jax.lax.map(one, corners)
 
 

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Hashable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 import equinox as eqx
 import jax
@@ -20,7 +21,7 @@ from jax.experimental.serialize_executable import deserialize_and_load, serializ
 from mishutter.shelf import Shelf, description, is_weak, setting, settings
 
 Options = dict[str, bool | int] | None
-SHELF = Shelf(by_value=False)
+SHELF = Shelf(by_value=False, most_bytes=1 << 30)
 TRACING = threading.RLock()
 """Held while a program is traced: threads share what JAX knows of the functions in it, among
 that a derivative rule which two of them may not trace at once (`StoreException`)."""
@@ -96,7 +97,10 @@ class KeptProgram:
             shapes[:] = [jax.tree.map(_shape, result)]
             return [x for x in jax.tree.leaves(result) if eqx.is_array(x)]
 
-        flat.__name__ = getattr(self._function, "__name__", "program")
+        # No two share a name: what JAX's cache holds is never taken for it, though another thread
+        # has JAX begin to use its cache again while this one is past it.
+        name = getattr(self._function, "__name__", "program")
+        flat.__name__ = name if path is None else f"{name}_{uuid4().hex}"
         with TRACING:
             lowered = jax.jit(flat, compiler_options=self._options).lower(*arrays)
         if path is None or "callback" in lowered.as_text():
@@ -146,7 +150,7 @@ def _write(path: Path, compiled: jax.stages.Compiled, result: Any) -> None:
 
 
 def _read(path: Path, num_arrays: int) -> _Loaded:
-    program, result = pickle.loads(path.read_bytes())
+    program, result = pickle.loads(SHELF.read(path))
     arguments = jax.tree.structure(((0,) * num_arrays, {}))
     num_results = sum(_is_shape(x) for x in jax.tree.leaves(result))
     results = jax.tree.structure([0] * num_results)

@@ -29,6 +29,8 @@ _LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "jaxopt", "num
 _OWN = "mishutter"
 _IN_PROGRAMS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_threefry_partitionable")
 _DAYS_UNUSED = 30
+_CHECK_BYTES = 32
+"""What each file begins with: the SHA-256 of the rest."""
 
 
 class Shelf:
@@ -38,11 +40,13 @@ class Shelf:
 
     Args:
         by_value: Whether arrays are told apart by their numbers, or by their kind alone.
+        most_bytes: Of all its files together; large ones that were read long ago go first.
     """
 
-    def __init__(self, *, by_value: bool) -> None:
+    def __init__(self, *, by_value: bool, most_bytes: int) -> None:
         self.folder: Path | None = None
         self._by_value = by_value
+        self._most_bytes = most_bytes
 
     def open(self, folder: Path) -> None:
         """Use a folder, made when the first file is.
@@ -63,16 +67,35 @@ class Shelf:
             return None
         return self.folder / hashlib.sha256(name.encode()).hexdigest()
 
+    def read(self, path: Path) -> bytes:
+        """What was kept in a file.
+
+        Raises:
+            OSError: if it cannot be read.
+            ValueError: if it is not as it was written.
+        """
+        found = path.read_bytes()
+        check, content = found[:_CHECK_BYTES], found[_CHECK_BYTES:]
+        # A program with one wrong bit may end the process.
+        if check != _check(content):
+            raise ValueError(f"{path} must be as it was written; got something else.")
+        with suppress(OSError):
+            os.utime(path, (time.time(), path.stat().st_mtime))
+        return content
+
     def keep(self, path: Path, content: bytes) -> None:
-        """Write a file.
+        """Write a file, unless it alone is more than all may be.
 
         Raises:
             OSError: if it cannot be written.
         """
+        if len(content) + _CHECK_BYTES > self._most_bytes:
+            return
         if not path.parent.exists():
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             _remove_unused(path.parent)
-        write_bytes(path, content)
+        write_bytes(path, _check(content) + content)
+        _forget_beyond(self._most_bytes, path.parent)
 
 
 class NotTold(Exception):
@@ -161,6 +184,21 @@ def _processor() -> str:
     except OSError:
         return platform.processor()
     return next((line for line in lines if line.startswith(("flags", "Features"))), "")
+
+
+def _check(content: bytes) -> bytes:
+    return hashlib.sha256(content).digest()
+
+
+def _forget_beyond(most: int, folder: Path) -> None:
+    """Remove each file that there is no room for, of so many bytes, beside those read since."""
+    files = {path: path.stat() for path in folder.iterdir() if path.is_file()}
+    room = most
+    for path in sorted(files, key=lambda path: files[path].st_atime, reverse=True):
+        if files[path].st_size > room:
+            path.unlink(missing_ok=True)
+        else:
+            room -= files[path].st_size
 
 
 def _remove_unused(current: Path) -> None:

@@ -9,7 +9,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from pathlib import Path
 from typing import Any
 
 import typer
@@ -19,7 +18,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from mishutter.files import strict_json
+from mishutter.files import is_own_folder, strict_json
 
 _WIDTH = 132
 """Columns of a table where standard output is no terminal."""
@@ -247,27 +246,21 @@ def ends_when_asked() -> Iterator[None]:
 
 
 def start_jax() -> None:
-    """64-bit numbers; programs and results kept in the user's cache folder, if it takes files."""
+    """64-bit numbers; programs and results kept in the cache folder, if it is the user's alone."""
     import jax
     from platformdirs import user_cache_path
 
     from mishutter import memory, programs
 
     jax.config.update("jax_enable_x64", True)
-    folder = user_cache_path("mishutter", appauthor=False) / "jax"
-    if getattr(jax.config, "jax_compilation_cache_dir", None) is None and _takes_files(folder):
-        jax.config.update("jax_compilation_cache_dir", str(folder))
+    if getattr(jax.config, "jax_compilation_cache_dir", None) is not None:
+        return
+    folder = user_cache_path("mishutter", appauthor=False)
+    kinds = [folder / name for name in ("jax", "programs", "results")]
+    if all(is_own_folder(path) for path in (folder, *kinds)):
+        jax.config.update("jax_compilation_cache_dir", str(kinds[0]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
         if getattr(jax.config, "jax_enable_compilation_cache", True):
-            programs.SHELF.open(folder.parent / "programs")
-            memory.SHELF.open(folder.parent / "results")
-
-
-def _takes_files(folder: Path) -> bool:
-    """Whether a folder is there, or can be made, and may be written to."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
+            programs.SHELF.open(kinds[1])
+            memory.SHELF.open(kinds[2])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mishutter import Design, Scene
-from mishutter.files import short_names, strict_json, write_text
+from mishutter.files import is_own_folder, short_names, strict_json, write_text
 
 
 def test_a_file_has_the_permissions_of_any_new_one(tmp_path):
@@ -51,3 +51,28 @@ def test_a_file_without_an_end_is_refused(read):
     """Reading stops where no scene and no design would still go on."""
     with pytest.raises(ValueError, match=r"^/dev/zero must be a file of at most 64 MiB; got more"):
         read("/dev/zero")
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="permissions are of another kind there")
+def test_only_its_owner_may_write_to_a_folder_whose_files_are_run(tmp_path, monkeypatch):
+    """Whatever the umask; a folder of another user is not taken, though it may take files."""
+    before = os.umask(0)
+    try:
+        assert is_own_folder(tmp_path / "new")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o700
+    (tmp_path / "new").chmod(0o777)
+    assert is_own_folder(tmp_path / "new")
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o755
+    (tmp_path / "file").write_text("")
+    assert not is_own_folder(tmp_path / "file")
+    monkeypatch.setattr(os, "getuid", lambda: tmp_path.stat().st_uid + 1)
+    assert not is_own_folder(tmp_path / "new")
+
+
+def test_a_folder_that_depends_on_the_current_one_is_not_taken(tmp_path, monkeypatch):
+    """It would be the current folder's `~` for a user without a home, whoever that belongs to."""
+    monkeypatch.chdir(tmp_path)
+    assert not is_own_folder(Path("~", ".cache"))
+    assert list(tmp_path.iterdir()) == []

@@ -275,6 +275,35 @@ def test_the_starting_profile_is_as_precise_as_the_speeds(dtype):
     assert np.array_equal(shutter.parameters, twice.astype(dtype))
 
 
+_SHUTTERS = {"spline": SplineShutter.fit(TukeyShutter(0.45), 10), "tukey": TukeyShutter(0.3)}
+
+
+@pytest.mark.parametrize("slug", _SHUTTERS)
+@pytest.mark.parametrize("free", [("half_exposure",), ("shutter",), FREE_NAMES])
+def test_a_search_is_as_precise_as_the_scene_and_the_motion(slug, free):
+    """Single precision stays so where JAX's default is double, whatever the shutter's is."""
+    speeds, single = np.array([-310.0, 0.0, 520.0], np.float32), np.float32
+    scene = Scene(speeds, photon_rate=single(1e5), read_noise=single(4))
+    motion = ParabolicMotion(acceleration=single(1e5), half_exposure=single(1e-2))
+    options = {"loss": ExpectedErrorLoss(), "free": free, "num_starts": 2, "max_steps": 3}
+    design = optimise(scene, motion, _SHUTTERS[slug], **options)
+    assert design.motion.half_exposure.dtype == np.float32
+    exact = float(ExpectedErrorLoss()(scene, design.motion, design.shutter))
+    assert np.isclose(design.loss, exact, rtol=1e-5)
+
+
+def test_responses_of_a_double_motion_are_double():
+    """Those of each coordinate are the records of its profile, though speeds are single."""
+    speeds = np.array([-310.0, 0.0, 520.0], np.float32)
+    scene = Scene(speeds, photon_rate=1e5, read_noise=4.0)
+    space = design_space(scene, MOTION, _SHUTTERS["spline"], "shutter")
+    loss = ExpectedErrorLoss()
+    linear = objective_of(loss, scene, space, SMALL)
+    direct = DesignObjective(loss, scene, space, SMALL)
+    boxes = start_boxes(space, 4, seed=3)
+    assert np.allclose(losses_at(linear, boxes), losses_at(direct, boxes), rtol=1e-12, atol=0)
+
+
 class _NotFinite(AbstractLoss):
     """The root of a value that is exactly zero: finite, with an infinite derivative."""
 

@@ -1,5 +1,6 @@
 """Pictures say what they show: labelled axes with units, lines that survive a grey printout."""
 
+import os
 from functools import cache
 from itertools import pairwise
 
@@ -132,9 +133,10 @@ def test_designs_of_any_name_and_number(slug):
     assert len(styles) == len(NAMES)
 
 
-def test_letters_that_the_font_lacks(tmp_path):
-    """A name in them is drawn as boxes, and is no reason for a warning."""
-    figure = plots.plot_profiles({"設計": DESIGNS["Hann"]})
+@pytest.mark.parametrize("name", ["設計", os.fsdecode(b"na\xefve")])
+def test_letters_that_the_font_lacks(name, tmp_path):
+    """A name in them is drawn as boxes, one of bytes that are no text as those, without a word."""
+    figure = plots.plot_profiles({name: DESIGNS["Hann"]})
     plots.save_figure(figure, tmp_path / "profile.png")
     assert (tmp_path / "profile.png").stat().st_size > 0
 

@@ -5,12 +5,14 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.experimental.compilation_cache import compilation_cache
 
 from mishutter import HannShutter, RectShutter, TukeyShutter, programs
 from mishutter.nodes import lit_nodes
@@ -109,6 +111,31 @@ def test_a_damaged_file_is_made_anew(shelf, damage):
     again, _ = KeptProgram(PROFILE)(HannShutter(), TAU)
     assert np.array_equal(first, again)
     without_compiling(PROFILE)(HannShutter(), TAU)
+
+
+def test_what_comes_from_the_cache_of_jax_is_not_kept(shelf, tmp_path, monkeypatch):
+    """It lacks code when it is written again; another thread may have JAX use its cache."""
+    monkeypatch.setattr(programs, "_PAST_THE_CACHE", nullcontext())
+    cache = "jax_persistent_cache_min"
+    names = "jax_enable_compilation_cache", "jax_compilation_cache_dir"
+    names += f"{cache}_compile_time_secs", f"{cache}_entry_size_bytes"
+    before = [programs.setting(name) for name in names]
+    try:
+        for name, value in zip(names, (True, str(tmp_path / "jax"), 0.0, -1), strict=True):
+            jax.config.update(name, value)
+        compilation_cache.reset_cache()
+        for _ in range(2):
+            for path in kept(shelf):
+                path.unlink()
+            jax.clear_caches()
+            first, _ = KeptProgram(PROFILE)(HannShutter(), TAU)
+        assert list((tmp_path / "jax").iterdir())
+        again, _ = without_compiling(PROFILE)(HannShutter(), TAU)
+        assert np.array_equal(first, again)
+    finally:
+        for name, value in zip(names, before, strict=True):
+            jax.config.update(name, value)
+        compilation_cache.reset_cache()
 
 
 def test_a_folder_that_cannot_be_made_costs_nothing_but_time(tmp_path):

@@ -1,5 +1,7 @@
 """What a file in the cache is known by tells any two calls apart that may differ."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -59,5 +61,57 @@ def test_what_is_not_the_packages_is_not_told():
 
 def test_there_is_no_place_without_a_folder():
     """Nor for what cannot be told."""
-    shelf = Shelf(by_value=True)
+    shelf = Shelf(by_value=True, most_bytes=1000)
     assert shelf.place_of(HannShutter()) is None
+
+
+@pytest.fixture
+def shelf(tmp_path):
+    """An empty one, of three files of a thousand bytes."""
+    shelf = Shelf(by_value=True, most_bytes=3200)
+    shelf.open(tmp_path)
+    return shelf
+
+
+def kept(shelf, number, size=1000):
+    """A file on it."""
+    path = shelf.place_of(number)
+    shelf.keep(path, bytes([number]) * size)
+    return path
+
+
+def test_a_file_is_read_as_it_was_written_or_not_at_all(shelf):
+    """No bit of it may have turned: in a program it may end the process."""
+    path = kept(shelf, 7)
+    assert shelf.read(path) == b"\7" * 1000
+    whole = path.read_bytes()
+    for place in (0, 40, len(whole) - 1):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        with pytest.raises(ValueError, match=r"must be as it was written; got something else"):
+            shelf.read(path)
+
+
+def test_what_was_read_longest_ago_goes_first(shelf):
+    """There is a most that all may take; the one just kept stays."""
+    paths = [kept(shelf, number) for number in range(3)]
+    for number, path in enumerate(paths):
+        os.utime(path, (number, 1000))
+    shelf.read(paths[0])
+    assert paths[0].stat().st_mtime == 1000
+    paths.append(kept(shelf, 3))
+    assert [path.exists() for path in paths] == [True, False, True, True]
+
+
+def test_a_large_file_does_not_take_small_ones_with_it(shelf):
+    """What took minutes to work out may be a few bytes, beside pictures that took a moment."""
+    paths = kept(shelf, 0, size=10), kept(shelf, 1, size=2000)
+    for number, path in enumerate(paths):
+        os.utime(path, (number, 1000))
+    paths += (kept(shelf, 2, size=2000),)
+    assert [path.exists() for path in paths] == [True, False, True]
+
+
+def test_what_alone_takes_more_is_not_kept(shelf):
+    """It would cost all others their place, and then its own."""
+    paths = kept(shelf, 0), kept(shelf, 1, size=3200)
+    assert [path.exists() for path in paths] == [True, False]
