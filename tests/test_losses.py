@@ -12,6 +12,7 @@ from mishutter import (
     ChippedShutter,
     DesignLoss,
     ExpectedErrorLoss,
+    ParabolicMotion,
     RectShutter,
     Scene,
     SplineShutter,
@@ -245,3 +246,26 @@ def test_what_is_no_loss_is_named_wherever_it_is_computed():
         (ExpectedErrorLoss() + Many())(SCENE, MOTION, RectShutter())
     with pytest.raises(ValueError, match=line):
         plan_error(SMALL, SCENE, MOTION, RectShutter(), loss=Many())
+
+
+@pytest.mark.parametrize("read_noise", [0.0, 2.0, 1e20])
+@pytest.mark.parametrize("photon_rate", [1e-30, 1e12, 1e25])
+def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):
+    """In single precision too, in which squares of such numbers are 0 or infinite."""
+
+    def value_and_slopes(dtype):
+        scene = Scene(
+            np.array([-700.0, 250.0], dtype), photon_rate=photon_rate, read_noise=read_noise
+        )
+
+        def error(of):
+            motion = ParabolicMotion(acceleration=1e5 * of[0], half_exposure=1e-2 * of[1])
+            return ExpectedErrorLoss()(scene, motion, TukeyShutter(of[2]), plan=SMALL)
+
+        return jax.value_and_grad(error)(jnp.asarray([1.1, 0.9, 0.3], dtype))
+
+    value, slopes = value_and_slopes(np.float64)
+    single, single_slopes = value_and_slopes(np.float32)
+    assert value > 0
+    assert np.isclose(single, value, rtol=1e-5)
+    np.testing.assert_allclose(single_slopes, slopes, rtol=1e-4, atol=1e-6 * value)
