@@ -255,6 +255,22 @@ def test_a_wrong_plan_is_found_out(wrong, loss):
         check_plan(replace(right, **wrong), scene, MOTION, shutter, loss=loss)
 
 
+def test_a_plan_may_change_what_its_bound_says():
+    """And no more: a change just above the bound is refused, one just below is returned."""
+    given = SCENE, MOTION, RectShutter()
+    right = plan(*given)
+    short = replace(right, num_taps=16)
+    change = plan_error(short, *given)
+    assert change > 1e-3
+    for share, kept in ((0.9, False), (1.1, True)):
+        told = replace(short, items=(replace(right.items[0], bound=share * change),))
+        if kept:
+            assert check_plan(told, *given) == change
+        else:
+            with pytest.raises(WrongPlanError, match="must change no result by more than"):
+                check_plan(told, *given)
+
+
 def test_a_plan_of_another_scene_is_found_out():
     """Also where the kernels of this one are longer than its transform."""
     shutter = HannShutter()
