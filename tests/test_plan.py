@@ -110,13 +110,13 @@ def check_toleranced(seed):
     loss = (None, ExpectedErrorLoss(), DesignLoss())[seed // 12 % 3]
     found = plan(scene, motion, shutter, loss=loss, tolerance=1e-3)
     change = check_plan(found, scene, motion, shutter, loss=loss)
-    assert found.bound <= 1e-3
+    assert all((item.bound or 0) <= 1e-3 / 4 for item in found.items)
     return None if found.bound == 0 else found.bound / max(change, 1e-15)
 
 
 @pytest.mark.parametrize("seed", [0, 12, 25, 3])
 def test_skips_with_a_tolerance_keep_their_bound(seed):
-    """The change is within the bound, and the bound within the tolerance."""
+    """The change is within the bound, and the bound of each of four skips within its share."""
     check_toleranced(seed)
 
 
