@@ -108,8 +108,11 @@ def simulate(
     save_figure(plot_capture(seen, result.captured, result.restored), folder / "side_by_side.png")
     files = ["captured.png", "restored.png", "side_by_side.png"]
     figures = _quality(seen, result.restored)
+    if not figures:
+        note("no quality: each layer or frame moves on its own, and no one picture is the truth")
     if json:
-        write_json({"quality": figures, "decoder": decoder.value, "files": files})
+        measured = {"quality": figures} if figures else {}
+        write_json(measured | {"decoder": decoder.value, "files": files})
     elif figures:
         rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
         print_table(f"Restored by {decoder.value}", ["figure", "value"], rows)

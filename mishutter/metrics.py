@@ -164,15 +164,20 @@ def expected_squared_error(
     spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0)
     coherent = mean.real**2 + mean.imag**2
     electrons = scene.photon_rate.astype(dtype) * motion.exposure.astype(dtype)
-    noise = (
-        response.efficiency * scene.mean_level.astype(dtype) * electrons
-        + scene.read_noise.astype(dtype) ** 2
-    )
-    signal = power * electrons**2
+    read_noise = scene.read_noise.astype(dtype)
+    # In units of the larger of signal and noise: of electrons the squares leave single precision.
+    largest = jnp.maximum(jnp.maximum(electrons, jnp.sqrt(electrons)), read_noise)
+    unit = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1.0))
+    light = electrons / unit
+    noise = response.efficiency * scene.mean_level.astype(dtype) * light / unit
+    noise = noise + (read_noise / unit) ** 2
+    signal = power * light**2
     remaining = signal * spread + noise
     total = signal * (coherent + spread) + noise
     dark = total <= 0
-    share = jnp.where(dark, 1.0, remaining / jnp.where(dark, 1.0, total))
+    # A quotient's derivative squares its divisor: here it is one that is all but 1.
+    scale = jax.lax.stop_gradient(1 / jnp.where(dark, 1.0, total))
+    share = jnp.where(dark, 1.0, (remaining * scale) / jnp.where(dark, 1.0, total * scale))
     return (jnp.sum(power * share) + jnp.sum(every_power[num_kept:])) / num_frequencies
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Array
 
 from mishutter.compiling import seldom_run
 from mishutter.design_space import DesignSpace
-from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, Parts
+from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, Parts, value_of
 from mishutter.metrics import picture_power
 from mishutter.motion import AbstractMotion
 from mishutter.nodes import LitNodes, lit_nodes
@@ -33,7 +33,7 @@ from mishutter.response import (
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractAdjustableShutter
 from mishutter.shutters.windows import RectShutter
-from mishutter.types import common_dtype, require
+from mishutter.types import common_dtype
 
 _ROUGH_FREQUENCIES = 64
 _ROUGH_NODES = 0.7
@@ -55,16 +55,6 @@ class AbstractObjective(eqx.Module):
         """Whether many points at once take less time than one after the other."""
 
 
-def _one_number(value: Any, name: str) -> Array:
-    """What a loss gave, which may be a user's, if it is what a solver can make small."""
-    is_array = isinstance(value, jax.Array)
-    got = f"{value.dtype} of shape {value.shape}" if is_array else type(value).__name__
-    is_number = is_array or isinstance(value, float)
-    is_one = is_number and np.shape(value) == () and jnp.isrealobj(value)
-    require(is_one, f"{name}.__call__", "give one real number", got)
-    return jnp.asarray(value)
-
-
 def _many_at_once() -> bool:
     """Whether waves of many points are best at hand together: those of one fit a CPU's cache."""
     return jax.default_backend() != "cpu"
@@ -81,8 +71,7 @@ class DesignObjective(AbstractObjective):
 
     def __call__(self, box: Array) -> Array:
         shutter, motion = self.space.at(box)
-        value = self.loss(self.scene, motion, shutter, plan=self.plan)
-        return _one_number(value, type(self.loss).__name__).astype(box.dtype)
+        return value_of(self.loss, self.scene, motion, shutter, self.plan).astype(box.dtype)
 
     @property
     def batches(self) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 
-from mishutter.losses.base import AbstractLoss
+from mishutter.losses.base import AbstractLoss, value_of
 from mishutter.metrics import Metrics, evaluate
 from mishutter.motion import AbstractMotion, settled
 from mishutter.plan import Plan, sizes
@@ -114,7 +114,7 @@ def results(
 ) -> np.ndarray:
     """The loss, or all metrics, as a plan has them computed; shape `(n,)`."""
     if loss is not None:
-        return np.array([float(loss(scene, motion, shutter, plan=plan))])
+        return np.array([float(value_of(loss, scene, motion, shutter, plan))])
     return results_of(evaluate(scene, motion, shutter, plan=plan))
 
 

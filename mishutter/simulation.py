@@ -28,7 +28,8 @@ class Simulation(NamedTuple):
     """A capture and what a decoder makes of it.
 
     Attributes:
-        captured: Light in units of a fully open exposure; `(rows, columns, channels)`.
+        captured: Light in units of a fully open exposure; `(rows, columns, channels)`, or
+            `(rows, columns)` of an array of that shape.
         restored: Light of the picture, white = 1; the same shape.
     """
 
@@ -87,7 +88,6 @@ def capture_and_restore(
         light = np.asarray(exposed)
     else:
         light = subject.light if isinstance(subject, Picture) else np.asarray(subject)
-        light = light[..., None] if light.ndim == 2 else light
     chosen = EnsembleDecoder() if decoder is None else decoder
     model = blur_model(scene, motion, shutter, plan=plan)
     captured = restored = None

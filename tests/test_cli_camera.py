@@ -191,6 +191,20 @@ def test_layers_have_their_own_speeds(tmp_path, scene, capsys):
     assert "`--speed` must be left out but for a photograph; got 500" in line
 
 
+@pytest.mark.parametrize("subject", ["a.png", "a.toml", "frames"])
+def test_quality_is_that_of_a_photograph(subject, tmp_path, scene, capsys):
+    """What moves in layers or footage is nowhere at once: there is no truth, and a note says so."""
+    (tmp_path / "frames").mkdir()
+    for name in ("a.png", "frames/1.png", "frames/2.png"):
+        saved(CODED[..., 0])(tmp_path / name)
+    (tmp_path / "a.toml").write_text('[[layers]]\npicture = "a.png"')
+    given = ["simulate", scene, "--subject", tmp_path / subject, "--out", tmp_path / "out"]
+    assert cli.main([str(argument) for argument in [*given, "--json"]]) == 0
+    printed = capsys.readouterr()
+    assert ("quality" in json.loads(printed.out)) == (subject == "a.png")
+    assert ("no quality: " in printed.err) == (subject != "a.png")
+
+
 def test_simulate_needs_a_subject(tmp_path, scene, capsys):
     """A scene without a picture needs one on the command line."""
     assert "`--subject` must be given" in refused(capsys, "simulate", scene, "--out", tmp_path)

@@ -12,6 +12,7 @@ from mishutter import (
     ChippedShutter,
     DesignLoss,
     ExpectedErrorLoss,
+    ParabolicMotion,
     RectShutter,
     Scene,
     SplineShutter,
@@ -20,6 +21,7 @@ from mishutter import (
     condition_number,
     evaluate,
     losses,
+    plan_error,
 )
 from mishutter.losses.design import smooth_condition_number
 
@@ -187,3 +189,83 @@ def test_a_loss_of_ones_own_is_one_small_class():
 
     loss = Darkness() + 2.0 * Darkness()
     assert np.isclose(loss(SCENE, MOTION, TukeyShutter(0.5)), 0.75)
+
+
+def test_losses_subtract_and_are_divided():
+    """As they add and take factors: each is a weighted sum."""
+    error, design = LOSSES["expected_error"], LOSSES["design"]
+    shutter = TukeyShutter(0.5)
+    x, y = (float(loss(SCENE, MOTION, shutter, plan=SMALL)) for loss in (error, design))
+    for loss, value in ((-error, -x), (error - 0.3 * design, x - 0.3 * y), (design / 4, y / 4)):
+        assert np.isclose(loss(SCENE, MOTION, shutter, plan=SMALL), value, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda loss: loss * loss,
+        lambda loss: loss / loss,
+        lambda loss: loss - 1,
+        lambda loss: "3" * loss,
+    ],
+)
+def test_what_is_no_number_is_no_factor(wrong):
+    """It is refused where it is written, not where the loss is computed."""
+    with pytest.raises(TypeError, match=r"unsupported operand|can't multiply|be a loss"):
+        wrong(ExpectedErrorLoss())
+
+
+def test_a_loss_of_ones_own_takes_a_plan():
+    """One that does not is refused when it is made, in one line; others may ignore it."""
+
+    class Planless(AbstractLoss):
+        def __call__(self, scene, motion, shutter):
+            return 1 - shutter.efficiency()
+
+    class Indifferent(AbstractLoss):
+        def __call__(self, scene, motion, shutter, **options):
+            return 1 - shutter.efficiency()
+
+    line = (
+        r"^`Planless.__call__` must take `plan` by name, .*; got \(self, scene, motion, shutter\)."
+    )
+    with pytest.raises(ValueError, match=line):
+        Planless()
+    assert np.isclose(Indifferent()(SCENE, MOTION, TukeyShutter(0.5), plan=SMALL), 0.25)
+
+
+def test_what_is_no_loss_is_named_wherever_it_is_computed():
+    """Within a sum and by a plan too, by the class that gave it."""
+
+    class Many(AbstractLoss):
+        def __call__(self, scene, motion, shutter, *, plan=None):
+            return jnp.ones(3)
+
+    line = "`Many.__call__` must give one real number; got 'float64 of shape "
+    with pytest.raises(ValueError, match=line):
+        (ExpectedErrorLoss() + Many())(SCENE, MOTION, RectShutter())
+    with pytest.raises(ValueError, match=line):
+        plan_error(SMALL, SCENE, MOTION, RectShutter(), loss=Many())
+
+
+@pytest.mark.parametrize("read_noise", [0.0, 2.0, 1e20])
+@pytest.mark.parametrize("photon_rate", [1e-30, 1e12, 1e25])
+def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):
+    """In single precision too, in which squares of such numbers are 0 or infinite."""
+
+    def value_and_slopes(dtype):
+        scene = Scene(
+            np.array([-700.0, 250.0], dtype), photon_rate=photon_rate, read_noise=read_noise
+        )
+
+        def error(of):
+            motion = ParabolicMotion(acceleration=1e5 * of[0], half_exposure=1e-2 * of[1])
+            return ExpectedErrorLoss()(scene, motion, TukeyShutter(of[2]), plan=SMALL)
+
+        return jax.value_and_grad(error)(jnp.asarray([1.1, 0.9, 0.3], dtype))
+
+    value, slopes = value_and_slopes(np.float64)
+    single, single_slopes = value_and_slopes(np.float32)
+    assert value > 0
+    assert np.isclose(single, value, rtol=1e-5)
+    np.testing.assert_allclose(single_slopes, slopes, rtol=1e-4, atol=1e-6 * value)

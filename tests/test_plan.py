@@ -40,6 +40,7 @@ from mishutter import (
 )
 from mishutter.plan import reduced, require_plan, sizes
 from mishutter.speeds import distinct_speeds
+from mishutter.waves import frequencies
 
 LIMITS = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03)
 MOTION = ParabolicMotion(acceleration=11.0 / 1e-4, half_exposure=1e-2)
@@ -51,6 +52,7 @@ LOSSES = {
     "no_invariance": DesignLoss(invariance=0.0),
     "sum": 0.7 * ExpectedErrorLoss() + 0.0 * DesignLoss(),
 }
+FREE = ("acceleration", "half_exposure")
 SHUTTERS = (GaussianShutter(0.3), PROFILE, ChippedShutter([0.2, 0.9, 1.0, 0.4]))
 
 
@@ -108,14 +110,39 @@ def check_toleranced(seed):
     loss = (None, ExpectedErrorLoss(), DesignLoss())[seed // 12 % 3]
     found = plan(scene, motion, shutter, loss=loss, tolerance=1e-3)
     change = check_plan(found, scene, motion, shutter, loss=loss)
-    assert found.bound <= 1e-3
+    assert all((item.bound or 0) <= 1e-3 / 4 for item in found.items)
     return None if found.bound == 0 else found.bound / max(change, 1e-15)
 
 
 @pytest.mark.parametrize("seed", [0, 12, 25, 3])
 def test_skips_with_a_tolerance_keep_their_bound(seed):
-    """The change is within the bound, and the bound within the tolerance."""
+    """The change is within the bound, and the bound of each of four skips within its share."""
     check_toleranced(seed)
+
+
+@pytest.mark.parametrize("loss", [ExpectedErrorLoss(), DesignLoss()])
+def test_a_plan_of_a_search_holds_all_over_its_space(loss):
+    """Taps, nodes and precision that are enough at one motion are left as they are."""
+    scene = Scene([-1500.0, 1500.0], photon_rate=1e3, read_noise=9.0, limits=LIMITS)
+    given = scene, MOTION, HannShutter()
+    alone = plan(*given, loss=loss, tolerance=0.1)
+    exact, found = (plan(*given, loss=loss, free=FREE, tolerance=size) for size in (0.0, 0.1))
+    assert alone.single
+    assert not found.single
+    assert found.num_taps == exact.num_taps > alone.num_taps
+    assert found.num_nodes == exact.num_nodes > alone.num_nodes
+
+
+def test_a_tolerance_that_was_not_kept_is_given_up(monkeypatch):
+    """A plan is checked as a whole at the design, and the exact one stands in for it."""
+    given = SCENE, MOTION, TukeyShutter(0.45)
+    exact = plan(*given, loss=ExpectedErrorLoss())
+
+    def too_small(found, *args, **options):
+        return replace(found, num_nodes=16)
+
+    monkeypatch.setattr("mishutter.planning.toleranced", too_small)
+    assert plan(*given, loss=ExpectedErrorLoss(), tolerance=1e-3) == exact
 
 
 @pytest.mark.slow
@@ -170,6 +197,23 @@ def test_frequencies_stop_where_the_optics_do():
     assert plan(scene, MOTION, HannShutter()).num_kept is None
 
 
+@pytest.mark.parametrize("full_size", [16, 64])
+def test_the_last_frequency_with_power_is_kept(full_size):
+    """One more than fill a size, at the cutoff itself; and the nodes of a path that is long."""
+    scene = Scene(
+        [-80000.0, 50000.0],
+        photon_rate=1e9,
+        read_noise=0.0,
+        cutoff_frequency=frequencies(256)[full_size],
+        limits=Limits(max_stroke=200.0),
+    )
+    motion = ParabolicMotion(acceleration=190.0 / 1e-4, half_exposure=1e-2)
+    for shutter in (RectShutter(), TukeyShutter(0.3)):
+        found = plan(scene, motion, shutter, loss=ExpectedErrorLoss())
+        assert full_size < found.num_kept < 256
+        assert plan_error(found, scene, motion, shutter, loss=ExpectedErrorLoss()) <= 1e-12
+
+
 def test_the_bound_is_measured_at_every_frequency():
     """Also by a plan for a loss that sees few of them, and so takes few nodes in time."""
     limits = Limits(max_stroke=200.0)
@@ -209,6 +253,22 @@ def test_a_wrong_plan_is_found_out(wrong, loss):
     assert check_plan(right, scene, MOTION, shutter, loss=loss) <= 1e-12
     with pytest.raises(WrongPlanError, match="must change no result by more than 1e-12"):
         check_plan(replace(right, **wrong), scene, MOTION, shutter, loss=loss)
+
+
+def test_a_plan_may_change_what_its_bound_says():
+    """And no more: a change just above the bound is refused, one just below is returned."""
+    given = SCENE, MOTION, RectShutter()
+    right = plan(*given)
+    short = replace(right, num_taps=16)
+    change = plan_error(short, *given)
+    assert change > 1e-3
+    for share, kept in ((0.9, False), (1.1, True)):
+        told = replace(short, items=(replace(right.items[0], bound=share * change),))
+        if kept:
+            assert check_plan(told, *given) == change
+        else:
+            with pytest.raises(WrongPlanError, match="must change no result by more than"):
+                check_plan(told, *given)
 
 
 def test_a_plan_of_another_scene_is_found_out():

@@ -152,6 +152,20 @@ class Constant(AbstractShutter):
         return jnp.ones(())
 
 
+class WrittenInNumPy(AbstractShutter):
+    """One whose numbers have to be known."""
+
+    def transmittance(self, tau):
+        return np.cos(np.asarray(tau))
+
+
+class Complex(AbstractShutter):
+    """One with an imaginary part."""
+
+    def transmittance(self, tau):
+        return jnp.exp(1j * jnp.asarray(tau, complex))
+
+
 @pytest.mark.parametrize(
     ("shutter", "message"),
     [
@@ -162,19 +176,40 @@ class Constant(AbstractShutter):
         (Amplifier(jnp.array([0.5, -0.1, 0.5])), r"must lie in \[0, 1\]; got -0.1"),
         (Amplifier(jnp.array([0.5, jnp.nan, 0.5])), r"must lie in \[0, 1\]; got nan"),
         (Constant(), r"must have the shape of its argument; got shape \(\)"),
+        (
+            WrittenInNumPy(),
+            r"`WrittenInNumPy.transmittance` must be made of .* those of `jax.numpy`",
+        ),
+        (Complex(), r"must be real; got complex128"),
     ],
 )
 def test_a_shutter_of_ones_own_that_is_none(shutter, message):
-    """It is refused wherever it is integrated, by its name."""
+    """It is refused wherever it is integrated or fitted, by its name."""
     motion = ParabolicMotion(acceleration=37.0, half_exposure=1.1)
     for use in (
         shutter.efficiency,
+        lambda: SplineShutter.fit(shutter, 7),
         lambda: blur_kernel(shutter, motion, num_taps=9),
         lambda: binned_exposure(shutter, motion, speed=0.0, edges=np.arange(5.0)),
         lambda: transfer_function(shutter, motion, speed=0.0, frequency=0.1),
     ):
         with pytest.raises(ValueError, match=message):
             use()
+
+
+@pytest.mark.parametrize("dtype", [int, bool])
+def test_a_shutter_of_ones_own_may_be_of_integers(dtype):
+    """Open and closed as 1 and 0 are the light that they stand for."""
+
+    class HalfOpen(AbstractShutter):
+        def transmittance(self, tau):
+            return (jnp.asarray(tau) >= 0).astype(dtype)
+
+    motion = ParabolicMotion(acceleration=37.0, half_exposure=1.1)
+    own = blur_kernel(HalfOpen(), motion, speed=13.0, num_taps=19)
+    chips = blur_kernel(ChippedShutter([0.0, 1.0]), motion, speed=13.0, num_taps=19)
+    assert abs(float(HalfOpen().efficiency()) - 0.5) < EFFICIENCY
+    np.testing.assert_allclose(own, chips, rtol=0, atol=EFFICIENCY)
 
 
 def test_a_shutter_of_ones_own_is_integrated():

@@ -537,3 +537,14 @@ def test_portions_have_noise_of_their_own():
     for one in range(6):
         for other in range(one):
             assert np.any(captured[one] != captured[other])
+
+
+def test_a_grey_picture_stays_one_plane():
+    """Rows and columns in, rows and columns out, the same as with a channel."""
+    flat, key = np.linspace(0.1, 0.9, 6 * 90).reshape(6, 90), jax.random.key(3)
+    given = SCENE, MOVING, ms.HannShutter()
+    plane = ms.capture_and_restore(flat, *given, key=key, rows_at_once=4)
+    channel = ms.capture_and_restore(flat[..., None], *given, key=key, rows_at_once=4)
+    for found, with_axis in zip(plane, channel, strict=True):
+        assert found.shape == flat.shape
+        np.testing.assert_array_equal(found, with_axis[..., 0])

@@ -1,10 +1,13 @@
 """What a loss is, and how losses add up."""
 
+import inspect
 from abc import abstractmethod
 from typing import Any, NamedTuple, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from mishutter.compiling import quick_to_compile
@@ -13,14 +16,25 @@ from mishutter.plan import PLANNED, Automatic, Plan, chosen, lowered, reduced
 from mishutter.response import Response, respond
 from mishutter.scene import Scene
 from mishutter.shutters.base import AbstractShutter
+from mishutter.types import Bare, require
 
 
 class AbstractLoss(eqx.Module):
     """A scalar to be made small: `loss(scene, motion, shutter, plan=...)`.
 
-    One's own loss is one small class with a `__call__`. Losses add, also by `sum`, and take
-    factors: `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
+    One's own loss is one small class with a `__call__`. Losses add and subtract, also by
+    `sum`, and take factors: `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
+
+    Raises:
+        ValueError: if `__call__` does not take `plan` by name.
     """
+
+    def __check_init__(self) -> None:
+        signature = inspect.signature(type(self).__call__)
+        kinds = {parameter.kind for parameter in signature.parameters.values()}
+        takes = "plan" in signature.parameters or inspect.Parameter.VAR_KEYWORD in kinds
+        subject = f"{type(self).__name__}.__call__"
+        require(takes, subject, "take `plan` by name, if only to ignore it", Bare(signature))
 
     @abstractmethod
     def __call__(
@@ -43,11 +57,46 @@ class AbstractLoss(eqx.Module):
         """Zero and a loss, from which `sum` begins, are that loss."""
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
-    def __mul__(self, factor: float) -> "AbstractLoss":
+    def __neg__(self) -> "AbstractLoss":
+        return -1.0 * self
+
+    def __sub__(self, other: Any) -> "AbstractLoss":
+        return self + -other if isinstance(other, AbstractLoss) else NotImplemented
+
+    def __mul__(self, factor: Any) -> "AbstractLoss":
+        if not _is_number(factor):
+            return NotImplemented
         terms = _terms(self)
         return WeightedSum(tuple(t[0] for t in terms), tuple(factor * t[1] for t in terms))
 
     __rmul__ = __mul__
+
+    def __truediv__(self, divisor: Any) -> "AbstractLoss":
+        return self * (1 / divisor) if _is_number(divisor) else NotImplemented
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.number | jax.Array) and np.ndim(value) == 0
+
+
+def value_of(
+    loss: AbstractLoss,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    plan: Plan | Automatic | None,
+) -> Array:
+    """The value of a loss, which may be a user's; scalar.
+
+    Raises:
+        ValueError: if it is not what a solver can make small.
+    """
+    value: Any = loss(scene, motion, shutter, plan=plan)
+    is_array = isinstance(value, jax.Array | np.ndarray)
+    got = f"{value.dtype} of shape {value.shape}" if is_array else type(value).__name__
+    is_one = (is_array or _is_number(value)) and np.shape(value) == () and jnp.isrealobj(value)
+    require(is_one, f"{type(loss).__name__}.__call__", "give one real number", got)
+    return jnp.asarray(value)
 
 
 class Parts(NamedTuple):
@@ -118,7 +167,7 @@ class WeightedSum(AbstractLoss):
         plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
         terms = [
-            weight * loss(scene, motion, shutter, plan=plan)
+            weight * value_of(loss, scene, motion, shutter, plan)
             for loss, weight in self.needed(skips=plan is not None)
         ]
         return sum(terms, start=jnp.zeros_like(terms[0]))

@@ -21,7 +21,7 @@ from mishutter.shutters.polynomial import (
     expand,
     split_control,
 )
-from mishutter.types import all_concrete, common_dtype, require, shape_of
+from mishutter.types import Bare, all_concrete, common_dtype, require, shape_of
 
 _NUM_PIECES, _DEGREE = 64, 5
 _interpolation = lru_cache(bernstein_from_values)
@@ -70,6 +70,8 @@ class SampledShutter(AbstractPiecewiseShutter):
         left = np.linspace(-1, 1, _NUM_PIECES + 1)[:-1, None]
         tau = jnp.asarray(left + nodes * (2 / _NUM_PIECES), dtype)
         values = self.shutter.transmittance(tau)
+        if not jnp.issubdtype(values.dtype, jnp.floating):  # open and closed as 1 and 0
+            values = values.astype(dtype)
         return (values @ jnp.asarray(to_control.T, values.dtype)).astype(dtype)
 
 
@@ -90,10 +92,16 @@ def piecewise(shutter: AbstractShutter) -> AbstractPiecewiseShutter:
 
 def _check_transmittance(shutter: AbstractShutter) -> None:
     tau, subject = np.linspace(-1, 1, _NUM_PIECES + 1), f"{type(shutter).__name__}.transmittance"
+    try:
+        jax.eval_shape(shutter.transmittance, tau)
+    except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
+        requirement = "be made of functions that JAX can trace, as those of `jax.numpy`"
+        require(False, subject, requirement, Bare(type(error).__name__))
     with jax.ensure_compile_time_eval():
         found = np.asarray(shutter.transmittance(jnp.asarray(tau)))
     alike = found.shape == tau.shape
     require(alike, subject, "have the shape of its argument", shape_of(found))
+    require(np.isrealobj(found), subject, "be real", Bare(found.dtype))
     light = found[np.argmax(np.abs(np.where(np.isnan(found), np.inf, found - 0.5)))]
     rounding = 16 * float(np.finfo(common_dtype(found)).eps)
     require(bool(-rounding <= light <= 1 + rounding), subject, "lie in [0, 1]", light)

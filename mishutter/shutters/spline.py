@@ -23,6 +23,7 @@ from mishutter.shutters.polynomial import (
     expand,
     split_control,
 )
+from mishutter.shutters.sampled import piecewise
 from mishutter.types import (
     RowLike,
     as_float,
@@ -144,11 +145,12 @@ class SplineShutter(AbstractAdjustableShutter):
             symmetric: Whether to return the symmetric variant.
 
         Raises:
-            ValueError: if there is no shutter, or `num_coefficients` is not a whole number of
-                at least 4.
+            ValueError: if there is no shutter, or one that is somewhere no transmittance, or
+                `num_coefficients` is not a whole number of at least 4.
         """
         given = isinstance(shutter, AbstractShutter)
         require(given, "SplineShutter.fit(shutter=...)", "be a shutter", shutter)
+        piecewise(shutter)  # refuses what is no transmittance
         subject = "SplineShutter.fit(num_coefficients=...)"
         require_positive_int(subject, num_coefficients)
         require(num_coefficients > _DEGREE, subject, "be at least 4", num_coefficients)
