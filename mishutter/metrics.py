@@ -67,7 +67,9 @@ def evaluate(
     The definitions and their sources are those of the functions below. A motion that is
     traced may have kernels as long as the scene's limits allow, and those of a scene that is
     traced be 256 px long: longer ones are an error when it is run. After 16,384 px all are
-    cut. Without acceleration a motion is a camera at rest, where it is not traced.
+    cut, and where an object passes the sensor at more than 18,700 px per half exposure the
+    expected PSNR is no longer exact: wrong by 1e-4 dB at five times, by decibels at a hundred
+    times that. Without acceleration a motion is a camera at rest, where it is not traced.
 
     Args:
         scene: Speeds, light and noise.
