@@ -41,6 +41,7 @@ from mishutter.threads import alone_in_blas  # noqa: E402
 
 NUM_STEPS = 150
 MARKERS = "osv^<>DPX*"
+WHOLE, OURS = "optimise (ours, the whole call)", "Optimistix BFGS (ours)"
 
 
 def given() -> tuple[Scene, ParabolicMotion, SplineShutter]:
@@ -158,8 +159,8 @@ def random_search(objective, starts):
 
 
 METHODS = {
-    "optimise (ours, the whole call)": whole_call,
-    "Optimistix BFGS (ours)": optimistix_bfgs,
+    WHOLE: whole_call,
+    OURS: optimistix_bfgs,
     "Optimistix LBFGS": optimistix_lbfgs,
     "jaxopt LBFGSB": jaxopt_lbfgsb,
     "jaxopt projected gradient": jaxopt_projected_gradient,
@@ -230,7 +231,7 @@ def main() -> None:
     """Measure, print, store."""
     rows = measure()
     by = {(row["method"], row["starts"]): row for row in rows}
-    ours, whole = (by[name, 64] for name in ("Optimistix BFGS (ours)", next(iter(METHODS))))
+    ours, whole = by[OURS, 64], by[WHOLE, 64]
     rivals = [
         by[f"SciPy L-BFGS-B, {what}", 64] for what in ("same gradient", "gradient from scratch")
     ]

@@ -112,7 +112,7 @@ class KeptProgram:
 
 
 class _PastTheCache:
-    """JAX's cache is off while any thread is inside: what comes from it cannot be written again."""
+    """JAX's cache is off while any thread is inside: it would hold every kept program again."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -16,6 +16,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from enum import Enum
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -164,6 +165,7 @@ def _place(thing: Any) -> str:
     return f"{thing.__module__}.{thing.__qualname__}"
 
 
+@lru_cache
 def _surroundings() -> str:
     """A name for all outside its arguments that a program depends on."""
     digest = hashlib.sha256()

@@ -110,6 +110,7 @@ def check_toleranced(seed):
     loss = (None, ExpectedErrorLoss(), DesignLoss())[seed // 12 % 3]
     found = plan(scene, motion, shutter, loss=loss, tolerance=1e-3)
     change = check_plan(found, scene, motion, shutter, loss=loss)
+    assert found.bound <= 1e-3
     assert all((item.bound or 0) <= 1e-3 / 4 for item in found.items)
     return None if found.bound == 0 else found.bound / max(change, 1e-15)
 
