@@ -192,6 +192,7 @@ def _compared(
     from mishutter import report
     from mishutter.compare import baselines
     from mishutter.compare import compare as beside_baselines
+    from mishutter.photographs import photograph_of, photographs
 
     total = len({*given, *baselines()}) + 2
     with progress_bar("comparing", total) as update:
@@ -200,14 +201,14 @@ def _compared(
             "comparison", beside_baselines, scene, motion, given, loss=loss, watch={"step": step}
         )
     rows = report.shown_rows(comparison, tuple(given))
-    picture = report.photograph_of(scene, rows) if num_seeds > 0 else None
+    picture = photograph_of(scene, rows) if num_seeds > 0 else None
     if picture is None:
         return report.Report(scene, comparison, tuple(given))
     with progress_bar("photograph", len(rows)) as update:
         step = _counting(update)
         shown = memory.of(
             "photograph",
-            report.photographs,
+            photographs,
             picture,
             scene,
             rows,

@@ -151,8 +151,8 @@ def reproduce(
 def _subject(path: Path | None, picture: str | None) -> "Picture | Layers | Frames":
     from mishutter.frames import read_frames
     from mishutter.layers_file import is_layers_file, read_layers
+    from mishutter.photographs import scene_picture
     from mishutter.pictures import read_picture
-    from mishutter.report import scene_picture
 
     if path is None:
         if picture is None:

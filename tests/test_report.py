@@ -18,16 +18,9 @@ from mishutter import (
     evaluate,
 )
 from mishutter.compare import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Row
+from mishutter.photographs import Photographs, _middle_rows, photograph_of
 from mishutter.pictures import write_picture
-from mishutter.report import (
-    Photographs,
-    Report,
-    _middle_rows,
-    document,
-    photograph_of,
-    print_report,
-    write_report,
-)
+from mishutter.report import Report, document, print_report, write_report
 
 DESIGNS = {
     "rect": (MOTION, RectShutter()),

@@ -13,7 +13,8 @@ LAYERS = """
 __init__ __main__ cli cli_camera cli_export cli_sweep cli_plan cli_options report reproduce
 reproduce_page reproduce_figures reproduce_capture plots_sweep plots trade_offs sweep sweep_cluster
 sweep_store sweep_blocks sweep_search sweep_layout sweep_tiles sweep_spectra sweep_waves
-sweep_kernels sweep_points sweep_tables sweep_grid simulation restoration compare optimise planning
+sweep_kernels sweep_points sweep_tables sweep_grid simulation photographs
+restoration compare optimise planning
 plan_tolerance plan_check many_starts search_starts solvers objective plan_items design_space drive
 design design_schema losses decoders metrics simulate tiles layers_file layers frames cells quality
 noise rows response nodes picture_plan plan speeds scene_file scene_schema schema pictures png tiff
