@@ -10,7 +10,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from frame_reference import integrate_frames  # noqa: E402
+from support.frame_reference import integrate_frames  # noqa: E402
 
 import mishutter as ms  # noqa: E402
 from benchmarks import harness  # noqa: E402

@@ -30,14 +30,14 @@ from mishutter import (  # noqa: E402
     TukeyShutter,
     optimise,
 )
-from mishutter.design_space import design_space  # noqa: E402
-from mishutter.many_starts import descend  # noqa: E402
-from mishutter.objective import AbstractObjective, objective_of  # noqa: E402
-from mishutter.plan import needed_speeds, reduced, sizes  # noqa: E402
-from mishutter.planning import plan as plan_of_scene  # noqa: E402
-from mishutter.search_starts import start_boxes  # noqa: E402
-from mishutter.solvers import imported_jaxopt, loss_and_gradient  # noqa: E402
-from mishutter.threads import alone_in_blas  # noqa: E402
+from mishutter._core.parallel import alone_in_blas  # noqa: E402
+from mishutter.design.many_starts import descend  # noqa: E402
+from mishutter.design.objective import AbstractObjective, objective_of  # noqa: E402
+from mishutter.design.planning import plan as plan_of_scene  # noqa: E402
+from mishutter.design.solvers import imported_jaxopt, loss_and_gradient  # noqa: E402
+from mishutter.design.space import design_space  # noqa: E402
+from mishutter.design.starts import start_boxes  # noqa: E402
+from mishutter.evaluation.needs import needed_speeds, reduced, sizes  # noqa: E402
 
 NUM_STEPS = 150
 MARKERS = "osv^<>DPX*"

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 import mpmath as mp  # noqa: E402
 import numpy as np  # noqa: E402
 import reference  # noqa: E402
-from cases import SHUTTERS  # noqa: E402
+from support.cases import SHUTTERS  # noqa: E402
 
 from benchmarks import harness  # noqa: E402
 from benchmarks.rivals import PASSING_TIMES, Method, Problem, methods  # noqa: E402

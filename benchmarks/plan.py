@@ -32,7 +32,7 @@ from mishutter import (
     simulate_capture,
     starting_shutter,
 )
-from mishutter.plan import sizes
+from mishutter.evaluation.needs import sizes
 
 jax.config.update("jax_enable_x64", True)
 

@@ -16,7 +16,7 @@ import quadax
 import scipy.integrate
 
 from mishutter import AbstractShutter, ParabolicMotion, binned_exposure
-from mishutter.shutters import piecewise
+from mishutter.model.shutters import piecewise
 
 PASSING_TIMES = "passing times alone"
 

@@ -19,7 +19,7 @@ import numpy as np  # noqa: E402
 
 from benchmarks import harness  # noqa: E402
 from mishutter import ParabolicMotion, SplineShutter, blur_kernel  # noqa: E402
-from mishutter.shutters.spline import bezier_extraction  # noqa: E402
+from mishutter.model.shutters.spline import bezier_extraction  # noqa: E402
 
 PARAMETERS = 0.5 + 0.4 * np.sin(1.7 * np.arange(24))
 BASE = {"taps": 64, "speeds": 1, "designs": 1}

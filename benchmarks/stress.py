@@ -26,8 +26,8 @@ from mishutter import (  # noqa: E402
     Scene,
     SplineShutter,
 )
-from mishutter.losses.design import smooth_condition_number  # noqa: E402
-from mishutter.plan import Plan  # noqa: E402
+from mishutter.evaluation.losses.design import smooth_condition_number  # noqa: E402
+from mishutter.evaluation.needs import Plan  # noqa: E402
 
 PLAN = Plan(num_taps=40, dft_length=128, num_frequencies=32, num_nodes=320)
 NUM_SPEEDS, NUM_COEFFICIENTS, BATCH = 3, 8, 1000
@@ -98,7 +98,7 @@ def exact_loss(name: str, point: dict, direction: np.ndarray, step):
 
 
 def _exact_design(point: dict, box, a, half):
-    import reference
+    from support import reference
 
     window = reference.spline([mp.mpf(str(c)) for c in box])
     a, half = mp.mpf(str(a)), mp.mpf(str(half))

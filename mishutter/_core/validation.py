@@ -1,0 +1,143 @@
+"""Files that a schema describes, and one line for what is wrong with one.
+
+The line names the file, the key, what must hold and what came; a wrong key with the
+nearest right one.
+"""
+
+import difflib
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from mishutter._core.checks import Bare, describe
+
+Place = tuple[Any, ...]
+"""The tables that lead to a key, its name, and indices of lists."""
+
+
+class Section(BaseModel):
+    """A table of a file: known keys alone, nothing converted, every number finite."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+
+File = TypeVar("File", bound=Section)
+
+
+def parsed(parse: Callable[[str], Any], content: bytes, name: str, form: str) -> Any:
+    """What a text file holds.
+
+    Args:
+        parse: Reads the text.
+        content: The file's bytes.
+        name: What an error calls the file.
+        form: What the file must be.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    try:
+        return parse(content.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{name} must be UTF-8 text; got byte {error.start} of it.") from None
+    except RecursionError:
+        reason = "brackets nested too deeply to read"
+    except ValueError as error:
+        reason = str(error).partition("; use sys.")[0]
+    raise ValueError(f"{name} must be a {form} file; got: {reason}.")
+
+
+def dotted(place: Place) -> str:
+    """A key as `section.key[index]`."""
+    return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in place).lstrip(".")
+
+
+def in_section(place: Place) -> str:
+    """A key as `[section] key[index]`."""
+    return f"[{place[0]}] {dotted(place[1:])}".rstrip()
+
+
+def validated(
+    model: type[File], tables: Any, name: str, key_name: Callable[[Place], str] = dotted
+) -> File:
+    """Tables of a file by their schema.
+
+    Args:
+        model: The schema.
+        tables: What the file holds.
+        name: What an error calls the file.
+        key_name: How an error writes a key.
+
+    Raises:
+        ValueError: if it is no such file; the line is of the error to mend first, unknown
+            keys before the missing ones that they may stand for.
+    """
+    try:
+        return model.model_validate(tables)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+    first = min(problems, key=lambda p: p["type"] != "extra_forbidden")
+    if first["type"] == "extra_forbidden":
+        raise ValueError(f"{name}: {_unknown_key(model, first['loc'], key_name)}")
+    requirement = _requirement(first["type"], first.get("ctx", {}), first["msg"])
+    got = Bare("nothing") if first["type"] == "missing" else first["input"]
+    subject = f"`{key_name(first['loc'])}`" if first["loc"] else "the file"
+    raise ValueError(f"{name}: {subject} must {requirement}; got {describe(got)}.")
+
+
+def _requirement(kind: str, context: dict[str, Any], message: str) -> str:
+    sentences = {
+        "missing": "be given",
+        "greater_than": "be above {gt:g}",
+        "greater_than_equal": "be at least {ge:g}",
+        "less_than_equal": "be at most {le:g}",
+        "finite_number": "be finite",
+        "float_type": "be a number",
+        "int_type": "be a whole number",
+        "bool_type": "be true or false",
+        "string_type": "be text",
+        "list_type": "be a list",
+        "model_type": "be a table",
+        "literal_error": "be {expected}",
+        "too_short": "hold at least {min_length} value",
+        "too_long": "hold at most {max_length} values",
+        "string_too_short": "not be empty",
+    }
+    return sentences[kind].format(**context) if kind in sentences else f"hold: {message}"
+
+
+def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place], str]) -> str:
+    """An unknown key with the nearest known one: of its table if near, else of any."""
+    *tables, key = place
+    names = tuple(part for part in tables if isinstance(part, str))
+    known = [p for p in _known_keys(model) if p != names]
+    siblings = [p for p in known if p[:-1] == names]
+    nearest = (
+        [p for p in siblings if key and p[-1].startswith(key)]
+        or _close(key, siblings, cutoff=0.5)
+        or _close(key, known, cutoff=0.6)
+    )
+    hint = f", perhaps `{key_name(nearest[0])}`" if nearest else ""
+    where = f"`{key_name(tuple(tables))}`" if tables else "the file"
+    return f"{where} must hold known keys only{hint}; got {describe(key)}."
+
+
+def _close(key: str, places: list[Place], cutoff: float) -> list[Place]:
+    named = {place[-1]: place for place in reversed(places)}
+    return [named[n] for n in difflib.get_close_matches(key, named, n=1, cutoff=cutoff)]
+
+
+def _known_keys(model: type[BaseModel], *tables: str) -> list[Place]:
+    places: list[Place] = []
+    for name, field in model.model_fields.items():
+        table = _table_of(field.annotation)
+        places.append((*tables, name))
+        places.extend(_known_keys(table, *tables, name) if table else [])
+    return places
+
+
+def _table_of(annotation: Any) -> type[BaseModel] | None:
+    options = [annotation, *getattr(annotation, "__args__", ())]
+    tables = [o for o in options if isinstance(o, type) and issubclass(o, BaseModel)]
+    return tables[0] if tables else None

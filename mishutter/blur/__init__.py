@@ -1,0 +1,15 @@
+"""The exposure integral: trajectories, crossings, kernels and transfer functions."""
+
+from mishutter.blur.intervals import Cells as Cells
+from mishutter.blur.intervals import exposure_cells as exposure_cells
+from mishutter.blur.kernel import binned_exposure as binned_exposure
+from mishutter.blur.kernel import blur_kernel as blur_kernel
+from mishutter.blur.kernel import support as support
+from mishutter.blur.quadrature import LitNodes as LitNodes
+from mishutter.blur.quadrature import light_let_through as light_let_through
+from mishutter.blur.quadrature import lit_nodes as lit_nodes
+from mishutter.blur.spectrum import condition_number as condition_number
+from mishutter.blur.spectrum import default_num_frequencies as default_num_frequencies
+from mishutter.blur.spectrum import transfer_function as transfer_function
+from mishutter.blur.trajectory import safe_sqrt as safe_sqrt
+from mishutter.blur.waves import sum_of_waves as sum_of_waves

@@ -1,0 +1,285 @@
+r"""How the light of taps changes as the motion, the edges and the breakpoints do.
+
+On an arm a tap holds the shutter's integral from one crossing to the next. It changes by the
+transmittance at each, times how much that crossing moves: a difference of what is nearly equal
+where a tap is narrow, and so written $w\,d\Delta\tau + (w_2 - w_1)\,d\tau$, with $w_2 - w_1$
+from the slopes of the tap's cells and the steps between them, $w$ at the darker of its edges and
+$\tau$ at the other: near the vertex a crossing moves without bound, which does nothing in the
+dark. A tap that holds an end of the exposure changes by the one crossing that is left.
+
+Under a symmetric profile the arms of a slow object all but cancel where its drift moves their
+crossings alike: what is left is the profile's rise from where one is crossed to where the other
+would be in a mirror, $w(\nu + r) - w(\nu - r) = \int_{r - \nu}^{r + \nu} w'$.
+
+Rates by all that changes are worked out together, forwards. The derivative is their product
+with the changes: in reverse one sum for each of them, and no way back through the formulae.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import DoubleWord
+from mishutter.blur.crossings import (
+    AFTER,
+    Crossings,
+    at,
+    drift_change,
+    lengths,
+    moment_change,
+    of_both_arms,
+    time_between,
+)
+from mishutter.blur.trajectory import Motion, mirrored_velocity, once, speed_change
+from mishutter.model import AbstractPiecewiseShutter
+
+_ASIDE = float(np.sqrt(1 / 12))
+"""Nodes of the Gauss-Legendre rule of two, on either side of the middle of an interval."""
+
+
+class Cells(NamedTuple):
+    """Cells that start at breakpoints: arm and tap, whether in any, and width."""
+
+    place: tuple[Array, Array]
+    exists: Array
+    start: Crossings
+    is_after: Array
+    width: Array
+
+
+class Taps(NamedTuple):
+    """What rates follow from, besides the motion: crossings `x`, and `edges`, `(1, n + 1)`.
+
+    `tau` are the breakpoints. `gap` is the distance of a tap's edges, `(1, n)`, and `width` that
+    of the cell which begins at the first, `(2, n)`; `cut` are all other cells. `is_held` tells
+    whether a crossing is at an end of the exposure, `(2, n + 1)`.
+    """
+
+    profile: AbstractPiecewiseShutter
+    tau: DoubleWord
+    x: Crossings
+    edges: Array
+    gap: Array
+    width: Array
+    is_held: Array
+    cut: Cells | None
+
+    @property
+    def parts(self) -> tuple[tuple[slice, slice], ...]:
+        """Where among crossings the taps begin and end."""
+        return parts(self.gap.size)
+
+
+def parts(num_taps: int) -> tuple[tuple[slice, slice], ...]:
+    """Where, in arrays of two rows and a column an edge, taps begin and end."""
+    return (slice(None), slice(0, num_taps)), (slice(None), slice(1, num_taps + 1))
+
+
+@eqx.filter_custom_jvp
+def moving(
+    light: Array, motion: Motion, edges: Array, shift: Array, *, from_vertex: bool, taps: Taps
+) -> Array:
+    """Light of taps, `(n,)`, with its first derivatives by what moves them as well.
+
+    That is the motion, the edges and a `shift` of all edges, which is in these already.
+    """
+    return light
+
+
+@moving.def_jvp
+def _moving_jvp(primals, tangents, *, from_vertex, taps):
+    light, motion, *_ = primals
+    change, by_motion, by_edges, by_shift = tangents
+    scalars = enumerate((*(by_motion or (None,) * 3), by_shift))
+    steps = {i: step for i, step in scalars if step is not None}
+    if not steps and by_edges is None:
+        return light, _first_derivative(change, primals[1:])
+    units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(light.dtype)
+    rates = _rates(from_vertex, motion, taps, units)
+    changes = [] if change is None else [change]
+    if steps:
+        step = jnp.stack([*steps.values()])
+        changes.append(jnp.matmul(step, rates[: len(steps)], precision="highest"))
+    if by_edges is not None:
+        begin, end = by_edges[: light.size], by_edges[1 : light.size + 1]
+        changes += [rates[-2] * ((begin + end) / 2), rates[-1] * (end - begin)]
+    return light, _first_derivative(sum(changes[1:], changes[0]), primals)
+
+
+def _first_derivative(change: Array, moved_by: Any) -> Array:
+    """A change of light, whose own derivative by what it is `moved_by` is an error instead of 0."""
+    known = _differentiated(moved_by)
+    # Of no weight, but what is not used would be left out, error and all.
+    return change * (1 + 0 * sum(jnp.sum(jnp.sign(x)) for x in jax.tree.leaves(known)))
+
+
+@jax.custom_jvp
+def _differentiated(moved_by: Any) -> Any:
+    """What a derivative has been taken at."""
+    return moved_by
+
+
+@_differentiated.defjvp
+def _differentiated_again(primals, tangents):
+    raise NotImplementedError(
+        "Light on pixels must be differentiated once by the motion, the edges, the phase and "
+        "where pieces of a shutter meet; got a second derivative."
+    )
+
+
+def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> Array:
+    """Rates of light, `(m, n)`, by what each of `m` rows of `units` changes.
+
+    Columns: acceleration, half exposure, speed, position of a tap and distance of its edges.
+    """
+    a, T, _ = motion
+    # In memory, as each row needs them.
+    transmittance, rise = once(_transmittance_and_rise, taps)
+    lit = jnp.where(taps.is_held, 0.0, transmittance)
+    begin, end = (lit[k] for k in taps.parts)
+    u, v = (taps.x.velocity[1:][k] for k in taps.parts)
+    is_free = ~(taps.is_held[taps.parts[0]] | taps.is_held[taps.parts[1]])
+    one_sided = jnp.where(AFTER, end - begin, begin - end)
+    inner, outer = (of_both_arms(jnp.where(is_free, w, 0.0)) for w in (begin, end))
+    height = jnp.minimum(inner, outer)
+    drifting = of_both_arms(jnp.where(is_free, rise, one_sided))
+    # All else that makes the crossings drift does so in proportion to the speed.
+    if taps.profile.symmetric and np.any(units[:, 2]):
+        apart = _between_arms(motion)
+        is_near = (apart != 0) & (jnp.abs(apart) < 2 * _near(apart))
+        known, left_over = once(_rise_between_arms, apart, taps, when=is_near)
+        drifting = jnp.where(known, left_over, jnp.where(apart == 0, 0.0, drifting))
+    mirrored = at(mirrored_velocity(motion, taps.tau), taps.x.nearest)
+
+    def rate(unit):
+        by_motion, (shift, stretch) = tuple(unit[:3]), unit[3:]
+        moved, faster = [], []
+        for k, dedge in zip(taps.parts, (shift - stretch / 2, shift + stretch / 2), strict=True):
+            x, change = taps.x.part(k), (by_motion, dedge)
+            moved.append(moment_change(from_vertex, motion, x, mirrored[k], *change))
+            speed = x.velocity[1:]
+            faster.append(speed_change(from_vertex, motion, taps.edges[k], speed, *change))
+        higher = T * (by_motion[0] * T + 2 * a * by_motion[1])
+        changes = jnp.broadcast_to(stretch, taps.gap.shape), *faster, higher
+        _, longer = jax.jvp(time_between, (taps.gap, u, v, a * T * T), changes)
+        between = end * moved[1] - begin * moved[0]
+        between = jnp.where(AFTER, between, -between)
+        # Steps that mirror each other cancel, so the arms are joined before all else.
+        lighter = jnp.where(inner > outer, moved[0], moved[1])
+        turned = of_both_arms(jnp.where(is_free, rise * lighter, between))
+        return turned + height * longer[0] + drifting * drift_change(motion, by_motion)
+
+    return jax.vmap(rate)(units)
+
+
+def _transmittance_and_rise(taps: Taps) -> tuple[Array, Array]:
+    """Transmittance at crossings, and by how much it rises over each tap, as time runs."""
+    begin = taps.x.part(taps.parts[0])
+    rise = _rise(taps.profile, begin, AFTER, taps.width)
+    if taps.cut is not None:
+        place, exists, start, is_after, width = taps.cut
+        more = _rise(taps.profile, start, is_after, width) + _steps(taps.profile, width)
+        rise = rise.at[place].add(
+            jnp.where(exists, more, 0.0), mode="promise_in_bounds", wrap_negative_indices=False
+        )
+    nothing = jnp.zeros_like(taps.x.offset)
+    return mean_about(taps.profile, taps.x, taps.x.offset, nothing), rise
+
+
+def _rise(
+    profile: AbstractPiecewiseShutter, start: Crossings, is_after: ArrayLike, width: Array
+) -> Array:
+    """Rise of the transmittance over cells, which lead outwards: their width times the slope."""
+    return width * _slope(profile, start, start.halfway(is_after, width), width)
+
+
+def _slope(profile: AbstractPiecewiseShutter, x: Crossings, middle: Array, width: Array) -> Array:
+    """Mean slope of the transmittance, as of `mean_about`."""
+    return _derivative(partial(mean_about, profile, x, width=width), middle)
+
+
+def _derivative(function: Callable[[Array], Array], at: Array) -> Array:
+    return jax.jvp(function, (at,), (jnp.ones_like(at),))[1]
+
+
+def _between_arms(motion: Motion) -> Array:
+    r"""How far crossings are from mirroring each other: $2\nu$, scalar."""
+    a, T, s = motion
+    return jnp.where(a > 0, s / jnp.where(a > 0, a * T, 1.0), jnp.inf)
+
+
+def _near(like: Array) -> float:
+    """Share of a piece over which two nodes are enough, and a difference of two is not."""
+    return float(jnp.finfo(like.dtype).eps) ** 0.2
+
+
+def _rise_between_arms(apart: Array, taps: Taps) -> tuple[Array, Array]:
+    """Whether a tap's crossings all but mirror each other, and both arms' rise over it if so."""
+    profile, num_pieces = taps.profile, taps.tau.high.size - 1
+    before, after = (taps.x.part((arm, slice(None))) for arm in (0, 1))
+    mirrored = before.piece + after.piece == num_pieces - 1
+    mirrored &= before.from_left != after.from_left
+    near = jnp.abs(apart) < _near(apart) * at(lengths(profile.equal_pieces, taps.tau), after.piece)
+    is_held, at_vertex = jnp.any(taps.is_held, axis=0), after.velocity == 0
+    known = jnp.where(is_held, jnp.all(taps.is_held, axis=0), (mirrored & near) | at_vertex)
+    middle = (after.offset - before.offset) / 2
+    rise = apart * _slope(profile, after, middle, jnp.broadcast_to(jnp.abs(apart), middle.shape))
+    rise = jnp.where(is_held | at_vertex, 0.0, rise)
+
+    # The difference of two such rises loses what a narrow tap is narrower than the profile.
+    (_, begin), (_, end) = taps.parts
+    inside = mirrored & ~is_held
+    whole = inside[begin] & inside[end] & (after.piece[begin] == after.piece[end])
+    start, width = after.part((begin,)), taps.width[1]
+    slope, centre = partial(_slope, profile, start, width=width), middle[begin] + width / 2
+    bends = [_derivative(slope, centre + place * apart) for place in (-_ASIDE, _ASIDE)]
+    both = jnp.where(whole, apart * width * (sum(bends) / 2), rise[end] - rise[begin])
+    return known[begin] & known[end], both
+
+
+def mean_about(
+    profile: AbstractPiecewiseShutter, x: Crossings, middle: Array, width: Array
+) -> Array:
+    """Mean transmittance over a `width` about a `middle` that is counted as the offsets of `x`."""
+    distance = jnp.where(x.from_left, middle, -middle)
+    return profile.piece_mean(x.piece, x.from_left, distance, width)
+
+
+def _steps(profile: AbstractPiecewiseShutter, like: Array) -> Array:
+    """Steps of the transmittance at the breakpoints inside; one of a few roundings is none."""
+    piece = jnp.arange(like.size + 1, dtype=jnp.int32)
+    nothing = jnp.zeros(like.size + 1, like.dtype)
+    above, below = (
+        profile.piece_mean(piece, side, nothing, nothing) for side in (piece >= 0, piece < 0)
+    )
+    above, below = above[1:], below[:-1]
+    rounding = 16 * jnp.finfo(above.dtype).eps * jnp.maximum(above, below)
+    return jnp.where(jnp.abs(above - below) > rounding, above - below, 0.0)
+
+
+@eqx.filter_custom_jvp
+def moving_breakpoints(
+    light: Array, tau: Array, *, profile: AbstractPiecewiseShutter, moves: Array
+) -> Array:
+    """Light of cells that start at breakpoints, with its derivative by the steps that these move.
+
+    The light of a tap between crossings changes by each step inside times how much that moves:
+    the widths of its cells do not change with the breakpoints, which would all but cancel.
+    """
+    return light
+
+
+@moving_breakpoints.def_jvp
+def _moving_breakpoints_jvp(primals, tangents, *, profile, moves):
+    light, tau = primals
+    change, by_tau = tangents
+    changes = [] if change is None else [change]
+    if by_tau is not None:
+        changes.append(-jnp.where(moves, _steps(profile, light) * by_tau, 0.0))
+    return light, _first_derivative(sum(changes[1:], changes[0]), tau)

@@ -1,0 +1,106 @@
+"""A shutter as the quadrature over the exposure sees it, whatever its kind."""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import DoubleWord, seldom_run
+from mishutter.model import (
+    AbstractPiecewiseShutter,
+    AbstractShutter,
+    integrated_transmittance,
+    piecewise,
+)
+
+_MAX_PANEL_NODES, _MIN_PANEL_NODES = 128, 12
+_SHARED_PANEL_NODES = 64
+"""Nodes of a panel where pieces share the panels: short ones leave less of them over."""
+
+
+class LitNodes(NamedTuple):
+    """Nodes over the exposure, and the light at them.
+
+    Attributes:
+        tau: Normalised times; shape `(q,)`.
+        light: Quadrature weights times transmittance there; shape `(q,)`.
+        efficiency: Share of light let through; scalar.
+    """
+
+    tau: Array
+    light: Array
+    efficiency: Array
+
+
+@seldom_run
+def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitNodes:
+    """About so many nodes over the exposure of a shutter."""
+    profile = piecewise(shutter)
+    rule = _equal_pieces if profile.equal_pieces else _shared_panels
+    tau, light = rule(profile, profile.breakpoints(dtype), num_nodes)
+    return LitNodes(tau, light, light_let_through(profile, dtype))
+
+
+def light_let_through(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:
+    """The efficiency, in a precision; scalar."""
+    return integrated_transmittance(profile).astype(dtype) / 2
+
+
+def _equal_pieces(
+    profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
+) -> tuple[Array, Array]:
+    ends = exact_ends.high
+    num_panels = profile.panels_per_piece
+    per_panel = math.ceil(num_nodes / (ends.size - 1) / num_panels)
+    nodes, weights = _panel_rule(num_panels, per_panel)
+    length = jnp.diff(ends)[:, None]
+    offset = length * jnp.asarray(nodes, ends.dtype)[None]
+    shares = length / 2 * jnp.asarray(weights, ends.dtype)[None]
+    light = shares * profile.piece_transmittance(offset)
+    return (ends[:-1, None] + offset).ravel(), light.ravel()
+
+
+def _shared_panels(
+    profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
+) -> tuple[Array, Array]:
+    """Panels given to pieces by their lengths, as a shutter's parameters move these.
+
+    Each is at most as long as one of equal panels would be, and those left over are dark.
+    """
+    ends = exact_ends.high
+    wanted = math.ceil(num_nodes / _SHARED_PANEL_NODES)
+    rule = _panel_rule(1, math.ceil(num_nodes / wanted))
+    nodes, weights = (x.astype(ends.dtype)[None] for x in rule)
+    length, least = jnp.diff(ends) + jnp.diff(exact_ends.low), profile.panels_per_piece
+    panel = np.arange(wanted + length.size * least - 1, dtype=ends.dtype)[:, None]
+    # Rounded up, all together they must stay below one more panel a piece.
+    long = jnp.ceil(jax.lax.stop_gradient(length) * (wanted / 2 * (1 - 1e-6)))
+    count = jnp.maximum(long, least)
+    past = jnp.cumsum(count)
+    piece = jnp.sum(panel >= past[None, :-1], axis=1)
+    columns = (ends[:-1], length, count, past - count)
+    begin, piece_length, num_panels, first = (x[piece][:, None] for x in columns)
+    lit = panel < past[-1]
+    share = jnp.where(lit, panel - first + nodes, 0.5) / num_panels
+    each = profile.piece_transmittance(length[:, None, None] * share[None])
+    transmittance = jnp.take_along_axis(each, piece[None, :, None], axis=0)[0]
+    light = jnp.where(lit, piece_length / num_panels * (weights / 2), 0.0) * transmittance
+    return (begin + piece_length * share).ravel(), light.ravel()
+
+
+@lru_cache
+def _panel_rule(num_panels: int, num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Composite Gauss-Legendre rule on [0, 1]; no panel has more than 128 nodes.
+
+    Finding the nodes of one long rule takes a second where a thousand are needed.
+    """
+    parts = -(-num_nodes // _MAX_PANEL_NODES)
+    num_panels, per_panel = num_panels * parts, max(-(-num_nodes // parts), _MIN_PANEL_NODES)
+    nodes, weights = np.polynomial.legendre.leggauss(per_panel)
+    panels = np.arange(num_panels)[:, None]
+    spread = (panels + (nodes + 1) / 2) / num_panels
+    return spread.ravel(), np.tile(weights / (2 * num_panels), num_panels)

@@ -1,0 +1,141 @@
+"""What a shutter passes of each spatial frequency."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import (
+    RowLike,
+    as_float,
+    common_dtype,
+    quick_to_compile,
+    require,
+    require_finite,
+    require_positive_int,
+    shape_of,
+)
+from mishutter.blur.steepest_descent import along_panel, along_rays, panels, turns_far
+from mishutter.model import AbstractMotion, AbstractPiecewiseShutter, AbstractShutter, piecewise
+
+_MIN_FREQUENCIES = 1024
+_ZERO_RESPONSE_ULP = 8
+_BLOCK_SIZE = 1 << 14
+"""Frequencies times panels above which they are done block by block, to bound memory."""
+
+
+def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> Array:
+    r"""Condition number of the convolution with a kernel, $\max|H| / \min|H|$ (3).
+
+    Over the frequencies of the discrete Fourier transform of the kernel, padded with
+    zeros. A response that is zero to rounding gives `inf`, with a derivative of zero.
+
+    Args:
+        kernel: Taps $h_k$; shape `(n,)`.
+        num_frequencies: Length of the transform, at least `n`; static. By default the
+            least power of two that is at least 1024 and at least `4 n`: with 1024 the
+            rect, the Hann and the 52-chip flutter kernel of the field come out as
+            9.274, 4.438 and 19.57. A minimum between two samples is missed.
+
+    Returns:
+        The condition number, at least 1; scalar.
+
+    Raises:
+        ValueError: if `kernel` is not one row of finite taps, or `num_frequencies` is
+            not a whole number of at least the number of taps.
+    """
+    subject = "condition_number(kernel=...)"
+    taps = as_float(kernel, subject)
+    one_row = taps.ndim == 1 and taps.size >= 1
+    require(one_row, subject, "be one row of at least one tap", shape_of(taps))
+    require_finite(subject, taps)
+    length = default_num_frequencies(taps.size) if num_frequencies is None else num_frequencies
+    subject = "condition_number(num_frequencies=...)"
+    length = require_positive_int(subject, length)
+    require(length >= taps.size, subject, f"be at least the {taps.size} taps", length)
+
+    magnitude = jax.lax.stop_gradient(jnp.sum(jnp.abs(taps)))
+    taps = taps / jnp.where(magnitude > 0, magnitude, 1.0)
+    response = jnp.fft.rfft(taps, length)
+    power = response.real**2 + response.imag**2
+    least = jnp.min(power)
+    invertible = least > (_ZERO_RESPONSE_ULP * jnp.finfo(taps.dtype).eps) ** 2
+    ratio = jnp.where(invertible, jnp.max(power) / jnp.where(invertible, least, 1.0), 1.0)
+    return jnp.where(invertible, jnp.sqrt(ratio), jnp.inf)
+
+
+def default_num_frequencies(num_taps: int) -> int:
+    """Length of the transform that `condition_number` takes by default."""
+    return max(_MIN_FREQUENCIES, 1 << (4 * num_taps - 1).bit_length())
+
+
+def transfer_function(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    *,
+    speed: RowLike,
+    frequency: RowLike,
+) -> Array:
+    r"""Response to a spatial frequency, in the sensor frame, without the pixel aperture.
+
+    $H(f) = \frac{1}{2T}\int_{-T}^{T} w(t/T)\,e^{-2\pi i f x(t)}\,dt$ with
+    $x(t) = a t^2 - s t$, the path (5) of the paper. Accurate to 1e-12 in float64 and 1e-6
+    in float32 at every frequency, speed and acceleration, zero included.
+
+    Args:
+        shutter: Transmittance over the exposure.
+        motion: Motion of the sensor.
+        speed: Object speed $s$, px/s; either sign, any shape that broadcasts with
+            `frequency`.
+        frequency: $f$, cycles/px; either sign, any shape.
+
+    Returns:
+        $H(f)$, complex; the shape of `frequency`, broadcast with `speed`.
+
+    Raises:
+        ValueError: if `speed` or `frequency` is not finite, or their shapes do not broadcast.
+    """
+    require_finite("transfer_function(speed=...)", speed)
+    require_finite("transfer_function(frequency=...)", frequency)
+    dtype = common_dtype(*jax.tree.leaves((shutter, motion)), speed, frequency)
+    shape = _common_shape(np.shape(speed), np.shape(frequency))
+    s = jnp.broadcast_to(jnp.asarray(speed, dtype), shape).reshape(-1)
+    f = jnp.broadcast_to(jnp.asarray(frequency, dtype), shape).reshape(-1)
+    return _transfer(piecewise(shutter), motion, s, f).reshape(shape)
+
+
+def _common_shape(speed: tuple[int, ...], frequency: tuple[int, ...]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(speed, frequency)
+    except ValueError:
+        subject, requirement = "transfer_function(speed=...)", f"broadcast with shape {frequency}"
+        raise ValueError(f"`{subject}` must {requirement}; got shape {speed}.") from None
+
+
+@quick_to_compile
+def _transfer(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
+    response = _at_positive(profile, motion, s, jnp.abs(f))
+    return jnp.where(f < 0, jnp.conj(response), response)
+
+
+def _at_positive(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
+    a, T = motion.acceleration.astype(f.dtype), motion.half_exposure.astype(f.dtype)
+
+    def block(points: tuple[Array, Array]) -> Array:
+        panel = jax.vmap(lambda s, f: panels(profile, a, T, s, f))(*points)
+        plain = jax.vmap(lambda p: along_panel(profile, p))(panel)
+        far = turns_far(panel)
+        bent = jax.lax.cond(
+            jnp.any(far),
+            jax.vmap(lambda p: along_rays(profile, p)),
+            lambda _: jnp.zeros_like(plain),
+            panel,
+        )
+        return jnp.sum(jnp.where(far, bent, plain), axis=(1, 2)) / 2
+
+    num_pieces = profile.breakpoints(np.dtype(f.dtype)).high.size - 1
+    length = max(1, _BLOCK_SIZE // (num_pieces * profile.panels_per_piece))
+    if f.size <= length:
+        return block((s, f))
+    index = np.minimum(np.arange(-(-f.size // length) * length), f.size - 1).reshape(-1, length)
+    return jax.lax.map(jax.checkpoint(block), (s[index], f[index])).reshape(-1)[: f.size]

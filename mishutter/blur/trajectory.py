@@ -1,0 +1,251 @@
+r"""The path of a point over the sensor, in the two frames, exact where it must be.
+
+In normalised time $\tau = t/T$ the point is at $x = A\tau^2 - B\tau$ with the stroke
+$A = aT^2$ and the smear $B = sT$, and moves at the velocity $u = 2A\tau - B$ (px per half
+exposure). At a position $x$ its velocity follows from $u^2 = B^2 + 4Ax$, as for any
+constant acceleration, and the time between two positions on one side of the vertex is
+$2\,\Delta x / (u_1 + u_2)$: no root is subtracted, and nothing is divided by $A$.
+
+Positions of breakpoints are double words: a jump of the shutter that falls inside a
+tap decides that tap by the difference of two large numbers. Derivatives need no such
+care and are those of the plain formulae.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import (
+    DoubleWord,
+    add,
+    multiply,
+    negate,
+    reciprocal,
+    two_product,
+    word,
+)
+
+Motion = tuple[Array, Array, Array]
+"""Acceleration parameter, px/s^2, half exposure, s, and object speed, px/s; scalars."""
+
+_REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
+"""Length of a path, in px, below which its squares underflow and it counts as a point."""
+
+
+def passing(motion: Motion) -> tuple[Motion, Array]:
+    """A motion, at a speed of 1 px/s in place of rest; and whether it is at rest."""
+    a, T, s = motion
+    at_rest = jnp.abs(a * T * T) + jnp.abs(s * T) < _REST[np.dtype(s.dtype)]
+    return (jnp.where(at_rest, 0.0, a), T, jnp.where(at_rest, 1.0, s)), at_rest
+
+
+class Path(NamedTuple):
+    """Where a point is, and how fast, at each breakpoint of the shutter; lengths in px.
+
+    The rows of `table` are kept together so that they are worked out together; the other
+    numbers anew wherever they are used, which costs less than to keep them.
+    """
+
+    motion: Motion
+    table: Array
+    from_vertex: bool
+
+    @property
+    def stroke(self) -> Array:
+        """How far the sensor goes from mid-exposure to either end, px."""
+        a, T, _ = self.motion
+        return a * T * T
+
+    @property
+    def smear(self) -> Array:
+        """How far the object goes in half an exposure, px."""
+        _, T, s = self.motion
+        return s * T
+
+    @property
+    def velocity(self) -> Array:
+        """Velocity at breakpoints, px per half exposure."""
+        return self.table[0]
+
+    @property
+    def position(self) -> DoubleWord:
+        """Position at breakpoints."""
+        return DoubleWord(self.table[1], self.table[2])
+
+    @property
+    def middle(self) -> DoubleWord:
+        """Position at mid-exposure."""
+        return self._rise if self.from_vertex else word(jnp.zeros_like(self.stroke))
+
+    @property
+    def vertex(self) -> DoubleWord:
+        """Position of the turning point, where it is near enough to count from."""
+        return word(jnp.zeros_like(self.stroke)) if self.from_vertex else negate(self._rise)
+
+    @property
+    def _rise(self) -> DoubleWord:
+        return DoubleWord(self.table[3, 0], self.table[4, 0])
+
+
+def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) -> Path:
+    """Path of a point of speed `s` at breakpoints `tau`.
+
+    Positions count from the vertex if `from_vertex`, else from where the point is at
+    mid-exposure.
+    """
+    return Path((a, T, s), _table(from_vertex, a, T, s, *tau), from_vertex)
+
+
+def path_of_light(motion: Motion, tau: DoubleWord, *, from_vertex: bool) -> Path:
+    """The path of a point that is `passing` if at rest; a value alone, of the motion as given."""
+
+    def table(motion, tau):
+        return _table_exact(from_vertex, *passing(motion)[0], *tau)
+
+    return Path(motion, once(table, motion, tau), from_vertex)
+
+
+def mirrored_velocity(motion: Motion, tau: DoubleWord) -> Array:
+    r"""$2A\tau + B$ at breakpoints, the velocity at the opposite speed; a value alone."""
+    a, T, s = motion
+    return once(lambda a, T, s, tau: _velocity(*_stroke_and_smear(a, T, -s), tau)[0], a, T, s, tau)
+
+
+def speed_at(track: Path, edges: DoubleWord) -> Array:
+    r"""$|u| = \sqrt{B^2 + 4Ax}$ at positions on the path, 0 beyond the vertex.
+
+    Counted from a vertex that is near, $|u| = \sqrt{4A(x - x_v)}$ loses nothing. It is a
+    value alone: see `speed_change` for derivatives.
+    """
+    near = track.from_vertex | (4 * track.stroke >= jnp.abs(track.smear))
+    origin = [jnp.where(near, x, 0.0) for x in track.vertex]
+    distance = (edges.high - origin[0]) + (edges.low - origin[1])
+    square = jnp.where(near, 0.0, track.smear**2) + 4 * track.stroke * distance
+    return jax.lax.stop_gradient(jnp.sqrt(jnp.maximum(square, 0.0)))
+
+
+def speed_change(
+    from_vertex: bool, motion: Motion, edge: Array, speed: Array, by_motion: Motion, dedge: Array
+) -> Array:
+    r"""By how much changes of the motion, and of an edge, change the `speed` there.
+
+    From $(u/T)^2 = s^2 + 4ax$: written so, change of $T$ meets no cancellation. At the vertex
+    it is given as 0.
+    """
+    (a, T, s), (da, dT, ds) = motion, by_motion
+    square = 4 * (a * dedge + edge * da) + (0.0 if from_vertex else 2 * s * ds)
+    moving = speed > 0
+    change = T * T * square / jnp.where(moving, 2 * speed, 1.0)
+    return speed * (dT / T) + jnp.where(moving, change, 0.0)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _table(from_vertex, a, T, s, tau_high, tau_low):
+    """Velocity, position and how far mid-exposure is above the vertex, at breakpoints."""
+    return once(partial(_table_exact, from_vertex), a, T, s, tau_high, tau_low)
+
+
+def once(function, *arguments, when: Array | bool = True):
+    """`function` of `arguments`, as a loop of one turn: a compiler may not unroll it.
+
+    Left open, hundreds of operations would be folded into each use of their results, and
+    compiled, and run, dozens of times. Unless it is run `when` asked, zeros.
+    """
+    start = jax.tree.map(jnp.zeros_like, jax.eval_shape(function, *arguments))
+    never = jnp.array(False)
+
+    def turn(_):
+        return never, function(*arguments)
+
+    return jax.lax.while_loop(lambda state: state[0], turn, (jnp.asarray(when), start))[1]
+
+
+@jax.custom_jvp
+def kept(value: Array) -> Array:
+    """A value that is put into memory before it is used.
+
+    What is fused with a lookup is worked out number by number; apart from it, several at a time.
+    """
+    return once(lambda x: x, value)
+
+
+@kept.defjvp
+def _kept_jvp(primals, tangents):
+    return kept(*primals), tangents[0]
+
+
+def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
+    stroke, smear = _stroke_and_smear(a, T, s)
+    exists = (a > 0) if from_vertex else _turns(a * T * T, s * T)
+    high = jnp.where(exists, 4 * stroke.high, 1.0)
+    rate = reciprocal(DoubleWord(high, jnp.where(exists, 4 * stroke.low, 0.0)))
+    rise = multiply(multiply(smear, smear), rate)
+    rise = DoubleWord(*(jnp.where(exists, x, 0.0) for x in rise))
+
+    tau = DoubleWord(tau_high, tau_low)
+    velocity, linear = _velocity(stroke, smear, tau)
+    position = multiply(tau, add(linear, negate(smear)))
+    if from_vertex:
+        position = add(position, rise)
+    return _rows(velocity, *position, *rise)
+
+
+def _stroke_and_smear(a, T, s):
+    return multiply(two_product(a, T), word(T)), two_product(s, T)
+
+
+def _velocity(stroke, smear, tau):
+    linear = multiply(stroke, tau)
+    return (2 * linear.high - smear.high) + (2 * linear.low - smear.low), linear
+
+
+def _rows(*rows):
+    """Rows of an array; chosen, where to join them would make loops of their own."""
+    index, result = np.arange(len(rows))[:, None], rows[-1]
+    for i, row in enumerate(rows[:-1]):
+        result = jnp.where(index == i, row, result)
+    return result
+
+
+@_table.defjvp
+def _table_jvp(from_vertex, primals, tangents):
+    exact = _table(from_vertex, *primals)
+
+    def plain(a, T, s, tau, _):
+        stroke, smear = a * T * T, s * T
+        velocity = _valued(2 * stroke * tau - smear, exact[0])
+        exists = (stroke > 0) if from_vertex else _turns(stroke, smear)
+        rise = jnp.broadcast_to(_plain_vertex_distance(smear, stroke, exists), tau.shape)
+        if from_vertex:
+            position = _plain_vertex_distance(velocity, stroke, exists)
+        else:
+            position = tau * (stroke * tau - smear)
+        nothing = jnp.zeros_like(tau)
+        return jnp.stack([velocity, position, nothing, rise, nothing])
+
+    return exact, jax.jvp(plain, primals, tangents)[1]
+
+
+def _valued(formula: Array, value: Array) -> Array:
+    """The derivative of `formula` with a better `value`: near the vertex it cancels."""
+    return value + (formula - jax.lax.stop_gradient(formula))
+
+
+def safe_sqrt(square: Array) -> Array:
+    """Square root whose derivative at 0 is 0, and which is 0 below."""
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
+def _turns(stroke: Array, smear: Array) -> Array:
+    """Whether the vertex of the path is no farther from mid-exposure than twice its ends."""
+    return (stroke > 0) & (4 * stroke >= jnp.abs(smear))
+
+
+def _plain_vertex_distance(velocity: Array, stroke: Array, exists: Array) -> Array:
+    divisor = jnp.where(exists, 4 * stroke, 1.0)
+    return jnp.where(exists, velocity * (velocity / divisor), 0.0)

@@ -1,0 +1,25 @@
+"""What is recorded: capture, occlusion, footage and noise."""
+
+from mishutter.camera.capture import as_light as as_light
+from mishutter.camera.capture import as_pixels as as_pixels
+from mishutter.camera.capture import blurred_at_speeds as blurred_at_speeds
+from mishutter.camera.capture import centred_kernel as centred_kernel
+from mishutter.camera.capture import kernel_layout as kernel_layout
+from mishutter.camera.capture import noisy as noisy
+from mishutter.camera.capture import simulate_capture as simulate_capture
+from mishutter.camera.footage import Frames as Frames
+from mishutter.camera.footage import read_frames as read_frames
+from mishutter.camera.layers import Layer as Layer
+from mishutter.camera.layers import Layers as Layers
+from mishutter.camera.layers_file import is_layers_file as is_layers_file
+from mishutter.camera.layers_file import read_layers as read_layers
+from mishutter.camera.noise import noise_variance as noise_variance
+from mishutter.camera.noise import white_electrons as white_electrons
+from mishutter.camera.picture_plan import distinct_colours as distinct_colours
+from mishutter.camera.picture_plan import every_colour as every_colour
+from mishutter.camera.picture_plan import skips as skips
+from mishutter.camera.picture_plan import tolerates as tolerates
+from mishutter.camera.rows import along_rows as along_rows
+from mishutter.camera.rows import channels_last as channels_last
+from mishutter.camera.rows import fast_length as fast_length
+from mishutter.camera.rows import rows_last as rows_last

@@ -1,0 +1,257 @@
+"""The command line: arguments in, public functions called, text and files out.
+
+What takes seconds to import is imported inside the commands.
+"""
+
+import itertools
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mishutter._core import short_names, writable_folder
+from mishutter.cli.camera import reproduce, simulate
+from mishutter.cli.console import (
+    ends_when_asked,
+    error_line,
+    note,
+    print_text,
+    progress_bar,
+    start_jax,
+    take_any_text,
+    write_error,
+    write_json,
+)
+from mishutter.cli.export import export
+from mishutter.cli.options import (
+    CoefficientsOption,
+    FreeOption,
+    FreshOption,
+    JsonOption,
+    LossName,
+    LossOption,
+    OutOption,
+    SceneArgument,
+    SeedsOption,
+    ShuttersOption,
+    ToleranceOption,
+    as_path,
+    free_names,
+    loss_of,
+    motion_of,
+    scene_of,
+)
+from mishutter.cli.plan import plan, plan_text
+from mishutter.cli.sweep import sweep
+
+if TYPE_CHECKING:
+    from mishutter.cli.memory import Memory
+    from mishutter.design import Design
+    from mishutter.evaluation import AbstractLoss
+    from mishutter.model import AbstractMotion, AbstractShutter, Scene
+    from mishutter.report import Report
+
+app = typer.Typer(
+    name="mishutter",
+    help="Design of shutters for motion-invariant photography.",
+    no_args_is_help=False,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> bool:
+    if wanted:
+        from mishutter.design import package_version
+
+        print_text(f"mishutter {package_version()}")
+        raise typer.Exit
+    return wanted
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Options shared by all commands."""
+
+
+@app.command()
+def optimise(
+    scene_file: SceneArgument = None,
+    out: OutOption = None,
+    json: JsonOption = False,
+    loss: LossOption = LossName.EXPECTED_ERROR,
+    free: FreeOption = None,
+    num_coefficients: CoefficientsOption = 24,
+    num_starts: Annotated[
+        int, typer.Option("--starts", min=1, max=4096, help="Descents to try.")
+    ] = 16,
+    max_steps: Annotated[
+        int, typer.Option("--steps", min=1, max=100_000, help="Steps of each descent, at most.")
+    ] = 300,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
+    noise_seeds: SeedsOption = 1,
+    tolerance: ToleranceOption = 0.0,
+    fresh: FreshOption = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="Show what is computed and what is skipped.")
+    ] = False,
+) -> None:
+    """Design a shutter for a scene, and show it beside the windows one would have picked."""
+    start_jax()
+    from mishutter.cli.memory import Memory
+    from mishutter.design import optimise as search
+    from mishutter.design import plan as planned
+    from mishutter.design import starting_shutter
+
+    scene = scene_of(scene_file)
+    motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    chosen, names = loss_of(loss), free_names(free, motion, start)
+    folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
+    found = planned(scene, motion, start, loss=chosen, free=names, tolerance=tolerance)
+    if verbose:
+        note(plan_text(found))
+    with progress_bar("searching", max_steps) as update:
+        design = memory.of(
+            "search",
+            search,
+            scene,
+            motion,
+            start,
+            loss=chosen,
+            free=names,
+            num_starts=num_starts,
+            seed=seed,
+            max_steps=max_steps,
+            plan=found,
+            watch={"progress": lambda step, value: update(step, f"loss {value:.6g}")},
+        )
+    result = _compared(scene, design.motion, {"optimised": design}, chosen, noise_seeds, memory)
+    _deliver(replace(result, design=design), folder, json, memory)
+
+
+@app.command()
+def compare(
+    scene_file: SceneArgument = None,
+    designs: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--design", metavar="FILE", parser=as_path, help="Saved design; repeat for more."
+        ),
+    ] = None,
+    shutters: ShuttersOption = None,
+    out: OutOption = None,
+    json: JsonOption = False,
+    loss: LossOption = LossName.EXPECTED_ERROR,
+    noise_seeds: SeedsOption = 1,
+    fresh: FreshOption = False,
+) -> None:
+    """Show given shutters or saved designs beside the baselines, without a search for one."""
+    start_jax()
+    from mishutter import report
+    from mishutter.cli.memory import Memory
+    from mishutter.design import Design, taken_names
+
+    scene = scene_of(scene_file)
+    windows = {name: report.named_shutter(name) for name in shutters or []}
+    files = short_names(designs or [], {*taken_names(), *windows})
+    saved = {name: Design.load(path) for name, path in files.items()}
+    motion = next(iter(saved.values())).motion if len(saved) == 1 else motion_of(scene)
+    folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
+    result = _compared(scene, motion, saved | windows, loss_of(loss), noise_seeds, memory)
+    _deliver(result, folder, json, memory)
+
+
+app.command()(plan)
+app.command()(simulate)
+app.command()(reproduce)
+app.command()(export)
+app.command()(sweep)
+
+
+def _compared(
+    scene: "Scene",
+    motion: "AbstractMotion",
+    given: "Mapping[str, AbstractShutter | Design]",
+    loss: "AbstractLoss",
+    num_seeds: int,
+    memory: "Memory",
+) -> "Report":
+    from mishutter import report
+    from mishutter.design import baselines
+    from mishutter.design import compare as beside_baselines
+    from mishutter.report import photograph_of, photographs
+
+    total = len({*given, *baselines()}) + 2
+    with progress_bar("comparing", total) as update:
+        step = _counting(update)
+        comparison = memory.of(
+            "comparison", beside_baselines, scene, motion, given, loss=loss, watch={"step": step}
+        )
+    rows = report.shown_rows(comparison, tuple(given))
+    picture = photograph_of(scene, rows) if num_seeds > 0 else None
+    if picture is None:
+        return report.Report(scene, comparison, tuple(given))
+    with progress_bar("photograph", len(rows)) as update:
+        step = _counting(update)
+        shown = memory.of(
+            "photograph",
+            photographs,
+            picture,
+            scene,
+            rows,
+            num_seeds,
+            watch={"update": step},
+        )
+    return report.Report(scene, comparison, tuple(given), shown)
+
+
+def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
+    """A callback that takes names of what is done and moves a bar on by one each time."""
+    count = itertools.count(1)
+    return lambda name: update(next(count), name)
+
+
+def _deliver(result: "Report", folder: Path | None, as_json: bool, memory: "Memory") -> None:
+    from mishutter import report
+
+    files = [] if folder is None else report.write_report(result, folder)
+    if as_json:
+        write_json(report.document(result) | {"files": files})
+    else:
+        report.print_report(result)
+    if memory.recalled:
+        note(f"As found before: {memory}; `--fresh` works it out anew.")
+    if files:
+        note(f"{folder}: {', '.join(files)}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; the exit code."""
+    command = typer.main.get_command(app)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    take_any_text()
+    try:
+        with ends_when_asked():
+            code = command.main(given, prog_name="mishutter", standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        code = 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 0
+    except Exception as error:
+        line = error_line(error, given)
+        if line is None:
+            raise
+        write_error(line)
+        return 2
+    return code if isinstance(code, int) else 0

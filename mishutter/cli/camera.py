@@ -1,0 +1,189 @@
+"""Commands that take pictures: `simulate` and `reproduce`."""
+
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mishutter._core import writable_folder
+from mishutter.cli.console import note, print_table, progress_bar, start_jax, write_json
+from mishutter.cli.options import JsonOption, SceneArgument, as_path, motion_of, scene_of
+
+if TYPE_CHECKING:
+    from mishutter.camera import Frames, Layers
+    from mishutter.model import Picture
+
+_NUM_TICKS = 100
+_VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".gif", ".webm")
+
+
+class DecoderName(Enum):
+    """Decoders that `--decoder` names."""
+
+    ENSEMBLE = "ensemble"
+    WIENER = "wiener"
+    RICHARDSON_LUCY = "richardson-lucy"
+    TIKHONOV = "tikhonov"
+    TOTAL_VARIATION = "total-variation"
+
+
+def simulate(
+    scene_file: SceneArgument = None,
+    subject: Annotated[
+        Path | None,
+        typer.Option(
+            "--subject",
+            metavar="PATH",
+            parser=as_path,
+            help="Photograph, layered scene (.toml), video or folder of frames; the scene's "
+            "photograph without one.",
+        ),
+    ] = None,
+    design: Annotated[
+        Path | None,
+        typer.Option("--design", metavar="FILE", parser=as_path, help="Saved design to use."),
+    ] = None,
+    shutter: Annotated[
+        str | None,
+        typer.Option("--shutter", metavar="NAME[:VALUE]", help="Without a design; hann if not."),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option("--speed", min=-1e7, max=1e7, help="Of a photograph, px/s.")
+    ] = 0.0,
+    decoder: Annotated[DecoderName, typer.Option("--decoder")] = DecoderName.ENSEMBLE,
+    noiseless: Annotated[bool, typer.Option("--noiseless", help="Blur only.")] = False,
+    full_well: Annotated[
+        float | None, typer.Option("--full-well", min=1.0, help="Most electrons of a pixel.")
+    ] = None,
+    adc_bits: Annotated[
+        int | None, typer.Option("--adc-bits", min=1, max=24, help="Bits of the converter.")
+    ] = None,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, max=(1 << 63) - 1, help="Of the noise.")
+    ] = 0,
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="DIR", parser=as_path, help="Folder for the pictures."),
+    ] = Path("simulation"),
+    json: JsonOption = False,
+) -> None:
+    """Capture a photograph, a layered scene or footage, and restore it."""
+    if design is not None and shutter is not None:
+        raise ValueError(f"`--shutter` must be left out with --design; got '{shutter}'.")
+    start_jax()
+    import jax
+
+    from mishutter.design import Design
+    from mishutter.model import Picture, write_picture
+    from mishutter.report import named_shutter, plot_capture, save_figure
+    from mishutter.restore import capture_and_restore
+
+    scene = scene_of(scene_file)
+    chosen = None if design is None else Design.load(design)
+    motion = motion_of(scene) if chosen is None else chosen.motion
+    window = "hann" if shutter is None else shutter
+    profile = named_shutter(window) if chosen is None else chosen.shutter
+    seen = _subject(subject, scene.picture)
+    if speed and not isinstance(seen, Picture):
+        raise ValueError(f"`--speed` must be left out but for a photograph; got {speed:g}.")
+    folder = writable_folder(out)
+    with progress_bar("capturing and restoring", _NUM_TICKS) as update:
+        result = capture_and_restore(
+            seen,
+            scene,
+            motion,
+            profile,
+            speed=speed,
+            decoder=_decoder(decoder),
+            key=None if noiseless else jax.random.key(seed),
+            full_well=full_well,
+            adc_bits=adc_bits,
+            progress=lambda text, share: update(int(share * _NUM_TICKS), text),
+        )
+    write_picture(folder / "captured.png", result.captured)
+    write_picture(folder / "restored.png", result.restored)
+    save_figure(plot_capture(seen, result.captured, result.restored), folder / "side_by_side.png")
+    files = ["captured.png", "restored.png", "side_by_side.png"]
+    figures = _quality(seen, result.restored)
+    if not figures:
+        note("no quality: each layer or frame moves on its own, and no one picture is the truth")
+    if json:
+        measured = {"quality": figures} if figures else {}
+        write_json(measured | {"decoder": decoder.value, "files": files})
+    elif figures:
+        rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
+        print_table(f"Restored by {decoder.value}", ["figure", "value"], rows)
+    note(f"{folder}: {', '.join(files)}")
+
+
+def reproduce(
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="DIR", parser=as_path, help="Folder for figures and page."),
+    ],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer speeds, noise levels and photographs.")
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Redo the published Figures 3 to 6 and say, point by point, what was met."""
+    folder = writable_folder(out)
+    start_jax()
+    from mishutter.paper import reproduce as redo
+
+    with progress_bar("reproducing", _NUM_TICKS) as update:
+        numbers = redo(
+            folder,
+            quick=quick,
+            progress=lambda text, share: update(int(share * _NUM_TICKS), text),
+        )
+    if json:
+        write_json(numbers)
+    else:
+        rows = [[s["claim"], "met" if s["met"] else "not met"] for s in numbers["statements"]]
+        print_table("Published statements", ["statement", ""], rows)
+    note(f"{folder}: REPRODUCTION.md, figures.json, figure_3.png to figure_6.png")
+
+
+def _subject(path: Path | None, picture: str | None) -> "Picture | Layers | Frames":
+    from mishutter.camera import is_layers_file, read_frames, read_layers
+    from mishutter.model import read_picture
+    from mishutter.report import scene_picture
+
+    if path is None:
+        if picture is None:
+            raise ValueError(
+                "`--subject` must be given where the scene has no picture; got nothing."
+            )
+        return scene_picture(picture)
+    if is_layers_file(path):
+        return read_layers(path)
+    if path.is_dir() or path.suffix.lower() in _VIDEOS:
+        return read_frames(path)
+    return read_picture(path)
+
+
+def _decoder(name: DecoderName) -> Any:
+    from mishutter.restore import decoders
+
+    return {
+        DecoderName.ENSEMBLE: decoders.EnsembleDecoder,
+        DecoderName.WIENER: decoders.WienerDecoder,
+        DecoderName.RICHARDSON_LUCY: decoders.RichardsonLucyDecoder,
+        DecoderName.TIKHONOV: decoders.TikhonovDecoder,
+        DecoderName.TOTAL_VARIATION: decoders.TotalVariationDecoder,
+    }[name]()
+
+
+def _quality(seen: "Picture | Layers | Frames", restored: Any) -> dict[str, float]:
+    """Figures of a restored photograph; none for what has no single truth."""
+    from mishutter.model import Picture
+    from mishutter.restore import psnr
+
+    if not isinstance(seen, Picture):
+        return {}
+    return {
+        "PSNR / dB": float(psnr(seen.light, restored)),
+        "PSNR / dB, linear light": float(psnr(seen.light, restored, gamma=False)),
+    }

@@ -1,0 +1,267 @@
+"""What a terminal sees: one line for an error, a progress bar, strict JSON, a table."""
+
+import io
+import os
+import re
+import shutil
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from typing import Any
+
+import typer
+from rich import box
+from rich.cells import cell_len
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from mishutter._core import is_own_folder, strict_json
+
+_WIDTH = 132
+"""Columns of a table where standard output is no terminal."""
+_LEAST_TEXT = 16
+"""Columns of a table's first column, however narrow the terminal."""
+_MOMENT = 0.05
+"""Time for garbage to be collected; s."""
+
+CLICK_ERROR = typer.BadParameter.__mro__[2]
+"""What the command line parser raises, whichever Click it was built on."""
+
+_USAGE = (
+    (r"No such command '(.*?)'", "the command must be one of those of --help; got '{}'"),
+    (r"No such option: (\S+)", "every option must be one of those of --help; got '{}'"),
+    (r"Option '(.*?)' requires an argument", "`{}` must be followed by a value; got nothing"),
+    (r"Option '(.*?)' does not take a value", "`{}` must stand alone; got a value"),
+    (r"unexpected extra argument\S* \((.*)\)", "there must be no further argument; got '{}'"),
+    (r"Missing command", "a command of --help must be given; got nothing"),
+    (r"Missing (?:argument|option) '(.*?)'", "`{}` must be given; got nothing"),
+)
+_BAD_VALUE = re.compile(r"Invalid value for '(\S+?)'")
+_REQUIREMENTS = (
+    (r"should be (.*?)(?:, unable.*)?$", "be {}"),
+    (r"is not a valid (\w+)", "be a valid {}"),
+    (r"is not one of (.*?)$", "be one of {}"),
+    (r"is not in the range (.*?)$", "lie in the range {}"),
+)
+
+
+def error_line(error: BaseException, arguments: Sequence[str] = ()) -> str | None:
+    """`<what must hold>; got <what came>` for what the user can mend; None for a bug."""
+    if isinstance(error, CLICK_ERROR):
+        return _usage_line(error.format_message(), arguments)  # type: ignore[attr-defined]
+    if type(error).__name__ == "EquinoxRuntimeError":
+        return _one_line(_innermost(str(error)))
+    if isinstance(error, OSError) and error.strerror:
+        name = f"'{error.filename}'" if error.filename is not None else "a file"
+        return f"{name} must be readable and writable as asked; got: {error.strerror}"
+    own = type(error).__module__.startswith("mishutter.")
+    return _one_line(str(error)) if own or isinstance(error, ValueError | OSError) else None
+
+
+def _usage_line(message: str, arguments: Sequence[str]) -> str:
+    text = " ".join(message.split()).removesuffix(".")
+    for pattern, sentence in _USAGE:
+        found = re.search(pattern, text)
+        if found:
+            return _one_line(sentence.format(*found.groups()))
+    option = _BAD_VALUE.search(text)
+    if option is None:
+        return _one_line(text)
+    got = _value_of(option[1], arguments)
+    for pattern, sentence in _REQUIREMENTS:
+        found = re.search(pattern, text)
+        if found:
+            return f"`{option[1]}` must {sentence.format(*found.groups())}; got '{got}'"
+    return f"`{option[1]}` must be as --help says; got '{got}'"
+
+
+def _value_of(option: str, arguments: Sequence[str]) -> str:
+    """The last value that the command line gives an option."""
+    value = ""
+    for index, argument in enumerate(arguments):
+        if argument == option and index + 1 < len(arguments):
+            value = arguments[index + 1]
+        elif argument.startswith(f"{option}="):
+            value = argument.partition("=")[2]
+    return value
+
+
+def _one_line(message: str) -> str:
+    text = " ".join(message.split()).removesuffix(".")
+    return text if "; got" in text else f"the request must be one that can be met; got: {text}"
+
+
+def _innermost(message: str) -> str:
+    """The message given to `eqx.error_if`, without the stack and advice around it."""
+    text = message.rsplit("EquinoxRuntimeError: ", 1)[-1]
+    return text.split("\n\n---", 1)[0]
+
+
+def write_error(line: str) -> None:
+    """The one line of an error, on standard error."""
+    sys.stderr.write(f"mishutter: error: {line}\n")
+
+
+def note(text: str) -> None:
+    """A message about the run, on standard error."""
+    sys.stderr.write(text + "\n")
+
+
+def write_json(document: Mapping[str, Any]) -> None:
+    """One strict JSON document on standard output."""
+    sys.stdout.write(strict_json(document) + "\n")
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table on standard output; the first column is text, the others numbers.
+
+    What there is no room for goes on below, beside the first column once more: no number
+    is cut. That column takes at most half the room then, and has lines broken.
+    """
+    console = _console()
+    cells = [[str(row[index]) for row in rows] for index in range(len(columns))]
+    full = [max(map(cell_len, (name, *held))) for name, held in zip(columns, cells, strict=True)]
+    least = [
+        max(map(cell_len, ("", *name.split(), *held)))
+        for name, held in zip(columns, cells, strict=True)
+    ]
+    least[0] = min(full[0], max(console.width // 2, _LEAST_TEXT))
+    for part in _parts(least, console.width):
+        room = max(console.width, _across(least, part))
+        widths = full if _across(full, part) <= room else least
+        table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+        for index in part:
+            justify = "right" if index else "left"
+            table.add_column(columns[index], justify=justify, width=widths[index])
+        for row in rows:
+            table.add_row(*(row[index] for index in part))
+        console.width = room
+        console.print(table)
+        title = ""
+
+
+def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
+    """Columns of each part of a table, the first in all of them, as many as there is room for."""
+    parts = [[0]]
+    for index in range(1, len(widths)):
+        if len(parts[-1]) > 1 and _across(widths, [*parts[-1], index]) > room:
+            parts.append([0])
+        parts[-1].append(index)
+    return parts
+
+
+def _across(widths: Sequence[int], part: Sequence[int]) -> int:
+    """Width of a table of some columns, with what stands between them."""
+    return 1 + sum(widths[index] + 3 for index in part)
+
+
+def print_text(text: str = "") -> None:
+    """A line of results on standard output."""
+    _console().print(text, soft_wrap=True)
+
+
+def _console() -> Console:
+    """Of text as it is: the name of a design may hold brackets and colons."""
+    columns, height = shutil.get_terminal_size()
+    width = columns if sys.stdout.isatty() else _WIDTH
+    # Rich takes a terminal without control codes to be 80 wide unless it is told both.
+    return Console(
+        file=sys.stdout, width=width, height=height, markup=False, emoji=False, highlight=False
+    )
+
+
+@contextmanager
+def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
+    """A bar on standard error while work goes on: `update(done, message)`."""
+    console = Console(file=sys.stderr)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TextColumn("{task.fields[message]}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task(label, total=total, message="")
+        yield lambda done, message="": progress.update(task, completed=done, message=message)
+
+
+def take_any_text() -> None:
+    """Standard output and error that fail on no character, and on none where they are closed.
+
+    An encoding that lacks a letter, of a name or a unit, would lose the whole result.
+    """
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+@contextmanager
+def working(label: str) -> Iterator[None]:
+    """A sign of life on standard error while something goes on that has no steps to count."""
+    console = Console(file=sys.stderr)
+    with console.status(label) if console.is_terminal else nullcontext():
+        yield
+
+
+@contextmanager
+def ends_when_asked() -> Iterator[None]:
+    """SIGTERM ends what is under way as an exit does, so that no file is left half written.
+
+    An interrupt or a termination that comes while Python collects garbage, as JAX has it do
+    all the time, is raised where nothing can pass it on: then it is sent once more.
+
+    Raises:
+        SystemExit: with 143, as a shell tells of a process that was terminated.
+    """
+
+    def end(*_: object) -> None:
+        raise SystemExit(128 + signal.SIGTERM)
+
+    def send_again(lost: Any) -> None:
+        number = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}.get(lost.exc_type)
+        if number is None:
+            before_hook(lost)
+        else:
+            threading.Timer(_MOMENT, os.kill, (os.getpid(), number)).start()
+
+    if threading.current_thread() is not threading.main_thread():  # which alone is told
+        yield
+        return
+    before, before_hook = signal.signal(signal.SIGTERM, end), sys.unraisablehook
+    sys.unraisablehook = send_again
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        sys.unraisablehook = before_hook
+
+
+def start_jax() -> None:
+    """64-bit numbers; programs and results kept in the cache folder, if it is the user's alone."""
+    import jax
+    from platformdirs import user_cache_path
+
+    from mishutter._core import programs
+    from mishutter.cli import memory
+
+    jax.config.update("jax_enable_x64", True)
+    if getattr(jax.config, "jax_compilation_cache_dir", None) is not None:
+        return
+    folder = user_cache_path("mishutter", appauthor=False)
+    kinds = [folder / name for name in ("jax", "programs", "results")]
+    if all(is_own_folder(path) for path in (folder, *kinds)):
+        jax.config.update("jax_compilation_cache_dir", str(kinds[0]))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+        if getattr(jax.config, "jax_enable_compilation_cache", True):
+            programs.SHELF.open(kinds[1])
+            memory.SHELF.open(kinds[2])

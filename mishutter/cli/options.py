@@ -1,0 +1,115 @@
+"""Arguments and options that the commands share, and what they stand for."""
+
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from mishutter.evaluation import AbstractLoss
+    from mishutter.model import AbstractMotion, AbstractShutter, Scene
+
+
+class LossName(Enum):
+    """Losses that `--loss` names."""
+
+    EXPECTED_ERROR = "expected-error"
+    DESIGN = "design"
+
+
+class FreeName(Enum):
+    """What `--free` names."""
+
+    SHUTTER = "shutter"
+    ACCELERATION = "acceleration"
+    HALF_EXPOSURE = "half_exposure"
+
+
+def as_path(text: str | Path) -> Path:
+    """The path that an argument gives; `Path("")` would be the current folder."""
+    if text == "":
+        raise typer.BadParameter("should be a path of at least one character")
+    return Path(text)
+
+
+SceneArgument = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="[SCENE.toml]",
+        parser=as_path,
+        help="Scene file; the built-in scene without one.",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", parser=as_path, help="Folder for designs and pictures."),
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document, and nothing else, on stdout.")
+]
+LossOption = Annotated[LossName, typer.Option("--loss", help="What is made small.")]
+FreeOption = Annotated[
+    list[FreeName] | None,
+    typer.Option("--free", help="What may move; repeat for more; all that can without it."),
+]
+CoefficientsOption = Annotated[
+    int, typer.Option("--coefficients", min=4, max=512, help="Coefficients of the profile.")
+]
+ToleranceOption = Annotated[
+    float,
+    typer.Option(
+        "--tolerance", min=0.0, max=1.0, help="Largest relative change of a result by skipping."
+    ),
+]
+SeedsOption = Annotated[
+    int,
+    typer.Option(
+        "--noise-seeds",
+        min=0,
+        max=1000,
+        help="Captures of the photograph at each speed; 0 leaves it out.",
+    ),
+]
+FreshOption = Annotated[
+    bool,
+    typer.Option("--fresh", help="Work out anew what was found before for the same question."),
+]
+ShuttersOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--shutter",
+        metavar="NAME[:VALUE]",
+        help="rect, hann, triangle, gaussian:0.4, tukey:0.5 or raskar; repeat for more.",
+    ),
+]
+
+
+def scene_of(path: Path | None) -> "Scene":
+    """The scene of a file, or the built-in one."""
+    from mishutter.model import example_scene, read_scene
+
+    return example_scene() if path is None else read_scene(path)
+
+
+def motion_of(scene: "Scene") -> "AbstractMotion":
+    """The motion that a scene starts from."""
+    if scene.motion is None:
+        raise ValueError("`[motion]` must be given; got nothing.")
+    return scene.motion
+
+
+def free_names(
+    given: list[FreeName] | None, motion: "AbstractMotion", shutter: "AbstractShutter"
+) -> tuple[str, ...]:
+    """What `--free` names, or all that can move."""
+    from mishutter.design import all_that_can_move
+
+    return tuple(name.value for name in given or ()) or all_that_can_move(motion, shutter)
+
+
+def loss_of(name: LossName) -> "AbstractLoss":
+    """The loss of a name."""
+    from mishutter.evaluation import DesignLoss, ExpectedErrorLoss
+
+    return DesignLoss() if name is LossName.DESIGN else ExpectedErrorLoss()

@@ -1,0 +1,60 @@
+"""The command `plan`: what a scene needs computed."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mishutter.cli.console import print_text, start_jax, working, write_json
+from mishutter.cli.options import (
+    CoefficientsOption,
+    FreeOption,
+    JsonOption,
+    LossName,
+    LossOption,
+    SceneArgument,
+    ToleranceOption,
+    free_names,
+    loss_of,
+    motion_of,
+    scene_of,
+)
+
+if TYPE_CHECKING:
+    from mishutter.evaluation import Plan
+
+
+def plan(
+    scene_file: SceneArgument = None,
+    json: JsonOption = False,
+    loss: LossOption = LossName.EXPECTED_ERROR,
+    free: FreeOption = None,
+    fixed: Annotated[
+        bool, typer.Option("--fixed", help="Nothing may move: the plan of one measurement.")
+    ] = False,
+    tolerance: ToleranceOption = 0.0,
+    num_coefficients: CoefficientsOption = 24,
+) -> None:
+    """Show what a search for this scene computes, what it skips and why."""
+    if fixed and free:
+        given = ", ".join(name.value for name in free)
+        raise ValueError(f"`--free` must be left out with --fixed; got '{given}'.")
+    start_jax()
+    from mishutter.design import plan as planned
+    from mishutter.design import starting_shutter
+
+    scene = scene_of(scene_file)
+    motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    names = () if fixed else free_names(free, motion, start)
+    with working("planning"):
+        found = planned(scene, motion, start, loss=loss_of(loss), free=names, tolerance=tolerance)
+    if json:
+        write_json(found.to_dict())
+    else:
+        print_text(plan_text(found))
+
+
+def plan_text(found: "Plan") -> str:
+    """The table of a plan, and what all of it may change."""
+    share = f"at most {found.bound:.1e} of a result"
+    change = "nothing beyond rounding" if found.bound == 0 else share
+    return f"{found}\nAll together change {change}."

@@ -1,0 +1,266 @@
+"""The command that maps acceleration and exposure: `sweep`."""
+
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mishutter._core import writable_folder
+from mishutter.cli.console import note, print_table, progress_bar, start_jax, write_json
+from mishutter.cli.options import (
+    JsonOption,
+    OutOption,
+    SceneArgument,
+    ShuttersOption,
+    as_path,
+    scene_of,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray
+
+    from mishutter.model import AbstractShutter, Scene
+
+_RANGES = "`--acceleration` and `--half-exposure`"
+_NUM_VALUES = 40
+_MOST_POINTS = 10_000_000
+"""More are neither held in memory nor gone through for their front in reasonable time."""
+
+
+def sweep(
+    scene_file: SceneArgument = None,
+    acceleration: Annotated[
+        str | None,
+        typer.Option(
+            "--acceleration",
+            metavar="A:B:N",
+            help="N values of `a` of x = a t^2 from A to B, px/s^2; by the limits without it.",
+        ),
+    ] = None,
+    half_exposure: Annotated[
+        str | None,
+        typer.Option(
+            "--half-exposure",
+            metavar="A:B:N",
+            help="N half exposures from A to B, ms; by the limits without it.",
+        ),
+    ] = None,
+    log: Annotated[bool, typer.Option("--log", help="Equal ratios, not equal steps.")] = False,
+    optimise: Annotated[
+        bool, typer.Option("--optimise", help="Find the best profile at each point too.")
+    ] = False,
+    shutters: ShuttersOption = None,
+    num_coefficients: Annotated[
+        int, typer.Option("--coefficients", min=4, max=512, help="Coefficients of the profile.")
+    ] = 24,
+    store: Annotated[
+        Path | None,
+        typer.Option(
+            "--store", metavar="PATH", parser=as_path, help="Zarr store to write to, or to resume."
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler to compute on."),
+    ] = None,
+    out: OutOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Map acceleration and exposure: the best points, and what cannot be had together."""
+    accelerations = _values("--acceleration", acceleration, log, zero=True)
+    half_exposures = _values("--half-exposure", half_exposure, log, zero=False)
+    start_jax()
+    from mishutter.report import named_shutter
+    from mishutter.sweeps import require_within
+    from mishutter.sweeps import sweep as run
+
+    scene = scene_of(scene_file)
+    named = {name: named_shutter(name) for name in shutters or []}
+    if half_exposures is None:
+        half_exposures = _half_exposures_of(scene)
+    else:
+        half_exposures = half_exposures * 1e-3
+    if accelerations is None:
+        accelerations = _accelerations_of(scene, half_exposures)
+    total = accelerations.size * half_exposures.size
+    _require_few(f"{_RANGES} together", total)
+    require_within(_RANGES, scene, accelerations, half_exposures)
+    folder = None if out is None else writable_folder(out)
+    with _notes(), progress_bar("sweeping", total) as update:
+        begin = time.perf_counter()
+        first: list[int] = []
+
+        def progress(done: int, total: int) -> None:
+            first.append(done)
+            update(done, _speed(done - first[0], total - done, time.perf_counter() - begin))
+
+        dataset = run(
+            scene,
+            accelerations=accelerations,
+            half_exposures=half_exposures,
+            shutters=_with_baselines(named),
+            optimise=optimise,
+            num_coefficients=num_coefficients,
+            store=store,
+            scheduler=scheduler,
+            progress=progress,
+        )
+    _deliver(dataset, scene, folder, json)
+
+
+def _speed(done: int, left: int, seconds: float) -> str:
+    if not done or seconds <= 0:
+        return ""
+    rate = done / seconds
+    return f"{rate:.0f} points/s, {left / rate:.0f} s left"
+
+
+def _values(option: str, text: str | None, log: bool, *, zero: bool) -> "np.ndarray | None":
+    """The values of a range `A:B:N`."""
+    import numpy as np
+
+    if text is None:
+        return None
+    parts = text.split(":")
+    try:
+        (low, high), count = map(float, parts[:-1]), int(parts[-1])
+    except ValueError:
+        raise ValueError(
+            f"`{option}` must be A:B:N, two numbers and a count; got '{text}'."
+        ) from None
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise ValueError(f"`{option}` must run between finite numbers; got '{text}'.")
+    if count < 1:
+        raise ValueError(f"`{option}` must hold at least one value; got '{text}'.")
+    _require_few(f"`{option}`", count)
+    if low < 0 or (low == 0 and not zero):
+        bound = "at least 0" if zero else "above 0"
+        raise ValueError(f"`{option}` must be {bound}; got '{text}'.")
+    if high < low or (high == low and count > 1):
+        raise ValueError(f"`{option}` must ascend from A to B; got '{text}'.")
+    if high > low and count == 1:
+        raise ValueError(f"`{option}` must hold two values or more from A to B; got '{text}'.")
+    if log and low == 0 and count > 1:
+        raise ValueError(f"`{option}` must begin above 0 with --log; got '{text}'.")
+    return np.geomspace(low, high, count) if log and low > 0 else np.linspace(low, high, count)
+
+
+def _require_few(subject: str, count: int) -> None:
+    """Refuse more points than can be held, before any is."""
+    if count > _MOST_POINTS:
+        raise ValueError(f"{subject} must make at most {_MOST_POINTS:,} points; got {count:,}.")
+
+
+def _half_exposures_of(scene: "Scene") -> "np.ndarray":
+    import numpy as np
+
+    limits = scene.limits
+    ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
+    return np.geomspace(*ends, _NUM_VALUES) if ends[1] > ends[0] else np.array(ends[:1])
+
+
+def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray") -> "np.ndarray":
+    """Decades below the largest acceleration that any of the exposures allows."""
+    import numpy as np
+
+    limits = scene.limits
+    ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
+    half_exposures = np.clip(half_exposures, *ends)
+    by_stroke = float(limits.max_stroke) / half_exposures**2
+    by_speed = float(limits.max_top_speed) / (2 * half_exposures)
+    largest = np.minimum(by_stroke, by_speed)
+    return np.geomspace(largest.min() / 10, largest.max(), _NUM_VALUES)
+
+
+def _with_baselines(named: "dict[str, AbstractShutter]") -> "dict[str, AbstractShutter] | None":
+    from mishutter.design import baselines
+
+    return {**baselines(), **named} if named else None
+
+
+@contextmanager
+def _notes() -> Iterator[None]:
+    """What the sweep logs, as notes on standard error."""
+    handler = logging.Handler(logging.INFO)
+    handler.emit = lambda record: note(record.getMessage())  # type: ignore[method-assign]
+    logger = logging.getLogger("mishutter.sweep")
+    level = logger.level
+    logger.setLevel(logging.INFO)
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+
+
+_COLUMNS = (
+    "best",
+    "shutter",
+    "a px/s²",
+    "T ms",
+    "aT² px",
+    "PSNR dB",
+    "- snap.",
+    "- Hann",
+    "cond.",
+    "rel. diff.",
+    "light",
+)
+
+
+def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_json: bool) -> None:
+    from mishutter.sweeps import best_points, best_snapshots, gain_over, gain_over_snapshot
+
+    values = dataset.load()
+    snapshot = best_snapshots(scene)
+    gains = values.assign(
+        over_snapshot=gain_over_snapshot(values, scene), over_hann=gain_over(values, "Hann")
+    )
+    best = {name: _numbers(point) for name, point in best_points(gains).items()}
+    files = []
+    if folder is not None:
+        from mishutter.report import write_pictures
+
+        files = write_pictures(values, scene, folder)
+    if as_json:
+        document = {
+            "best": best,
+            "best_snapshot": {
+                "expected_psnr": float(snapshot.expected_psnr[0, 0]),
+                "half_exposure_ms": float(snapshot.half_exposure[0, 0]) * 1e3,
+            },
+            "num_points": int(values.outside.size),
+            "num_within_limits": int((values.outside == 0).sum()),
+            "files": files,
+        }
+        write_json(document)
+    else:
+        rows = [[name, *_cells(point)] for name, point in best.items()]
+        print_table("Best points of the sweep", _COLUMNS, rows)
+    if files:
+        note(f"{folder}: {', '.join(files)}")
+
+
+def _numbers(point: "xarray.Dataset") -> dict[str, Any]:
+    a, half = float(point.acceleration), float(point.half_exposure)
+    names = ("expected_psnr", "over_snapshot", "over_hann", "condition_number")
+    names += ("relative_kernel_difference", "efficiency")
+    return {
+        "shutter": str(point.shutter.values),
+        "acceleration_px_per_s2": a,
+        "half_exposure_ms": half * 1e3,
+        "stroke_px": a * half**2,
+        "top_speed_px_per_s": 2 * a * half,
+    } | {name: float(point[name]) for name in names}
+
+
+def _cells(point: dict[str, Any]) -> list[str]:
+    formats = (".3g", ".4g", ".3f", ".2f", "+.2f", "+.2f", ".2f", ".3f", ".3f")
+    shutter, *numbers = (value for name, value in point.items() if name != "top_speed_px_per_s")
+    return [shutter, *(format(x, f) for x, f in zip(numbers, formats, strict=True))]

@@ -1,0 +1,27 @@
+"""The design search: space, objective, solvers, comparison and drive table."""
+
+from mishutter.design.comparison import BEST_SNAPSHOT as BEST_SNAPSHOT
+from mishutter.design.comparison import BEST_TUKEY as BEST_TUKEY
+from mishutter.design.comparison import OWN_BEST_MOTION as OWN_BEST_MOTION
+from mishutter.design.comparison import Comparison as Comparison
+from mishutter.design.comparison import Row as Row
+from mishutter.design.comparison import baselines as baselines
+from mishutter.design.comparison import compare as compare
+from mishutter.design.comparison import taken_names as taken_names
+from mishutter.design.drive import DriveTable as DriveTable
+from mishutter.design.drive import drive_table as drive_table
+from mishutter.design.plan_check import WrongPlanError as WrongPlanError
+from mishutter.design.plan_check import check_plan as check_plan
+from mishutter.design.plan_check import plan_error as plan_error
+from mishutter.design.planning import plan as plan
+from mishutter.design.result import Design as Design
+from mishutter.design.result import package_version as package_version
+from mishutter.design.result import scene_to_dict as scene_to_dict
+from mishutter.design.result import shutter_from_dict as shutter_from_dict
+from mishutter.design.result import shutter_to_dict as shutter_to_dict
+from mishutter.design.search import Outcome as Outcome
+from mishutter.design.search import SearchFailedError as SearchFailedError
+from mishutter.design.search import optimise as optimise
+from mishutter.design.search import starting_shutter as starting_shutter
+from mishutter.design.solvers import NonFiniteLossError as NonFiniteLossError
+from mishutter.design.space import all_that_can_move as all_that_can_move

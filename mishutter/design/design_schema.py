@@ -1,0 +1,119 @@
+"""The keys of a saved design, in the units of `mishutter._core.checks`."""
+
+import math
+from typing import Annotated, Any, Literal, final
+
+from pydantic import AllowInfNan, BeforeValidator
+
+from mishutter._core import Section
+
+FORMAT = 1
+"""Version of the file format."""
+
+_UNWRITTEN: dict[Any, float] = {"Infinity": math.inf, "-Infinity": -math.inf, None: math.nan}
+
+
+def _read_back(value: Any) -> Any:
+    """A number as it was before `strict_json`, which has no token for some."""
+    return _UNWRITTEN.get(value, value) if isinstance(value, str | None) else value
+
+
+Result = Annotated[float, AllowInfNan(), BeforeValidator(_read_back)]
+
+
+@final
+class SavedShutter(Section):
+    """A kind of shutter, and those of these that it takes."""
+
+    kind: str
+    sigma: float | None = None
+    taper: float | None = None
+    transmittances: list[float] | None = None
+    parameters: list[float] | None = None
+    symmetric: bool | None = None
+    num_coefficients: int | None = None
+
+
+@final
+class SavedMotion(Section):
+    """A motion; a camera at rest has no acceleration."""
+
+    kind: Literal["ParabolicMotion", "StillCamera"]
+    acceleration: float
+    half_exposure: float
+
+
+@final
+class SavedLimits(Section):
+    """The arguments of `Limits`."""
+
+    max_stroke: float
+    max_top_speed: float
+    min_half_exposure: float
+    max_half_exposure: float
+
+
+@final
+class SavedScene(Section):
+    """The arguments of `Scene`, but for the motion."""
+
+    speeds: list[float]
+    weights: list[float]
+    photon_rate: float
+    read_noise: float
+    mean_level: float
+    deviation: float
+    power_spectrum: list[float] | None = None
+    cutoff_frequency: float = 0.5
+    limits: SavedLimits
+    picture: str | None = None
+
+
+@final
+class SavedItem(Section):
+    """A decision of a plan."""
+
+    name: str
+    full: str
+    kept: str
+    why: str
+    bound: float | None
+
+
+@final
+class SavedPlan(Section):
+    """What a search computed."""
+
+    num_taps: int
+    dft_length: int
+    num_frequencies: int
+    num_nodes: int
+    num_kept: int | None
+    skips: bool
+    folds: bool
+    num_speeds: int | None
+    single: bool
+    still: bool
+    tolerance: float
+    items: list[SavedItem]
+    bound: float
+
+
+@final
+class SavedDesign(Section):
+    """A whole design; its metrics are for whoever reads the file, and evaluated anew."""
+
+    format: int
+    mishutter: str = "unknown"
+    shutter: SavedShutter
+    motion: SavedMotion
+    scene: SavedScene
+    loss: Result
+    loss_name: str
+    best_start_loss: Result
+    metrics: Any = None
+    history: list[Result]
+    converged: bool
+    outcome: str
+    certificate: Result
+    plan: SavedPlan | None = None

@@ -1,0 +1,155 @@
+r"""What the electronics of a shutter are given: a level for each step of the exposure.
+
+A liquid-crystal shutter is driven in equal steps of time, at one of a finite number of
+levels between a floor above 0 and a ceiling below 1. The table says which, and what the
+design loses by it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from mishutter._core import require, require_finite, require_positive_int, write_text
+from mishutter.blur import binned_exposure
+from mishutter.design.result import Design, metrics_to_dict, package_version
+from mishutter.evaluation import Metrics, evaluate
+from mishutter.model import AbstractShutter, ChippedShutter, StillCamera
+
+MAX_STEPS = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class DriveTable:
+    """Drive levels over an exposure, and the sensor's path beside them.
+
+    Attributes:
+        design: The design that is driven.
+        begin: Beginning of each step, from mid-exposure; s, shape `(n,)`.
+        wanted: Mean transmittance of the design over each step; shape `(n,)`.
+        level: Drive level of each step; whole numbers, shape `(n,)`.
+        transmittance: What that level lets through; shape `(n,)`.
+        num_levels: How many levels there are.
+    """
+
+    design: Design
+    begin: np.ndarray
+    wanted: np.ndarray
+    level: np.ndarray
+    transmittance: np.ndarray
+    num_levels: int
+
+    @property
+    def position(self) -> np.ndarray:
+        """Position of the sensor at the beginning of each step, $at^2$; px."""
+        return float(self.design.motion.acceleration) * self.begin**2
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity of the sensor there, $2at$; px/s."""
+        return 2 * float(self.design.motion.acceleration) * self.begin
+
+    def shutter(self) -> ChippedShutter:
+        """The shutter that the levels make."""
+        return ChippedShutter(self.transmittance)
+
+    def metrics(self) -> Metrics:
+        """What is measured of the driven shutter on the design's motion and scene."""
+        return evaluate(self.design.scene, self.design.motion, self.shutter())
+
+    def to_csv(self) -> str:
+        """The table as text: a line of names, a line of units, then one a step."""
+        columns = (self.begin * 1e3, self.wanted, self.level, self.transmittance)
+        rows = zip(*columns, self.position, self.velocity, strict=True)
+        lines = [
+            "begin,wanted_transmittance,level,transmittance,sensor_position,sensor_velocity",
+            "ms,1,1,1,px,px/s",
+        ]
+        lines += [f"{t:.9g},{w:.9g},{n:d},{v:.9g},{x:.9g},{u:.9g}" for t, w, n, v, x, u in rows]
+        return "\n".join(lines) + "\n"
+
+    def save(self, path: str | Path) -> None:
+        """Write the table as CSV, whole or not at all.
+
+        Raises:
+            OSError: if the file cannot be written.
+        """
+        write_text(path, self.to_csv())
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table and what is measured of it, as plain numbers."""
+        return {
+            "mishutter": package_version(),
+            "num_levels": self.num_levels,
+            "step_ms": float(self.design.motion.exposure) * 1e3 / self.begin.size,
+            "begin_ms": (self.begin * 1e3).tolist(),
+            "wanted_transmittance": self.wanted.tolist(),
+            "level": self.level.tolist(),
+            "transmittance": self.transmittance.tolist(),
+            "sensor_position_px": self.position.tolist(),
+            "sensor_velocity_px_per_s": self.velocity.tolist(),
+            "metrics": metrics_to_dict(self.metrics()),
+            "metrics_of_design": metrics_to_dict(self.design.metrics),
+        }
+
+
+def drive_table(
+    design: Design,
+    *,
+    num_steps: int = 256,
+    num_levels: int = 256,
+    floor: float = 0.0,
+    ceiling: float = 1.0,
+) -> DriveTable:
+    r"""Levels that come nearest to a design's profile.
+
+    Step $k$ takes the level nearest to the mean of $c\,w(\tau)$ over it, with $c$ the
+    ceiling: a profile that the hardware cannot open fully keeps its shape. Level $j$ of $n$
+    lets $\text{floor} + (\text{ceiling} - \text{floor})\,j/(n - 1)$ through.
+
+    Args:
+        design: What is to be driven.
+        num_steps: Steps of the exposure, at most 100,000.
+        num_levels: Drive levels, at least 2.
+        floor: Transmittance of the lowest level.
+        ceiling: Transmittance of the highest level, above `floor` and at most 1.
+
+    Raises:
+        ValueError: if there is no design, or a count or a transmittance is out of its range.
+    """
+    require(isinstance(design, Design), "drive_table(design=...)", "be a `Design`", design)
+    require_positive_int("drive_table(num_steps=...)", num_steps)
+    few = num_steps <= MAX_STEPS
+    require(few, "drive_table(num_steps=...)", f"be at most {MAX_STEPS}", num_steps)
+    require_positive_int("drive_table(num_levels=...)", num_levels)
+    require(num_levels >= 2, "drive_table(num_levels=...)", "be at least 2", num_levels)
+    for name, value in (("floor", floor), ("ceiling", ceiling)):
+        require_finite(f"drive_table({name}=...)", value)
+    require(0 <= floor < 1, "drive_table(floor=...)", "lie in [0, 1)", floor)
+    subject = "drive_table(ceiling=...)"
+    require(floor < ceiling <= 1, subject, f"lie above the floor {floor:g} and up to 1", ceiling)
+    wanted = step_means(design.shutter, num_steps)
+    steps = (np.clip(ceiling * wanted, floor, ceiling) - floor) / (ceiling - floor)
+    level = np.rint(steps * (num_levels - 1)).astype(int)
+    half = float(design.motion.half_exposure)
+    return DriveTable(
+        design=design,
+        begin=(np.arange(num_steps) * (2 / num_steps) - 1) * half,
+        wanted=wanted,
+        level=level,
+        transmittance=floor + (ceiling - floor) * level / (num_levels - 1),
+        num_levels=num_levels,
+    )
+
+
+def step_means(shutter: AbstractShutter, num_steps: int) -> np.ndarray:
+    """Mean transmittance over equal steps of the exposure; shape `(num_steps,)`.
+
+    It is the exposure of a point that crosses one pixel a step before a camera at rest.
+    """
+    rest = StillCamera(half_exposure=jnp.asarray(1.0))
+    edges = np.arange(num_steps + 1) - num_steps / 2
+    light = binned_exposure(shutter, rest, speed=-num_steps / 2, edges=edges)
+    return np.clip(np.asarray(light, np.float64) * num_steps, 0, 1)

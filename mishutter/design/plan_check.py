@@ -1,0 +1,128 @@
+"""What a plan changes in the results that it was made for, found by computing both."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+
+from mishutter._core import common_dtype, require_known
+from mishutter.evaluation import AbstractLoss, Metrics, Plan, evaluate, sizes, value_of
+from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
+
+_ROUNDING = {8: 1e-12, 4: 1e-5}
+"""Relative change of a result that is put down to rounding, by the bytes of its numbers."""
+
+_NAMES = (
+    "condition_number",
+    "kernel_difference",
+    "relative_kernel_difference",
+    "efficiency",
+    "bound_share",
+)
+
+
+class WrongPlanError(ValueError):
+    """A plan changed a result by more than it said it would."""
+
+
+def plan_error(
+    plan: Plan,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    loss: AbstractLoss | None = None,
+) -> float:
+    r"""Largest relative change of a result by a plan, $\max_i |x_i - y_i| / |y_i|$.
+
+    The $y_i$ are the loss, or all metrics, computed in full; the $x_i$ what the plan
+    makes of them. The expected PSNR counts as the squared error that it stands for.
+
+    Args:
+        plan: The plan.
+        scene: Speeds, light and noise.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+        loss: Whose value it is made for; all metrics by default.
+
+    Returns:
+        The change; `inf` where a result of 0 or infinity became another.
+    """
+    full = results(everything(plan, scene, motion), scene, motion, shutter, loss)
+    return relative_change(results(plan, scene, motion, shutter, loss), full)
+
+
+def check_plan(
+    plan: Plan,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    loss: AbstractLoss | None = None,
+) -> float:
+    """Refuse a plan that changes a result by more than its bound.
+
+    Args:
+        plan: The plan.
+        scene: Speeds, light and noise.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+        loss: Whose value it is made for; all metrics by default.
+
+    Returns:
+        The relative change; see `plan_error`.
+
+    Raises:
+        WrongPlanError: if it is above the plan's bound and rounding.
+    """
+    require_known("check_plan", scene=scene, motion=motion, shutter=shutter)
+    change = plan_error(plan, scene, motion, shutter, loss=loss)
+    allowed = max(plan.bound, rounding(scene, motion, shutter))
+    if not change <= allowed:
+        raise WrongPlanError(
+            f"`check_plan(plan=...)` must change no result by more than {allowed:.2g} of it; "
+            f"got {change:.2g}."
+        )
+    return change
+
+
+def rounding(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> float:
+    """Relative change of a result of these that is put down to its precision."""
+    return _ROUNDING[common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter))).itemsize]
+
+
+def everything(plan: Plan, scene: Scene, motion: AbstractMotion) -> Plan:
+    """The full computation whose results those of a plan stand for.
+
+    The length of the DFT is a choice of the plan's, unless no full kernel fits in it.
+    """
+    full = sizes(scene, settled(motion))
+    fits = plan.dft_length >= full.num_taps
+    return replace(full, dft_length=plan.dft_length) if fits else full
+
+
+def results(
+    plan: Plan,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    loss: AbstractLoss | None,
+) -> np.ndarray:
+    """The loss, or all metrics, as a plan has them computed; shape `(n,)`."""
+    if loss is not None:
+        return np.array([float(value_of(loss, scene, motion, shutter, plan))])
+    return results_of(evaluate(scene, motion, shutter, plan=plan))
+
+
+def results_of(metrics: Metrics) -> np.ndarray:
+    """The metrics that are compared, as numbers that are never negative; shape `(n,)`."""
+    squared = 10 ** (-float(metrics.expected_psnr) / 10)
+    return np.array([squared, *(float(getattr(metrics, name)) for name in _NAMES)])
+
+
+def relative_change(found: np.ndarray, before: np.ndarray, full: np.ndarray | None = None) -> float:
+    """Largest change of one of several results, relative to `before` or to `full`."""
+    scale = np.abs(before if full is None else full)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change = np.where(found == before, 0.0, np.abs(found - before) / scale)
+    return float(np.max(np.where(np.isnan(change), np.inf, change)))

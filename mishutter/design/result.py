@@ -1,0 +1,247 @@
+"""A finished design: kept, written to one file, and read back to the same numbers."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mishutter._core import Bare, contents, parsed, require, strict_json, validated, write_text
+from mishutter.design.design_schema import FORMAT, SavedDesign, SavedMotion
+from mishutter.evaluation import Metrics, Plan, evaluate
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    ChippedShutter,
+    GaussianShutter,
+    HannShutter,
+    Limits,
+    ParabolicMotion,
+    RectShutter,
+    Scene,
+    SplineShutter,
+    StillCamera,
+    TriangleShutter,
+    TukeyShutter,
+    profile_of,
+)
+
+_PROFILE_POINTS = 1001
+
+
+@dataclass(frozen=True)
+class Design:
+    """A shutter and a motion, how good they are, and how they were found.
+
+    Attributes:
+        shutter: The profile.
+        motion: The sensor's motion.
+        scene: The scene it was designed for.
+        loss: Final loss.
+        history: Smallest loss known so far: after each step of the descents, or each start of a
+            grid, and last after the polish.
+        converged: Whether the search met its tolerance.
+        outcome: How the search ended, in a sentence.
+        certificate: Projected-gradient norm in the unit box of designs; where limits of the
+            motion meet, by the slopes that lead down on either side.
+        loss_name: The loss that was made small.
+        best_start_loss: Smallest loss among the starts.
+        plan: What the search computed; None where that is not known.
+    """
+
+    shutter: AbstractShutter
+    motion: AbstractMotion
+    scene: Scene
+    loss: float
+    history: np.ndarray
+    converged: bool
+    outcome: str
+    certificate: float
+    loss_name: str
+    best_start_loss: float
+    plan: Plan | None = None
+
+    @cached_property
+    def metrics(self) -> Metrics:
+        """What is measured of it on its scene; computed where it is asked for."""
+        return evaluate(self.scene, self.motion, self.shutter)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything in the design as plain numbers, lists and text."""
+        return {
+            "format": FORMAT,
+            "mishutter": package_version(),
+            "shutter": shutter_to_dict(self.shutter),
+            "motion": motion_to_dict(self.motion),
+            "scene": scene_to_dict(self.scene),
+            "loss": self.loss,
+            "loss_name": self.loss_name,
+            "best_start_loss": self.best_start_loss,
+            "metrics": metrics_to_dict(self.metrics),
+            "history": [float(x) for x in self.history],
+            "converged": self.converged,
+            "outcome": self.outcome,
+            "certificate": self.certificate,
+            "plan": None if self.plan is None else self.plan.to_dict(),
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the design to one JSON file, whole or not at all.
+
+        Raises:
+            ValueError: if the shutter is of a kind that the file format does not know.
+            OSError: if the file cannot be written.
+        """
+        write_text(path, strict_json(self.to_dict()) + "\n")
+
+    @staticmethod
+    def load(path: str | Path) -> "Design":
+        """Read a design; its metrics are evaluated anew.
+
+        Raises:
+            ValueError: if the file is not a design of this format.
+            OSError: if it cannot be read.
+        """
+        name = str(path)
+        data = parsed(json.loads, contents(path), name, "JSON")
+        is_design = isinstance(data, dict) and "format" in data
+        require(is_design, name, "be a design saved by mishutter", type(data).__name__)
+        require(data["format"] == FORMAT, name, f"be of design format {FORMAT}", data["format"])
+        file = validated(SavedDesign, data, name)
+        try:
+            return _built(file)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+
+    def write_profile(self, path: str | Path) -> None:
+        """Write the profile as CSV with a line of units: time, normalised time, transmittance.
+
+        Raises:
+            OSError: if the file cannot be written.
+        """
+        tau = np.linspace(-1, 1, _PROFILE_POINTS)
+        dtype = self.motion.half_exposure.dtype
+        transmittance = np.asarray(profile_of(self.shutter, tau.astype(dtype))[0])
+        time = tau * float(self.motion.half_exposure) * 1e3
+        rows = [
+            f"{t:.9g},{x:.9g},{w:.9g}" for t, x, w in zip(time, tau, transmittance, strict=True)
+        ]
+        write_text(path, "\n".join(["time,tau,transmittance", "ms,1,1", *rows]) + "\n")
+
+
+def package_version() -> str:
+    """Version of the installed package."""
+    try:
+        return version("mishutter")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def metrics_to_dict(metrics: Metrics) -> dict[str, float | int]:
+    """Metrics as plain numbers."""
+    return {
+        name: value if isinstance(value, int) else float(value)
+        for name, value in vars(metrics).items()
+    }
+
+
+def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
+    """Kind and numbers of a motion."""
+    return {
+        "kind": type(motion).__name__,
+        "acceleration": float(motion.acceleration),
+        "half_exposure": float(motion.half_exposure),
+    }
+
+
+def shutter_to_dict(shutter: AbstractShutter) -> dict[str, Any]:
+    """Kind and parameters of a shutter.
+
+    Raises:
+        ValueError: if it is not one of the package's own kinds.
+    """
+    kind = type(shutter)
+    known = kind in _PARAMETERS_OF
+    require(known, "Design.save(shutter=...)", "be one of mishutter's own kinds", kind.__name__)
+    data: dict[str, Any] = {"kind": kind.__name__}
+    for name in _PARAMETERS_OF[kind]:
+        value = getattr(shutter, name)
+        is_array = hasattr(value, "shape")
+        data[name] = np.asarray(value, np.float64).tolist() if is_array else value
+    return data
+
+
+def scene_to_dict(scene: Scene) -> dict[str, Any]:
+    """Numbers of a scene."""
+
+    def plain(value: Any) -> Any:
+        return None if value is None else np.asarray(value, np.float64).tolist()
+
+    return {
+        "speeds": plain(scene.speeds),
+        "weights": plain(scene.weights),
+        "photon_rate": plain(scene.photon_rate),
+        "read_noise": plain(scene.read_noise),
+        "mean_level": plain(scene.mean_level),
+        "deviation": plain(scene.deviation),
+        "power_spectrum": plain(scene.power_spectrum),
+        "cutoff_frequency": plain(scene.cutoff_frequency),
+        "limits": {name: plain(value) for name, value in vars(scene.limits).items()},
+        "picture": scene.picture,
+    }
+
+
+_PARAMETERS_OF: dict[type[AbstractShutter], tuple[str, ...]] = {
+    RectShutter: (),
+    HannShutter: (),
+    TriangleShutter: (),
+    GaussianShutter: ("sigma",),
+    TukeyShutter: ("taper",),
+    ChippedShutter: ("transmittances",),
+    SplineShutter: ("parameters", "symmetric", "num_coefficients"),
+}
+
+
+def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
+    """The shutter that `shutter_to_dict` wrote.
+
+    Raises:
+        ValueError: if its kind is not known, or its parameters are not those of its kind.
+    """
+    kinds = {kind.__name__: kind for kind in _PARAMETERS_OF}
+    name, given = data["kind"], {key: value for key, value in data.items() if key != "kind"}
+    require(name in kinds, "shutter.kind", f"be one of {', '.join(kinds)}", name)
+    wanted = _PARAMETERS_OF[kinds[name]]
+    for key in wanted:
+        require(key in given, f"shutter.{key}", f"be given for a {name}", Bare("nothing"))
+    for key, value in given.items():
+        require(key in wanted, f"shutter.{key}", f"be left out of a {name}", value)
+    return kinds[name](**given)
+
+
+def _built(file: SavedDesign) -> Design:
+    motion = _motion(file.motion)
+    scene = file.scene.model_dump()
+    scene["limits"] = Limits(**scene["limits"])
+    return Design(
+        shutter=shutter_from_dict(file.shutter.model_dump(exclude_none=True)),
+        motion=motion,
+        scene=Scene(**scene, motion=motion),
+        loss=file.loss,
+        history=np.array(file.history),
+        converged=file.converged,
+        outcome=file.outcome,
+        certificate=file.certificate,
+        loss_name=file.loss_name,
+        best_start_loss=file.best_start_loss,
+        plan=None if file.plan is None else Plan.from_dict(file.plan.model_dump()),
+    )
+
+
+def _motion(saved: SavedMotion) -> AbstractMotion:
+    if saved.kind == "StillCamera":
+        return StillCamera(half_exposure=saved.half_exposure)
+    return ParabolicMotion(acceleration=saved.acceleration, half_exposure=saved.half_exposure)

@@ -1,0 +1,255 @@
+"""The design search: many starts, a polish, and an honest end."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from enum import Enum
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from mishutter._core import (
+    alone_in_blas,
+    require,
+    require_known,
+    require_positive_int,
+    require_seed,
+)
+from mishutter.design.many_starts import Descent, Progress, descend
+from mishutter.design.objective import AbstractObjective, objective_of, roughly
+from mishutter.design.planning import design_at, full_sizes
+from mishutter.design.planning import plan as plan_of_scene
+from mishutter.design.result import Design
+from mishutter.design.solvers import certificate_at, finished, is_minimum, losses_at, polish
+from mishutter.design.space import DesignSpace, all_that_can_move, design_space, within_limits
+from mishutter.design.starts import GRID_COORDINATES, lowest_places, start_boxes
+from mishutter.evaluation import PLANNED, AbstractLoss, Automatic, Plan, reduced
+from mishutter.model import AbstractMotion, AbstractShutter, Scene, SplineShutter, TukeyShutter
+
+_NUM_POLISHED = 3
+_SEEN = 1e-4
+"""Fall of a loss, as a share of it, that a history shows."""
+
+
+class Outcome(Enum):
+    """How a search ended."""
+
+    CONVERGED = "The search converged: the projected gradient is below its tolerance."
+    STEPS_USED = "The search used up its steps before the projected gradient fell below tolerance."
+    STALLED = "The search stopped where no step lowered the loss, short of its tolerance."
+
+
+_OUTSIDE = " What was held of the motion is outside the scene's limits."
+
+
+class SearchFailedError(RuntimeError):
+    """A search with `throw=True` did not converge."""
+
+
+@alone_in_blas()
+def optimise(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    loss: AbstractLoss,
+    free: str | Iterable[str] | None = None,
+    num_starts: int = 16,
+    seed: int = 0,
+    max_steps: int = 300,
+    progress: Progress | None = None,
+    throw: bool = False,
+    plan: Plan | Automatic | None = PLANNED,
+) -> Design:
+    r"""Search for the design of least loss within the scene's limits.
+
+    Optimistix BFGS descends from many starts at once: the given design, the baselines'
+    profiles, then random ones; after 20 steps, and every 10 from there, the worse half of
+    them is given up, until four are left. The best is polished by jaxopt's box-constrained
+    L-BFGS-B, on either side of where limits meet if it ends there. Where at most three
+    coordinates move, the starts are the given design and the best of a grid, and are
+    polished directly. The result is never worse than the best start.
+
+    Where acceleration moves, a design keeps up ($2aT$) with the fastest object that occurs
+    or with what the given motion keeps up with, whichever is slower: a given motion within
+    the limits is always among the starts, and one that gives up rare fast objects lets the
+    search give them up too.
+
+    Args:
+        scene: Speeds, light, noise and limits.
+        motion: Motion to start from; a `StillCamera` stays at rest.
+        shutter: Profile to start from; its kind is kept.
+        loss: What is made small.
+        free: What may move: `"shutter"`, `"acceleration"`, `"half_exposure"`; all that can
+            by default.
+        num_starts: How many descents.
+        seed: Of the random starts.
+        max_steps: Steps of the descent, and of the polish, at most.
+        progress: Called with the step and the smallest loss so far.
+        throw: Whether an end other than convergence raises.
+        plan: What to compute; made for the whole space by default, None for everything.
+            After a search with a tolerance the design is measured exactly; where the
+            loss was further off, the search goes on from there with an exact plan.
+
+    Returns:
+        The best design found, how the search ended in a sentence, and the
+        projected-gradient norm as the certificate. What is held of the motion is not moved
+        into the limits; where it lies outside, a second sentence says so.
+
+    Raises:
+        ValueError: if `free` names nothing that can move, a count is not positive, `seed` is
+            negative, or `loss` is none, or gives something else than one real number; or if
+            JAX traces the scene, the motion or the shutter.
+        NonFiniteLossError: if the loss or its gradient is not finite.
+        SearchFailedError: if `throw` and the search did not converge.
+    """
+    require_known("optimise", scene=scene, motion=motion, shutter=shutter)
+    require_positive_int("optimise(num_starts=...)", num_starts)
+    require_positive_int("optimise(max_steps=...)", max_steps)
+    require_seed("optimise(seed=...)", seed)
+    require(isinstance(loss, AbstractLoss), "optimise(loss=...)", "be a loss", loss)
+    free = all_that_can_move(motion, shutter) if free is None else free
+    space = design_space(scene, motion, shutter, free)
+    if plan is None:
+        plan = full_sizes(scene, space.motion, space)
+    elif not isinstance(plan, Plan):
+        plan = plan_of_scene(scene, motion, shutter, loss=loss, free=space.free)
+    objective = objective_of(loss, reduced(scene, plan), space, plan)
+    starts = start_boxes(space, num_starts, seed)
+    if space.size > GRID_COORDINATES:
+        found = _descended(objective, space, starts, max_steps, progress)
+    else:
+        found = _from_grid(objective, space, starts, max_steps)
+    best = np.argsort(found.losses, kind="stable")[: found.num_polished]
+    ends = [polish(objective, found.boxes[index], max_steps=max_steps) for index in best]
+    polished = min(ends, key=lambda end: end.loss)
+    polished = finished(objective, polished, space.bends, max_steps=max_steps)
+    box, value, certificate = polished.box, polished.loss, polished.certificate
+    if float(found.losses[best[0]]) < value:
+        box, value = found.boxes[best[0]], float(found.losses[best[0]])
+        certificate = certificate_at(objective, box, space.bends)
+    outcome = _outcome(certificate, value, polished.num_steps >= max_steps)
+    if throw and outcome is not Outcome.CONVERGED:
+        raise SearchFailedError(outcome.value)
+    found_shutter, found_motion = design_at(space, jax.device_put(box))
+    design = Design(
+        shutter=found_shutter,
+        motion=found_motion,
+        scene=scene,
+        loss=value,
+        history=np.append(found.history, min(value, found.history[-1])),
+        converged=outcome is Outcome.CONVERGED,
+        outcome=outcome.value + ("" if within_limits(found_motion, space.limits) else _OUTSIDE),
+        certificate=certificate,
+        loss_name=repr(loss),
+        best_start_loss=found.best_start_loss,
+        plan=plan,
+    )
+    if plan.tolerance == 0:
+        return design
+    again = partial(optimise, num_starts=1, seed=seed, max_steps=max_steps, progress=progress)
+    best_start = found.boxes[np.flatnonzero(found.losses == found.best_start_loss)[-1]]
+    return _confirmed(design, plan, loss, space, best_start, again)
+
+
+class _Found(NamedTuple):
+    """Points to polish the best of: losses, the history so far, and the least at a start."""
+
+    boxes: np.ndarray
+    losses: np.ndarray
+    history: np.ndarray
+    best_start_loss: float
+    num_polished: int
+
+
+def _descended(
+    objective: AbstractObjective,
+    space: DesignSpace,
+    starts: np.ndarray,
+    max_steps: int,
+    progress: Progress | None,
+) -> _Found:
+    """The starts, and where descents on the rough objective lead from them."""
+    rough = roughly(objective, space)
+    first = losses_at(objective, starts)
+    descent = descend(rough, jax.device_put(starts), max_steps=max_steps, progress=progress)
+    history = descent.history if rough is objective else _measured(objective, descent)
+    ends = descent.boxes[np.argsort(descent.losses, kind="stable")[:_NUM_POLISHED]]
+    losses = np.concatenate([losses_at(objective, ends), first])
+    return _Found(np.concatenate([ends, starts]), losses, history, float(np.min(first)), 1)
+
+
+def _measured(objective: AbstractObjective, descent: Descent) -> np.ndarray:
+    """History of a rough descent by the whole objective, wherever it fell by some."""
+    rough, steps = descent.history, [0]
+    for step, value in enumerate(rough):
+        if rough[steps[-1]] - value > _SEEN * abs(value):
+            steps.append(step)
+    losses = np.full(rough.size, np.inf)
+    losses[steps] = losses_at(objective, descent.trail[steps])
+    return np.minimum.accumulate(losses)
+
+
+def _from_grid(
+    objective: AbstractObjective, space: DesignSpace, starts: np.ndarray, max_steps: int
+) -> _Found:
+    """The given design and the best of a grid, and where polishes on the rough objective end."""
+    rough = roughly(objective, space)
+    best = lowest_places(losses_at(rough, starts))[:_NUM_POLISHED]
+    boxes = starts[np.union1d(0, best)]
+    first = losses = losses_at(objective, boxes)
+    num_polished = _NUM_POLISHED
+    if rough is not objective:
+        ends = np.stack([polish(rough, starts[index], max_steps=max_steps).box for index in best])
+        boxes = np.concatenate([ends, boxes])
+        losses = np.concatenate([losses_at(objective, ends), first])
+        num_polished = 1
+    return _Found(boxes, losses, np.minimum.accumulate(first), float(np.min(first)), num_polished)
+
+
+def _confirmed(
+    design: Design,
+    plan: Plan,
+    loss: AbstractLoss,
+    space: DesignSpace,
+    best_start: np.ndarray,
+    again: Callable[..., Design],
+) -> Design:
+    """A design with its loss measured exactly; searched on where the tolerance was not kept.
+
+    So it is where the best start turns out to be better: two losses within the tolerance of
+    theirs may change places.
+    """
+    scene = design.scene
+    exact = plan_of_scene(scene, space.motion, space.shutter, loss=loss, free=space.free)
+    shutter, motion = design_at(space, jax.device_put(best_start))
+    at_start, at_end = (scene, motion, shutter), (scene, design.motion, design.shutter)
+    least, value = (float(loss(*at, plan=exact)) for at in (at_start, at_end))
+    if value <= least and abs(value - design.loss) <= plan.tolerance * abs(value):
+        history = np.append(np.maximum(design.history[:-1], value), value)
+        return replace(design, loss=value, history=history, best_start_loss=least)
+    begin = at_end if value <= least else at_start
+    return again(*begin, loss=loss, free=space.free, plan=exact)
+
+
+def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
+    if is_minimum(certificate, loss):
+        return Outcome.CONVERGED
+    return Outcome.STEPS_USED if steps_used else Outcome.STALLED
+
+
+def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:
+    """The free-form profile a search starts from: symmetric if the scene's speeds are.
+
+    Its precision is that of the speeds.
+    """
+    require_known("starting_shutter", scene=(scene.speeds, scene.weights))
+    speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
+    forward = np.lexsort((weights, speeds))
+    backward = np.lexsort((weights, -speeds))
+    symmetric = np.allclose(speeds[forward], -speeds[backward]) and np.allclose(
+        weights[forward], weights[backward]
+    )
+    taper = np.asarray(0.5, speeds.dtype)
+    return SplineShutter.fit(TukeyShutter(taper), num_coefficients, symmetric=bool(symmetric))

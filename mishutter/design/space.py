@@ -1,0 +1,241 @@
+r"""The designs a solver may reach, as a unit box.
+
+A point of the box is a shutter's coordinates, then the half exposure, then the
+acceleration, each only if it is free. The motion's coordinates are logarithmic between
+bounds that hold stroke, top speed and exposure at every point: the half exposure
+between its limits, and the acceleration between the slowest that keeps up with what the
+given motion keeps up with, or with the fastest object, $a = S/(2T)$, if that is less, and
+the largest that $aT^2 \le$ stroke and $2aT \le$ top speed allow. So a given motion within
+the limits is a point of the box.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import common_dtype, require
+from mishutter.model import (
+    AbstractAdjustableShutter,
+    AbstractMotion,
+    AbstractShutter,
+    Limits,
+    ParabolicMotion,
+    Scene,
+    StillCamera,
+    settled,
+    stands_still,
+)
+
+FREE_NAMES = ("shutter", "acceleration", "half_exposure")
+_ROUNDING = 1e-6
+_SLOWEST = 1e-2
+"""Share of the largest acceleration that is explored where every object is at rest."""
+
+
+class Bends(NamedTuple):
+    """Places along one coordinate of the box where a loss may have a kink.
+
+    Attributes:
+        coordinate: Which coordinate.
+        places: Its values there, inside the box; shape `(n,)`.
+    """
+
+    coordinate: int
+    places: np.ndarray
+
+
+@final
+class DesignSpace(eqx.Module):
+    """A unit box of designs around a shutter and a motion.
+
+    Attributes:
+        shutter: Profile that is held, or whose kind is moved.
+        motion: Motion that is held where it is not free.
+        limits: Bounds on stroke, top speed and exposure.
+        max_speed: Fastest object; px/s.
+        free: What may move.
+        num_profile_coordinates: How many of the coordinates belong to the shutter.
+    """
+
+    shutter: AbstractShutter
+    motion: AbstractMotion
+    limits: Limits
+    max_speed: Array
+    free: tuple[str, ...] = eqx.field(static=True)
+    num_profile_coordinates: int = eqx.field(static=True)
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return self.num_profile_coordinates + len(set(self.free) - {"shutter"})
+
+    def at(self, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
+        """The design at a point of the box; shape `(size,)`."""
+        count = self.num_profile_coordinates
+        shutter = self.shutter
+        if count:
+            shutter = self.shutter.at(box[:count])  # type: ignore[attr-defined]
+        rest = list(box[count:])
+        half_exposure = self.motion.half_exposure
+        if "half_exposure" in self.free:
+            half_exposure = _between(*self._half_exposure_bounds(), rest.pop(0))
+        if isinstance(self.motion, StillCamera):
+            return shutter, StillCamera(half_exposure=half_exposure)
+        acceleration = self.motion.acceleration
+        if "acceleration" in self.free:
+            acceleration = _between(*self._acceleration_bounds(half_exposure), rest.pop(0))
+        return shutter, ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
+
+    @property
+    def bends(self) -> Bends:
+        """Where along the half exposure the bounds of a free acceleration change their course.
+
+        Each of stroke, top speed, what the fastest object and the given motion ask for, and
+        the least that is explored gives way to another where two of them meet.
+        """
+        index = self.num_profile_coordinates
+        if not {"acceleration", "half_exposure"} <= set(self.free):
+            return Bends(index, np.zeros(0))
+        low, high = (float(bound) for bound in self._half_exposure_bounds())
+        kept_up = float(self.max_speed), float(self.motion.top_speed)
+        speeds = [float(self.limits.max_top_speed), *kept_up, *(v / _SLOWEST for v in kept_up)]
+        times = np.array([2 * float(self.limits.max_stroke) / v for v in speeds if v > 0])
+        inside = times[(low < times) & (times < high)]
+        return Bends(index, np.log(inside / low) / np.log(high / low) if inside.size else inside)
+
+    def box(self, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
+        """The point of the box nearest to a design; shape `(size,)`."""
+        dtype = common_dtype(self.max_speed, motion.half_exposure)
+        parts = []
+        if "shutter" in self.free:
+            parts.append(jnp.clip(box_of(shutter), 0, 1).astype(dtype))
+        half_exposure = motion.half_exposure
+        if "half_exposure" in self.free:
+            share = _share(*self._half_exposure_bounds(), half_exposure)
+            parts.append(share.astype(dtype)[None])
+            half_exposure = _between(*self._half_exposure_bounds(), share)
+        if "acceleration" in self.free:
+            bounds = self._acceleration_bounds(half_exposure)
+            parts.append(_share(*bounds, motion.acceleration).astype(dtype)[None])
+        return jnp.concatenate(parts)
+
+    def _half_exposure_bounds(self) -> tuple[Array, Array]:
+        low, high = self.limits.min_half_exposure, self.limits.max_half_exposure
+        if "acceleration" not in self.free and not isinstance(self.motion, StillCamera):
+            a = self.motion.acceleration
+            safe = jnp.where(a > 0, a, 1.0)
+            longest = jnp.minimum(
+                jnp.sqrt(self.limits.max_stroke / safe), self.limits.max_top_speed / (2 * safe)
+            )
+            high = jnp.where(a > 0, jnp.clip(longest, low, high), high)
+        return low, high
+
+    def _acceleration_bounds(self, half_exposure: Array) -> tuple[Array, Array]:
+        by_stroke = self.limits.max_stroke / half_exposure / half_exposure
+        by_speed = self.limits.max_top_speed / (2 * half_exposure)
+        high = jnp.minimum(by_stroke, by_speed)
+        keeping_up = jnp.clip(self.max_speed / (2 * half_exposure), _SLOWEST * high, high)
+        return jnp.minimum(keeping_up, self.motion.top_speed / (2 * half_exposure)), high
+
+
+def design_space(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, free: str | Iterable[str]
+) -> DesignSpace:
+    """The space of what `free` names, within the scene's limits.
+
+    Raises:
+        ValueError: if `free` is empty or names something that cannot move.
+    """
+    names = (free,) if isinstance(free, str) else tuple(free)
+    motion = settled(motion)
+    subject = "optimise(free=...)"
+    known = bool(names) and all(name in FREE_NAMES for name in names)
+    require(known, subject, f"name some of {', '.join(FREE_NAMES)}", free)
+    if "shutter" in names:
+        require_adjustable(shutter)
+    if isinstance(motion, StillCamera):
+        require("acceleration" not in names, subject, "leave a still camera at rest", free)
+    dtype = common_dtype(motion.half_exposure, scene.speeds)
+    limits = Limits(
+        **{
+            name: getattr(scene.limits, name).astype(dtype)
+            for name in (
+                "max_stroke",
+                "max_top_speed",
+                "min_half_exposure",
+                "max_half_exposure",
+            )
+        }
+    )
+    ordered = tuple(name for name in FREE_NAMES if name in names)
+    count = eqx.filter_eval_shape(box_of, shutter).size if "shutter" in ordered else 0
+    return DesignSpace(shutter, motion, limits, scene.max_speed.astype(dtype), ordered, count)
+
+
+def all_that_can_move(motion: AbstractMotion, shutter: AbstractShutter) -> tuple[str, ...]:
+    """What a search moves by default: a camera at rest stays, and so does a fixed window."""
+    held = set()
+    if stands_still(motion):
+        held.add("acceleration")
+    if not isinstance(shutter, AbstractAdjustableShutter):
+        held.add("shutter")
+    return tuple(name for name in FREE_NAMES if name not in held)
+
+
+def within_limits(motion: AbstractMotion, limits: Limits) -> bool:
+    """Whether stroke, top speed and exposure keep their limits, to rounding."""
+    half = float(motion.half_exposure)
+    shares = (
+        float(motion.stroke) / float(limits.max_stroke),
+        float(motion.top_speed) / float(limits.max_top_speed),
+        half / float(limits.max_half_exposure),
+        float(limits.min_half_exposure) / half,
+    )
+    return max(shares) <= 1 + _ROUNDING
+
+
+def box_of(shutter: AbstractShutter) -> Array:
+    """Coordinates of a profile that has any; shape `(p,)`."""
+    require_adjustable(shutter)
+    return shutter.box()  # type: ignore[attr-defined]
+
+
+def require_adjustable(shutter: AbstractShutter) -> None:
+    """Refuse a shutter with nothing to move."""
+    require(
+        isinstance(shutter, AbstractAdjustableShutter),
+        "optimise(shutter=...)",
+        "have parameters, as a SplineShutter or TukeyShutter has, for free to name it",
+        type(shutter).__name__,
+    )
+
+
+def _between(low: Array, high: Array, share: Array) -> Array:
+    """Point of a logarithmic interval, inside it also after rounding."""
+    return _rounded_into(low * jnp.exp(share * jnp.log(high / low)), low, high)
+
+
+@jax.custom_jvp
+def _rounded_into(value: Array, low: Array, high: Array) -> Array:
+    """Undo a last-digit excursion from an interval and leave the derivative alone.
+
+    A clip has half of it at an end, or none: a search would see no slope that leads inside.
+    """
+    return jnp.clip(value, low, high)
+
+
+@_rounded_into.defjvp
+def _rounded_into_jvp(primals, tangents):
+    return _rounded_into(*primals), tangents[0]
+
+
+def _share(low: Array, high: Array, value: Array) -> Array:
+    wide = high > low
+    span = jnp.log(jnp.where(wide, high, 2 * low) / low)
+    positive = jnp.maximum(value, np.finfo(np.dtype(low.dtype)).tiny)
+    return jnp.clip(jnp.where(wide, jnp.log(positive / low) / span, 0.5), 0, 1)

@@ -1,0 +1,103 @@
+"""Where a search begins: baselines' profiles and random ones, or a grid of a few coordinates."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Array
+from numpy.lib.stride_tricks import sliding_window_view
+
+from mishutter._core import seldom_run
+from mishutter.design.space import DesignSpace
+from mishutter.model import (
+    GaussianShutter,
+    HannShutter,
+    RectShutter,
+    SplineShutter,
+    TriangleShutter,
+    TukeyShutter,
+    fitted_boxes,
+)
+
+GRID_COORDINATES = 3
+"""Up to so many coordinates a search begins on a grid."""
+_GRID_POINTS = {1: (17,), 2: (5, 9), 3: (4, 4, 7)}
+"""Points along each coordinate, ends included, as many a best design lies at one: most along
+the last, the acceleration, over which a condition number rises and falls with every pixel."""
+
+
+def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
+    """Points to descend from; shape `(n, size)`, `n = num_starts` above three coordinates.
+
+    The given design first, then the baselines' profiles and random ones, at the given
+    motion and at random motions by turns.
+    """
+    given = np.asarray(_given_box(space))
+    if given.size <= GRID_COORDINATES:
+        return np.concatenate([given[None], _grid(given.size).astype(given.dtype)])
+    count = space.num_profile_coordinates
+    profiles = _baseline_boxes(space)
+    random = np.random.default_rng(seed)
+    boxes = np.tile(given, (num_starts, 1))
+    for index in range(1, num_starts):
+        if count:
+            named = index <= len(profiles)
+            profile = profiles[index - 1] if named else _random_profile(random, count)
+            boxes[index, :count] = profile
+        if index % 2 or not count:
+            boxes[index, count:] = random.uniform(size=given.size - count)
+    return boxes
+
+
+@seldom_run
+def _given_box(space: DesignSpace) -> Array:
+    return space.box(space.shutter, space.motion)
+
+
+def _grid(num_coordinates: int) -> np.ndarray:
+    """A coarse grid of the unit box, the last coordinate running fastest."""
+    axes = [np.linspace(0, 1, points) for points in _GRID_POINTS[num_coordinates]]
+    grid = np.meshgrid(*axes, indexing="ij")
+    return np.stack(grid, axis=-1).reshape(-1, num_coordinates)
+
+
+def _random_profile(random: np.random.Generator, count: int) -> np.ndarray:
+    """White noise and a random walk about one half, mixed: profiles of every roughness."""
+    roughness = random.uniform()
+    noise = random.standard_normal(count)
+    walk = np.cumsum(noise) / np.sqrt(count)
+    return np.clip(0.5 + roughness * noise / 2 + (1 - roughness) * walk, 0, 1)
+
+
+def _baseline_boxes(space: DesignSpace) -> list[np.ndarray]:
+    shutter = space.shutter
+    if not ("shutter" in space.free and isinstance(shutter, SplineShutter)):
+        return []
+    return _window_fits(shutter.num_coefficients, shutter.symmetric)
+
+
+@lru_cache
+def _window_fits(num_coefficients: int, symmetric: bool) -> list[np.ndarray]:
+    windows = (
+        HannShutter(),
+        TukeyShutter(0.5),
+        RectShutter(),
+        TriangleShutter(),
+        GaussianShutter(),
+        TukeyShutter(0.25),
+        TukeyShutter(0.75),
+    )
+    return fitted_boxes(windows, num_coefficients, symmetric=symmetric)
+
+
+def lowest_places(losses: np.ndarray) -> np.ndarray:
+    """Places in order of loss, first those of a grid that no neighbour is lower than.
+
+    The design before the grid, which has no neighbours, is one of these.
+    """
+    shape = next(n for n in _GRID_POINTS.values() if math.prod(n) == losses.size - 1)
+    on_grid, window = losses[1:].reshape(shape), (3,) * len(shape)
+    around = sliding_window_view(np.pad(on_grid, 1, constant_values=np.inf), window)
+    over_window = tuple(range(on_grid.ndim, around.ndim))
+    in_valley = np.append(True, on_grid <= np.min(around, axis=over_window))
+    return np.lexsort((losses, ~in_valley))

@@ -1,0 +1,184 @@
+"""What a loss is, and how losses add up."""
+
+import inspect
+from abc import abstractmethod
+from typing import Any, NamedTuple, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import Bare, quick_to_compile, require
+from mishutter.evaluation.needs import PLANNED, Automatic, Plan, chosen, lowered, reduced
+from mishutter.evaluation.response import Response, respond
+from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
+
+
+class AbstractLoss(eqx.Module):
+    """A scalar to be made small: `loss(scene, motion, shutter, plan=...)`.
+
+    One's own loss is one small class with a `__call__`. Losses add and subtract, also by
+    `sum`, and take factors: `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
+
+    Raises:
+        ValueError: if `__call__` does not take `plan` by name.
+    """
+
+    def __check_init__(self) -> None:
+        signature = inspect.signature(type(self).__call__)
+        kinds = {parameter.kind for parameter in signature.parameters.values()}
+        takes = "plan" in signature.parameters or inspect.Parameter.VAR_KEYWORD in kinds
+        subject = f"{type(self).__name__}.__call__"
+        require(takes, subject, "take `plan` by name, if only to ignore it", Bare(signature))
+
+    @abstractmethod
+    def __call__(
+        self,
+        scene: Scene,
+        motion: AbstractMotion,
+        shutter: AbstractShutter,
+        *,
+        plan: Plan | Automatic | None = PLANNED,
+    ) -> Array:
+        """The loss; scalar. The plan is made for the scene by default; None computes all."""
+
+    def __add__(self, other: "AbstractLoss") -> "AbstractLoss":
+        if not isinstance(other, AbstractLoss):
+            return NotImplemented
+        terms = [term for loss in (self, other) for term in _terms(loss)]
+        return WeightedSum(tuple(t[0] for t in terms), tuple(t[1] for t in terms))
+
+    def __radd__(self, other: Any) -> "AbstractLoss":
+        """Zero and a loss, from which `sum` begins, are that loss."""
+        return self if isinstance(other, int) and other == 0 else NotImplemented
+
+    def __neg__(self) -> "AbstractLoss":
+        return -1.0 * self
+
+    def __sub__(self, other: Any) -> "AbstractLoss":
+        return self + -other if isinstance(other, AbstractLoss) else NotImplemented
+
+    def __mul__(self, factor: Any) -> "AbstractLoss":
+        if not _is_number(factor):
+            return NotImplemented
+        terms = _terms(self)
+        return WeightedSum(tuple(t[0] for t in terms), tuple(factor * t[1] for t in terms))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: Any) -> "AbstractLoss":
+        return self * (1 / divisor) if _is_number(divisor) else NotImplemented
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.number | jax.Array) and np.ndim(value) == 0
+
+
+def value_of(
+    loss: AbstractLoss,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    plan: Plan | Automatic | None,
+) -> Array:
+    """The value of a loss, which may be a user's; scalar.
+
+    Raises:
+        ValueError: if it is not what a solver can make small.
+    """
+    value: Any = loss(scene, motion, shutter, plan=plan)
+    is_array = isinstance(value, jax.Array | np.ndarray)
+    got = f"{value.dtype} of shape {value.shape}" if is_array else type(value).__name__
+    is_one = (is_array or _is_number(value)) and np.shape(value) == () and jnp.isrealobj(value)
+    require(is_one, f"{type(loss).__name__}.__call__", "give one real number", got)
+    return jnp.asarray(value)
+
+
+class Parts(NamedTuple):
+    """Parts of a response.
+
+    Attributes:
+        kernels: The kernel of an object at rest.
+        spectra: Transfer functions at the scene's speeds.
+        differences: Kernels at the scene's speeds, less the one at rest.
+    """
+
+    kernels: bool
+    spectra: bool
+    differences: bool
+
+
+class AbstractResponseLoss(AbstractLoss):
+    """A loss that sees the shutter through its kernels, transfer functions and light.
+
+    The response is linear in the transmittance, which a solver can use.
+    """
+
+    @abstractmethod
+    def parts(self, plan: Plan) -> Parts:
+        """The parts of the response that the loss is made from; all its kind has without skips."""
+
+    @abstractmethod
+    def of_response(
+        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+    ) -> Array:
+        """The loss of a response; scalar."""
+
+    def __call__(
+        self,
+        scene: Scene,
+        motion: AbstractMotion,
+        shutter: AbstractShutter,
+        *,
+        plan: Plan | Automatic | None = PLANNED,
+    ) -> Array:
+        plan, motion = chosen(plan, scene, settled(motion), shutter)
+        scene, motion, shutter = lowered(plan, scene, motion, shutter)
+        kept = reduced(scene, plan)
+        response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
+        return _of_response(self, kept, motion, response, plan)
+
+
+@quick_to_compile
+def _of_response(
+    loss: AbstractResponseLoss, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+) -> Array:
+    return loss.of_response(scene, motion, response, plan)
+
+
+@final
+class WeightedSum(AbstractLoss):
+    """Weighted sum of losses; what `+` and `*` build."""
+
+    losses: tuple[AbstractLoss, ...]
+    weights: tuple[float, ...]
+
+    def __call__(
+        self,
+        scene: Scene,
+        motion: AbstractMotion,
+        shutter: AbstractShutter,
+        *,
+        plan: Plan | Automatic | None = PLANNED,
+    ) -> Array:
+        terms = [
+            weight * value_of(loss, scene, motion, shutter, plan)
+            for loss, weight in self.needed(skips=plan is not None)
+        ]
+        return sum(terms, start=jnp.zeros_like(terms[0]))
+
+    def needed(self, *, skips: bool) -> list[tuple[AbstractLoss, float]]:
+        """The terms with their weights; with `skips` without those of weight 0, but one."""
+        terms = list(zip(self.losses, self.weights, strict=True))
+        weighty = [
+            term for term in terms if not (isinstance(term[1], float | int) and term[1] == 0)
+        ]
+        return (weighty or terms[:1]) if skips else terms
+
+
+def _terms(loss: AbstractLoss) -> list[tuple[AbstractLoss, float]]:
+    if isinstance(loss, WeightedSum):
+        return list(zip(loss.losses, loss.weights, strict=True))
+    return [(loss, 1.0)]

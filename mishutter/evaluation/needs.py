@@ -1,0 +1,321 @@
+"""What a scene needs computed: chosen once, before anything is, and shared by every consumer.
+
+A plan with zero tolerance leaves out only what cannot change a result: speeds that never
+occur, occur twice or mirror one another under a symmetric shutter; taps no object reaches;
+terms that weigh nothing. `plan=None` computes everything all the same.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from mishutter._core import all_concrete, is_concrete, numbers_of, require
+from mishutter.blur import default_num_frequencies, support
+from mishutter.evaluation.speeds import distinct_speeds, quadrature
+from mishutter.model import (
+    CORNER_FREQUENCY,
+    NUM_FREQUENCIES,
+    AbstractMotion,
+    AbstractShutter,
+    GaussianShutter,
+    HannShutter,
+    RectShutter,
+    Scene,
+    SplineShutter,
+    StillCamera,
+    TriangleShutter,
+    TukeyShutter,
+    frequencies,
+    on_steps,
+)
+
+_PHASE_PER_NODE = 1.8
+_SPARE_NODES = 12
+_MAX_TAPS = 1 << 14
+_MAX_NODES = 1 << 16
+_UNKNOWN_REACH = 256.0
+_SYMMETRIC_WINDOWS = (RectShutter, HannShutter, TriangleShutter, GaussianShutter, TukeyShutter)
+
+
+class Automatic(Enum):
+    """The default of every `plan=`: made from the scene, motion and shutter at hand."""
+
+    PLANNED = "planned"
+
+
+PLANNED = Automatic.PLANNED
+
+
+@dataclass(frozen=True)
+class Item:
+    """One decision of a plan.
+
+    Attributes:
+        name: What was decided.
+        full: How much of it a full computation has.
+        kept: How much of it is left.
+        why: Why that is enough.
+        bound: Largest relative change of a result by it; 0 for an exact skip, None where it
+            leaves out what is below the noise.
+    """
+
+    name: str
+    full: str
+    kept: str
+    why: str
+    bound: float | None = 0.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is computed; static, hashable, and the same for scenes of the same needs.
+
+    Attributes:
+        num_taps: Taps of a blur kernel.
+        dft_length: Length of the DFT that the condition number is taken over.
+        num_frequencies: Frequencies in (0, 0.5) cycles/px of the expected error.
+        num_nodes: Nodes over the whole exposure for the transfer functions there.
+        num_kept: The lowest of the frequencies, to which the expected error is confined;
+            None for all.
+        skips: Whether what cannot change a result is left out: speeds that never occur or
+            occur twice, and what a search would compute over again.
+        folds: Whether `+s` and `-s` are taken for one speed.
+        num_speeds: Speeds of a quadrature that stands for the scene's; None for these.
+        single: Whether single precision is enough.
+        still: Whether nothing in the scene moves, and one kernel is all there is.
+        tolerance: Largest relative change of a result that was asked for.
+        items: The decisions and their reasons; they say nothing that is computed with.
+    """
+
+    num_taps: int
+    dft_length: int
+    num_frequencies: int
+    num_nodes: int
+    num_kept: int | None = None
+    skips: bool = False
+    folds: bool = False
+    num_speeds: int | None = None
+    single: bool = False
+    still: bool = False
+    tolerance: float = field(default=0.0, compare=False)
+    items: tuple[Item, ...] = field(default=(), compare=False, repr=False)
+
+    @property
+    def bound(self) -> float:
+        """Largest relative change of a result by all skips together."""
+        return sum(item.bound or 0.0 for item in self.items)
+
+    def __str__(self) -> str:
+        header = Item("item", "full", "kept", "why")
+        rows = [header, *self.items]
+        widths = [max(len(getattr(row, name)) for row in rows) for name in ("name", "full", "kept")]
+        return "\n".join(_line(row, widths, row is header) for row in rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The plan as plain numbers and text."""
+        return vars(self) | {"bound": self.bound, "items": [vars(item) for item in self.items]}
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> "Plan":
+        """The plan that `to_dict` wrote.
+
+        Raises:
+            KeyError: if `data` is not such a plan.
+            TypeError: if it holds more than one.
+        """
+        numbers = {name: value for name, value in data.items() if name not in {"bound", "items"}}
+        return Plan(**numbers, items=tuple(Item(**item) for item in data["items"]))
+
+
+def _line(row: Item, widths: list[int], is_header: bool) -> str:
+    cells = zip((row.name, row.full, row.kept), widths, strict=True)
+    text = "  ".join(cell.ljust(width) for cell, width in cells)
+    bound = "the noise" if row.bound is None else f"{row.bound:.1e}" if row.bound else "exact"
+    return f"{text}  {'error bound' if is_header else bound:<11}  {row.why}"
+
+
+def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
+    """Everything: sizes that hold the scene on this motion and on all within its limits.
+
+    One size for all of them makes designs comparable (the condition number depends on
+    the DFT length) and lets them share one compiled program. Of a motion or speeds that
+    are being traced nothing is known but the limits, and where those are traced too a
+    kernel of up to 256 px is provided for; what is only differentiated is known.
+    """
+    scene, motion = numbers_of((scene, motion))
+    if not is_concrete(scene.limits.max_stroke):
+        return sized_for(_UNKNOWN_REACH, _UNKNOWN_REACH)
+    longest = 4 * float(scene.limits.max_stroke)
+    if not all_concrete((scene.speeds, motion)):
+        return sized_for(longest, longest)
+    reach, velocity = extent(scene, motion)
+    return sized_for(max(reach, longest), max(velocity, longest))
+
+
+def extent(scene: Scene, motion: AbstractMotion) -> tuple[float, float]:
+    """Length of the longest kernel, px, and its greatest velocity, px per half exposure."""
+    a, half = (np.asarray(x, np.float64) for x in (motion.acceleration, motion.half_exposure))
+    stroke, smear = a * half * half, float(scene.max_speed) * half
+    moving = stroke > 0
+    with np.errstate(over="ignore"):  # a stroke that is hardly one: longer than any kernel kept
+        length = (2 * stroke + smear) ** 2 / (4 * np.where(moving, stroke, 1.0))
+    reach = np.where(moving, length, 0.0)
+    longest = np.max(np.maximum(reach, 2 * smear))
+    return float(longest), float(np.max(2 * stroke + smear))
+
+
+def larger(first: Plan, second: Plan) -> Plan:
+    """Sizes that hold what either holds."""
+    return Plan(
+        max(first.num_taps, second.num_taps),
+        max(first.dft_length, second.dft_length),
+        max(first.num_frequencies, second.num_frequencies),
+        max(first.num_nodes, second.num_nodes),
+    )
+
+
+def sized_for(reach: float, velocity: float) -> Plan:
+    """Sizes for kernels of `reach` px on paths of at most `velocity` px per half exposure."""
+    num_taps = _rounded_up(min(reach + 1.0, float(_MAX_TAPS)))
+    phase = 2 * np.pi * 0.5 * 2 * velocity
+    num_nodes = _rounded_up(phase / _PHASE_PER_NODE + 4 * _SPARE_NODES)
+    length = default_num_frequencies(num_taps)
+    return Plan(num_taps, length, NUM_FREQUENCIES, min(num_nodes, _MAX_NODES))
+
+
+def _rounded_up(count: float) -> int:
+    """Round up to one of four sizes an octave, so that near scenes share a program."""
+    count = max(16, int(np.ceil(count)))
+    step = max(4, 1 << (count.bit_length() - 3))
+    return -(-count // step) * step
+
+
+def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Plan:
+    """The plan that a consumer makes for itself: exact, and one for every motion.
+
+    Sizes hold all that the scene's limits allow, so that one compiled program serves.
+    """
+    folds, still = is_symmetric(shutter), nothing_moves(scene)
+    return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
+
+
+def require_plan(value: object) -> None:
+    """Refuse what is no argument `plan=`, which would else be taken for the default."""
+    known = value is None or isinstance(value, Plan | Automatic)
+    require(known, "plan", "be a plan, or None for everything", value)
+
+
+def chosen(
+    plan: Plan | Automatic | None, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> tuple[Plan, AbstractMotion]:
+    """The plan that an argument `plan=` stands for, None for everything, and the motion.
+
+    One that is traced is refused, when it is run, if a plan made here has too few taps for it.
+    """
+    require_plan(plan)
+    if isinstance(plan, Plan):
+        return plan, motion
+    found = sizes(scene, motion) if plan is None else automatic(scene, motion, shutter)
+    if all_concrete(numbers_of((scene.speeds, motion))):
+        return found, motion
+    still = isinstance(motion, StillCamera)
+    fastest = scene.max_speed
+    reach = 2 * fastest * motion.half_exposure if still else support(motion, fastest)
+    requirement = f"blur over at most {found.num_taps} px where it or the scene's limits are traced"
+    message = f"`motion` must {requirement}; got one that blurs over more."
+    return found, eqx.error_if(motion, reach > found.num_taps, message)
+
+
+def reduced(scene: Scene, plan: Plan) -> Scene:
+    """The numbers of a scene that a plan keeps: no picture, no motion, fewer speeds.
+
+    Scenes that differ in numbers alone come out with the same shapes.
+    """
+    power = _power_on_grid(scene, plan)
+    if not (plan.skips and scene.speeds_known):
+        return scene.bare(power_spectrum=power)
+    speeds, weights = distinct_speeds(scene, folds=plan.folds)
+    if plan.num_speeds is not None:
+        speeds, weights = quadrature(speeds, weights, plan.num_speeds)
+    speeds, weights = padded(speeds, weights)
+    if plan.num_speeds is None and speeds.size == scene.speeds.size:
+        return scene.bare(power_spectrum=power)
+    return scene.bare(speeds=speeds, weights=weights, power_spectrum=power)
+
+
+def padded(speeds: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds repeated without weight to one of two counts an octave: shapes are shared."""
+    spare = size_class(speeds.size) - speeds.size
+    return np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
+
+
+def size_class(count: int) -> int:
+    """The least of 1, 2, 3, 4, 6, 8, 12, ... that is at least `count`."""
+    octave = 1 << max(0, count - 1).bit_length()
+    return octave * 3 // 4 if octave >= 4 and count <= octave * 3 // 4 else octave
+
+
+def nothing_moves(scene: Scene) -> bool:
+    """Whether every speed that occurs is known to be 0."""
+    if not scene.speeds_known:
+        return False
+    return not np.any(np.asarray(scene.speeds)[np.asarray(scene.weights) > 0])
+
+
+def lowered(
+    plan: Plan, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> tuple[Scene, AbstractMotion, AbstractShutter]:
+    """Scene, motion and shutter in the precision that a plan asks for."""
+    if not plan.single:
+        return scene, motion, shutter
+    return jax.tree.map(_single, (scene, motion, shutter))
+
+
+def _single(leaf: object) -> object:
+    floating = isinstance(leaf, jax.Array | np.ndarray) and leaf.dtype == np.float64
+    return leaf.astype(np.float32) if floating else leaf  # type: ignore[union-attr]
+
+
+def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
+    """The scene with every speed once, none that never occurs, and no picture or motion.
+
+    A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Nothing
+    that is computed of the scene changes but by rounding.
+    """
+    if not scene.speeds_known:
+        return scene.bare()
+    speeds, weights = distinct_speeds(scene, folds=is_symmetric(shutter))
+    return scene.bare(speeds=speeds, weights=weights)
+
+
+def is_symmetric(shutter: AbstractShutter) -> bool:
+    """Whether `w(-tau) = w(tau)` is known of a shutter."""
+    if isinstance(shutter, SplineShutter):
+        return shutter.symmetric
+    return isinstance(shutter, _SYMMETRIC_WINDOWS)
+
+
+def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
+    """The scene's power spectrum at the plan's frequencies, where that changes nothing."""
+    given = scene.power_spectrum
+    if not is_concrete(given) or plan.num_frequencies != NUM_FREQUENCIES:
+        return given
+    return _spectrum(scene, NUM_FREQUENCIES)
+
+
+def power_on_grid(scene: Scene, num_frequencies: int) -> np.ndarray:
+    """Power of the picture's rows at frequencies that the optics pass, on any scale."""
+    passed = frequencies(num_frequencies) <= float(scene.cutoff_frequency)
+    return _spectrum(scene, num_frequencies) * passed * (float(scene.deviation) > 0)
+
+
+def _spectrum(scene: Scene, num_frequencies: int) -> np.ndarray:
+    if scene.power_spectrum is None:
+        grid = frequencies(num_frequencies)
+        return (1 / (grid**2 + CORNER_FREQUENCY**2)).astype(scene.speeds.dtype)
+    return np.asarray(on_steps(np.asarray(scene.power_spectrum), num_frequencies))

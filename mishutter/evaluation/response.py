@@ -1,0 +1,237 @@
+r"""What a shutter on a motion does to a scene: kernels, transfer functions, light.
+
+Everything here is linear in the transmittance. The transfer functions are taken at
+the centres of equal steps in (0, 0.5) cycles/px, by quadrature over the exposure.
+"""
+
+from typing import NamedTuple, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import all_concrete, common_dtype, is_concrete, quick_to_compile, seldom_run
+from mishutter.blur import (
+    LitNodes,
+    binned_exposure,
+    blur_kernel,
+    light_let_through,
+    lit_nodes,
+    sum_of_waves,
+)
+from mishutter.evaluation.needs import Plan, size_class
+from mishutter.model import (
+    AbstractMotion,
+    AbstractPiecewiseShutter,
+    AbstractShutter,
+    Scene,
+    StillCamera,
+    piecewise,
+    settled,
+    stands_still,
+)
+
+_SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 192
+
+
+@final
+class Response(eqx.Module):
+    r"""Kernels and transfer functions of a design at the speeds of a scene.
+
+    A part that was not asked for is empty.
+
+    Attributes:
+        still_kernel: Blur kernel of a still object, $h_0$; shape `(n,)`.
+        still_spectrum: Its DFT of `dft_length` points; complex, `(dft_length // 2 + 1,)`.
+        differences: $\sqrt{p_i}\,(h_{s_i} - h_0)$ at the scene's speeds; shape `(s, n)`.
+        spectra: Transfer functions there, in the vertex frame, without the pixel
+            aperture; complex, shape `(s, m)`.
+        efficiency: Share of light let through; scalar.
+    """
+
+    still_kernel: Array
+    still_spectrum: Array
+    differences: Array
+    spectra: Array
+    efficiency: Array
+
+
+def respond(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    plan: Plan,
+    *,
+    kernels: bool = True,
+    spectra: bool = True,
+    differences: bool = True,
+) -> Response:
+    """Response of a design to a scene, with the parts asked for."""
+    parts = kernels, spectra, differences
+    return assembled(scene, records(scene, motion, shutter, plan, *parts), plan)
+
+
+class Records(NamedTuple):
+    """What a shutter on a motion does to points at some speeds.
+
+    Attributes:
+        kernels: Of an object at rest, then of each speed; shape `(s + 1, n)`.
+        spectra: Transfer functions; complex, shape `(s, m)`.
+        efficiency: Share of light let through; scalar.
+    """
+
+    kernels: Array
+    spectra: Array
+    efficiency: Array
+
+
+def records(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    plan: Plan,
+    kernels: bool = True,
+    spectra: bool = True,
+    differences: bool = True,
+) -> Records:
+    """Kernels and transfer functions, each by a program that every consumer shares.
+
+    Without `differences`, or of a scene in which nothing moves, only the kernel at rest.
+    """
+    dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
+    profile = piecewise(shutter)
+    taps = response = light = None
+    if kernels:
+        moving = scene.speeds if differences and not plan.still else scene.speeds[:0]
+        taps, light = _kernels_and_light(profile, motion, _with_rest(moving), plan.num_taps)
+    if spectra:
+        nodes = lit_nodes(profile, plan.num_nodes, dtype)
+        grid = plan.num_frequencies, plan.num_kept
+        response, light = aligned_spectra(nodes, motion, scene.speeds, *grid), nodes.efficiency
+    light = _only_light(profile, motion, scene.speeds) if light is None else light
+    nothing = np.zeros(0, dtype)
+    parts = (nothing if part is None else part for part in (taps, response, light))
+    return Records(*map(jnp.asarray, parts))
+
+
+def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
+    """The response that losses and metrics are made from."""
+    still = differences = spectrum = jnp.zeros(0, recorded.efficiency.dtype)
+    if recorded.kernels.size:
+        still = recorded.kernels[0]
+        spectrum = jnp.fft.rfft(still, plan.dft_length)
+        num_moving = recorded.kernels.shape[0] - 1
+        shares = jnp.sqrt(scene.weights[:num_moving].astype(still.dtype))[:, None]
+        differences = shares * (recorded.kernels[1:] - still[None])
+    return Response(still, spectrum, differences, recorded.spectra, recorded.efficiency)
+
+
+def _with_rest(speeds: Array) -> Array | np.ndarray:
+    """Speeds after that of an object at rest; on the host where they are known."""
+    rest = np.zeros(1, speeds.dtype)
+    return np.append(rest, speeds) if is_concrete(speeds) else jnp.append(rest, speeds)
+
+
+@eqx.filter_jit
+def _only_light(profile: AbstractPiecewiseShutter, motion: AbstractMotion, speeds: Array) -> Array:
+    return light_let_through(profile, common_dtype(*jax.tree.leaves((speeds, motion, profile))))
+
+
+def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:
+    """Offset of the first tap's edge from the point of alignment; px.
+
+    A moving sensor is aligned at the vertex, a camera at rest at mid-exposure, in the
+    middle of its middle tap.
+    """
+    return -0.5 - num_taps // 2 if stands_still(motion) else 0.0
+
+
+def kernels_at_speeds(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    speeds: Array | np.ndarray,
+    num_taps: int,
+) -> Array:
+    """Aligned kernels of one length at several speeds, px/s; shape `(s, num_taps)`.
+
+    Known ones are computed eight at a time and cut from longer ones, so that one program
+    for each kind of shutter serves whoever asks, for however many.
+    """
+    kernels = _kernels_and_light(shutter, motion, speeds, num_taps)[0]
+    if not isinstance(kernels, np.ndarray):
+        return kernels
+    with jax.ensure_compile_time_eval():
+        return jax.device_put(kernels)
+
+
+def _kernels_and_light(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    speeds: Array | np.ndarray,
+    num_taps: int,
+) -> tuple[Array | np.ndarray, Array]:
+    motion = settled(motion)
+    dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
+    first = np.asarray(kernel_phase(motion, num_taps), dtype)
+    if not all_concrete((shutter, motion, speeds)):
+        return _kernels_from(shutter, motion, jnp.asarray(speeds, dtype), first, num_taps)
+    count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
+    padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
+    some = [
+        _kernels_from(shutter, motion, part, first, length)
+        for part in padded.reshape(-1, _SPEEDS_AT_ONCE)
+    ]
+    kernels = np.concatenate([np.asarray(kernels) for kernels, _ in some])
+    return kernels[:count, :num_taps], some[0][1]
+
+
+@seldom_run
+def _kernels_from(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    speeds: Array | np.ndarray,
+    first: Array | np.ndarray,
+    num_taps: int,
+) -> tuple[Array, Array]:
+    """Kernels whose first tap begins at a position from the point of alignment, px; light."""
+
+    def moving(speed: Array) -> Array:
+        return blur_kernel(shutter, motion, speed=speed, num_taps=num_taps, phase=first)
+
+    def still(speed: Array) -> Array:
+        edges = jnp.arange(num_taps + 1, dtype=speed.dtype) + first
+        return binned_exposure(shutter, motion, speed=speed, edges=edges)
+
+    one = still if isinstance(motion, StillCamera) else moving
+    light = light_let_through(piecewise(shutter), np.dtype(speeds.dtype))
+    return jax.vmap(one)(jnp.asarray(speeds)), light
+
+
+@quick_to_compile
+def aligned_spectra(
+    nodes: LitNodes,
+    motion: AbstractMotion,
+    speeds: Array,
+    num_frequencies: int,
+    num_kept: int | None = None,
+) -> Array:
+    """Transfer functions on the frequency grid, aligned as the kernels; `(s, m)`, complex.
+
+    With `num_kept` only at the lowest of the frequencies.
+    """
+    dtype = nodes.tau.dtype
+    a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
+    stroke = a * half * half
+    smear = (speeds.astype(dtype) * half)[:, None]
+    vertex = -_vertex_distance(smear, stroke)
+    tau = nodes.tau[None]
+    position = tau * (stroke * tau - smear) - vertex
+    return sum_of_waves(position, nodes.light[None], num_frequencies, num_kept or num_frequencies)
+
+
+def _vertex_distance(smear: Array, stroke: Array) -> Array:
+    """How far before mid-exposure the path turns, px; 0 where the stroke is none to speak of."""
+    turns = stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
+    return jnp.where(turns, smear**2 / jnp.where(turns, 4 * stroke, 1.0), 0.0)

@@ -1,0 +1,291 @@
+"""What is photographed: the speeds that occur, the light, the sensor's noise and limits."""
+
+import os
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import (
+    RowLike,
+    as_float,
+    is_concrete,
+    require,
+    require_finite,
+    require_positive_int,
+    require_scalar,
+    shape_of,
+)
+from mishutter.model.frequencies import frequencies, on_steps
+from mishutter.model.motion import AbstractMotion
+
+DEFAULT_MEAN = 0.25
+DEFAULT_DEVIATION = 0.2
+CORNER_FREQUENCY = 0.01
+NYQUIST_FREQUENCY = 0.5
+NUM_FREQUENCIES = 256
+"""Mean, standard deviation (linear light, white = 1) and corner (cycles/px) of the
+spectrum that stands for a photograph where a scene brings none, the highest frequency
+that a sensor records (cycles/px), and how many equal steps up to it are looked at."""
+
+
+@final
+class Limits(eqx.Module):
+    """What the mechanism and the exposure may reach.
+
+    Args:
+        max_stroke: Largest $aT^2$; px.
+        max_top_speed: Largest $2aT$; px/s.
+        min_half_exposure: Shortest $T$; s.
+        max_half_exposure: Longest $T$; s.
+
+    Raises:
+        ValueError: if one is not a positive scalar, or the exposures are out of order.
+    """
+
+    max_stroke: Array
+    max_top_speed: Array
+    min_half_exposure: Array
+    max_half_exposure: Array
+
+    def __init__(
+        self,
+        *,
+        max_stroke: ArrayLike = 200.0,
+        max_top_speed: ArrayLike = 1e5,
+        min_half_exposure: ArrayLike = 1e-4,
+        max_half_exposure: ArrayLike = 0.5,
+    ):
+        self.max_stroke = as_float(max_stroke, "Limits(max_stroke=...)")
+        self.max_top_speed = as_float(max_top_speed, "Limits(max_top_speed=...)")
+        self.min_half_exposure = as_float(min_half_exposure, "Limits(min_half_exposure=...)")
+        self.max_half_exposure = as_float(max_half_exposure, "Limits(max_half_exposure=...)")
+
+    def __check_init__(self) -> None:
+        for name in ("max_stroke", "max_top_speed", "min_half_exposure", "max_half_exposure"):
+            require_scalar(f"Limits({name}=...)", getattr(self, name))
+            _check_at_least(f"Limits({name}=...)", getattr(self, name), "above 0", strict=True)
+        if is_concrete(self.min_half_exposure) and is_concrete(self.max_half_exposure):
+            require(
+                float(self.min_half_exposure) <= float(self.max_half_exposure),
+                "Limits(min_half_exposure=...)",
+                f"be at most max_half_exposure = {float(self.max_half_exposure):g} s",
+                self.min_half_exposure,
+            )
+
+
+@final
+class Scene(eqx.Module):
+    r"""Speeds with their weights, light, noise, and the power spectrum of what is seen.
+
+    Args:
+        speeds: Speeds $s_i$ that occur, px/s, either sign; shape `(n,)`.
+        weights: How often each occurs, $p_i$, summing to 1; equal by default.
+        photon_rate: Photo-electrons a second at a white pixel; e-/s.
+        read_noise: Standard deviation of the read noise $\sigma$; e-.
+        mean_level: Mean of the picture in linear light, white = 1.
+        deviation: Standard deviation of the picture in linear light.
+        power_spectrum: Power of the picture's rows at the centres of $m$ equal steps of
+            (0, 0.5) cycles/px, on any scale, none only without deviation; the spectrum
+            $1/(f^2 + 0.01^2)$ by default. It is looked at in 256 steps. Shape `(m,)`.
+        cutoff_frequency: Highest frequency that the optics pass: the picture on the
+            sensor holds none above it, and below it some; cycles/px, at most 0.5.
+        limits: What the mechanism and the exposure may reach.
+        motion: Motion to start from or to compare at; None leaves it to the caller.
+        picture: Path of the photograph to show results on; None for none.
+
+    Raises:
+        ValueError: if a value is not finite, out of its range or of another kind, the
+            weights do not sum to 1, or lengths differ.
+    """
+
+    speeds: Array
+    weights: Array
+    photon_rate: Array
+    read_noise: Array
+    mean_level: Array
+    deviation: Array
+    power_spectrum: Array | None
+    cutoff_frequency: Array
+    limits: Limits
+    motion: AbstractMotion | None
+    picture: str | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        speeds: RowLike,
+        weights: RowLike | None = None,
+        *,
+        photon_rate: ArrayLike,
+        read_noise: ArrayLike,
+        mean_level: ArrayLike = DEFAULT_MEAN,
+        deviation: ArrayLike = DEFAULT_DEVIATION,
+        power_spectrum: RowLike | None = None,
+        cutoff_frequency: ArrayLike = NYQUIST_FREQUENCY,
+        limits: Limits | None = None,
+        motion: AbstractMotion | None = None,
+        picture: str | os.PathLike[str] | None = None,
+    ):
+        self.speeds = as_float(speeds, "Scene(speeds=...)")
+        count = max(self.speeds.size, 1)
+        equal = np.full(self.speeds.shape, 1 / count, self.speeds.dtype)
+        self.weights = as_float(equal if weights is None else weights, "Scene(weights=...)")
+        self.photon_rate = as_float(photon_rate, "Scene(photon_rate=...)")
+        self.read_noise = as_float(read_noise, "Scene(read_noise=...)")
+        self.mean_level = as_float(mean_level, "Scene(mean_level=...)")
+        self.deviation = as_float(deviation, "Scene(deviation=...)")
+        self.power_spectrum = None
+        if power_spectrum is not None:
+            self.power_spectrum = as_float(power_spectrum, "Scene(power_spectrum=...)")
+        self.cutoff_frequency = as_float(cutoff_frequency, "Scene(cutoff_frequency=...)")
+        self.limits = Limits() if limits is None else limits
+        self.motion = motion
+        self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
+
+    def __check_init__(self) -> None:
+        shape = self.speeds.shape
+        require(
+            self.speeds.ndim == 1 and self.speeds.size >= 1,
+            "Scene(speeds=...)",
+            "be one row of at least one speed",
+            shape_of(self.speeds),
+        )
+        require_finite("Scene(speeds=...)", self.speeds)
+        matches = self.weights.shape == shape
+        require(matches, "Scene(weights=...)", f"have shape {shape}", self.weights.shape)
+        _check_at_least("Scene(weights=...)", self.weights, "at least 0")
+        if is_concrete(self.weights):
+            total = float(np.sum(np.asarray(self.weights)))
+            require(abs(total - 1) < 1e-5, "Scene(weights=...)", "sum to 1", total)
+        for name in ("photon_rate", "read_noise", "mean_level", "deviation"):
+            value = getattr(self, name)
+            require_scalar(f"Scene({name}=...)", value)
+            _check_at_least(f"Scene({name}=...)", value, "at least 0")
+        self._check_spectrum()
+        self._check_cutoff()
+        for name, kind, requirement in (
+            ("limits", Limits, "be `Limits`"),
+            ("motion", AbstractMotion | None, "be a motion"),
+            ("picture", str | None, "be a path"),
+        ):
+            value = getattr(self, name)
+            require(isinstance(value, kind), f"Scene({name}=...)", requirement, value)
+
+    def _check_spectrum(self) -> None:
+        subject, power = "Scene(power_spectrum=...)", self.power_spectrum
+        if power is None:
+            return
+        one_row = power.ndim == 1 and power.size >= 1
+        require(one_row, subject, "be one row of at least one value", shape_of(power))
+        _check_at_least(subject, power, "at least 0")
+        if is_concrete(power) and is_concrete(self.deviation):
+            some = bool(np.any(np.asarray(power) > 0)) or float(self.deviation) == 0
+            require(some, subject, "hold some power where the deviation is not 0", 0.0)
+
+    def _check_cutoff(self) -> None:
+        subject, cutoff = "Scene(cutoff_frequency=...)", self.cutoff_frequency
+        require_scalar(subject, cutoff)
+        require_finite(subject, cutoff)
+        if is_concrete(cutoff):
+            passes = 0 < float(np.asarray(cutoff)) <= NYQUIST_FREQUENCY
+            require(passes, subject, "be above 0 and at most 0.5 cycles/px", cutoff)
+            self._check_power_below(float(np.asarray(cutoff)))
+
+    def _check_power_below(self, cutoff: float) -> None:
+        power, deviation = self.power_spectrum, self.deviation
+        if not (is_concrete(power) and is_concrete(deviation)) or float(deviation) == 0:
+            return
+        known = np.ones(1) if power is None else np.asarray(power)
+        lit = on_steps(known, NUM_FREQUENCIES) > 0
+        first = float(np.min(frequencies(NUM_FREQUENCIES), where=lit, initial=np.inf))
+        requirement = f"pass some of the picture, whose power begins at {first:.3g} cycles/px"
+        require(first <= cutoff, "Scene(cutoff_frequency=...)", requirement, cutoff)
+
+    @staticmethod
+    def uniform(
+        *, max_speed: float, num_speeds: int = 9, min_speed: float | None = None, **others: object
+    ) -> "Scene":
+        """Equally likely speeds, evenly spaced from `min_speed` (`-max_speed`) to `max_speed`.
+
+        Args:
+            max_speed: Largest speed, px/s.
+            num_speeds: How many; a single one is the middle of the range.
+            min_speed: Smallest speed, px/s; `-max_speed` by default.
+            others: The arguments of `Scene`.
+
+        Raises:
+            ValueError: as `Scene`, or if the range is reversed.
+        """
+        require_positive_int("Scene.uniform(num_speeds=...)", num_speeds)
+        for name, value in (("max_speed", max_speed), ("min_speed", min_speed)):
+            if value is not None:
+                require_finite(f"Scene.uniform({name}=...)", value)
+        low = -max_speed if min_speed is None else min_speed
+        ordered = low <= max_speed
+        require(ordered, "Scene.uniform(max_speed=...)", f"be at least {low:g} px/s", max_speed)
+        if num_speeds == 1:
+            speeds = np.array([(low + max_speed) / 2])
+        else:
+            speeds = np.linspace(low, max_speed, num_speeds)
+        return Scene(speeds, **others)  # type: ignore[arg-type]
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> "Scene":
+        """Read a scene from a TOML file; see `mishutter.model.scene_file` for its keys.
+
+        Raises:
+            ValueError: if the file is not a scene; the line says which key and why.
+            OSError: if it cannot be read.
+        """
+        from mishutter.model.scene_file import read_scene
+
+        return read_scene(os.fspath(path))
+
+    def bare(
+        self,
+        speeds: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
+        power_spectrum: RowLike | None = None,
+    ) -> "Scene":
+        """The numbers without what no integral sees: the picture's path and the motion.
+
+        Args:
+            speeds: Speeds in place of the scene's own, with their `weights`.
+            weights: How often each occurs.
+            power_spectrum: Power in place of the scene's own.
+        """
+        return Scene(
+            self.speeds if speeds is None else speeds,
+            self.weights if weights is None else weights,
+            photon_rate=self.photon_rate,
+            read_noise=self.read_noise,
+            mean_level=self.mean_level,
+            deviation=self.deviation,
+            power_spectrum=self.power_spectrum if power_spectrum is None else power_spectrum,
+            cutoff_frequency=self.cutoff_frequency,
+            limits=self.limits,
+        )
+
+    @property
+    def speeds_known(self) -> bool:
+        """Whether the speeds and weights can be looked at now, rather than being traced."""
+        return is_concrete(self.speeds) and is_concrete(self.weights)
+
+    @property
+    def max_speed(self) -> Array:
+        """Largest speed of either sign that occurs; px/s."""
+        if self.speeds_known:
+            speeds, weights = np.asarray(self.speeds), np.asarray(self.weights)
+            with jax.ensure_compile_time_eval():
+                return jnp.asarray(np.max(np.abs(speeds), where=weights > 0, initial=0))
+        return jnp.max(jnp.where(self.weights > 0, jnp.abs(self.speeds), 0))
+
+
+def _check_at_least(subject: str, value: Array, bound: str, *, strict: bool = False) -> None:
+    require_finite(subject, value)
+    if is_concrete(value):
+        array = np.asarray(value)
+        require(bool(np.all(array > 0 if strict else array >= 0)), subject, f"be {bound}", value)

@@ -1,0 +1,190 @@
+"""Scenes written down in TOML, with the unit in each key's name.
+
+`example_scene.toml`, beside this file, is annotated and shows every section. Each error
+is one line that names the key as `[section] key`.
+"""
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mishutter._core import Bare, contents, in_section, parsed, require, validated
+from mishutter.model.motion import ParabolicMotion
+from mishutter.model.scene import Limits, Scene
+from mishutter.model.scene_schema import (
+    LimitsSection,
+    MotionSection,
+    Normal,
+    PictureSection,
+    SceneFile,
+    Speeds,
+    Uniform,
+)
+
+EXAMPLE_PICTURE = "example"
+"""What `[picture] path` says for the photograph that scikit-image ships."""
+
+_NUM_FREQUENCIES = 256
+_DEVIATIONS = 3.0
+_MAX_TRAVEL = 1e4
+_WEIGHT_TOLERANCE = 1e-6
+
+
+def read_scene(path: str | Path) -> Scene:
+    """Read a scene from a TOML file.
+
+    Args:
+        path: The file; relative paths in it are taken from its folder.
+
+    Raises:
+        ValueError: if the file is not a scene; the line names the key, what must hold
+            and what came.
+        OSError: if the file or its picture cannot be read.
+    """
+    place = Path(path)
+    return _scene(contents(place), str(path), place.parent)
+
+
+def example_scene() -> Scene:
+    """The built-in scene: fast objects in both directions, in dim light, one photograph."""
+    file = resources.files("mishutter") / "example_scene.toml"
+    return _scene(file.read_bytes(), "example_scene.toml", Path())
+
+
+def _scene(data: bytes, name: str, folder: Path) -> Scene:
+    tables = parsed(tomllib.loads, data, name, "TOML")
+    file = validated(SceneFile, tables, name, in_section)
+    try:
+        return _built(file, folder)
+    except (ValueError, OSError) as error:
+        kind = ValueError if isinstance(error, ValueError) else type(error)
+        raise kind(f"{name}: {error}") from None
+
+
+def _built(file: SceneFile, folder: Path) -> Scene:
+    speeds, weights = _speeds(file.speeds)
+    limits = _limits(file.limits)
+    travel = float(np.max(np.abs(speeds))) * 2 * file.limits.max_half_exposure_ms / 1000
+    requirement = f"let the fastest object travel at most {_MAX_TRAVEL:g} px"
+    require(
+        travel <= _MAX_TRAVEL,
+        "[limits] max_half_exposure_ms",
+        requirement,
+        Bare(f"{travel:g} px in {2 * file.limits.max_half_exposure_ms:g} ms"),
+    )
+    return Scene(
+        speeds,
+        weights,
+        photon_rate=file.light.photon_rate_per_s,
+        read_noise=file.sensor.read_noise_e,
+        cutoff_frequency=file.optics.cutoff_cycles_per_px,
+        limits=limits,
+        motion=_motion(file.motion, file.limits),
+        **_picture(file.picture, folder),
+    )
+
+
+def _speeds(section: Speeds) -> tuple[np.ndarray, np.ndarray]:
+    forms = {"uniform": section.uniform, "normal": section.normal, "list": section.list_px_per_s}
+    given = [name for name, value in forms.items() if value is not None]
+    requirement = "hold one of uniform, normal and list_px_per_s"
+    require(len(given) == 1, "[speeds]", requirement, Bare(" and ".join(given) or "no speeds"))
+    if section.list_px_per_s is not None:
+        return _listed(section.list_px_per_s, section.weights)
+    require(section.weights is None, "[speeds] weights", "go with list_px_per_s", Bare(given[0]))
+    if section.uniform is not None:
+        return _uniform(section.uniform)
+    return _normal(section.normal)  # type: ignore[arg-type]
+
+
+def _uniform(form: Uniform) -> tuple[np.ndarray, np.ndarray]:
+    low, high = form.min_px_per_s, form.max_px_per_s
+    subject = "[speeds] uniform.max_px_per_s"
+    require(low <= high, subject, f"be at least min_px_per_s = {low:g}", high)
+    middle = np.array([(low + high) / 2])
+    speeds = middle if form.count == 1 else np.linspace(low, high, form.count)
+    return speeds, np.full(form.count, 1 / form.count)
+
+
+def _normal(form: Normal) -> tuple[np.ndarray, np.ndarray]:
+    steps = ((2 * np.arange(form.count) + 1) / form.count - 1) * _DEVIATIONS
+    density = np.exp(-(steps**2) / 2)
+    return form.mean_px_per_s + form.deviation_px_per_s * steps, density / density.sum()
+
+
+def _listed(speeds: list[float], weights: list[float] | None) -> tuple[np.ndarray, np.ndarray]:
+    count = len(speeds)
+    if weights is None:
+        return np.array(speeds), np.full(count, 1 / count)
+    subject, total = "[speeds] weights", sum(weights)
+    require(len(weights) == count, subject, f"be {count}, one a speed", len(weights))
+    require(abs(total - 1) <= _WEIGHT_TOLERANCE, subject, "sum to 1", total)
+    return np.array(speeds), np.array(weights) / total
+
+
+def _limits(section: LimitsSection) -> Limits:
+    shortest, longest = section.min_half_exposure_ms, section.max_half_exposure_ms
+    requirement = f"be at least min_half_exposure_ms = {shortest:g}"
+    require(longest >= shortest, "[limits] max_half_exposure_ms", requirement, longest)
+    return Limits(
+        max_stroke=section.max_stroke_px,
+        max_top_speed=section.max_top_speed_px_per_s,
+        min_half_exposure=shortest / 1000,
+        max_half_exposure=longest / 1000,
+    )
+
+
+def _motion(section: MotionSection | None, limits: LimitsSection) -> ParabolicMotion:
+    if section is None:
+        return _fullest_motion(limits)
+    subject = "[motion] half_exposure_ms"
+    half = section.half_exposure_ms
+    low, high = limits.min_half_exposure_ms, limits.max_half_exposure_ms
+    require(low <= half <= high, subject, f"lie in the limits {low:g} to {high:g}", half)
+    forms = {
+        "stroke_px": section.stroke_px,
+        "acceleration_px_per_s2": section.acceleration_px_per_s2,
+    }
+    given = [name for name, value in forms.items() if value is not None]
+    requirement = "hold one of stroke_px and acceleration_px_per_s2"
+    require(len(given) == 1, "[motion]", requirement, Bare(" and ".join(given) or "neither"))
+    T = half / 1000
+    a = section.acceleration_px_per_s2
+    a = section.stroke_px / T**2 if a is None else a  # type: ignore[operator]
+    key, margin = f"[motion] {given[0]}", 1 + 1e-9
+    stroke, top = a * T**2, 2 * a * T
+    requirement = f"keep the stroke within max_stroke_px = {limits.max_stroke_px:g}"
+    require(stroke <= limits.max_stroke_px * margin, key, requirement, Bare(f"{stroke:g} px"))
+    requirement = (
+        f"keep the top speed within max_top_speed_px_per_s = {limits.max_top_speed_px_per_s:g}"
+    )
+    require(top <= limits.max_top_speed_px_per_s * margin, key, requirement, Bare(f"{top:g} px/s"))
+    return ParabolicMotion(acceleration=a, half_exposure=T)
+
+
+def _fullest_motion(limits: LimitsSection) -> ParabolicMotion:
+    """The longest stroke at the highest speed that the limits allow."""
+    stroke, top = limits.max_stroke_px, limits.max_top_speed_px_per_s
+    shortest, longest = limits.min_half_exposure_ms / 1000, limits.max_half_exposure_ms / 1000
+    T = min(max(2 * stroke / top, shortest), longest)
+    return ParabolicMotion(acceleration=min(stroke / T**2, top / (2 * T)), half_exposure=T)
+
+
+def _picture(section: PictureSection, folder: Path) -> dict[str, Any]:
+    """Arguments of `Scene` that a photograph, or what stands for one, gives."""
+    levels = {"mean_level": section.mean_level, "deviation": section.deviation}
+    given = {name: value for name, value in levels.items() if value is not None}
+    if section.path is None:
+        return given
+    from mishutter.model.images import example_picture, read_picture, row_power_spectrum
+
+    require(not given, f"[picture] {next(iter(given), '')}", "not stand beside path", section.path)
+    if section.path == EXAMPLE_PICTURE:
+        place, picture = EXAMPLE_PICTURE, example_picture()
+    else:
+        place = str((folder / section.path).absolute())
+        picture = read_picture(place)
+    return {"picture": place, **row_power_spectrum(picture, _NUM_FREQUENCIES)._asdict()}

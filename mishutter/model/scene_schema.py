@@ -1,0 +1,106 @@
+"""The keys of a scene file, their units and ranges."""
+
+from typing import Annotated, final
+
+from pydantic import Field
+
+from mishutter._core import Section
+
+Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
+PositiveSpeed = Annotated[float, Field(gt=0, le=1e7)]
+Count = Annotated[int, Field(ge=1, le=1000)]
+Milliseconds = Annotated[float, Field(ge=1e-3, le=1e5)]
+LongestStroke = Annotated[float, Field(ge=1e-3, le=1e4)]
+"""A sensor that may move by less than a thousandth of a pixel stands still."""
+TopSpeed = Annotated[float, Field(ge=1e-3, le=1e7)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+@final
+class Uniform(Section):
+    """Equally likely speeds at equal steps."""
+
+    min_px_per_s: Speed
+    max_px_per_s: Speed
+    count: Count
+
+
+@final
+class Normal(Section):
+    """Normally distributed speeds: centres of equal steps over three deviations, by density."""
+
+    mean_px_per_s: Speed
+    deviation_px_per_s: PositiveSpeed
+    count: Count
+
+
+@final
+class Speeds(Section):
+    """How fast things move, in one of three forms."""
+
+    uniform: Uniform | None = None
+    normal: Normal | None = None
+    list_px_per_s: Annotated[list[Speed], Field(min_length=1, max_length=1000)] | None = None
+    weights: list[Share] | None = None
+
+
+@final
+class Light(Section):
+    """Photo-electrons a second at a white pixel."""
+
+    photon_rate_per_s: Annotated[float, Field(gt=0, le=1e12)]
+
+
+@final
+class Sensor(Section):
+    """Noise of the sensor."""
+
+    read_noise_e: Annotated[float, Field(ge=0, le=1e6)]
+
+
+@final
+class OpticsSection(Section):
+    """What the lens passes."""
+
+    cutoff_cycles_per_px: Annotated[float, Field(gt=0, le=0.5)] = 0.5
+
+
+@final
+class LimitsSection(Section):
+    """What the mechanism and the exposure may reach."""
+
+    max_stroke_px: LongestStroke = 200.0
+    max_top_speed_px_per_s: TopSpeed = 1e5
+    min_half_exposure_ms: Milliseconds = 0.1
+    max_half_exposure_ms: Milliseconds = 500.0
+
+
+@final
+class MotionSection(Section):
+    """A half exposure, and the stroke or the acceleration."""
+
+    half_exposure_ms: Milliseconds
+    stroke_px: Annotated[float, Field(ge=0, le=1e4)] | None = None
+    acceleration_px_per_s2: Annotated[float, Field(ge=0, le=1e14)] | None = None
+
+
+@final
+class PictureSection(Section):
+    """The photograph, or what stands for one."""
+
+    path: Annotated[str, Field(min_length=1)] | None = None
+    mean_level: Share | None = None
+    deviation: Annotated[float, Field(ge=0, le=0.5)] | None = None
+
+
+@final
+class SceneFile(Section):
+    """A whole scene file."""
+
+    speeds: Speeds
+    light: Light
+    sensor: Sensor
+    optics: OpticsSection = OpticsSection()
+    limits: LimitsSection = LimitsSection()
+    motion: MotionSection | None = None
+    picture: PictureSection = PictureSection()

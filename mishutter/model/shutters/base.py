@@ -1,0 +1,128 @@
+"""What a shutter is, and what the integrals need to know of it."""
+
+from abc import abstractmethod
+from fractions import Fraction
+from functools import lru_cache
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import DoubleWord, common_dtype, seldom_run
+
+
+class AbstractShutter(eqx.Module):
+    r"""A transmittance $w(\tau)$ in $[0, 1]$ on $\tau = t/T \in [-1, 1]$, 0 outside.
+
+    A shutter of one's own needs `transmittance` alone; it is then integrated by
+    interpolation (see `SampledShutter`). One whose means over an interval are known
+    in closed form derives from `AbstractPiecewiseShutter` instead.
+    """
+
+    @abstractmethod
+    def transmittance(self, tau: ArrayLike) -> Array:
+        r"""$w(\tau)$ at normalised times of any shape; same shape, in $[0, 1]$."""
+
+    def efficiency(self) -> Array:
+        r"""Light let through, $\eta = \frac12 \int_{-1}^1 w(\tau)\,d\tau$; scalar."""
+        from mishutter.model.shutters.interpolated import piecewise
+
+        return integrated_transmittance(piecewise(self)) / 2
+
+
+class AbstractPiecewiseShutter(AbstractShutter):
+    """A shutter that is one analytic function between each two of its breakpoints.
+
+    Offsets are distances from a piece's left end. Arrays carry the pieces, `n` of
+    them, on their leading axis.
+    """
+
+    panels_per_piece: eqx.AbstractClassVar[int]
+    """Equal parts of a piece on each of which `w` is all but a low polynomial."""
+
+    equal_pieces: eqx.AbstractClassVar[bool]
+    """Whether the pieces are equally long; one that is not may be all of the exposure."""
+
+    symmetric: eqx.AbstractVar[bool]
+    r"""Whether $w(-\tau) = w(\tau)$, whatever the parameters."""
+
+    @abstractmethod
+    def dtype(self) -> np.dtype | None:
+        """Precision of the parameters; None for a shutter without any."""
+
+    @abstractmethod
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        """Ends of the pieces, ascending from -1 to 1; shape `(n + 1,)`."""
+
+    @abstractmethod
+    def piece_transmittance(self, offset: Array) -> Array:
+        """Each piece's function at offsets, complex ones included; shape `(n, ...)`."""
+
+    @abstractmethod
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+        """Mean of some pieces' functions over an interval.
+
+        Args:
+            piece: Which piece, from 0; integers of any shape.
+            from_left: Which end of the piece the interval is counted from, the left one or
+                the right one: one that is not much farther than the other, so that a profile
+                that vanishes there keeps its relative accuracy; same shape.
+            distance: Distance of the interval's centre from that end; same shape.
+            width: Length of the interval; same shape.
+        """
+
+
+class AbstractAdjustableShutter(AbstractPiecewiseShutter):
+    """A shutter whose profile a solver may move, by coordinates in a unit box."""
+
+    linear: eqx.AbstractClassVar[bool]
+    """Whether the transmittance is linear in the box coordinates."""
+
+    @abstractmethod
+    def box(self) -> Array:
+        """Coordinates in `[0, 1]` of this profile; shape `(p,)`."""
+
+    @abstractmethod
+    def at(self, box: Array) -> "AbstractAdjustableShutter":
+        """The shutter of the same kind at other coordinates."""
+
+
+@seldom_run
+def profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]:
+    """Transmittance at normalised times, and the efficiency; shape of `tau`, and scalar."""
+    return shutter.transmittance(tau), shutter.efficiency()
+
+
+def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Array:
+    """Integral of the transmittance over its whole domain; scalar."""
+    dtype = shutter.dtype() or common_dtype()
+    ends = shutter.breakpoints(np.dtype(dtype))
+    width = jnp.diff(ends.high) + jnp.diff(ends.low)
+    piece = jnp.arange(width.size)
+    return jnp.sum(width * shutter.piece_mean(piece, piece >= 0, width / 2, width))
+
+
+@lru_cache
+def _uniform_fractions(num_pieces: int) -> tuple[Fraction, ...]:
+    return tuple(Fraction(2 * j - num_pieces, num_pieces) for j in range(num_pieces + 1))
+
+
+def uniform_breakpoints(num_pieces: int, dtype: np.dtype) -> DoubleWord:
+    """Ends of equal pieces, exact to twice the precision: an edge of a chip is a jump."""
+    exact = _uniform_fractions(num_pieces)
+    high = np.array([float(x) for x in exact]).astype(dtype)
+    low = [float(x - Fraction(float(h))) for x, h in zip(exact, high, strict=True)]
+    return DoubleWord(jnp.asarray(high), jnp.asarray(np.array(low, dtype)))
+
+
+@jax.custom_jvp
+def within_unit(value: Array) -> Array:
+    """Undo a last-digit excursion from [0, 1] and leave the derivative alone."""
+    return jnp.clip(value, 0, 1)
+
+
+@within_unit.defjvp
+def _within_unit_jvp(primals, tangents):
+    return within_unit(*primals), tangents[0]

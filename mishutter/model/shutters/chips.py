@@ -1,0 +1,79 @@
+"""Piecewise constant shutters, among them Raskar's flutter code."""
+
+from typing import ClassVar, final
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import (
+    DoubleWord,
+    RowLike,
+    as_float,
+    common_dtype,
+    is_concrete,
+    require,
+    shape_of,
+)
+from mishutter.model.shutters.base import AbstractAdjustableShutter, uniform_breakpoints
+
+RASKAR_CODE = np.array(
+    [int(c) for c in "1010000111000001010000110011110111010111001001100111"], dtype=np.float64
+)
+"""The 52 chips of Raskar, Agrawal and Tumblin's coded exposure (2006), 26 of them open."""
+RASKAR_CODE.setflags(write=False)
+
+
+@final
+class ChippedShutter(AbstractAdjustableShutter):
+    """Equal chips over the exposure, each of constant transmittance.
+
+    Args:
+        transmittances: One value in [0, 1] a chip, in time order; shape `(n,)`.
+
+    Raises:
+        ValueError: if there is no chip or a value is out of its range.
+    """
+
+    transmittances: Array
+    panels_per_piece: ClassVar[int] = 1
+    equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = False
+    linear: ClassVar[bool] = True
+
+    def __init__(self, transmittances: RowLike):
+        self.transmittances = as_float(transmittances, "ChippedShutter(transmittances=...)")
+
+    def __check_init__(self) -> None:
+        subject, chips = "ChippedShutter(transmittances=...)", self.transmittances
+        one_row = chips.ndim == 1 and chips.size >= 1
+        require(one_row, subject, "be one row of at least one chip", shape_of(chips))
+        if is_concrete(chips):
+            require(bool(jnp.all((chips >= 0) & (chips <= 1))), subject, "lie in [0, 1]", chips)
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        tau = jnp.asarray(tau, common_dtype(self.transmittances, tau))
+        count = self.transmittances.size
+        ends = uniform_breakpoints(count, np.dtype(tau.dtype)).high
+        chip = jnp.clip(jnp.searchsorted(ends, tau, side="right") - 1, 0, count - 1)
+        value = self.transmittances.astype(tau.dtype)[chip]
+        return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
+
+    def dtype(self) -> np.dtype | None:
+        return np.dtype(self.transmittances.dtype)
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        return uniform_breakpoints(self.transmittances.size, dtype)
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        chips = self.transmittances.reshape((-1,) + (1,) * (offset.ndim - 1))
+        return jnp.broadcast_to(chips, offset.shape).astype(offset.dtype)
+
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+        return self.transmittances.astype(width.dtype)[piece]
+
+    def box(self) -> Array:
+        return self.transmittances
+
+    def at(self, box: Array) -> "ChippedShutter":
+        return ChippedShutter(box)

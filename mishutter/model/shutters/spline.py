@@ -1,0 +1,232 @@
+"""The free-form shutter that is optimised."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import ClassVar, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import (
+    DoubleWord,
+    RowLike,
+    as_float,
+    common_dtype,
+    require,
+    require_finite,
+    require_positive_int,
+    seldom_run,
+    shape_of,
+)
+from mishutter.model.shutters.base import (
+    AbstractAdjustableShutter,
+    AbstractShutter,
+    uniform_breakpoints,
+    within_unit,
+)
+from mishutter.model.shutters.bernstein import (
+    bernstein_mean,
+    bernstein_value,
+    expand,
+    split_control,
+)
+from mishutter.model.shutters.interpolated import piecewise
+
+_DEGREE = 3
+_FIT_SAMPLES_PER_PIECE = 16
+
+
+@final
+class SplineShutter(AbstractAdjustableShutter):
+    r"""Clamped uniform cubic B-spline, $w(\tau) = \sum_j c_j B_j(\tau)$, $c_j \in [0, 1]$.
+
+    The basis is non-negative and sums to one, so a profile with coefficients in
+    $[0, 1]$ stays there; all ones are a rect shutter, edges included. A parameter
+    outside $[0, 1]$ is folded back by reflection at 0 and 1, so that every parameter
+    is a shutter and no bound flattens the derivative.
+
+    Args:
+        parameters: $c_j$ before folding; shape `(n,)` with `n >= 4`, or, for a
+            symmetric shutter, the first half (middle one included) of them.
+        symmetric: Whether $w(-\tau) = w(\tau)$ is imposed by mirroring the parameters.
+        num_coefficients: $n$, where `symmetric` leaves it open; twice the number of
+            parameters by default.
+
+    Raises:
+        ValueError: if there are too few parameters or one is not finite.
+    """
+
+    parameters: Array
+    symmetric: bool = eqx.field(static=True)
+    num_coefficients: int = eqx.field(static=True)
+    panels_per_piece: ClassVar[int] = 1
+    equal_pieces: ClassVar[bool] = True
+    linear: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        parameters: RowLike,
+        *,
+        symmetric: bool = False,
+        num_coefficients: int | np.integer | None = None,
+    ):
+        self.parameters = as_float(parameters, "SplineShutter(parameters=...)")
+        self.symmetric = symmetric
+        count = self.parameters.size * (2 if symmetric else 1)
+        if num_coefficients is not None:
+            count = require_positive_int("SplineShutter(num_coefficients=...)", num_coefficients)
+        self.num_coefficients = count
+
+    def __check_init__(self) -> None:
+        subject, count = "SplineShutter(parameters=...)", self.num_coefficients
+        expected = (count + 1) // 2 if self.symmetric else count
+        require(
+            self.parameters.shape == (expected,) and count > _DEGREE,
+            subject,
+            f"be one row for at least {_DEGREE + 1} coefficients",
+            shape_of(self.parameters),
+        )
+        require_finite(subject, self.parameters)
+
+    @property
+    def coefficients(self) -> Array:
+        """B-spline coefficients in `[0, 1]`; shape `(n,)`."""
+        folded = _fold(self.parameters)
+        if not self.symmetric:
+            return folded
+        return jnp.concatenate([folded, folded[: self.num_coefficients // 2][::-1]])
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        tau = jnp.asarray(tau, common_dtype(self.parameters, tau))
+        control = self._control_points().astype(tau.dtype)
+        count = control.shape[0]
+        position = (jnp.clip(tau, -1, 1) + 1) * (count / 2)
+        piece = jnp.clip(position.astype(jnp.int32), 0, count - 1)
+        value = bernstein_value(split_control(control[piece]), position - piece.astype(tau.dtype))
+        return jnp.where(jnp.abs(tau) <= 1, within_unit(value), jnp.zeros_like(value))
+
+    def dtype(self) -> np.dtype | None:
+        return np.dtype(self.parameters.dtype)
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        return uniform_breakpoints(self.num_coefficients - _DEGREE, dtype)
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        share = offset * ((self.num_coefficients - _DEGREE) / 2)
+        return bernstein_value(expand(split_control(self._control_points()), share), share)
+
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+        scale = (self.num_coefficients - _DEGREE) / 2
+        control = self._control_points().astype(width.dtype)
+        return bernstein_mean(control, piece, from_left, distance * scale, width * scale)
+
+    def _control_points(self) -> Array:
+        """Bernstein control points of each piece; shape `(n - 3, 4)`."""
+        extraction = jnp.asarray(bezier_extraction(self.num_coefficients))
+        return extraction.astype(self.parameters.dtype) @ self.coefficients
+
+    def box(self) -> Array:
+        return _fold(self.parameters)
+
+    def at(self, box: Array) -> "SplineShutter":
+        return SplineShutter(box, symmetric=self.symmetric, num_coefficients=self.num_coefficients)
+
+    @staticmethod
+    def fit(
+        shutter: AbstractShutter, num_coefficients: int = 24, *, symmetric: bool = False
+    ) -> "SplineShutter":
+        r"""Least-squares spline of another shutter, subject to $c_j \in [0, 1]$.
+
+        Args:
+            shutter: The profile to start from.
+            num_coefficients: $n$, at least 4.
+            symmetric: Whether to return the symmetric variant.
+
+        Raises:
+            ValueError: if there is no shutter, or one that is somewhere no transmittance, or
+                `num_coefficients` is not a whole number of at least 4.
+        """
+        given = isinstance(shutter, AbstractShutter)
+        require(given, "SplineShutter.fit(shutter=...)", "be a shutter", shutter)
+        piecewise(shutter)  # refuses what is no transmittance
+        subject = "SplineShutter.fit(num_coefficients=...)"
+        require_positive_int(subject, num_coefficients)
+        require(num_coefficients > _DEGREE, subject, "be at least 4", num_coefficients)
+        (parameters,) = fitted_boxes([shutter], num_coefficients, symmetric=symmetric)
+        return SplineShutter(
+            jnp.asarray(parameters, common_dtype(*_arrays(shutter))),
+            symmetric=symmetric,
+            num_coefficients=num_coefficients,
+        )
+
+
+def fitted_boxes(
+    shutters: Sequence[AbstractShutter], num_coefficients: int, *, symmetric: bool
+) -> list[np.ndarray]:
+    """Parameters of the splines that `SplineShutter.fit` gives; shape `(p,)` each."""
+    num_samples = _FIT_SAMPLES_PER_PIECE * (num_coefficients - _DEGREE)
+    tau = (2 * np.arange(num_samples) + 1) / num_samples - 1
+    targets = np.asarray(_transmittances(tuple(shutters), jnp.asarray(tau, common_dtype())))
+    each = [_fit_coefficients(tau, target, num_coefficients, symmetric) for target in targets]
+    return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
+
+
+@seldom_run
+def _transmittances(shutters: tuple[AbstractShutter, ...], tau: Array) -> Array:
+    dtype = tau.dtype
+    return jnp.stack([shutter.transmittance(tau).astype(dtype) for shutter in shutters])
+
+
+def _arrays(shutter: AbstractShutter) -> list[Array]:
+    import jax
+
+    return [x for x in jax.tree.leaves(shutter) if hasattr(x, "dtype")]
+
+
+def _fold(parameters: Array) -> Array:
+    inside = (parameters >= 0) & (parameters <= 1)
+    return jnp.where(inside, parameters, jnp.abs(jnp.mod(parameters + 1, 2.0) - 1))
+
+
+def _fit_coefficients(
+    tau: np.ndarray, target: np.ndarray, count: int, symmetric: bool
+) -> np.ndarray:
+    from scipy.interpolate import BSpline
+    from scipy.optimize import lsq_linear
+
+    target = target.astype(np.float64)
+    if symmetric:
+        target = (target + target[::-1]) / 2
+    basis = BSpline.design_matrix(tau, _knots(count), _DEGREE).toarray()
+    solution = np.clip(lsq_linear(basis, target, bounds=(0, 1), tol=1e-14).x, 0, 1)
+    return np.where(np.abs(solution - np.round(solution)) < 1e-9, np.round(solution), solution)
+
+
+def _knots(count: int) -> np.ndarray:
+    inner = np.linspace(-1, 1, count - _DEGREE + 1)
+    return np.concatenate([np.full(_DEGREE, -1.0), inner, np.full(_DEGREE, 1.0)])
+
+
+@lru_cache
+def bezier_extraction(count: int) -> np.ndarray:
+    """Matrix from B-spline coefficients to control points; shape `(n - 3, 4, n)`.
+
+    Knots are inserted until each has full multiplicity (Boehm's algorithm); the
+    coefficients are then the control points of the pieces.
+    """
+    knots, rows = _knots(count), np.eye(count)
+    for knot in np.linspace(-1, 1, count - _DEGREE + 1)[1:-1]:
+        for _ in range(_DEGREE - 1):
+            knots, rows = _insert_knot(knots, rows, knot)
+    return np.stack([rows[_DEGREE * j : _DEGREE * j + 4] for j in range(count - _DEGREE)])
+
+
+def _insert_knot(knots: np.ndarray, rows: np.ndarray, knot: float) -> tuple[np.ndarray, np.ndarray]:
+    span = int(np.searchsorted(knots, knot, side="right")) - 1
+    inserted = [rows[i] if i <= span - _DEGREE else rows[i - 1] for i in range(rows.shape[0] + 1)]
+    for i in range(span - _DEGREE + 1, span + 1):
+        share = (knot - knots[i]) / (knots[i + _DEGREE] - knots[i])
+        inserted[i] = share * rows[i] + (1 - share) * rows[i - 1] if i < len(rows) else rows[i - 1]
+    return np.insert(knots, span + 1, knot), np.stack(inserted)

@@ -1,0 +1,130 @@
+"""The reproduction's camera and photographs, and what decoders make of them."""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from mishutter.model import (
+    AbstractShutter,
+    ParabolicMotion,
+    Picture,
+    Scene,
+    row_power_spectrum,
+    shipped_picture,
+)
+from mishutter.restore import (
+    AbstractDecoder,
+    EnsembleDecoder,
+    RestoredPhotograph,
+    RichardsonLucyDecoder,
+    TikhonovDecoder,
+    TotalVariationDecoder,
+    WienerDecoder,
+    restore_photograph,
+)
+
+HALF_EXPOSURE = 0.01
+STROKE = 34.0
+"""Kernels of 34 to 51 samples for a still object and the fastest, as in section 3."""
+ELECTRONS, READ_NOISE = 1e4, 10.0
+"""Moderate noise: photo-electrons at white and read noise; e-."""
+AXIS = np.linspace(0.0, 0.5, 11)
+"""The paper's speed axis."""
+READINGS = {"s/(aT)": 0.5, "s/(2aT)": 1.0}
+"""What the axis may mean, and the normalised speed `s/(2aT)` that 1 on it then is."""
+PHOTOGRAPHS = {
+    "camera": ("camera.png", (60, 188)),
+    "motorcycle": ("motorcycle_left.png", (180, 308)),
+    "coffee": ("coffee.png", (120, 248)),
+}
+"""Files of scikit-image's package, and the rows of them that are used."""
+MID_TO_HIGH = (0.2, 0.3, 0.4, 0.5)
+"""Speeds on the paper's axis at which decoders are compared."""
+PLAIN, ACCELERATED = "Richardson-Lucy, 30 plain", "Richardson-Lucy, 30 accelerated"
+ENSEMBLE = "ensemble filter, told the speeds"
+DECODERS: dict[str, AbstractDecoder] = {
+    PLAIN: RichardsonLucyDecoder(),
+    ACCELERATED: RichardsonLucyDecoder(accelerated=True),
+    "Wiener": WienerDecoder(),
+    "Tikhonov": TikhonovDecoder(),
+    "total variation": TotalVariationDecoder(),
+    ENSEMBLE: EnsembleDecoder(),
+}
+
+
+def camera(stroke: float = STROKE) -> ParabolicMotion:
+    """The moving sensor of the reproduction."""
+    return ParabolicMotion(acceleration=stroke / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+
+
+def photograph(name: str) -> Picture:
+    """One of the photographs, in luminance, cut to the rows that are used."""
+    file_name, (first, last) = PHOTOGRAPHS[name]
+    whole = shipped_picture(file_name)
+    return Picture(light=np.ascontiguousarray(whole.luminance[first:last, :, None]), name=name)
+
+
+def restored(
+    picture: Picture,
+    shutter: AbstractShutter,
+    normalised_speeds: list[float],
+    *,
+    electrons: float = ELECTRONS,
+    decoder: AbstractDecoder | None = None,
+    known: list[float] | None = None,
+) -> RestoredPhotograph:
+    """A photograph at speeds `s/(2aT)` through camera and decoder.
+
+    Args:
+        picture: The photograph.
+        shutter: Transmittance over the exposure.
+        normalised_speeds: At which speeds.
+        electrons: Photo-electrons of a white pixel in a fully open exposure.
+        decoder: How to restore; 30 accelerated iterations of Richardson-Lucy by default.
+        known: Speeds `s/(2aT)` that the decoder reckons with; a still object by default.
+    """
+    motion = camera()
+    spectrum = row_power_spectrum(picture)._asdict()
+    top = float(motion.top_speed)
+    scene = Scene(
+        [nu * top for nu in known or [0.0]],
+        photon_rate=electrons / (2 * HALF_EXPOSURE),
+        read_noise=READ_NOISE,
+        **spectrum,
+    )
+    chosen = DECODERS[ACCELERATED] if decoder is None else decoder
+    speeds = [nu * top for nu in normalised_speeds]
+    key = jax.random.key(20)
+    return restore_photograph(
+        picture, scene, motion, shutter, decoder=chosen, speeds=speeds, num_seeds=1, key=key
+    )
+
+
+def decoder_numbers(
+    photographs: dict[str, Picture],
+    windows: dict[str, AbstractShutter],
+    speeds: tuple[float, ...] = MID_TO_HIGH,
+) -> dict[str, Any]:
+    """PSNR at mid to high speeds by each decoder, for each window and reading of the axis."""
+    numbers: dict[str, Any] = {"speed": list(speeds), "psnr": {}}
+    for reading, scale in READINGS.items():
+        nus = [v * scale for v in speeds]
+        axis = (AXIS * scale).tolist()
+        numbers["psnr"][reading] = {
+            photograph: {
+                name: {
+                    window: restored(
+                        picture,
+                        shutter,
+                        nus,
+                        decoder=decoder,
+                        known=axis if name == ENSEMBLE else None,
+                    ).psnr.tolist()
+                    for window, shutter in windows.items()
+                }
+                for name, decoder in DECODERS.items()
+            }
+            for photograph, picture in photographs.items()
+        }
+    return numbers

@@ -1,0 +1,304 @@
+"""Pictures of sweeps: maps over acceleration and exposure, and Pareto fronts.
+
+Grey values carry the maps, so that they survive a grey printout.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from mishutter._core import require, require_positive_int
+from mishutter.design import shutter_from_dict
+from mishutter.model import Scene, SplineShutter
+from mishutter.report.plots import Drawing, save_figure, shown_name
+from mishutter.sweeps import OBJECTIVES, OPTIMISED, gain_over_snapshot, pareto_front
+
+if TYPE_CHECKING:
+    import xarray
+
+_MARKERS = "os^Dvp*XP<>h"
+_OF_ALL = "the best shutter"
+_EXPOSURE = "half exposure $T$ / ms"
+_ACCELERATION = "acceleration $a$ / (px/s²)"
+_LETTERS = 20
+"""Of a name, at most."""
+_APART = 0.07
+"""Least distance of two labelled points of a front, in widths of the axes."""
+
+
+def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> list[str]:
+    """Every picture of a sweep, in a folder; their names.
+
+    Raises:
+        OSError: if one cannot be written.
+    """
+    gain = gain_over_snapshot(dataset, scene)
+    widened = dataset.assign(gain_over_snapshot=gain)
+    figures = {
+        "map.png": plot_map(widened, "gain_over_snapshot"),
+        "pareto.png": plot_front(dataset, ("condition_number", "expected_psnr")),
+    }
+    for name, figure in figures.items():
+        save_figure(figure, folder / name)
+    return list(figures)
+
+
+def plot_map(
+    dataset: "xarray.Dataset", metric: str = "expected_psnr", *, shutter: str | None = None
+) -> Figure:
+    """A metric over acceleration and exposure, with the optimum marked.
+
+    Dashed lines join points of equal stroke in px, dotted ones points of equal top speed
+    in px/s. Hatched is outside the limits. A camera at rest is left out, and so are rows and
+    columns that are wholly outside. A single row or column is a line of points.
+
+    Args:
+        dataset: What `sweep` returned, of one scene and light.
+        metric: A variable of it.
+        shutter: Of which shutter; of the best at each point by default.
+
+    Raises:
+        ValueError: if the metric or the shutter is not in the dataset, it is of several
+            scenes or lights, or no point is within the limits.
+    """
+    smaller = not OBJECTIVES.get(metric, True)
+    values = _values(dataset, metric, shutter, smaller)
+    within = ~np.isnan(values)
+    reached = bool(np.any(within))
+    require(reached, "plot_map(dataset=...)", "reach a point within the limits", "none")
+    rows, columns = np.any(within, axis=1), np.any(within, axis=0)
+    a, half = dataset.acceleration.values[rows], dataset.half_exposure.values[columns] * 1e3
+    values = values[rows][:, columns]
+    if min(values.shape) > 1:
+        a, values = a[a > 0], values[a > 0]
+    figure = Drawing(figsize=(7.0, 5.4), layout="constrained")
+    axes = figure.subplots()
+    draw = _draw_map if min(values.shape) > 1 else _draw_line
+    x, y = draw(axes, half, a, values, _label(dataset, metric))
+    best = np.nanargmin(values) if smaller else np.nanargmax(values)
+    star = {"marker": "*", "markersize": 17, "color": "white", "markeredgecolor": "black"}
+    axes.plot(x.flat[best], y.flat[best], clip_on=False, zorder=5, **star)
+    unit = _unit(dataset, metric)
+    title = f"{_text(dataset, metric)}, {shutter or _OF_ALL}"
+    title += f"\n☆ best: {values.flat[best]:.3g} {'' if unit == '1' else unit}"
+    axes.set_title(title, fontsize="medium", pad=10)
+    return figure
+
+
+def _values(
+    dataset: "xarray.Dataset", metric: str, shutter: str | None, smaller: bool
+) -> np.ndarray:
+    """A metric of one shutter, or of the best at each point; shape `(a, t)`."""
+    require(metric in dataset, "plot_map(metric=...)", "be in the sweep", metric)
+    values = dataset[metric]
+    names = [str(name) for name in dataset.shutter.values]
+    known = shutter is None or shutter in names
+    require(known, "plot_map(shutter=...)", f"be one of {', '.join(names)}", shutter)
+    if "shutter" in values.dims:
+        best = values.min("shutter") if smaller else values.max("shutter")
+        values = best if shutter is None else values.sel(shutter=shutter)
+    one = set(values.dims) == {"acceleration", "half_exposure"}
+    require(one, "plot_map(dataset=...)", "be of one scene and light", dict(values.sizes))
+    return values.transpose("acceleration", "half_exposure").values
+
+
+def _draw_map(
+    axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Grey values over acceleration and exposure; where on the axes each of them is."""
+    _scale(axes.set_xscale, axes.xaxis, half)
+    _scale(axes.set_yscale, axes.yaxis, a)
+    x, y = _edges(half, axes.get_xscale()), _edges(a, axes.get_yscale())
+    shown = np.ma.masked_invalid(values)
+    picture = axes.pcolormesh(x, y, shown, cmap="gray", rasterized=True)
+    axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
+    _contours(axes, half, a)
+    axes.figure.colorbar(picture, ax=axes, label=label)
+    axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
+    x, y = np.meshgrid(half, a)
+    return x, y
+
+
+def _edges(values: np.ndarray, scale: str) -> np.ndarray:
+    """Edges of cells around values, half-way between them on their axis: on it all of them."""
+    along = np.log(values) if scale == "log" else values
+    middles = along[:-1] + np.diff(along) / 2
+    edges = np.concatenate([2 * along[:1] - middles[:1], middles, 2 * along[-1:] - middles[-1:]])
+    return np.exp(edges) if scale == "log" else edges
+
+
+def _draw_line(
+    axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """A single row or column as a line of points; where on the axes each of them is."""
+    row = a.size == 1
+    x, y = half if row else a, values.ravel()
+    axes.plot(x, y, marker="o", markersize=4, color="black")
+    axes.grid(True, color="0.88", linewidth=0.6)
+    _scale(axes.set_xscale, axes.xaxis, x)
+    at = f"{_EXPOSURE}, at $a$ = {a[0]:.4g} px/s²"
+    axes.set(xlabel=at if row else f"{_ACCELERATION}, at $T$ = {half[0]:.4g} ms", ylabel=label)
+    return x, y
+
+
+def _on_axes(axes: Axes, places: np.ndarray) -> np.ndarray:
+    """Places of data as shares of the axes' width and height; shape `(n, 2)`."""
+    axes.axis()
+    return (axes.transData - axes.transAxes).transform(places)
+
+
+def _scale(set_scale: Callable[[str], None], axis: Axis, values: np.ndarray) -> None:
+    """A logarithmic axis where positive values spread over more than their mean."""
+    known = values[np.isfinite(values)]
+    if not known.size or known.min() <= 0 or known.max() <= 8 * known.min():
+        return
+    set_scale("log")
+    if known.min() >= 1e-3 and known.max() < 1e5:
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        shown = "235" if known.max() < 100 * known.min() else ""
+        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in shown else "")
+
+
+def _contours(axes: Axes, half: np.ndarray, a: np.ndarray) -> None:
+    """Lines of equal stroke and of equal top speed, labelled, over the whole map."""
+    limits = axes.axis()
+    x, y = (np.geomspace(values[0], values[-1], 200) for values in (half, a))
+    time, acceleration = np.log10(x * 1e-3), np.log10(y)[:, None]
+    stroke, speed = acceleration + 2 * time, np.log10(2) + acceleration + time
+    for values, style, unit in ((stroke, "dashed", "px"), (speed, "dotted", "px/s")):
+        first, last = int(np.floor(values.min())), int(np.ceil(values.max()))
+        texts = {
+            decade + np.log10(share): f"{float(f'{share}e{decade}'):g} {unit}"
+            for decade in range(first, last + 1, 1 + (last - first) // 12)
+            for share in ((1, 3) if last - first < 4 else (1,))
+        }
+        for colour, width in (("white", 2.4), ("black", 1.0)):
+            lines = axes.contour(
+                x, y, values, list(texts), colors=colour, linestyles=style, linewidths=width
+            )
+        marks = axes.clabel(lines, fmt=texts, fontsize=8)
+        for mark in marks:
+            mark.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8})
+    axes.axis(limits)
+
+
+def plot_front(
+    dataset: "xarray.Dataset", objectives: tuple[str, str], *, num_profiles: int = 4
+) -> Figure:
+    """What cannot be had together: every point, the Pareto front, profiles along it.
+
+    Args:
+        dataset: What `sweep` returned, of one scene and light.
+        objectives: Metrics on the axes.
+        num_profiles: Points of the front whose profiles are drawn beneath, at most.
+
+    Raises:
+        ValueError: if an objective is not a metric of the sweep, or no profile is asked for.
+    """
+    require_positive_int("plot_front(num_profiles=...)", num_profiles)
+    front = pareto_front(dataset, objectives)
+    places = np.stack([front[name].values for name in objectives], axis=1)
+    finite = np.all(np.isfinite(places), axis=1)
+    front, places = front.isel(point=finite), places[finite]
+    figure = Drawing(figsize=(7.0, 7.0), layout="constrained")
+    rows = figure.add_gridspec(2, 1, height_ratios=(3, 1))
+    axes = figure.add_subplot(rows[0])
+    _draw_points(axes, dataset, objectives)
+    axes.step(*places.T, color="black", linewidth=1.6, label="Pareto front")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, markerscale=2)
+    shown = _spread(_on_axes(axes, places), num_profiles)
+    columns = rows[1].subgridspec(1, max(1, len(shown)))
+    for column, index in enumerate(shown):
+        letter = chr(ord("A") + column)
+        axes.plot(*places[index], marker="o", markersize=7, color="white", markeredgecolor="black")
+        around = {"path_effects": [withStroke(linewidth=3, foreground="white")], "weight": "bold"}
+        axes.annotate(letter, places[index], (5, 6), textcoords="offset points", **around)
+        panel = figure.add_subplot(columns[column])
+        _draw_profile(panel, dataset, front.isel(point=index), letter)
+        panel.set_ylabel("transmittance" if column == 0 else "", fontsize="small")
+        panel.tick_params(labelleft=column == 0, labelsize="small")
+    return figure
+
+
+def _draw_points(axes: Axes, dataset: "xarray.Dataset", objectives: tuple[str, str]) -> None:
+    """Every point of a sweep under two objectives, a grey and a marker a shutter."""
+    names = [str(name) for name in dataset.shutter.values]
+    for index, name in enumerate(names):
+        some = dataset.sel(shutter=name)
+        axes.plot(
+            *(some[objective].values.ravel() for objective in objectives),
+            linestyle="none",
+            marker=_MARKERS[index % len(_MARKERS)],
+            markersize=3,
+            color=str(0.35 + 0.45 * index / max(1, len(names) - 1)),
+            label=shown_name(name, _LETTERS),
+        )
+    scales = (axes.set_xscale, axes.xaxis), (axes.set_yscale, axes.yaxis)
+    for objective, scale in zip(objectives, scales, strict=True):
+        if _unit(dataset, objective) != "dB":
+            _scale(*scale, dataset[objective].values)
+    xlabel, ylabel = (_label(dataset, objective) for objective in objectives)
+    axes.set(xlabel=xlabel, ylabel=ylabel)
+    axes.grid(True, color="0.88", linewidth=0.6)
+
+
+def _spread(places: np.ndarray, count: int) -> list[int]:
+    """Some of the points of a line, evenly along it and none beside another."""
+    steps = np.hypot(*np.diff(places, axis=0).T)
+    along = np.cumsum(np.append(0, steps))[: len(places)]
+    kept: list[int] = []
+    for length in np.linspace(0, along[-1:].sum(), count) if len(places) else ():
+        index = int(np.argmin(np.abs(along - length)))
+        if not kept or along[index] - along[kept[-1]] >= _APART:
+            kept.append(index)
+    return kept
+
+
+def _draw_profile(
+    axes: Axes, dataset: "xarray.Dataset", point: "xarray.Dataset", letter: str
+) -> None:
+    """The profile of a point of a sweep over its exposure."""
+    tau = np.linspace(-1, 1, 401)
+    half = float(point.half_exposure) * 1e3
+    transmittance = np.pad(_transmittance(dataset, point, tau), 1)
+    axes.plot(np.pad(tau, 1, "edge") * half, transmittance, color="black")
+    axes.set(ylim=(-0.05, 1.1))
+    axes.set_xlabel("time / ms", fontsize="small")
+    axes.locator_params(axis="x", nbins=4)
+    stroke = float(point.acceleration) * float(point.half_exposure) ** 2
+    name = shown_name(str(point.shutter.values), _LETTERS)
+    axes.set_title(f"{letter}: {name}\n{stroke:.3g} px stroke", fontsize="small")
+
+
+def _transmittance(
+    dataset: "xarray.Dataset", point: "xarray.Dataset", tau: np.ndarray
+) -> np.ndarray:
+    """Profile of a point of a sweep, from what the sweep says of its shutters."""
+    name = str(point.shutter.values)
+    if name == OPTIMISED:
+        return np.asarray(SplineShutter(point.coefficients.values).transmittance(tau))
+    described = json.loads(dataset.attrs["sweep"])["shutters"][name]
+    if "transmittance" in described:
+        samples = np.array(described["transmittance"])
+        return np.interp(tau, np.linspace(-1, 1, samples.size), samples)
+    return np.asarray(shutter_from_dict(described).transmittance(tau))
+
+
+def _text(dataset: "xarray.Dataset", name: str) -> str:
+    return str(dataset[name].attrs.get("long_name", name.replace("_", " ")))
+
+
+def _unit(dataset: "xarray.Dataset", name: str) -> str:
+    return str(dataset[name].attrs.get("units", "1"))
+
+
+def _label(dataset: "xarray.Dataset", name: str) -> str:
+    text, unit = _text(dataset, name), _unit(dataset, name)
+    return text if unit == "1" else f"{text} / {unit}"

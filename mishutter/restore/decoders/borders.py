@@ -1,0 +1,91 @@
+r"""What a capture would have shown beyond its ends: the likeliest continuation of a row.
+
+A filter that takes a row for periodic, dark or mirrored outside rings at the borders.
+Here the row is continued by the conditional mean of a Gaussian process with the known
+autocovariance of a capture, $r = \mathcal F^{-1}[S \sum p_i |H_i|^2 + N]$, given the
+pixels at both ends, over a gap that makes the row periodic without a jump. By the tower
+rule the best linear filter of the continued row is the best linear estimate from the row
+as it is: nothing is lost at the borders but what was not recorded.
+"""
+
+from functools import lru_cache
+from typing import final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter.camera import fast_length
+from mishutter.restore.decoders.base import BlurModel
+
+_MAX_CONTEXT = 320
+_RELATIVE_JITTER = 1e-10
+
+
+@final
+class Continuation(eqx.Module):
+    """How rows of one length are continued, for one blur model.
+
+    Attributes:
+        prediction: Linear map from the deviations of the last and the first pixels, in
+            the order in which they meet across the gap, to those in the gap; shape
+            `(length - columns, 2 * context)`.
+        columns: Length of a row.
+        length: Length of the continued row.
+        context: Pixels at either end that the continuation is made from.
+    """
+
+    prediction: np.ndarray
+    columns: int = eqx.field(static=True)
+    length: int = eqx.field(static=True)
+    context: int = eqx.field(static=True)
+
+    def deviations(self, rows: Array) -> tuple[Array, Array]:
+        """Deviations of continued rows from each row's mean, and these means.
+
+        Args:
+            rows: Shape `(..., columns)`.
+
+        Returns:
+            Shapes `(..., length)` and `(..., 1)`.
+        """
+        mean = jnp.mean(rows, axis=-1, keepdims=True)
+        deviation = rows - mean
+        first, last = deviation[..., : self.context], deviation[..., self.columns - self.context :]
+        known = jnp.concatenate([last, first], axis=-1)
+        gap = known @ jnp.asarray(self.prediction.T, rows.dtype)
+        return jnp.concatenate([deviation, gap], axis=-1), mean
+
+
+def continuation(model: BlurModel, columns: int, *, multiple: int = 0) -> Continuation:
+    """The likeliest continuation of rows of `columns` pixels captured as `model` says.
+
+    Its length is a multiple of `multiple` where that is given, else a quick one to transform.
+    """
+    reach = model.num_taps
+    least = columns + max(3 * reach, 128)
+    length = -(-least // multiple) * multiple if multiple else fast_length(least)
+    context = min(columns // 2, max(reach, 64), _MAX_CONTEXT)
+    covariance = np.fft.irfft(captured_spectrum(model, length), length)
+    prediction = _prediction(covariance.tobytes(), length - columns, context)
+    return Continuation(prediction, columns, length, context)
+
+
+def captured_spectrum(model: BlurModel, length: int) -> np.ndarray:
+    """Power spectrum of a capture, noise included; shape `(length // 2 + 1,)`."""
+    passed = model.weights @ np.abs(model.responses(length)) ** 2
+    return model.picture_spectrum(length) * passed + model.noise
+
+
+@lru_cache(maxsize=16)
+def _prediction(periodic_covariance: bytes, gap: int, context: int) -> np.ndarray:
+    """Kept, because a picture is restored a few rows at a time."""
+    from scipy.linalg import cho_factor, cho_solve
+
+    covariance = np.frombuffer(periodic_covariance)
+    known = np.concatenate([np.arange(-context, 0), gap + np.arange(context)])
+    among = covariance[np.abs(known[:, None] - known) % covariance.size]
+    among[np.diag_indices_from(among)] += _RELATIVE_JITTER * covariance[0]
+    across = covariance[np.abs(np.arange(gap)[:, None] - known) % covariance.size]
+    return cho_solve(cho_factor(among), across.T).T if context else np.zeros((gap, 0))

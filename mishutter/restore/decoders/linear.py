@@ -1,0 +1,97 @@
+"""Decoders that are one filter: the ensemble filter and Wiener's."""
+
+from typing import final
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import compiled
+from mishutter.camera import along_rows
+from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
+from mishutter.restore.decoders.borders import Continuation, captured_spectrum, continuation
+
+
+@final
+class EnsembleDecoder(AbstractDecoder):
+    r"""The best single linear filter for all speeds of a scene.
+
+    $G = S \sum p_i \bar H_i / (S \sum p_i |H_i|^2 + N)$ (section 2 of the project's
+    physics), on kernels as they are, with rows continued by their likeliest course.
+    """
+
+    def restore(self, captured: Array, model: BlurModel) -> Array:
+        extension = continuation(model, captured.shape[-1])
+        return filtered(captured, model, extension, ensemble_filter(model, extension.length))
+
+
+@final
+class WienerDecoder(AbstractDecoder):
+    r"""Wiener's filter with the picture's power spectrum and the still object's kernel.
+
+    $G = S \bar H_0 / (S |H_0|^2 + N)$: what the paper's section 4.2 restores with.
+    """
+
+    def restore(self, captured: Array, model: BlurModel) -> Array:
+        extension = continuation(model, captured.shape[-1])
+        return filtered(captured, model, extension, wiener_filter(model, extension.length))
+
+
+def ensemble_filter(model: BlurModel, length: int) -> np.ndarray:
+    """The ensemble filter on the grid of a DFT; shape `(length // 2 + 1,)`."""
+    power, responses = model.picture_spectrum(length), model.responses(length)
+    passed = model.weights @ np.abs(responses) ** 2
+    mean = model.weights @ np.conj(responses)
+    return power * mean / (power * passed + model.noise)
+
+
+def wiener_filter(model: BlurModel, length: int) -> np.ndarray:
+    """Wiener's filter on the grid of a DFT; shape `(length // 2 + 1,)`."""
+    power, response = model.picture_spectrum(length), model.assumed_response(length)
+    return power * np.conj(response) / (power * np.abs(response) ** 2 + model.noise)
+
+
+def share_left_unexplained(model: BlurModel, length: int) -> float:
+    r"""What Wiener's filter is expected to leave of a capture, in units of the noise.
+
+    $\overline{|1 - G H_0|^2 (S \sum p_i |H_i|^2 + N)} / N$ over the grid of a DFT; 1 where
+    the picture has no power that the blur lets through.
+    """
+    if not 0 < model.noise < np.inf:
+        return 1.0
+    power, response = model.picture_spectrum(length), model.assumed_response(length)
+    missed = model.noise / (power * np.abs(response) ** 2 + model.noise)
+    return float(np.mean(missed**2 * captured_spectrum(model, length)) / model.noise)
+
+
+def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
+    r"""Error that the ensemble filter leaves, on the discrete kernels; white = 1.
+
+    $2\int_0^{1/2} [S \sum p_i |1 - G H_i|^2 + N |G|^2]\,df$. It differs from the
+    `expected_psnr` of a continuous picture by what the sampling of the picture folds
+    back, which counts where light is plentiful. Of a picture without detail it is 0.
+    """
+    if not np.any(model.power > 0):
+        return 0.0
+    response = ensemble_filter(model, length)
+    missed = model.weights @ np.abs(1 - response * model.responses(length)) ** 2
+    left = model.picture_spectrum(length) * missed + model.noise * np.abs(response) ** 2
+    return float((left[0] + left[-1] + 2 * np.sum(left[1:-1])) / length)
+
+
+def filtered(
+    captured: Array, model: BlurModel, extension: Continuation, response: np.ndarray
+) -> Array:
+    """Rows through a filter given on the DFT grid, each row's mean divided by the light."""
+    light = model.efficiency
+    gain = 1 / light if light > 0 else 0.0
+    return _filtered(captured, extension, response, np.asarray(gain))
+
+
+@compiled
+def _filtered(captured: Array, extension: Continuation, response: ArrayLike, gain: ArrayLike):
+    rows, mean = extension.deviations(captured)
+    spectrum = jnp.fft.rfft(rows, extension.length)
+    spectrum = spectrum * along_rows(response, spectrum)
+    estimate = jnp.fft.irfft(spectrum, extension.length)[..., : captured.shape[-1]]
+    return estimate + mean * jnp.asarray(gain, mean.dtype)

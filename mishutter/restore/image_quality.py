@@ -1,0 +1,194 @@
+"""How good a restored picture is: PSNR, SSIM, ghosts; whole, inside, and at the border."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from mishutter._core import require, require_finite, require_positive_int, shape_of
+from mishutter.model import to_display
+
+_ROWS_AT_ONCE = 128
+
+
+class Quality(NamedTuple):
+    """Figures of a restored picture.
+
+    Attributes:
+        psnr: With gamma put back, over the picture; dB.
+        linear_psnr: In linear light; dB.
+        inner_psnr: With gamma, without the border; dB.
+        border_psnr: With gamma, of the border alone; dB.
+        ssim: Structural similarity of the gamma-coded pictures, over the picture.
+        inner_ssim: The same without the border.
+    """
+
+    psnr: float
+    linear_psnr: float
+    inner_psnr: float
+    border_psnr: float
+    ssim: float
+    inner_ssim: float
+
+
+def psnr(
+    reference: ArrayLike,
+    estimate: ArrayLike,
+    *,
+    gamma: bool = True,
+    matte: ArrayLike | None = None,
+) -> float:
+    r"""Peak signal-to-noise ratio, $-10 \log_{10} \overline{(f - \hat f)^2}$, white = 1.
+
+    Args:
+        reference: Linear light; any shape.
+        estimate: Linear light; the same shape.
+        gamma: Whether both are clipped and gamma-coded first (the paper's section 4.2);
+            otherwise the error is taken in linear light, as `expected_psnr` is.
+        matte: Weight of each pixel in the mean, for the PSNR of one layer; shape
+            `(rows, columns)`.
+
+    Returns:
+        dB; `inf` where the two agree.
+
+    Raises:
+        ValueError: if the shapes differ, a value is not finite, or the matte is empty.
+    """
+    true, found = _alike("psnr", reference, estimate)
+    weight = None if matte is None else _weights("psnr", true.shape, matte)
+    total = 0.0
+    true, found = (x[None] if x.ndim == 0 else x for x in (true, found))
+    for first in range(0, len(true), _ROWS_AT_ONCE):
+        rows = slice(first, first + _ROWS_AT_ONCE)
+        pair = [np.asarray(x[rows], np.float64) for x in (true, found)]
+        pair = [to_display(x) for x in pair] if gamma else pair
+        squared = (pair[0] - pair[1]) ** 2
+        total += float(np.sum(squared if weight is None else squared * weight[rows]))
+    error = total / true.size
+    return float(-10 * np.log10(error)) if error > 0 else float("inf")
+
+
+def ssim(reference: ArrayLike, estimate: ArrayLike, *, matte: ArrayLike | None = None) -> float:
+    """Structural similarity of two gamma-coded pictures, as scikit-image defines it.
+
+    Args:
+        reference: Linear light; shape `(rows, columns)` or with channels last.
+        estimate: The same.
+        matte: Weight of each pixel in the mean; shape `(rows, columns)`.
+
+    Returns:
+        At most 1.
+
+    Raises:
+        ValueError: if the shapes differ, a value is not finite, the picture is smaller than
+            the 7 x 7 window, or the matte is empty.
+    """
+    from skimage.metrics import structural_similarity
+
+    true, found = (to_display(x) for x in _pair("ssim", reference, estimate))
+    sides = true.shape[:2]
+    require(min(sides) >= 7, "ssim(reference=...)", "be at least 7 x 7 px", shape_of(true))
+    axis = -1 if true.ndim == 3 else None
+    parts: Any = structural_similarity(true, found, data_range=1.0, channel_axis=axis, full=True)
+    if matte is None:
+        return float(parts[0])
+    return float(np.mean(parts[1] * _weights("ssim", true.shape, matte)))
+
+
+def measure_quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -> Quality:
+    """All figures of a restored picture, with and without `border` columns at either end.
+
+    Args:
+        reference: Linear light; shape `(rows, columns)` or with channels last.
+        estimate: The same.
+        border: Columns at either end that count as border; px.
+
+    Raises:
+        ValueError: if the shapes differ, a value is not finite, `border` is not a positive
+            integer, or nothing is left between the borders.
+    """
+    require_positive_int("measure_quality(border=...)", border)
+    true, found = _pair("measure_quality", reference, estimate)
+    columns = true.shape[1]
+    fits = columns >= 2 * border + 7
+    require(fits, "measure_quality(border=...)", f"leave 7 of the {columns} columns", border)
+    inner = np.s_[:, border : columns - border]
+    outer = np.r_[0:border, columns - border : columns]
+    return Quality(
+        psnr=psnr(true, found),
+        linear_psnr=psnr(true, found, gamma=False),
+        inner_psnr=psnr(true[inner], found[inner]),
+        border_psnr=psnr(true[:, outer], found[:, outer]),
+        ssim=ssim(true, found),
+        inner_ssim=ssim(true[inner], found[inner]),
+    )
+
+
+def ghost_energy(
+    reference: ArrayLike, estimate: ArrayLike, *, distance: float, width: int = 3
+) -> float:
+    r"""Energy of the picture's echo in the error of its restoration.
+
+    What the paper calls ghosting: where a kernel ends abruptly, the restoration holds a
+    faint copy of the picture's edges displaced by the kernel's length. With the rows'
+    differences $u$ of the picture and $e$ of the error, $\rho(d) = \sum e_{k+d} u_k / \sum
+    u_k^2$ is the amplitude of the copy at displacement $d$; the energy is
+    $\max \rho(d)^2$ over `distance` to within `width` px, to either side.
+
+    Args:
+        reference: Linear light; shape `(rows, columns)` or with channels last.
+        estimate: The same.
+        distance: Where the kernel ends; px.
+        width: How far from there to look; px.
+
+    Returns:
+        Energy of the copy, as a share of the picture's own.
+
+    Raises:
+        ValueError: if the shapes differ, a value is not finite, or the picture is narrower
+            than twice the distance, which is at least 0, and a few `width`.
+    """
+    true, found = _pair("ghost_energy", reference, estimate)
+    true, found = (x[..., None] if x.ndim == 2 else x for x in (true, found))
+    subject = "ghost_energy(distance=...)"
+    require_finite(subject, distance)
+    require(distance >= 0, subject, "be at least 0 px", distance)
+    columns, reach = true.shape[1], round(distance) + 4 * width
+    require(reach < columns // 2, subject, f"be well below half of {columns} px", distance)
+    edges = np.diff(true, axis=1)
+    error = np.diff(found - true, axis=1)
+    size = float(np.sum(edges**2))
+    if size == 0:
+        return 0.0
+
+    def echo(shift: int) -> float:
+        source, copy = (edges[:, : columns - 1 - shift], error[:, shift:])
+        if shift < 0:
+            source, copy = edges[:, -shift:], error[:, : columns - 1 + shift]
+        return float(np.sum(source * copy)) / size
+
+    at = range(round(distance) - width, round(distance) + width + 1)
+    return max(echo(sign * d) ** 2 for d in at for sign in (1, -1))
+
+
+def _weights(name: str, shape: tuple, matte: ArrayLike) -> np.ndarray:
+    """Weights of the rows and columns of an array of `shape`, of mean 1."""
+    weight = np.asarray(matte, np.float64)
+    fits = weight.shape == shape[:2] and float(np.sum(weight)) > 0
+    require(fits, f"{name}(matte=...)", f"have shape {shape[:2]} and weight", weight.shape)
+    return weight.reshape(weight.shape + (1,) * (len(shape) - 2)) / np.mean(weight)
+
+
+def _alike(name: str, reference: ArrayLike, estimate: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    true, found = np.asarray(reference), np.asarray(estimate)
+    alike = true.shape == found.shape and true.size > 0
+    require(alike, f"{name}(estimate=...)", f"have shape {true.shape}", shape_of(found))
+    for argument, values in (("reference", true), ("estimate", found)):
+        finite = bool(np.all(np.isfinite(values)))
+        require(finite, f"{name}({argument}=...)", "be finite", "a value that is not")
+    return true, found
+
+
+def _pair(name: str, reference: ArrayLike, estimate: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    true, found = _alike(name, reference, estimate)
+    return true.astype(np.float64), found.astype(np.float64)

@@ -1,0 +1,105 @@
+"""Capture and restoration of one subject, however large, a few rows at a time."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import require_key, require_positive_int
+from mishutter.camera import Frames, Layers, simulate_capture
+from mishutter.evaluation import PLANNED, Automatic, Plan
+from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene
+from mishutter.restore.decoders import AbstractDecoder, EnsembleDecoder, blur_model
+from mishutter.restore.restoration import deconvolve
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share that is."""
+
+
+class Simulation(NamedTuple):
+    """A capture and what a decoder makes of it.
+
+    Attributes:
+        captured: Light in units of a fully open exposure; `(rows, columns, channels)`, or
+            `(rows, columns)` of an array of that shape.
+        restored: Light of the picture, white = 1; the same shape.
+    """
+
+    captured: np.ndarray
+    restored: np.ndarray
+
+
+def capture_and_restore(
+    subject: Picture | Layers | Frames | ArrayLike,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    speed: float = 0.0,
+    decoder: AbstractDecoder | None = None,
+    key: Array | None = None,
+    border: str = "reflect",
+    full_well: float | None = None,
+    adc_bits: int | None = None,
+    rows_at_once: int = 128,
+    progress: Progress | None = None,
+    plan: Plan | Automatic | None = PLANNED,
+) -> Simulation:
+    """Capture a subject and restore it, within memory of a few times its own size.
+
+    Blur and noise are along rows, so that rows can be done in any portions. A decoder that
+    sets its strength by what a plane leaves unexplained does so for each portion.
+
+    Args:
+        subject: A photograph, a layered scene, or footage.
+        scene: Light and noise, and what the decoder may know.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+        speed: Speed of a photograph, px/s; 0 for layers and frames.
+        decoder: How to restore; the ensemble filter by default.
+        key: JAX key of the noise; None for none.
+        border: As in `simulate_capture`, for a photograph.
+        full_well: Most electrons a pixel holds, e-; None for no limit.
+        adc_bits: Bits of the converter; None for no rounding.
+        rows_at_once: How many rows.
+        progress: Called with a sentence and the share done.
+        plan: What to compute, as in `simulate_capture` and `deconvolve`.
+
+    Raises:
+        ValueError: as `simulate_capture`.
+    """
+    require_positive_int("capture_and_restore(rows_at_once=...)", rows_at_once)
+    require_key("capture_and_restore(key=...)", key)
+    report = progress if progress is not None else lambda text, share: None
+    options = {"speed": speed, "border": border, "plan": plan}
+    options |= {"full_well": full_well, "adc_bits": adc_bits}
+    whole = isinstance(subject, Layers | Frames)
+    if whole:
+        report("exposing", 0.0)
+        exposed = simulate_capture(subject, scene, motion, shutter, key=key, **options)
+        light = np.asarray(exposed)
+    else:
+        light = subject.light if isinstance(subject, Picture) else np.asarray(subject)
+    chosen = EnsembleDecoder() if decoder is None else decoder
+    model = blur_model(scene, motion, shutter, plan=plan)
+    captured = restored = None
+    for first in range(0, light.shape[0], rows_at_once):
+        report("capturing and restoring", first / light.shape[0])
+        part = jnp.asarray(light[first : first + rows_at_once])
+        if not whole:
+            own = None if key is None else jax.random.fold_in(key, first)
+            part = simulate_capture(part, scene, motion, shutter, key=own, **options)
+        found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
+        if captured is None or restored is None:
+            shape = (light.shape[0], *part.shape[1:])
+            captured, restored = np.empty(shape, part.dtype), np.empty(shape, part.dtype)
+        captured[first : first + rows_at_once] = part
+        restored[first : first + rows_at_once] = found
+    report("done", 1.0)
+    nothing = np.zeros((0, 0, 1))
+    return Simulation(
+        nothing if captured is None else captured, nothing if restored is None else restored
+    )

@@ -1,0 +1,277 @@
+"""What a sweep asks for: its grid, its scenes and shutters, its limits, its blocks."""
+
+import hashlib
+import itertools
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from mishutter._core import common_dtype, describe, require, shape_of
+from mishutter.design import package_version, scene_to_dict, shutter_to_dict
+from mishutter.evaluation import AbstractResponseLoss
+from mishutter.model import AbstractShutter, Scene
+
+METRICS = {
+    "condition_number": ("condition number of a still object's kernel", "1"),
+    "kernel_difference": ("RMS difference of kernels across speeds", "1"),
+    "relative_kernel_difference": ("RMS difference over RMS of a still object's kernel", "1"),
+    "efficiency": ("share of light let through", "1"),
+    "expected_psnr": ("PSNR of the best single linear decoder, linear light", "dB"),
+    "bound_share": ("share of the wedge bound, worst speed and frequency", "1"),
+}
+"""Metrics of a design, what they are and their units."""
+
+KERNEL_METRICS = ("condition_number", "kernel_difference", "relative_kernel_difference")
+SPECTRUM_METRICS = ("expected_psnr", "bound_share")
+
+REASONS = ("stroke", "top_speed", "exposure_too_short", "exposure_too_long", "full_well")
+"""Why a point is left out, in the order of the bits of `outside`."""
+
+OPTIMISED = "optimised"
+FORMAT = 1
+_SLACK = 1e-9
+_BLOCK_ROW = 128
+_BLOCK_BYTES = 1 << 24
+_SEARCH_BLOCK = 16
+
+
+class Search(NamedTuple):
+    """How the best profile of each point is searched for.
+
+    Attributes:
+        loss: What is made small.
+        num_coefficients: Coefficients of the profile.
+        symmetric: Whether it is a symmetric one.
+        max_steps: Steps of each descent, at most.
+        seed: Of the random starts.
+        tolerance: Relative change of the loss and the profile at which a descent ends.
+    """
+
+    loss: AbstractResponseLoss
+    num_coefficients: int
+    symmetric: bool
+    max_steps: int
+    seed: int
+    tolerance: float
+
+
+class Block(NamedTuple):
+    """A rectangle of the grid of one scene: what is computed and written at once."""
+
+    scene: int
+    acceleration: int
+    half_exposure: int
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A sweep as it was asked for; see `sweep`.
+
+    Attributes:
+        accelerations: px/s^2, ascending; shape `(a,)`.
+        half_exposures: s, ascending; shape `(t,)`.
+        scenes: By name.
+        shutters: The fixed ones, by name.
+        metrics: Names of those wanted.
+        photon_rates: e-/s; None for each scene's own.
+        read_noises: e-; None for each scene's own.
+        full_well: e-; None for no limit.
+        search: How the best profile is found; None for fixed shutters alone.
+        named_scenes: Whether scenes are a dimension.
+        skips: Whether what cannot change a result is left out.
+    """
+
+    accelerations: np.ndarray
+    half_exposures: np.ndarray
+    scenes: dict[str, Scene]
+    shutters: dict[str, AbstractShutter]
+    metrics: tuple[str, ...]
+    photon_rates: np.ndarray | None
+    read_noises: np.ndarray | None
+    full_well: float | None
+    search: Search | None
+    named_scenes: bool
+    skips: bool = True
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Precision of the results: that of the scenes and shutters."""
+        speeds = [scene.speeds for scene in self.scenes.values()]
+        return common_dtype(*jax.tree.leaves((speeds, self.shutters)))
+
+    @property
+    def shutter_names(self) -> tuple[str, ...]:
+        """The fixed shutters, then the optimised one."""
+        return (*self.shutters, *([OPTIMISED] if self.search else []))
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Every dimension and its length, in order."""
+        sizes = {"scene": len(self.scenes)} if self.named_scenes else {}
+        sizes |= {
+            "acceleration": self.accelerations.size,
+            "half_exposure": self.half_exposures.size,
+            "shutter": len(self.shutter_names),
+        }
+        if self.photon_rates is not None:
+            sizes["photon_rate"] = self.photon_rates.size
+        if self.read_noises is not None:
+            sizes["read_noise"] = self.read_noises.size
+        if self.search is not None:
+            sizes["coefficient"] = self.search.num_coefficients
+        return sizes
+
+    def dimensions(self, name: str) -> tuple[str, ...]:
+        """Dimensions of a variable."""
+        place = ("scene",) * self.named_scenes + ("acceleration", "half_exposure")
+        light = tuple(d for d in ("photon_rate", "read_noise") if d in self.sizes)
+        if name in ("num_taps", "dft_length", "loss", "converged"):
+            return place
+        if name == "coefficients":
+            return (*place, "coefficient")
+        if name == "outside":
+            by_light = tuple(d for d in light if d == "photon_rate")
+            return (*place, "shutter", *by_light) if self.full_well is not None else place
+        return (*place, "shutter", *(light if name == "expected_psnr" else ()))
+
+    @property
+    def variables(self) -> dict[str, np.dtype]:
+        """Every variable and its precision."""
+        found: dict[str, np.dtype] = dict.fromkeys(self.metrics, self.dtype)
+        if "condition_number" in self.metrics:
+            found |= dict.fromkeys(("num_taps", "dft_length"), np.dtype(np.int32))
+        if self.search is not None:
+            found |= {"loss": self.dtype, "coefficients": self.dtype}
+        return found | {"outside": np.dtype(np.uint8)}
+
+    @cached_property
+    def block_shape(self) -> tuple[int, int]:
+        """Accelerations and half exposures of a block, by what its results weigh."""
+        rows, columns = self.accelerations.size, self.half_exposures.size
+        if self.search is not None:
+            return min(rows, _SEARCH_BLOCK), min(columns, _SEARCH_BLOCK)
+        light = [x.size for x in (self.photon_rates, self.read_noises) if x is not None]
+        point = 8 * len(self.metrics) * len(self.shutters) * int(np.prod([1, *light]))
+        rows = min(rows, _BLOCK_ROW)
+        return rows, int(np.clip(min(_BLOCK_BYTES // point, 4096) // rows, 1, columns))
+
+    def blocks(self) -> list[Block]:
+        """Every block, in order."""
+        rows, columns = self.block_shape
+        counts = (-(-self.accelerations.size // rows), -(-self.half_exposures.size // columns))
+        ranges = (range(len(self.scenes)), *map(range, counts))
+        return [Block(*index) for index in itertools.product(*ranges)]
+
+    def place(self, block: Block) -> tuple[slice, slice]:
+        """Where a block's accelerations and half exposures stand in the grid."""
+        rows, columns = self.block_shape
+        a, t = block.acceleration * rows, block.half_exposure * columns
+        return slice(a, min(a + rows, self.accelerations.size)), slice(
+            t, min(t + columns, self.half_exposures.size)
+        )
+
+    def region(self, block: Block, name: str) -> tuple[slice, ...]:
+        """Where a block's values of a variable stand in the whole."""
+        dimensions = self.dimensions(name)
+        of_scene = (slice(block.scene, block.scene + 1),) * self.named_scenes
+        place = (*of_scene, *self.place(block))
+        return place + (slice(None),) * (len(dimensions) - len(place))
+
+    def num_points(self, block: Block) -> int:
+        """Points of a block."""
+        a, t = self.place(block)
+        return (a.stop - a.start) * (t.stop - t.start)
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that decides the results, as plain numbers and text."""
+        search = None
+        if self.search is not None:
+            search = self.search._asdict() | {"loss": repr(self.search.loss)}
+        return {
+            "format": FORMAT,
+            "mishutter": package_version(),
+            "precision": str(self.dtype),
+            "accelerations": self.accelerations.tolist(),
+            "half_exposures": self.half_exposures.tolist(),
+            "scenes": {name: scene_to_dict(scene) for name, scene in self.scenes.items()},
+            "shutters": {name: _described(shutter) for name, shutter in self.shutters.items()},
+            "metrics": list(self.metrics),
+            "photon_rates": _listed(self.photon_rates),
+            "read_noises": _listed(self.read_noises),
+            "full_well": self.full_well,
+            "search": search,
+            "plan": "planned" if self.skips else "everything",
+            "block_shape": list(self.block_shape),
+        }
+
+    @property
+    def key(self) -> str:
+        """A short text that differs between sweeps that differ."""
+        text = json.dumps(self.describe() | {"named_scenes": self.named_scenes}, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+@np.errstate(over="ignore")
+def outside_limits(scene: Scene, accelerations: np.ndarray, half_exposures: np.ndarray):
+    """Bits of `REASONS` of the motion's limits at every point; shape `(a, t)`."""
+    limits = scene.limits
+    a, half = accelerations[:, None], half_exposures[None]
+    beyond = (
+        a * half * half > float(limits.max_stroke) * (1 + _SLACK),
+        2 * a * half > float(limits.max_top_speed) * (1 + _SLACK),
+        np.broadcast_to(half < float(limits.min_half_exposure) * (1 - _SLACK), (a.size, half.size)),
+        np.broadcast_to(half > float(limits.max_half_exposure) * (1 + _SLACK), (a.size, half.size)),
+    )
+    bits = [flag.astype(np.uint8) << index for index, flag in enumerate(beyond)]
+    return np.bitwise_or.reduce(bits)
+
+
+def require_within(
+    subject: str, scene: Scene, accelerations: np.ndarray, half_exposures: np.ndarray
+) -> None:
+    """Refuse a grid of which no point is within the limits, by the limits that it breaks."""
+    outside = outside_limits(scene, accelerations, half_exposures)
+    counts = {
+        reason.replace("_", " "): int(np.count_nonzero(outside & (1 << bit)))
+        for bit, reason in enumerate(REASONS)
+    }
+    broken = ", ".join(f"{count} by {reason}" for reason, count in counts.items() if count)
+    if np.all(outside):
+        raise ValueError(
+            f"{subject} must reach a point within the scene's limits; "
+            f"got {outside.size} outside them, {broken}."
+        )
+
+
+def checked_axis(subject: str, values: Any, *, bound: str, strict: bool) -> np.ndarray:
+    """One axis of the grid: at least one finite value, ascending, in its range."""
+    try:
+        axis = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        got = describe(values)
+        raise ValueError(f"`{subject}` must be one row of numbers; got {got}.") from None
+    require(axis.ndim == 1, subject, "be one row", shape_of(axis))
+    require(axis.size >= 1, subject, "hold at least one value", "none")
+    require(bool(np.all(np.isfinite(axis))), subject, "be finite", axis)
+    inside = axis > 0 if strict else axis >= 0
+    require(bool(np.all(inside)), subject, f"be {bound}", axis)
+    require(bool(np.all(np.diff(axis) > 0)), subject, "ascend without repeats", axis)
+    return axis
+
+
+def _listed(values: np.ndarray | None) -> list[float] | None:
+    return None if values is None else values.tolist()
+
+
+def _described(shutter: AbstractShutter) -> dict[str, Any]:
+    """A shutter's parameters; samples of one that is not the package's own."""
+    try:
+        return shutter_to_dict(shutter)
+    except ValueError:
+        tau = np.linspace(-1, 1, 257).astype(common_dtype())
+        samples = np.asarray(shutter.transmittance(tau), np.float64)
+        return {"kind": type(shutter).__qualname__, "transmittance": samples.tolist()}

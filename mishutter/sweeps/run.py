@@ -1,0 +1,225 @@
+"""Labelled grids of designs over acceleration and exposure: run, store, resume."""
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mishutter._core import (
+    RowLike,
+    describe,
+    named,
+    require,
+    require_known,
+    require_positive_int,
+    require_seed,
+)
+from mishutter.camera import skips
+from mishutter.design import baselines, starting_shutter
+from mishutter.evaluation import (
+    PLANNED,
+    AbstractLoss,
+    AbstractResponseLoss,
+    Automatic,
+    ExpectedErrorLoss,
+    Plan,
+    sized_for,
+)
+from mishutter.model import AbstractShutter, Scene, SplineShutter, TukeyShutter
+from mishutter.sweeps.blocks import Engine
+from mishutter.sweeps.cluster import compute_remotely, connection
+from mishutter.sweeps.grid import METRICS, OPTIMISED, Grid, Search, checked_axis
+from mishutter.sweeps.store import AbstractBlocks, MemoryBlocks, StoredBlocks
+
+if TYPE_CHECKING:
+    import xarray
+
+Progress = Callable[[int, int], None]
+_LOG = logging.getLogger("mishutter.sweep")
+_TOLERANCE = 1e-6
+_STEP_SHARE = 1e-2
+"""Change by the last step of a descent, of the change that is allowed in all."""
+
+
+def sweep(
+    scenes: Scene | Sequence[Any] | Mapping[str, Any],
+    *,
+    accelerations: RowLike,
+    half_exposures: RowLike,
+    shutters: Mapping[str, Any] | None = None,
+    optimise: bool = False,
+    loss: AbstractLoss | None = None,
+    num_coefficients: int = 24,
+    max_steps: int = 40,
+    seed: int = 0,
+    metrics: str | Sequence[str] | None = None,
+    photon_rates: RowLike | None = None,
+    read_noises: RowLike | None = None,
+    full_well: float | None = None,
+    plan: Plan | Automatic | None = PLANNED,
+    store: str | Path | None = None,
+    scheduler: Any = None,
+    progress: Progress | None = None,
+) -> "xarray.Dataset":
+    r"""Measure shutters at every acceleration and exposure of a grid.
+
+    The numbers are those of `evaluate` at each point; the light follows the exposure,
+    $p = \text{rate}\cdot 2T$. An acceleration of 0 is a camera at rest, aligned at
+    mid-exposure. A point outside a scene's limits is NaN, and `outside` says why.
+
+    Args:
+        scenes: One scene, or several, then a dimension of the result.
+        accelerations: $a$, px/s^2, at least 0, ascending; shape `(a,)`.
+        half_exposures: $T$, s, above 0, ascending; shape `(t,)`.
+        shutters: Fixed shutters by name; the baselines and a Tukey window by default.
+        optimise: Whether the best profile at each point is found as well; it is the
+            shutter `"optimised"`, and its B-spline `coefficients` are kept.
+        loss: What that profile makes small; the expected error by default.
+        num_coefficients: Coefficients of the profile.
+        max_steps: Steps of each descent, at most.
+        seed: Of the random starts.
+        metrics: Which field or fields of `Metrics` to keep; all by default.
+        photon_rates: Light to measure under in place of the scene's, e-/s at white,
+            ascending; a dimension of the expected PSNR.
+        read_noises: The same of the read noise, e-.
+        full_well: Most electrons of a white pixel; no limit by default.
+        plan: What to compute. By default what cannot change a result is left out: mirrored,
+            repeated and absent speeds, taps and nodes that a point does not reach. None
+            computes everything. Of a plan only that choice and its tolerance are kept, to
+            which profiles are searched; every point has sizes of its own.
+        store: Folder of a Zarr store, written block by block. The same sweep run again
+            computes what is missing.
+        scheduler: A `dask.distributed` client, or the address of a scheduler, whose
+            workers compute the blocks.
+        progress: Called with the points that are done and that there are.
+
+    Returns:
+        One variable a metric over `acceleration`, `half_exposure` and `shutter`, with
+        `scene` before and `photon_rate` and `read_noise` after where they were given.
+        With a store, values are read from it as they are used.
+
+    Raises:
+        ValueError: if an argument is out of its range, `store` holds something else, or
+            no scheduler answers.
+        OSError: if the store cannot be written.
+    """
+    grid = _grid(
+        scenes,
+        checked_axis("sweep(accelerations=...)", accelerations, bound="at least 0", strict=False),
+        checked_axis("sweep(half_exposures=...)", half_exposures, bound="above 0", strict=True),
+        _shutters(shutters),
+        metrics,
+        _light("sweep(photon_rates=...)", photon_rates),
+        _light("sweep(read_noises=...)", read_noises),
+        full_well,
+        optimise,
+        (loss, num_coefficients, max_steps, seed),
+        plan,
+    )
+    with connection(scheduler) as client:
+        blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
+        missing, total = blocks.missing(), len(grid.blocks())
+        _LOG.info("%d of %d blocks found, %d to compute", total - len(missing), total, len(missing))
+        num_points = len(grid.scenes) * grid.accelerations.size * grid.half_exposures.size
+        done = num_points - sum(grid.num_points(block) for block in missing)
+        if progress is not None:
+            progress(done, num_points)
+        if client is None:
+            computed = _computed_here(grid, missing, blocks)
+        else:
+            place = None if store is None else str(Path(store).absolute())
+            computed = compute_remotely(grid, missing, blocks, client, place)
+        for block in computed:
+            done += grid.num_points(block)
+            if progress is not None:
+                progress(done, num_points)
+    _LOG.info("%d block%s computed", len(missing), "" if len(missing) == 1 else "s")
+    return blocks.dataset()
+
+
+def _computed_here(grid: Grid, missing: list, blocks: AbstractBlocks):
+    if missing:
+        for block, arrays in zip(missing, Engine(grid).computed(missing), strict=True):
+            blocks.write(block, arrays)
+            yield block
+
+
+def _grid(
+    scenes: Any,
+    accelerations: np.ndarray,
+    half_exposures: np.ndarray,
+    shutters: dict[str, AbstractShutter],
+    metrics: Sequence[str] | None,
+    photon_rates: np.ndarray | None,
+    read_noises: np.ndarray | None,
+    full_well: float | None,
+    optimise: bool,
+    search: tuple[AbstractLoss | None, int, int, int],
+    plan: Plan | Automatic | None,
+) -> Grid:
+    named_scenes = named("sweep(scenes=...)", scenes, Scene, "scene")
+    require_known("sweep", scenes=named_scenes)
+    metrics = [metrics] if isinstance(metrics, str) else metrics
+    chosen = tuple(METRICS) if metrics is None else tuple(metrics)
+    known = bool(chosen) and all(name in METRICS for name in chosen)
+    require(known, "sweep(metrics=...)", f"name some of {', '.join(METRICS)}", metrics)
+    if full_well is not None:
+        positive = bool(np.isfinite(full_well)) and full_well > 0
+        require(positive, "sweep(full_well=...)", "be above 0 e-", full_well)
+    how = None
+    if optimise:
+        one_light = photon_rates is None and read_noises is None
+        requirement = "be False where photon_rates or read_noises are given; use scenes for them"
+        require(one_light, "sweep(optimise=...)", requirement, optimise)
+        require(OPTIMISED not in shutters, "sweep(shutters=...)", "have other names", OPTIMISED)
+        how = _search(named_scenes, *search, plan)
+    return Grid(
+        accelerations,
+        half_exposures,
+        named_scenes,
+        shutters,
+        chosen,
+        photon_rates,
+        read_noises,
+        full_well,
+        how,
+        not isinstance(scenes, Scene),
+        skips(plan),
+    )
+
+
+def _search(
+    scenes: dict[str, Scene],
+    loss: AbstractLoss | None,
+    num_coefficients: int,
+    max_steps: int,
+    seed: int,
+    plan: Plan | Automatic | None,
+) -> Search:
+    require_positive_int("sweep(max_steps=...)", max_steps)
+    require_seed("sweep(seed=...)", seed)
+    starts = [starting_shutter(scene, num_coefficients) for scene in scenes.values()]
+    symmetric = all(isinstance(s, SplineShutter) and s.symmetric for s in starts)
+    chosen = ExpectedErrorLoss() if loss is None else loss
+    if not isinstance(chosen, AbstractResponseLoss) or chosen.parts(sized_for(0.0, 0.0)).kernels:
+        raise ValueError(
+            "`sweep(loss=...)` must be a loss of transfer functions alone, as "
+            f"ExpectedErrorLoss is; got {describe(chosen)}."
+        )
+    allowed = plan.tolerance if isinstance(plan, Plan) else 0.0
+    tolerance = max(_STEP_SHARE * allowed, _TOLERANCE)
+    return Search(chosen, num_coefficients, symmetric, max_steps, seed, tolerance)
+
+
+def _shutters(given: Mapping[str, Any] | None) -> dict[str, AbstractShutter]:
+    if given is None:
+        return {**baselines(), "Tukey": TukeyShutter(0.5)}
+    return named("sweep(shutters=...)", given, AbstractShutter, "shutter")
+
+
+def _light(subject: str, values: RowLike | None) -> np.ndarray | None:
+    if values is None:
+        return None
+    return checked_axis(subject, values, bound="at least 0", strict=False)

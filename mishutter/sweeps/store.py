@@ -1,0 +1,267 @@
+"""Where the blocks of a sweep are kept: in memory, or in a Zarr store that can be resumed.
+
+A store is a Zarr group that xarray opens. Its attribute `sweep` says what was asked for; a
+store of anything else is refused. A block's arrays are chunks of their own, and its mark in
+`done` is written last: what is marked is whole.
+"""
+
+import errno
+import json
+import os
+import shutil
+import tempfile
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from mishutter._core import Bare, describe, require
+from mishutter.sweeps.grid import METRICS, REASONS, Block, Grid
+
+if TYPE_CHECKING:
+    import xarray
+
+Arrays = dict[str, np.ndarray]
+_DONE = "done"
+_SUBJECT = "sweep(store=...)"
+_OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
+_COORDINATES = {
+    "acceleration": ("parameter a of x = a t^2", "px/s^2"),
+    "half_exposure": ("half the exposure, T", "s"),
+    "photon_rate": ("photo-electrons a second at a white pixel", "1/s"),
+    "read_noise": ("standard deviation of the read noise", "electron"),
+    "shutter": ("shutter", "1"),
+    "scene": ("scene", "1"),
+    "coefficient": ("B-spline coefficient of the optimised profile", "1"),
+}
+_OTHERS = {
+    "num_taps": ("taps of the kernels", "1"),
+    "dft_length": ("points of the DFT of the condition number", "1"),
+    "loss": ("loss of the optimised profile", "1"),
+    "coefficients": ("B-spline coefficients of the optimised profile", "1"),
+    "outside": ("why a point is left out; 0 where it is not", "1"),
+}
+
+
+class AbstractBlocks(ABC):
+    """Blocks that were computed, and those that still have to be."""
+
+    @abstractmethod
+    def missing(self) -> list[Block]:
+        """Blocks that are not there yet."""
+
+    @abstractmethod
+    def write(self, block: Block, arrays: Arrays) -> None:
+        """Keep a block."""
+
+    @abstractmethod
+    def dataset(self) -> "xarray.Dataset":
+        """Everything, labelled."""
+
+
+@final
+class MemoryBlocks(AbstractBlocks):
+    """Blocks in memory."""
+
+    def __init__(self, grid: Grid):
+        self.grid = grid
+        sizes = grid.sizes
+        self.arrays = {
+            name: np.zeros([sizes[d] for d in grid.dimensions(name)], dtype)
+            for name, dtype in grid.variables.items()
+        }
+
+    def missing(self) -> list[Block]:
+        return self.grid.blocks()
+
+    def write(self, block: Block, arrays: Arrays) -> None:
+        for name, values in arrays.items():
+            region = self.grid.region(block, name)
+            self.arrays[name][region] = values[None] if self.grid.named_scenes else values
+
+    def dataset(self) -> "xarray.Dataset":
+        import xarray
+
+        grid = self.grid
+        variables = {
+            name: (grid.dimensions(name), values, attributes_of(name))
+            for name, values in self.arrays.items()
+        }
+        coordinates = {
+            name: ((name,), values, attributes_of(name))
+            for name, values in coordinates_of(grid).items()
+        }
+        return xarray.Dataset(variables, coordinates, dataset_attributes(grid))
+
+
+@final
+class StoredBlocks(AbstractBlocks):
+    """Blocks in a Zarr store.
+
+    Args:
+        grid: The sweep.
+        path: Folder of the store.
+        make: Whether to make a store where there is none.
+
+    Raises:
+        ValueError: if something else is there.
+        OSError: if it cannot be made or read.
+    """
+
+    def __init__(self, grid: Grid, path: str | Path, *, make: bool = True):
+        import zarr
+
+        self.grid, self.path = grid, Path(path)
+        occupied = self.path.exists()
+        folder, got = not occupied or self.path.is_dir(), Bare(f"a file, '{path}'")
+        require(folder, _SUBJECT, "be a folder", got)
+        if make and not (occupied and any(self.path.iterdir())):
+            try:
+                _create(grid, self.path)
+            except OSError as error:
+                got = f"'{path}': {error.strerror or type(error).__name__}"
+                raise OSError(
+                    f"`{_SUBJECT}` must be a folder that can be written; got {got}."
+                ) from None
+        try:
+            self.group = zarr.open_group(self.path, mode="r+")
+        except (FileNotFoundError, ValueError, KeyError):
+            raise ValueError(f"`{_SUBJECT}` must be a sweep's store; got '{path}'.") from None
+        found = self.group.attrs.get("sweep")
+        require(found is not None, _SUBJECT, "be a sweep's store", str(path))
+        _check_same(json.loads(str(found)), json.loads(json.dumps(grid.describe())))
+
+    def missing(self) -> list[Block]:
+        done = np.asarray(self._array(_DONE)[...])
+        return [block for block in self.grid.blocks() if not done[block]]
+
+    def write(self, block: Block, arrays: Arrays) -> None:
+        for name, values in arrays.items():
+            region = self.grid.region(block, name)
+            self._array(name)[region] = values[None] if self.grid.named_scenes else values
+        self._array(_DONE)[tuple(block)] = 1
+
+    def _array(self, name: str) -> Any:
+        return self.group[name]
+
+    def dataset(self) -> "xarray.Dataset":
+        import xarray
+
+        opened = xarray.open_zarr(self.path, chunks=None, consolidated=False)
+        return opened[list(self.grid.variables)]
+
+
+def coordinates_of(grid: Grid) -> dict[str, np.ndarray]:
+    """Values of every dimension."""
+    known = {
+        "scene": np.array(list(grid.scenes), dtype=object),
+        "acceleration": grid.accelerations,
+        "half_exposure": grid.half_exposures,
+        "shutter": np.array(grid.shutter_names, dtype=object),
+        "photon_rate": grid.photon_rates,
+        "read_noise": grid.read_noises,
+    }
+    if grid.search is not None:
+        known["coefficient"] = np.arange(grid.search.num_coefficients)
+    return {name: np.asarray(known[name]) for name in grid.sizes}
+
+
+def attributes_of(name: str) -> dict[str, Any]:
+    """Name and unit of a variable, and what its flags mean."""
+    long_name, unit = (METRICS | _COORDINATES | _OTHERS)[name]
+    attributes: dict[str, Any] = {"long_name": long_name, "units": unit}
+    if name == "outside":
+        attributes["flag_masks"] = [1 << bit for bit in range(len(REASONS))]
+        attributes["flag_meanings"] = " ".join(REASONS)
+    return attributes
+
+
+def dataset_attributes(grid: Grid) -> dict[str, Any]:
+    """What makes a sweep reproducible."""
+    from importlib.metadata import version
+
+    return {
+        "title": "acceleration and exposure of a motion-invariant camera",
+        "versions": json.dumps({name: version(name) for name in ("jax", "numpy", "equinox")}),
+        "sweep": json.dumps(grid.describe()),
+    }
+
+
+def _create(grid: Grid, path: Path) -> None:
+    """Make an empty store beside its place, then move it there in one step."""
+    import zarr
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
+    try:
+        group = zarr.open_group(folder, mode="w", attributes=dataset_attributes(grid))
+        for name, values in coordinates_of(grid).items():
+            text = values.dtype == object
+            array = group.create_array(
+                name,
+                shape=values.shape,
+                dtype=str if text else values.dtype,
+                dimension_names=(name,),
+                attributes=attributes_of(name),
+            )
+            array[...] = values
+        for name, dtype in grid.variables.items():
+            dimensions = grid.dimensions(name)
+            group.create_array(
+                name,
+                shape=[grid.sizes[d] for d in dimensions],
+                chunks=_chunks(grid, dimensions),
+                dtype=dtype,
+                fill_value=np.nan if dtype.kind == "f" else 0,
+                dimension_names=dimensions,
+                attributes=attributes_of(name),
+            )
+        counts = np.array(grid.blocks()).max(axis=0) + 1
+        group.create_array(
+            _DONE,
+            shape=counts,
+            chunks=(1, 1, 1),
+            dtype=np.uint8,
+            fill_value=0,
+            dimension_names=("block_scene", "block_acceleration", "block_half_exposure"),
+        )
+        os.rename(folder, path)
+    except BaseException as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        # Another process that began meanwhile made it; whether it is the same sweep is seen next.
+        if not (isinstance(error, OSError) and error.errno in _OCCUPIED):
+            raise
+
+
+def _chunks(grid: Grid, dimensions: tuple[str, ...]) -> tuple[int, ...]:
+    rows, columns = grid.block_shape
+    of_block = {"scene": 1, "acceleration": rows, "half_exposure": columns}
+    return tuple(of_block.get(name, grid.sizes[name]) for name in dimensions)
+
+
+def _check_same(found: dict[str, Any], asked: dict[str, Any]) -> None:
+    """Refuse a store of another sweep, by what differs first."""
+    for name in asked:
+        if found.get(name) != asked[name]:
+            got, want = (_short(x) for x in _first_difference(found.get(name), asked[name]))
+            words = name.replace("_", " ")
+            raise ValueError(
+                f"`{_SUBJECT}` must hold the same sweep, with {words}: {want}; got {got}."
+            )
+
+
+def _first_difference(found: Any, asked: Any) -> tuple[Any, Any]:
+    """The innermost parts in which two descriptions differ."""
+    if isinstance(found, dict) and isinstance(asked, dict):
+        for key in {**asked, **found}:
+            if found.get(key) != asked.get(key):
+                inner = _first_difference(found.get(key), asked.get(key))
+                return tuple(f"{key}: {x}" if isinstance(x, str) else {key: x} for x in inner)  # type: ignore[return-value]
+    return found, asked
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list) and len(value) > 4:
+        return f"{len(value)} from {value[0]} to {value[-1]}"
+    return describe(value)

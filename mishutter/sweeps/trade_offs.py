@@ -1,0 +1,262 @@
+"""What a sweep says: the best points, what cannot be had together, what coding gains."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mishutter._core import RowLike, require
+from mishutter.evaluation import picture_power
+from mishutter.model import NUM_FREQUENCIES, Scene, frequency_grid
+
+if TYPE_CHECKING:
+    import xarray
+
+OBJECTIVES = {
+    "expected_psnr": True,
+    "bound_share": True,
+    "efficiency": True,
+    "condition_number": False,
+    "kernel_difference": False,
+    "relative_kernel_difference": False,
+}
+"""Metrics, and whether more of them is better."""
+
+_PLACE = ("acceleration", "half_exposure")
+_NUM_EXPOSURES = 129
+_NUM_NEAR = 9
+_NUM_REFINEMENTS = 6
+
+
+def best_points(
+    dataset: "xarray.Dataset", objectives: str | Sequence[str] | None = None
+) -> dict[str, "xarray.Dataset"]:
+    """The best point of a sweep under each objective, of all shutters; by objective.
+
+    Args:
+        dataset: What `sweep` returned, of one scene and light.
+        objectives: One metric or several; all that the sweep holds by default.
+
+    Raises:
+        ValueError: if an objective is not a metric of the sweep.
+    """
+    objectives = [objectives] if isinstance(objectives, str) else objectives
+    names = [n for n in OBJECTIVES if n in dataset] if objectives is None else list(objectives)
+    found = {}
+    for name in names:
+        values = _oriented(dataset, name)
+        if np.all(np.isnan(values)):
+            continue
+        index = np.unravel_index(np.nanargmax(values), values.shape)
+        found[name] = dataset.isel(dict(zip(dataset[name].dims, index, strict=True)))
+    return found
+
+
+def pareto_front(
+    dataset: "xarray.Dataset", objectives: str | Sequence[str] | Mapping[str, str]
+) -> "xarray.Dataset":
+    """Points of a sweep that nothing betters under every objective at once.
+
+    Args:
+        dataset: What `sweep` returned, of one scene and light.
+        objectives: Metrics, each wanted large or small as is usual for it; or a mapping
+            from a variable to `"max"` or `"min"`.
+
+    Returns:
+        The points along the dimension `point`, in rising order of the first objective.
+
+    Raises:
+        ValueError: if there are no two objectives, one is not a metric of the sweep, or
+            they are not over the same dimensions.
+    """
+    objectives = [objectives] if isinstance(objectives, str) else objectives
+    senses = dict(objectives) if isinstance(objectives, Mapping) else dict.fromkeys(objectives, "")
+    subject = "pareto_front(objectives=...)"
+    require(len(senses) >= 2, subject, "name at least two metrics", objectives)
+    for name, sense in senses.items():
+        require(sense in ("", "max", "min"), subject, "say max or min", sense)
+        _oriented(dataset, name, sense)
+    dimensions = dataset[next(iter(senses))].dims
+    alike = all(dataset[name].dims == dimensions for name in senses)
+    require(alike, subject, "be over the same dimensions", objectives)
+    values = np.stack([_oriented(dataset, name, sense).ravel() for name, sense in senses.items()])
+    known = np.flatnonzero(np.all(~np.isnan(values), axis=0))
+    kept = known[_undominated(values[:, known])]
+    kept = kept[np.argsort(values[0, kept], kind="stable")]
+    stacked = dataset.stack(point=dimensions).isel(point=kept)
+    return stacked.reset_index("point")
+
+
+def gain_over(dataset: "xarray.Dataset", name: str) -> "xarray.DataArray":
+    """Expected PSNR of every shutter over another's at the same point; dB.
+
+    Raises:
+        ValueError: if there is no such shutter, or no expected PSNR, in the sweep.
+    """
+    names = [str(x) for x in dataset.shutter.values]
+    require(name in names, "gain_over(name=...)", f"be one of {', '.join(names)}", name)
+    psnr = _psnr("gain_over(dataset=...)", dataset)
+    gain = _gain(psnr, psnr.sel(shutter=name, drop=True))
+    return gain.assign_attrs(long_name=f"gain over {name}", units="dB")
+
+
+def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataArray":
+    """Expected PSNR of every point over the best snapshot's; dB.
+
+    The snapshot is a camera at rest with an open shutter, its exposure tuned within the
+    scene's limits anew for each light and each read noise.
+
+    Args:
+        dataset: What `sweep` returned.
+        scene: The scene, or the one of the sweep's that the dataset was reduced to.
+
+    Raises:
+        ValueError: if the sweep holds no expected PSNR.
+    """
+    psnr = _psnr("gain_over_snapshot(dataset=...)", dataset)
+    present = [n for n in ("photon_rate", "read_noise") if n in psnr.dims]
+    light = {name: np.asarray(dataset[name]) for name in present}
+    best = best_snapshots(scene, light.get("photon_rate"), light.get("read_noise"))
+    level = best.expected_psnr
+    for name in ("photon_rate", "read_noise"):
+        if name not in light:
+            level = level.isel({name: 0}, drop=True)
+    gain = _gain(psnr, level)
+    return gain.assign_attrs(long_name="gain over best snapshot", units="dB")
+
+
+def _gain(psnr: "xarray.DataArray", level: "xarray.DataArray") -> "xarray.DataArray":
+    """Difference of two levels; none where both are infinite, with nothing to restore."""
+    with np.errstate(invalid="ignore"):
+        return (psnr - level).where(psnr != level, 0.0)
+
+
+def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
+    """Whether the method is worth it: the best of a sweep over the best snapshot.
+
+    Args:
+        dataset: A sweep over `photon_rate` and `read_noise`.
+        scene: Its scene.
+
+    Returns:
+        `gain` in dB over light and read noise, and the acceleration, half exposure and
+        shutter that reach it.
+
+    Raises:
+        ValueError: if it is not a sweep of the expected PSNR over both.
+    """
+    subject = "light_map(dataset=...)"
+    psnr = _psnr(subject, dataset)
+    lit = all(name in psnr.dims for name in ("photon_rate", "read_noise"))
+    require(lit, subject, "have photon rates and read noises", dict(dataset.sizes))
+    stacked = gain_over_snapshot(dataset, scene).stack(point=(*_PLACE, "shutter"))
+    index = stacked.fillna(-np.inf).argmax("point")
+    best = stacked.isel(point=index)
+    gain = best.reset_coords(drop=True)
+    places = {name: best[name].reset_coords(drop=True) for name in (*_PLACE, "shutter")}
+    return gain.to_dataset(name="gain").assign(places)
+
+
+def best_snapshots(
+    scene: Scene, photon_rates: RowLike | None = None, read_noises: RowLike | None = None
+) -> "xarray.Dataset":
+    """The best exposure of a camera at rest under each light and read noise.
+
+    Args:
+        scene: Speeds, picture and the limits of the exposure.
+        photon_rates: e-/s at white; the scene's by default.
+        read_noises: e-; the scene's by default.
+
+    Returns:
+        `expected_psnr` in dB and `half_exposure` in s over both.
+
+    Raises:
+        ValueError: if a rate or a noise is not finite or below 0.
+    """
+    import xarray
+
+    rates = _light("photon_rates", scene.photon_rate if photon_rates is None else photon_rates)
+    noises = _light("read_noises", scene.read_noise if read_noises is None else read_noises)
+    limits = scene.limits
+    ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
+    half = np.geomspace(*ends, _NUM_EXPOSURES)[:, None, None]
+    ratio = (ends[1] / ends[0]) ** (1 / (_NUM_EXPOSURES - 1))
+    best = half
+    for _ in range(_NUM_REFINEMENTS):
+        error = _snapshot_error(scene, half, rates[:, None], noises[None])
+        half = np.broadcast_to(half, error.shape)
+        best = np.take_along_axis(half, np.argmin(error, axis=0)[None], 0)
+        near = np.geomspace(1 / ratio, ratio, _NUM_NEAR)[:, None, None]
+        half, ratio = np.clip(best * near, *ends), ratio ** (2 / (_NUM_NEAR - 1))
+    error = np.min(_snapshot_error(scene, best, rates[:, None], noises[None]), axis=0)
+    dimensions = ("photon_rate", "read_noise")
+    with np.errstate(divide="ignore"):  # a picture without detail is restored without error
+        level = -10 * np.log10(error)
+    return xarray.Dataset(
+        {
+            "expected_psnr": (dimensions, level, {"units": "dB"}),
+            "half_exposure": (dimensions, best[0], {"units": "s"}),
+        },
+        {"photon_rate": rates, "read_noise": noises},
+    )
+
+
+def _light(name: str, values: RowLike) -> np.ndarray:
+    row = np.atleast_1d(np.asarray(values))
+    right = row.ndim == 1 and bool(np.all((row >= 0) & np.isfinite(row)))
+    require(right, f"best_snapshots({name}=...)", "be finite, at least 0 and one row", row)
+    return row
+
+
+def _psnr(subject: str, dataset: "xarray.Dataset") -> "xarray.DataArray":
+    """The expected PSNR of a sweep, which must have been asked for."""
+    held = "expected_psnr" in dataset
+    require(held, subject, "hold expected_psnr among its metrics", list(dataset))
+    return dataset.expected_psnr
+
+
+def _snapshot_error(
+    scene: Scene, half: np.ndarray, rates: np.ndarray, noises: np.ndarray
+) -> np.ndarray:
+    r"""Expected squared error of an open shutter on a camera at rest; `(e, p, r)`.
+
+    That of `expected_squared_error` with $H_s(f) = \operatorname{sinc}(2 f s T)$.
+    """
+    dtype = np.dtype(scene.speeds.dtype)
+    frequency = np.asarray(frequency_grid(NUM_FREQUENCIES, dtype), np.float64)
+    power = np.asarray(picture_power(scene, NUM_FREQUENCIES, dtype), np.float64)
+    speeds, weights = (np.asarray(x, np.float64) for x in (scene.speeds, scene.weights))
+    electrons = rates * 2 * half
+    noise = float(scene.mean_level) * electrons + noises**2
+    total = np.zeros(np.broadcast_shapes(electrons.shape, noise.shape))
+    for f, level in zip(frequency, power, strict=True):
+        responses = np.sinc(2 * f * speeds * half[..., None]) * np.sinc(f)
+        mean = responses @ weights
+        spread = ((responses - mean[..., None]) ** 2) @ weights
+        signal = level * electrons**2
+        whole = signal * (mean**2 + spread) + noise
+        share = np.divide(signal * spread + noise, whole, where=whole > 0, out=np.ones_like(total))
+        total += level * share
+    return total / NUM_FREQUENCIES
+
+
+def _oriented(dataset: "xarray.Dataset", name: str, sense: str = "") -> np.ndarray:
+    """Values of a metric, turned so that more is better."""
+    known = name in dataset and (name in OBJECTIVES or sense != "")
+    names = ", ".join(n for n in OBJECTIVES if n in dataset)
+    require(known, "objectives", f"be metrics of the sweep, {names}", name)
+    up = OBJECTIVES.get(name, True) if sense == "" else sense == "max"
+    values = dataset[name].values.astype(np.float64)
+    return values if up else -values
+
+
+def _undominated(values: np.ndarray) -> np.ndarray:
+    """Columns that no other column is at least as good as everywhere and better somewhere."""
+    order = np.lexsort(values[::-1])[::-1]
+    kept: list[int] = []
+    for index in order:
+        rivals = values[:, kept]
+        at_least = np.all(rivals >= values[:, index, None], axis=0)
+        if not np.any(at_least):
+            kept.append(int(index))
+    return np.array(kept, int)

@@ -1,0 +1,78 @@
+"""Files: as readable as any, strict JSON, told apart by as little of their paths as does it."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mishutter import Design, Scene
+from mishutter._core.files import is_own_folder, short_names, strict_json, write_text
+
+
+def test_a_file_has_the_permissions_of_any_new_one(tmp_path):
+    """Not those of the temporary one that it was, which nobody else may read."""
+    before = os.umask(0o026)
+    try:
+        write_text(tmp_path / "a.txt", "x")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640
+
+
+def test_numbers_that_json_has_no_token_for():
+    """They are text, or nothing, in whatever holds them."""
+    document = {"a": np.array([0.5, -np.inf]), "b": (np.nan, float("inf")), "c": np.float32(0.25)}
+    expected = {"a": [0.5, "-Infinity"], "b": [None, "Infinity"], "c": 0.25}
+    assert json.loads(strict_json(document)) == expected
+
+
+@pytest.mark.parametrize(
+    ("paths", "taken", "names"),
+    [
+        (["A/design.json"], [], ["design"]),
+        (["A/design.json", "B/design.json"], [], ["A/design", "B/design"]),
+        (["A/x/a.json", "B/x/a.json", "B/b.json"], [], ["A/x/a", "B/x/a", "b"]),
+        (["out/Hann.json", "out/best snapshot.json"], ["Hann"], ["out/Hann", "best snapshot"]),
+        (["A/design.json", "A/design.json"], [], ["design"]),
+        (["/a/b.json", "/a/b.txt"], [], ["/a/b.json", "/a/b.txt"]),
+    ],
+)
+def test_names_of_files(paths, taken, names):
+    """The end of the path that no other file and no window is called by."""
+    found = short_names(map(Path, paths), taken)
+    assert [str(path) for path in found.values()] == list(dict.fromkeys(paths))
+    assert list(found) == names
+
+
+@pytest.mark.parametrize("read", [Scene.load, Design.load])
+def test_a_file_without_an_end_is_refused(read):
+    """Reading stops where no scene and no design would still go on."""
+    with pytest.raises(ValueError, match=r"^/dev/zero must be a file of at most 64 MiB; got more"):
+        read("/dev/zero")
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="permissions are of another kind there")
+def test_only_its_owner_may_write_to_a_folder_whose_files_are_run(tmp_path, monkeypatch):
+    """Whatever the umask; a folder of another user is not taken, though it may take files."""
+    before = os.umask(0)
+    try:
+        assert is_own_folder(tmp_path / "new")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o700
+    (tmp_path / "new").chmod(0o777)
+    assert is_own_folder(tmp_path / "new")
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o755
+    (tmp_path / "file").write_text("")
+    assert not is_own_folder(tmp_path / "file")
+    monkeypatch.setattr(os, "getuid", lambda: tmp_path.stat().st_uid + 1)
+    assert not is_own_folder(tmp_path / "new")
+
+
+def test_a_folder_that_depends_on_the_current_one_is_not_taken(tmp_path, monkeypatch):
+    """It would be the current folder's `~` for a user without a home, whoever that belongs to."""
+    monkeypatch.chdir(tmp_path)
+    assert not is_own_folder(Path("~", ".cache"))
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,71 @@
+"""The kernel against the slow evaluation of every piece at every tap, for every shutter."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.cases import SHUTTERS
+from support.dense_kernel import exposure, unit_edges
+from support.helpers import (
+    FORWARD_AGAINST_REVERSE,
+    NUM_TAPS,
+    TAP_OF_LARGEST,
+    TAP_RELATIVE,
+    random_point,
+)
+
+from mishutter import ParabolicMotion, binned_exposure, blur_kernel
+from mishutter._core.double_double import DoubleWord
+
+NUM_POINTS = 25
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def both(slug, frame, parameters, a, T, s, positions):
+    """Taps of the package, and of the dense evaluation."""
+    shutter, motion = (
+        SHUTTERS[slug].make(parameters),
+        ParabolicMotion(acceleration=a, half_exposure=T),
+    )
+    if frame == "vertex":
+        first = positions[0]
+        taps = blur_kernel(shutter, motion, speed=s, num_taps=NUM_TAPS, phase=first)
+        edges = unit_edges(first, NUM_TAPS)
+    else:
+        taps = binned_exposure(shutter, motion, speed=s, edges=positions)
+        edges = DoubleWord(positions, jnp.zeros_like(positions))
+    return taps, exposure(shutter, a, T, s, edges, from_vertex=frame == "vertex")
+
+
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_taps_are_those_of_the_dense_evaluation(slug):
+    """Within the tolerances of either, over the domain."""
+    rng = np.random.default_rng(29)
+    for _ in range(NUM_POINTS):
+        point = random_point(rng, np.float64, slug)
+        motion = point.acceleration, point.half_exposure, point.speed
+        parameters = SHUTTERS[slug].parameters
+        taps, expected = map(np.asarray, both(slug, point.frame, parameters, *motion, point.taps))
+        allowed = TAP_RELATIVE[np.float64] * expected
+        allowed = np.maximum(allowed, TAP_OF_LARGEST[np.float64] * expected.max())
+        assert np.all(np.abs(taps - expected) <= 2 * allowed), point
+
+
+@pytest.mark.parametrize("slug", ["tukey", "gaussian", "chips", "spline-symmetric"])
+@pytest.mark.parametrize("speed", [0.0, 57.0, -410.0])
+def test_forward_and_reverse_mode_agree(slug, speed):
+    """By motion, speed, edges and the shutter's parameters, batched over directions."""
+    edges = jnp.linspace(-9.0, 60.0, 23)
+
+    def taps(x, shift, parameters):
+        motion = ParabolicMotion(acceleration=x[0], half_exposure=x[1])
+        shutter = SHUTTERS[slug].make(parameters)
+        return binned_exposure(shutter, motion, speed=x[2], edges=edges + shift)
+
+    point = jnp.array([310.0, 0.31, speed]), jnp.zeros(23), jnp.asarray(SHUTTERS[slug].parameters)
+    forward = jax.jit(jax.jacfwd(taps, argnums=(0, 1, 2)))(*point)
+    reverse = jax.jit(jax.jacrev(taps, argnums=(0, 1, 2)))(*point)
+    for f, r in zip(forward, reverse, strict=True):
+        np.testing.assert_allclose(f, r, atol=FORWARD_AGAINST_REVERSE * np.max(np.abs(f)))

@@ -1,0 +1,550 @@
+"""The camera: blur against the kernel's definition, layers and footage against brute force.
+
+Occlusion is pinned against thousands of composited frames rather than against another
+formula, because what is uncovered during the exposure is what a formula gets wrong.
+"""
+
+import inspect
+import re
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.frame_reference import integrate_frames
+
+import mishutter as ms
+import mishutter.camera.layers_file
+from mishutter.camera.noise import _RUN, noise_variance, recorded, shot_electrons
+from mishutter.model.images import shipped_picture
+
+HALF = 0.011
+MOVING = ms.ParabolicMotion(acceleration=27.0 / HALF**2, half_exposure=HALF)
+TOP = 2 * 27.0 / HALF
+STILL = ms.StillCamera(half_exposure=HALF)
+SCENE = ms.Scene([0.0], photon_rate=4e5, read_noise=6.0)
+SHUTTERS = {"rect": ms.RectShutter(), "hann": ms.HannShutter()}
+
+
+def rows(count=7, columns=260, channels=3, seed=1):
+    return np.random.default_rng(seed).random((count, columns, channels))
+
+
+def three_layers():
+    """A street, an object that enters and leaves, and a faster one that crosses it."""
+    back = ms.Picture(ms.example_picture().light[100:148, 100:330].astype(np.float64))
+    y, x = np.mgrid[:30, :70]
+    soft = np.clip(14.5 - np.hypot(y - 15, (x - 35) / 2), 0, 1)
+    first = ms.Picture(shipped_picture("chelsea.png").light[100:130, 100:170] * 1.0, soft)
+    second = ms.Picture(shipped_picture("coffee.png").light[100:125, 200:240] * 1.0)
+    return ms.Layers(
+        (
+            ms.Layer(back, 0.1 * TOP),
+            ms.Layer(first, 0.35 * TOP, left=-20, top=5),
+            ms.Layer(second, -0.6 * TOP, left=25, top=-4),
+        )
+    )
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.23 * TOP, -1.3 * TOP])
+def test_capture_is_the_convolution_with_the_kernel(speed):
+    """Where light is all known, a capture is the sum over the kernel's taps."""
+    picture = rows()
+    taps = np.asarray(ms.blur_kernel(ms.HannShutter(), MOVING, speed=speed, num_taps=200))
+    found = ms.simulate_capture(picture, SCENE, MOVING, ms.HannShutter(), speed=speed)
+    wanted = [np.convolve(line, taps)[199:260] for line in picture[2].T]
+    np.testing.assert_allclose(found[2, 199:260].T, wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("speed", [310.0, -1900.0])
+@pytest.mark.parametrize("motion", [MOVING, STILL], ids=["moving", "still"])
+def test_the_kernel_for_other_libraries(motion, speed):
+    """SciPy's convolution with the centred kernel is the capture; its middle shifts nothing."""
+    from scipy.signal import convolve
+
+    picture = rows(5, 150, 1)
+    kernel = ms.centred_kernel(motion, ms.HannShutter(), speed=speed)
+    assert kernel.shape[0] == 1
+    assert kernel.shape[1] % 2 == 1
+    assert np.sum(kernel) == pytest.approx(0.5, rel=1e-12)
+    found = convolve(picture[..., 0], kernel, mode="same")
+    wanted = ms.simulate_capture(
+        picture, SCENE, motion, ms.HannShutter(), speed=speed, border="zero"
+    )
+    np.testing.assert_allclose(found, wanted[..., 0], atol=1e-12)
+
+
+def test_a_capture_differentiates_by_the_shutter():
+    """Forward and reverse mode, against a difference; motion and speed are numbers."""
+    picture = rows(3, 40, 1)
+
+    def light(taper):
+        shutter = ms.TukeyShutter(taper)
+        return jnp.sum(ms.simulate_capture(picture, SCENE, MOVING, shutter, speed=310.0) ** 2)
+
+    slope = jax.jit(jax.grad(light))(0.37)
+    np.testing.assert_allclose(slope, jax.jacfwd(light)(0.37), rtol=1e-11)
+    difference = (light(0.37 + 1e-5) - light(0.37 - 1e-5)) / 2e-5
+    np.testing.assert_allclose(slope, difference, rtol=1e-7)
+
+
+def test_borders():
+    """Each border rule continues the picture as numpy's padding of the same name does."""
+    picture = rows(2, 50, 1)
+    modes = {"reflect": "symmetric", "edge": "edge", "wrap": "wrap", "zero": "constant"}
+    for border, mode in modes.items():
+        wide = np.pad(picture, ((0, 0), (300, 300), (0, 0)), mode=mode)
+        whole = ms.simulate_capture(wide, SCENE, MOVING, ms.RectShutter())
+        found = ms.simulate_capture(picture, SCENE, MOVING, ms.RectShutter(), border=border)
+        np.testing.assert_allclose(found, whole[:, 300:350], atol=1e-12)
+
+
+def test_scene_beyond_the_sensor():
+    """With `border="scene"` the capture is the middle of the capture of a larger picture."""
+    from mishutter.camera.capture import captured_columns
+
+    picture = rows(3, 200, 1)
+    seen = captured_columns(MOVING, 99.0, 200)
+    inner = ms.simulate_capture(
+        picture, SCENE, MOVING, ms.HannShutter(), speed=99.0, border="scene"
+    )
+    other = ms.simulate_capture(picture, SCENE, MOVING, ms.HannShutter(), speed=99.0, border="zero")
+    np.testing.assert_allclose(inner, other[:, seen], atol=1e-12)
+
+
+def test_noise_has_the_variance_of_equation_four():
+    """Mean and variance of the noise are the light and `f/p + (sigma/p)^2`, within 4 sigma."""
+    light = jnp.full((200, 500), 0.3)
+    p = float(SCENE.photon_rate) * 2 * HALF
+    noisy = recorded(light, p, 6.0, key=jax.random.key(3))
+    variance = float(noise_variance(SCENE, MOVING, 1.0, 0.3))
+    assert variance == pytest.approx(0.3 / p + (6.0 / p) ** 2)
+    assert abs(float(jnp.mean(noisy)) - 0.3) < 4 * np.sqrt(variance / light.size)
+    assert float(jnp.var(noisy)) == pytest.approx(variance, rel=4 * np.sqrt(2 / light.size))
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.3, 40.0, 3e7, 4e16])
+def test_shot_noise_is_poisson(mean):
+    """Mean and variance are the number expected, from none to more than can be counted."""
+    drawn = np.asarray(shot_electrons(jax.random.key(5), jnp.full(40_000, mean)))
+    assert abs(drawn.mean() - mean) <= 4 * np.sqrt(mean / drawn.size)
+    fourth = np.sqrt((2 * mean**2 + mean) / drawn.size)
+    assert abs(drawn.var() - mean) <= 5 * fourth
+
+
+def test_no_two_runs_of_pixels_have_the_same_noise():
+    """However many pixels there are, none's noise is another's: sums over lags stay small."""
+    drawn = np.asarray(shot_electrons(jax.random.key(5), jnp.full(3 * _RUN, 40.0))) - 40
+    first, second, third = drawn.reshape(3, -1) / np.sqrt(40)
+    for one, other in ((first, second), (second, third), (first, third)):
+        assert abs(np.mean(one * other)) < 5 / np.sqrt(_RUN)
+
+
+def test_noise_is_held_where_a_capture_differentiates():
+    """A noisy capture moves with its light as one without noise does."""
+    picture = rows(3, 60, 1)
+
+    def slope(key):
+        def light(taper):
+            shutter = ms.TukeyShutter(taper)
+            return jnp.sum(ms.simulate_capture(picture, SCENE, MOVING, shutter, key=key))
+
+        return jax.grad(light)(0.4)
+
+    np.testing.assert_allclose(slope(jax.random.key(3)), slope(None), rtol=1e-12)
+    assert slope(None) < 0
+
+
+def test_a_key_gives_the_same_noise_compiled_and_batched():
+    """`jit` and `vmap` over keys draw what single calls draw, and keys differ."""
+    light = jnp.asarray(rows(6, 30, 1)[..., 0])
+    keys = jax.random.split(jax.random.key(2), 3)
+
+    def capture(key):
+        return ms.simulate_capture(light, SCENE, MOVING, ms.HannShutter(), key=key)
+
+    each = np.stack([capture(key) for key in keys])
+    np.testing.assert_allclose(jax.vmap(capture)(keys), each, atol=1e-12)
+    np.testing.assert_allclose(jax.jit(capture)(keys[1]), each[1], atol=1e-12)
+    assert np.all(each[0] != each[1])
+
+
+def test_without_noise_it_does_not_matter_how_much_light_there_is():
+    """A capture is in units of white, also where white is no electron at all."""
+    dark = ms.Scene([0.0], photon_rate=0.0, read_noise=6.0)
+    found = [ms.simulate_capture(rows(), s, MOVING, ms.HannShutter()) for s in (dark, SCENE)]
+    np.testing.assert_allclose(*found, atol=1e-12)
+
+
+def test_a_closed_shutter_records_darkness():
+    """Layers and frames of which no light falls on the sensor are black, not an error."""
+    closed = ms.ChippedShutter([0.0, 0.0])
+    picture = ms.Picture(rows(2, 90, 1).astype(np.float32))
+    layers = ms.Layers((ms.Layer(picture), ms.Layer(picture, 300.0, left=9)))
+    for subject in (layers, ms.Frames.of([picture.light, picture.light])):
+        for plan in (None, ms.plan(SCENE, MOVING, closed)):
+            assert not np.any(ms.simulate_capture(subject, SCENE, MOVING, closed, plan=plan))
+
+
+@pytest.mark.parametrize("motion", [STILL, MOVING])
+def test_layers_at_rest_get_the_light_of_a_narrow_profile(motion):
+    """However long nothing crosses an edge, the light of that time is integrated exactly."""
+    shutter = ms.GaussianShutter(0.05)
+    layers = ms.Layers((ms.Layer(ms.Picture(np.ones((2, 90, 1), np.float32))),))
+    light = ms.simulate_capture(layers, SCENE, motion, shutter)
+    np.testing.assert_allclose(light, float(shutter.efficiency()), rtol=1e-6)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3 * TOP])
+def test_a_parabola_of_no_acceleration_captures_as_a_camera_at_rest(speed):
+    """Its light is not lost, and it is aligned, modelled and layered as a still camera's."""
+    parked = ms.ParabolicMotion(acceleration=0.0, half_exposure=HALF)
+    light = rows(3, 120, 1)
+    layers = ms.Layers((ms.Layer(ms.Picture(light.astype(np.float32)), speed),))
+
+    def found(motion):
+        model = ms.blur_model(SCENE, motion, ms.HannShutter())
+        return [
+            ms.simulate_capture(light, SCENE, motion, ms.HannShutter(), speed=speed),
+            ms.simulate_capture(layers, SCENE, motion, ms.HannShutter()),
+            ms.centred_kernel(motion, ms.HannShutter(), speed=speed),
+            model.kernels,
+        ]
+
+    for first, second in zip(found(parked), found(STILL), strict=True):
+        np.testing.assert_array_equal(first, second)
+        assert np.sum(first) > 0
+
+
+def test_full_well_and_converter():
+    """Light is cut at the full well and rounded to the converter's steps, both ends included."""
+    light = jnp.linspace(0.0, 1.5, 40)
+    cut = recorded(light, 1000.0, 0.0, key=None, full_well=800.0)
+    np.testing.assert_allclose(cut, np.minimum(light, 0.8), atol=1e-12)
+    stepped = recorded(light, 1000.0, 0.0, key=None, adc_bits=3)
+    np.testing.assert_allclose(stepped, np.round(np.clip(light, 0, 1) * 7) / 7, atol=1e-12)
+    both = recorded(light, 1000.0, 0.0, key=None, full_well=800.0, adc_bits=3)
+    steps = np.round(np.minimum(light / 0.8, 1) * 7)
+    np.testing.assert_allclose(both, 0.8 * steps / 7, atol=1e-12)
+
+
+def test_read_noise_goes_beyond_a_full_well():
+    """A full well cuts off what is collected, not what is read: noise lies to either side."""
+    bright = jnp.full((30, 40), 1.3)
+    found = np.asarray(recorded(bright, 1000.0, 9.0, key=jax.random.key(3), full_well=800.0))
+    np.testing.assert_allclose(found.mean(), 0.8, atol=4 * 0.009 / np.sqrt(found.size))
+    np.testing.assert_allclose(found.std(), 0.009, rtol=4 / np.sqrt(2 * found.size))
+
+
+@pytest.mark.parametrize("name", SHUTTERS)
+def test_layers_agree_with_composited_frames(name):
+    """Occlusion is within 1e-4 of full scale of 1,500 frames, objects entering and crossing."""
+    scene = three_layers()
+    found = ms.simulate_capture(scene, SCENE, MOVING, SHUTTERS[name])
+    wanted = integrate_frames(scene, MOVING, SHUTTERS[name], 1500)
+    assert float(np.max(np.abs(found - wanted))) < 1e-4
+
+
+@pytest.mark.slow
+def test_layers_agree_with_four_thousand_frames_at_a_twentieth_of_the_time():
+    """1e-4 of full scale against 4,000 frames, in a twentieth of their run time."""
+    from time import perf_counter
+
+    scene = three_layers()
+    ms.simulate_capture(scene, SCENE, MOVING, ms.RectShutter())
+    begin = perf_counter()
+    found = ms.simulate_capture(scene, SCENE, MOVING, ms.RectShutter())
+    middle = perf_counter()
+    wanted = integrate_frames(scene, MOVING, ms.RectShutter(), 4000)
+    end = perf_counter()
+    assert float(np.max(np.abs(found - wanted))) < 1e-4
+    assert (end - middle) > 20 * (middle - begin)
+
+
+def test_one_layer_agrees_with_frames_and_with_the_kernel():
+    """Without occlusion it is 1e-6 from 4,000 frames, and equals the capture of a picture."""
+    picture = ms.Picture(rows(2, 150, 1))
+    alone = ms.Layers((ms.Layer(picture, 0.2 * TOP),))
+    found = ms.simulate_capture(alone, SCENE, MOVING, ms.HannShutter())
+    wanted = integrate_frames(alone, MOVING, ms.HannShutter(), 4000)
+    assert float(np.max(np.abs(found - wanted))) < 1e-6
+    for motion, speed in ((MOVING, 0.0), (STILL, 700.0)):
+        layered = ms.simulate_capture(
+            ms.Layers((ms.Layer(picture, speed),)), SCENE, motion, ms.HannShutter()
+        )
+        plain = ms.simulate_capture(picture, SCENE, motion, ms.HannShutter(), speed=speed)
+        np.testing.assert_allclose(layered, plain, atol=1e-12)
+
+
+def test_an_opaque_layer_in_front_hides_all():
+    """Under an opaque layer that covers the sensor throughout, nothing shows."""
+    back, front = ms.Picture(rows(3, 60, 1)), ms.Picture(rows(3, 400, 1, seed=4))
+    both = ms.Layers((ms.Layer(back), ms.Layer(front, 300.0, left=-170)))
+    black = ms.Picture(np.zeros((3, 60, 1)))
+    other = ms.Layers((ms.Layer(black), ms.Layer(front, 300.0, left=-170)))
+    found = [ms.simulate_capture(s, SCENE, MOVING, ms.RectShutter()) for s in (both, other)]
+    np.testing.assert_allclose(*found, atol=1e-12)
+
+
+def test_footage_of_a_still_scene_is_a_picture():
+    """Frames that do not change are captured as the picture they show, one frame included."""
+    picture = rows(4, 120, 3)
+    wanted = ms.simulate_capture(picture, SCENE, MOVING, ms.HannShutter())
+    for count in (1, 9):
+        frames = ms.Frames((picture for _ in range(count)), count)
+        found = ms.simulate_capture(frames, SCENE, MOVING, ms.HannShutter())
+        np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_footage_shows_each_frame_for_its_share():
+    """A camera at rest sees the frames weighted by the shutter over each one's time."""
+    frames = rows(5, 30, 1)[:, None]
+    found = ms.simulate_capture(ms.Frames.of(frames), SCENE, STILL, ms.TriangleShutter())
+    ends = np.linspace(-1, 1, 6)
+    share = np.diff(np.sign(ends) * (np.abs(ends) - ends**2 / 2)) / 2
+    np.testing.assert_allclose(found, np.tensordot(share, frames, 1), atol=1e-12)
+
+
+FOOTAGE = {
+    "negative": ([-rows()], "`Frames(frames=...)` must hold light of at least 0; got -"),
+    "nan": ([np.nan * rows()], "`Frames(frames=...)` must hold finite light; got"),
+    "coded": ([np.ones((2, 3, 1), np.uint8)], "must hold light as floating-point numbers; got"),
+    "two-channels": ([np.ones((2, 3, 2))], "must be pictures; got shape (2, 3, 2)"),
+    "two-sizes": ([rows(), rows(5)], "must all have shape (7, 260, 3); got shape (5, 260, 3)"),
+}
+
+
+@pytest.mark.parametrize("slug", FOOTAGE)
+def test_footage_that_is_none(slug):
+    """A frame is refused as a picture is, and where it is unlike the one before."""
+    frames, message = FOOTAGE[slug]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        ms.simulate_capture(ms.Frames.of(frames), SCENE, STILL, ms.HannShutter())
+
+
+def test_footage_of_another_length():
+    """As many frames as were said must come, and at least one."""
+    for count in (1, 3):
+        frames = ms.Frames(iter([rows(), rows()]), count)
+        with pytest.raises(ValueError, match=rf"must be the 2 that came; got {count}"):
+            ms.simulate_capture(frames, SCENE, STILL, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"`Frames.of\(frames=...\)` must hold at least one frame"):
+        ms.Frames.of([])
+
+
+def test_layers_that_are_none():
+    """There is a background, it is opaque, and it goes on by a rule that is known."""
+    clear = ms.Layer(ms.Picture(rows(), np.full((7, 260), 0.4)))
+    with pytest.raises(ValueError, match=r"must hold at least one layer and .*; got \(\)"):
+        ms.Layers(())
+    with pytest.raises(ValueError, match=r"`Layer\(picture=...\)` must be a `Picture`; got \[\["):
+        inspect.unwrap(ms.Layer.__post_init__)(SimpleNamespace(picture=np.ones((2, 3))))
+    with pytest.raises(ValueError, match="must begin with an opaque layer; got"):
+        ms.Layers((clear,))
+    with pytest.raises(ValueError, match=r"must be one of .*'reflect'.*; got 'scene'"):
+        ms.Layers((ms.Layer(ms.Picture(rows())),), border="scene")
+
+
+def test_footage_from_a_folder_and_a_video(tmp_path):
+    """Pictures of a folder are frames in the order of their names; so are those of a video."""
+    picture = rows(32, 48, 3)
+    for index in range(3):
+        ms.write_picture(tmp_path / f"{index}.png", picture * (index + 1) / 3)
+    frames = ms.read_frames(tmp_path)
+    levels = [float(f.mean()) for f in frames.frames]
+    assert frames.num_frames == 3
+    assert levels == sorted(levels)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_footage_from_a_video_of_one_frame(tmp_path):
+    """A video with one frame is captured as a picture; what is no video gets one line."""
+    iio = pytest.importorskip("imageio.v3")
+    pytest.importorskip("imageio_ffmpeg")
+    film = (rows(32, 48, 3)[None] * 255).astype(np.uint8)
+    iio.imwrite(tmp_path / "one.mp4", film, fps=25)
+    video = ms.read_frames(tmp_path / "one.mp4")
+    assert video.num_frames == 1
+    found = ms.simulate_capture(video, SCENE, MOVING, ms.HannShutter())
+    assert found.shape == (32, 48, 3)
+    (tmp_path / "bad.mp4").write_text("no video")
+    with pytest.raises(ValueError, match="must name a video that imageio reads"):
+        ms.read_frames(tmp_path / "bad.mp4")
+
+
+def test_layers_from_a_file(tmp_path):
+    """A layered scene is read from TOML, paths from the file's place, mattes without gamma."""
+    ms.write_picture(tmp_path / "back.png", rows(6, 20, 3))
+    ms.write_picture(tmp_path / "front.png", rows(4, 5, 3))
+    matte = np.linspace(0, 1, 20).reshape(4, 5)
+    ms.write_picture(tmp_path / "matte.png", matte**2.2)
+    text = (
+        '[[layers]]\npicture = "back.png"\n[[layers]]\npicture = "front.png"\n'
+        'matte = "matte.png"\nspeed_px_per_s = -40.5\nleft = 3\n'
+    )
+    (tmp_path / "scene.toml").write_text(text)
+    scene = ms.Layers.load(tmp_path / "scene.toml")
+    np.testing.assert_allclose(scene.layers[1].matte, matte, atol=1e-4)
+    assert (scene.layers[1].speed, scene.layers[1].left) == (-40.5, 3)
+    refusals = {
+        "matte.png": (
+            '[[layers]]\npicture = "front.png"\nmatte = "back.png"',
+            "must be as large as its picture",
+        ),
+        "layers": ("[[layers]]\npicture = 3", r"`layers\[0\].picture` must be text; got 3"),
+        "other": (
+            'colour = 1\n[[layers]]\npicture = "back.png"',
+            "bad.toml: the file must hold known keys only; got 'colour'",
+        ),
+        "unit": (
+            '[[layers]]\npicture = "back.png"\nspeed = 3',
+            "perhaps `layers.speed_px_per_s`; got 'speed'",
+        ),
+        "far": (
+            '[[layers]]\npicture = "back.png"\nleft = 99999999999999999999',
+            r"bad.toml: `layers\[0\].left` must be at most 1e\+09; got 9999",
+        ),
+        "fast": (
+            '[[layers]]\npicture = "back.png"\nspeed_px_per_s = 1e300',
+            r"bad.toml: `layers\[0\].speed_px_per_s` must be at most 1e\+07; got 1e\+300",
+        ),
+        "not toml": ("layers = [", "must be a TOML file"),
+        "deep": ("layers = " + "[" * 5000, "must be a TOML file; got: brackets nested too"),
+    }
+    for text, message in refusals.values():
+        (tmp_path / "bad.toml").write_text(text)
+        with pytest.raises(ValueError, match=message):
+            ms.Layers.load(str(tmp_path / "bad.toml"))
+    with pytest.raises(FileNotFoundError, match=r"must name a TOML file; got .*not found"):
+        ms.Layers.load(str(tmp_path / "none.toml"))
+
+
+@pytest.mark.parametrize("options", [{"speed": 300.0}, {"border": "zero"}])
+def test_layers_bring_their_own_speeds_and_borders(options):
+    """A speed or a border beside layers is refused rather than ignored, whoever captures."""
+    alone = ms.Layers((ms.Layer(ms.Picture(rows(2, 40, 1))),))
+    for capture in (ms.simulate_capture, ms.capture_and_restore):
+        with pytest.raises(ValueError, match="must be left to layers and frames; got"):
+            capture(alone, SCENE, MOVING, ms.HannShutter(), **options)
+
+
+def test_layers_beyond_reach():
+    """A layer farther off than any sensor reaches is refused where it is made."""
+    with pytest.raises(ValueError, match=r"`Layer\(left=...\)` must lie within 1e\+09 px; got"):
+        ms.Layer(ms.Picture(rows()), left=10**20)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_a_matte_is_the_same_in_any_file(kind, tmp_path):
+    """8 and 16 bits and floating point, in a TIFF or a PNG: opacity without gamma."""
+    import tifffile
+
+    coded = np.arange(20, dtype=np.uint8).reshape(4, 5) * np.uint8(13)
+    matte = coded / np.float32(255)
+    stored = matte if kind == np.float32 else coded.astype(kind) * (np.iinfo(kind).max // 255)
+    tifffile.imwrite(tmp_path / "matte.tif", stored.astype(kind))
+    ms.write_picture(tmp_path / "back.png", rows(4, 5, 3))
+    back = '[[layers]]\npicture = "back.png"\n'
+    (tmp_path / "scene.toml").write_text(back + back + 'matte = "matte.tif"\n')
+    found = ms.Layers.load(str(tmp_path / "scene.toml")).layers[1].matte
+    np.testing.assert_allclose(found, matte, atol=1e-7)
+
+
+def test_pictures_narrower_than_the_kernel():
+    """One pixel, one row and pictures narrower than the kernel are captured, or say why not."""
+    flat = ms.simulate_capture(np.full((1, 1), 0.4), SCENE, MOVING, ms.HannShutter())
+    np.testing.assert_allclose(flat, 0.2, atol=1e-12)
+    with pytest.raises(ValueError, match=r"must have a picture of at least .* columns; got 20"):
+        ms.simulate_capture(rows(2, 20), SCENE, MOVING, ms.HannShutter(), border="scene")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"border": "mirror"}, r"border=...\)` must be one of scene, reflect"),
+        ({"speed": np.nan}, r"speed=...\)` must be finite"),
+        ({"speed": 1e9}, "must blur over at most 8192 px"),
+        ({"full_well": 0.0}, "must be above 0 e- and finite; got 0.0"),
+        ({"full_well": np.inf, "adc_bits": 8}, "must be above 0 e- and finite; got inf"),
+        ({"adc_bits": 0}, "must be a positive integer"),
+        ({"adc_bits": 30}, "must be at most 24"),
+    ],
+)
+def test_refusals(change, message):
+    """What a capture cannot be made of is refused in one line."""
+    with pytest.raises(ValueError, match=message):
+        ms.simulate_capture(rows(), SCENE, MOVING, ms.HannShutter(), **change)
+
+
+def test_half_precision_is_computed_in_single():
+    """What no Fourier transform takes is widened."""
+    picture = rows().astype(np.float16)
+    found = ms.simulate_capture(picture, SCENE, MOVING, ms.HannShutter())
+    assert found.dtype == np.float32
+    wanted = ms.simulate_capture(picture.astype(np.float32), SCENE, MOVING, ms.HannShutter())
+    np.testing.assert_array_equal(found, wanted)
+
+
+def test_pictures_that_are_none():
+    """A value that is not light is refused before anything is computed."""
+    bad = rows()
+    bad[1, 2, 0] = np.nan
+    with pytest.raises(ValueError, match=r"picture=...\)` must be finite"):
+        ms.simulate_capture(bad, SCENE, MOVING, ms.HannShutter())
+    coded = (rows() * 255).astype(np.uint8)
+    with pytest.raises(ValueError, match=r"picture=...\)` must hold light, white = 1, .*; got .*8"):
+        ms.simulate_capture(coded, SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"picture=...\)` must have rows and columns; got \(9,\)"):
+        ms.simulate_capture(np.ones(9), SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(
+        ValueError, match=r"picture=...\)` must hold at least one pixel; got \(0, 9\)"
+    ):
+        ms.simulate_capture(np.ones((0, 9)), SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"`deconvolve\(captured=...\)` must be finite"):
+        ms.deconvolve(bad, SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(ValueError, match=r"picture=...\)` must be at least 0; got -0.3"):
+        ms.simulate_capture(np.full((2, 9), -0.3), SCENE, MOVING, ms.HannShutter())
+    dark = ms.Scene([0.0], photon_rate=0.0, read_noise=1.0)
+    with pytest.raises(ValueError, match="must have a photon rate above 0"):
+        ms.simulate_capture(rows(), dark, MOVING, ms.HannShutter(), key=jax.random.key(1))
+
+
+def test_large_pictures_by_rows_are_small_ones():
+    """Rows done in portions give what they give at once, and progress runs to its end."""
+    seen = []
+    whole = ms.simulate_capture(rows(), SCENE, MOVING, ms.HannShutter())
+    parts = ms.capture_and_restore(
+        rows(),
+        SCENE,
+        MOVING,
+        ms.HannShutter(),
+        rows_at_once=3,
+        progress=lambda text, share: seen.append(share),
+    )
+    np.testing.assert_allclose(parts.captured, whole, atol=1e-12)
+    restored = ms.deconvolve(whole, SCENE, MOVING, ms.HannShutter())
+    np.testing.assert_allclose(parts.restored, restored, atol=1e-9)
+    assert seen[-1] == 1.0
+    assert seen == sorted(seen)
+
+
+def test_portions_have_noise_of_their_own():
+    """Rows that show the same are not recorded the same, in whichever portion they are."""
+    flat, key = np.full((6, 90, 1), 0.4), jax.random.key(3)
+    given = flat, SCENE, MOVING, ms.HannShutter()
+    captured = ms.capture_and_restore(*given, key=key, rows_at_once=2).captured
+    for one in range(6):
+        for other in range(one):
+            assert np.any(captured[one] != captured[other])
+
+
+def test_a_grey_picture_stays_one_plane():
+    """Rows and columns in, rows and columns out, the same as with a channel."""
+    flat, key = np.linspace(0.1, 0.9, 6 * 90).reshape(6, 90), jax.random.key(3)
+    given = SCENE, MOVING, ms.HannShutter()
+    plane = ms.capture_and_restore(flat, *given, key=key, rows_at_once=4)
+    channel = ms.capture_and_restore(flat[..., None], *given, key=key, rows_at_once=4)
+    for found, with_axis in zip(plane, channel, strict=True):
+        assert found.shape == flat.shape
+        np.testing.assert_array_equal(found, with_axis[..., 0])

@@ -1,0 +1,360 @@
+"""The command line: every mistake is one line and exit code 2; results are whole.
+
+Mistakes are made in-process, where they are quick, and a few in a process of their own, to
+see that nothing else reaches the terminal.
+"""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.bad_scenes import LINES, edited
+from support.command_line import SMALL_SCENE, SMALL_SEARCH, environment, no_constant, refused
+
+from mishutter import cli
+from mishutter.cli.console import working
+from mishutter.design.result import Design
+from mishutter.model.images import write_picture
+
+
+@pytest.fixture(scope="module")
+def small_scene(tmp_path_factory):
+    """A scene file with a photograph, small enough to be designed for in a test."""
+    folder = tmp_path_factory.mktemp("scene")
+    rows = np.random.default_rng(5).normal(size=(9, 150)).cumsum(axis=1)
+    write_picture(folder / "photo.png", 0.5 + 0.4 * np.sin(rows / 3))
+    path = folder / "scene.toml"
+    path.write_text(SMALL_SCENE)
+    return path
+
+
+@pytest.mark.parametrize("slug", LINES)
+def test_scene_mistakes(slug, tmp_path, capsys):
+    """A mistake in a scene file reaches the terminal as its one line."""
+    start, replacement, message = LINES[slug]
+    path = tmp_path / "scene.toml"
+    path.write_text(edited(start, replacement))
+    assert message in refused(capsys, "compare", path)
+
+
+USAGE = {
+    "no-command": ([], "a command of --help must be given; got nothing"),
+    "unknown-command": (["desing"], "must be one of those of --help; got 'desing'"),
+    "unknown-option": (["optimise", "--oput", "x"], "must be one of those of --help; got '--oput'"),
+    "option-without-value": (["optimise", "--out"], "`--out` must be followed by a value"),
+    "two-scenes": (["optimise", "a.toml", "b.toml"], "no further argument; got 'b.toml'"),
+    "starts-as-text": (["optimise", "--starts", "few"], "`--starts` must be a valid integer; got"),
+    "no-starts": (["optimise", "--starts", "0"], "`--starts` must be "),
+    "no-steps": (["optimise", "--steps=0"], "; got '0'"),
+    "few-coefficients": (["optimise", "--coefficients", "3"], "; got '3'"),
+    "negative-seed": (["optimise", "--seed", "-1"], "; got '-1'"),
+    "unknown-loss": (["optimise", "--loss", "beauty"], "; got 'beauty'"),
+    "unknown-freedom": (["optimise", "--free", "price"], "; got 'price'"),
+    "missing-scene": (["optimise", "no.toml"], "No such file or directory"),
+    "scene-a-folder": (["optimise", "/"], "'/' must be readable and writable as asked; got: "),
+    "shutter-unknown": (["compare", "--shutter", "hamming"], "must be one of rect, hann, "),
+    "shutter-value": (["compare", "--shutter", "tukey:wide"], "must have a finite number after"),
+    "shutter-nan": (["compare", "--shutter", "tukey:nan"], "must have a finite number after"),
+    "shutter-range": (["compare", "--shutter", "tukey:1.5"], "`TukeyShutter(taper=...)` must"),
+    "shutter-no-value": (["compare", "--shutter", "hann:0.5"], "must give hann no parameter"),
+    "missing-design": (["compare", "--design", "no.json"], "No such file or directory"),
+    "out-unnamed": (["optimise", "--out", ""], "`--out` must be a path of at least one character"),
+    "scene-unnamed": (["plan", ""], "`[SCENE.toml]` must be a path of at least one character; got"),
+    "free-and-fixed": (
+        ["plan", "--fixed", "--free", "shutter"],
+        "`--free` must be left out with --fixed; got 'shutter'",
+    ),
+    "out-under-nothing": (["compare", "--out", "/dev/null/x"], "must be a folder that takes files"),
+}
+
+
+@pytest.mark.parametrize("slug", USAGE)
+def test_usage_mistakes(slug, capsys):
+    """A mistake on the command line is answered in the same form."""
+    arguments, message = USAGE[slug]
+    assert message in refused(capsys, *arguments)
+
+
+DESIGNS = {
+    "empty": ("", "must be a JSON file; got: "),
+    "cut-short": ('{"format": 1, "mishutter": ', "must be a JSON file; got: "),
+    "a-list": ("[1, 2]", "must be a design saved by mishutter; got"),
+    "another-file": ('{"name": "x"}', "must be a design saved by mishutter; got"),
+    "another-version": ('{"format": 99}', "must be of design format 1; got"),
+    "incomplete": ('{"format": 1}', "design.json: `shutter` must be given; got nothing"),
+    "brackets-without-end": ("[" * 100_000, "must be a JSON file; got: brackets nested too"),
+    "digits-without-end": ('{"format": 1' + "0" * 5000 + "}", "must be a JSON file; got: Exceeds"),
+}
+
+
+@pytest.mark.parametrize("slug", DESIGNS)
+def test_design_mistakes(slug, tmp_path, capsys):
+    """A file that is no design, or one of another version, is refused by what it lacks."""
+    text, message = DESIGNS[slug]
+    path = tmp_path / "design.json"
+    path.write_text(text)
+    assert message in refused(capsys, "compare", "--design", path)
+
+
+def one_pixel(path):
+    Image.new("L", (1, 1), 128).save(path)
+
+
+def truncated_jpeg(path):
+    whole = path.with_name("whole.jpg")
+    noise = np.random.default_rng(2).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(whole)
+    path.write_bytes(whole.read_bytes()[:700])
+
+
+def text_as_picture(path):
+    path.write_text("not a picture")
+
+
+def narrow(path):
+    Image.new("L", (3, 300), 128).save(path)
+
+
+PICTURES = {
+    "one-pixel": ("photo.png", one_pixel, "must have rows of at least 8 px; got"),
+    "truncated": ("photo.jpg", truncated_jpeg, "must name a whole PNG, JPEG or TIFF picture"),
+    "text": ("photo.png", text_as_picture, "must name a whole PNG, JPEG or TIFF picture"),
+    "narrow": ("photo.png", narrow, "must have rows of at least 8 px; got"),
+}
+
+
+@pytest.mark.parametrize("slug", PICTURES)
+def test_picture_mistakes(slug, tmp_path, capsys):
+    """A photograph that cannot be used is refused before anything is computed."""
+    name, write, message = PICTURES[slug]
+    write(tmp_path / name)
+    path = tmp_path / "scene.toml"
+    path.write_text(edited("path", f'path = "{name}"'))
+    assert message in refused(capsys, "optimise", path)
+
+
+def test_the_output_folder_is_tried_before_the_search(tmp_path, capsys, monkeypatch):
+    """A folder that takes no files is refused before anything is computed."""
+    place = tmp_path / "file"
+    place.write_text("in the way")
+    monkeypatch.setattr("mishutter.design.planning.plan", None)
+    line = refused(capsys, "optimise", "--out", place)
+    assert "`--out` must be a folder that takes files; got" in line
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["optimise", "no.toml"],
+        ["optimise", "/"],
+        ["compare", "no.toml"],
+        ["compare", "--design", "no.json"],
+        ["simulate", "no.toml"],
+        ["simulate", "--subject", "no.png"],
+        ["export", "no.json"],
+    ],
+    ids=" ".join,
+)
+def test_no_folder_is_made_for_what_cannot_be_read(command, tmp_path, capsys):
+    """Nothing is left behind where the input is missing."""
+    refused(capsys, *command, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission(tmp_path, capsys):
+    """So is one that one may not write to."""
+    place = tmp_path / "closed"
+    place.mkdir(mode=0o500)
+    assert "must be a folder that takes files" in refused(capsys, "compare", "--out", place)
+
+
+def test_an_interrupt_is_130(monkeypatch, capsys):
+    """Ctrl-C ends a command with its own code and no traceback."""
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mishutter.model.scene_file.example_scene", interrupt)
+    assert cli.main(["compare"]) == 130
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_termination_is_143(monkeypatch):
+    """SIGTERM unwinds a command, which takes away what it has begun to write."""
+
+    def terminated(*_, **__):
+        os.kill(os.getpid(), signal.SIGTERM)
+        raise AssertionError
+
+    monkeypatch.setattr("mishutter.model.scene_file.example_scene", terminated)
+    with pytest.raises(SystemExit, match="143"):
+        cli.main(["compare"])
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_a_bug_shows_itself(monkeypatch):
+    """What is no mistake of the user's keeps its traceback."""
+
+    def fail(*_, **__):
+        raise TypeError("a bug")
+
+    monkeypatch.setattr("mishutter.model.scene_file.example_scene", fail)
+    with pytest.raises(TypeError, match="a bug"):
+        cli.main(["compare"])
+
+
+@pytest.mark.parametrize(
+    "arguments", [["optimise", "no.toml"], ["--bad"], ["compare", "--loss", "x"]]
+)
+def test_nothing_else_reaches_the_terminal(arguments):
+    """A process of its own writes one line on standard error and nothing on output."""
+    command = [sys.executable, "-m", "mishutter", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("mishutter: error: ")
+
+
+def test_without_a_cache_folder(small_scene, tmp_path):
+    """Where the user's cache folder takes no files, nothing is kept and nothing said of it."""
+    (tmp_path / "file").write_text("in the way")
+    command = [sys.executable, "-m", "mishutter", "plan", str(small_scene), "--json"]
+    elsewhere = environment(XDG_CACHE_HOME=str(tmp_path / "file"))
+    done = subprocess.run(command, capture_output=True, text=True, env=elsewhere, check=False)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "num_taps" in json.loads(done.stdout)
+
+
+COMMANDS = ("optimise", "compare", "plan", "simulate", "sweep", "reproduce", "export")
+
+
+def test_the_version_is_shown(capsys):
+    """`--version` says which one is installed."""
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"mishutter {version('mishutter')}\n"
+
+
+def test_help_names_every_command():
+    """`--help` lists the commands, in a process that does not compute anything."""
+    command = [sys.executable, "-m", "mishutter", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
+    assert all(name in done.stdout for name in COMMANDS)
+
+
+@pytest.fixture(scope="module")
+def cached(tmp_path_factory):
+    """An environment whose compiled programs are shared by the processes of this module."""
+    folder = tmp_path_factory.mktemp("cache")
+    return environment(JAX_COMPILATION_CACHE_DIR=str(folder))
+
+
+@pytest.fixture(scope="module")
+def optimised(small_scene, tmp_path_factory, cached):
+    """Output folder and standard output of one small search with `--json`."""
+    folder = tmp_path_factory.mktemp("out") / "made" / "here"
+    command = ["optimise", str(small_scene), "--json", "--out", str(folder), *SMALL_SEARCH]
+    command = [sys.executable, "-m", "mishutter", *command]
+    done = subprocess.run(command, capture_output=True, text=True, env=cached, check=True)
+    return folder, done.stdout
+
+
+@pytest.mark.slow
+def test_json_is_one_strict_document(optimised):
+    """Standard output holds one document, without NaN or Infinity tokens."""
+    _, text = optimised
+    document = json.loads(text, parse_constant=no_constant)
+    names = {row["name"] for row in document["comparison"]["rows"]}
+    assert {"optimised", "rect", "Hann", "best Tukey", "best snapshot"} <= names
+    assert np.isfinite(document["comparison"]["gain_db"])
+    assert set(document["photographs"]["ensemble"]) >= {"optimised", "rect", "Hann"}
+
+
+@pytest.mark.slow
+def test_a_saved_design_has_the_same_metrics(optimised):
+    """`design.json` loads back to the metrics that were printed."""
+    folder, text = optimised
+    printed = json.loads(text)["design"]["metrics"]
+    loaded = Design.load(folder / "design.json").metrics
+    for name in ("condition_number", "expected_psnr", "efficiency", "bound_share"):
+        assert float(getattr(loaded, name)) == pytest.approx(printed[name], rel=1e-12)
+
+
+@pytest.mark.slow
+def test_what_is_judged_is_what_is_saved(optimised):
+    """The row of the design is the design, also where the search was cut short."""
+    _, text = optimised
+    document = json.loads(text)
+    rows = [row for row in document["comparison"]["rows"] if row["name"] == "optimised"]
+    assert [row["motion"] for row in rows] == 2 * [document["design"]["motion"]]
+    assert rows[1]["loss"] == document["design"]["loss"]
+
+
+@pytest.mark.slow
+def test_the_profile_has_its_units(optimised):
+    """The CSV names its columns, then their units, then spans the exposure in ms."""
+    folder, _ = optimised
+    names, units, *rows = (folder / "profile.csv").read_text().splitlines()
+    design = Design.load(folder / "design.json")
+    assert names == "time,tau,transmittance"
+    assert units == "ms,1,1"
+    time, tau, _ = np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
+    half = 1e3 * float(design.motion.half_exposure)
+    np.testing.assert_allclose(time, np.linspace(-half, half, len(rows)), atol=1e-8 * half)
+    np.testing.assert_allclose(tau, np.linspace(-1, 1, len(rows)), atol=1e-8)
+
+
+@pytest.mark.slow
+def test_files_are_whole(optimised):
+    """The folder holds the files that were announced, pictures that open, nothing else."""
+    folder, text = optimised
+    announced = json.loads(text)["files"]
+    assert sorted(announced) == sorted(path.name for path in folder.iterdir())
+    for path in folder.glob("*.png"):
+        with Image.open(path) as picture:
+            picture.load()
+    json.loads((folder / "report.json").read_text(), parse_constant=no_constant)
+
+
+@pytest.mark.slow
+def test_compare_reads_designs_back(optimised, small_scene, cached):
+    """`compare` shows saved designs, of any name, at the metrics they were saved with."""
+    folder, _ = optimised
+    other = folder.parent / "Hann.json"
+    other.write_bytes((folder / "design.json").read_bytes())
+    design = Design.load(folder / "design.json")
+    options = ["--design", str(folder / "design.json"), "--design", str(other)]
+    options += ["--noise-seeds", "0"]
+    command = [sys.executable, "-m", "mishutter", "compare", str(small_scene), *options]
+    done = subprocess.run(command, capture_output=True, text=True, env=cached, check=True)
+    assert done.stderr == ""
+    assert "Same motion" in done.stdout
+    assert "Own best motion" in done.stdout
+    _, own_best = done.stdout.split("Own best motion")
+    lines = {line.split()[0]: line for line in own_best.splitlines() if line.split()}
+    assert "Hann" in lines
+    for name in ("design", "made/Hann"):
+        assert f"{float(design.metrics.expected_psnr):.2f}" in lines[name]
+    assert "the best snapshot" in done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_what_cannot_be_counted_gives_a_sign_of_life(monkeypatch, is_terminal):
+    """A person at a terminal is told what goes on; a file of messages is not filled with it."""
+    stream = io.StringIO()
+    monkeypatch.setattr(stream, "isatty", lambda: is_terminal, raising=False)
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setenv("TERM", "xterm")
+    with working("counting the grains of sand"):
+        time.sleep(0.01)
+    assert ("counting the grains of sand" in stream.getvalue()) == is_terminal

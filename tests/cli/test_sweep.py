@@ -1,0 +1,122 @@
+"""`mishutter sweep`: every mistake is one line, results are whole, and it can be resumed."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from support.command_line import SMALL_SCENE, environment, no_constant, refused
+
+from mishutter import cli
+
+RANGES = ["--acceleration", "3e4:1.2e5:3", "--half-exposure", "3:9:3"]
+
+MISTAKES = {
+    "two-parts": (["--acceleration", "1:2"], "`--acceleration` must be A:B:N, two numbers and a"),
+    "text": (["--half-exposure", "a:b:c"], "`--half-exposure` must be A:B:N, two numbers and a"),
+    "empty": (["--acceleration", "1e4:2e4:0"], "`--acceleration` must hold at least one value"),
+    "reversed": (["--half-exposure", "9:3:4"], "`--half-exposure` must ascend from A to B; got"),
+    "nan": (["--acceleration", "nan:1e5:3"], "must run between finite numbers; got 'nan:1e5:3'"),
+    "negative": (["--acceleration=-1:1e5:3"], "`--acceleration` must be at least 0; got"),
+    "no-time": (["--half-exposure", "0:3:3"], "`--half-exposure` must be above 0; got '0:3:3'"),
+    "one-of-many": (["--acceleration", "1e4:2e4:1"], "must hold two values or more from A to B"),
+    "log-zero": (["--log", "--acceleration", "0:1e5:3"], "must begin above 0 with --log; got"),
+    "many": (
+        ["--acceleration", "1:2:1000000000000"],
+        "must make at most 10,000,000 points; got 1,",
+    ),
+    "many-together": (["--acceleration", "1:2:9000000"], "points; got 360,000,000"),
+    "shutter": (["--shutter", "hamming"], "must be one of rect, hann, "),
+    "out": (["--out", "/dev/null/x"], "must be a folder that takes files"),
+    "store": (
+        ["--store", "/dev/null/x"],
+        "must be a folder that can be written; got '/dev/null/x':",
+    ),
+}
+
+
+@pytest.mark.parametrize("slug", MISTAKES)
+def test_mistakes(slug, capsys):
+    """A range that is none, and what the other commands refuse too."""
+    arguments, message = MISTAKES[slug]
+    assert message in refused(capsys, "sweep", *arguments)
+
+
+def test_a_store_that_is_a_file(tmp_path, capsys):
+    """It is refused, and not touched."""
+    file = tmp_path / "file"
+    file.write_text("in the way")
+    assert "must be a folder; got" in refused(capsys, "sweep", *RANGES, "--store", file)
+    assert file.read_text() == "in the way"
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    """A small scene without a photograph."""
+    path = tmp_path / "scene.toml"
+    path.write_text(SMALL_SCENE.split("[picture]")[0])
+    return str(path)
+
+
+def test_json_and_a_store(scene_file, tmp_path, capsys):
+    """One strict document; run again, everything is found in the store."""
+    command = ["sweep", scene_file, *RANGES, "--json", "--store", str(tmp_path / "a.zarr")]
+    assert cli.main(command) == 0
+    first = capsys.readouterr()
+    document = json.loads(first.out, parse_constant=no_constant)
+    assert document["num_points"] == 9
+    assert set(document["best"]["expected_psnr"]) >= {"shutter", "stroke_px", "over_snapshot"}
+    assert "0 of 1 blocks found, 1 to compute" in first.err
+    assert cli.main(command) == 0
+    second = capsys.readouterr()
+    assert "1 of 1 blocks found, 0 to compute" in second.err
+    assert second.out == first.out
+
+
+def test_a_range_with_zero_and_one_point(scene_file, tmp_path, capsys):
+    """A camera at rest is in the table; so is a grid of a single point, pictures and all."""
+    options = ["--acceleration", "0:0:1", "--half-exposure", "3:3:1", "--out", str(tmp_path / "d")]
+    assert cli.main(["sweep", scene_file, *options]) == 0
+    assert sorted(path.name for path in (tmp_path / "d").iterdir()) == ["map.png", "pareto.png"]
+    out = capsys.readouterr().out
+    assert "Best points of the sweep" in out
+    assert "expected_psnr" in out
+
+
+OUTSIDE = {
+    "far": (
+        ["1e9:2e9:2", "1:9:2"],
+        "got 4 outside them, 4 by stroke, 4 by top speed, 2 by exposure",
+    ),
+    "overflow": (["1e308:1.7e308:3", "3:9:2"], "got 6 outside them, 6 by stroke, 6 by top speed"),
+    "long": (["0:1e5:3", "1e300:1e308:2"], "6 by exposure too long"),
+    "short": ([None, "1e-310:1e-309:2"], "got 80 outside them, 80 by exposure too short"),
+    "too-long": ([None, "1e300:1e305:2"], "80 by exposure too long"),
+}
+
+
+@pytest.mark.parametrize("slug", OUTSIDE)
+@pytest.mark.parametrize("also", ["", "--json", "--out", "--store"])
+def test_nothing_within_limits(slug, also, scene_file, tmp_path, capsys):
+    """One line names the limits that are broken, whatever was asked for, and nothing is made."""
+    ranges, message = OUTSIDE[slug]
+    place = tmp_path / "new"
+    options = [also] if also == "--json" else [also, place] if also else []
+    for name, text in zip(("--acceleration", "--half-exposure"), ranges, strict=True):
+        options += [name, text] if text else []
+    line = refused(capsys, "sweep", scene_file, *options)
+    assert "must reach a point within the scene's limits; got " in line
+    assert message in line
+    assert not place.exists()
+
+
+@pytest.mark.slow
+def test_pictures_and_optimised_profiles(scene_file, tmp_path):
+    """`--optimise --out` writes the announced pictures, and the search is at least as good."""
+    out = tmp_path / "made"
+    options = [*RANGES, "--optimise", "--coefficients", "8", "--json", "--out", str(out)]
+    command = [sys.executable, "-m", "mishutter", "sweep", scene_file, *options]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
+    document = json.loads(done.stdout, parse_constant=no_constant)
+    assert document["best"]["expected_psnr"]["shutter"] == "optimised"
+    assert sorted(document["files"]) == sorted(path.name for path in out.iterdir())

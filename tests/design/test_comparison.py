@@ -1,0 +1,154 @@
+"""A design beside its baselines: two readings, one verdict, and names that stay apart."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.designs import LIMITS, MOTION, OUTLIER, SCENE, SLOW
+from support.helpers import ROUNDING
+
+from mishutter import (
+    DesignLoss,
+    ExpectedErrorLoss,
+    GaussianShutter,
+    HannShutter,
+    Scene,
+    StillCamera,
+    TukeyShutter,
+    compare,
+    evaluate,
+    optimise,
+)
+from mishutter.design.comparison import (
+    BEST_SNAPSHOT,
+    OWN_BEST_MOTION,
+    SAME_MOTION,
+    Row,
+    _is_finished,
+    _with_verdict,
+    taken_names,
+)
+
+ROUNDING_DB = 1e-9
+
+
+@pytest.fixture(scope="module")
+def table():
+    return compare(OUTLIER, SLOW, {"mine": HannShutter()})
+
+
+def test_its_own_best_motion_is_never_below_the_same_motion(table):
+    """Also where the motion at hand gives up what the fastest object would ask for."""
+    for row in table.rows:
+        if row.reading == SAME_MOTION:
+            own = table.row(row.name, OWN_BEST_MOTION)
+            same = float(row.metrics.expected_psnr)
+            assert float(own.metrics.expected_psnr) >= same - ROUNDING_DB
+            assert np.isfinite(same)
+
+
+def test_nothing_to_restore_is_said_in_words():
+    """A scene without detail: no decibels of infinity, and no gain."""
+    grey = Scene([-300.0, 310.0], photon_rate=2e5, read_noise=4.0, deviation=0.0, limits=LIMITS)
+    table = compare(grey, MOTION, {"mine": TukeyShutter(0.3)})
+    assert "there is nothing to restore" in table.verdict
+    assert table.gain == 0
+
+
+def made_up(levels):
+    """Rows of given expected PSNR, of exposures of 20 and, of the snapshot, 2.6 ms."""
+    metrics = evaluate(SCENE, MOTION, HannShutter())
+    still = StillCamera(half_exposure=1.3e-3)
+    return [
+        Row(
+            OWN_BEST_MOTION,
+            name,
+            HannShutter(),
+            still if name == BEST_SNAPSHOT else MOTION,
+            0.25,
+            replace(metrics, expected_psnr=jnp.asarray(level)),
+        )
+        for name, level in levels.items()
+    ]
+
+
+def test_the_verdict_is_of_the_best_that_was_given():
+    """Beside the best snapshot, in dB and ms, whichever of them is better."""
+    levels = {"a": 21.5, "b": 23.25, "Hann": 25.0}
+    for still, gain, words in ((24.0, -0.75, "0.75 dB worse than"), (21.0, 2.25, "2.25 dB better")):
+        found = _with_verdict(made_up(levels | {BEST_SNAPSHOT: still}), ("a", "b"))
+        assert found.gain == gain
+        assert f"For this scene b on its own best motion is expected to be {words}" in found.verdict
+        compared = f"(23.25 dB against {still:.2f} dB, exposures 20 ms and 2.6 ms)."
+        assert found.verdict.endswith(compared)
+    without = _with_verdict(made_up(levels | {BEST_SNAPSHOT: 24.0}), ())
+    assert without.gain == 1
+
+
+def test_the_table_as_text():
+    """Each number stands under its name, in the units that are named."""
+    found = _with_verdict(made_up({"a": 21.5, BEST_SNAPSHOT: 24.0}), ("a",))
+    reading, header, line, *_ = found.text().splitlines()
+    m = found.row("a").metrics
+    numbers = (m.condition_number, m.kernel_difference, m.relative_kernel_difference)
+    shares = (m.efficiency, m.bound_share)
+    assert reading == OWN_BEST_MOTION
+    assert header.split() == (
+        "shutter PSNR dB cond. diff. rel. light bound stroke px exposure ms loss".split()
+    )
+    cells = [float(cell) for cell in line.split()[1:]]
+    np.testing.assert_allclose(cells, [21.5, *numbers, *shares, 22, 20, 0.25], atol=6e-3)
+
+
+def test_designs_keep_or_start_from_their_own_motions():
+    """What this loss found for this scene stays as it is; another design is tuned."""
+    loss = ExpectedErrorLoss()
+    found = optimise(OUTLIER, SLOW, HannShutter(), loss=loss, free="acceleration")
+    elsewhere = OUTLIER.bare(weights=np.array([0.2, 0.3, 0.4, 0.1]))
+    other = optimise(elsewhere, MOTION, HannShutter(), loss=loss, free="half_exposure")
+    table = compare(OUTLIER, MOTION, {"found": found, "other": other}, loss=loss)
+    kept, tuned = table.row("found"), table.row("other")
+    assert _is_finished(found, OUTLIER, loss)
+    assert not _is_finished(found, OUTLIER, DesignLoss())
+    assert kept.motion is found.motion
+    assert (kept.loss, kept.metrics) == (found.loss, found.metrics)
+    assert tuned.motion is not other.motion
+    assert tuned.loss <= float(loss(OUTLIER, other.motion, other.shutter)) * (1 + ROUNDING)
+    assert table.row("other", SAME_MOTION).motion is MOTION
+
+
+def test_shutters_without_names(table):
+    """One shutter or a list is compared as a mapping is, under numbers."""
+    for given in (HannShutter(), [HannShutter()]):
+        found = compare(OUTLIER, SLOW, given)
+        assert found.row("shutter 0").metrics == table.row("mine").metrics
+        assert "shutter 0 on its own best motion" in found.verdict
+
+
+def test_a_row_that_is_not_there(table):
+    """It is refused by the names that are."""
+    with pytest.raises(ValueError, match=r"name=...\)` must be one of .*Hann, .*; got 'Hamming'"):
+        table.row("Hamming")
+
+
+def test_what_is_no_shutter():
+    """Anything else is refused by name, before anything is computed."""
+    message = r"`compare\(shutters=...\)` must hold at least one shutter or design and nothing else"
+    with pytest.raises(ValueError, match=message):
+        compare(OUTLIER, SLOW, {"a": HannShutter(), "b": StillCamera(half_exposure=1e-3)})
+
+
+@pytest.mark.parametrize("name", taken_names())
+def test_a_baseline_keeps_its_name(name):
+    """Another shutter is refused by it, and the verdict never speaks of the wrong one."""
+    with pytest.raises(ValueError, match=f"call no other shutter one of .*; got '{name}'"):
+        compare(OUTLIER, SLOW, {name: TukeyShutter(0.3)})
+
+
+def test_a_baseline_may_be_given_by_name(table):
+    """The same window under its own name is one row, and one of those judged."""
+    given = compare(OUTLIER, SLOW, {"Hann": HannShutter(), "Gaussian": GaussianShutter()})
+    assert sorted(row.name for row in given.rows) == sorted(
+        row.name for row in table.rows if row.name != "mine"
+    )

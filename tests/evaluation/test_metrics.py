@@ -1,0 +1,357 @@
+"""Metrics against independent formulae: the definitions are what is pinned, not figures."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mishutter import (
+    RASKAR_CODE,
+    ChippedShutter,
+    DesignLoss,
+    ExpectedErrorLoss,
+    HannShutter,
+    Limits,
+    ParabolicMotion,
+    RectShutter,
+    Scene,
+    StillCamera,
+    TukeyShutter,
+    binned_exposure,
+    blur_kernel,
+    condition_number,
+    evaluate,
+    transfer_function,
+)
+from mishutter.evaluation.metrics import expected_squared_error
+from mishutter.evaluation.needs import PLANNED, Plan, sizes
+from mishutter.evaluation.response import respond
+from mishutter.model.frequencies import frequency_grid, on_steps
+
+HALF_EXPOSURE = 0.013
+MOTION = ParabolicMotion(acceleration=31.0 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+SPEEDS = np.array([-2100.0, 0.0, 700.0, 1900.0])
+WEIGHTS = np.array([0.1, 0.4, 0.3, 0.2])
+SCENE = Scene(SPEEDS, WEIGHTS, photon_rate=7e4, read_noise=6.0)
+SHUTTER = TukeyShutter(0.37)
+
+
+def _expected_psnr(motion, shutter, shift, num_frequencies=2048):
+    """The closed form of the ensemble-Wiener error, written out with numpy."""
+    frequency = (np.arange(num_frequencies) + 0.5) / (2 * num_frequencies)
+    response = [
+        np.asarray(transfer_function(shutter, motion, speed=s, frequency=jnp.asarray(frequency)))
+        * np.exp(2j * np.pi * frequency * shift(s))
+        * np.sinc(frequency)
+        for s in SPEEDS
+    ]
+    mean = sum(p * h for p, h in zip(WEIGHTS, response, strict=True))
+    square = sum(p * abs(h) ** 2 for p, h in zip(WEIGHTS, response, strict=True))
+    power = 1 / (frequency**2 + 0.01**2)
+    power *= 0.2**2 / (2 * np.mean(power) * 0.5)
+    electrons = 7e4 * 2 * float(motion.half_exposure)
+    noise = float(shutter.efficiency()) * 0.25 / electrons + (6.0 / electrons) ** 2
+    gain = power * mean.conj() / (power * square + noise)
+    error = abs(gain) ** 2 * noise + power * sum(
+        p * abs(1 - gain * h) ** 2 for p, h in zip(WEIGHTS, response, strict=True)
+    )
+    return -10 * np.log10(2 * 0.5 * np.mean(error))
+
+
+def test_expected_psnr_is_that_of_the_ensemble_filter():
+    """The reported figure is the error of the filter itself, aligned at the vertex."""
+    acceleration = float(MOTION.acceleration)
+    reference = _expected_psnr(MOTION, SHUTTER, lambda s: -(s**2) / (4 * acceleration))
+    assert abs(float(evaluate(SCENE, MOTION, SHUTTER).expected_psnr) - reference) < 2e-3
+
+
+def test_a_camera_at_rest_is_aligned_at_mid_exposure():
+    """A snapshot's figure comes from the same code, without a vertex."""
+    still = StillCamera(half_exposure=0.0021)
+    reference = _expected_psnr(still, RectShutter(), lambda s: 0.0)
+    assert abs(float(evaluate(SCENE, still, RectShutter()).expected_psnr) - reference) < 2e-3
+
+
+def test_no_acceleration_is_a_camera_at_rest():
+    """A parabola of no acceleration is measured as the still camera that it is."""
+    parked = ParabolicMotion(acceleration=0.0, half_exposure=0.0021)
+    still = StillCamera(half_exposure=0.0021)
+    first, second = (evaluate(SCENE, motion, SHUTTER) for motion in (parked, still))
+    assert jax.tree.all(jax.tree.map(lambda x, y: bool(x == y), first, second))
+
+
+def test_a_spectrum_in_narrow_steps_loses_none_of_its_power():
+    """Lines between the frequencies that are looked at count as much as those on them."""
+    lines = np.zeros(1280)
+    lines[[51, 933]] = 3.0, 1.0
+    broad = lines.reshape(256, 5).mean(axis=1)
+    narrow, wide = (
+        evaluate(Scene(SPEEDS, photon_rate=7e4, read_noise=6.0, power_spectrum=x), MOTION, SHUTTER)
+        for x in (lines, broad)
+    )
+    assert np.isclose(narrow.expected_psnr, wide.expected_psnr, rtol=1e-12)
+    lines = np.random.default_rng(4).uniform(0.2, 3.0, 301)
+    exact = np.diff(np.interp(np.arange(257) / 256, np.arange(302) / 301, np.r_[0, lines.cumsum()]))
+    for known in (lines, jnp.asarray(lines)):
+        assert np.allclose(on_steps(known, 256), exact * 256 / 301, rtol=1e-12)
+
+
+def test_what_the_optics_do_not_pass_is_no_part_of_the_picture():
+    """It has the same contrast below the cut-off, and neither power nor error above."""
+    frequency = (np.arange(256) + 0.5) / 512
+    passed = (frequency <= 0.13) / (frequency**2 + 0.01**2)
+    light = {"photon_rate": 7e4, "read_noise": 6.0}
+    by_optics = evaluate(Scene(SPEEDS, **light, cutoff_frequency=0.13), MOTION, SHUTTER)
+    by_picture = evaluate(Scene(SPEEDS, **light, power_spectrum=passed), MOTION, SHUTTER)
+    assert np.isclose(by_optics.expected_psnr, by_picture.expected_psnr, rtol=1e-12)
+
+
+@pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=HALF_EXPOSURE)])
+def test_only_the_shutter_is_traced(motion):
+    """A scene and a motion that a compiled function closes over are known to it."""
+
+    def found(taper):
+        metrics = evaluate(SCENE, motion, TukeyShutter(taper))
+        losses = [
+            loss(SCENE, motion, TukeyShutter(taper), plan=plan)
+            for loss in (ExpectedErrorLoss(), DesignLoss())
+            for plan in (PLANNED, None)
+        ]
+        return metrics, losses
+
+    plain, compiled = found(jnp.asarray(0.37)), jax.jit(found)(0.37)
+    for first, second in zip(jax.tree.leaves(plain), jax.tree.leaves(compiled), strict=True):
+        assert np.isclose(first, second, rtol=1e-9)
+    assert plain[0].num_taps == compiled[0].num_taps
+
+
+def _by_acceleration(scene):
+    def found(acceleration):
+        motion = ParabolicMotion(acceleration=acceleration, half_exposure=HALF_EXPOSURE)
+        return DesignLoss()(scene, motion, SHUTTER), evaluate(scene, motion, SHUTTER)
+
+    return found
+
+
+def test_a_traced_motion_is_measured_as_one_that_is_known():
+    """Within its scene's limits, long strokes included."""
+    limits = Limits(max_stroke=500.0)
+    found = _by_acceleration(Scene(SPEEDS, WEIGHTS, photon_rate=7e4, read_noise=6.0, limits=limits))
+    acceleration = jnp.asarray(430.0 / HALF_EXPOSURE**2)
+    (loss, metrics), _ = jax.jit(jax.value_and_grad(found, has_aux=True))(acceleration)
+    for traced, known in zip(
+        jax.tree.leaves((loss, metrics)), jax.tree.leaves(found(acceleration)), strict=True
+    ):
+        assert np.isclose(traced, known, rtol=1e-9)
+
+
+def test_a_derivative_is_that_of_the_figure_reported():
+    """Of an object much faster than the sensor too, whose kernel no limit foresees."""
+    found = _by_acceleration(
+        Scene([0.0, 40 * float(MOTION.top_speed)], photon_rate=7e4, read_noise=6.0)
+    )
+    acceleration = jnp.asarray(31.0 / HALF_EXPOSURE**2)
+    (loss, metrics), slope = jax.value_and_grad(found, has_aux=True)(acceleration)
+    known = found(acceleration)
+    assert loss == known[0]
+    assert (metrics.num_taps, metrics.dft_length) == (known[1].num_taps, known[1].dft_length)
+    step = 1e-5 * acceleration
+    difference = (found(acceleration + step)[0] - found(acceleration - step)[0]) / (2 * step)
+    assert np.isclose(slope, difference, rtol=1e-5)
+
+
+@pytest.mark.parametrize("measure", [evaluate, DesignLoss()])
+def test_kernels_longer_than_a_compiled_function_provides_for(measure):
+    """They are not cut without a word: of a traced motion by its scene's limits, else 256 px."""
+    few, many = (
+        ParabolicMotion(acceleration=stroke / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+        for stroke in (20.0, 1000.0)
+    )
+    by_motion = jax.jit(lambda motion: measure(SCENE, motion, SHUTTER))
+    for compiled in (by_motion, lambda motion: jax.jit(measure)(SCENE, motion, SHUTTER)):
+        assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(compiled(few)))
+        with pytest.raises(
+            (RuntimeError, ValueError), match=r"`motion` must blur over at most \d+ px where"
+        ):
+            compiled(many)
+
+
+def test_what_a_compiled_function_builds_is_known_to_it():
+    """A scene or a motion made of numbers inside has the sizes that it has outside."""
+
+    def found(taper):
+        scene = Scene([-700.0, 0.0, 300.0], photon_rate=7e4, read_noise=6.0)
+        motion = ParabolicMotion(acceleration=31.0 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+        return evaluate(scene, motion, TukeyShutter(taper))
+
+    plain, compiled = found(0.37), jax.jit(found)(0.37)
+    assert (plain.num_taps, plain.dft_length) == (compiled.num_taps, compiled.dft_length)
+    assert np.isclose(plain.condition_number, compiled.condition_number, rtol=1e-12)
+
+
+def test_kernel_difference_is_the_rms_over_the_taps_reached():
+    """Raw and relative difference follow from public kernels."""
+    count = int(np.ceil(31.0 * (1 + 2100 / float(MOTION.top_speed)) ** 2))
+    kernels = [np.asarray(blur_kernel(SHUTTER, MOTION, speed=s, num_taps=count)) for s in SPEEDS]
+    still = np.asarray(blur_kernel(SHUTTER, MOTION, num_taps=count))
+    square = sum(p * np.mean((h - still) ** 2) for p, h in zip(WEIGHTS, kernels, strict=True))
+    metrics = evaluate(SCENE, MOTION, SHUTTER)
+    assert np.isclose(metrics.kernel_difference, np.sqrt(square), rtol=1e-12)
+    relative = np.sqrt(square / np.mean(still**2))
+    assert np.isclose(metrics.relative_kernel_difference, relative, rtol=1e-12)
+
+
+@pytest.mark.parametrize("reach", [0.4, 0.7, 1.45, 2.6])
+def test_kernel_difference_of_a_still_camera_is_over_the_pixels_lit(reach):
+    """A middle pixel and as many to either side as the fastest object reaches into."""
+    still = StillCamera(half_exposure=HALF_EXPOSURE)
+    edges = np.arange(-9, 10) + 0.5
+    speeds = np.array([reach, -0.3 * reach]) / HALF_EXPOSURE
+    fast, slow, rest = (
+        np.asarray(binned_exposure(SHUTTER, still, speed=s, edges=edges)) for s in (*speeds, 0.0)
+    )
+    square = (np.sum((fast - rest) ** 2) + np.sum((slow - rest) ** 2)) / 2
+    metrics = evaluate(Scene(speeds, photon_rate=7e4, read_noise=6.0), still, SHUTTER)
+    lit = np.count_nonzero(fast)
+    assert np.isclose(metrics.kernel_difference, np.sqrt(square / lit), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("shutter", "published"), [(RectShutter(), 9.27), (HannShutter(), 4.44)])
+def test_published_condition_numbers(shutter, published):
+    """The paper's table comes out of public functions at stroke 45, phase 0, speed 0."""
+    motion = ParabolicMotion(acceleration=45 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+    kernel = blur_kernel(shutter, motion, num_taps=45)
+    assert abs(float(condition_number(kernel)) - published) < 0.01
+
+
+def test_published_condition_number_of_the_flutter_shutter():
+    """Raskar's code on an object of one pixel a chip gives 19.57 over 256 frequencies."""
+    still = StillCamera(half_exposure=HALF_EXPOSURE)
+    kernel = binned_exposure(
+        ChippedShutter(RASKAR_CODE),
+        still,
+        speed=26 / HALF_EXPOSURE,
+        edges=jnp.arange(-26.0, 27.0),
+    )
+    assert abs(float(condition_number(kernel, num_frequencies=256)) - 19.57) < 0.01
+
+
+def test_no_design_exceeds_the_wedge_bound_everywhere():
+    """The worst case over speeds in [-S, S] stays below the bound."""
+    scene = Scene.uniform(max_speed=2000.0, num_speeds=9, photon_rate=1e5, read_noise=5.0)
+    for shutter in (RectShutter(), HannShutter(), SHUTTER):
+        assert 0 < float(evaluate(scene, MOTION, shutter).bound_share) < 1
+
+
+@pytest.mark.parametrize("plan", [PLANNED, None])
+def test_the_share_of_the_bound_is_that_of_its_definition(plan):
+    """Least of |K|^2 over min((2T)^2, T/(Sf)) of what occurs; what never does bounds nothing."""
+    scene = Scene([-900.0, 400.0, 5e4], [0.3, 0.7, 0.0], photon_rate=7e4, read_noise=6.0)
+    frequency = (np.arange(256) + 0.5) / 512
+    bound = np.minimum((2 * HALF_EXPOSURE) ** 2, HALF_EXPOSURE / (900 * frequency))
+    shares = [
+        abs(transfer_function(SHUTTER, MOTION, speed=speed, frequency=frequency)) ** 2
+        * (2 * HALF_EXPOSURE) ** 2
+        / bound
+        for speed in (-900.0, 400.0)
+    ]
+    found = evaluate(scene, MOTION, SHUTTER, plan=plan).bound_share
+    assert np.isclose(found, np.min(shares), rtol=1e-9)
+
+
+def test_the_vertex_alignment_changes_no_power():
+    """The response on the grid has the modulus of the public transfer function."""
+    plan = Plan(64, 256, 64, 512)
+    response = respond(SCENE, MOTION, SHUTTER, plan, kernels=False)
+    frequency = frequency_grid(64, np.dtype(np.float64))
+    public = jax.vmap(lambda s: transfer_function(SHUTTER, MOTION, speed=s, frequency=frequency))(
+        SCENE.speeds
+    )
+    assert np.max(np.abs(np.abs(response.spectra) - np.abs(public))) < 1e-12
+
+
+@pytest.mark.parametrize("taper", [0.004, 0.11, 0.7])
+def test_the_grid_resolves_a_long_flat_top(taper):
+    """However the exposure is cut, a fast object's response is right at every frequency."""
+    motion = ParabolicMotion(acceleration=150 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+    scene = Scene([270 / HALF_EXPOSURE, 0.0], photon_rate=1e5, read_noise=1.0)
+    shutter = TukeyShutter(taper)
+    response = respond(scene, motion, shutter, sizes(scene, motion), kernels=False)
+    frequency = frequency_grid(256, np.dtype(np.float64))
+    public = [
+        transfer_function(shutter, motion, speed=s, frequency=frequency) for s in scene.speeds
+    ]
+    assert np.max(np.abs(np.abs(response.spectra) - np.abs(np.stack(public)))) < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("rate", "noise", "shutter"),
+    [
+        (0.0, 0.0, SHUTTER),
+        (0.0, 5.0, SHUTTER),
+        (1e12, 0.0, SHUTTER),
+        (1e5, 0.0, ChippedShutter(np.zeros(4))),
+        (1e5, 5.0, ChippedShutter(np.zeros(4))),
+    ],
+)
+def test_extremes_of_light_and_noise_give_finite_errors(rate, noise, shutter):
+    """Without light the picture's variance is left; value and gradient stay finite."""
+
+    def error(half_exposure, read_noise):
+        scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=read_noise)
+        motion = ParabolicMotion(acceleration=MOTION.acceleration, half_exposure=half_exposure)
+        response = respond(scene, motion, shutter, Plan(64, 256, 64, 256), kernels=False)
+        return expected_squared_error(scene, motion, response)
+
+    value, gradient = jax.value_and_grad(error, argnums=(0, 1))(HALF_EXPOSURE, noise)
+    assert np.isfinite(value)
+    assert np.all(np.isfinite(gradient))
+    if rate == 0 or not float(shutter.efficiency()):
+        assert np.isclose(value, 0.2**2, rtol=1e-12)
+    else:
+        assert 0 < float(value) < 0.1**2
+
+
+def test_a_closed_shutter_has_an_infinite_condition_number():
+    """Nothing gets through, and that is said by a number, not by NaN."""
+    metrics = evaluate(SCENE, MOTION, ChippedShutter(np.zeros(3)))
+    assert np.isposinf(metrics.condition_number)
+    assert not any(np.isnan(x) for x in jax.tree.leaves(metrics))
+
+
+def test_single_precision_is_kept():
+    """Inputs of float32 give metrics of float32 that agree with float64."""
+    half = np.float32(HALF_EXPOSURE)
+    motion = ParabolicMotion(acceleration=np.float32(31.0) / half**2, half_exposure=half)
+    scene = Scene(
+        SPEEDS.astype(np.float32),
+        WEIGHTS.astype(np.float32),
+        photon_rate=np.float32(7e4),
+        read_noise=np.float32(6),
+        mean_level=np.float32(0.25),
+        deviation=np.float32(0.2),
+    )
+    single = evaluate(scene, motion, HannShutter())
+    double = evaluate(SCENE, MOTION, HannShutter())
+    for name in ("condition_number", "efficiency", "expected_psnr", "bound_share"):
+        assert getattr(single, name).dtype == np.float32
+        assert np.isclose(getattr(single, name), getattr(double, name), rtol=2e-3)
+
+
+def test_light_may_be_traced_where_the_motion_is_known():
+    """Metrics of a known design compile, and vary with the scene's light alone."""
+
+    def expected(rate):
+        scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=6.0)
+        return evaluate(scene, MOTION, SHUTTER).expected_psnr
+
+    found = jax.jit(expected)(jnp.asarray(3e5))
+    np.testing.assert_allclose(found, expected(jnp.asarray(3e5)), rtol=1e-12)
+    assert float(jax.grad(expected)(jnp.asarray(3e5))) > 0
+
+
+def test_metrics_show_their_numbers():
+    """In a notebook as in a terminal."""
+    found = evaluate(SCENE, MOTION, SHUTTER)
+    assert f"expected_psnr={found.expected_psnr}" in repr(found)
+    assert f"dft_length={found.dft_length}" in repr(found)

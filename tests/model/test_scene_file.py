@@ -1,0 +1,159 @@
+"""A scene file means what its key names say, and every mistake in one is named in one line."""
+
+import re
+
+import numpy as np
+import pytest
+from support.bad_scenes import EXAMPLE, LINES, edited
+
+from mishutter import Scene
+from mishutter.model.images import example_picture, row_power_spectrum, write_picture
+from mishutter.model.scene_file import example_scene, read_scene
+
+
+def written(folder, text, name="scene.toml"):
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def test_units_of_the_built_in_scene():
+    """Milliseconds become seconds, and a stroke becomes an acceleration."""
+    scene = example_scene()
+    assert scene.motion.half_exposure == pytest.approx(0.01, rel=1e-15)
+    assert scene.motion.stroke == pytest.approx(45, rel=1e-14)
+    assert scene.limits.max_half_exposure == pytest.approx(0.04, rel=1e-15)
+    assert scene.limits.min_half_exposure == pytest.approx(5e-4, rel=1e-15)
+    assert (float(scene.limits.max_stroke), float(scene.limits.max_top_speed)) == (45, 2e4)
+    assert (float(scene.photon_rate), float(scene.read_noise)) == (1e5, 8)
+    np.testing.assert_allclose(scene.speeds, np.arange(-4, 5) * 1125.0, rtol=1e-14)
+    np.testing.assert_allclose(scene.weights, np.full(9, 1 / 9), rtol=1e-14)
+
+
+def test_a_picture_gives_the_spectrum(tmp_path):
+    """The photograph's own rows replace the assumed spectrum, mean and deviation."""
+    scene = Scene.load(str(written(tmp_path, EXAMPLE)))
+    spectrum = row_power_spectrum(example_picture(), 256)
+    assert scene.picture == "example"
+    assert scene.mean_level == pytest.approx(spectrum.mean_level, rel=1e-12)
+    assert scene.deviation == pytest.approx(spectrum.deviation, rel=1e-12)
+    np.testing.assert_allclose(scene.power_spectrum, spectrum.power_spectrum, rtol=1e-12)
+
+
+def test_picture_paths_start_at_the_file(tmp_path, monkeypatch):
+    """A relative path is taken from the scene file's folder, wherever one stands."""
+    folder = tmp_path / "scenes"
+    folder.mkdir()
+    light = np.random.default_rng(3).uniform(0.1, 0.7, (13, 37))
+    write_picture(folder / "photo.png", light)
+    path = written(folder, edited("path", 'path = "photo.png"'))
+    monkeypatch.chdir("/")
+    scene = read_scene(path)
+    assert scene.picture == str(folder / "photo.png")
+    assert scene.mean_level == pytest.approx(light.mean(), abs=1e-4)
+    monkeypatch.chdir(folder)
+    assert read_scene("scene.toml").picture == str(folder / "photo.png")
+
+
+def test_without_a_picture_levels_may_be_given(tmp_path):
+    """A scene without a photograph states its mean and deviation, or takes the defaults."""
+    plain = EXAMPLE.replace('path = "example"', "")
+    assert read_scene(written(tmp_path, plain)).power_spectrum is None
+    stated = read_scene(written(tmp_path, edited("path", "mean_level = 0.31\ndeviation = 0.17")))
+    assert (float(stated.mean_level), float(stated.deviation)) == (0.31, 0.17)
+
+
+def test_a_normal_distribution_has_its_moments(tmp_path):
+    """Centres of equal steps over three deviations keep mean and width, but for what is cut off."""
+    form = "normal = { mean_px_per_s = 300, deviation_px_per_s = 800, count = 61 }"
+    scene = read_scene(written(tmp_path, edited("uniform", form)))
+    mean = float(np.sum(scene.weights * scene.speeds))
+    variance = float(np.sum(scene.weights * (scene.speeds - 300) ** 2))
+    cut = 1 - 2 * 3 * np.exp(-4.5) / np.sqrt(2 * np.pi) / 0.9973
+    assert mean == pytest.approx(300, rel=1e-12)
+    assert variance == pytest.approx(800**2 * cut, rel=2e-3)
+
+
+def test_a_list_keeps_its_weights(tmp_path):
+    """Listed speeds occur as often as their weights say, or equally often."""
+    form = "list_px_per_s = [0, 1500, -700]\nweights = [0.5, 0.3, 0.2]"
+    scene = read_scene(written(tmp_path, edited("uniform", form)))
+    np.testing.assert_allclose(scene.weights, [0.5, 0.3, 0.2], rtol=1e-14)
+    equal = read_scene(written(tmp_path, edited("uniform", "list_px_per_s = [0, 1500, -700]")))
+    np.testing.assert_allclose(equal.weights, np.full(3, 1 / 3), rtol=1e-14)
+
+
+def test_one_speed_of_a_range_is_its_middle(tmp_path):
+    """A range or a normal in one step is its middle."""
+    for form in (
+        "uniform = { min_px_per_s = -200, max_px_per_s = 800, count = 1 }",
+        "normal = { mean_px_per_s = 300, deviation_px_per_s = 70, count = 1 }",
+    ):
+        scene = read_scene(written(tmp_path, edited("uniform", form)))
+        np.testing.assert_allclose(scene.speeds, [300.0])
+
+
+def test_without_a_motion_the_limits_are_used_up(tmp_path):
+    """The default motion is the longest stroke at the highest speed, within the exposures."""
+    text = re.sub(r"\[motion\].*?(?=\n#)", "", EXAMPLE, flags=re.DOTALL)
+    scene = read_scene(written(tmp_path, text))
+    assert scene.motion.stroke == pytest.approx(45, rel=1e-12)
+    assert scene.motion.top_speed == pytest.approx(2e4, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("limit", "stroke", "top_speed"),
+    [("max_half_exposure_ms = 3", 30, 2e4), ("min_half_exposure_ms = 9", 45, 1e4)],
+)
+def test_without_a_motion_an_exposure_may_be_the_limit(limit, stroke, top_speed, tmp_path):
+    """Where it is too short for the stroke, or too long for the speed."""
+    text = edited(limit.split()[0], limit)
+    text = re.sub(r"\[motion\].*?(?=\n#)", "", text, flags=re.DOTALL)
+    motion = read_scene(written(tmp_path, text)).motion
+    assert motion.stroke == pytest.approx(stroke, rel=1e-12)
+    assert motion.top_speed == pytest.approx(top_speed, rel=1e-12)
+
+
+def test_the_optics_cut_off_where_they_say(tmp_path):
+    """In cycles a pixel."""
+    path = written(tmp_path, edited("cutoff", "cutoff_cycles_per_px = 0.31"))
+    assert float(read_scene(path).cutoff_frequency) == 0.31
+
+
+def test_an_acceleration_may_be_given(tmp_path):
+    """`acceleration_px_per_s2` is the `a` of `x = a t^2`."""
+    path = written(tmp_path, edited("stroke_px", "acceleration_px_per_s2 = 3.1e5"))
+    assert read_scene(path).motion.acceleration == pytest.approx(3.1e5, rel=1e-14)
+
+
+def test_a_byte_order_mark_is_no_error(tmp_path):
+    """Editors on Windows begin a file with one."""
+    path = tmp_path / "scene.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + EXAMPLE.encode())
+    assert read_scene(path).speeds.size == 9
+
+
+@pytest.mark.parametrize("slug", LINES)
+def test_mistakes_are_named(slug, tmp_path):
+    """Each mistake is refused in one line that says what must hold and what came."""
+    start, replacement, message = LINES[slug]
+    path = written(tmp_path, edited(start, replacement))
+    with pytest.raises((ValueError, OSError), match=re.escape(message)) as caught:
+        read_scene(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_text(tmp_path):
+    """Bytes that are no UTF-8 are refused by name."""
+    path = tmp_path / "scene.toml"
+    path.write_bytes(b"\xff\xd8\xff\xe0")
+    with pytest.raises(ValueError, match="must be UTF-8 text; got byte 0"):
+        read_scene(path)
+
+
+def test_a_picture_that_is_missing_is_told_with_the_scene_that_names_it(tmp_path):
+    """The kind of error stays what it was."""
+    path = tmp_path / "scene.toml"
+    path.write_text(edited("path = ", 'path = "no.png"'))
+    with pytest.raises(FileNotFoundError, match=r"scene\.toml: .*no\.png', not found"):
+        read_scene(path)

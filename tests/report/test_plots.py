@@ -1,0 +1,425 @@
+"""Pictures say what they show: labelled axes with units, lines that survive a grey printout."""
+
+import os
+from functools import cache
+from itertools import pairwise
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
+from support.drive import a_design
+from support.photographs import photograph
+from support.sweeps import SCENE, grid
+
+from mishutter import (
+    HannShutter,
+    ParabolicMotion,
+    Picture,
+    RectShutter,
+    SplineShutter,
+    StillCamera,
+    drive_table,
+    gain_over,
+    pareto_front,
+    sweep,
+)
+from mishutter.report import plots, sweep_plots
+
+MOTION = ParabolicMotion(acceleration=2.3e5, half_exposure=0.0061)
+DESIGNS = {
+    "rect": (MOTION, RectShutter()),
+    "Hann": (MOTION, HannShutter()),
+    "snapshot": (StillCamera(half_exposure=0.0013), RectShutter()),
+}
+
+
+@cache
+def swept():
+    """The small sweep, and what it gains over Hann."""
+    found = sweep(SCENE, **grid())
+    return found.assign(gain=gain_over(found, "Hann"))
+
+
+FRONT = ("condition_number", "expected_psnr")
+
+FIGURES = {
+    "profiles": lambda: plots.plot_profiles(DESIGNS),
+    "kernels": lambda: plots.plot_kernels(DESIGNS, [0.0, 700.0]),
+    "transfer": lambda: plots.plot_transfer(DESIGNS, [0.0, 700.0]),
+    "psnr": lambda: plots.plot_psnr({"rect": photograph(21), "Hann": photograph(24)}),
+    "history": lambda: plots.plot_history(jnp.array([0.7, 0.4, 0.3])),
+    "drive": lambda: plots.plot_drive(drive_table(a_design(HannShutter()), num_levels=5)),
+    "map": lambda: sweep_plots.plot_map(swept(), "gain"),
+    "row": lambda: sweep_plots.plot_map(swept().isel(acceleration=[2])),
+    "column": lambda: sweep_plots.plot_map(swept().isel(half_exposure=[2]), shutter="rect"),
+    "front": lambda: sweep_plots.plot_front(swept(), FRONT),
+}
+
+
+@pytest.fixture(scope="module")
+def figures():
+    return {name: make() for name, make in FIGURES.items()}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_axes_are_labelled(name, figures):
+    """Every panel, or its neighbour, says what is up; the lowest what is across, with its unit."""
+    panels = figures[name].axes
+    numbered = [axes for axes in panels if axes.yaxis.get_tick_params().get("labelleft", True)]
+    assert all(axes.get_ylabel() for axes in numbered)
+    lowest = [axes for axes in panels if axes.get_label() != "<colorbar>"][-1]
+    assert lowest.get_xlabel()
+    if name != "history":
+        assert "/ " in lowest.get_xlabel()
+
+
+@pytest.mark.parametrize("name", ["profiles", "transfer"])
+def test_lines_differ_in_style(name, figures):
+    """Two lines of a panel are told apart without colour."""
+    for axes in figures[name].axes:
+        lines = [str(line._unscaled_dash_pattern) for line in axes.get_lines()]
+        assert len(set(lines)) == len(DESIGNS)
+
+
+NAMES = ["rect", "_design_" + 9 * "of_a_long_name_", "_own", "cost $5 to $\\frac", "run/03/design"]
+NAMES += [f"tukey:{share}" for share in (0.1, 0.2, 0.3, 0.4)]
+MANY = {
+    "profiles": lambda: plots.plot_profiles(dict.fromkeys(NAMES, DESIGNS["Hann"])),
+    "transfer": lambda: plots.plot_transfer(dict.fromkeys(NAMES, DESIGNS["Hann"]), [0.0, 700.0]),
+    "psnr": lambda: plots.plot_psnr({name: photograph(21) for name in NAMES}),
+}
+
+
+@pytest.mark.parametrize("slug", MANY)
+def test_designs_of_any_name_and_number(slug):
+    """All stand in the legend, as they are called, beside no line's likeness or any line."""
+    figure = MANY[slug]()
+    FigureCanvasAgg(figure).draw()
+    (legend,) = figure.legends
+    texts = [text.get_text().strip().replace("\\$", "$") for text in legend.get_texts()]
+    assert len(texts) == len(NAMES)
+    for text, name in zip(texts, NAMES, strict=True):
+        assert text.startswith(name[:15])
+    box = legend.get_window_extent()
+    assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+    for axes in figure.axes:
+        assert axes.bbox.y1 < box.y0 < box.y1 <= figure.bbox.y1
+        assert axes.bbox.width > 0.7 * figure.bbox.width
+    lines = [line for line in figure.axes[0].get_lines() if line.get_linestyle() != "None"]
+    styles = {(line.get_color(), str(line._unscaled_dash_pattern)) for line in lines}
+    assert len(styles) == len(NAMES)
+
+
+@pytest.mark.parametrize("name", ["設計", os.fsdecode(b"na\xefve")])
+def test_letters_that_the_font_lacks(name, tmp_path):
+    """A name in them is drawn as boxes, one of bytes that are no text as those, without a word."""
+    figure = plots.plot_profiles({name: DESIGNS["Hann"]})
+    plots.save_figure(figure, tmp_path / "profile.png")
+    assert (tmp_path / "profile.png").stat().st_size > 0
+
+
+def test_speeds_of_one_value_are_told_apart_in_grey():
+    """Points have a shape of their own, and one does not cover another."""
+    axes = plots.plot_psnr({"rect": photograph(21), "best Tukey": photograph(21)}).axes[0]
+    lines = [line for line in axes.get_lines() if line.get_linestyle() != "None"]
+    assert len({line.get_marker() for line in lines}) == 2
+    assert all(line.get_fillstyle() == "none" for line in lines)
+
+
+def test_profiles_span_their_own_exposures(figures):
+    """In ms, from shut to shut, each with the light that it lets through."""
+    lines = {line.get_label(): line for line in figures["profiles"].axes[0].get_lines()}
+    halves = {"rect, lets 100% through": 6.1, "Hann, lets 50% through": 6.1}
+    for label, half in (halves | {"snapshot, lets 100% through": 1.3}).items():
+        time, light = lines[label].get_data()
+        np.testing.assert_allclose((time[0], time[-1]), (-half, half))
+        assert light[0] == light[-1] == 0
+        assert light.max() == pytest.approx(1)
+
+
+def test_transfer_is_through_the_pixel(figures):
+    """What a camera and an object at rest pass is a pixel's sinc."""
+    (line,) = (x for x in figures["transfer"].axes[0].get_lines() if x.get_label() == "snapshot")
+    np.testing.assert_allclose(line.get_ydata(), np.sinc(line.get_xdata()), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_is_a_whole_png(name, figures, tmp_path):
+    """A saved figure opens as a picture and leaves nothing else in its folder."""
+    path = tmp_path / f"{name}.png"
+    plots.save_figure(figures[name], path)
+    with Image.open(path) as picture:
+        assert min(picture.size) > 300
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+GRIDS = {
+    "map": {},
+    "row": {"acceleration": [2]},
+    "column": {"half_exposure": [2]},
+    "point": {"acceleration": [1], "half_exposure": [3]},
+    "at-rest": {"acceleration": [0]},
+    "at-rest-and-a-row": {"acceleration": [0, 2]},
+    "at-rest-and-a-point": {"acceleration": [0, 2], "half_exposure": [3]},
+}
+
+
+@pytest.mark.parametrize("slug", GRIDS)
+def test_a_map_of_any_grid_marks_its_best(slug, tmp_path):
+    """A star that the axes do not cut off, its value in the title, be it one row or one point."""
+    found = swept().isel(GRIDS[slug])
+    figure = sweep_plots.plot_map(found)
+    plots.save_figure(figure, tmp_path / "map.png")
+    (star,) = (line for line in figure.axes[0].get_lines() if line.get_marker() == "*")
+    assert not star.get_clip_on()
+    moving = found.expected_psnr
+    if min(moving.shape[:2]) > 1:
+        moving = moving.where(moving.acceleration > 0, drop=True)
+    best = moving.where(moving == moving.max(), drop=True)
+    assert f"best: {float(best.max()):.3g} dB" in figure.axes[0].get_title()
+    places = {float(best.acceleration[0]), 1e3 * float(best.half_exposure[0]), float(best.max())}
+    assert {float(star.get_xdata()[0]), float(star.get_ydata()[0])} <= places
+
+
+def test_the_best_of_shutters_is_the_least_where_less_is_better():
+    """A map of the condition number, at each point of the shutter that has the least."""
+    moving = swept().isel(acceleration=slice(1, None))
+    figure = sweep_plots.plot_map(moving, "condition_number")
+    least = moving.condition_number.min("shutter").values
+    shown = np.ma.filled(figure.axes[0].collections[0].get_array(), np.nan)
+    known = np.unique(least[~np.isnan(least)])
+    np.testing.assert_array_equal(np.unique(shown[~np.isnan(shown)]), known)
+    assert f"best: {np.nanmin(least):.3g} \n" in figure.axes[0].get_title() + "\n"
+
+
+def test_lines_of_a_map_are_where_they_say():
+    """Each label lies at a motion of about the stroke, or the top speed, that it names."""
+    axes = sweep_plots.plot_map(swept()).axes[0]
+    named = {"px": lambda a, T: a * T * T, "px/s": lambda a, T: 2 * a * T}
+    seen = set()
+    for text in axes.texts:
+        number, unit = text.get_text().split()
+        time, acceleration = text.get_position()
+        assert named[unit](acceleration, time * 1e-3) == pytest.approx(float(number), rel=0.2)
+        seen.add(unit)
+    assert seen == set(named)
+
+
+def test_profiles_of_a_front():
+    """Over the exposure in ms of one of its points, of the shutter that stands there."""
+    front = pareto_front(swept(), FRONT)
+    halves = np.unique(front.half_exposure) * 1e3
+    for axes in sweep_plots.plot_front(swept(), FRONT).axes[1:]:
+        time = axes.get_lines()[0].get_xdata()
+        assert np.isclose(halves, time.max(), rtol=1e-12).any()
+        assert time.min() == -time.max()
+    tau, spline = np.linspace(-1, 1, 31), np.array([0.2, 0.7, 0.9, 1.0, 0.4])
+    drawn = {"Hann": HannShutter(), "optimised": SplineShutter(spline)}
+    for name, shutter in drawn.items():
+        point = xarray.Dataset({"coefficients": ("coefficient", spline)}, {"shutter": name})
+        found = sweep_plots._transmittance(swept(), point, tau)
+        np.testing.assert_array_equal(found, shutter.transmittance(tau))
+
+
+def test_a_map_leaves_out_what_is_wholly_outside():
+    """One acceleration near the largest number leaves the others as they are."""
+    huge = sweep(SCENE, **grid(accelerations=[3e4, 9e4, 1.7e308]))
+    axes = sweep_plots.plot_map(huge).axes[0]
+    assert axes.get_ylim()[1] < 2e5
+
+
+def test_a_map_of_equal_steps_shows_every_point():
+    """On logarithmic axes too the first row and column are whole, and none is outside."""
+    a, half = np.linspace(2e4, 3e5, 5), np.linspace(0.001, 0.0105, 6)
+    even = sweep(SCENE, **grid(accelerations=a, half_exposures=half))
+    axes = sweep_plots.plot_map(even).axes[0]
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    points = np.stack(np.meshgrid(half * 1e3, a), axis=-1).reshape(-1, 2)
+    shares = axes.transAxes.inverted().transform(axes.transData.transform(points))
+    assert np.all((shares > 0.01) & (shares < 0.99))
+
+
+MAP_MISTAKES = {
+    "metric": ({}, {"metric": "beauty"}, "`plot_map(metric=...)` must be in the sweep; got"),
+    "shutter": ({}, {"shutter": "Tukey"}, "must be one of rect, Hann; got 'Tukey'"),
+    "outside": ({"half_exposure": [0]}, {}, "must reach a point within the limits; got 'none'"),
+}
+
+
+@pytest.mark.parametrize("slug", MAP_MISTAKES)
+def test_map_mistakes(slug):
+    """What is not in a sweep cannot be drawn."""
+    some, arguments, message = MAP_MISTAKES[slug]
+    with pytest.raises(ValueError, match="must") as caught:
+        sweep_plots.plot_map(swept().isel(some), **arguments)
+    assert message in str(caught.value)
+
+
+def test_kernels_without_acceleration_lie_around_mid_exposure():
+    """They are drawn where a camera at rest has them."""
+    unmoved = ParabolicMotion(acceleration=0.0, half_exposure=0.0013)
+    given = {"at rest": DESIGNS["snapshot"], "unmoved": (unmoved, RectShutter())}
+    drawn = [axes.patches[-1].get_data() for axes in plots.plot_kernels(given, [0.0, 2700.0]).axes]
+    for one, other in zip(*drawn, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_notebook_shows_it(name, figures):
+    """Also one that never imports `pyplot`, by which a figure would else be shown."""
+    assert figures[name]._repr_png_().startswith(b"\x89PNG")
+
+
+def test_a_map_of_several_scenes():
+    """One of them must be chosen."""
+    both = sweep([SCENE, SCENE], **grid(metrics=["efficiency"]))
+    with pytest.raises(ValueError, match="must be of one scene and light; got"):
+        sweep_plots.plot_map(both, "efficiency")
+
+
+def test_a_front_is_legible_beside_an_outlier():
+    """A condition number of 1,200 makes the axis logarithmic, and letters stay apart."""
+    moving = swept().isel(acceleration=slice(1, None))
+    numbers = moving.condition_number
+    far = numbers.where(numbers != numbers.max(), 1.2e3)
+    figure = sweep_plots.plot_front(moving.assign(condition_number=far), FRONT)
+    axes = figure.axes[0]
+    assert axes.get_xscale() == "log"
+    assert axes.get_yscale() == "linear"
+    places = [axes.transData.transform(text.xy) for text in axes.texts]
+    assert len(places) == len(figure.axes) - 1 > 1
+    assert all(np.hypot(*(a - b)) > 20 for a, b in pairwise(places))
+
+
+@pytest.mark.parametrize("largest", [60.0, 8e3])
+def test_numbers_of_a_logarithmic_axis_stay_apart(largest):
+    """Between decades they are written where there is room, over two decades at most."""
+    moving = swept().isel(acceleration=slice(1, None))
+    numbers = moving.condition_number
+    far = numbers.where(numbers != numbers.max(), largest)
+    figure = sweep_plots.plot_front(moving.assign(condition_number=far), FRONT)
+    FigureCanvasAgg(figure).draw()
+    axes = figure.axes[0]
+    texts = [*axes.get_xticklabels(), *axes.get_xticklabels(minor=True)]
+    boxes = [text.get_window_extent() for text in texts if text.get_text()]
+    boxes = sorted((box for box in boxes if axes.bbox.x0 <= box.x0 <= axes.bbox.x1), key=_left)
+    assert len(boxes) >= 3
+    assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
+
+
+def _left(box):
+    return box.x0
+
+
+def test_a_front_of_nothing():
+    """Where no point is within the limits there are no letters and no profiles."""
+    figure = sweep_plots.plot_front(swept().isel(half_exposure=[0]), FRONT)
+    assert len(figure.axes) == 1
+    assert not figure.axes[0].texts
+    with pytest.raises(ValueError, match=r"plot_front\(num_profiles=...\)` must be a positive"):
+        sweep_plots.plot_front(swept(), FRONT, num_profiles=0)
+
+
+def test_a_capture_side_by_side():
+    """Each picture says what it is; that of the scene is left out where there is none."""
+    light = np.random.default_rng(3).uniform(0.1, 0.9, (23, 31, 1))
+    seen = {"photograph": Picture(light), "layers": None}
+    titles = {
+        name: [axes.get_title() for axes in plots.plot_capture(picture, light, light).axes]
+        for name, picture in seen.items()
+    }
+    assert titles["layers"] == ["captured", "restored"]
+    assert titles["photograph"] == ["the scene, at rest", "captured", "restored"]
+
+
+@pytest.mark.parametrize(
+    ("shape", "aspect"),
+    [((1, 20_000, 1), "auto"), ((40, 300, 1), 1.0), ((5_000, 3, 1), "auto"), ((300, 40, 1), 1.0)],
+)
+def test_a_capture_of_any_shape_is_seen(shape, aspect):
+    """One long row, or a few columns, are stretched; what is less so keeps its shape."""
+    light = np.full(shape, 0.5)
+    figure = plots.plot_capture(None, light, light)
+    FigureCanvasAgg(figure).draw()
+    for axes in figure.axes:
+        assert axes.get_aspect() == aspect
+        assert min(axes.get_window_extent().size) >= 10
+
+
+def test_a_drive_of_one_step_shows_the_sensor():
+    """The sensor moves through the whole exposure, however few steps drive the shutter."""
+    design = a_design(HannShutter())
+    figure = plots.plot_drive(drive_table(design, num_steps=1))
+    time, position = figure.axes[1].lines[0].get_data()
+    half = float(design.motion.half_exposure) * 1e3
+    np.testing.assert_allclose((time[0], time[-1]), (-half, half))
+    np.testing.assert_allclose((position.max(), position.min()), (design.motion.stroke, 0))
+
+
+def test_a_drive_is_drawn_at_the_middle_of_its_steps():
+    """The mean over a step stands there, and the level from its beginning to its end."""
+    table = drive_table(a_design(HannShutter()), num_steps=4)
+    top = plots.plot_drive(table).axes[0]
+    half = float(table.design.motion.half_exposure) * 1e3
+    np.testing.assert_allclose(top.lines[0].get_xdata(), half * np.array([-3, -1, 1, 3]) / 4)
+    np.testing.assert_allclose(top.patches[0].get_data().edges, half * np.linspace(-1, 1, 5))
+
+
+def test_photograph_side_by_side(tmp_path):
+    """One column a design beside the scene, at the tried speed nearest to the one asked for."""
+    results = {"rect": photograph(21), "Hann": photograph(24)}
+    figure = plots.plot_photograph(results, 400.0, crop=(11, 17))
+    titles = [axes.get_title() for axes in figure.axes]
+    assert "450 px/s" in titles[1]
+    assert "restored, 24.7 dB\n(gamma put back)" in titles
+    linear = plots.plot_photograph(results, 400.0, crop=(11, 17), linear=True)
+    assert linear.axes[-1].get_title() == "restored, 26.7 dB\n(linear light)"
+    plots.save_figure(figure, tmp_path / "photograph.png")
+
+
+def test_a_capture_is_shown_as_bright_as_its_scene():
+    """However much light a shutter costs; the picture at rest is then the scene itself."""
+    panels = plots.plot_photograph({"rect": photograph(21)}, 0.0, crop=(11, 17)).axes
+    scene, captured = (panel.images[0].get_array() for panel in panels[:2])
+    np.testing.assert_allclose(captured, scene)
+
+
+def test_levels_are_drawn_in_order_of_speed():
+    """Whatever order the speeds were tried in, each level stands at its own."""
+    found = photograph(21)
+    order = np.array([2, 0, 1])
+    mixed = found._replace(speeds=found.speeds[order], psnr=found.psnr[order])
+    for result in (found, mixed):
+        line = plots.plot_psnr({"rect": result}).axes[0].get_lines()[0]
+        np.testing.assert_array_equal(line.get_xdata(), found.speeds)
+        np.testing.assert_array_equal(line.get_ydata(), found.psnr)
+
+
+def test_one_seed_has_no_error_bar():
+    """Without a second capture there is no standard error, and no bar stands for it."""
+    figure = plots.plot_psnr({"rect": photograph(21, num_seeds=1)}, linear=True)
+    assert not figure.axes[0].collections
+
+
+@pytest.mark.parametrize(
+    ("speeds", "shown"),
+    [
+        ([-900.0, 0.0, 300.0, 900.0], [0.0, 300.0, 900.0]),
+        ([-900.0, -300.0, 0.0, 300.0, 900.0], [0.0, 300.0, 900.0]),
+        ([-2550.0, -1500.0, -450.0], [-450.0, -1500.0, -2550.0]),
+        ([-700.0, 200.0], [200.0, -700.0]),
+        ([410.0], [410.0]),
+    ],
+)
+def test_speeds_that_are_shown(speeds, shown):
+    """The slowest, a middling and the fastest by size, each once, as the scene has them."""
+    assert plots.shown_speeds(np.array(speeds)) == shown
+
+
+def test_nothing_to_show_is_an_error():
+    """A photograph of no design is refused."""
+    with pytest.raises(ValueError, match="must hold a result; got 0"):
+        plots.plot_photograph({}, 0.0)

@@ -1,0 +1,121 @@
+"""Reports: notes that say of what they speak, and a folder that holds one run."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.designs import LIMITS, MOTION, SCENE
+from support.photographs import photograph
+
+from mishutter import (
+    HannShutter,
+    Picture,
+    RectShutter,
+    Scene,
+    StillCamera,
+    TukeyShutter,
+    evaluate,
+)
+from mishutter.design.comparison import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Row
+from mishutter.model.images import write_picture
+from mishutter.report.photographs import Photographs, _middle_rows, photograph_of
+from mishutter.report.tables import Report, document, print_report, write_report
+
+DESIGNS = {
+    "rect": (MOTION, RectShutter()),
+    "Hann": (MOTION, HannShutter()),
+    BEST_TUKEY: (MOTION, TukeyShutter(0.3)),
+    BEST_SNAPSHOT: (StillCamera(half_exposure=1.3e-3), RectShutter()),
+}
+
+
+@pytest.fixture(scope="module")
+def report():
+    rows = [
+        Row(OWN_BEST_MOTION, name, shutter, motion, 0.3, evaluate(SCENE, motion, shutter))
+        for name, (motion, shutter) in DESIGNS.items()
+    ]
+    return Report(SCENE, Comparison(tuple(rows), "A verdict.", 0.1), ())
+
+
+def test_a_condition_says_of_which_row_it_is(report, capsys):
+    """Where phases differ, the few rows that have another are named."""
+    print_report(report)
+    lines = capsys.readouterr().out.splitlines()
+    (note,) = (line for line in lines if line.startswith("PSNR expected"))
+    assert note.count("phase") == 2
+    assert f", of {BEST_SNAPSHOT} at phase " in note
+
+
+def test_numbers_stand_under_their_columns(report, capsys):
+    """The gain is over the snapshot's row, and the exposure is the whole of it."""
+    print_report(report)
+    lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
+    (names,) = (cells for cells in lines if cells[0] == "shutter")
+    (numbers,) = (cells for cells in lines if cells[0] == "Hann")
+    m = report.comparison.row("Hann").metrics
+    snapshot = report.comparison.row(BEST_SNAPSHOT).metrics
+    assert dict(zip(names, numbers, strict=True)) == {
+        "shutter": "Hann",
+        "PSNR dB": f"{m.expected_psnr:.2f}",
+        "snapshot +dB": f"{m.expected_psnr - snapshot.expected_psnr:+.2f}",
+        "condition": f"{m.condition_number:.2f}",
+        "kernel diff": f"{m.kernel_difference:.4f}",
+        "relative": f"{m.relative_kernel_difference:.3f}",
+        "light": "0.500",
+        "bound": f"{m.bound_share:.3f}",
+        "stroke px": "22.0",
+        "open ms": "20.00",
+        "loss": "0.3000",
+    }
+
+
+def test_what_a_photograph_showed(report):
+    """Measured and expected stand apart, with gamma and in linear light."""
+    shown = replace(report, photographs=Photographs({"ensemble": {"rect": photograph(21)}}, {}))
+    found = document(shown)["photographs"]["ensemble"]["rect"]
+    assert found["mean_linear_psnr_db"] == 21
+    assert found["expected_of_ensemble_filter_db"] == pytest.approx(21.2)
+    np.testing.assert_allclose(found["psnr_db"], [21.3, 22.1, 21.7])
+    np.testing.assert_allclose(found["linear_psnr_db"], [23.3, 24.1, 23.7])
+
+
+def test_a_high_photograph_is_cut_to_its_middle():
+    """As many rows above as below are left out."""
+    light = np.tile(np.arange(200.0)[:, None, None] / 200, (1, 9, 1))
+    assert np.array_equal(_middle_rows(Picture(light)).light, light[20:180])
+    assert np.array_equal(_middle_rows(Picture(light[:7])).light, light[:7])
+
+
+def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):
+    """Those of a photograph go where this run has none; what is somebody else's stays."""
+    kept, stale = {"design.json", "notes.txt"}, {"psnr.png", "photograph.png"}
+    for name in kept | stale:
+        (tmp_path / name).write_text("from before")
+    written = write_report(report, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == kept | set(written)
+    assert not stale & set(written)
+
+
+def test_a_narrow_photograph_is_left_out_with_a_note(report, tmp_path, capsys):
+    """What was computed is not lost to it: one line names the file and how wide it should be."""
+    path = tmp_path / "narrow.png"
+    write_picture(path, np.random.default_rng(3).uniform(0.2, 0.8, (9, 41)))
+    scene = Scene([0.0, 310.0], photon_rate=1e5, read_noise=4.0, limits=LIMITS, picture=str(path))
+    rows = {row.name: row for row in report.comparison.rows}
+    assert photograph_of(scene, rows) is None
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{path}: 41 columns are too few")
+
+
+def test_a_result_at_one_speed_and_one_without_pictures():
+    """The levels stay what they were; pictures go with the speeds, or all of them."""
+    whole = photograph(21)
+    fastest, levels = whole.at(2), whole.without_pictures()
+    assert (fastest.speeds, fastest.psnr) == (whole.speeds[2], whole.psnr[2])
+    assert np.array_equal(fastest.captured[0], whole.captured[2])
+    assert np.array_equal(fastest.restored[0], whole.restored[2])
+    assert levels.captured.shape == levels.restored.shape == (0, *whole.captured.shape[1:])
+    for name in ("speeds", "psnr", "linear_psnr", "standard_error", "mean_psnr"):
+        assert np.array_equal(getattr(levels, name), getattr(whole, name))

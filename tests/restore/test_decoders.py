@@ -1,0 +1,362 @@
+"""Decoders against scikit-image, at borders, and against one another.
+
+Borders are pinned on a photograph whose scene goes on beyond the sensor, because there
+the usual rules (wrapped, dark) are known to ring.
+"""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support import borders
+from support.cameras import camera, scene
+from support.classes import final_classes
+
+import mishutter as ms
+from mishutter.evaluation.needs import PLANNED
+from mishutter.restore import decoders
+from mishutter.restore.decoders.banded import banded
+from mishutter.restore.decoders.borders import Continuation, captured_spectrum
+from mishutter.restore.decoders.linear import (
+    ensemble_filter,
+    expected_squared_error,
+    share_left_unexplained,
+    wiener_filter,
+)
+from mishutter.restore.decoders.richardson_lucy import richardson_lucy
+from mishutter.restore.decoders.tikhonov import _regularised
+from mishutter.restore.decoders.total_variation import _typical_difference
+
+DECODERS = {
+    "ensemble": ms.EnsembleDecoder(),
+    "wiener": ms.WienerDecoder(),
+    "tikhonov": ms.TikhonovDecoder(),
+    "total variation": ms.TotalVariationDecoder(),
+    "richardson-lucy": ms.RichardsonLucyDecoder(),
+    "accelerated": ms.RichardsonLucyDecoder(accelerated=True),
+    "until the noise": ms.RichardsonLucyDecoder(accelerated=True, until_noise=True),
+    "from Wiener": ms.RichardsonLucyDecoder(accelerated=True, until_noise=True, start="wiener"),
+}
+
+
+def test_every_decoder_is_among_them():
+    """One that is missing is one that nothing tests."""
+    assert {type(d) for d in DECODERS.values()} == final_classes(decoders, ms.AbstractDecoder)
+
+
+def photograph(first=100, last=124):
+    return ms.example_picture().light[first:last].astype(np.float64)
+
+
+def portrait():
+    """Rows whose ends differ, as those of most photographs do."""
+    from mishutter.model.images import shipped_picture
+
+    return shipped_picture("astronaut.png").luminance[100:228, :, None].astype(np.float64)
+
+
+def bright():
+    return scene(photon_rate=1e6, mean_level=0.21, deviation=0.2)
+
+
+def test_a_model_knows_the_scene():
+    """Light, noise and its part in the dark, and the picture's spectrum, in units of white."""
+    known = ms.Scene(
+        [-300.0, 700.0, 300.0], [0.2, 0.5, 0.3], photon_rate=3e5, read_noise=4.0, mean_level=0.3
+    )
+    for plan, weights in ((PLANNED, [0.5, 0.5]), (None, [0.2, 0.5, 0.3])):
+        model = ms.blur_model(known, camera(), ms.HannShutter(), plan=plan)
+        electrons = 3e5 * 0.02
+        assert model.electrons == pytest.approx(electrons)
+        assert model.efficiency == pytest.approx(0.5)
+        assert model.read_variance == pytest.approx((4 / electrons) ** 2)
+        assert model.noise == pytest.approx(0.5 * 0.3 / electrons + model.read_variance)
+        assert np.mean(model.power) == pytest.approx(0.2**2)
+        np.testing.assert_allclose(model.weights, weights)
+        exact = ms.blur_kernel(ms.HannShutter(), camera(), num_taps=model.num_taps)
+        np.testing.assert_allclose(model.assumed, exact, atol=1e-15)
+
+
+def test_no_filter_leaves_less_than_the_ensemble_filter():
+    """At any frequency; and what it leaves, over all of a DFT, is the error to expect."""
+    model, length = ms.blur_model(scene(), camera(), ms.RectShutter()), 600
+    power, responses = model.picture_spectrum(length), model.responses(length)
+
+    def left(gain):
+        missed = model.weights @ np.abs(1 - gain * responses) ** 2
+        return power * missed + model.noise * np.abs(gain) ** 2
+
+    best = ensemble_filter(model, length)
+    for other in (best * 1.001, best * 0.999, best + 1e-3j, best - 1e-3j):
+        assert np.all(left(other) > left(best) * (1 - 1e-12))
+    whole = np.concatenate([left(best), left(best)[1:-1][::-1]])
+    assert expected_squared_error(model, length) == pytest.approx(np.mean(whole), rel=1e-12)
+
+
+def test_what_wieners_filter_leaves_of_a_capture():
+    """In units of the noise: what is beyond its reach at every speed, not of the still one."""
+    model, length = ms.blur_model(scene(), camera(), ms.RectShutter()), 600
+    power, still = model.picture_spectrum(length), model.assumed_response(length)
+    passed = model.weights @ np.abs(model.responses(length)) ** 2
+    missed = np.abs(1 - wiener_filter(model, length) * still) ** 2
+    captured = power * passed + model.noise
+    np.testing.assert_allclose(captured_spectrum(model, length), captured, rtol=1e-12)
+    wanted = np.mean(missed * captured) / model.noise
+    assert 0 < wanted < 1
+    assert share_left_unexplained(model, length) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_a_spectrum_between_its_steps():
+    """It goes on by equal ratios, as those of photographs do more nearly than by differences."""
+    steps, wanted = (np.arange(256) + 0.5) / 512, np.fft.rfftfreq(1000)[1:-1]
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    steep = replace(model, power=np.exp(-19 * steps))
+    np.testing.assert_allclose(steep.picture_spectrum(1000)[1:-1], np.exp(-19 * wanted), rtol=1e-9)
+
+
+def test_total_variation_takes_its_strength():
+    """Its scale is that of neighbours' differences, and the stronger the fewer of them."""
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    white = replace(model, power=np.full(256, 0.09))
+    assert _typical_difference(white, 512) == pytest.approx(0.3)
+    captured = ms.simulate_capture(
+        photograph(100, 104), bright(), camera(), ms.HannShutter(), key=jax.random.key(2)
+    )
+    rough = [
+        np.sum(np.abs(np.diff(ms.TotalVariationDecoder(strength=c).restore(planes, model))))
+        for planes in [jnp.moveaxis(captured, -1, 0)]
+        for c in (0.2, 1.0, 20.0)
+    ]
+    assert rough[0] > 1.05 * rough[1] > 1.1 * rough[2]
+
+
+@pytest.mark.parametrize("name", DECODERS)
+def test_a_capture_alone_may_be_traced(name):
+    """What is known of the blur is worked out once, and the rest compiles."""
+    known = bright(), camera(), ms.HannShutter()
+
+    def restored(captured):
+        return ms.deconvolve(captured, *known, decoder=DECODERS[name])
+
+    captured = ms.simulate_capture(photograph(100, 103), *known)
+    np.testing.assert_allclose(jax.jit(restored)(captured), restored(captured), atol=1e-11)
+
+
+@pytest.mark.parametrize("name", [*DECODERS, "until_noise"])
+def test_a_restoration_differentiates(name):
+    """In reverse mode as in forward mode, and along a direction as a difference does.
+
+    Total variation bends wherever a difference of neighbours is kept or not: closer together
+    than any step that rounding allows.
+    """
+    decoder = DECODERS.get(name, ms.RichardsonLucyDecoder(until_noise=True))
+    captured = ms.simulate_capture(photograph(4, 120), bright(), camera(), ms.HannShutter())
+    direction, weights = np.random.default_rng(5).standard_normal((2, *captured.shape))
+
+    def seen(step):
+        light = captured + step * direction * captured
+        restored = ms.deconvolve(light, bright(), camera(), ms.HannShutter(), decoder=decoder)
+        return jnp.sum(weights * restored)
+
+    slope = jax.grad(seen)(0.0)
+    np.testing.assert_allclose(slope, jax.jvp(seen, (0.0,), (1.0,))[1], rtol=1e-9)
+    if name != "total variation":
+        np.testing.assert_allclose(slope, (seen(1e-6) - seen(-1e-6)) / 2e-6, rtol=1e-4)
+
+
+@pytest.mark.parametrize("num_taps", [1, 37, 46, 65, 150])
+def test_banded_product_is_the_periodic_convolution(num_taps):
+    """The banded product and its adjoint are the convolution and the correlation of the DFT."""
+    rng = np.random.default_rng(8)
+    taps = rng.random(num_taps)
+    operator = banded(taps)
+    length = 5 * operator.block
+    rows = rng.random((3, length))
+    response = np.fft.rfft(taps, length)
+    for found, factor in ((operator, response), (operator.back, response.conj())):
+        wanted = np.fft.irfft(np.fft.rfft(rows) * factor, length)
+        np.testing.assert_allclose(found(jnp.asarray(rows)), wanted, atol=1e-11)
+
+
+@pytest.mark.parametrize("num_taps", [51, 41])
+def test_richardson_lucy_is_that_of_scikit_image(num_taps):
+    """Thirty iterations agree with scikit-image's to 1e-4 at its border rule and start."""
+    from skimage.restoration import richardson_lucy as reference
+
+    taps = np.asarray(ms.blur_kernel(ms.HannShutter(), camera(), num_taps=num_taps))
+    taps = (taps + 0.01) / np.sum(taps + 0.01)  # light in every tap: else neither is stable
+    taps = taps.astype(np.float32)
+    picture = 0.05 + photograph()[:, :300, 0]
+    blurred = np.stack([np.convolve(row, taps, "same") for row in picture]).astype(np.float32)
+    wanted = reference(blurred, taps[None], num_iter=30, clip=False)
+    found = richardson_lucy(blurred, taps)
+    assert found.dtype == jnp.float32
+    np.testing.assert_allclose(found, wanted, atol=1e-4)
+
+
+def test_wiener_is_that_of_scikit_image():
+    """On periodic rows the filter is scikit-image's `wiener` with the same two spectra."""
+    from skimage.restoration import wiener as reference
+
+    known = bright()
+    model = ms.blur_model(known, camera(), ms.HannShutter())
+    length = 512
+    rows = photograph()[:1, :length, 0]
+    response = model.assumed_response(length)
+    captured = np.fft.irfft(np.fft.rfft(rows) * response, length)
+    penalty = np.sqrt(model.noise / model.picture_spectrum(length)).astype(complex)
+    taps = np.concatenate([np.zeros(model.num_taps - 1), model.assumed])
+    wanted = reference(captured, taps[None], 1.0, reg=penalty[None], is_real=True, clip=False)
+    found = np.fft.irfft(np.fft.rfft(captured) * wiener_filter(model, length), length)
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", DECODERS)
+def test_borders_are_nearly_as_good_as_the_middle(name):
+    """The outermost kernel length is within 3 dB of the rest where the scene goes on beyond."""
+    decoder, known = DECODERS[name], scene(mean_level=0.21, deviation=0.2)
+    found = ms.restore_photograph(
+        portrait(),
+        known,
+        camera(),
+        ms.HannShutter(),
+        decoder=decoder,
+        speeds=[0.0],
+        num_seeds=1,
+    )
+    figures = ms.measure_quality(found.reference, found.restored[0], border=34)
+    assert figures.border_psnr > figures.inner_psnr - 3
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["ensemble"]
+    + [
+        pytest.param(name, marks=pytest.mark.slow)
+        for name in ("wiener", "total variation", "richardson-lucy", "accelerated")
+    ],
+)
+def test_borders_are_far_better_than_wrapped(name):
+    """Over twelve photographs borders are within 3 dB of the middle, 6 dB above wrapped ones.
+
+    Both in the mean: where a row's ends look alike wrapping does no harm, and where the
+    columns at the border hold more contrast than the rest they are worse wherever they lie.
+    So it is also held, for each photograph, to how the same columns come out on a sensor
+    that goes on beyond them: what was not recorded costs at most 2.5 dB with the
+    ensemble filter, 6 dB with the others.
+    """
+    measured = [borders.measured(p, DECODERS[name], 3e6) for p in borders.PHOTOGRAPHS]
+    found = borders.Borders(*np.array(measured).T)
+    assert np.mean(found.border) > np.mean(found.inner) - 3
+    assert np.mean(found.border) > np.mean(found.wrapped) + 6
+    assert np.mean(found.border) > np.mean(found.reference) + 6
+    best = name == "ensemble"
+    assert np.all(found.border > found.recorded - (2.5 if best else 6))
+
+
+@pytest.mark.parametrize("name", DECODERS)
+def test_planes_are_independent(name):
+    """A picture in a batch is restored as it is alone, whatever stands beside it."""
+    decoder = DECODERS[name]
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    batch = jnp.asarray(np.random.default_rng(4).random((2, 3, 90))) * 0.4 + 0.1
+    together = decoder.restore(batch, model)
+    alone = jnp.stack([decoder.restore(plane, model) for plane in batch])
+    np.testing.assert_allclose(together, alone, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", DECODERS)
+@pytest.mark.parametrize("columns", [1, 7])
+def test_pictures_narrower_than_the_kernel(name, columns):
+    """Rows of any length come back finite, in the shape and precision they came in."""
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    rows = jnp.full((2, columns), 0.2, jnp.float32)
+    found = DECODERS[name].restore(rows, model)
+    assert found.shape == rows.shape
+    assert found.dtype == jnp.float32
+    assert bool(jnp.all(jnp.isfinite(found)))
+
+
+def test_tikhonov_weighs_second_differences():
+    """Of periodic rows the filter is one with one strength at every frequency."""
+    around = Continuation(np.zeros((0, 0)), 64, 64, 0)
+    rows = np.random.default_rng(6).random((3, 64))
+    response, noise, gain = np.fft.rfft([0.5, 0.3, 0.1], 64), np.asarray(1e-3), np.asarray(1.3)
+    found = np.asarray(_regularised(jnp.asarray(rows), around, response, noise, gain))
+    mean = rows.mean(axis=1, keepdims=True)
+    given, restored = (np.fft.rfft(x)[:, 1:] for x in (rows - mean, found - 1.3 * mean))
+    penalty = np.conj(response[1:]) * given / restored - np.abs(response[1:]) ** 2
+    strength = penalty / np.abs(np.exp(2j * np.pi * np.arange(1, 33) / 64) - 1) ** 4
+    np.testing.assert_allclose(strength, np.full((3, 32), strength[0, -1].real), rtol=1e-7)
+    assert strength[0, -1].real > 0
+
+
+def test_tikhonov_leaves_the_noise():
+    """What the regularised estimate leaves unexplained has the power of the noise."""
+    known = scene(mean_level=0.21, deviation=0.2)
+    model = ms.blur_model(known, camera(), ms.HannShutter())
+    g = ms.simulate_capture(
+        photograph()[..., 0], known, camera(), ms.HannShutter(), key=jax.random.key(2)
+    )
+    estimate = np.asarray(ms.TikhonovDecoder().restore(g, model))
+    again = np.stack([np.convolve(row, model.assumed)[: row.size] for row in estimate])
+    left = np.mean((again - np.asarray(g))[:, 100:-100] ** 2)
+    assert left == pytest.approx(model.noise, rel=0.25)
+
+
+def test_ten_accelerated_steps_go_as_far_as_twenty_five():
+    """What they leave of a capture unexplained says how far: by plain steps it takes more."""
+    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    captured = ms.simulate_capture(photograph(100, 104), bright(), camera(), ms.HannShutter())
+    planes = jnp.moveaxis(captured, -1, 0)
+
+    def unexplained(**options):
+        found = np.asarray(ms.RichardsonLucyDecoder(**options).restore(planes, model))
+        again = np.stack([[np.convolve(row, model.assumed) for row in plane] for plane in found])
+        return np.mean((again[..., : planes.shape[-1]] - planes)[..., 100:-100] ** 2)
+
+    quick = unexplained(num_iterations=10, accelerated=True)
+    assert quick < unexplained(num_iterations=25) < unexplained(num_iterations=10)
+
+
+@pytest.mark.parametrize(("photon_rate", "read_noise"), [(3e4, 4.0), (1e5, 60.0)])
+def test_stopping_at_the_noise_keeps_it_out(photon_rate, read_noise):
+    """In little light, or much noise of reading, it is better than thirty steps of it."""
+    light = {"photon_rate": photon_rate, "read_noise": read_noise}
+    dim = scene(**light, mean_level=0.21, deviation=0.2)
+    results = [
+        ms.restore_photograph(
+            photograph(), dim, camera(), ms.HannShutter(), decoder=d, speeds=[0.0], num_seeds=1
+        ).psnr[0]
+        for d in (ms.RichardsonLucyDecoder(), DECODERS["until the noise"])
+    ]
+    assert results[1] > results[0] + 1
+
+
+@pytest.mark.parametrize("photon_rate", [3e4, 1e6])
+def test_from_wieners_estimate_it_goes_further(photon_rate):
+    """Started from Wiener's estimate it ends above thirty steps from the capture."""
+    known = scene(photon_rate=photon_rate, mean_level=0.21, deviation=0.2)
+    results = [
+        ms.restore_photograph(
+            photograph(), known, camera(), ms.HannShutter(), decoder=d, speeds=[0.0], num_seeds=1
+        ).psnr[0]
+        for d in (ms.RichardsonLucyDecoder(), DECODERS["from Wiener"])
+    ]
+    assert results[1] > results[0] + 0.1
+
+
+def test_refusals():
+    """Parameters out of range are refused in one line."""
+    with pytest.raises(ValueError, match="must be a positive integer; got 0"):
+        ms.RichardsonLucyDecoder(0)
+    with pytest.raises(ValueError, match="must be 'capture' or 'wiener'; got 'flat'"):
+        ms.RichardsonLucyDecoder(start="flat")
+    with pytest.raises(ValueError, match="must be above 0; got -1"):
+        ms.TotalVariationDecoder(strength=-1.0)
+    with pytest.raises(ValueError, match="must be a positive integer"):
+        ms.TotalVariationDecoder(num_iterations=0)
+    with pytest.raises(ValueError, match="must be one row of taps"):
+        richardson_lucy(np.ones((3, 4)), np.ones((2, 2)))

@@ -1,0 +1,59 @@
+"""What computes by a plan gives what it gives with everything computed, on random scenes.
+
+Losses and metrics are in `test_plan`, layers in `test_tiles`, grids in `test_sweep_plan`;
+here are the objectives of the search, captures and decoders.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.random_scenes import random_scene
+
+import mishutter as ms
+from mishutter.design.objective import objective_of
+from mishutter.design.planning import full_sizes, plan
+from mishutter.design.space import FREE_NAMES, design_space
+from mishutter.evaluation.needs import reduced
+
+LOSSES = (ms.ExpectedErrorLoss(), ms.DesignLoss())
+FREE = (("shutter",), ("acceleration", "half_exposure"), FREE_NAMES)
+FEW_AND_MANY = pytest.mark.parametrize(
+    "seeds", [range(3), pytest.param(range(3, 203), marks=pytest.mark.slow)], ids=["few", "many"]
+)
+
+
+@FEW_AND_MANY
+def test_objectives_of_the_search(seeds):
+    """At two points of each space the planned objective is the full one to 1e-12."""
+    for seed in seeds:
+        scene, motion, shutter = random_scene(seed)
+        still = isinstance(motion, ms.StillCamera)
+        names = [n for n in FREE[seed % 3] if not (still and n == "acceleration")]
+        loss = LOSSES[seed // 6 % 2]
+        space = design_space(scene, motion, shutter, names)
+        planned = plan(scene, motion, shutter, loss=loss, free=names)
+        short = objective_of(loss, reduced(scene, planned), space, planned)
+        everything = full_sizes(scene, space.motion, space)
+        full = objective_of(loss, reduced(scene, everything), space, everything)
+        for box in np.random.default_rng(seed).uniform(0.1, 0.9, (2, space.size)):
+            found, wanted = (float(value(jnp.asarray(box))) for value in (short, full))
+            assert found == pytest.approx(wanted, rel=1e-12), seed
+
+
+@FEW_AND_MANY
+def test_captures_and_decoders(seeds):
+    """A picture with equal colours, captured at a speed of the scene and restored."""
+    for seed in seeds:
+        scene, motion, shutter = random_scene(seed)
+        rows = 0.2 + 0.6 * np.random.default_rng(seed).random((3, 180, 1))
+        picture = np.repeat(rows, 3, axis=2) if seed % 2 else rows
+        options = {"speed": float(scene.speeds[seed % 5]), "key": jax.random.key(seed)}
+        given = scene, motion, shutter
+        captured = ms.simulate_capture(picture, *given, **options)
+        again = ms.simulate_capture(picture, *given, **options, plan=None)
+        np.testing.assert_allclose(captured, again, rtol=1e-12, err_msg=str(seed))
+        restored = ms.deconvolve(captured, *given)
+        in_full = ms.deconvolve(captured, *given, plan=None)
+        scale = float(np.max(np.abs(in_full)))
+        np.testing.assert_allclose(restored, in_full, atol=1e-12 * scale, err_msg=str(seed))

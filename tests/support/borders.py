@@ -1,0 +1,128 @@
+"""How good the borders of a restored picture are, on photographs that go on beyond them.
+
+A photograph is captured whole, and a sensor is cut out of the middle of the capture: the
+truth beyond its borders is known, and the same columns can also be restored with what lies
+beyond them at hand. What a decoder loses at a border is the difference of the two, which the
+content of the columns has no part in.
+"""
+
+from contextlib import ExitStack
+from importlib import import_module
+from typing import NamedTuple
+from unittest import mock
+
+import numpy as np
+
+import mishutter as ms
+from mishutter.model.images import shipped_picture
+from mishutter.restore.decoders.borders import Continuation
+
+PHOTOGRAPHS = {
+    "astronaut.png": 100,
+    "brick.png": 100,
+    "camera.png": 60,
+    "coffee.png": 120,
+    "grass.png": 100,
+    "gravel.png": 100,
+    "hubble_deep_field.jpg": 300,
+    "ihc.png": 100,
+    "moon.png": 100,
+    "motorcycle_left.png": 180,
+    "retina.jpg": 600,
+    "rocket.jpg": 100,
+}
+"""Every photograph of at least 512 columns inside scikit-image's package, and the first of
+the 128 rows that are used."""
+NUM_ROWS, COLUMNS = 128, 336
+STROKE, HALF_EXPOSURE = 34.0, 0.01
+BORDER = 34
+"""Columns that count as border: the kernel's length."""
+SPEED_SHARE = 0.15
+"""Largest speed that the decoder reckons with, of the sensor's top speed."""
+READ_NOISE = 4.0
+
+
+class Borders(NamedTuple):
+    """PSNR of the restored picture, dB: between the borders, and of the borders alone.
+
+    Attributes:
+        inner: Between the borders.
+        border: Of the outermost kernel length of columns at either end.
+        recorded: Of the same columns where the sensor goes on beyond them.
+        wrapped: Of the borders by the same decoder on rows taken for periodic.
+        reference: Of the borders by scikit-image's decoder of the same kind.
+    """
+
+    inner: float
+    border: float
+    recorded: float
+    wrapped: float
+    reference: float
+
+
+def camera():
+    """The moving sensor."""
+    return ms.ParabolicMotion(acceleration=STROKE / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
+
+
+def measured(name, decoder, photon_rate):
+    """Borders of a photograph under a Hann window, standing still before the camera."""
+    first = PHOTOGRAPHS[name]
+    light = shipped_picture(name).luminance[first : first + NUM_ROWS, :, None].astype(np.float64)
+    motion, shutter = camera(), ms.HannShutter()
+    known = ms.Scene.uniform(
+        max_speed=SPEED_SHARE * float(motion.top_speed),
+        num_speeds=5,
+        photon_rate=photon_rate,
+        read_noise=READ_NOISE,
+        **ms.row_power_spectrum(ms.Picture(light))._asdict(),
+    )
+    whole = ms.restore_photograph(
+        light, known, motion, shutter, decoder=decoder, speeds=[0.0], num_seeds=1
+    )
+    begin = (whole.reference.shape[1] - COLUMNS) // 2
+    middle = np.s_[:, begin : begin + COLUMNS]
+    truth, captured = whole.reference[middle], whole.captured[0][middle]
+    found = ms.deconvolve(captured, known, motion, shutter, decoder=decoder)
+    with wrapped_borders():
+        wrapped = ms.deconvolve(captured, known, motion, shutter, decoder=decoder)
+    reference = _by_scikit_image(captured[..., 0], known, decoder)[..., None]
+    border = {
+        key: ms.measure_quality(truth, np.asarray(value), border=BORDER)
+        for key, value in (
+            ("border", found),
+            ("recorded", whole.restored[0][middle]),
+            ("wrapped", wrapped),
+            ("reference", reference),
+        )
+    }
+    psnr = {key: value.border_psnr for key, value in border.items()}
+    return Borders(inner=border["border"].inner_psnr, **psnr)
+
+
+def wrapped_borders():
+    """Inside this context every decoder takes rows for periodic; `COLUMNS` fills its blocks."""
+
+    def periodic(model, columns, *, multiple=0):
+        return Continuation(np.zeros((0, 0)), columns, columns, 0)
+
+    stack = ExitStack()
+    for name in ("linear", "richardson_lucy", "tikhonov", "total_variation"):
+        module = import_module(f"mishutter.restore.decoders.{name}")
+        stack.enter_context(mock.patch.object(module, "continuation", periodic))
+    return stack
+
+
+def _by_scikit_image(captured, known, decoder):
+    """`richardson_lucy` or `wiener`, with the same kernel, noise and spectrum, on rows."""
+    from skimage.restoration import richardson_lucy as iterate
+    from skimage.restoration import wiener
+
+    model = ms.blur_model(known, camera(), ms.HannShutter())
+    taps = np.concatenate([np.zeros(model.num_taps - 1), model.assumed])[None]
+    if isinstance(decoder, ms.RichardsonLucyDecoder):
+        light = captured / model.efficiency
+        return iterate(light, taps / taps.sum(), num_iter=decoder.num_iterations, clip=False)
+    penalty = np.sqrt(model.noise / model.picture_spectrum(COLUMNS)).astype(complex)[None]
+    rows = [wiener(r[None], taps, 1.0, reg=penalty, is_real=True, clip=False) for r in captured]
+    return np.concatenate(rows)

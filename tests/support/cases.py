@@ -1,0 +1,88 @@
+"""One or more instances of every final class, by a slug, and the reference of each shutter.
+
+Parameters are none of them zero, one, equal or symmetric, unless the slug says so.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mishutter import (
+    RASKAR_CODE,
+    AbstractShutter,
+    ChippedShutter,
+    GaussianShutter,
+    HannShutter,
+    ParabolicMotion,
+    RectShutter,
+    SplineShutter,
+    StillCamera,
+    TriangleShutter,
+    TukeyShutter,
+)
+from support import reference
+
+
+@dataclass(frozen=True)
+class ShutterCase:
+    """A shutter of given parameters, and the reference window of the same ones."""
+
+    parameters: np.ndarray
+    make: Callable[[np.ndarray], AbstractShutter]
+    window: Callable[[np.ndarray], reference.Window]
+
+    def shutter(self, dtype=np.float64):
+        return self.make(self.parameters.astype(dtype))
+
+    def reference(self, dtype=np.float64):
+        return self.window(self.parameters.astype(dtype))
+
+
+def _fixed(make, window):
+    return ShutterCase(np.zeros(0), lambda _: make(), lambda _: window())
+
+
+def _single(value, make, window):
+    return ShutterCase(np.array(value), make, lambda p: window(p.item()))
+
+
+def _row(values, make, window):
+    return ShutterCase(np.asarray(values, float), make, lambda p: window(p.tolist()))
+
+
+def _profile(count):
+    index = np.arange(count)
+    return 0.5 + 0.45 * np.sin(1.7 * index + 0.3) * np.cos(0.4 * index)
+
+
+def _mirrored(count):
+    return lambda half: reference.spline([*half, *half[: count // 2][::-1]])
+
+
+SHUTTERS = {
+    "rect": _fixed(RectShutter, reference.rect),
+    "hann": _fixed(HannShutter, reference.hann),
+    "triangle": _fixed(TriangleShutter, reference.triangle),
+    "gaussian": _single(0.37, GaussianShutter, reference.gaussian),
+    "gaussian-narrow": _single(0.0521, GaussianShutter, reference.gaussian),
+    "tukey": _single(0.43, TukeyShutter, reference.tukey),
+    "tukey-steep": _single(0.0023, TukeyShutter, reference.tukey),
+    "flutter": _row(RASKAR_CODE, ChippedShutter, reference.chips),
+    "chips": _row(_profile(7), ChippedShutter, reference.chips),
+    "one-open-chip": _row(np.eye(31)[22], ChippedShutter, reference.chips),
+    "spline": _row(_profile(24), SplineShutter, reference.spline),
+    "spline-closed-middle": _row(
+        _profile(15) * (np.abs(np.arange(15) - 7) > 3), SplineShutter, reference.spline
+    ),
+    "spline-symmetric": _row(
+        _profile(6),
+        lambda p: SplineShutter(p, symmetric=True, num_coefficients=11),
+        _mirrored(11),
+    ),
+}
+
+MOTIONS = {
+    "parabolic": lambda: ParabolicMotion(acceleration=310.0, half_exposure=0.31),
+    "still": lambda: StillCamera(half_exposure=0.013),
+}

@@ -1,0 +1,255 @@
+"""Tolerances by name, random points of the domain, and the comparison with the reference."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+
+from mishutter import ParabolicMotion, binned_exposure, blur_kernel, transfer_function
+from support import reference
+from support.cases import SHUTTERS
+
+TAP_RELATIVE = {np.float64: 1e-12, np.float32: 2e-6}
+"""Error of a tap relative to itself, or"""
+TAP_OF_LARGEST = {np.float64: 1e-15, np.float32: 1e-7}
+"""to the largest tap, whichever is looser: a few units in the last place of either."""
+DERIVATIVE_OF_LARGEST = {np.float64: 1e-9, np.float32: 1e-4}
+"""Error of a derivative relative to the largest, or"""
+DERIVATIVE_OF_TAP = {np.float64: 1e-12, np.float32: 1e-5}
+"""to the largest tap per natural unit of the argument: one that is zero in exact
+arithmetic, because all light falls on one tap, is a difference of equal numbers."""
+TRANSFER_ABSOLUTE = {np.float64: 1e-12, np.float32: 2e-6}
+"""Error of a transfer function, of modulus at most 1."""
+FORWARD_AGAINST_REVERSE = 1e-12
+"""The same sums in another order."""
+ROUNDING = 1e-14
+"""Two compilations of the same formula."""
+
+MAX_STROKE = {np.float64: 8, np.float32: 6}
+"""Decades of px. Twice the bits of float32 hold a position on a longer path to 1e-6 px and
+more, which is the bound itself where a profile vanishes at the far end of the path."""
+
+NUM_TAPS = 16
+ARGUMENTS = ("acceleration", "half_exposure", "speed", "position", "shutter")
+
+
+@dataclass(frozen=True)
+class Point:
+    """One random problem; `taps` are positions of tap edges, `phase` that of the first."""
+
+    slug: str
+    stroke: float
+    acceleration: float
+    half_exposure: float
+    speed: float
+    taps: np.ndarray
+    frame: str
+
+    @property
+    def regime(self):
+        """The corner of the domain that a point lies in, for the table of worst cases."""
+        if self.stroke == 0:
+            return "no acceleration"
+        if self.stroke < 1e-3:
+            return "stroke below 1e-3 px"
+        if abs(self.speed) > 2 * self.acceleration * self.half_exposure:
+            return "object faster than the sensor"
+        return "stroke 1e-3 to 1e4 px" if self.stroke < 1e4 else "stroke above 1e4 px"
+
+
+def random_point(rng, dtype=np.float64, slug=None):
+    """A point of the domain, log-uniform, with the special places drawn often."""
+    slug = slug or str(rng.choice(list(SHUTTERS)))
+    frame = str(rng.choice(["vertex", "sensor"]))
+    still = frame == "sensor" and rng.random() < 0.1
+    stroke = 0.0 if still else 10 ** rng.uniform(-12, MAX_STROKE[dtype])
+    T = dtype(10 ** rng.uniform(-9, 5))
+    a = dtype(stroke / float(T) / float(T))
+    special = [0.0, 1.0, 0.5, 1 / 26, 3 / 7, 1 - 2 / 21]
+    nu = rng.choice([rng.choice(special), 10 ** rng.uniform(-6, 3)]) * rng.choice([-1, 1])
+    smear = 10 ** rng.uniform(-12, 8) if still else 2 * stroke * nu
+    s = dtype(smear / float(T))
+    far, reach = stroke * (1 + abs(nu)) ** 2, stroke + abs(smear)
+    if frame == "vertex":
+        near = stroke * max(abs(nu) - 1, 0) ** 2
+        start = [0, -0.5, rng.uniform(-3, 3), rng.uniform(near, far), far - rng.uniform(0, 16)]
+        phase = dtype(rng.choice(start))
+        return Point(slug, stroke, a, T, s, np.array([phase]), frame)
+    vertex = -smear * nu / 2 if stroke else 0.0
+    centre = rng.choice([0, vertex, stroke - smear, stroke + smear, rng.uniform(-reach, reach)])
+    pitch = rng.choice([1.0, reach / NUM_TAPS, 1e-3 * reach])
+    edges = centre + pitch * rng.uniform(-NUM_TAPS / 2, NUM_TAPS / 2, NUM_TAPS + 1)
+    return Point(slug, stroke, a, T, s, np.sort(edges).astype(dtype), frame)
+
+
+def _taps(slug, frame, a, T, s, shift, parameters, positions):
+    shutter = SHUTTERS[slug].make(parameters)
+    motion = ParabolicMotion(acceleration=a, half_exposure=T)
+    if frame == "vertex":
+        phase = positions[0] + shift
+        return blur_kernel(shutter, motion, speed=s, num_taps=NUM_TAPS, phase=phase)
+    return binned_exposure(shutter, motion, speed=s, edges=positions + shift)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def taps_and_derivatives(slug, frame, arguments, positions, direction):
+    """Taps, and their derivatives by each of `ARGUMENTS`, the shutter's along a direction."""
+
+    def along(step):
+        a, T, s, parameters = arguments
+        moved = parameters + direction * step[4]
+        return _taps(slug, frame, a + step[0], T + step[1], s + step[2], step[3], moved, positions)
+
+    origin = jnp.zeros(len(ARGUMENTS), positions.dtype)
+    return along(origin), jax.jacfwd(along)(origin)
+
+
+def direction_of(slug, dtype):
+    """A fixed direction in the space of a shutter's parameters."""
+    parameters = SHUTTERS[slug].parameters
+    index = np.arange(parameters.size).reshape(parameters.shape)
+    return np.cos(2.1 * index + 0.4).astype(dtype)
+
+
+def computed(point):
+    """What the package finds at a point: taps `(n,)` and derivatives `(n, 5)`."""
+    dtype = point.taps.dtype.type
+    arguments = (
+        point.acceleration,
+        point.half_exposure,
+        point.speed,
+        SHUTTERS[point.slug].parameters.astype(dtype),
+    )
+    direction = direction_of(point.slug, dtype)
+    taps, derivatives = taps_and_derivatives(
+        point.slug, point.frame, arguments, point.taps, direction
+    )
+    return np.asarray(taps), np.asarray(derivatives)
+
+
+def exact_taps(point, *, a=None, T=None, s=None, shift=0, window=None):
+    """Taps of the reference, with some arguments replaced."""
+    dtype = point.taps.dtype.type
+    window = window or SHUTTERS[point.slug].reference(dtype)
+    first = point.taps if point.frame == "sensor" else None
+    edges = (
+        [mp.mpf(float(e)) + shift for e in first]
+        if first is not None
+        else [k + mp.mpf(float(point.taps[0])) + shift for k in range(NUM_TAPS + 1)]
+    )
+    return reference.exposures(
+        window,
+        float(point.acceleration) if a is None else a,
+        float(point.half_exposure) if T is None else T,
+        float(point.speed) if s is None else s,
+        edges,
+        from_vertex=point.frame == "vertex",
+    )
+
+
+def natural_scale(point, argument):
+    """The change of an argument that changes taps by about their own size."""
+    a, T, s = (float(x) for x in (point.acceleration, point.half_exposure, point.speed))
+    return {
+        "acceleration": a or abs(s) / T,
+        "half_exposure": T,
+        "speed": max(abs(s), 2 * a * T),
+        "position": min(1.0, a * T * T + abs(s) * T),
+        "shutter": 1.0,
+    }[argument]
+
+
+def exact_derivative(point, argument):
+    """Derivative of the reference by one of `ARGUMENTS`, a row over taps."""
+    if argument == "shutter":
+        return _exact_shutter_derivative(point)
+    window = SHUTTERS[point.slug].reference(point.taps.dtype.type)
+    name, at = {
+        "acceleration": ("a", float(point.acceleration)),
+        "half_exposure": ("T", float(point.half_exposure)),
+        "speed": ("s", float(point.speed)),
+        "position": ("shift", 0.0),
+    }[argument]
+    return reference.derivative(
+        lambda x: exact_taps(point, window=window, **{name: x}),
+        at,
+        natural_scale(point, argument),
+        one_sided=argument == "acceleration" and at == 0,
+    )
+
+
+def _exact_shutter_derivative(point):
+    case, dtype = SHUTTERS[point.slug], point.taps.dtype.type
+    base = case.parameters.astype(dtype)
+    if base.size == 0:
+        return [mp.mpf(0)] * NUM_TAPS
+    direction = direction_of(point.slug, dtype)
+
+    def along(x):
+        moved = np.array([mp.mpf(float(p)) for p in base.flat], dtype=object) + x * np.array(
+            [mp.mpf(float(d)) for d in direction.flat], dtype=object
+        )
+        return exact_taps(point, window=case.window(moved.reshape(base.shape)))
+
+    return reference.derivative(along, 0, 1)
+
+
+def tap_error(taps, exact, dtype):
+    """Largest error of a tap, in units of what is allowed; nan where a tap is not finite."""
+    largest = max(exact)
+    if largest == 0:
+        return 0.0 if not np.any(taps) else np.inf
+    if not np.all(np.isfinite(taps)):
+        return np.nan
+    relative, of_largest = TAP_RELATIVE[dtype], TAP_OF_LARGEST[dtype]
+    floor = mp.mpf(float(np.finfo(dtype).tiny))
+    return max(
+        float(abs(mp.mpf(float(h)) - r) / max(relative * r, of_largest * largest, floor))
+        for h, r in zip(taps, exact, strict=True)
+    )
+
+
+def derivative_error(derivatives, point, argument, largest_tap):
+    """Largest error of a derivative, in units of what is allowed."""
+    dtype = point.taps.dtype.type
+    if not np.all(np.isfinite(derivatives)):
+        return np.nan
+    exact = exact_derivative(point, argument)
+    floor = DERIVATIVE_OF_TAP[dtype] * largest_tap / mp.mpf(natural_scale(point, argument))
+    allowed = max(DERIVATIVE_OF_LARGEST[dtype] * max(abs(r) for r in exact), floor)
+    allowed = max(allowed, mp.mpf(float(np.finfo(dtype).tiny)))
+    errors = [abs(mp.mpf(float(h)) - r) for h, r in zip(derivatives, exact, strict=True)]
+    return float(max(errors) / allowed)
+
+
+def edge_at_vertex(point):
+    """Whether a tap's edge lies on the vertex, where the derivative by position is infinite."""
+    return point.frame == "vertex" and float(point.taps[0]).is_integer() and point.taps[0] <= 0
+
+
+transfer = jax.jit(transfer_function)
+
+
+def transfer_error(point, frequencies):
+    """Largest error of the transfer function, in units of what is allowed."""
+    dtype = point.taps.dtype.type
+    case = SHUTTERS[point.slug]
+    motion = ParabolicMotion(acceleration=point.acceleration, half_exposure=point.half_exposure)
+    found = np.asarray(
+        transfer(case.shutter(dtype), motion, speed=point.speed, frequency=frequencies)
+    )
+    window = case.reference(dtype)
+    a, T, s = (float(x) for x in (point.acceleration, point.half_exposure, point.speed))
+    exact = [reference.transfer(window, a, T, s, float(f)) for f in frequencies]
+    errors = [float(abs(mp.mpc(complex(h)) - r)) for h, r in zip(found, exact, strict=True)]
+    held = 2 * np.pi * np.abs(frequencies) * a * T * T * np.finfo(dtype).eps
+    return float(np.max(np.array(errors) / (TRANSFER_ABSOLUTE[dtype] + held)))
+
+
+def random_frequencies(rng, dtype=np.float64, count=6):
+    """Frequencies of either sign, log-uniform, zero among them."""
+    sizes = 10 ** rng.uniform(-6, 3, count) * rng.choice([-1, 1], count)
+    return np.where(rng.random(count) < 0.1, 0.0, sizes).astype(dtype)

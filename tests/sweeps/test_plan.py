@@ -1,0 +1,137 @@
+"""What a sweep leaves out by default changes nothing, and what it was asked for is recorded."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from support.random_scenes import random_scene
+from support.sweeps import SCENE, grid
+
+from mishutter import (
+    RASKAR_CODE,
+    ChippedShutter,
+    GaussianShutter,
+    HannShutter,
+    Limits,
+    Scene,
+    SplineShutter,
+    TukeyShutter,
+    plan,
+    sweep,
+)
+from mishutter.model.motion import ParabolicMotion
+from mishutter.sweeps.layout import folded
+
+RELATIVE = 1e-12
+"""Difference that other nodes and another order of sums make, where nothing cancels."""
+ROUNDING = 1e-13
+"""The same of a response or tap, relative to the largest: what is next to zero is known to that."""
+
+AXES: dict[str, Any] = {
+    "accelerations": [0.0, 2.1e4, 1.3e5, 7e5],
+    "half_exposures": [1.7e-3, 6.2e-3],
+}
+LIGHT: dict[str, Any] = {"photon_rate": 2e4, "read_noise": 3.0}
+FAMILIES = {
+    "symmetric": {"Hann": HannShutter(), "Tukey": TukeyShutter(0.37), "bell": GaussianShutter(0.3)},
+    "any": {
+        "flutter": ChippedShutter(RASKAR_CODE),
+        "spline": SplineShutter(0.5 + 0.45 * np.sin(1.7 * np.arange(9) + 0.3)),
+        "Hann": HannShutter(),
+    },
+}
+
+
+def random_scenes():
+    """Scenes of every kind that something can be left out of, and of none."""
+    rng = np.random.default_rng(7)
+
+    def scene(speeds, weights=None, **others: Any):
+        light: dict[str, Any] = {
+            "photon_rate": 10 ** rng.uniform(3, 6),
+            "read_noise": rng.uniform(0, 9),
+        }
+        limits = Limits(max_stroke=rng.uniform(30, 40), max_half_exposure=0.03)
+        return Scene(speeds, weights, limits=limits, **light | others)
+
+    one_sided = np.sort(rng.uniform(30, 900, 4))
+    return {
+        "mirrored": scene(np.concatenate([-one_sided, one_sided])),
+        "one-sided": scene(one_sided, rng.dirichlet(np.ones(4))),
+        "repeated": scene(np.repeat(one_sided[:2], 3), rng.dirichlet(np.ones(6))),
+        "absent": scene([-350.0, 0.0, 350.0, 810.0], [0.5, 0.0, 0.5, 0.0]),
+        "still": scene([0.0]),
+        "still-twice": scene([0.0, 0.0, 440.0], [0.3, 0.7, 0.0]),
+        "unlike": scene(rng.uniform(-800, 800, 5), rng.dirichlet(np.ones(5))),
+        "pictured": scene(rng.uniform(-300, 300, 3), power_spectrum=rng.uniform(0.1, 2, 64)),
+        "blurred": scene(rng.uniform(-300, 300, 3), cutoff_frequency=0.2),
+        "noiseless": scene([-120.0, 120.0, 240.0], read_noise=0.0),
+    }
+
+
+def compare_sweeps(scenes, axes, shutters):
+    """Each metric at each point, against the same sweep with everything computed."""
+    left_out = sweep(scenes, shutters=shutters, **axes)
+    everything = sweep(scenes, shutters=shutters, plan=None, **axes)
+    inside = left_out.outside.values == 0
+    np.testing.assert_array_equal(left_out.outside, everything.outside)
+    for name in ("num_taps", "dft_length", "efficiency"):
+        np.testing.assert_array_equal(left_out[name], everything[name])
+    for name in ("expected_psnr", "kernel_difference", "relative_kernel_difference"):
+        np.testing.assert_allclose(
+            left_out[name], everything[name], rtol=RELATIVE, atol=ROUNDING * 1e-2, err_msg=name
+        )
+    least = [1 / x.condition_number.values[inside] for x in (left_out, everything)]
+    np.testing.assert_allclose(*least, rtol=RELATIVE, atol=ROUNDING)
+    roots = [np.sqrt(x.bound_share.values[inside]) for x in (left_out, everything)]
+    np.testing.assert_allclose(*roots, rtol=RELATIVE, atol=ROUNDING)
+    return np.count_nonzero(inside)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_nothing_changes(family):
+    """80 points of scenes of ten kinds."""
+    assert compare_sweeps(random_scenes(), AXES, FAMILIES[family]) >= 50
+
+
+@pytest.mark.slow
+def test_nothing_changes_on_many_scenes():
+    """Two hundred scenes, moving and at rest."""
+    scenes = {str(seed): random_scene(seed)[0] for seed in range(200)}
+    axes = {"accelerations": [0.0, 9e4], "half_exposures": [0.011]}
+    assert compare_sweeps(scenes, axes, FAMILIES["any"]) >= 400
+
+
+def test_what_is_folded():
+    """Mirrored, repeated and absent speeds go by default, and stay where all is computed."""
+    scene = Scene([-350.0, 350.0, 350.0, 810.0], [0.2, 0.3, 0.5, 0.0], **LIGHT)
+    sizes, weights = folded(scene, True, True)
+    np.testing.assert_array_equal(sizes, [350.0])
+    np.testing.assert_allclose(weights, [[1.0]])
+    sizes, weights = folded(scene, False, True)
+    np.testing.assert_allclose(weights, [[0.8], [0.2]])
+    sizes, weights = folded(scene, False, False)
+    np.testing.assert_array_equal(sizes, [350.0, 350.0, 350.0, 810.0])
+    np.testing.assert_allclose(weights, [[0.0, 0.3, 0.5, 0.0], [0.2, 0.0, 0.0, 0.0]])
+
+
+def test_speeds_that_mirror_but_for_rounding():
+    """They are one size."""
+    speeds = np.linspace(-0.3, 0.3, 7) * 1000
+    assert np.unique(np.abs(speeds)).size > 4
+    assert folded(Scene(speeds, **LIGHT), True, True)[0].size == 4
+
+
+def test_it_is_recorded_and_a_store_of_another_plan_is_refused(tmp_path):
+    """As part of what was asked for; of a plan object it is whether it skips."""
+    few = grid(accelerations=[3e4, 9e4], half_exposures=[3.1e-3], metrics=["expected_psnr"])
+    planned = sweep(SCENE, **few)
+    assert json.loads(planned.attrs["sweep"])["plan"] == "planned"
+    everything = sweep(SCENE, plan=None, store=tmp_path / "a.zarr", **few)
+    assert json.loads(everything.attrs["sweep"])["plan"] == "everything"
+    with pytest.raises(ValueError, match=r"with plan: 'planned'; got 'everything"):
+        sweep(SCENE, store=tmp_path / "a.zarr", **few)
+    motion = ParabolicMotion(acceleration=3e4, half_exposure=3.1e-3)
+    own = plan(SCENE, motion, HannShutter(), tolerance=1e-3)
+    assert sweep(SCENE, plan=own, **few).identical(planned)

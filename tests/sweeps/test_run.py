@@ -1,0 +1,316 @@
+"""A sweep's numbers are those of `evaluate`, its limits are masks, its mistakes one line."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+from support.sweeps import (
+    ACCELERATIONS,
+    HALF_EXPOSURES,
+    LIMITS,
+    SCENE,
+    SHUTTERS,
+    differences,
+    grid,
+    inside_points,
+)
+
+import mishutter
+from mishutter import (
+    RASKAR_CODE,
+    ChippedShutter,
+    DesignLoss,
+    GaussianShutter,
+    Scene,
+    SplineShutter,
+    TukeyShutter,
+    sweep,
+)
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.sweeps.grid import REASONS, outside_limits
+
+
+@pytest.fixture(scope="module")
+def swept():
+    """The small sweep, in memory."""
+    return sweep(SCENE, **grid())
+
+
+def test_numbers_are_those_of_evaluate(swept):
+    """Every metric at every point within limits, a camera at rest among them."""
+    points = inside_points(swept)
+    assert len(points) == 13
+    assert differences(swept, SCENE, SHUTTERS, points) == []
+
+
+def test_limits_are_masks_with_a_reason(swept):
+    """A point is NaN where a limit is broken, and only there; the bits name every limit."""
+    a, half = ACCELERATIONS[:, None], HALF_EXPOSURES[None]
+    bits = swept.outside.values
+    assert list(swept.outside.attrs["flag_masks"]) == [1, 2, 4, 8, 16]
+    names = swept.outside.attrs["flag_meanings"].split()
+    assert names == ["stroke", "top_speed", "exposure_too_short", "exposure_too_long", "full_well"]
+    broken = {
+        "stroke": a * half**2 > float(LIMITS.max_stroke),
+        "top_speed": 2 * a * half > float(LIMITS.max_top_speed),
+        "exposure_too_short": np.broadcast_to(half < 1e-3, bits.shape),
+        "exposure_too_long": np.broadcast_to(half > 0.02, bits.shape),
+    }
+    for bit, name in enumerate(names[:4]):
+        np.testing.assert_array_equal((bits >> bit) & 1, broken[name])
+    for name in ("expected_psnr", "condition_number", "efficiency"):
+        np.testing.assert_array_equal(
+            np.isnan(swept[name].values), np.broadcast_to(bits[..., None] > 0, (5, 6, 2))
+        )
+
+
+AT_A_LIMIT = {
+    "stroke": lambda x: (9e4 * x, 1e-2),
+    "top_speed": lambda x: (2e6 / 3 * x, 3e-3),
+    "exposure_too_short": lambda x: (3e4, 1e-3 / x),
+    "exposure_too_long": lambda x: (1e4, 0.02 * x),
+}
+
+
+@pytest.mark.parametrize("reason", AT_A_LIMIT)
+def test_a_point_at_a_limit_is_within_it(reason):
+    """To a rounding of a thousand millionth, and no more."""
+    for beyond, bits in ((1e-10, 0), (1e-8, 1 << REASONS.index(reason))):
+        a, half = (np.array([x]) for x in AT_A_LIMIT[reason](1 + beyond))
+        wide = Scene([0.0], photon_rate=1e5, read_noise=1.0, limits=LIMITS)
+        found = outside_limits(wide, a, half)
+        assert found.item() == bits
+
+
+def test_labels_and_units(swept):
+    """Dimensions are named, coordinates carry units, attributes say how to do it again."""
+    assert swept.expected_psnr.dims == ("acceleration", "half_exposure", "shutter")
+    assert swept.acceleration.attrs["units"] == "px/s^2"
+    assert swept.half_exposure.attrs["units"] == "s"
+    assert swept.expected_psnr.attrs["units"] == "dB"
+    assert all(name in swept.attrs["versions"] for name in ("jax", "numpy", "equinox"))
+    assert all(name in swept.attrs["sweep"] for name in ("photon_rate", "max_stroke", "Hann"))
+
+
+def test_shutters_without_symmetry():
+    """A flutter code, a one-sided profile and a narrow window are as exact as the rest."""
+    profile = 0.5 + 0.45 * np.sin(1.7 * np.arange(9) + 0.3)
+    shutters = {
+        "flutter": ChippedShutter(RASKAR_CODE),
+        "spline": SplineShutter(profile),
+        "narrow": GaussianShutter(0.07),
+    }
+    found = sweep(SCENE, **grid(shutters=shutters, accelerations=[2.1e4, 9e4]))
+    assert differences(found, SCENE, shutters, inside_points(found)[::3]) == []
+
+
+class Ramp(AbstractShutter):
+    """A shutter of one's own: only its transmittance is known."""
+
+    def transmittance(self, tau):
+        tau = jnp.asarray(tau, jnp.result_type(float))
+        return jnp.where(jnp.abs(tau) <= 1, 0.5 + 0.3 * tau**3, 0.0)
+
+
+def test_a_shutter_of_ones_own():
+    """It is interpolated as `evaluate` does it."""
+    shutters = {"ramp": Ramp()}
+    found = sweep(SCENE, **grid(shutters=shutters, accelerations=[9e4]))
+    assert differences(found, SCENE, shutters, inside_points(found)[:2]) == []
+
+
+def test_light_and_noise_are_dimensions():
+    """Each light and read noise gives what a scene of that light and noise gives."""
+    rates, noises = [3e3, 2e5], [0.0, 6.0, 40.0]
+    found = sweep(SCENE, **grid(photon_rates=rates, read_noises=noises))
+    assert found.expected_psnr.dims[-2:] == ("photon_rate", "read_noise")
+    for rate in rates:
+        for noise in noises:
+            scene = Scene(
+                SCENE.speeds, SCENE.weights, photon_rate=rate, read_noise=noise, limits=LIMITS
+            )
+            part = found.sel(photon_rate=rate, read_noise=noise)
+            assert differences(part, scene, SHUTTERS, inside_points(found)[5:7]) == []
+
+
+def test_scenes_of_different_speeds():
+    """Scenes are a dimension, and fewer speeds in one of them change nothing."""
+    scenes = {"all": SCENE, "slow": Scene([0.0, 90.0], photon_rate=1e4, read_noise=1.0)}
+    found = sweep(scenes, **grid())
+    for name, scene in scenes.items():
+        part = found.sel(scene=name)
+        assert differences(part, scene, SHUTTERS, inside_points(part)[::7]) == []
+
+
+def test_full_well():
+    """A white pixel that overflows leaves the point out, shutter by shutter."""
+    found = sweep(SCENE, **grid(full_well=2000.0))
+    electrons = 2e5 * 2 * found.half_exposure * found.efficiency
+    full = (found.outside & 16) > 0
+    brightest = found.efficiency.notnull() & (electrons > 2000.0)
+    assert bool(full.any())
+    assert not bool(brightest.any())
+    open_only = full.sel(shutter="rect") & ~full.sel(shutter="Hann")
+    assert bool(open_only.any())
+
+
+def test_full_well_under_several_lights():
+    """What overflows in bright light alone is left out there alone."""
+    lit = {"accelerations": [3e4, 9e4], "photon_rates": [3e3, 2e5, 5e7], "full_well": 2000.0}
+    found = sweep(SCENE, **grid(**lit))
+    light = xarray.DataArray([3e3, 2e5, 5e7], dims="photon_rate")
+    within = (found.outside & 15) == 0
+    full = within & (found.efficiency * 2 * found.half_exposure * light > 2000.0)
+    full |= within.all("photon_rate") & found.efficiency.isnull()
+    assert found.outside.dims == (*found.efficiency.dims, "photon_rate")
+    np.testing.assert_array_equal((found.outside & 16) > 0, full.transpose(*found.outside.dims))
+    known = found.expected_psnr.notnull()
+    np.testing.assert_array_equal(known, (found.outside == 0).transpose(*known.dims))
+    some = (found.outside == 0).any("photon_rate")
+    assert bool((some & full.any("photon_rate")).any())
+    np.testing.assert_array_equal(found.condition_number.notnull(), some)
+
+
+def test_one_point_and_no_point():
+    """A grid of one point is a sweep, and one with none within limits is all NaN."""
+    one = sweep(SCENE, **grid(accelerations=[9e4], half_exposures=[7e-3]))
+    assert differences(one, SCENE, SHUTTERS, [(0, 0)]) == []
+    none = sweep(SCENE, **grid(accelerations=[9e4], half_exposures=[0.5]))
+    assert bool(none.expected_psnr.isnull().all())
+    assert int(none.outside[0, 0]) == 1 + 2 + 8
+
+
+def test_numbers_that_overflow_are_outside():
+    """A stroke beyond the largest number is beyond the limits, and says nothing more."""
+    points = {"accelerations": [0.0, 9e4, 1.7e308], "half_exposures": [7e-3, 1e300]}
+    found = sweep(SCENE, **grid(**points))
+    assert differences(found, SCENE, SHUTTERS, inside_points(found)) == []
+    assert inside_points(found) == [(0, 0), (1, 0)]
+
+
+def test_the_windows_of_a_sweep_that_names_none():
+    """The baselines and a Tukey window."""
+    few = {"accelerations": [9e4], "half_exposures": [7e-3], "metrics": "efficiency"}
+    found = sweep(SCENE, **few).efficiency.sel(acceleration=9e4, half_exposure=7e-3)
+    wanted = {"rect": 1.0, "Hann": 0.5, "triangle": 0.5, "Gaussian": 0.495, "Tukey": 0.75}
+    assert list(found.shutter.values) == list(wanted)
+    np.testing.assert_allclose(found, list(wanted.values()), atol=1e-3)
+
+
+def test_only_the_metrics_asked_for(swept):
+    """Metrics left out change nothing of those kept."""
+    for metrics in (["expected_psnr"], "expected_psnr"):
+        some = sweep(SCENE, **grid(metrics=metrics))
+        assert set(some.data_vars) == {"expected_psnr", "outside"}
+        np.testing.assert_array_equal(some.expected_psnr, swept.expected_psnr)
+
+
+def test_single_precision(swept):
+    """A scene of 32-bit numbers gives 32-bit results, near those of 64 bits."""
+    narrow = Scene(
+        np.asarray(SCENE.speeds, np.float32),
+        np.asarray(SCENE.weights, np.float32),
+        photon_rate=np.float32(2e5),
+        read_noise=np.float32(6.0),
+        limits=LIMITS,
+    )
+    found = sweep(narrow, **grid())
+    assert found.expected_psnr.dtype == np.float32
+    np.testing.assert_allclose(found.expected_psnr, swept.expected_psnr, rtol=1e-5)
+
+
+MISTAKES = {
+    "empty": ({"accelerations": []}, "`sweep(accelerations=...)` must hold at least one value"),
+    "reversed": ({"half_exposures": [2e-3, 1e-3]}, "must ascend without repeats; got"),
+    "nan": ({"accelerations": [1e4, np.nan]}, "`sweep(accelerations=...)` must be finite; got"),
+    "negative": ({"accelerations": [-1.0, 1e4]}, "must be at least 0; got"),
+    "no-time": ({"half_exposures": [0.0, 1.0]}, "`sweep(half_exposures=...)` must be above 0; got"),
+    "text": ({"accelerations": np.array(["fast"])}, "must be one row of numbers; got"),
+    "table": ({"accelerations": np.ones((1, 1))}, "must be one row; got shape (1, 1)"),
+    "metric": ({"metrics": ["beauty"]}, "`sweep(metrics=...)` must name some of condition_number"),
+    "no-metric": ({"metrics": []}, "`sweep(metrics=...)` must name some of"),
+    "well": ({"full_well": 0.0}, "`sweep(full_well=...)` must be above 0 e-; got 0.0"),
+    "shutter": ({"shutters": {"x": 3}}, "must hold at least one shutter and nothing else; got"),
+    "dark": ({"photon_rates": [-1.0]}, "`sweep(photon_rates=...)` must be at least 0; got"),
+    "both": (
+        {"optimise": True, "read_noises": [1.0]},
+        "must be False where photon_rates or read_noises are given; use scenes for them; got True",
+    ),
+    "name": (
+        {"optimise": True, "shutters": {"optimised": TukeyShutter()}},
+        "`sweep(shutters=...)` must have other names; got 'optimised'",
+    ),
+    "seed": (
+        {"optimise": True, "seed": -1},
+        "`sweep(seed=...)` must be a whole number of at least 0; got -1",
+    ),
+    "steps": ({"optimise": True, "max_steps": 0}, "must be a positive integer; got 0"),
+    "well-endless": ({"full_well": np.inf}, "`sweep(full_well=...)` must be above 0 e-; got inf"),
+    "loss": (
+        {"optimise": True, "loss": DesignLoss()},
+        "`sweep(loss=...)` must be a loss of transfer functions alone, as ExpectedErrorLoss is;",
+    ),
+}
+
+
+@pytest.mark.parametrize("slug", MISTAKES)
+def test_mistakes(slug):
+    """What cannot be swept is refused before anything is computed."""
+    arguments, message = MISTAKES[slug]
+    with pytest.raises(ValueError, match="must") as caught:
+        sweep(SCENE, **grid(**arguments))
+    assert message in str(caught.value)
+
+
+def test_no_scene():
+    """An empty list of scenes is refused."""
+    with pytest.raises(ValueError, match=r"must hold at least one scene and nothing else; got"):
+        sweep([], **grid())
+
+
+def run_python(code, **variables):
+    """Standard output of a process of its own."""
+    path = os.pathsep.join([str(Path(mishutter.__file__).parent.parent), *sys.path])
+    environment = os.environ | {"PYTHONPATH": path} | variables
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+
+
+SWEEP_TO_FILE = """
+import sys, jax
+jax.config.update("jax_enable_x64", True)
+sys.path.insert(0, {folder!r})
+from support.sweeps import SCENE, grid
+from mishutter import sweep
+found = sweep(SCENE, **grid(accelerations=[k * 1e4 for k in range(40)]))
+import numpy as np
+np.savez({path!r}, **{{name: found[name].values for name in found.data_vars}})
+print(len(jax.devices()))
+"""
+
+
+@pytest.mark.slow
+def test_four_devices_give_the_same(tmp_path):
+    """Tiles shared out over four devices give the bits that one device gives."""
+    folder = str(Path(__file__).parents[1])
+    arrays = []
+    for count in (1, 4):
+        path = str(tmp_path / f"{count}.npz")
+        flags = f"--xla_force_host_platform_device_count={count}"
+        done = run_python(SWEEP_TO_FILE.format(folder=folder, path=path), XLA_FLAGS=flags)
+        assert done.stdout.strip() == str(count)
+        arrays.append(dict(np.load(path)))
+    for name, values in arrays[0].items():
+        np.testing.assert_array_equal(values, arrays[1][name], err_msg=name)
+
+
+def test_importing_the_package_stays_light():
+    """xarray, Zarr, dask and matplotlib are imported where they are used."""
+    code = "import mishutter, sys; print(*sys.modules)"
+    loaded = set(run_python(code).stdout.split())
+    assert not loaded & {"xarray", "zarr", "dask", "distributed", "matplotlib"}

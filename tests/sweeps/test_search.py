@@ -1,0 +1,90 @@
+"""Profiles found over a grid are those that `optimise` finds, and do what is said of them."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from support.sweeps import RELATIVE, SCENE, SHUTTERS
+
+from mishutter import (
+    ExpectedErrorLoss,
+    ParabolicMotion,
+    Scene,
+    SplineShutter,
+    evaluate,
+    optimise,
+    plan,
+    starting_shutter,
+    sweep,
+)
+from mishutter.sweeps.search import start_boxes, starts_at
+
+EXCESS = 1e-3
+"""Loss above that of `optimise`: promised of every point."""
+
+ASYMMETRIC = Scene([120.0, 480.0, 700.0], photon_rate=3e4, read_noise=8.0, limits=SCENE.limits)
+SCENES = {"symmetric": SCENE, "asymmetric": ASYMMETRIC}
+AXES: dict[str, Any] = {
+    "accelerations": [4e4, 1.1e5, 2e5],
+    "half_exposures": [3.1e-3, 5.2e-3],
+    "shutters": SHUTTERS,
+    "optimise": True,
+    "num_coefficients": 12,
+}
+
+
+def test_what_a_point_starts_from():
+    """Windows and a random profile of the seed; then a window and what its neighbours found."""
+    first = start_boxes(12, True, 5)
+    assert not np.any(np.all(first == start_boxes(12, True, 6)[-1], axis=1))
+    boxes, rows = np.full((4, 2, 6), np.nan), np.array([0, 2])
+    np.testing.assert_array_equal(starts_at(first, boxes, rows, 0), [first, first])
+    boxes[:3, 0] = np.arange(1, 4)[:, None] / 10
+    later = starts_at(first, boxes, rows, 1)
+    np.testing.assert_array_equal(later[:, 0], [first[0], first[0]])
+    np.testing.assert_array_equal(later[0, 1:, 0], [0.2, 0.1, 0.1])
+    np.testing.assert_array_equal(later[1, 1:, 0], [first[1, 0], 0.2, 0.3])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slug", SCENES)
+def test_losses_are_those_of_optimise(slug):
+    """At points with and without neighbours; metrics and loss are of the coefficients kept."""
+    scene, loss = SCENES[slug], ExpectedErrorLoss()
+    found = sweep(scene, **AXES)
+    start = starting_shutter(scene, 12)
+    for row, column in ((0, 0), (2, 1)):
+        at = found.isel(acceleration=row, half_exposure=column)
+        motion = ParabolicMotion(
+            acceleration=float(at.acceleration), half_exposure=float(at.half_exposure)
+        )
+        design = optimise(scene, motion, start, loss=loss, free="shutter")
+        assert float(at.loss) - design.loss < EXCESS
+        profile = SplineShutter(np.asarray(at.coefficients))
+        np.testing.assert_allclose(loss(scene, motion, profile), at.loss, rtol=RELATIVE)
+        psnr = float(at.expected_psnr.sel(shutter="optimised"))
+        exact = evaluate(scene, motion, profile).expected_psnr
+        np.testing.assert_allclose(exact, psnr, rtol=RELATIVE)
+
+
+@pytest.mark.slow
+def test_blocks_at_a_time_change_nothing(monkeypatch):
+    """Bit for bit what they are one after the other."""
+    few: dict[str, Any] = AXES | {"metrics": ["expected_psnr"], "max_steps": 5}
+    monkeypatch.setattr("mishutter.sweeps.grid._SEARCH_BLOCK", 1)
+    found = []
+    for count in (1, 3):
+        monkeypatch.setattr("mishutter.sweeps.blocks.num_threads", lambda devices, n=count: n)
+        found.append(sweep(SCENE, **few))
+    assert found[0].identical(found[1])
+
+
+@pytest.mark.slow
+def test_a_tolerance_is_of_the_search():
+    """It is recorded, and the loss stays within it."""
+    few: dict[str, Any] = AXES | {"accelerations": [1.1e5], "half_exposures": [5.2e-3]}
+    motion = ParabolicMotion(acceleration=1.1e5, half_exposure=5.2e-3)
+    loose = plan(SCENE, motion, starting_shutter(SCENE, 12), tolerance=1e-2)
+    exact, near = sweep(SCENE, **few), sweep(SCENE, plan=loose, **few)
+    assert '"tolerance": 0.0001' in near.attrs["sweep"]
+    np.testing.assert_allclose(near.loss, exact.loss, rtol=1e-2)

@@ -1,0 +1,273 @@
+"""A store loses at most the blocks under way, is resumed bit for bit, and is its sweep's own."""
+
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+from support.sweeps import SCENE, asked_for, grid, many
+
+import mishutter
+from mishutter import GaussianShutter, Scene, cli, sweep
+from mishutter.sweeps.store import StoredBlocks
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """The sweep of several blocks, in memory."""
+    return sweep(SCENE, **many())
+
+
+def test_a_store_holds_what_memory_holds(whole, tmp_path):
+    """Bit for bit, with the same labels and attributes."""
+    stored = sweep(SCENE, **many(store=tmp_path / "a.zarr"))
+    assert stored.load().identical(whole)
+
+
+def test_two_that_begin_at_once_share_a_store(whole, tmp_path, monkeypatch):
+    """Where another process makes the store first, it is that one that is written to."""
+    place = tmp_path / "a.zarr"
+    rename, begun = os.rename, []
+
+    def later(source, target):
+        if not begun:
+            begun.append(target)
+            sweep(SCENE, **many(store=place))
+        rename(source, target)
+
+    monkeypatch.setattr(os, "rename", later)
+    assert sweep(SCENE, **many(store=place)).load().identical(whole)
+    assert os.listdir(tmp_path) == ["a.zarr"]
+
+
+def test_only_missing_blocks_are_computed(whole, tmp_path, monkeypatch, caplog):
+    """After an interrupt the rest is computed and the result is the uninterrupted one."""
+    place, written = tmp_path / "a.zarr", []
+    write = StoredBlocks.write
+
+    def interrupted(self, block, arrays):
+        if len(written) == 2:
+            raise KeyboardInterrupt
+        written.append(block)
+        write(self, block, arrays)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(StoredBlocks, "write", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            sweep(SCENE, **many(store=place))
+    with caplog.at_level(logging.INFO, logger="mishutter.sweep"):
+        again = sweep(SCENE, **many(store=place))
+    assert caplog.messages == ["2 of 3 blocks found, 1 to compute", "1 block computed"]
+    assert again.load().identical(whole)
+
+
+def test_a_block_cut_short_is_computed_again(whole, tmp_path, monkeypatch):
+    """A disk that fills up in the middle of a block leaves it unmarked."""
+    place = tmp_path / "a.zarr"
+    array = StoredBlocks._array
+
+    def full(self, name):
+        if name == "expected_psnr":
+            raise OSError(28, "No space left on device", str(place))
+        return array(self, name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(StoredBlocks, "_array", full)
+        with pytest.raises(OSError, match="No space left"):
+            sweep(SCENE, **many(store=place))
+    assert sweep(SCENE, **many(store=place)).load().identical(whole)
+
+
+def test_progress_counts_what_was_found(tmp_path):
+    """Points found in the store are done at once."""
+    calls = []
+    place = tmp_path / "a.zarr"
+    sweep(SCENE, **grid(store=place, progress=lambda done, total: calls.append((done, total))))
+    sweep(SCENE, **grid(store=place, progress=lambda done, total: calls.append((done, total))))
+    assert calls == [(0, 30), (30, 30), (30, 30)]
+
+
+OTHERS = {
+    "accelerations": ({"accelerations": [1e4, 2e4]}, "with accelerations: [10000.0, 20000.0]"),
+    "shutters": ({"shutters": {"rect": GaussianShutter(0.3)}}, "with shutters: "),
+    "metrics": ({"metrics": ["efficiency"]}, "with metrics: ['efficiency']"),
+    "full-well": ({"full_well": 9e3}, "with full well: 9000.0; got None"),
+}
+
+
+@pytest.mark.parametrize("slug", OTHERS)
+def test_a_store_of_another_sweep_is_refused(slug, tmp_path):
+    """By what differs."""
+    sweep(SCENE, **grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"]))
+    arguments, message = OTHERS[slug]
+    asked = {"metrics": ["expected_psnr"]} | arguments
+    with pytest.raises(ValueError, match="must hold the same sweep") as caught:
+        sweep(SCENE, **grid(store=tmp_path / "a.zarr", **asked))
+    assert message in str(caught.value)
+
+
+def test_a_store_of_another_scene_is_refused(tmp_path):
+    """The number that differs is named."""
+    sweep(SCENE, **grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"]))
+    brighter = Scene(
+        SCENE.speeds, SCENE.weights, photon_rate=3e5, read_noise=6.0, limits=SCENE.limits
+    )
+    with pytest.raises(ValueError, match=r"photon_rate.*300000.*got.*200000"):
+        sweep(brighter, **grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"]))
+
+
+def test_what_is_no_store_is_refused(tmp_path):
+    """A file, and a folder of something else."""
+    file = tmp_path / "file"
+    file.write_text("in the way")
+    with pytest.raises(ValueError, match=r"must be a folder; got a file, '"):
+        sweep(SCENE, **grid(store=file))
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "x").write_text("mine")
+    with pytest.raises(ValueError, match=r"must be a sweep's store; got"):
+        sweep(SCENE, **grid(store=tmp_path / "folder"))
+
+
+def test_a_store_before_anything_is_computed(tmp_path):
+    """What is missing is no number, and the folder is as open as any new one."""
+    before = os.umask(0o026)
+    try:
+        empty = StoredBlocks(asked_for(3, 4), tmp_path / "a.zarr")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a.zarr").stat().st_mode & 0o777 == 0o751
+    assert bool(empty.dataset().expected_psnr.isnull().all())
+
+
+def test_blocks_cover_the_grid_once():
+    """Every point of every variable belongs to one block, whatever the sizes."""
+    for rows, columns in ((1, 1), (300, 2), (129, 70), (5, 900)):
+        made = asked_for(rows, columns)
+        count = np.zeros([made.sizes[d] for d in made.dimensions("expected_psnr")])
+        for block in made.blocks():
+            count[made.region(block, "expected_psnr")] += 1
+        assert np.all(count == 1)
+
+
+SCRIPT = """
+import sys, logging, jax
+jax.config.update("jax_enable_x64", True)
+logging.basicConfig(level=logging.WARNING)
+logging.getLogger("mishutter.sweep").setLevel(logging.INFO)
+sys.path.insert(0, {folder!r})
+from support.sweeps import SCENE, many
+from mishutter import sweep
+import time
+def progress(done, total):
+    print(done, flush=True)
+    if done:
+        time.sleep({pause})
+sweep(SCENE, **many(store={store!r}, progress=progress))
+"""
+
+
+def started(store, pause):
+    """A process that sweeps into a store."""
+    folder = str(Path(__file__).parents[1])
+    path = os.pathsep.join([str(Path(mishutter.__file__).parent.parent), *sys.path])
+    code = SCRIPT.format(folder=folder, store=str(store), pause=pause)
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": path},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
+def test_a_killed_sweep_goes_on(name, whole, tmp_path):
+    """A signal after the first block; the next run computes the others only."""
+    store = tmp_path / "a.zarr"
+    process = started(store, 30)
+    assert process.stdout is not None
+    assert process.stdout.readline().strip() == "0"
+    assert int(process.stdout.readline()) > 0
+    process.send_signal(getattr(signal, name))
+    process.communicate(timeout=60)
+    before = sum(1 for _ in store.glob("done/c/**/*") if _.is_file())
+    assert before >= 1
+    again = started(store, 0)
+    _, log = again.communicate(timeout=120)
+    assert again.returncode == 0
+    assert f"{before} of 3 blocks found, {3 - before} to compute" in log
+    stored = sweep(SCENE, **many(store=store))
+    assert stored.load().identical(whole)
+
+
+def test_the_store_says_what_it_holds(tmp_path):
+    """Its attribute is the whole request, as JSON."""
+    import zarr
+
+    sweep(SCENE, **grid(store=tmp_path / "a.zarr"))
+    attributes = zarr.open_group(tmp_path / "a.zarr", mode="r").attrs
+    request = json.loads(str(attributes["sweep"]))
+    assert request["shutters"]["Hann"] == {"kind": "HannShutter"}
+    assert request["scenes"]["0"]["read_noise"] == 6.0
+
+
+COMMAND = ["sweep", "--acceleration", "3e4:3e5:300", "--half-exposure", "2:5:2"]
+
+READ_ONLY_HALF_WAY = """
+import ctypes, os, sys
+MAY_WRITE_ANYWHERE, DROP_FROM_BOUND = 1, 24
+if os.geteuid() == 0 and len(sys.argv) == 1:
+    # The superuser's right to ignore permissions ends with the next program.
+    if ctypes.CDLL(None).prctl(DROP_FROM_BOUND, MAY_WRITE_ANYWHERE, 0, 0, 0):
+        sys.exit(77)
+    os.execv(sys.executable, [*sys.orig_argv, "bound"])
+from mishutter import cli
+from mishutter.sweep_store import StoredBlocks
+write = StoredBlocks.write
+
+def once(self, block, arrays):
+    write(self, block, arrays)
+    for folder, _, _ in os.walk(self.path):
+        os.chmod(folder, 0o555)
+
+StoredBlocks.write = once
+sys.exit(cli.main({command!r}))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="drops a right that only Linux has apart")
+def test_a_store_made_read_only_half_way(tmp_path, capsys):
+    """One line and exit code 2; made writable again, the rest is computed, bit for bit."""
+    store, other = tmp_path / "a.zarr", tmp_path / "whole.zarr"
+    code = READ_ONLY_HALF_WAY.format(command=[*COMMAND, "--store", str(store)])
+    path = os.pathsep.join([str(Path(mishutter.__file__).parent.parent), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode == 77:
+        pytest.skip("the superuser's right to write anywhere cannot be dropped here")
+    for folder, _, _ in os.walk(store):
+        os.chmod(folder, 0o755)
+    errors = [line for line in done.stderr.splitlines() if "error" in line]
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert len(errors) == 1
+    assert errors[0].startswith(f"mishutter: error: '{store}")
+    assert errors[0].endswith("must be readable and writable as asked; got: Permission denied")
+    assert cli.main([*COMMAND, "--store", str(store)]) == 0
+    assert "1 of 3 blocks found, 2 to compute" in capsys.readouterr().err
+    assert cli.main([*COMMAND, "--store", str(other)]) == 0
+    found, right = (xarray.open_zarr(x, chunks=None, consolidated=False) for x in (store, other))
+    assert found.load().identical(right.load())

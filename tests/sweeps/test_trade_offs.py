@@ -1,0 +1,260 @@
+"""What a sweep says of its scene: fronts, best points, gains, and the known results."""
+
+import numpy as np
+import pytest
+from support.sweeps import LIMITS, SCENE, SHUTTERS, grid
+
+from mishutter import (
+    RASKAR_CODE,
+    ChippedShutter,
+    ExpectedErrorLoss,
+    HannShutter,
+    Limits,
+    ParabolicMotion,
+    RectShutter,
+    Scene,
+    TukeyShutter,
+    best_points,
+    best_snapshots,
+    evaluate,
+    gain_over,
+    gain_over_snapshot,
+    light_map,
+    optimise,
+    pareto_front,
+    sweep,
+)
+
+EXPOSURE_FOUND = 1e-3
+"""Relative error of the best exposure where the error is flat."""
+SNAPSHOT_BOUND = 1.1717
+"""Most that any shutter gains over the best snapshot in RMSE: known speed, Poisson noise."""
+
+
+@pytest.fixture(scope="module")
+def swept():
+    """The small sweep."""
+    return sweep(SCENE, **grid())
+
+
+def test_best_points_are_the_extremes(swept):
+    """The best point of a metric is its largest or smallest value of all shutters."""
+    best = best_points(swept)
+    assert float(best["expected_psnr"].expected_psnr) == float(swept.expected_psnr.max())
+    assert float(best["condition_number"].condition_number) == float(swept.condition_number.min())
+    point = best["expected_psnr"]
+    assert best_points(swept, "expected_psnr")["expected_psnr"].identical(point)
+    motion = ParabolicMotion(
+        acceleration=float(point.acceleration), half_exposure=float(point.half_exposure)
+    )
+    again = evaluate(SCENE, motion, SHUTTERS[str(point.shutter.values)])
+    assert float(again.expected_psnr) == pytest.approx(float(point.expected_psnr), rel=1e-9)
+
+
+def test_nothing_betters_a_pareto_front(swept):
+    """No point of the sweep is better under both objectives, and every other point is bettered."""
+    names = ("expected_psnr", "relative_kernel_difference")
+    front = pareto_front(swept, names)
+    psnr = swept.expected_psnr.values.ravel()
+    difference = swept.relative_kernel_difference.values.ravel()
+    kept = np.stack([front[name].values for name in names])
+    for p, d in zip(psnr, difference, strict=True):
+        if np.isnan(p):
+            continue
+        better = np.any((kept[0] >= p) & (kept[1] <= d) & ((kept[0] > p) | (kept[1] < d)))
+        on_it = np.any((kept[0] == p) & (kept[1] == d))
+        assert better != on_it
+    assert np.all(np.diff(kept[0]) >= 0)
+    assert {"acceleration", "half_exposure", "shutter"} <= set(front.coords)
+
+
+def test_a_front_of_ones_own_senses(swept):
+    """What is usually wanted large may be wanted small; of equals in one the other decides."""
+    front = pareto_front(swept, {"expected_psnr": "min", "efficiency": "min"})
+    least = swept.expected_psnr.where(swept.efficiency == swept.efficiency.min()).min()
+    assert float(front.expected_psnr.min()) == float(swept.expected_psnr.min())
+    assert float(front.efficiency.min()) == float(swept.efficiency.min())
+    assert float(least) in front.expected_psnr.values
+    assert front.sizes["point"] == np.unique(front.efficiency).size
+    assert np.all(np.diff(front.expected_psnr) <= 0)
+
+
+MISTAKES = {
+    "no-psnr": (lambda d: gain_over(d[["efficiency"]], "Hann"), "must hold expected_psnr among"),
+    "no-psnr-here": (lambda d: gain_over_snapshot(d[["efficiency"]], SCENE), "must hold expected_"),
+    "no-psnr-lit": (lambda d: light_map(d[["efficiency"]], SCENE), "must hold expected_psnr among"),
+    "no-light": (lambda d: light_map(d, SCENE), "must have photon rates and read noises; got"),
+    "no-shutter": (lambda d: gain_over(d, "Tukey"), "must be one of rect, Hann; got 'Tukey'"),
+    "one-objective": (lambda d: pareto_front(d, ["efficiency"]), "must name at least two metrics"),
+    "sense": (
+        lambda d: pareto_front(d, {"efficiency": "large", "outside": "min"}),
+        "`pareto_front(objectives=...)` must say max or min; got 'large'",
+    ),
+    "one-name": (lambda d: pareto_front(d, "efficiency"), "must name at least two metrics"),
+    "dimensions": (
+        lambda d: pareto_front(d, {"efficiency": "max", "outside": "min"}),
+        "`pareto_front(objectives=...)` must be over the same dimensions; got",
+    ),
+    "metric": (
+        lambda d: best_points(d, ["beauty"]),
+        "must be metrics of the sweep, expected_psnr,",
+    ),
+    "dark": (lambda d: best_snapshots(SCENE, [-1.0]), "`best_snapshots(photon_rates=...)` must be"),
+    "noise": (
+        lambda d: best_snapshots(SCENE, None, [np.nan]),
+        "must be finite, at least 0 and one",
+    ),
+}
+
+
+@pytest.mark.parametrize("slug", MISTAKES)
+def test_mistakes(slug, swept):
+    """What a sweep does not say is refused by what it lacks."""
+    ask, message = MISTAKES[slug]
+    with pytest.raises(ValueError, match="must") as caught:
+        ask(swept)
+    assert message in str(caught.value)
+
+
+def test_nothing_within_limits(swept):
+    """There is no best point then, the front is empty, and gains are unknown."""
+    none = swept.where(False)
+    assert best_points(none) == {}
+    assert pareto_front(none, ["efficiency", "expected_psnr"]).sizes["point"] == 0
+    assert bool(gain_over(none, "Hann").isnull().all())
+    assert bool(gain_over_snapshot(none, SCENE).isnull().all())
+
+
+def test_gain_over_a_shutter(swept):
+    """A shutter gains nothing over itself and the difference over another."""
+    gain = gain_over(swept, "Hann")
+    assert float(abs(gain.sel(shutter="Hann")).max()) == 0
+    difference = swept.expected_psnr.sel(shutter="rect") - swept.expected_psnr.sel(shutter="Hann")
+    np.testing.assert_array_equal(gain.sel(shutter="rect"), difference)
+
+
+def test_the_best_snapshot_is_that_of_optimise():
+    """Its exposure and error are what a search over the exposure finds."""
+    best = best_snapshots(SCENE)
+    from mishutter import StillCamera
+
+    found = optimise(
+        SCENE,
+        StillCamera(half_exposure=2e-3),
+        RectShutter(),
+        loss=ExpectedErrorLoss(),
+        free="half_exposure",
+    )
+    psnr = float(found.metrics.expected_psnr)
+    assert float(best.expected_psnr[0, 0]) == pytest.approx(psnr, abs=1e-6)
+    half = float(found.motion.half_exposure)
+    assert float(best.half_exposure[0, 0]) == pytest.approx(half, rel=EXPOSURE_FOUND)
+
+
+def test_gain_over_the_best_snapshot(swept):
+    """At each point it is the PSNR less one number."""
+    gain = gain_over_snapshot(swept, SCENE)
+    level = float(best_snapshots(SCENE).expected_psnr[0, 0])
+    np.testing.assert_allclose(gain, swept.expected_psnr - level, rtol=1e-12)
+
+
+def test_nothing_is_gained_where_there_is_nothing_to_restore():
+    """Of a picture without detail every PSNR is infinite, and every gain within limits 0."""
+    plain = Scene([0.0, 310.0], photon_rate=2e5, read_noise=6.0, deviation=0.0, limits=LIMITS)
+    found = sweep(plain, **grid())
+    inside = found.outside.values == 0
+    assert np.all(np.isinf(found.expected_psnr.values[inside]))
+    for gain in (gain_over(found, "Hann"), gain_over_snapshot(found, plain)):
+        assert np.all(gain.values[inside] == 0)
+        assert np.all(np.isnan(gain.values[~inside]))
+
+
+LIGHT_SCENE = Scene.uniform(
+    max_speed=3000.0,
+    num_speeds=5,
+    photon_rate=1e6,
+    read_noise=3.0,
+    limits=Limits(
+        max_stroke=45.0, max_top_speed=3e4, min_half_exposure=5e-5, max_half_exposure=0.02
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def lit():
+    """The gain over the snapshot from dim to bright and from quiet to noisy."""
+    windows = {"rect": RectShutter(), "Hann": HannShutter(), "Tukey": TukeyShutter(0.5)}
+    found = sweep(
+        LIGHT_SCENE,
+        accelerations=np.geomspace(5e4, 5e6, 16),
+        half_exposures=np.geomspace(1e-3, 2e-2, 12),
+        shutters=windows,
+        metrics=["expected_psnr"],
+        photon_rates=np.geomspace(3e4, 3e9, 6),
+        read_noises=[0.0, 3.0, 30.0, 100.0],
+    )
+    return light_map(found, LIGHT_SCENE)
+
+
+def test_coding_pays_where_read_noise_dominates(lit):
+    """The gain over the best snapshot rises with read noise and falls with light, to a loss."""
+    gain = lit.gain.transpose("photon_rate", "read_noise").values
+    assert np.all(np.isfinite(gain))
+    dim_and_noisy, bright_and_quiet = gain[0, -1], gain[-1, 0]
+    assert np.max(gain) > 0 > bright_and_quiet
+    assert np.unravel_index(np.argmax(gain), gain.shape)[1] > 0
+    assert dim_and_noisy > bright_and_quiet
+    assert np.all(gain[-1] < 0)
+
+
+def test_the_map_names_its_points(lit):
+    """The best point of each cell is one of the sweep's."""
+    assert set(np.unique(lit.shutter.values.astype(str))) <= {"rect", "Hann", "Tukey"}
+    assert lit.acceleration.dims == lit.gain.dims
+
+
+KNOWN_SPEED = Scene(
+    [1500.0],
+    photon_rate=1e7,
+    read_noise=0.0,
+    deviation=0.01,
+    limits=Limits(
+        max_stroke=1e3, max_top_speed=1e6, min_half_exposure=1e-5, max_half_exposure=0.05
+    ),
+)
+
+
+def test_no_flutter_beats_the_best_snapshot_by_more_than_the_bound():
+    """A camera at rest, one known speed, shot noise alone: at most 1.1717 in RMSE."""
+    random = np.random.default_rng(4)
+    shutters = {"flutter": ChippedShutter(RASKAR_CODE), "Hann": HannShutter()}
+    shutters |= {
+        str(index): ChippedShutter(random.integers(0, 2, 12).astype(float)) for index in range(4)
+    }
+    found = sweep(
+        KNOWN_SPEED,
+        accelerations=[0.0],
+        half_exposures=np.geomspace(1e-5, 0.05, 60),
+        shutters=shutters,
+        metrics=["expected_psnr"],
+    )
+    gain = float(gain_over_snapshot(found, KNOWN_SPEED).max())
+    assert gain <= 20 * np.log10(SNAPSHOT_BOUND)
+
+
+def test_the_best_snapshot_of_a_known_speed_is_one_pixel_long():
+    """Shot noise alone, bright light: 1.09 px of motion where nothing else blurs.
+
+    That figure is of an ideal sampler. The pixel's own aperture, which the expected error
+    includes, asks a little more of the high frequencies: the minimum of
+    `mean(1 / (sinc(f L) sinc(f))^2) / L` over f up to 0.5 is taken beside it.
+    """
+    bright = Scene([1500.0], photon_rate=1e12, read_noise=0.0, limits=KNOWN_SPEED.limits)
+    best = best_snapshots(bright)
+    found = 1500.0 * 2 * float(best.half_exposure[0, 0])
+    f = (np.arange(256) + 0.5) / 512
+    length = np.linspace(0.5, 2, 3001)
+    cost = np.mean(1 / np.sinc(f * length[:, None]) ** 2, axis=1) / length
+    assert length[np.argmin(cost)] == pytest.approx(1.09, abs=0.005)
+    cost = np.mean(1 / (np.sinc(f * length[:, None]) * np.sinc(f)) ** 2, axis=1) / length
+    assert found == pytest.approx(length[np.argmin(cost)], rel=3e-3)

@@ -1,0 +1,150 @@
+"""The rules of the house that a linter does not know, checked on the source text."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import mishutter
+
+PACKAGE = Path(mishutter.__file__).parent
+
+FLOORS = [
+    {"cli"},
+    {"paper"},
+    {"report"},
+    {"sweeps", "restore"},
+    {"design", "camera"},
+    {"evaluation"},
+    {"blur"},
+    {"model"},
+    {"_core"},
+]
+"""Folders from the top floor down; a folder imports only those on lower floors."""
+
+FOLDERS = set().union(*FLOORS)
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+TREES = {path: ast.parse(path.read_text()) for path in FILES}
+
+
+def module_name(path: Path) -> str:
+    name = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+    return name.removesuffix(".__init__")
+
+
+def every_file(test):
+    return pytest.mark.parametrize("path", FILES, ids=module_name)(test)
+
+
+def imported(tree: ast.AST) -> list[str]:
+    """Modules of the package that a file's import statements name."""
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            found += [node.module or ""]
+        elif isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+    return [name for name in found if name.split(".")[0] == "mishutter"]
+
+
+def floor(folder: str) -> int:
+    return next(i for i, folders in enumerate(FLOORS) if folder in folders)
+
+
+@every_file
+def test_imports_point_downwards(path):
+    """A folder imports only folders on lower floors, through the names in their `__init__`."""
+    folder, *inside = module_name(path).split(".")
+    if not inside and path.parent == PACKAGE:  # the public face, and `python -m mishutter`
+        return
+    for name in imported(TREES[path]):
+        target, *module = name.split(".")[1:]
+        if target != folder:
+            assert floor(target) > floor(folder), name
+            assert not module, f"{name} is reached past its folder's `__init__`"
+
+
+def test_no_public_name_is_that_of_a_folder():
+    """`mishutter.sweep` is the function whatever was imported before it."""
+    assert not [name for name in public_names() if name in FOLDERS]
+
+
+@every_file
+def test_no_assert_and_no_super(path):
+    """The package raises what its user can read, and adds behaviour by wrapping."""
+    for node in ast.walk(TREES[path]):
+        assert not isinstance(node, ast.Assert), f"assert in line {node.lineno}"
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            assert node.func.id != "super", f"super() in line {node.lineno}"
+
+
+@every_file
+def test_no_future_annotations(path):
+    """Postponed annotations break `eqx.AbstractVar` and shape checks at run time."""
+    assert "from __future__ import annotations" not in path.read_text()
+
+
+CLASSES = [
+    pytest.param(node, id=f"{module_name(path)}.{node.name}")
+    for path in FILES
+    for node in ast.walk(TREES[path])
+    if isinstance(node, ast.ClassDef)
+]
+
+
+def bases(node: ast.ClassDef) -> list[str]:
+    return [ast.unparse(base) for base in node.bases]
+
+
+def is_module(node: ast.ClassDef) -> bool:
+    return any(b == "eqx.Module" or b.split(".")[-1].startswith("Abstract") for b in bases(node))
+
+
+@pytest.mark.parametrize("node", CLASSES)
+def test_classes_are_abstract_or_final(node):
+    """A class is an interface, named so, or final, marked so; only interfaces are derived from."""
+    if not is_module(node):
+        return
+    decorators = {ast.unparse(d) for d in node.decorator_list}
+    abstract = node.name.removeprefix("_").startswith("Abstract")
+    assert abstract != bool(decorators & {"final", "typing.final"})
+
+
+def is_field(statement: ast.stmt) -> bool:
+    if not isinstance(statement, ast.AnnAssign):
+        return False
+    return not ast.unparse(statement.annotation).startswith(("eqx.Abstract", "ClassVar"))
+
+
+@pytest.mark.parametrize("node", CLASSES)
+def test_fields_sit_in_the_final_class(node):
+    """An interface says by `AbstractVar` what must be there and holds nothing itself."""
+    if is_module(node) and node.name.startswith("Abstract"):
+        assert not [ast.unparse(s) for s in node.body if is_field(s)]
+
+
+def public_names() -> list[str]:
+    tree = TREES[PACKAGE / "__init__.py"]
+    return [a.asname or a.name for n in tree.body if isinstance(n, ast.ImportFrom) for a in n.names]
+
+
+def test_public_names_are_re_exported_one_a_line():
+    """`__init__.py` holds imports of the form `X as X`, the version, and nothing else."""
+    for node in TREES[PACKAGE / "__init__.py"].body:
+        if isinstance(node, ast.ImportFrom):
+            assert len(node.names) == 1
+            assert node.names[0].name == node.names[0].asname
+        else:
+            assert isinstance(node, ast.Expr) or ast.unparse(node).startswith("__version__")
+
+
+@pytest.mark.parametrize("name", public_names())
+def test_public_names_are_documented(name):
+    """Every public class and function says what it is in one sentence."""
+    value = getattr(mishutter, name)
+    if callable(value):
+        first = (value.__doc__ or "").strip().split("\n")[0]
+        assert first.endswith((".", ":"))
+    else:
+        assert any(f"\n{name} = " in path.read_text() for path in FILES)
