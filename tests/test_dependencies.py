@@ -1,0 +1,60 @@
+"""What is installed computes right numbers, and what is imported is declared."""
+
+import ast
+import sys
+import tomllib
+from importlib.metadata import packages_distributions, version
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+REQUIRED = [Requirement(text) for text in PROJECT["dependencies"]]
+EXTRAS = [
+    Requirement(t) for name in ("cluster", "video") for t in PROJECT["optional-dependencies"][name]
+]
+NEVER_IMPORTED = {"jaxlib", "imageio-ffmpeg"}
+"""Packages that are declared for others: a build of jaxlib to avoid, and a plugin of imageio."""
+
+
+@pytest.mark.parametrize("count", [16_384, 20_000, 70_001])
+@pytest.mark.parametrize("width", [2, 3, 5])
+def test_jaxlib_sums_small_products_rightly(count, width):
+    """The sum of squares of many small matrix products is right; jaxlib 0.10.2 gets it wrong."""
+    random = np.random.default_rng(width)
+    matrix, rows = random.standard_normal((width, width)), random.standard_normal((count, width))
+    squares = jax.jit(jax.vmap(lambda row: jnp.sum((jnp.asarray(matrix) @ row) ** 2)))
+    expected = np.sum((rows @ matrix.T) ** 2, axis=1)
+    np.testing.assert_allclose(np.asarray(squares(jnp.asarray(rows))), expected, rtol=1e-10)
+
+
+def imported() -> set[str]:
+    """Top-level names that the package imports, its own and the standard library's left out."""
+    names = set()
+    for path in (ROOT / "mishutter").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                names.add(node.module or "")
+    return {name.split(".")[0] for name in names} - {"mishutter", *sys.stdlib_module_names}
+
+
+def test_what_is_imported_is_declared_and_the_reverse():
+    """A plain install brings every package that some line imports, and no other."""
+    owners = packages_distributions()
+    used = {canonicalize_name(owners[name][0]) for name in imported()}
+    declared = {canonicalize_name(r.name) for r in (*REQUIRED, *EXTRAS)}
+    assert used == declared - NEVER_IMPORTED
+
+
+@pytest.mark.parametrize("requirement", REQUIRED, ids=lambda r: r.name)
+def test_what_is_installed_is_what_is_declared(requirement):
+    """These tests speak of versions that a plain install allows."""
+    assert requirement.specifier.contains(version(requirement.name))
