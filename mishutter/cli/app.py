@@ -42,7 +42,6 @@ from mishutter.cli.options import (
     as_path,
     free_names,
     loss_of,
-    motion_of,
     scene_of,
 )
 from mishutter.cli.plan import plan, plan_text
@@ -114,7 +113,7 @@ def optimise(
     from mishutter.design import starting_shutter
 
     scene = scene_of(scene_file)
-    motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    motion, start = scene.motion, starting_shutter(scene, num_coefficients)
     chosen, names = loss_of(loss), free_names(free, motion, start)
     folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
     found = planned(scene, motion, start, loss=chosen, free=names, tolerance=tolerance)
@@ -165,7 +164,7 @@ def compare(
     windows = {name: report.named_shutter(name) for name in shutters or []}
     files = short_names(designs or [], {*taken_names(), *windows})
     saved = {name: Design.load(path) for name, path in files.items()}
-    motion = next(iter(saved.values())).motion if len(saved) == 1 else motion_of(scene)
+    motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
     folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
     result = _compared(scene, motion, saved | windows, loss_of(loss), noise_seeds, memory)
     _deliver(result, folder, json, memory)

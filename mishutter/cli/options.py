@@ -92,13 +92,6 @@ def scene_of(path: Path | None) -> "Scene":
     return example_scene() if path is None else read_scene(path)
 
 
-def motion_of(scene: "Scene") -> "AbstractMotion":
-    """The motion that a scene starts from."""
-    if scene.motion is None:
-        raise ValueError("`[motion]` must be given; got nothing.")
-    return scene.motion
-
-
 def free_names(
     given: list[FreeName] | None, motion: "AbstractMotion", shutter: "AbstractShutter"
 ) -> tuple[str, ...]:

@@ -15,7 +15,6 @@ from mishutter.cli.options import (
     ToleranceOption,
     free_names,
     loss_of,
-    motion_of,
     scene_of,
 )
 
@@ -43,7 +42,7 @@ def plan(
     from mishutter.design import starting_shutter
 
     scene = scene_of(scene_file)
-    motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    motion, start = scene.motion, starting_shutter(scene, num_coefficients)
     names = () if fixed else free_names(free, motion, start)
     with working("planning"):
         found = planned(scene, motion, start, loss=loss_of(loss), free=names, tolerance=tolerance)
