@@ -16,14 +16,11 @@ from mishutter.design import DriveTable as DriveTable
 from mishutter.design import NonFiniteLossError as NonFiniteLossError
 from mishutter.design import Outcome as Outcome
 from mishutter.design import SearchFailedError as SearchFailedError
-from mishutter.design import WrongPlanError as WrongPlanError
 from mishutter.design import baselines as baselines
-from mishutter.design import check_plan as check_plan
 from mishutter.design import compare as compare
 from mishutter.design import drive_table as drive_table
 from mishutter.design import optimise as optimise
 from mishutter.design import plan as plan
-from mishutter.design import plan_error as plan_error
 from mishutter.design import starting_shutter as starting_shutter
 from mishutter.evaluation import AbstractLoss as AbstractLoss
 from mishutter.evaluation import DesignLoss as DesignLoss

@@ -38,7 +38,6 @@ from mishutter.cli.options import (
     SceneArgument,
     SeedsOption,
     ShuttersOption,
-    ToleranceOption,
     as_path,
     free_names,
     loss_of,
@@ -99,7 +98,6 @@ def optimise(
     ] = 300,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
     noise_seeds: SeedsOption = 1,
-    tolerance: ToleranceOption = 0.0,
     fresh: FreshOption = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", help="Show what is computed and what is skipped.")
@@ -116,7 +114,7 @@ def optimise(
     motion, start = scene.motion, starting_shutter(scene, num_coefficients)
     chosen, names = loss_of(loss), free_names(free, motion, start)
     folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
-    found = planned(scene, motion, start, loss=chosen, free=names, tolerance=tolerance)
+    found = planned(scene, motion, start, loss=chosen, free=names)
     if verbose:
         note(plan_text(found))
     with progress_bar("searching", max_steps) as update:

@@ -56,12 +56,6 @@ FreeOption = Annotated[
 CoefficientsOption = Annotated[
     int, typer.Option("--coefficients", min=4, max=512, help="Coefficients of the profile.")
 ]
-ToleranceOption = Annotated[
-    float,
-    typer.Option(
-        "--tolerance", min=0.0, max=1.0, help="Largest relative change of a result by skipping."
-    ),
-]
 SeedsOption = Annotated[
     int,
     typer.Option(

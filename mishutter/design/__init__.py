@@ -10,9 +10,6 @@ from mishutter.design.comparison import compare as compare
 from mishutter.design.comparison import taken_names as taken_names
 from mishutter.design.drive import DriveTable as DriveTable
 from mishutter.design.drive import drive_table as drive_table
-from mishutter.design.plan_check import WrongPlanError as WrongPlanError
-from mishutter.design.plan_check import check_plan as check_plan
-from mishutter.design.plan_check import plan_error as plan_error
 from mishutter.design.planning import plan as plan
 from mishutter.design.result import Design as Design
 from mishutter.design.result import package_version as package_version

@@ -9,7 +9,6 @@ import equinox as eqx
 import numpy as np
 
 from mishutter._core import alone_in_blas, in_threads, named, num_processors, require, require_known
-from mishutter.design.planning import plan as plan_of_scene
 from mishutter.design.result import Design, metrics_to_dict, motion_to_dict
 from mishutter.design.search import optimise
 from mishutter.evaluation import (
@@ -263,9 +262,7 @@ def _tuned(
     loss: AbstractLoss,
     plan: Plan | Automatic | None,
 ) -> Design:
-    if isinstance(plan, Plan):
-        tolerance = plan.tolerance
-        plan = plan_of_scene(scene, motion, shutter, loss=loss, free=free, tolerance=tolerance)
+    plan = PLANNED if isinstance(plan, Plan) else plan
     return optimise(scene, motion, shutter, loss=loss, free=free, plan=plan)
 
 

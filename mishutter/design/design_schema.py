@@ -77,7 +77,6 @@ class SavedItem(Section):
     full: str
     kept: str
     why: str
-    bound: float | None
 
 
 @final
@@ -91,12 +90,8 @@ class SavedPlan(Section):
     num_kept: int | None
     skips: bool
     folds: bool
-    num_speeds: int | None
-    single: bool
     still: bool
-    tolerance: float
     items: list[SavedItem]
-    bound: float
 
 
 @final
