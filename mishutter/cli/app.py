@@ -154,12 +154,12 @@ def compare(
 ) -> None:
     """Show given shutters or saved designs beside the baselines, without a search for one."""
     start_jax()
-    from mishutter import report
     from mishutter.cli.memory import Memory
     from mishutter.design import Design, taken_names
+    from mishutter.model import named_shutter
 
     scene = scene_of(scene_file)
-    windows = {name: report.named_shutter(name) for name in shutters or []}
+    windows = {name: named_shutter(name) for name in shutters or []}
     files = short_names(designs or [], {*taken_names(), *windows})
     saved = {name: Design.load(path) for name, path in files.items()}
     motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
@@ -184,8 +184,8 @@ def _compared(
     memory: "Memory",
 ) -> "Report":
     from mishutter import report
-    from mishutter.design import baselines
     from mishutter.design import compare as beside_baselines
+    from mishutter.model import baselines
     from mishutter.report import photograph_of, photographs
 
     total = len({*given, *baselines()}) + 2

@@ -75,8 +75,8 @@ def simulate(
     import jax
 
     from mishutter.design import Design
-    from mishutter.model import Picture, write_picture
-    from mishutter.report import named_shutter, plot_capture, save_figure
+    from mishutter.model import Picture, named_shutter, write_picture
+    from mishutter.report import plot_capture, save_figure
     from mishutter.restore import capture_and_restore
 
     scene = scene_of(scene_file)

@@ -5,7 +5,6 @@ from mishutter.design.comparison import BEST_TUKEY as BEST_TUKEY
 from mishutter.design.comparison import OWN_BEST_MOTION as OWN_BEST_MOTION
 from mishutter.design.comparison import Comparison as Comparison
 from mishutter.design.comparison import Row as Row
-from mishutter.design.comparison import baselines as baselines
 from mishutter.design.comparison import compare as compare
 from mishutter.design.comparison import taken_names as taken_names
 from mishutter.design.drive import DriveTable as DriveTable

@@ -23,13 +23,11 @@ from mishutter.evaluation import (
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
-    GaussianShutter,
-    HannShutter,
     RectShutter,
     Scene,
     StillCamera,
-    TriangleShutter,
     TukeyShutter,
+    baselines,
     settled,
 )
 
@@ -185,16 +183,6 @@ def compare(
 def _given(shutters: object) -> dict[str, Entry]:
     kinds, what = (AbstractShutter, Design), "shutter or design"
     return named("compare(shutters=...)", shutters, kinds, what, label="shutter ")
-
-
-def baselines() -> dict[str, AbstractShutter]:
-    """The fixed windows that every design stands beside, by name."""
-    return {
-        "rect": RectShutter(),
-        "Hann": HannShutter(),
-        "triangle": TriangleShutter(),
-        "Gaussian": GaussianShutter(),
-    }
 
 
 def taken_names() -> tuple[str, ...]:

@@ -21,14 +21,8 @@ from mishutter.model import (
     NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
-    GaussianShutter,
-    HannShutter,
-    RectShutter,
     Scene,
-    SplineShutter,
     StillCamera,
-    TriangleShutter,
-    TukeyShutter,
     frequencies,
     on_steps,
 )
@@ -40,7 +34,6 @@ _MAX_NODES = 1 << 16
 _SAME_SPEED = 4
 """Roundings of the fastest speed within which two speeds are one."""
 _UNKNOWN_REACH = 256.0
-_SYMMETRIC_WINDOWS = (RectShutter, HannShutter, TriangleShutter, GaussianShutter, TukeyShutter)
 
 
 class Automatic(Enum):
@@ -284,9 +277,7 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
 
 def is_symmetric(shutter: AbstractShutter) -> bool:
     """Whether `w(-tau) = w(tau)` is known of a shutter."""
-    if isinstance(shutter, SplineShutter):
-        return shutter.symmetric
-    return isinstance(shutter, _SYMMETRIC_WINDOWS)
+    return bool(getattr(shutter, "symmetric", False))
 
 
 def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:

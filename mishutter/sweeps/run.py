@@ -17,7 +17,7 @@ from mishutter._core import (
     require_seed,
 )
 from mishutter.camera import skips
-from mishutter.design import baselines, starting_shutter
+from mishutter.design import starting_shutter
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
@@ -27,7 +27,7 @@ from mishutter.evaluation import (
     Plan,
     sized_for,
 )
-from mishutter.model import AbstractShutter, Scene, SplineShutter, TukeyShutter
+from mishutter.model import AbstractShutter, Scene, SplineShutter, TukeyShutter, baselines
 from mishutter.sweeps.blocks import Engine
 from mishutter.sweeps.cluster import compute_remotely, connection
 from mishutter.sweeps.grid import METRICS, OPTIMISED, Grid, Search, checked_axis
