@@ -114,7 +114,7 @@ class Comparison:
 @alone_in_blas()
 def compare(
     scene: Scene,
-    motion: AbstractMotion,
+    motion: AbstractMotion | Design,
     shutters: Mapping[str, Any] | Sequence[Any] | Entry | None = None,
     *,
     loss: AbstractLoss | None = None,
@@ -131,13 +131,14 @@ def compare(
 
     Args:
         scene: Speeds, light, noise and limits.
-        motion: Motion of the first reading, and the start of the second.
+        motion: Motion of the first reading, and the start of the second; or a design, which
+            is compared on its own motion, as "optimised" where no `shutters` are given.
         shutters: What to compare with the baselines, by name: profiles or designs. Those of a
             list are "shutter 0" and so on.
         loss: What tunes the motions; the expected error by default.
         step: Called with the name of each shutter when its own best motion is found.
-        plan: What to compute: of a plan only its tolerance is kept, for the searches, and
-            the rest is made anew for each shutter and motion; None computes everything.
+        plan: What to compute: a plan is made for each shutter and motion; None computes
+            everything.
 
     Returns:
         The table and the verdict.
@@ -147,6 +148,9 @@ def compare(
             something else than a shutter or a design is given, or JAX traces the scene or the
             motion.
     """
+    if isinstance(motion, Design):
+        shutters = {"optimised": motion} if shutters is None else shutters
+        motion = motion.motion
     require_known("compare", scene=scene, motion=motion)
     loss = ExpectedErrorLoss() if loss is None else loss
     step = step or (lambda name: None)

@@ -22,7 +22,7 @@ from mishutter.design.result import Design
 from mishutter.design.solvers import certificate_at, finished, is_minimum, losses_at, polish
 from mishutter.design.space import DesignSpace, all_that_can_move, design_space, within_limits
 from mishutter.design.starts import GRID_COORDINATES, lowest_places, start_boxes
-from mishutter.evaluation import PLANNED, AbstractLoss, Automatic, Plan, reduced
+from mishutter.evaluation import PLANNED, AbstractLoss, Automatic, ExpectedErrorLoss, Plan, reduced
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, SplineShutter, TukeyShutter
 
 _NUM_POLISHED = 3
@@ -38,6 +38,7 @@ class Outcome(Enum):
     STALLED = "The search stopped where no step lowered the loss, short of its tolerance."
 
 
+_EXPECTED_ERROR = ExpectedErrorLoss()
 _OUTSIDE = " What was held of the motion is outside the scene's limits."
 
 
@@ -48,10 +49,10 @@ class SearchFailedError(RuntimeError):
 @alone_in_blas()
 def optimise(
     scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
+    motion: AbstractMotion | None = None,
+    shutter: AbstractShutter | None = None,
     *,
-    loss: AbstractLoss,
+    loss: AbstractLoss = _EXPECTED_ERROR,
     free: str | Iterable[str] | None = None,
     num_starts: int = 16,
     seed: int = 0,
@@ -64,8 +65,8 @@ def optimise(
 
     Optimistix BFGS descends from many starts at once: the given design, the baselines'
     profiles, then random ones; after 20 steps, and every 10 from there, the worse half of
-    them is given up, until four are left. The best is polished by jaxopt's box-constrained
-    L-BFGS-B, on either side of where limits meet if it ends there. Where at most three
+    them is given up, until four are left. The best is polished by SciPy's box-constrained
+    L-BFGS-B, called through jaxopt, on either side of where limits meet if it ends there. Where at most three
     coordinates move, the starts are the given design and the best of a grid, and are
     polished directly. The result is never worse than the best start.
 
@@ -76,9 +77,10 @@ def optimise(
 
     Args:
         scene: Speeds, light, noise and limits.
-        motion: Motion to start from; a `StillCamera` stays at rest.
-        shutter: Profile to start from; its kind is kept.
-        loss: What is made small.
+        motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest.
+        shutter: Profile to start from, whose kind is kept; by default the free-form
+            `starting_shutter` of the scene.
+        loss: What is made small; the expected error by default.
         free: What may move: `"shutter"`, `"acceleration"`, `"half_exposure"`; all that can
             by default.
         num_starts: How many descents.
@@ -101,6 +103,8 @@ def optimise(
         SearchFailedError: if `throw` and the search did not converge.
     """
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
+    motion = scene.motion if motion is None else motion
+    shutter = starting_shutter(scene) if shutter is None else shutter
     require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)

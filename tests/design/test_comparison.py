@@ -152,3 +152,11 @@ def test_a_baseline_may_be_given_by_name(table):
     assert sorted(row.name for row in given.rows) == sorted(
         row.name for row in table.rows if row.name != "mine"
     )
+
+
+def test_a_design_brings_its_motion():
+    """`compare(scene, design)` is the table of the design on its own motion, as "optimised"."""
+    design = optimise(SCENE, MOTION, TukeyShutter(0.4), free="acceleration")
+    short, spelled = compare(SCENE, design), compare(SCENE, design.motion, {"optimised": design})
+    assert short.text() == spelled.text()
+    assert short.row("optimised", "same motion").motion is design.motion

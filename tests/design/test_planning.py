@@ -5,7 +5,6 @@ purpose go through it too.
 """
 
 import json
-import sys
 from dataclasses import replace
 
 import jax
@@ -307,7 +306,7 @@ def test_a_verbose_search_shows_its_plan(capsys, monkeypatch):
         seen.append(plan)
         raise ValueError("the search must be left out; got here")
 
-    monkeypatch.setattr(sys.modules["mishutter.design.search"], "optimise", search)
+    monkeypatch.setattr("mishutter.design.optimise", search)
     assert cli.main(["optimise", "--verbose", "--free", "shutter"]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""

@@ -443,3 +443,14 @@ def test_the_certificate_is_that_of_the_design_returned(monkeypatch):
     design = optimise(SCENE, MOTION, TukeyShutter(0.5), loss=loss, free="shutter", plan=SMALL)
     assert np.isfinite(design.loss)
     assert design.certificate > 0
+
+
+def test_a_scene_is_enough():
+    """`optimise(scene)` moves a free profile and the scene's motion, by the expected error."""
+    options = {"num_starts": 2, "max_steps": 3}
+    found = optimise(SCENE, **options)
+    start = starting_shutter(SCENE)
+    spelled = optimise(SCENE, SCENE.motion, start, loss=ExpectedErrorLoss(), **options)
+    assert found.loss == spelled.loss
+    assert found.loss_name == spelled.loss_name
+    assert np.array_equal(found.shutter.coefficients, spelled.shutter.coefficients)
