@@ -66,9 +66,9 @@ def optimise(
     Optimistix BFGS descends from many starts at once: the given design, the baselines'
     profiles, then random ones; after 20 steps, and every 10 from there, the worse half of
     them is given up, until four are left. The best is polished by SciPy's box-constrained
-    L-BFGS-B, called through jaxopt, on either side of where limits meet if it ends there. Where at most three
-    coordinates move, the starts are the given design and the best of a grid, and are
-    polished directly. The result is never worse than the best start.
+    L-BFGS-B, called through jaxopt, on either side of where limits meet if it ends there.
+    Where at most three coordinates move, the starts are the given design and the best of a
+    grid, and are polished directly. The result is never worse than the best start.
 
     Where acceleration moves, a design keeps up ($2aT$) with the fastest object that occurs
     or with what the given motion keeps up with, whichever is slower: a given motion within
