@@ -123,7 +123,11 @@ MISTAKES = {
     "other-motion": (("motion", "kind"), "Foo", "must be 'ParabolicMotion' or 'StillCamera'; got"),
     "no-exposure": (("motion", "half_exposure"), None, "must be a number; got None"),
     "exposure-before-it-began": (("motion", "half_exposure"), -1.0, "must be above 0 s; got -1"),
-    "profile-as-text": (("shutter", "parameters"), "abc", "must be a list; got 'abc'"),
+    "profile-as-text": (
+        ("shutter", "parameters"),
+        "abc",
+        "must be a number or a list of numbers; got",
+    ),
     "profile-of-nothing": (("shutter", "parameters"), None, "be given for a SplineShutter; got"),
     "profile-too-short": (("shutter", "parameters"), [1, 0.5], "at least 4 coefficients; got"),
     "symmetry-as-text": (("shutter", "symmetric"), "no", "must be true or false; got 'no'"),
@@ -173,7 +177,7 @@ def test_every_shutter_on_every_motion_is_loaded(design, tmp_path, slug, motion)
 
 def test_a_design_with_a_plan_and_without_a_number_is_loaded(design, tmp_path):
     """A search's plan, and a loss that JSON has no token for, come back."""
-    decision = Item("speeds", "9", "5", "they mirror one another", None)
+    decision = Item("speeds", "9", "5", "they mirror one another")
     plan = replace(SMALL, items=(decision,))
     other = replace(design, plan=plan, best_start_loss=np.inf, certificate=np.nan)
     other.save(tmp_path / "design.json")

@@ -43,9 +43,9 @@ class ShutterKind:
     is_baseline: bool = False
 
     @property
-    def fields(self) -> tuple[str, ...]:
-        """Names of the arguments that make one."""
-        return tuple(field.name for field in fields(self.shutter))
+    def fields(self) -> dict[str, Any]:
+        """Arguments that make one, with their types."""
+        return {field.name: field.type for field in fields(self.shutter)}
 
 
 KINDS = [
@@ -70,11 +70,9 @@ def register_shutter(shutter: type[AbstractShutter]) -> type[AbstractShutter]:
         The class.
 
     Raises:
-        ValueError: if it is no class of shutters, or another of its name is known.
+        ValueError: if another class of its name is known.
     """
     subject = "register_shutter(shutter=...)"
-    is_kind = isinstance(shutter, type) and issubclass(shutter, AbstractShutter)
-    require(is_kind, subject, "be a class of shutters", shutter)
     known = {kind.shutter.__name__: kind.shutter for kind in KINDS}
     name = shutter.__name__
     require(known.get(name, shutter) is shutter, subject, "have a name of its own", name)
@@ -134,15 +132,24 @@ def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
         ValueError: if its kind is not in the table, or its parameters are not those of its kind.
     """
     kinds = {kind.shutter.__name__: kind for kind in KINDS}
-    name, given = data["kind"], {key: value for key, value in data.items() if key != "kind"}
+    name = data["kind"]
+    given = {key: value for key, value in data.items() if key != "kind" and value is not None}
     require(name in kinds, "shutter.kind", f"be one of {', '.join(kinds)}", name)
     wanted = kinds[name].fields
     for key in wanted:
         require(key in given, f"shutter.{key}", f"be given for a {name}", Bare("nothing"))
     for key, value in given.items():
         require(key in wanted, f"shutter.{key}", f"be left out of a {name}", value)
-    return kinds[name].shutter(**{key: _array(value) for key, value in given.items()})
+    return kinds[name].shutter(**{key: _read(key, given[key], wanted[key]) for key in wanted})
 
 
-def _array(value: Any) -> Any:
-    return as_float(value) if isinstance(value, float | list) else value
+def _read(key: str, value: Any, kind: Any) -> Any:
+    """A parameter of a file as its kind of field has it: arrays are numbers or lists of them."""
+    words = {bool: "true or false", int: "a whole number", str: "text"}
+    if kind in words:
+        require(type(value) is kind, f"shutter.{key}", f"be {words[kind]}", value)
+        return value
+    numbers = value if isinstance(value, list) else [value]
+    real = all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
+    require(real, f"shutter.{key}", "be a number or a list of numbers", value)
+    return as_float(np.asarray(value, np.float64))
