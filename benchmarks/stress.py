@@ -1,10 +1,10 @@
 """Does the loss stay finite and right over its whole domain?
 
-100,000 random scenes, motions and profiles: the weighted design loss and the expected-error
-loss with their gradients by profile, acceleration and half exposure. A sample is computed
-again by other means: kernels by the 120-digit closed forms of the tests, transfer functions
-by a fine quadrature in extended precision, slopes by differences of those. Run
-`python -m benchmarks.stress [COUNT] [SAMPLE]`; seeds are printed.
+100,000 random scenes, motions and profiles, sensors at rest among them: the weighted design
+loss and the expected-error loss with their gradients by profile, acceleration and half
+exposure. A sample is computed again by other means: kernels by the 120-digit closed forms of
+the tests, transfer functions by a fine quadrature in extended precision, slopes by differences
+of those. Run `python -m benchmarks.stress [COUNT] [SAMPLE]`; seeds are printed.
 """
 
 import sys
@@ -55,9 +55,10 @@ def points(rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:
     shut, faint = np.zeros_like(rough), 1e-12 * rough
     profile = np.choose(kind, [smooth, rough, sparse, shut, faint, np.ones_like(rough)])
     dark = rng.uniform(size=count) < 0.05
+    at_rest = rng.spawn(1)[0].uniform(size=count) < 0.05
     return {
         "box": profile,
-        "acceleration": stroke / half**2,
+        "acceleration": np.where(at_rest, 0.0, stroke / half**2),
         "half_exposure": half,
         "speeds": 2 * nu * (stroke / half)[:, None],
         "weights": weights,
@@ -102,10 +103,12 @@ def _exact_design(point: dict, box, a, half):
 
     window = reference.spline([mp.mpf(str(c)) for c in box])
     a, half = mp.mpf(str(a)), mp.mpf(str(half))
-    edges = range(PLAN.num_taps + 1)
+    turns = a > 0
+    first = 0 if turns else -mp.mpf(PLAN.num_taps + 1) / 2
+    edges = [k + first for k in range(PLAN.num_taps + 1)]
 
     def kernel(speed):
-        taps = reference.exposures(window, a, half, float(speed), edges, from_vertex=True)
+        taps = reference.exposures(window, a, half, float(speed), edges, from_vertex=turns)
         return np.array([np.longdouble(mp.nstr(tap, 25)) for tap in taps])
 
     still = kernel(0.0)
@@ -142,7 +145,8 @@ def _exact_error(point: dict, box, a, half):
     power *= 0.04 / np.mean(power)
     spectra = []
     for speed in point["speeds"]:
-        position = a * half * half * tau**2 - speed * half * tau + speed**2 / (4 * a)
+        vertex = speed**2 / (4 * a) if a > 0 else 0.0
+        position = a * half * half * tau**2 - speed * half * tau + vertex
         angle = 2 * np.longdouble(np.pi) * frequency[:, None] * position
         aperture = np.sinc(frequency)
         spectra.append((aperture * (np.cos(angle) @ light), aperture * (np.sin(angle) @ light)))

@@ -2,6 +2,7 @@
 
 from mishutter.blur.intervals import Cells as Cells
 from mishutter.blur.intervals import exposure_cells as exposure_cells
+from mishutter.blur.kernel import aligned_kernel as aligned_kernel
 from mishutter.blur.kernel import binned_exposure as binned_exposure
 from mishutter.blur.kernel import blur_kernel as blur_kernel
 from mishutter.blur.kernel import support as support

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import DoubleWord
-from mishutter.blur.trajectory import Motion, Path, once, passing, speed_at
+from mishutter.blur.trajectory import Motion, Path, once, speed_at
 
 _LATE = 2.0
 """In units of tau: after all exposure, but near enough to be multiplied by anything."""
@@ -75,20 +75,16 @@ class Crossings(NamedTuple):
 
 
 def crossings(
-    equal_pieces: bool, track: Path, tau: DoubleWord, edges: DoubleWord
+    equal_pieces: bool, track: Path, at_rest: Array, tau: DoubleWord, edges: DoubleWord
 ) -> tuple[Crossings, Array, DoubleWord]:
     """Crossings of `edges`, of shape `(n + 1,)`, with those far away `brought_near`.
 
     Beside them the speeds there and the edges, `(1, n + 1)`, which both arms share.
-    They are values alone, of the motion as given: see `moment_change` for derivatives.
+    They are values alone: see `moment_change` for derivatives.
     """
-
-    def locate(motion, table, *others):
-        moving, at_rest = passing(motion)
-        return _located(equal_pieces, Path(moving, table, track.from_vertex), at_rest, *others)
-
     # What a crossing is looked up by is worked out once, not for each thing looked up.
-    x, near = once(locate, *jax.lax.stop_gradient((track.motion, track.table, tau, edges)))
+    known = jax.lax.stop_gradient((track, at_rest, tau, edges))
+    x, near = once(partial(_located, equal_pieces), *known)
     speed = x.velocity
     return x._replace(velocity=jnp.where(AFTER, speed, -speed)), speed, near
 
@@ -131,11 +127,11 @@ def _of_both_arms_jvp(primals, tangents):
 def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
     """Edges, with those beyond all light brought near enough not to overflow.
 
-    A point at rest is taken to pass the whole of the pixel that it rests on, and a vertex
-    at infinity lies beyond all edges.
+    A point at rest, which counts from where it is, is taken to pass the whole of the pixel
+    that it rests on, and a vertex at infinity lies beyond all edges.
     """
     reach = 2 * (track.stroke + jnp.abs(track.smear)) + track.middle.high - track.vertex.high
-    nowhere = track.from_vertex & (track.stroke == 0) & ~at_rest
+    nowhere = track.from_vertex & (track.stroke == 0)
     high = jnp.where(at_rest, jnp.where(edges.high > 0, reach, -reach), edges.high)
     high = jnp.clip(jnp.where(nowhere, -reach, high), -reach, reach)
     return DoubleWord(high, jnp.where(high == edges.high, edges.low, 0.0))
@@ -203,7 +199,7 @@ def drift_change(motion: Motion, by_motion: Motion) -> Array:
 
 
 def moment_change(
-    from_vertex: bool,
+    from_vertex: Array,
     motion: Motion,
     x: Crossings,
     mirrored: Array,
@@ -224,7 +220,7 @@ def moment_change(
 
     # Near the vertex a moment moves as the edge does from it, and with it, which for a slow
     # object is its drift; elsewhere as the edge does from where the point was.
-    pivot = jnp.zeros_like(tau) if from_vertex else jnp.where(slow, vertex, T * tau)
+    pivot = jnp.where(from_vertex, 0.0, jnp.where(slow, vertex, T * tau))
     moves = velocity != 0
     along = (dedge + pivot * (ds - pivot * da)) * T / jnp.where(moves, velocity, 1.0)
     # The moment and that of the vertex may cancel: their sum is counted from the breakpoint.

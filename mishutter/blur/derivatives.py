@@ -83,7 +83,7 @@ def parts(num_taps: int) -> tuple[tuple[slice, slice], ...]:
 
 @eqx.filter_custom_jvp
 def moving(
-    light: Array, motion: Motion, edges: Array, shift: Array, *, from_vertex: bool, taps: Taps
+    light: Array, motion: Motion, edges: Array, shift: Array, *, from_vertex: Array, taps: Taps
 ) -> Array:
     """Light of taps, `(n,)`, with its first derivatives by what moves them as well.
 
@@ -133,7 +133,7 @@ def _differentiated_again(primals, tangents):
     )
 
 
-def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> Array:
+def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) -> Array:
     """Rates of light, `(m, n)`, by what each of `m` rows of `units` changes.
 
     Columns: acceleration, half exposure, speed, position of a tap and distance of its edges.
@@ -166,7 +166,7 @@ def _rates(from_vertex: bool, motion: Motion, taps: Taps, units: np.ndarray) -> 
             speed = x.velocity[1:]
             faster.append(speed_change(from_vertex, motion, taps.edges[k], speed, *change))
         higher = T * (by_motion[0] * T + 2 * a * by_motion[1])
-        changes = jnp.broadcast_to(stretch, taps.gap.shape), *faster, higher
+        changes = jnp.full_like(taps.gap, stretch), *faster, higher
         _, longer = jax.jvp(time_between, (taps.gap, u, v, a * T * T), changes)
         between = end * moved[1] - begin * moved[0]
         between = jnp.where(AFTER, between, -between)

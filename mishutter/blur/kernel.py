@@ -45,6 +45,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
     AbstractShutter,
+    has_vertex,
     piecewise,
     within_unit,
 )
@@ -69,7 +70,10 @@ def blur_kernel(
     removed by the change of variable and the shutter integrated rather than sampled.
 
     With no acceleration the vertex of a moving object is infinitely far away and the
-    kernel is zero; that of an object at rest is all in the tap that holds position 0.
+    kernel is zero; that of an object at rest is all in the tap that holds position 0,
+    $e_k \le 0 < e_{k+1}$. An object counts as at rest if $aT^2 + |s|T$ is below 1e-130 px
+    (1e-18 px in float32), and its derivatives by all but the shutter are then 0: these are
+    exact unless an edge lies exactly on position 0, where there are none.
     The derivative with respect to `phase` is infinite where an edge lies exactly on the
     vertex under an open shutter; that edge's share is then left out, which is the
     derivative from below.
@@ -99,12 +103,25 @@ def blur_kernel(
     for name, value in (("speed", speed), ("phase", phase)):
         require_scalar(f"blur_kernel({name}=...)", value)
         require_finite(f"blur_kernel({name}=...)", value)
+    return aligned_kernel(shutter, motion, speed, num_taps, phase, from_vertex=True)
+
+
+def aligned_kernel(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    speed: ArrayLike,
+    num_taps: int,
+    phase: ArrayLike,
+    *,
+    from_vertex: Array | bool,
+) -> Array:
+    """The `blur_kernel`, or one aligned at mid-exposure where not `from_vertex`."""
     dtype = _dtype(shutter, motion, speed, phase)
     first = jnp.asarray(phase, dtype)
     index = jnp.arange(num_taps + 1 + (num_taps + 1) % 2, dtype=dtype)
     edges = two_sum(index, jnp.broadcast_to(jax.lax.stop_gradient(first), index.shape))
     point = motion, jnp.asarray(speed, dtype)
-    return _exposure(num_taps, piecewise(shutter), point, edges, first, from_vertex=True)
+    return _exposure(num_taps, piecewise(shutter), point, edges, first, from_vertex=from_vertex)
 
 
 def binned_exposure(
@@ -114,7 +131,7 @@ def binned_exposure(
 
     $h_k = \frac{1}{2T}\int w(t/T)\,[e_k \le a t^2 - s t < e_{k+1}]\,dt$. It exists for
     every $a \ge 0$, zero included, where a rect shutter gives a box, and tends to that
-    smoothly. A point that does not move at all falls on one pixel.
+    smoothly. A point that does not move at all falls on one pixel, as in `blur_kernel`.
 
     The derivative with respect to an edge exactly at the vertex is infinite under an
     open shutter, and is given from the side on which no light falls. Where an edge meets
@@ -150,10 +167,13 @@ def binned_exposure(
 
 @seldom_run
 def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
-    r"""Far end of the vertex-frame kernel, $aT^2 (1 + |\nu|)^2$; px, shape of `speed`."""
-    reach = motion.top_speed + jnp.abs(jnp.asarray(speed))
-    moving = motion.acceleration > 0
-    return jnp.where(moving, reach**2 / (4 * jnp.where(moving, motion.acceleration, 1.0)), 0.0)
+    r"""Length of an aligned kernel; px, shape of `speed`.
+
+    From the vertex it is $aT^2 (1 + |\nu|)^2$; of a camera at rest $2|s|T$, about mid-exposure.
+    """
+    fastest, turns = jnp.abs(jnp.asarray(speed)), has_vertex(motion)
+    far = (motion.top_speed + fastest) ** 2 / (4 * jnp.where(turns, motion.acceleration, 1.0))
+    return jnp.where(turns, far, 2 * fastest * motion.half_exposure)
 
 
 def _check_edges(edges: RowLike) -> None:
@@ -178,7 +198,7 @@ def _exposure(
     edges: DoubleWord,
     shift: Array,
     *,
-    from_vertex: bool,
+    from_vertex: Array | bool,
 ) -> Array:
     """Share of light between `edges`, which also move with a `shift`; shape `(n,)`."""
     motion, speed = point
@@ -195,7 +215,7 @@ def _light(
     tau: DoubleWord,
     edges: DoubleWord,
     shift: Array,
-    from_vertex: bool,
+    from_vertex: Array | bool,
 ) -> Array:
     """Light of both arms of the path between edges, in units of tau; shape `(n,)`.
 
@@ -203,11 +223,11 @@ def _light(
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
     # Values alone: derivatives by the motion and the edges are put on at the end.
+    motion, at_rest = passing(motion)
+    from_vertex = from_vertex & ~at_rest
     given, fixed = jax.lax.stop_gradient((motion, tau))
     track = path_of_light(given, fixed, from_vertex=from_vertex)
-    x, speed, near = crossings(profile.equal_pieces, track, fixed, edges)
-    motion = passing(motion)[0]
-    track = track._replace(motion=jax.lax.stop_gradient(motion))
+    x, speed, near = crossings(profile.equal_pieces, track, at_rest, fixed, edges)
     begin, end = (DoubleWord(near.high[k], near.low[k]) for k in parts(num_taps))
     gap, (u, v) = distance(end, begin), (speed[k] for k in parts(num_taps))
     within = time_between(gap, u, v, track.stroke)

@@ -37,10 +37,14 @@ _REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
 
 
 def passing(motion: Motion) -> tuple[Motion, Array]:
-    """A motion, at a speed of 1 px/s in place of rest; and whether it is at rest."""
+    """A motion, or one of 1 px per half exposure in place of rest; and whether it is at rest.
+
+    What stands for rest depends on nothing that it stands for, and so has no derivative.
+    """
     a, T, s = motion
     at_rest = jnp.abs(a * T * T) + jnp.abs(s * T) < _REST[np.dtype(s.dtype)]
-    return (jnp.where(at_rest, 0.0, a), T, jnp.where(at_rest, 1.0, s)), at_rest
+    a, T, s = (jnp.where(at_rest, *x) for x in ((0.0, a), (1.0, T), (1.0, s)))
+    return (a, T, s), at_rest
 
 
 class Path(NamedTuple):
@@ -52,7 +56,7 @@ class Path(NamedTuple):
 
     motion: Motion
     table: Array
-    from_vertex: bool
+    from_vertex: Array | bool
 
     @property
     def stroke(self) -> Array:
@@ -79,12 +83,12 @@ class Path(NamedTuple):
     @property
     def middle(self) -> DoubleWord:
         """Position at mid-exposure."""
-        return self._rise if self.from_vertex else word(jnp.zeros_like(self.stroke))
+        return DoubleWord(*(jnp.where(self.from_vertex, x, 0.0) for x in self._rise))
 
     @property
     def vertex(self) -> DoubleWord:
         """Position of the turning point, where it is near enough to count from."""
-        return word(jnp.zeros_like(self.stroke)) if self.from_vertex else negate(self._rise)
+        return DoubleWord(*(jnp.where(self.from_vertex, 0.0, -x) for x in self._rise))
 
     @property
     def _rise(self) -> DoubleWord:
@@ -100,11 +104,11 @@ def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) ->
     return Path((a, T, s), _table(from_vertex, a, T, s, *tau), from_vertex)
 
 
-def path_of_light(motion: Motion, tau: DoubleWord, *, from_vertex: bool) -> Path:
-    """The path of a point that is `passing` if at rest; a value alone, of the motion as given."""
+def path_of_light(motion: Motion, tau: DoubleWord, *, from_vertex: Array) -> Path:
+    """The path of a point that is `passing`; a value alone, in a frame that may be traced."""
 
     def table(motion, tau):
-        return _table_exact(from_vertex, *passing(motion)[0], *tau)
+        return _table_exact(from_vertex, *motion, *tau)
 
     return Path(motion, once(table, motion, tau), from_vertex)
 
@@ -129,7 +133,7 @@ def speed_at(track: Path, edges: DoubleWord) -> Array:
 
 
 def speed_change(
-    from_vertex: bool, motion: Motion, edge: Array, speed: Array, by_motion: Motion, dedge: Array
+    from_vertex: Array, motion: Motion, edge: Array, speed: Array, by_motion: Motion, dedge: Array
 ) -> Array:
     r"""By how much changes of the motion, and of an edge, change the `speed` there.
 
@@ -137,7 +141,7 @@ def speed_change(
     it is given as 0.
     """
     (a, T, s), (da, dT, ds) = motion, by_motion
-    square = 4 * (a * dedge + edge * da) + (0.0 if from_vertex else 2 * s * ds)
+    square = 4 * (a * dedge + edge * da) + jnp.where(from_vertex, 0.0, 2 * s * ds)
     moving = speed > 0
     change = T * T * square / jnp.where(moving, 2 * speed, 1.0)
     return speed * (dT / T) + jnp.where(moving, change, 0.0)
@@ -180,7 +184,7 @@ def _kept_jvp(primals, tangents):
 
 def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
     stroke, smear = _stroke_and_smear(a, T, s)
-    exists = (a > 0) if from_vertex else _turns(a * T * T, s * T)
+    exists = jnp.where(from_vertex, a > 0, _turns(a * T * T, s * T))
     high = jnp.where(exists, 4 * stroke.high, 1.0)
     rate = reciprocal(DoubleWord(high, jnp.where(exists, 4 * stroke.low, 0.0)))
     rise = multiply(multiply(smear, smear), rate)
@@ -189,8 +193,8 @@ def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
     tau = DoubleWord(tau_high, tau_low)
     velocity, linear = _velocity(stroke, smear, tau)
     position = multiply(tau, add(linear, negate(smear)))
-    if from_vertex:
-        position = add(position, rise)
+    risen = add(position, rise)
+    position = (jnp.where(from_vertex, *x) for x in zip(risen, position, strict=True))
     return _rows(velocity, *position, *rise)
 
 

@@ -11,15 +11,15 @@ from jaxtyping import Array
 
 from mishutter._core import seldom_run
 from mishutter.blur import condition_number, safe_sqrt, support
-from mishutter.evaluation.needs import PLANNED, Automatic, Plan, chosen, reduced, sizes
+from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced, sizes
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
 from mishutter.model import (
     CORNER_FREQUENCY,
     AbstractMotion,
     AbstractShutter,
     Scene,
-    StillCamera,
     frequency_grid,
+    has_vertex,
     on_steps,
     settled,
 )
@@ -49,7 +49,7 @@ class Metrics(eqx.Module):
     efficiency: Array
     expected_psnr: Array
     bound_share: Array
-    phase: float = eqx.field(static=True)
+    phase: Array
     dft_length: int = eqx.field(static=True)
     num_taps: int = eqx.field(static=True)
 
@@ -70,10 +70,14 @@ def evaluate(
 
     The definitions and their sources are those of the functions below. A motion that is
     traced may have kernels as long as the scene's limits allow, and those of a scene that is
-    traced be 256 px long: longer ones are an error when it is run. After 16,384 px all are
-    cut, and where an object passes the sensor at more than 18,700 px per half exposure the
-    expected PSNR is no longer exact: wrong by 1e-4 dB at five times, by decibels at a hundred
-    times that. Without acceleration a motion is a camera at rest, where it is not traced.
+    traced be 256 px long, and pass objects at twice as many px per half exposure: more is an
+    error when it is run. After 16,384 px all kernels are cut, and where an object passes the
+    sensor at more than 18,700 px per half exposure the expected PSNR is no longer exact:
+    wrong by 1e-4 dB at five times, by decibels at a hundred times that.
+
+    Without acceleration a motion is a camera at rest, whose objects are aligned at
+    mid-exposure. So is one of a stroke below 9e-124 px (7e-16 px in float32). Derivatives
+    there are those of that alignment.
 
     Args:
         scene: Speeds, light and noise.
@@ -86,10 +90,11 @@ def evaluate(
         The metrics; see `Metrics`.
 
     Raises:
-        RuntimeError: if a motion or a scene that is traced has longer kernels; under
-            `jax.jit` JAX makes an error of its own of it.
+        RuntimeError: if a motion or a scene that is traced has longer kernels or faster
+            objects; under `jax.jit` JAX makes an error of its own of it.
     """
-    plan, motion = chosen(plan, scene, settled(motion), shutter)
+    everything = Parts(kernels=True, spectra=True, differences=True)
+    plan, motion = chosen(plan, scene, settled(motion), shutter, lambda _: everything)
     if plan.num_kept is not None:  # and as many nodes in time as all frequencies ask for
         num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
         plan = replace(plan, num_kept=None, num_nodes=num_nodes)
@@ -109,7 +114,7 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
         efficiency=response.efficiency,
         expected_psnr=-10 * jnp.log10(expected_squared_error(scene, motion, response)),
         bound_share=bound_share(scene, motion, response),
-        phase=kernel_phase(motion, plan.num_taps),
+        phase=jnp.asarray(kernel_phase(motion, plan.num_taps), response.efficiency.dtype),
         dft_length=plan.dft_length,
         num_taps=plan.num_taps,
     )
@@ -133,10 +138,9 @@ def kernel_differences(
 
 def _num_supported(scene: Scene, motion: AbstractMotion, like: Array) -> Array:
     """Taps that light of the fastest object falls on; those at rest have a middle one."""
-    if isinstance(motion, StillCamera):
-        count = 2 * jnp.ceil(scene.max_speed * motion.half_exposure - 0.5) + 1
-    else:
-        count = jnp.ceil(support(motion, scene.max_speed))
+    far = jnp.ceil(support(motion, scene.max_speed))
+    aside = jnp.ceil(scene.max_speed * motion.half_exposure - 0.5)
+    count = jnp.where(has_vertex(motion), far, 2 * aside + 1)
     return jax.lax.stop_gradient(jnp.maximum(count, 1)).astype(like.dtype)
 
 

@@ -5,14 +5,16 @@ occur, occur twice or mirror one another under a symmetric shutter; taps no obje
 terms that weigh nothing. `plan=None` computes everything all the same.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from mishutter._core import all_concrete, is_concrete, numbers_of, require
 from mishutter.blur import default_num_frequencies, support
@@ -22,7 +24,6 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Scene,
-    StillCamera,
     frequencies,
     on_steps,
 )
@@ -187,12 +188,31 @@ def require_plan(value: object) -> None:
     require(known, "plan", "be a plan, or None for everything", value)
 
 
+class Parts(NamedTuple):
+    """Parts of a response.
+
+    Attributes:
+        kernels: The kernel of an object at rest.
+        spectra: Transfer functions at the scene's speeds.
+        differences: Kernels at the scene's speeds, less the one at rest.
+    """
+
+    kernels: bool
+    spectra: bool
+    differences: bool
+
+
 def chosen(
-    plan: Plan | Automatic | None, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+    plan: Plan | Automatic | None,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    parts: Callable[[Plan], Parts],
 ) -> tuple[Plan, AbstractMotion]:
     """The plan that an argument `plan=` stands for, None for everything, and the motion.
 
-    One that is traced is refused, when it is run, if a plan made here has too few taps for it.
+    One that is traced is refused, when it is run, if a plan made here has too few taps or
+    nodes for those parts of its response that are used.
     """
     require_plan(plan)
     if isinstance(plan, Plan):
@@ -200,12 +220,28 @@ def chosen(
     found = sizes(scene, motion) if plan is None else automatic(scene, motion, shutter)
     if all_concrete(numbers_of((scene.speeds, motion))):
         return found, motion
-    still = isinstance(motion, StillCamera)
-    fastest = scene.max_speed
-    reach = 2 * fastest * motion.half_exposure if still else support(motion, fastest)
-    requirement = f"blur over at most {found.num_taps} px where it or the scene's limits are traced"
-    message = f"`motion` must {requirement}; got one that blurs over more."
-    return found, eqx.error_if(motion, reach > found.num_taps, message)
+    used, fastest = parts(found), scene.max_speed
+    if used.kernels:
+        reach = support(motion, fastest if used.differences else jnp.zeros_like(fastest))
+        requirement = f"keep light within {found.num_taps} px of where it is aligned"
+        motion = _refused(motion, reach > found.num_taps, requirement)
+    if used.spectra:
+        # Nodes hold twice the velocity that they are chosen for, to 1e-7.
+        velocity = (motion.top_speed + fastest) * motion.half_exposure
+        most = int(2 * (found.num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
+        requirement = f"be passed at no more than {most} px per half exposure"
+        motion = _refused(motion, velocity > most, requirement)
+    return found, motion
+
+
+def _refused(motion: AbstractMotion, exceeds: Array, requirement: str) -> AbstractMotion:
+    """The motion, which is an error, when it is run, where it `exceeds` a requirement."""
+    where = "where it or the scene's limits are traced"
+    message = f"`motion` must {requirement} {where}; got one that exceeds it."
+    # Threads the error on a number of its own: the branches that return the motion itself would
+    # differ in how they vary over the devices of a mesh.
+    nothing = eqx.error_if(jnp.zeros(()), exceeds, message)
+    return jax.tree.map(lambda x: x + nothing.astype(x.dtype), motion)
 
 
 def reduced(scene: Scene, plan: Plan) -> Scene:

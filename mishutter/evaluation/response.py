@@ -15,8 +15,7 @@ from jaxtyping import Array
 from mishutter._core import all_concrete, common_dtype, is_concrete, quick_to_compile, seldom_run
 from mishutter.blur import (
     LitNodes,
-    binned_exposure,
-    blur_kernel,
+    aligned_kernel,
     light_let_through,
     lit_nodes,
     sum_of_waves,
@@ -27,10 +26,9 @@ from mishutter.model import (
     AbstractPiecewiseShutter,
     AbstractShutter,
     Scene,
-    StillCamera,
+    has_vertex,
     piecewise,
     settled,
-    stands_still,
 )
 
 _SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 192
@@ -139,13 +137,16 @@ def _only_light(profile: AbstractPiecewiseShutter, motion: AbstractMotion, speed
     return light_let_through(profile, common_dtype(*jax.tree.leaves((speeds, motion, profile))))
 
 
-def kernel_phase(motion: AbstractMotion, num_taps: int) -> float:
-    """Offset of the first tap's edge from the point of alignment; px.
+def kernel_phase(motion: AbstractMotion, num_taps: int) -> float | Array:
+    """Offset of the first tap's edge from the point of alignment; px, scalar.
 
     A moving sensor is aligned at the vertex, a camera at rest at mid-exposure, in the
     middle of its middle tap.
     """
-    return -0.5 - num_taps // 2 if stands_still(motion) else 0.0
+    turns, middle = has_vertex(motion), -0.5 - num_taps // 2
+    if is_concrete(turns):
+        return 0.0 if turns else middle
+    return jnp.where(turns, 0.0, middle)
 
 
 def kernels_at_speeds(
@@ -174,13 +175,14 @@ def _kernels_and_light(
 ) -> tuple[Array | np.ndarray, Array]:
     motion = settled(motion)
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
-    first = np.asarray(kernel_phase(motion, num_taps), dtype)
+    first = kernel_phase(motion, num_taps)
     if not all_concrete((shutter, motion, speeds)):
-        return _kernels_from(shutter, motion, jnp.asarray(speeds, dtype), first, num_taps)
+        speeds, first = (jnp.asarray(x, dtype) for x in (speeds, first))
+        return _kernels_from(shutter, motion, speeds, first, num_taps)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
     some = [
-        _kernels_from(shutter, motion, part, first, length)
+        _kernels_from(shutter, motion, part, np.asarray(first, dtype), length)
         for part in padded.reshape(-1, _SPEEDS_AT_ONCE)
     ]
     kernels = np.concatenate([np.asarray(kernels) for kernels, _ in some])
@@ -197,14 +199,10 @@ def _kernels_from(
 ) -> tuple[Array, Array]:
     """Kernels whose first tap begins at a position from the point of alignment, px; light."""
 
-    def moving(speed: Array) -> Array:
-        return blur_kernel(shutter, motion, speed=speed, num_taps=num_taps, phase=first)
+    def one(speed: Array) -> Array:
+        turns = jnp.asarray(has_vertex(motion))
+        return aligned_kernel(shutter, motion, speed, num_taps, first, from_vertex=turns)
 
-    def still(speed: Array) -> Array:
-        edges = jnp.arange(num_taps + 1, dtype=speed.dtype) + first
-        return binned_exposure(shutter, motion, speed=speed, edges=edges)
-
-    one = still if isinstance(motion, StillCamera) else moving
     light = light_let_through(piecewise(shutter), np.dtype(speeds.dtype))
     return jax.vmap(one)(jnp.asarray(speeds)), light
 
@@ -225,13 +223,8 @@ def aligned_spectra(
     a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
     stroke = a * half * half
     smear = (speeds.astype(dtype) * half)[:, None]
-    vertex = -_vertex_distance(smear, stroke)
+    turns = has_vertex(motion)
+    vertex = jnp.where(turns, -(smear**2) / jnp.where(turns, 4 * stroke, 1.0), 0.0)
     tau = nodes.tau[None]
     position = tau * (stroke * tau - smear) - vertex
     return sum_of_waves(position, nodes.light[None], num_frequencies, num_kept or num_frequencies)
-
-
-def _vertex_distance(smear: Array, stroke: Array) -> Array:
-    """How far before mid-exposure the path turns, px; 0 where the stroke is none to speak of."""
-    turns = stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
-    return jnp.where(turns, smear**2 / jnp.where(turns, 4 * stroke, 1.0), 0.0)

@@ -93,14 +93,29 @@ class StillCamera(AbstractMotion):
             return jnp.zeros(self.half_exposure.shape, self.half_exposure.dtype)
 
 
+def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
+    """Whether objects are aligned at the vertex of their path; on the host where that is known.
+
+    On a sensor without a stroke to speak of, whose powers leave the range of its precision,
+    they are aligned at mid-exposure.
+    """
+    a, half = (
+        np.asarray(x) if is_concrete(x) else x for x in (motion.acceleration, motion.half_exposure)
+    )
+    with np.errstate(over="ignore"):
+        stroke = a * half * half
+    return stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
+
+
 def settled(motion: AbstractMotion) -> AbstractMotion:
-    """`motion`, or a still camera where its acceleration is known to be zero.
+    """`motion`, or a still camera where it is known to have no acceleration to speak of.
 
     Raises:
         ValueError: if it is no motion, as that of a scene may be.
     """
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
-    if is_concrete(motion.acceleration) and not np.any(np.asarray(motion.acceleration)):
+    signs = motion.acceleration, has_vertex(motion)
+    if any(is_concrete(sign) and not np.any(np.asarray(sign)) for sign in signs):
         return StillCamera(half_exposure=motion.half_exposure)
     return motion
 

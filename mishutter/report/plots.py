@@ -107,8 +107,7 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
     num_taps = int(max(reaches)) + 2
     figure, panels = _new(len(designs), height=2.0, share=True)
     for axes, (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
-        phase = kernel_phase(motion, num_taps)
-        edges = np.arange(num_taps + 1) + phase
+        edges = np.arange(num_taps + 1) + float(kernel_phase(motion, num_taps))
         row = np.asarray(speeds, motion.half_exposure.dtype)
         kernels = np.asarray(kernels_at_speeds(shutter, motion, row, num_taps))
         for speed, taps, style in zip(speeds, kernels, _styles(), strict=False):

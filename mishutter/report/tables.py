@@ -117,7 +117,7 @@ def _cells(row: Row, snapshot: float) -> list[str]:
 def _condition_note(rows: list[Row]) -> str:
     places: dict[str, list[str]] = {}
     for row in rows:
-        place = f"phase {row.metrics.phase:g} px over {row.metrics.dft_length} DFT points"
+        place = f"phase {float(row.metrics.phase):g} px over {row.metrics.dft_length} DFT points"
         places.setdefault(place, []).append(row.name)
     most = max(places, key=lambda place: len(places[place]))
     others = [f", of {' and '.join(places[p])} at {p}" for p in places if p != most]

@@ -4,8 +4,10 @@ The short sweep runs always; the full one of 2,000 points a precision is marked 
 are fixed, so a failure names its point and can be repeated.
 """
 
+import itertools
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from support.cases import SHUTTERS
@@ -13,9 +15,12 @@ from support.helpers import (
     ARGUMENTS,
     DERIVATIVE_OF_LARGEST,
     NUM_TAPS,
+    REST_STROKES,
+    TAP_RELATIVE,
     Point,
     computed,
     derivative_error,
+    direction_of,
     edge_at_vertex,
     exact_derivative,
     exact_taps,
@@ -151,6 +156,27 @@ def test_points_that_missed_once(name):
     a, T, s = (dtype(x) for x in motion)
     stroke = float(a) * float(T) ** 2
     check(Point(slug, stroke, a, T, s, np.array(taps.split(), dtype), frame))
+
+
+@pytest.mark.parametrize("precision", DTYPES)
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_objects_at_rest(slug, precision):
+    """All light on the tap that holds position 0, with no derivative but the shutter's."""
+    dtype, T = DTYPES[precision], DTYPES[precision](0.0173)
+    parameters, direction = SHUTTERS[slug].parameters.astype(dtype), direction_of(slug, dtype)
+
+    def efficiency(parameters):
+        return SHUTTERS[slug].make(parameters).efficiency().astype(dtype)
+
+    light, brighter = jax.jvp(efficiency, (parameters,), (direction,))
+    for stroke, phase in itertools.product(REST_STROKES, (-3.0, -2.3, -0.5, 0.0, 0.4)):
+        a, first = dtype(stroke / float(T) ** 2), np.array([phase], dtype)
+        taps, derivatives = computed(Point(slug, stroke, a, T, dtype(0), first, "vertex"))
+        lit = (np.arange(NUM_TAPS) == np.floor(-phase)).astype(dtype)
+        np.testing.assert_allclose(taps, lit * light, rtol=TAP_RELATIVE[dtype])
+        by_shutter = derivatives[:, ARGUMENTS.index("shutter")]
+        np.testing.assert_allclose(by_shutter, lit * brighter, atol=DERIVATIVE_OF_LARGEST[dtype])
+        assert not np.any(derivatives[:, : ARGUMENTS.index("shutter")])
 
 
 @pytest.mark.parametrize("precision", DTYPES)

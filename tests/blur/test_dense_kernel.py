@@ -45,6 +45,8 @@ def test_taps_are_those_of_the_dense_evaluation(slug):
     rng = np.random.default_rng(29)
     for _ in range(NUM_POINTS):
         point = random_point(rng, np.float64, slug)
+        if point.is_at_rest:  # where the dense evaluation divides by nothing
+            continue
         motion = point.acceleration, point.half_exposure, point.speed
         parameters = SHUTTERS[slug].parameters
         taps, expected = map(np.asarray, both(slug, point.frame, parameters, *motion, point.taps))

@@ -1,5 +1,6 @@
 """Losses: their bounds, what cannot be gained by dimming, and their derivatives."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,10 +14,12 @@ from mishutter import (
     ChippedShutter,
     DesignLoss,
     ExpectedErrorLoss,
+    Limits,
     ParabolicMotion,
     RectShutter,
     Scene,
     SplineShutter,
+    StillCamera,
     TukeyShutter,
     blur_kernel,
     condition_number,
@@ -24,6 +27,7 @@ from mishutter import (
     losses,
 )
 from mishutter.evaluation.losses.design import smooth_condition_number
+from mishutter.evaluation.needs import PLANNED
 
 LOSSES = {
     "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),
@@ -246,6 +250,119 @@ def test_what_is_no_loss_is_named_wherever_it_is_computed():
         (ExpectedErrorLoss() + Many())(SCENE, MOTION, RectShutter())
     with pytest.raises(ValueError, match=line):
         plan_error(SMALL, SCENE, MOTION, RectShutter(), loss=Many())
+
+
+def _by_motion(loss, scene, shutter, plan):
+    """A loss of the acceleration and half exposure, as a function of an array of the two."""
+
+    def value(point):
+        motion = ParabolicMotion(acceleration=point[0], half_exposure=point[1])
+        return loss(scene, motion, shutter, plan=plan)
+
+    return value
+
+
+SHUTTERS_AT_REST = [RectShutter(), TukeyShutter(0.4), SplineShutter(PROFILE)]
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("shutter", SHUTTERS_AT_REST, ids=["rect", "tukey", "spline"])
+@pytest.mark.parametrize("slug", LOSSES)
+def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, dtype):
+    """Aligned at mid-exposure, with the slope by exposure of one that is known to be still."""
+    scene = Scene(np.array([-1900.0, 0.0, 700.0], dtype), photon_rate=1e5, read_noise=10.0)
+    shutter = jax.tree.map(lambda x: x.astype(dtype), shutter)
+    traced = _by_motion(LOSSES[slug], scene, shutter, SMALL)
+
+    def known(half_exposure):
+        return LOSSES[slug](scene, StillCamera(half_exposure=half_exposure), shutter, plan=SMALL)
+
+    half = np.asarray(1.3e-2, dtype)
+    expected = jax.jit(jax.value_and_grad(known))(half)
+    found = jax.jit(jax.vmap(jax.value_and_grad(traced)))
+    # The last is the longest stroke that has no square in the precision.
+    strokes = np.array([0.0, 1e-300, np.finfo(dtype).tiny], dtype)
+    points = np.stack([strokes / half**2, np.full_like(strokes, half)], axis=1)
+    values, slopes = found(points)
+    rounding = 1e-11 if dtype is np.float64 else 2e-5
+    np.testing.assert_allclose(values, np.full(3, expected[0]), rtol=rounding)
+    largest = max(abs(float(expected[1])), float(expected[0] / half))
+    np.testing.assert_allclose(slopes[:, 1], np.full(3, expected[1]), atol=rounding * largest)
+    assert np.all(np.isfinite(slopes))
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("shutter", SHUTTERS_AT_REST, ids=["rect", "tukey", "spline"])
+@pytest.mark.parametrize("slug", LOSSES)
+def test_a_scene_at_rest_does_not_see_a_short_stroke(slug, shutter, dtype):
+    """Its loss is one for all strokes from 0 on, with no slope, whoever traces the motion."""
+    scene = Scene(np.zeros(2, dtype), photon_rate=1e5, read_noise=10.0)
+    shutter = jax.tree.map(lambda x: x.astype(dtype), shutter)
+    value, half = _by_motion(LOSSES[slug], scene, shutter, SMALL), dtype(1e-2)
+    strokes = np.array([0.0, 1e-310, 1e-200, 1e-131, 1e-100, 1e-20, 1e-12])
+    points = np.stack([strokes / 1e-4, np.full_like(strokes, half)], axis=1).astype(dtype)
+    values, slopes = jax.jit(jax.vmap(jax.value_and_grad(value)))(points)
+    known = value(points[0])
+    rounding = 1e-12 if dtype is np.float64 else 1e-6
+    np.testing.assert_allclose(values, np.full(strokes.size, known), rtol=rounding)
+    assert np.all(np.abs(slopes[:, 0]) <= 1e-6 * values * half**2)
+    assert np.all(np.isfinite(slopes))
+    assert float(known) < 2
+
+
+SLOW = ParabolicMotion(acceleration=2.0 / 1e-4, half_exposure=1e-2)
+"""Its fastest object, of SCENE, is aligned some 60 times as far away as it travels itself."""
+LIMITED = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, limits=Limits(max_stroke=4.0))
+
+
+@pytest.mark.parametrize(
+    ("loss", "used"),
+    [
+        (ExpectedErrorLoss(), "nodes"),
+        (DesignLoss(condition=1.0, invariance=0.0), "taps at rest"),
+        (DesignLoss(condition=0.0, invariance=0.0), "light"),
+    ],
+)
+def test_a_traced_motion_is_not_refused_for_taps_that_a_loss_does_not_use(loss, used):
+    """Slower than its fastest object it has the value and slope of a motion that is known."""
+    at = jnp.array([SLOW.acceleration, SLOW.half_exposure])
+    value = _by_motion(loss, LIMITED, TukeyShutter(0.4), PLANNED)
+    for traced, known in zip(
+        jax.jit(jax.value_and_grad(value))(at), jax.value_and_grad(value)(at), strict=True
+    ):
+        np.testing.assert_allclose(traced, known, rtol=1e-9)
+    with pytest.raises(RuntimeError, match="must keep light within 20 px of where it is aligned"):
+        eqx.filter_jit(_by_motion(DesignLoss(), LIMITED, TukeyShutter(0.4), PLANNED))(at)
+
+
+@pytest.mark.parametrize(
+    ("loss", "factor", "line"),
+    [
+        (ExpectedErrorLoss(), 40, "be passed at no more than 36 px per half exposure where"),
+        (DesignLoss(condition=1.0, invariance=0.0), 40, "keep light within 20 px of where"),
+    ],
+)
+def test_a_traced_motion_is_refused_for_what_a_loss_uses(loss, factor, line):
+    """In one line, when it is run."""
+    at = jnp.array([SLOW.acceleration * factor, SLOW.half_exposure])
+    with pytest.raises(RuntimeError, match=line):
+        eqx.filter_jit(_by_motion(loss, LIMITED, TukeyShutter(0.4), PLANNED))(at)
+
+
+@pytest.mark.parametrize("slug", LOSSES)
+def test_a_traced_motion_is_shared_out_over_devices(slug):
+    """`jax.shard_map` of a loss and its slopes changes nothing, and is refused as well."""
+    batch = jax.vmap(
+        jax.value_and_grad(_by_motion(LOSSES[slug], SCENE, TukeyShutter(0.4), PLANNED))
+    )
+    mesh = jax.make_mesh((1,), ("design",), axis_types=(jax.sharding.AxisType.Auto,))
+    along = jax.sharding.PartitionSpec("design")
+    shared = jax.jit(jax.shard_map(batch, mesh=mesh, in_specs=along, out_specs=along))
+    points = jnp.array([[22.0 / 1e-4, 1e-2], [18.0 / 1e-4, 1.1e-2]])
+    for one, other in zip(shared(points), jax.jit(batch)(points), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+    with pytest.raises((RuntimeError, ValueError), match=r"`motion` must (be passed|keep light)"):
+        shared(points.at[1, 0].mul(100.0))
 
 
 @pytest.mark.parametrize("read_noise", [0.0, 2.0, 1e20])

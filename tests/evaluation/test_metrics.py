@@ -145,6 +145,30 @@ def test_a_traced_motion_is_measured_as_one_that_is_known():
         assert np.isclose(traced, known, rtol=1e-9)
 
 
+@pytest.mark.parametrize("plan", [PLANNED, Plan(49, 256, 64, 256)])
+def test_a_traced_sensor_without_acceleration_is_measured_as_a_still_camera(plan):
+    """Every figure, at the phase that is reported."""
+    scene = Scene([-1700.0, 0.0, 700.0], photon_rate=7e4, read_noise=6.0)
+
+    def found(acceleration):
+        motion = ParabolicMotion(acceleration=acceleration, half_exposure=HALF_EXPOSURE)
+        return evaluate(scene, motion, SHUTTER, plan=plan)
+
+    known = found(0.0)
+    for stroke in (0.0, 1e-200):
+        traced = jax.jit(found)(stroke / HALF_EXPOSURE**2)
+        assert float(traced.phase) == -0.5 - traced.num_taps // 2
+        for name in (
+            "condition_number",
+            "kernel_difference",
+            "relative_kernel_difference",
+            "efficiency",
+            "expected_psnr",
+            "bound_share",
+        ):
+            assert np.isclose(getattr(traced, name), getattr(known, name), rtol=1e-9), name
+
+
 def test_a_derivative_is_that_of_the_figure_reported():
     """Of an object much faster than the sensor too, whose kernel no limit foresees."""
     found = _by_acceleration(
@@ -171,7 +195,7 @@ def test_kernels_longer_than_a_compiled_function_provides_for(measure):
     for compiled in (by_motion, lambda motion: jax.jit(measure)(SCENE, motion, SHUTTER)):
         assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(compiled(few)))
         with pytest.raises(
-            (RuntimeError, ValueError), match=r"`motion` must blur over at most \d+ px where"
+            (RuntimeError, ValueError), match=r"`motion` must keep light within \d+ px of where"
         ):
             compiled(many)
 

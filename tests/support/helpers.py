@@ -32,6 +32,9 @@ MAX_STROKE = {np.float64: 8, np.float32: 6}
 """Decades of px. Twice the bits of float32 hold a position on a longer path to 1e-6 px and
 more, which is the bound itself where a profile vanishes at the far end of the path."""
 
+REST_STROKES = (0.0, 1e-310, 1e-200, 1e-131, 1e-40, 1e-20)
+"""Strokes, px, that are no different from none to an object without speed."""
+
 NUM_TAPS = 16
 ARGUMENTS = ("acceleration", "half_exposure", "speed", "position", "shutter")
 
@@ -49,8 +52,15 @@ class Point:
     frame: str
 
     @property
+    def is_at_rest(self):
+        """Whether the object does not move to speak of."""
+        return self.stroke <= max(REST_STROKES) and self.speed == 0
+
+    @property
     def regime(self):
         """The corner of the domain that a point lies in, for the table of worst cases."""
+        if self.is_at_rest:
+            return "at rest"
         if self.stroke == 0:
             return "no acceleration"
         if self.stroke < 1e-3:
@@ -67,10 +77,15 @@ def random_point(rng, dtype=np.float64, slug=None):
     still = frame == "sensor" and rng.random() < 0.1
     stroke = 0.0 if still else 10 ** rng.uniform(-12, MAX_STROKE[dtype])
     T = dtype(10 ** rng.uniform(-9, 5))
+    # Drawn apart, so that all other points stay as they are.
+    apart = rng.spawn(1)[0]
+    at_rest = apart.random() < 0.03
+    stroke = apart.choice(REST_STROKES) if at_rest else stroke
     a = dtype(stroke / float(T) / float(T))
     special = [0.0, 1.0, 0.5, 1 / 26, 3 / 7, 1 - 2 / 21]
     nu = rng.choice([rng.choice(special), 10 ** rng.uniform(-6, 3)]) * rng.choice([-1, 1])
     smear = 10 ** rng.uniform(-12, 8) if still else 2 * stroke * nu
+    smear = 0.0 if at_rest else smear
     s = dtype(smear / float(T))
     far, reach = stroke * (1 + abs(nu)) ** 2, stroke + abs(smear)
     if frame == "vertex":
@@ -80,7 +95,7 @@ def random_point(rng, dtype=np.float64, slug=None):
         return Point(slug, stroke, a, T, s, np.array([phase]), frame)
     vertex = -smear * nu / 2 if stroke else 0.0
     centre = rng.choice([0, vertex, stroke - smear, stroke + smear, rng.uniform(-reach, reach)])
-    pitch = rng.choice([1.0, reach / NUM_TAPS, 1e-3 * reach])
+    pitch = rng.choice([1.0, reach / NUM_TAPS, 1e-3 * reach]) or 1.0
     edges = centre + pitch * rng.uniform(-NUM_TAPS / 2, NUM_TAPS / 2, NUM_TAPS + 1)
     return Point(slug, stroke, a, T, s, np.sort(edges).astype(dtype), frame)
 
@@ -153,6 +168,8 @@ def exact_taps(point, *, a=None, T=None, s=None, shift=0, window=None):
 def natural_scale(point, argument):
     """The change of an argument that changes taps by about their own size."""
     a, T, s = (float(x) for x in (point.acceleration, point.half_exposure, point.speed))
+    if point.is_at_rest:
+        a, s = T**-2, 1 / T
     return {
         "acceleration": a or abs(s) / T,
         "half_exposure": T,
@@ -177,7 +194,7 @@ def exact_derivative(point, argument):
         lambda x: exact_taps(point, window=window, **{name: x}),
         at,
         natural_scale(point, argument),
-        one_sided=argument == "acceleration" and at == 0,
+        one_sided=argument == "acceleration" and (at == 0 or point.is_at_rest),
     )
 
 

@@ -2,7 +2,7 @@
 
 import inspect
 from abc import abstractmethod
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import Bare, quick_to_compile, require
-from mishutter.evaluation.needs import PLANNED, Automatic, Plan, chosen, reduced
+from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced
 from mishutter.evaluation.response import Response, respond
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
 
@@ -96,20 +96,6 @@ def value_of(
     return jnp.asarray(value)
 
 
-class Parts(NamedTuple):
-    """Parts of a response.
-
-    Attributes:
-        kernels: The kernel of an object at rest.
-        spectra: Transfer functions at the scene's speeds.
-        differences: Kernels at the scene's speeds, less the one at rest.
-    """
-
-    kernels: bool
-    spectra: bool
-    differences: bool
-
-
 class AbstractResponseLoss(AbstractLoss):
     """A loss that sees the shutter through its kernels, transfer functions and light.
 
@@ -134,7 +120,7 @@ class AbstractResponseLoss(AbstractLoss):
         *,
         plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
-        plan, motion = chosen(plan, scene, settled(motion), shutter)
+        plan, motion = chosen(plan, scene, settled(motion), shutter, self.parts)
         kept = reduced(scene, plan)
         response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
         return _of_response(self, kept, motion, response, plan)
