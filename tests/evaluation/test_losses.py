@@ -24,8 +24,8 @@ from mishutter import (
     blur_kernel,
     condition_number,
     evaluate,
-    losses,
 )
+from mishutter.evaluation import losses
 from mishutter.evaluation.losses.design import smooth_condition_number
 from mishutter.evaluation.needs import PLANNED
 

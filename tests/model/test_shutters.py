@@ -26,9 +26,9 @@ from mishutter import (
     TukeyShutter,
     binned_exposure,
     blur_kernel,
-    shutters,
     transfer_function,
 )
+from mishutter.model import shutters
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.shutters import AbstractAdjustableShutter, SampledShutter, piecewise
 
