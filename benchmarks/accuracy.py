@@ -13,9 +13,13 @@ import numpy as np  # noqa: E402
 
 from benchmarks import harness  # noqa: E402
 
-SLUGS = ("hann", "flutter", "spline", "tukey")
+SLUGS = ("hann", "flutter", "spline", "tukey", "gaussian-narrow")
 TRANSFER_STROKE = 1e4
 """Longest stroke, px, for which the accuracy of the transfer function is promised."""
+TRANSFER = {
+    "transfer function": helpers.transfer_error,
+    "its derivatives": helpers.transfer_derivative_error,
+}
 NUM_POINTS = {"float64": 400, "float32": 200}
 
 
@@ -26,16 +30,17 @@ def measure() -> list[dict]:
         dtype, rng, worst = np.dtype(precision).type, np.random.default_rng(23), {}
         for index in range(count):
             point = helpers.random_point(rng, dtype, SLUGS[index % len(SLUGS)])
-            nothing = {"points": 0, "taps": 0.0, "derivatives": 0.0, "transfer function": None}
+            nothing = {"points": 0, "taps": 0.0, "derivatives": 0.0}
+            nothing |= dict.fromkeys(("transfer function", "its derivatives"))
             entry = worst.setdefault(point.regime, nothing)
             taps, derivatives = helpers.computed(point)
             truth = helpers.exact_taps(point)
             entry["points"] += 1
-            entry["taps"] = max(entry["taps"], helpers.tap_error(taps, truth, dtype))
+            entry["taps"] = max(entry["taps"], helpers.tap_error(taps, point, truth))
             if point.stroke <= TRANSFER_STROKE:
                 frequencies = helpers.random_frequencies(rng, dtype)
-                error = helpers.transfer_error(point, frequencies)
-                entry["transfer function"] = max(entry["transfer function"] or 0.0, error)
+                for column, error_of in TRANSFER.items():
+                    entry[column] = max(entry[column] or 0.0, error_of(point, frequencies))
             for column, argument in enumerate(helpers.ARGUMENTS):
                 if index % 5 or (argument == "position" and helpers.edge_at_vertex(point)):
                     continue
@@ -52,7 +57,7 @@ def main() -> None:
     rows = measure()
     harness.write("accuracy", rows)
     text = "## Accuracy: worst error of each regime, in units of what is promised\n\n"
-    columns = ["precision", "regime", "points", "taps", "derivatives", "transfer function"]
+    columns = ["precision", "regime", "points", "taps", "derivatives", *TRANSFER]
     harness.section("accuracy", text + harness.table(rows, columns))
 
 

@@ -4,7 +4,9 @@
 loss and the expected-error loss with their gradients by profile, acceleration and half
 exposure. A sample is computed again by other means: kernels by the 120-digit closed forms of
 the tests, transfer functions by a fine quadrature in extended precision, slopes by differences
-of those. Run `python -m benchmarks.stress [COUNT] [SAMPLE]`; seeds are printed.
+of those. Beside the losses stand two integrals with all of their derivatives: the transfer
+function of a path that turns, and the kernel of a narrow Gaussian in single precision, by the
+tests' closed forms. Run `python -m benchmarks.stress [COUNT] [SAMPLE]`; seeds are printed.
 """
 
 import sys
@@ -35,6 +37,13 @@ SEED, REACH = 20240917, 38.0
 VALUE_BOUND, SLOPE_BOUND = 1e-12, 1e-9
 """Allowed error of a value, relative, and of a slope, of the largest, per unit of condition."""
 LOSSES = {"design": DesignLoss(), "expected error": ExpectedErrorLoss()}
+INTEGRALS = {
+    "transfer function": np.float64,
+    "transfer function, float32": np.float32,
+    "narrow Gaussian's kernel, float32": np.float32,
+}
+EVALUATIONS_A_POINT = 20
+"""Evaluations of a loss for each of an integral, which is called on its own."""
 
 
 def points(rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:
@@ -215,6 +224,60 @@ def measure(count: int, sample: int) -> list[dict]:
     return rows
 
 
+def integrals(count: int, sample: int) -> list[dict]:
+    """A row an integral, as `measure` gives for a loss; the bounds are those of the tests."""
+    rows = []
+    for name, dtype in INTEGRALS.items():
+        rng, points, share = np.random.default_rng(SEED), count // EVALUATIONS_A_POINT, 0.0
+        row = {"loss": name, "evaluations": points, "not finite": 0, "re-checked": 0}
+        row |= {"worst value / bound": 0.0, "worst slope / bound": 0.0, "seed": SEED}
+        for _ in range(points):
+            share += sample / points
+            found, errors = _integral(name, dtype, rng)
+            row["not finite"] += not all(np.all(np.isfinite(x)) for x in found)
+            if share < 1:
+                continue
+            share -= 1
+            row["re-checked"] += 1
+            for column, error in zip(("value", "slope"), errors(), strict=True):
+                row[f"worst {column} / bound"] = max(row[f"worst {column} / bound"], error)
+        rows.append(row)
+    return rows
+
+
+def _integral(name: str, dtype: type, rng: np.random.Generator):
+    """Value and derivatives at a random point, and what finds the errors of both."""
+    import helpers
+    from support.cases import SHUTTERS
+
+    if name.startswith("transfer"):
+        point = helpers.turning_point(rng, dtype, str(rng.choice(list(SHUTTERS))))
+        frequencies = helpers.turning_frequencies(rng, point)
+        both = helpers.transfer_error, helpers.transfer_derivative_error
+        return (
+            helpers.transferred(point, frequencies),
+            lambda: [error(point, frequencies) for error in both],
+        )
+    point = helpers.random_point(rng, dtype, "gaussian-narrow")
+    taps, derivatives = helpers.computed(point)
+    arguments = [
+        k for k in helpers.ARGUMENTS if k != "position" or not helpers.edge_at_vertex(point)
+    ]
+
+    def errors():
+        exact = helpers.exact_taps(point)
+        slopes = [
+            helpers.derivative_error(
+                derivatives[:, helpers.ARGUMENTS.index(k)], point, k, max(exact)
+            )
+            for k in arguments
+        ]
+        return helpers.tap_error(taps, point, exact), max(slopes)
+
+    wanted = [helpers.ARGUMENTS.index(k) for k in arguments]
+    return (taps, derivatives[:, wanted]), errors
+
+
 def _sampled(rng: np.random.Generator, drawn: dict, mean: float) -> list[int]:
     """Some points of a batch at which slopes exist: not a closed shutter, nor equal kernels.
 
@@ -229,9 +292,9 @@ def main() -> None:
     """Measure, store and print."""
     given = [int(x) for x in sys.argv[1:] if x.isdigit()]
     count, sample = given + [100_000, 500][len(given) :]
-    rows = measure(count, sample)
+    rows = measure(count, sample) + integrals(count, sample)
     harness.write("stress", rows)
-    text = "## Stress: random scenes and designs, value and gradient of the loss\n\n"
+    text = "## Stress: random scenes and designs, value and gradient of losses and integrals\n\n"
     harness.section("stress", text + harness.table(rows, list(rows[0])))
 
 

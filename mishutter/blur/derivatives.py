@@ -31,7 +31,6 @@ from mishutter.blur.crossings import (
     Crossings,
     at,
     drift_change,
-    lengths,
     moment_change,
     of_both_arms,
     time_between,
@@ -152,7 +151,7 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) ->
     # All else that makes the crossings drift does so in proportion to the speed.
     if taps.profile.symmetric and np.any(units[:, 2]):
         apart = _between_arms(motion)
-        is_near = (apart != 0) & (jnp.abs(apart) < 2 * _near(apart))
+        is_near = (apart != 0) & (jnp.abs(apart) < _near(taps.profile, apart))
         known, left_over = once(_rise_between_arms, apart, taps, when=is_near)
         drifting = jnp.where(known, left_over, jnp.where(apart == 0, 0.0, drifting))
     mirrored = at(mirrored_velocity(motion, taps.tau), taps.x.nearest)
@@ -214,9 +213,10 @@ def _between_arms(motion: Motion) -> Array:
     return jnp.where(a > 0, s / jnp.where(a > 0, a * T, 1.0), jnp.inf)
 
 
-def _near(like: Array) -> float:
-    """Share of a piece over which two nodes are enough, and a difference of two is not."""
-    return float(jnp.finfo(like.dtype).eps) ** 0.2
+def _near(profile: AbstractPiecewiseShutter, like: Array) -> Array:
+    """Time over which two nodes are enough, and a difference of two slopes is not; scalar."""
+    share = float(jnp.finfo(like.dtype).eps) ** 0.2
+    return share * jnp.asarray(profile.smooth_length, like.dtype)
 
 
 def _rise_between_arms(apart: Array, taps: Taps) -> tuple[Array, Array]:
@@ -224,11 +224,9 @@ def _rise_between_arms(apart: Array, taps: Taps) -> tuple[Array, Array]:
     profile, num_pieces = taps.profile, taps.tau.high.size - 1
     before, after = (taps.x.part((arm, slice(None))) for arm in (0, 1))
     mirrored = before.piece + after.piece == num_pieces - 1
-    mirrored &= before.from_left != after.from_left
-    near = jnp.abs(apart) < _near(apart) * at(lengths(profile.equal_pieces, taps.tau), after.piece)
     is_held, at_vertex = jnp.any(taps.is_held, axis=0), after.velocity == 0
-    known = jnp.where(is_held, jnp.all(taps.is_held, axis=0), (mirrored & near) | at_vertex)
-    middle = (after.offset - before.offset) / 2
+    known = jnp.where(is_held, jnp.all(taps.is_held, axis=0), mirrored | at_vertex)
+    middle = after.offset - apart / 2
     rise = apart * _slope(profile, after, middle, jnp.broadcast_to(jnp.abs(apart), middle.shape))
     rise = jnp.where(is_held | at_vertex, 0.0, rise)
 

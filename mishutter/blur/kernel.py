@@ -79,8 +79,9 @@ def blur_kernel(
     derivative from below.
 
     In float64 a tap is exact to 1e-12 of itself or 1e-15 of the largest, on strokes up to
-    1e8 px, in float32 to 2e-6 or 1e-7, up to 1e6 px. First derivatives are exact to 1e-9
-    (1e-4) of the largest. Second ones exist by shutter parameters that move no breakpoint.
+    1e8 px, in float32 to 2e-6 or 1e-7, up to 1e6 px, and in the tails of a `GaussianShutter`
+    to what that says. First derivatives are exact to 1e-9 (1e-4) of the largest. Second ones
+    exist by shutter parameters that move no breakpoint.
 
     Args:
         shutter: Transmittance over the exposure.

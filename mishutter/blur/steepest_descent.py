@@ -119,7 +119,9 @@ def _ray(profile: AbstractPiecewiseShutter, panel: Panels, end: int, far: Array)
     quarter = steepness * _ROOT_HALF
     rate = quarter + jnp.hypot(quarter, jnp.sqrt(4 * rule.decay * curvature))
     reach = jnp.where(far, 2 * rule.decay / jnp.where(far, rate, 1.0), panel.length)
-    step = jax.lax.stop_gradient(reach)[..., None] * rule.nodes
+    # Beyond its reach a ray adds nothing: how far that is does not change the integral.
+    reach = jax.lax.stop_gradient(reach)
+    step = reach[..., None] * rule.nodes
     turn = quarter[..., None] * step
     decay = turn + curvature * step * step
     size = jnp.exp(-decay)
@@ -127,7 +129,7 @@ def _ray(profile: AbstractPiecewiseShutter, panel: Panels, end: int, far: Array)
     start = panel.offset if end == 0 else panel.offset + panel.length
     light = profile.piece_transmittance(_into_valley(start, sign[..., None] * step))
     total = jnp.sum(_times(rule.weights, light * fall), -1) * _DIRECTION
-    return _times(sign * jax.lax.stop_gradient(reach), _unit(panel.cycles[end]) * total)
+    return _times(sign * reach, _unit(panel.cycles[end]) * total)
 
 
 def _line(profile: AbstractPiecewiseShutter, panel: Panels, far: Array) -> Array:
@@ -137,8 +139,9 @@ def _line(profile: AbstractPiecewiseShutter, panel: Panels, far: Array) -> Array
     holds = far & (before < 0) & (after >= 0) & (panel.curvature > 0)
     curvature = jnp.where(holds, panel.curvature, 1.0)
     to_vertex = jnp.where(holds, -before / (2 * curvature), 0.0)
+    # The Gaussian weight belongs to the rule, so its nodes move as its width changes.
     width = jnp.where(holds, jax.lax.rsqrt(curvature), panel.length)
-    step = jax.lax.stop_gradient(width)[..., None] * rule.line_nodes
+    step = width[..., None] * rule.line_nodes
     light = profile.piece_transmittance(_into_valley(panel.offset + to_vertex, step))
     total = jnp.sum(_times(rule.line_weights, light), -1) * _DIRECTION
     return _times(jnp.where(holds, width, 0.0), _unit(panel.vertex_cycles) * total)

@@ -165,8 +165,8 @@ def _common_ends(profiles: Sequence[_Profile]) -> np.ndarray:
 
 def _panels(profile: _Profile) -> int:
     """Equal parts of half the exposure that a profile's own sharpness asks for."""
-    single = profile.ends.size == 2
-    return -(-profile.pieces.panels_per_piece // 8) if single else 1
+    num_pieces = profile.ends.size - 1
+    return -(-num_pieces * profile.pieces.panels_per_piece // 8) if num_pieces <= 2 else 1
 
 
 def _profile(shutter: AbstractShutter) -> _Profile:

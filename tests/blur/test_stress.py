@@ -13,3 +13,13 @@ def test_random_scenes_and_designs_are_finite_and_right():
         assert row["re-checked"] >= 15
         assert row["worst value / bound"] < 1
         assert row["worst slope / bound"] < 1
+
+
+@pytest.mark.slow
+def test_random_integrals_are_finite_and_right():
+    """The transfer function of a path that turns, and narrow Gaussians in single precision."""
+    for row in stress.integrals(count=4000, sample=30):
+        assert row["not finite"] == 0
+        assert row["re-checked"] >= 15
+        assert row["worst value / bound"] < 1
+        assert row["worst slope / bound"] < 1

@@ -85,6 +85,20 @@ def test_box_coordinates_rebuild_the_shutter(slug):
     np.testing.assert_allclose(again, shutter.transmittance(TAU), atol=1e-13)
 
 
+@pytest.mark.parametrize(
+    ("shutter", "piece", "distance", "bend"),
+    [(HannShutter(), 0, 1.0, -(np.pi**2) / 2), (GaussianShutter(0.4), 1, 0.0, -1 / 0.16)],
+)
+def test_a_profile_bends_at_its_very_middle(shutter, piece, distance, bend):
+    """Its second derivative there is that of the curve, on whichever side it is counted."""
+
+    def height(distance):
+        return shutter.piece_mean(jnp.array(piece), jnp.array(True), distance, jnp.zeros(()))
+
+    found = jax.grad(jax.grad(height))(jnp.array(distance))
+    np.testing.assert_allclose(found, bend, rtol=1e-12)
+
+
 @given(st.lists(st.floats(-1e6, 1e6), min_size=9, max_size=9))
 @settings(max_examples=30, deadline=None)
 def test_any_parameters_are_a_spline_shutter(parameters):

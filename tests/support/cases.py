@@ -26,11 +26,17 @@ from support import reference
 
 @dataclass(frozen=True)
 class ShutterCase:
-    """A shutter of given parameters, and the reference window of the same ones."""
+    """A shutter of given parameters, and the reference window of the same ones.
+
+    Random points take its parameters from those `drawn`, where there is such a range. Where it
+    `scales`, its parameter is the unit that it counts time in.
+    """
 
     parameters: np.ndarray
     make: Callable[[np.ndarray], AbstractShutter]
     window: Callable[[np.ndarray], reference.Window]
+    drawn: tuple[float, float] | None = None
+    scales: bool = False
 
     def shutter(self, dtype=np.float64):
         return self.make(self.parameters.astype(dtype))
@@ -43,8 +49,8 @@ def _fixed(make, window):
     return ShutterCase(np.zeros(0), lambda _: make(), lambda _: window())
 
 
-def _single(value, make, window):
-    return ShutterCase(np.array(value), make, lambda p: window(p.item()))
+def _single(value, make, window, **others):
+    return ShutterCase(np.array(value), make, lambda p: window(p.item()), **others)
 
 
 def _row(values, make, window):
@@ -64,8 +70,11 @@ SHUTTERS = {
     "rect": _fixed(RectShutter, reference.rect),
     "hann": _fixed(HannShutter, reference.hann),
     "triangle": _fixed(TriangleShutter, reference.triangle),
-    "gaussian": _single(0.37, GaussianShutter, reference.gaussian),
-    "gaussian-narrow": _single(0.0521, GaussianShutter, reference.gaussian),
+    "gaussian": _single(0.37, GaussianShutter, reference.gaussian, scales=True),
+    # From narrower ones than may be asked for, so that there is something in hand.
+    "gaussian-narrow": _single(
+        0.0521, GaussianShutter, reference.gaussian, drawn=(0.03, 0.15), scales=True
+    ),
     "tukey": _single(0.43, TukeyShutter, reference.tukey),
     "tukey-steep": _single(0.0023, TukeyShutter, reference.tukey),
     "flutter": _row(RASKAR_CODE, ChippedShutter, reference.chips),

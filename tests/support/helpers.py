@@ -1,6 +1,6 @@
 """Tolerances by name, random points of the domain, and the comparison with the reference."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import jax
@@ -19,8 +19,10 @@ TAP_OF_LARGEST = {np.float64: 1e-15, np.float32: 1e-7}
 DERIVATIVE_OF_LARGEST = {np.float64: 1e-9, np.float32: 1e-4}
 """Error of a derivative relative to the largest, or"""
 DERIVATIVE_OF_TAP = {np.float64: 1e-12, np.float32: 1e-5}
-"""to the largest tap per natural unit of the argument: one that is zero in exact
+"""to the largest tap, or response, per natural unit of the argument: one that is zero in exact
 arithmetic, because all light falls on one tap, is a difference of equal numbers."""
+TIME_ROUNDINGS = 3
+"""Units in the last place by which time may be off, where it counts in the unit of a parameter."""
 TRANSFER_ABSOLUTE = {np.float64: 1e-12, np.float32: 2e-6}
 """Error of a transfer function, of modulus at most 1."""
 FORWARD_AGAINST_REVERSE = 1e-12
@@ -37,11 +39,15 @@ REST_STROKES = (0.0, 1e-310, 1e-200, 1e-131, 1e-40, 1e-20)
 
 NUM_TAPS = 16
 ARGUMENTS = ("acceleration", "half_exposure", "speed", "position", "shutter")
+TRANSFER_ARGUMENTS = ("acceleration", "half_exposure", "speed", "frequency", "shutter")
 
 
 @dataclass(frozen=True)
 class Point:
-    """One random problem; `taps` are positions of tap edges, `phase` that of the first."""
+    """One random problem; `taps` are positions of tap edges, or that of the first.
+
+    The shutter's parameters are those of the case, unless some were `drawn`.
+    """
 
     slug: str
     stroke: float
@@ -50,6 +56,18 @@ class Point:
     speed: float
     taps: np.ndarray
     frame: str
+    drawn: np.ndarray | None = None
+
+    @property
+    def parameters(self):
+        """Parameters of the shutter, in the point's precision."""
+        given = SHUTTERS[self.slug].parameters if self.drawn is None else self.drawn
+        return given.astype(self.taps.dtype)
+
+    @property
+    def window(self):
+        """The reference of the shutter."""
+        return SHUTTERS[self.slug].window(self.parameters)
 
     @property
     def is_at_rest(self):
@@ -88,16 +106,18 @@ def random_point(rng, dtype=np.float64, slug=None):
     smear = 0.0 if at_rest else smear
     s = dtype(smear / float(T))
     far, reach = stroke * (1 + abs(nu)) ** 2, stroke + abs(smear)
+    drawn_from = SHUTTERS[slug].drawn
+    drawn = np.array(np.exp(rng.uniform(*np.log(drawn_from)))) if drawn_from else None
     if frame == "vertex":
         near = stroke * max(abs(nu) - 1, 0) ** 2
         start = [0, -0.5, rng.uniform(-3, 3), rng.uniform(near, far), far - rng.uniform(0, 16)]
         phase = dtype(rng.choice(start))
-        return Point(slug, stroke, a, T, s, np.array([phase]), frame)
+        return Point(slug, stroke, a, T, s, np.array([phase]), frame, drawn)
     vertex = -smear * nu / 2 if stroke else 0.0
     centre = rng.choice([0, vertex, stroke - smear, stroke + smear, rng.uniform(-reach, reach)])
     pitch = rng.choice([1.0, reach / NUM_TAPS, 1e-3 * reach]) or 1.0
     edges = centre + pitch * rng.uniform(-NUM_TAPS / 2, NUM_TAPS / 2, NUM_TAPS + 1)
-    return Point(slug, stroke, a, T, s, np.sort(edges).astype(dtype), frame)
+    return Point(slug, stroke, a, T, s, np.sort(edges).astype(dtype), frame, drawn)
 
 
 def _taps(slug, frame, a, T, s, shift, parameters, positions):
@@ -122,33 +142,28 @@ def taps_and_derivatives(slug, frame, arguments, positions, direction):
     return along(origin), jax.jacfwd(along)(origin)
 
 
-def direction_of(slug, dtype):
+def direction_of(parameters):
     """A fixed direction in the space of a shutter's parameters."""
-    parameters = SHUTTERS[slug].parameters
     index = np.arange(parameters.size).reshape(parameters.shape)
-    return np.cos(2.1 * index + 0.4).astype(dtype)
+    return np.cos(2.1 * index + 0.4).astype(parameters.dtype)
 
 
 def computed(point):
     """What the package finds at a point: taps `(n,)` and derivatives `(n, 5)`."""
-    dtype = point.taps.dtype.type
-    arguments = (
-        point.acceleration,
-        point.half_exposure,
-        point.speed,
-        SHUTTERS[point.slug].parameters.astype(dtype),
-    )
-    direction = direction_of(point.slug, dtype)
+    direction = direction_of(point.parameters)
     taps, derivatives = taps_and_derivatives(
-        point.slug, point.frame, arguments, point.taps, direction
+        point.slug, point.frame, _arguments(point), point.taps, direction
     )
     return np.asarray(taps), np.asarray(derivatives)
 
 
+def _arguments(point):
+    return point.acceleration, point.half_exposure, point.speed, point.parameters
+
+
 def exact_taps(point, *, a=None, T=None, s=None, shift=0, window=None):
     """Taps of the reference, with some arguments replaced."""
-    dtype = point.taps.dtype.type
-    window = window or SHUTTERS[point.slug].reference(dtype)
+    window = window or point.window
     first = point.taps if point.frame == "sensor" else None
     edges = (
         [mp.mpf(float(e)) + shift for e in first]
@@ -183,7 +198,7 @@ def exact_derivative(point, argument):
     """Derivative of the reference by one of `ARGUMENTS`, a row over taps."""
     if argument == "shutter":
         return _exact_shutter_derivative(point)
-    window = SHUTTERS[point.slug].reference(point.taps.dtype.type)
+    window = point.window
     name, at = {
         "acceleration": ("a", float(point.acceleration)),
         "half_exposure": ("T", float(point.half_exposure)),
@@ -199,33 +214,43 @@ def exact_derivative(point, argument):
 
 
 def _exact_shutter_derivative(point):
-    case, dtype = SHUTTERS[point.slug], point.taps.dtype.type
-    base = case.parameters.astype(dtype)
-    if base.size == 0:
+    if point.parameters.size == 0:
         return [mp.mpf(0)] * NUM_TAPS
-    direction = direction_of(point.slug, dtype)
-
-    def along(x):
-        moved = np.array([mp.mpf(float(p)) for p in base.flat], dtype=object) + x * np.array(
-            [mp.mpf(float(d)) for d in direction.flat], dtype=object
-        )
-        return exact_taps(point, window=case.window(moved.reshape(base.shape)))
-
-    return reference.derivative(along, 0, 1)
+    direction = direction_of(point.parameters)
+    return _along(point, direction, lambda window: exact_taps(point, window=window))
 
 
-def tap_error(taps, exact, dtype):
+def _along(point, direction, row):
+    """Derivative of a row of numbers of the reference's window along a direction."""
+    base = point.parameters
+    start, step = (np.array([mp.mpf(float(x)) for x in v.flat]) for v in (base, direction))
+
+    def moved(x):
+        return row(SHUTTERS[point.slug].window((start + x * step).reshape(base.shape)))
+
+    return reference.derivative(moved, 0, 1)
+
+
+def _change_with_time(point):
+    """By how much each tap changes as time does that a parameter is the unit of, by its share."""
+    if not SHUTTERS[point.slug].scales:
+        return [mp.mpf(0)] * NUM_TAPS
+    return _along(point, point.parameters, lambda window: exact_taps(point, window=window))
+
+
+def tap_error(taps, point, exact):
     """Largest error of a tap, in units of what is allowed; nan where a tap is not finite."""
-    largest = max(exact)
+    dtype, largest = point.taps.dtype.type, max(exact)
     if largest == 0:
         return 0.0 if not np.any(taps) else np.inf
     if not np.all(np.isfinite(taps)):
         return np.nan
     relative, of_largest = TAP_RELATIVE[dtype], TAP_OF_LARGEST[dtype]
-    floor = mp.mpf(float(np.finfo(dtype).tiny))
+    floor, rounding = mp.mpf(float(np.finfo(dtype).tiny)), float(np.finfo(dtype).eps)
+    late = [TIME_ROUNDINGS * rounding * abs(c) for c in _change_with_time(point)]
     return max(
-        float(abs(mp.mpf(float(h)) - r) / max(relative * r, of_largest * largest, floor))
-        for h, r in zip(taps, exact, strict=True)
+        float(abs(mp.mpf(float(h)) - r) / max(relative * r + t, of_largest * largest, floor))
+        for h, r, t in zip(taps, exact, late, strict=True)
     )
 
 
@@ -247,23 +272,95 @@ def edge_at_vertex(point):
     return point.frame == "vertex" and float(point.taps[0]).is_integer() and point.taps[0] <= 0
 
 
-transfer = jax.jit(transfer_function)
+@partial(jax.jit, static_argnums=0)
+def transfer_and_derivatives(slug, arguments, frequencies, direction):
+    """Transfer function, `(2, m)`, and derivatives by each of `TRANSFER_ARGUMENTS`, `(2, m, 5)`.
+
+    Its real and its imaginary part are on the leading axis.
+    """
+
+    def along(step):
+        a, T, s, parameters = arguments
+        response = transfer_function(
+            SHUTTERS[slug].make(parameters + direction * step[4]),
+            ParabolicMotion(acceleration=a + step[0], half_exposure=T + step[1]),
+            speed=s + step[2],
+            frequency=frequencies + step[3],
+        )
+        return jnp.stack([response.real, response.imag])
+
+    origin = jnp.zeros(len(TRANSFER_ARGUMENTS), frequencies.dtype)
+    return along(origin), jax.jacfwd(along)(origin)
+
+
+def transferred(point, frequencies):
+    """What the package finds at a point: responses `(m,)` and derivatives `(m, 5)`."""
+    direction = direction_of(point.parameters)
+    parts = transfer_and_derivatives(point.slug, _arguments(point), frequencies, direction)
+    return [np.asarray(x[0], float) + 1j * np.asarray(x[1], float) for x in parts]
+
+
+def _motion(point):
+    return [float(x) for x in (point.acceleration, point.half_exposure, point.speed)]
 
 
 def transfer_error(point, frequencies):
     """Largest error of the transfer function, in units of what is allowed."""
-    dtype = point.taps.dtype.type
-    case = SHUTTERS[point.slug]
-    motion = ParabolicMotion(acceleration=point.acceleration, half_exposure=point.half_exposure)
-    found = np.asarray(
-        transfer(case.shutter(dtype), motion, speed=point.speed, frequency=frequencies)
-    )
-    window = case.reference(dtype)
-    a, T, s = (float(x) for x in (point.acceleration, point.half_exposure, point.speed))
-    exact = [reference.transfer(window, a, T, s, float(f)) for f in frequencies]
+    dtype, (a, T, s) = point.taps.dtype.type, _motion(point)
+    found, _ = transferred(point, frequencies)
+    exact = [reference.transfer(point.window, a, T, s, float(f)) for f in frequencies]
     errors = [float(abs(mp.mpc(complex(h)) - r)) for h, r in zip(found, exact, strict=True)]
     held = 2 * np.pi * np.abs(frequencies) * a * T * T * np.finfo(dtype).eps
     return float(np.max(np.array(errors) / (TRANSFER_ABSOLUTE[dtype] + held)))
+
+
+def transfer_derivative_error(point, frequencies):
+    """Largest error of a derivative of the transfer function, in units of what is allowed.
+
+    Derivatives by the motion and the frequency are compared at each frequency, per natural unit
+    of each; the shutter's, which does not grow with frequency, over all of them. One may be as
+    small as what cancels in it, which is of the size of a response.
+    """
+    dtype, (a, T, s) = point.taps.dtype.type, _motion(point)
+    _, found = transferred(point, frequencies)
+    by_motion = [
+        reference.transfer_derivatives(point.window, a, T, s, float(f)) for f in frequencies
+    ]
+    exact = np.array([[complex(row[k]) for k in TRANSFER_ARGUMENTS[:-1]] for row in by_motion])
+    size = np.array([natural_scale(point, k) for k in TRANSFER_ARGUMENTS[:3]])
+    own = np.where(frequencies == 0, 1 / (a * T * T + abs(s) * T), np.abs(frequencies))
+    units = np.column_stack([np.tile(size, (frequencies.size, 1)), own.astype(float)])
+    relative, floor = DERIVATIVE_OF_LARGEST[dtype], DERIVATIVE_OF_TAP[dtype]
+    largest = np.max(np.abs(exact * units), axis=1, keepdims=True)
+    errors = [np.abs(found[:, :-1] - exact) * units / np.maximum(relative * largest, floor)]
+    if point.parameters.size:
+        direction = direction_of(point.parameters)
+        row = _along(
+            point,
+            direction,
+            lambda window: [reference.transfer(window, a, T, s, float(f)) for f in frequencies],
+        )
+        exact = np.array([complex(x) for x in row])
+        allowed = max(relative * np.max(np.abs(exact)), floor)
+        errors.append(np.abs(found[:, -1] - exact) / allowed)
+    return max(float(np.max(error)) for error in errors)
+
+
+def turning_point(rng, dtype, slug):
+    """A point that turns on or near the sensor within the exposure, as long ones do."""
+    stroke, T = 10 ** rng.uniform(-1, 4), dtype(10 ** rng.uniform(-3, 1))
+    a = dtype(stroke / float(T) ** 2)
+    s = dtype(2 * float(a) * float(T) * rng.choice([0.0, rng.uniform(-1.1, 1.1)]))
+    return replace(
+        random_point(rng, dtype, slug), stroke=stroke, acceleration=a, half_exposure=T, speed=s
+    )
+
+
+def turning_frequencies(rng, point, count=6):
+    """Frequencies at which the phase turns up to some thousands of times, and 0."""
+    cycles = 10 ** rng.uniform(-1, 3.5, count) * rng.choice([-1, 1], count)
+    cycles[0] = 0
+    return (cycles / point.stroke).astype(point.taps.dtype)
 
 
 def random_frequencies(rng, dtype=np.float64, count=6):

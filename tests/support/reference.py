@@ -5,7 +5,7 @@ A window is known by its antiderivative, for exposures, and as a sum of terms
 """
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import mpmath as mp
@@ -174,18 +174,42 @@ def _clean(light):
     return light if abs(light) > mp.mpf(10) ** -105 else mp.mpf(0)
 
 
-def transfer(window, a, T, s, frequency):
-    """Transfer function in the sensor frame, without the pixel aperture."""
+def transfer(window, a, T, s, frequency, *, power=0):
+    """Transfer function in the sensor frame, without the pixel aperture.
+
+    With a `power`, that of the window times this power of normalised time.
+    """
     a, T, s = mp.mpf(a), mp.mpf(T), mp.mpf(s)
     kappa, mu = (2 * mp.pi * mp.mpf(frequency) * q for q in (a * T * T, s * T))
     return (
         mp.fsum(
-            _term(term, kappa, mu, mp.mpf(lo), mp.mpf(hi))
+            _term(_times_time(term, power), kappa, mu, mp.mpf(lo), mp.mpf(hi))
             for lo, hi, terms in window.pieces
             for term in terms
         )
         / 2
     )
+
+
+def transfer_derivatives(window, a, T, s, frequency):
+    """Derivatives of the transfer function by acceleration, exposure, speed and frequency.
+
+    The integrand times the derivative of its exponent, `-2 pi i f (a T^2 t^2 - s T t)`.
+    """
+    first, second = (transfer(window, a, T, s, frequency, power=n) for n in (1, 2))
+    a, T, s = mp.mpf(a), mp.mpf(T), mp.mpf(s)
+    turn = -2 * mp.pi * IMAGINARY
+    phase = turn * mp.mpf(frequency)
+    return {
+        "acceleration": phase * T**2 * second,
+        "half_exposure": phase * (2 * a * T * second - s * first),
+        "speed": -phase * T * first,
+        "frequency": turn * (a * T**2 * second - s * T * first),
+    }
+
+
+def _times_time(term, power):
+    return replace(term, coefficients=(0,) * power + tuple(term.coefficients))
 
 
 def _term(term, kappa, mu, lo, hi):

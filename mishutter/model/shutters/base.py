@@ -42,6 +42,9 @@ class AbstractPiecewiseShutter(AbstractShutter):
     panels_per_piece: eqx.AbstractClassVar[int]
     """Equal parts of a piece on each of which `w` is all but a low polynomial."""
 
+    smooth_length: eqx.AbstractVar[float | Array]
+    r"""Time, in units of $\tau$, over which each piece's function is all but a low polynomial."""
+
     equal_pieces: eqx.AbstractClassVar[bool]
     """Whether the pieces are equally long; one that is not may be all of the exposure."""
 

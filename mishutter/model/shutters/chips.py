@@ -37,6 +37,7 @@ class ChippedShutter(AbstractAdjustableShutter):
 
     transmittances: Array
     panels_per_piece: ClassVar[int] = 1
+    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = False
     linear: ClassVar[bool] = True

@@ -40,6 +40,7 @@ class SampledShutter(AbstractPiecewiseShutter):
 
     shutter: AbstractShutter
     panels_per_piece: ClassVar[int] = 1
+    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = False
 

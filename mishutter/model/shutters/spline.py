@@ -62,6 +62,7 @@ class SplineShutter(AbstractAdjustableShutter):
     symmetric: bool = eqx.field(static=True)
     num_coefficients: int = eqx.field(static=True)
     panels_per_piece: ClassVar[int] = 1
+    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     linear: ClassVar[bool] = True
 
