@@ -94,6 +94,7 @@ class SavedPlan(Section):
     num_speeds: int | None
     single: bool
     still: bool
+    loss_dft_length: int | None = None
     tolerance: float
     items: list[SavedItem]
     bound: float

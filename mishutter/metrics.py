@@ -11,9 +11,18 @@ from jaxtyping import Array
 
 from mishutter.compiling import seldom_run
 from mishutter.kernel import support
+from mishutter.lengths import within_spread
 from mishutter.motion import AbstractMotion, StillCamera, settled
 from mishutter.path import safe_sqrt
-from mishutter.plan import PLANNED, Automatic, Plan, chosen, lowered, reduced, sizes
+from mishutter.plan import (
+    PLANNED,
+    Automatic,
+    Plan,
+    chosen,
+    lowered,
+    reduced,
+    sizes,
+)
 from mishutter.response import Records, Response, assembled, kernel_phase, records
 from mishutter.scene import CORNER_FREQUENCY, Scene
 from mishutter.shutters.base import AbstractShutter
@@ -66,10 +75,8 @@ def evaluate(
 
     The definitions and their sources are those of the functions below. A motion that is
     traced may have kernels as long as the scene's limits allow, and those of a scene that is
-    traced be 256 px long: longer ones are an error when it is run. After 16,384 px all are
-    cut, and where an object passes the sensor at more than 18,700 px per half exposure the
-    expected PSNR is no longer exact: wrong by 1e-4 dB at five times, by decibels at a hundred
-    times that. Without acceleration a motion is a camera at rest, where it is not traced.
+    traced be 256 px long: longer ones are an error when it is run. Without acceleration a
+    motion is a camera at rest, where it is not traced.
 
     Args:
         scene: Speeds, light and noise.
@@ -82,10 +89,14 @@ def evaluate(
         The metrics; see `Metrics`.
 
     Raises:
+        ValueError: if kernels are longer than 65,535 px, or the light of all speeds falls
+            over more than 93,600 px.
         RuntimeError: if a motion or a scene that is traced has longer kernels; under
             `jax.jit` JAX makes an error of its own of it.
     """
-    plan, motion = chosen(plan, scene, settled(motion), shutter)
+    given, (plan, motion) = plan, chosen(plan, scene, settled(motion), shutter)
+    if not isinstance(given, Plan):
+        motion = within_spread(scene, motion, plan.num_frequencies)
     if plan.num_kept is not None:  # and as many nodes in time as all frequencies ask for
         num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
         plan = replace(plan, num_kept=None, num_nodes=num_nodes)

@@ -14,10 +14,11 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter.compiling import quick_to_compile
+from mishutter.lengths import size_class
 from mishutter.losses.base import AbstractLoss, AbstractResponseLoss, WeightedSum
 from mishutter.metrics import measured
 from mishutter.motion import AbstractMotion, StillCamera
-from mishutter.plan import Item, Plan, reduced, size_class
+from mishutter.plan import Item, Plan, reduced
 from mishutter.plan_check import everything, relative_change, results, results_of, rounding
 from mishutter.response import Records, assembled, records
 from mishutter.scene import Scene

@@ -10,16 +10,15 @@ from jaxtyping import Array
 
 from mishutter.compiling import seldom_run
 from mishutter.design_space import DesignSpace, design_space
+from mishutter.lengths import extent, size_class
 from mishutter.losses.base import AbstractLoss
 from mishutter.motion import AbstractMotion, settled
 from mishutter.plan import (
     Plan,
-    extent,
     is_symmetric,
     larger,
     nothing_moves,
     power_on_grid,
-    size_class,
     sized_for,
     sizes,
 )
@@ -173,7 +172,7 @@ def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: 
     Where a search follows, they hold every speed that the motion keeps up with, so that
     scenes of other speeds share its program too.
     """
-    reach, velocity = extent(scene, motion)
+    reach, velocity, _ = extent(scene, motion)
     a, half = float(motion.acceleration), float(motion.half_exposure)
     longest = 0.0 if alone else 4 * a * half * half
     tight = sized_for(max(reach, longest), share * max(velocity, longest))

@@ -17,9 +17,9 @@ sweep_kernels sweep_points sweep_tables sweep_grid simulation photographs
 restoration compare optimise planning
 plan_tolerance plan_check many_starts search_starts solvers objective plan_items design_space drive
 design design_schema losses decoders metrics simulate tiles layers_file layers frames cells quality
-noise rows response nodes picture_plan plan speeds scene_file scene_schema schema pictures png tiff
-upright scene spectrum descent kernel rates arms path motion shutters doubleword terminal compiling
-memory programs shelf files threads waves types
+noise rows response nodes picture_plan plan lengths speeds scene_file scene_schema schema pictures
+png tiff upright scene alignment spectrum descent kernel rates arms path motion shutters doubleword
+terminal compiling memory programs shelf files threads waves types
 """.split()
 """Imports point downwards in this list only, from one module or folder to a later one."""
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter.compiling import quick_to_compile
+from mishutter.lengths import within_spread
 from mishutter.motion import AbstractMotion, settled
 from mishutter.plan import PLANNED, Automatic, Plan, chosen, lowered, reduced
 from mishutter.response import Response, respond
@@ -137,10 +138,13 @@ class AbstractResponseLoss(AbstractLoss):
         *,
         plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
-        plan, motion = chosen(plan, scene, settled(motion), shutter)
+        given, (plan, motion) = plan, chosen(plan, scene, settled(motion), shutter)
+        parts = self.parts(plan)
+        if parts.spectra and not isinstance(given, Plan):
+            motion = within_spread(scene, motion, plan.num_frequencies)
         scene, motion, shutter = lowered(plan, scene, motion, shutter)
         kept = reduced(scene, plan)
-        response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
+        response = respond(kept, motion, shutter, plan, **parts._asdict())
         return _of_response(self, kept, motion, response, plan)
 
 
