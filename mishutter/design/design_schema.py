@@ -87,6 +87,7 @@ class SavedPlan(Section):
     skips: bool
     folds: bool
     still: bool
+    loss_dft_length: int | None = None
     items: list[SavedItem]
 
 

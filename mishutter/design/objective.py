@@ -28,13 +28,15 @@ from mishutter.evaluation import (
     Response,
     aligned_spectra,
     assembled,
+    folded,
     picture_power,
     records,
+    require_sizes,
     value_of,
 )
 from mishutter.model import AbstractAdjustableShutter, AbstractMotion, RectShutter, Scene
 
-_ROUGH_FREQUENCIES = 64
+_ROUGH_STEP = 4
 _ROUGH_NODES = 0.7
 """Share of the nodes: where the longest path turns fastest, what they sum to is then wrong by
 parts in ten thousand."""
@@ -93,7 +95,8 @@ class MotionObjective(AbstractObjective):
     def __call__(self, box: Array) -> Array:
         _, motion = self.space.at(box)
         grid = self.plan.num_frequencies, self.plan.num_kept
-        spectra = aligned_spectra(self.nodes, motion, self.scene.speeds, *grid)
+        speeds = self.scene.speeds, self.scene.weights
+        spectra = aligned_spectra(self.nodes, motion, *speeds, *grid)
         light = self.nodes.efficiency
         response = assembled(self.scene, Records(jnp.zeros(0), spectra, light), self.plan)
         return self.loss.of_response(self.scene, motion, response, self.plan)
@@ -139,6 +142,7 @@ def objective_of(
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
     held = plan.skips and "shutter" not in space.free
     if held and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
+        require_sizes(plan.num_taps, plan.num_frequencies, kernels=False, spectra=True)
         nodes = lit_nodes(space.shutter, plan.num_nodes, np.dtype(space.max_speed.dtype))
         space = replace(space, shutter=RectShutter())
         return MotionObjective(loss, scene, space, nodes, plan)
@@ -153,20 +157,20 @@ def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjecti
     if not isinstance(objective, DesignObjective | MotionObjective):
         return objective
     plan, scene = objective.plan, objective.scene
-    share = plan.num_frequencies // _ROUGH_FREQUENCIES
-    if share <= 1 or not plan.skips:
+    count, rest = divmod(plan.num_frequencies, _ROUGH_STEP)
+    if rest or not plan.skips:
         return objective
     kept = plan.num_kept
     rough = replace(
         plan,
-        num_frequencies=_ROUGH_FREQUENCIES,
-        num_kept=kept and math.ceil(kept * _ROUGH_FREQUENCIES / plan.num_frequencies),
+        num_frequencies=count,
+        num_kept=kept and math.ceil(kept / _ROUGH_STEP),
         num_nodes=math.ceil(plan.num_nodes * _ROUGH_NODES),
     )
     # The mean power of each band: it is steep, and where a band's middle lies says little.
     dtype = np.dtype(scene.speeds.dtype)
-    power = np.asarray(picture_power(scene, _ROUGH_FREQUENCIES * share, dtype))
-    bands = jax.device_put(power.reshape(_ROUGH_FREQUENCIES, share).mean(axis=1))
+    power = np.asarray(picture_power(scene, plan.num_frequencies, dtype))
+    bands = jax.device_put(power.reshape(count, _ROUGH_STEP).mean(axis=1))
     banded = eqx.tree_at(lambda s: s.power_spectrum, scene, bands, is_leaf=lambda x: x is None)
     return objective_of(objective.loss, banded, space, rough)
 
@@ -211,7 +215,7 @@ def _basis(
     still = spectrum = differences = np.zeros((light.size, 0), light.dtype)
     if parts_wanted.kernels:
         shares = np.sqrt(np.asarray(scene.weights, light.dtype))[: kernels.shape[1] - 1, None]
-        spectrum = np.fft.rfft(kernels[:, 0], plan.dft_length)
+        spectrum = np.fft.rfft(*folded(kernels[:, 0], plan))
         still = _triangular(kernels[:, 0])
         differences = _triangular(shares * (kernels[:, 1:] - kernels[:, :1]))
     waves = spectrum, spectra

@@ -163,7 +163,7 @@ def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: 
     Where a search follows, they hold every speed that the motion keeps up with, so that
     scenes of other speeds share its program too.
     """
-    reach, velocity = extent(scene, motion)
+    reach, velocity, _ = extent(scene, motion)
     a, half = float(motion.acceleration), float(motion.half_exposure)
     longest = 0.0 if alone else 4 * a * half * half
     tight = sized_for(max(reach, longest), share * max(velocity, longest))

@@ -1,5 +1,13 @@
 """What a design is worth: needs of a scene, response, metrics and losses."""
 
+from mishutter.evaluation.alignment import aligned as aligned
+from mishutter.evaluation.lengths import extent as extent
+from mishutter.evaluation.lengths import num_frequencies as num_frequencies
+from mishutter.evaluation.lengths import occurring_speeds as occurring_speeds
+from mishutter.evaluation.lengths import require_sizes as require_sizes
+from mishutter.evaluation.lengths import size_class as size_class
+from mishutter.evaluation.lengths import spread_of as spread_of
+from mishutter.evaluation.lengths import whole_px as whole_px
 from mishutter.evaluation.losses import AbstractLoss as AbstractLoss
 from mishutter.evaluation.losses import DesignLoss as DesignLoss
 from mishutter.evaluation.losses import ExpectedErrorLoss as ExpectedErrorLoss
@@ -15,8 +23,6 @@ from mishutter.evaluation.needs import PLANNED as PLANNED
 from mishutter.evaluation.needs import Automatic as Automatic
 from mishutter.evaluation.needs import Item as Item
 from mishutter.evaluation.needs import Plan as Plan
-from mishutter.evaluation.needs import distinct_speeds as distinct_speeds
-from mishutter.evaluation.needs import extent as extent
 from mishutter.evaluation.needs import is_symmetric as is_symmetric
 from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds
@@ -24,14 +30,15 @@ from mishutter.evaluation.needs import nothing_moves as nothing_moves
 from mishutter.evaluation.needs import power_on_grid as power_on_grid
 from mishutter.evaluation.needs import reduced as reduced
 from mishutter.evaluation.needs import require_plan as require_plan
-from mishutter.evaluation.needs import rounding as rounding
-from mishutter.evaluation.needs import size_class as size_class
 from mishutter.evaluation.needs import sized_for as sized_for
 from mishutter.evaluation.needs import sizes as sizes
 from mishutter.evaluation.response import Records as Records
 from mishutter.evaluation.response import Response as Response
 from mishutter.evaluation.response import aligned_spectra as aligned_spectra
 from mishutter.evaluation.response import assembled as assembled
+from mishutter.evaluation.response import folded as folded
 from mishutter.evaluation.response import kernel_phase as kernel_phase
 from mishutter.evaluation.response import kernels_at_speeds as kernels_at_speeds
 from mishutter.evaluation.response import records as records
+from mishutter.evaluation.speeds import distinct_speeds as distinct_speeds
+from mishutter.evaluation.speeds import rounding as rounding

@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from mishutter._core import seldom_run
 from mishutter.blur import condition_number, safe_sqrt, support
+from mishutter.evaluation.lengths import within_spread
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced, sizes
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
 from mishutter.model import (
@@ -71,9 +72,7 @@ def evaluate(
     The definitions and their sources are those of the functions below. A motion that is
     traced may have kernels as long as the scene's limits allow, and those of a scene that is
     traced be 256 px long, and pass objects at twice as many px per half exposure: more is an
-    error when it is run. After 16,384 px all kernels are cut, and where an object passes the
-    sensor at more than 18,700 px per half exposure the expected PSNR is no longer exact:
-    wrong by 1e-4 dB at five times, by decibels at a hundred times that.
+    error when it is run.
 
     Without acceleration a motion is a camera at rest, whose objects are aligned at
     mid-exposure. So is one of a stroke below 9e-124 px (7e-16 px in float32). Derivatives
@@ -90,11 +89,16 @@ def evaluate(
         The metrics; see `Metrics`.
 
     Raises:
+        ValueError: if kernels are longer than 65,535 px, or the light of all speeds falls
+            over more than 93,600 px.
         RuntimeError: if a motion or a scene that is traced has longer kernels or faster
             objects; under `jax.jit` JAX makes an error of its own of it.
     """
     everything = Parts(kernels=True, spectra=True, differences=True)
+    given = plan
     plan, motion = chosen(plan, scene, settled(motion), shutter, lambda _: everything)
+    if not isinstance(given, Plan):
+        motion = within_spread(scene, motion, plan.num_frequencies)
     if plan.num_kept is not None:  # and as many nodes in time as all frequencies ask for
         num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
         plan = replace(plan, num_kept=None, num_nodes=num_nodes)

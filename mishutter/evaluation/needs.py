@@ -18,6 +18,15 @@ from jaxtyping import Array
 
 from mishutter._core import all_concrete, is_concrete, numbers_of, require
 from mishutter.blur import default_num_frequencies, support
+from mishutter.evaluation.lengths import (
+    MAX_COUNT,
+    Extent,
+    extent,
+    longest_within_limits,
+    num_frequencies,
+    size_class,
+)
+from mishutter.evaluation.speeds import distinct_speeds
 from mishutter.model import (
     CORNER_FREQUENCY,
     NUM_FREQUENCIES,
@@ -30,11 +39,6 @@ from mishutter.model import (
 
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
-_MAX_TAPS = 1 << 14
-_MAX_NODES = 1 << 16
-_SAME_SPEED = 4
-"""Roundings of the fastest speed within which two speeds are one."""
-_UNKNOWN_REACH = 256.0
 
 
 class Automatic(Enum):
@@ -78,6 +82,8 @@ class Plan:
             occur twice, and what a search would compute over again.
         folds: Whether `+s` and `-s` are taken for one speed.
         still: Whether nothing in the scene moves, and one kernel is all there is.
+        loss_dft_length: Length of the DFT that a loss takes its condition number over; None
+            for `dft_length`.
         items: The decisions and their reasons; they say nothing that is computed with.
     """
 
@@ -89,6 +95,7 @@ class Plan:
     skips: bool = False
     folds: bool = False
     still: bool = False
+    loss_dft_length: int | None = None
     items: tuple[Item, ...] = field(default=(), compare=False, repr=False)
 
     def __str__(self) -> str:
@@ -118,33 +125,23 @@ def _line(row: Item, widths: list[int]) -> str:
 
 
 def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
-    """Everything: sizes that hold the scene on this motion and on all within its limits.
+    """Everything: sizes that hold the scene on this motion and on all that keep up within limits.
 
     One size for all of them makes designs comparable (the condition number depends on
     the DFT length) and lets them share one compiled program. Of a motion or speeds that
     are being traced nothing is known but the limits, and where those are traced too a
-    kernel of up to 256 px is provided for; what is only differentiated is known.
+    kernel of up to 256 px is provided for; what is only differentiated is known. The DFT of a
+    loss follows from the limits alone, whatever the motion.
     """
     scene, motion = numbers_of((scene, motion))
-    if not is_concrete(scene.limits.max_stroke):
-        return sized_for(_UNKNOWN_REACH, _UNKNOWN_REACH)
-    longest = 4 * float(scene.limits.max_stroke)
-    if not all_concrete((scene.speeds, motion)):
-        return sized_for(longest, longest)
-    reach, velocity = extent(scene, motion)
-    return sized_for(max(reach, longest), max(velocity, longest))
-
-
-def extent(scene: Scene, motion: AbstractMotion) -> tuple[float, float]:
-    """Length of the longest kernel, px, and its greatest velocity, px per half exposure."""
-    a, half = (np.asarray(x, np.float64) for x in (motion.acceleration, motion.half_exposure))
-    stroke, smear = a * half * half, float(scene.max_speed) * half
-    moving = stroke > 0
-    with np.errstate(over="ignore"):  # a stroke that is hardly one: longer than any kernel kept
-        length = (2 * stroke + smear) ** 2 / (4 * np.where(moving, stroke, 1.0))
-    reach = np.where(moving, length, 0.0)
-    longest = np.max(np.maximum(reach, 2 * smear))
-    return float(longest), float(np.max(2 * stroke + smear))
+    longest = longest_within_limits(scene)
+    known = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
+    found = extent(scene, motion) if known else Extent(longest, longest, longest)
+    return replace(
+        sized_for(max(found.reach, longest), max(found.velocity, longest)),
+        num_frequencies=num_frequencies(scene, found.spread),
+        loss_dft_length=sized_for(longest, longest).dft_length,
+    )
 
 
 def larger(first: Plan, second: Plan) -> Plan:
@@ -154,21 +151,21 @@ def larger(first: Plan, second: Plan) -> Plan:
         max(first.dft_length, second.dft_length),
         max(first.num_frequencies, second.num_frequencies),
         max(first.num_nodes, second.num_nodes),
+        loss_dft_length=first.loss_dft_length,
     )
 
 
 def sized_for(reach: float, velocity: float) -> Plan:
     """Sizes for kernels of `reach` px on paths of at most `velocity` px per half exposure."""
-    num_taps = _rounded_up(min(reach + 1.0, float(_MAX_TAPS)))
+    num_taps = _rounded_up(reach + 1.0)
     phase = 2 * np.pi * 0.5 * 2 * velocity
     num_nodes = _rounded_up(phase / _PHASE_PER_NODE + 4 * _SPARE_NODES)
-    length = default_num_frequencies(num_taps)
-    return Plan(num_taps, length, NUM_FREQUENCIES, min(num_nodes, _MAX_NODES))
+    return Plan(num_taps, default_num_frequencies(num_taps), NUM_FREQUENCIES, num_nodes)
 
 
 def _rounded_up(count: float) -> int:
     """Round up to one of four sizes an octave, so that near scenes share a program."""
-    count = max(16, int(np.ceil(count)))
+    count = max(16, int(np.ceil(min(count, MAX_COUNT))))
     step = max(4, 1 << (count.bit_length() - 3))
     return -(-count // step) * step
 
@@ -259,37 +256,10 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     return scene.bare(speeds=speeds, weights=weights, power_spectrum=power)
 
 
-def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`.
-
-    Speeds that differ in their last digits alone, as those of a range that is meant to
-    mirror itself do, are one.
-    """
-    speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
-    speeds, weights = speeds[weights > 0], weights[weights > 0]
-    values = np.abs(speeds) if folds else speeds
-    order = np.argsort(values, kind="stable")
-    values, weights = values[order], weights[order]
-    begins = np.diff(values, prepend=-np.inf) > rounding(values, values.dtype)
-    merged = np.bincount(np.cumsum(begins) - 1, weights)
-    return values[begins], merged.astype(weights.dtype)
-
-
-def rounding(speeds: np.ndarray, dtype: np.dtype) -> float:
-    """Difference up to which two of some speeds, given in a precision, are one; px/s."""
-    return float(_SAME_SPEED * np.finfo(dtype).eps * np.max(np.abs(speeds), initial=0))
-
-
 def padded(speeds: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Speeds repeated without weight to one of two counts an octave: shapes are shared."""
     spare = size_class(speeds.size) - speeds.size
     return np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
-
-
-def size_class(count: int) -> int:
-    """The least of 1, 2, 3, 4, 6, 8, 12, ... that is at least `count`."""
-    octave = 1 << max(0, count - 1).bit_length()
-    return octave * 3 // 4 if octave >= 4 and count <= octave * 3 // 4 else octave
 
 
 def nothing_moves(scene: Scene) -> bool:
@@ -317,11 +287,9 @@ def is_symmetric(shutter: AbstractShutter) -> bool:
 
 
 def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
-    """The scene's power spectrum at the plan's frequencies, where that changes nothing."""
+    """The scene's power spectrum at the plan's frequencies, where it is known."""
     given = scene.power_spectrum
-    if not is_concrete(given) or plan.num_frequencies != NUM_FREQUENCIES:
-        return given
-    return _spectrum(scene, NUM_FREQUENCIES)
+    return _spectrum(scene, plan.num_frequencies) if is_concrete(given) else given
 
 
 def power_on_grid(scene: Scene, num_frequencies: int) -> np.ndarray:

@@ -20,7 +20,9 @@ from mishutter.blur import (
     lit_nodes,
     sum_of_waves,
 )
-from mishutter.evaluation.needs import Plan, size_class
+from mishutter.evaluation.alignment import aligned
+from mishutter.evaluation.lengths import require_sizes, size_class
+from mishutter.evaluation.needs import Plan
 from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
@@ -98,6 +100,7 @@ def records(
 
     Without `differences`, or of a scene in which nothing moves, only the kernel at rest.
     """
+    require_sizes(plan.num_taps, plan.num_frequencies, kernels=kernels, spectra=spectra)
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
     profile = piecewise(shutter)
     taps = response = light = None
@@ -107,7 +110,8 @@ def records(
     if spectra:
         nodes = lit_nodes(profile, plan.num_nodes, dtype)
         grid = plan.num_frequencies, plan.num_kept
-        response, light = aligned_spectra(nodes, motion, scene.speeds, *grid), nodes.efficiency
+        response = aligned_spectra(nodes, motion, scene.speeds, scene.weights, *grid)
+        light = nodes.efficiency
     light = _only_light(profile, motion, scene.speeds) if light is None else light
     nothing = np.zeros(0, dtype)
     parts = (nothing if part is None else part for part in (taps, response, light))
@@ -119,11 +123,25 @@ def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
     still = differences = spectrum = jnp.zeros(0, recorded.efficiency.dtype)
     if recorded.kernels.size:
         still = recorded.kernels[0]
-        spectrum = jnp.fft.rfft(still, plan.dft_length)
+        spectrum = jnp.fft.rfft(*folded(still, plan))
         num_moving = recorded.kernels.shape[0] - 1
         shares = jnp.sqrt(scene.weights[:num_moving].astype(still.dtype))[:, None]
         differences = shares * (recorded.kernels[1:] - still[None])
     return Response(still, spectrum, differences, recorded.spectra, recorded.efficiency)
+
+
+def folded(kernels: Array | np.ndarray, plan: Plan) -> tuple[Array | np.ndarray, int]:
+    """Kernels `(..., n)` as the DFT of a loss takes them, and its length.
+
+    What is longer is laid over its beginning, which leaves every sample of the DFT as it is.
+    """
+    length = plan.loss_dft_length or plan.dft_length
+    if kernels.shape[-1] <= length:
+        return kernels, length
+    space = np if isinstance(kernels, np.ndarray) else jnp
+    spare = -kernels.shape[-1] % length
+    rows = space.pad(kernels, [(0, 0)] * (kernels.ndim - 1) + [(0, spare)])
+    return space.sum(rows.reshape(*kernels.shape[:-1], -1, length), axis=-2), length
 
 
 def _with_rest(speeds: Array) -> Array | np.ndarray:
@@ -212,19 +230,18 @@ def aligned_spectra(
     nodes: LitNodes,
     motion: AbstractMotion,
     speeds: Array,
+    weights: Array,
     num_frequencies: int,
     num_kept: int | None = None,
 ) -> Array:
     """Transfer functions on the frequency grid, aligned as the kernels; `(s, m)`, complex.
 
-    With `num_kept` only at the lowest of the frequencies.
+    Those that occur are `aligned`. With `num_kept` only at the lowest of the frequencies.
     """
     dtype = nodes.tau.dtype
     a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
-    stroke = a * half * half
-    smear = (speeds.astype(dtype) * half)[:, None]
-    turns = has_vertex(motion)
-    vertex = jnp.where(turns, -(smear**2) / jnp.where(turns, 4 * stroke, 1.0), 0.0)
+    stroke, smear = a * half * half, speeds.astype(dtype) * half
+    displacement = aligned(stroke, jnp.where(weights > 0, smear, 0)).displacement
     tau = nodes.tau[None]
-    position = tau * (stroke * tau - smear) - vertex
+    position = tau * (stroke * tau - smear[:, None]) + displacement[:, None]
     return sum_of_waves(position, nodes.light[None], num_frequencies, num_kept or num_frequencies)

@@ -19,16 +19,27 @@ def frequencies(count: int) -> np.ndarray:
 def on_steps(power: Array | np.ndarray, count: int) -> Array | np.ndarray:
     """Power of a spectrum known on other equal steps of (0, 0.5); shape `(count,)`.
 
-    Between fewer it is interpolated, of more it is the mean, so that none is lost.
+    Within a step it is the parabola that holds the step's power and is the harmonic mean of two
+    steps where these meet: no power is lost, and none is below 0.
     """
+    if power.size == count:
+        return power
     space = np if isinstance(power, np.ndarray) else jnp
-    if power.size <= count:
-        known, wanted = (frequencies(x).astype(power.dtype) for x in (power.size, count))
-        return space.interp(wanted, known, power)
+    mirrored = space.concatenate([power[:1], power, power[-1:]])
+    total = mirrored[:-1] + mirrored[1:]
+    lit = space.where(total > 0, total, 1.0)
+    between = 2 * (mirrored[:-1] / lit) * mirrored[1:]
     edges = np.union1d(np.linspace(0, 1, power.size + 1), np.linspace(0, 1, count + 1))
-    middle, share = (edges[1:] + edges[:-1]) / 2, np.diff(edges) * count
-    pieces = power[(middle * power.size).astype(int)] * share.astype(power.dtype)
-    step = (middle * count).astype(int)
+    middle = (edges[1:] + edges[:-1]) / 2
+    known, wanted = (middle * power.size).astype(int), (middle * count).astype(int)
+    start, end = edges[:-1] * power.size - known, edges[1:] * power.size - known
+    first, second, third = ((end**n - start**n) / n for n in (1, 2, 3))
+    shares = (6 * (second - third), first - 4 * second + 3 * third, 3 * third - 2 * second)
+    parts = (power, between[:-1], between[1:])
+    pieces = sum(
+        (x * (count / power.size)).astype(power.dtype) * part[known]
+        for x, part in zip(shares, parts, strict=True)
+    )
     if space is jnp:
-        return jax.ops.segment_sum(pieces, step, count)
-    return np.bincount(step, pieces, count).astype(power.dtype)
+        return jax.ops.segment_sum(pieces, wanted, count)
+    return np.maximum(np.bincount(wanted, pieces, count), 0).astype(power.dtype)

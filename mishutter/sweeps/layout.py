@@ -6,8 +6,18 @@ from typing import NamedTuple, final
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter.evaluation import is_symmetric, picture_power, rounding, sizes
-from mishutter.model import NUM_FREQUENCIES, ParabolicMotion, Scene, settled
+from mishutter.evaluation import (
+    is_symmetric,
+    num_frequencies,
+    occurring_speeds,
+    picture_power,
+    require_sizes,
+    rounding,
+    sizes,
+    spread_of,
+    whole_px,
+)
+from mishutter.model import ParabolicMotion, Scene, settled
 from mishutter.sweeps.grid import KERNEL_METRICS, SPECTRUM_METRICS, Block, Grid, outside_limits
 from mishutter.sweeps.kernels import TAPS
 from mishutter.sweeps.points import PARTS, SceneNumbers, Tile, TileSizes
@@ -50,13 +60,20 @@ class Layout:
     def __init__(self, grid: Grid):
         self.grid = grid
         self.scenes = list(grid.scenes.values())
+        self.max_speeds = [float(scene.max_speed) for scene in self.scenes]
         a, half = grid.accelerations, grid.half_exposures
         self.outside = [outside_limits(scene, a, half) for scene in self.scenes]
         points = zip(self.scenes, self.outside, strict=True)
         plans = [_point_sizes(scene, a, half, bits == 0) for scene, bits in points]
         self.num_taps = [plan[0] for plan in plans]
         self.dft_length = [plan[1] for plan in plans]
-        self.max_speeds = [float(scene.max_speed) for scene in self.scenes]
+        self.num_frequencies = [plan[2] for plan in plans]
+        require_sizes(
+            *(max(int(x.max()) for x in each) for each in (self.num_taps, self.num_frequencies)),
+            kernels=self.tile_sizes.kernels,
+            spectra=self.tile_sizes.spectra or grid.search is not None,
+            subject="sweep(accelerations=...)",
+        )
 
     def inside(self, block: Block) -> np.ndarray:
         """Which points of a block are within limits; shape `(a, t)`."""
@@ -75,34 +92,43 @@ class Layout:
     def tile_sizes(self) -> TileSizes:
         """What is static in the program of the tiles."""
         stroke = self._largest(lambda a, half, fastest: a * half * half)
-        within = zip(self.dft_length, self.outside, strict=True)
-        lengths = np.unique(np.concatenate([[256], *(x[bits == 0] for x, bits in within)]))
+        lengths, grids = (
+            np.unique(
+                np.concatenate(
+                    [[256], *(x[bits == 0] for x, bits in zip(each, self.outside, strict=True))]
+                )
+            )
+            for each in (self.dft_length, self.num_frequencies)
+        )
         taps = int(stroke) + 2 if self.grid.skips else max(int(x.max()) for x in self.num_taps)
         return TileSizes(
             lengths=tuple(int(x) for x in lengths),
+            grids=tuple(int(x) for x in grids),
             still_taps=-(-taps // TAPS) * TAPS,
             kernels=any(name in KERNEL_METRICS for name in self.grid.metrics),
             spectra=any(name in SPECTRUM_METRICS for name in self.grid.metrics),
         )
 
     def tiles(self, block: Block, tile_size: int) -> list[Chosen]:
-        """A block's points within limits, some of one exposure and DFT length at a time."""
+        """A block's points within limits, some of one exposure and of the same sizes at a time."""
         allowed = self.inside(block)
-        lengths = self.dft_length[block.scene][self.grid.place(block)]
+        each = (self.dft_length[block.scene], self.num_frequencies[block.scene])
+        kinds = np.stack([x[self.grid.place(block)] for x in each], axis=2)
         return [
             Chosen(index[start : start + tile_size], column)
             for column in range(allowed.shape[1])
-            for length in np.unique(lengths[:, column])
-            for index in [np.flatnonzero(allowed[:, column] & (lengths[:, column] == length))]
+            for kind in np.unique(kinds[:, column], axis=0)
+            for same in [np.all(kinds[:, column] == kind, axis=1)]
+            for index in [np.flatnonzero(allowed[:, column] & same)]
             for start in range(0, index.size, tile_size)
         ]
 
     def stacked(self, block: Block, tiles: list[Chosen], kit: Kit, count: int) -> Tile:
         """Tiles on one leading axis, with empty ones up to a count."""
         each = [self._tile(block, chosen, kit) for chosen in tiles]
-        nothing = (np.ones(kit.tile_size), np.ones(()), *[np.zeros(PARTS)] * 2, *[np.zeros(())] * 3)
+        nothing = (np.ones(kit.tile_size), np.ones(()), *[np.zeros(PARTS)] * 2, *[np.zeros(())] * 4)
         each += [nothing] * (count - len(each))
-        dtypes = [self.grid.dtype] * 2 + [np.dtype(np.int32)] * 5
+        dtypes = [self.grid.dtype] * 2 + [np.dtype(np.int32)] * 6
         columns = zip(zip(*each, strict=True), dtypes, strict=True)
         return Tile(*(jnp.asarray(np.stack(x).astype(dtype)) for x, dtype in columns))
 
@@ -131,7 +157,7 @@ class Layout:
             jnp.asarray(np.pad(speeds, (0, spare), "edge"), dtype),
             jnp.asarray(np.pad(weights, ((0, 0), (0, spare))), dtype),
             scene.max_speed.astype(dtype),
-            picture_power(scene, NUM_FREQUENCIES, dtype),
+            self._powers(scene),
             scene.mean_level.astype(dtype),
             *(jnp.asarray(values, dtype) for values in light),
         )
@@ -151,9 +177,17 @@ class Layout:
         else:
             levels = np.full(PARTS, levels[-1])
         length = self.tile_sizes.lengths.index(self.dft_length[block.scene][at][0])
-        whole = (levels, kit.rules.num_chunks[levels], -(-taps // TAPS), -(-still // TAPS), length)
+        grid = self.tile_sizes.grids.index(self.num_frequencies[block.scene][at][0])
+        chunks = kit.rules.num_chunks[levels], -(-taps // TAPS), -(-still // TAPS)
+        whole = (levels, *chunks, length, grid)
         padded = self._padded(block, chosen, kit.tile_size)
         return padded, np.asarray(half), *(np.asarray(x) for x in whole)
+
+    def _powers(self, scene: Scene) -> jnp.ndarray:
+        """Power of the picture on every frequency grid, with zeros after; `(g, m)`."""
+        grids = self.tile_sizes.grids
+        each = [np.asarray(picture_power(scene, count, self.grid.dtype)) for count in grids]
+        return jnp.asarray(np.stack([np.pad(x, (0, max(grids) - x.size)) for x in each]))
 
     def _halves(self, block: Block) -> np.ndarray:
         return self.grid.half_exposures[self.grid.place(block)[1]]
@@ -208,17 +242,18 @@ def _reach(stroke: np.ndarray, smear: float) -> np.ndarray:
 @np.errstate(over="ignore", invalid="ignore")
 def _point_sizes(
     scene: Scene, accelerations: np.ndarray, half_exposures: np.ndarray, inside: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Taps and DFT length that `evaluate` takes at each point; shape `(a, t)` each.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Taps, DFT length and frequencies that `evaluate` takes at each point; shape `(a, t)` each.
 
-    They depend on whole pixels of the longest kernel alone, so one point is asked for each.
+    They depend on whole pixels alone, of the longest kernel and of the spread of all light, so
+    one point is asked for each.
     """
     stroke = accelerations[:, None] * half_exposures[None] ** 2
     smear = float(scene.max_speed) * half_exposures[None]
     far = (2 * stroke + smear) ** 2 / np.where(stroke > 0, 4 * stroke, np.inf)
     longest = np.maximum(np.maximum(far, 2 * smear), 4 * float(scene.limits.max_stroke))
-    whole = np.where(inside, np.minimum(np.ceil(longest), 1 << 14), -1.0)
-    num_taps, length = np.zeros(whole.shape, np.int32), np.zeros(whole.shape, np.int32)
+    whole = np.where(inside, np.minimum(np.ceil(longest), 1 << 17), -1.0)
+    num_taps, length, count = (np.zeros(whole.shape, np.int32) for _ in range(3))
     for value in np.unique(whole[inside]):
         same = whole == value
         row, column = np.argwhere(same)[0]
@@ -227,4 +262,8 @@ def _point_sizes(
         motion = ParabolicMotion(acceleration=a, half_exposure=half)
         plan = sizes(scene, settled(motion))
         num_taps[same], length[same] = plan.num_taps, plan.dft_length
-    return num_taps, length
+    half = np.broadcast_to(half_exposures, stroke.shape)
+    spread = np.where(inside, whole_px(spread_of(occurring_speeds(scene), stroke, half)), -1.0)
+    for value in np.unique(spread[inside]):
+        count[spread == value] = num_frequencies(scene, value)
+    return num_taps, length, count

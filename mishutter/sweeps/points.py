@@ -7,6 +7,8 @@ from jaxtyping import Array
 
 PARTS = 8
 """Equal parts of the frequencies in (0, 0.5) cycles/px: low ones need fewer nodes."""
+FREQUENCIES_A_TURN = 32
+"""Frequencies that are done in one turn: every number of them is a multiple."""
 
 
 @final
@@ -18,7 +20,7 @@ class SceneNumbers(eqx.Module):
         weights: How often each occurs, as it is and reversed; shape `(2, s)`. Where all
             shutters are symmetric the second row is empty and the first holds both.
         max_speed: Fastest object, one that never occurs included; px/s.
-        power: Power spectrum of the picture on the frequency grid; shape `(m,)`.
+        power: Power spectrum of the picture on each of the frequency grids; `(g, m)`.
         mean_level: Mean of the picture.
         photon_rates: e-/s at white; shape `(p,)`.
         read_noises: e-; shape `(r,)`.
@@ -44,6 +46,7 @@ class Tile(NamedTuple):
         num_tap_chunks: Chunks of taps that the fastest object reaches.
         num_still_chunks: Chunks of taps that a still object reaches.
         length: Index of the DFT's length.
+        grid: Index of the frequency grid.
     """
 
     accelerations: Array
@@ -53,6 +56,7 @@ class Tile(NamedTuple):
     num_tap_chunks: Array
     num_still_chunks: Array
     length: Array
+    grid: Array
 
 
 class TileSizes(NamedTuple):
@@ -60,12 +64,14 @@ class TileSizes(NamedTuple):
 
     Attributes:
         lengths: DFT lengths that tiles may ask for.
+        grids: Numbers of frequencies that tiles may ask for.
         still_taps: Taps of the longest kernel of a still object.
         kernels: Whether metrics of kernels are wanted.
         spectra: Whether metrics of transfer functions are wanted.
     """
 
     lengths: tuple[int, ...]
+    grids: tuple[int, ...]
     still_taps: int
     kernels: bool
     spectra: bool

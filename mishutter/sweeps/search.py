@@ -6,6 +6,7 @@ step of the search is a small matrix product. The exposures of a block are done 
 the other: each point starts from what its neighbours at the last exposure ended with.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -20,7 +21,6 @@ from jaxtyping import Array
 from mishutter._core import quick_to_compile
 from mishutter.evaluation import AbstractResponseLoss, Plan, Response, sizes
 from mishutter.model import (
-    NUM_FREQUENCIES,
     HannShutter,
     ParabolicMotion,
     RectShutter,
@@ -31,14 +31,13 @@ from mishutter.model import (
 )
 from mishutter.sweeps.grid import Block, Search
 from mishutter.sweeps.layout import Kit, Layout
-from mishutter.sweeps.points import PARTS, SceneNumbers, Tile
+from mishutter.sweeps.points import FREQUENCIES_A_TURN, PARTS, SceneNumbers, Tile
 from mishutter.sweeps.spectra import Spectra, aligned_spectra
 from mishutter.sweeps.tables import Tables
 
 _MARGIN = 0.02
-_CHUNK = 32
-_COARSE_FREQUENCIES = 32
-"""Frequencies that the descents from every start see; the best is finished on all."""
+_COARSE_STEP = 8
+"""The descents from every start see one frequency for so many; the best is finished on all."""
 
 
 @lru_cache
@@ -85,12 +84,13 @@ def search_tile(
     Returns:
         Boxes `(j, c)` and losses `(j,)`.
     """
-    coarse = _spectra_of_points(tables, numbers, tile, _COARSE_FREQUENCIES)
-    fine = _spectra_of_points(tables, numbers, tile, NUM_FREQUENCIES)
+    num_coarse = plan.num_frequencies // _COARSE_STEP
+    coarse = _spectra_of_points(tables, numbers, tile, num_coarse)
+    fine = _spectra_of_points(tables, numbers, tile, plan.num_frequencies)
 
     def of_point(acceleration: Array, boxes: Array, coarse: Spectra, fine: Spectra):
         motion = ParabolicMotion(acceleration=acceleration, half_exposure=tile.half_exposure)
-        few = replace(plan, num_frequencies=_COARSE_FREQUENCIES)
+        few = replace(plan, num_frequencies=num_coarse)
         rough = partial(_loss_at, loss, scene, motion, few, tables.efficiency, coarse)
         exact = partial(_loss_at, loss, scene, motion, plan, tables.efficiency, fine)
         descend = partial(_descend, max_steps=max_steps, tolerance=tolerance)
@@ -139,8 +139,8 @@ def _best(boxes: Array, losses: Array) -> tuple[Array, Array]:
 def _spectra_of_points(tables: Tables, numbers: SceneNumbers, tile: Tile, count: int) -> Spectra:
     """Transfer functions of the basis at every point; shape `(j, k, s, m)`."""
     frequency = frequency_grid(count, np.dtype(numbers.speeds.dtype))
-    chunks = frequency.reshape(-1, _CHUNK)
-    parts = (jnp.arange(chunks.shape[0]) + 1) * PARTS // chunks.shape[0] - 1
+    chunks = frequency.reshape(-1, math.gcd(count, FREQUENCIES_A_TURN))
+    parts = ((jnp.arange(chunks.shape[0]) + 1) * PARTS - 1) // chunks.shape[0]
     found = jax.lax.map(lambda x: aligned_spectra(tables, numbers, tile, *x), (chunks, parts))
     whole = (part.reshape(count, *part.shape[2:]) for part in found)
     return Spectra(*(jnp.moveaxis(part, (3, 2, 1, 0), (0, 1, 2, 3)) for part in whole))
@@ -178,12 +178,13 @@ class Searcher:
             starts = starts_at(self.without_neighbours, boxes, chosen.rows, chosen.column)
             spare = self.basis.tile_size - chosen.rows.size
             starts = np.pad(starts, ((0, spare), (0, 0), (0, 0)), "edge")
+            count = layout.tile_sizes.grids[int(tile.grid)]
             found, loss = search_tile(
                 self.basis.tables,
                 numbers,
                 seen,
                 settings.loss,
-                plan,
+                replace(plan, num_frequencies=count),
                 tile,
                 jnp.asarray(starts, layout.grid.dtype),
                 settings.max_steps,

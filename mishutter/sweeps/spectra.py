@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from mishutter._core import computed_once
+from mishutter.evaluation import aligned
 from mishutter.sweeps.points import SceneNumbers, Tile
 from mishutter.sweeps.tables import CHUNK, Tables
 from mishutter.sweeps.waves import paired_waves, waves
@@ -67,7 +68,9 @@ def aligned_spectra(
         forward = (even.real - odd.imag, even.imag + odd.real)
         back = (even.real + odd.imag, even.imag - odd.real)
         both = Spectra(*(jnp.concatenate(x, axis=1) for x in zip(forward, back, strict=True)))
-    return _at_vertex(both, frequency, stroke, jnp.tile(smear, scene.weights.shape[0]))
+    occurs = jnp.any(scene.weights > 0, axis=0)
+    displacement = aligned(stroke, jnp.where(occurs, smear, 0)[:, None]).displacement
+    return _displaced(both, frequency, jnp.tile(displacement, (scene.weights.shape[0], 1)))
 
 
 def _lit(table: Array, at: tuple[Array, Array], wave: Array) -> Array:
@@ -78,14 +81,12 @@ def _lit(table: Array, at: tuple[Array, Array], wave: Array) -> Array:
     return lit.reshape(wave.shape[0], -1, CHUNK)
 
 
-def _at_vertex(spectra: Spectra, frequency: Array, stroke: Array, smear: Array) -> Spectra:
-    """Spectra with the displacement to the vertex taken out, where there is one."""
-    moving = stroke > 0
-    vertex = smear[:, None] ** 2 / jnp.where(moving, 4 * stroke, 1.0)[None]
-    cosine, sine = (x[:, :, None] for x in waves(frequency, jnp.where(moving[None], vertex, 0.0)))
+def _displaced(spectra: Spectra, frequency: Array, displacement: Array) -> Spectra:
+    """Spectra of objects that are moved from mid-exposure; px, shape `(sides * s, j)`."""
+    cosine, sine = (x[:, :, None] for x in waves(frequency, displacement))
 
-    def aligned() -> Spectra:
+    def moved() -> Spectra:
         real, imag = spectra
         return Spectra(real * cosine + imag * sine, imag * cosine - real * sine)
 
-    return computed_once(aligned, frequency[0] > 0)
+    return computed_once(moved, frequency[0] > 0)

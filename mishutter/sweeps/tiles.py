@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from mishutter.sweeps.kernels import kernel_metrics
-from mishutter.sweeps.points import PARTS, SceneNumbers, Tile, TileSizes
+from mishutter.sweeps.points import FREQUENCIES_A_TURN, PARTS, SceneNumbers, Tile, TileSizes
 from mishutter.sweeps.spectra import Spectra, aligned_spectra
 from mishutter.sweeps.tables import Tables
 
@@ -55,16 +55,16 @@ def measure_tile(
         kernels = kernel_metrics(tables, scene, sizes, tile, mixture)
     picture = (empty,) * 2
     if sizes.spectra:
-        picture = _picture_metrics(tables, scene, tile, mixture)
+        picture = _picture_metrics(tables, scene, sizes, tile, mixture)
     return TileMetrics(*kernels, *picture)
 
 
 def _picture_metrics(
-    tables: Tables, scene: SceneNumbers, tile: Tile, mixture: Array
+    tables: Tables, scene: SceneNumbers, sizes: TileSizes, tile: Tile, mixture: Array
 ) -> tuple[Array, Array]:
     """Expected squared error and share of the bound."""
-    num_frequencies = scene.power.size
-    size = num_frequencies // PARTS
+    num_frequencies = jnp.asarray(sizes.grids, tile.grid.dtype)[tile.grid]
+    size, whole_turns = FREQUENCIES_A_TURN, num_frequencies // FREQUENCIES_A_TURN
     efficiency = jnp.tile(tables.efficiency[:, None], (1, tile.accelerations.size))
     if mixture.size:
         efficiency = (mixture @ tables.efficiency)[None]
@@ -72,22 +72,23 @@ def _picture_metrics(
     signal, noise = _signal_and_noise(electrons, efficiency, scene)
     first = _Sums(jnp.zeros_like(noise), jnp.full_like(efficiency, jnp.inf))
 
-    def turn(part: Array, sums: _Sums) -> _Sums:
-        whole = part * size + jnp.arange(size, dtype=part.dtype)
-        frequency = (whole.astype(noise.dtype) + 0.5) * (0.5 / num_frequencies)
+    def turn(index: Array, sums: _Sums) -> _Sums:
+        whole = index * size + jnp.arange(size, dtype=index.dtype)
+        frequency = (whole.astype(noise.dtype) + 0.5) * (0.5 / num_frequencies.astype(noise.dtype))
+        part = ((index + 1) * PARTS - 1) // whole_turns
         spectra = aligned_spectra(tables, scene, tile, frequency, part)
         if mixture.size:
             mixed = (jnp.einsum("mskj,jk->msj", x, mixture)[:, :, None] for x in spectra)
             spectra = Spectra(*mixed)
-        power = jax.lax.dynamic_slice(scene.power, (part * size,), (size,))
+        power = jax.lax.dynamic_slice(scene.power, (tile.grid, index * size), (1, size))[0]
         spread, coherent, least = _picture_terms(scene, tile, spectra, frequency)
         error = _summed_error(power[:, None, None], spread, coherent, signal, noise)
         return _Sums(sums.error + error, jnp.minimum(sums.least, least))
 
-    num_turns = jnp.where(tile.num_node_chunks[0] > 0, PARTS, 0)
+    num_turns = jnp.where(tile.num_node_chunks[0] > 0, whole_turns, 0)
     sums = jax.lax.fori_loop(0, num_turns, turn, first)
     shape = (scene.photon_rates.size, scene.read_noises.size, *efficiency.shape)
-    error = sums.error.reshape(shape) / num_frequencies
+    error = sums.error.reshape(shape) / num_frequencies.astype(noise.dtype)
     return jnp.transpose(error, (3, 2, 0, 1)), sums.least.T
 
 

@@ -98,6 +98,7 @@ def everything(plan: Plan, scene: Scene, motion: AbstractMotion) -> Plan:
     """
     full = sizes(scene, settled(motion))
     fits = plan.dft_length >= full.num_taps
+    full = replace(full, loss_dft_length=plan.loss_dft_length)
     return replace(full, dft_length=plan.dft_length) if fits else full
 
 

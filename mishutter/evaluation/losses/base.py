@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import Bare, quick_to_compile, require
+from mishutter.evaluation.lengths import within_spread
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced
 from mishutter.evaluation.response import Response, respond
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
@@ -120,9 +121,12 @@ class AbstractResponseLoss(AbstractLoss):
         *,
         plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
-        plan, motion = chosen(plan, scene, settled(motion), shutter, self.parts)
+        given, (plan, motion) = plan, chosen(plan, scene, settled(motion), shutter, self.parts)
+        parts = self.parts(plan)
+        if parts.spectra and not isinstance(given, Plan):
+            motion = within_spread(scene, motion, plan.num_frequencies)
         kept = reduced(scene, plan)
-        response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
+        response = respond(kept, motion, shutter, plan, **parts._asdict())
         return _of_response(self, kept, motion, response, plan)
 
 
