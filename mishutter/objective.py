@@ -32,12 +32,14 @@ from mishutter.response import (
     folded,
     records,
 )
-from mishutter.scene import Scene
+from mishutter.scene import NUM_FREQUENCIES, Scene
 from mishutter.shutters.base import AbstractAdjustableShutter
 from mishutter.shutters.windows import RectShutter
 from mishutter.types import common_dtype
 
-_ROUGH_STEP = 4
+_ROUGH_STEP = 2
+"""Frequencies for each of the rough ones: what the error is an average of does not yet repeat
+itself over half as many."""
 _ROUGH_NODES = 0.7
 """Share of the nodes: where the longest path turns fastest, what they sum to is then wrong by
 parts in ten thousand."""
@@ -159,7 +161,7 @@ def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjecti
         return objective
     plan, scene = objective.plan, objective.scene
     count, rest = divmod(plan.num_frequencies, _ROUGH_STEP)
-    if rest or not plan.skips:
+    if rest or count < NUM_FREQUENCIES // _ROUGH_STEP or not plan.skips:
         return objective
     kept = plan.num_kept
     rough = replace(
