@@ -64,7 +64,7 @@ def _placed(position: Array, num_frequencies: int, num_kept: int) -> _Windows:
     num_cells = 4 * num_kept
     cell = position * (2 * num_kept / num_frequencies)
     begin = jnp.ceil(cell - _WIDTH / 2)
-    offset = (begin - cell)[..., None] + jnp.arange(_WIDTH, dtype=position.dtype)
+    offset = (begin - cell)[..., None] + jnp.arange(_WIDTH, dtype=position.dtype)[None, None]
     root = jnp.sqrt(jnp.maximum(1 - (offset * (2 / _WIDTH)) ** 2, 0))
     period = jnp.floor(begin / num_cells)
     sign = 1 - 2 * (period - 2 * jnp.floor(period / 2))
@@ -97,11 +97,11 @@ def _transformed(cells: Array) -> Array:
     half, num_kept = cells.shape[1] // 2, cells.shape[1] // 4
     angle = (-np.pi / (2 * half)) * np.arange(half)
     dtype = np.result_type(cells.dtype, np.complex64)
-    packed = jax.lax.complex(cells[:, :half], -cells[:, half:]) * np.exp(1j * angle).astype(dtype)
-    even = jnp.fft.fft(packed)
+    twiddle = np.exp(1j * angle).astype(dtype)[None]
+    even = jnp.fft.fft(jax.lax.complex(cells[:, :half], -cells[:, half:]) * twiddle)
     pairs = jnp.stack([even, jnp.conj(even[:, ::-1])], axis=2)[:, : -(-num_kept // 2)]
-    share = 1 / _transform_of_window(num_kept)
-    return pairs.reshape(cells.shape[0], -1)[:, :num_kept] * share.astype(cells.dtype)
+    share = (1 / _transform_of_window(num_kept)).astype(dtype)[None]
+    return pairs.reshape(cells.shape[0], -1)[:, :num_kept] * share
 
 
 @lru_cache

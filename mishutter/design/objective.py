@@ -34,9 +34,17 @@ from mishutter.evaluation import (
     require_sizes,
     value_of,
 )
-from mishutter.model import AbstractAdjustableShutter, AbstractMotion, RectShutter, Scene
+from mishutter.model import (
+    NUM_FREQUENCIES,
+    AbstractAdjustableShutter,
+    AbstractMotion,
+    RectShutter,
+    Scene,
+)
 
-_ROUGH_STEP = 4
+_ROUGH_STEP = 2
+"""Frequencies for each of the rough ones: what the error is an average of does not yet repeat
+itself over half as many."""
 _ROUGH_NODES = 0.7
 """Share of the nodes: where the longest path turns fastest, what they sum to is then wrong by
 parts in ten thousand."""
@@ -158,7 +166,7 @@ def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjecti
         return objective
     plan, scene = objective.plan, objective.scene
     count, rest = divmod(plan.num_frequencies, _ROUGH_STEP)
-    if rest or not plan.skips:
+    if rest or count < NUM_FREQUENCIES // _ROUGH_STEP or not plan.skips:
         return objective
     kept = plan.num_kept
     rough = replace(

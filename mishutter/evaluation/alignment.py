@@ -16,15 +16,15 @@ from jaxtyping import Array
 FURTHEST_GAP = 1024.0
 """Distance between the light of two objects from which on pictures do not correlate; px."""
 
-Numbers = Array | np.ndarray
+Numbers = Array | np.ndarray | np.generic
 
 
 class Alignment(NamedTuple):
     """Light of objects of several speeds, beside that of the slowest.
 
     Attributes:
-        displacement: What is added to positions from mid-exposure; px, as `smear`.
-        extent: Length over which the light of all of them falls; px, as `stroke`.
+        displacement: What is added to positions from mid-exposure; px, shape `(s, ...)`.
+        extent: Length over which the light of all of them falls; px, shape `(1, ...)`.
     """
 
     displacement: Numbers
@@ -37,9 +37,8 @@ def aligned(stroke: Numbers, smear: Numbers) -> Alignment:
     A camera at rest is aligned at mid-exposure.
 
     Args:
-        stroke: Travel of the sensor to either end, $aT^2$; px, any shape.
-        smear: Travel of each object in half the exposure, $sT$; px, the speeds leading a
-            shape that broadcasts against that of `stroke`.
+        stroke: Travel of the sensor to either end, $aT^2$; px, shape `(1, ...)`.
+        smear: Travel of each object in half the exposure, $sT$; px, shape `(s, ...)`.
     """
     space: Any = np if isinstance(smear, np.ndarray) and isinstance(stroke, np.ndarray) else jnp
     turns = stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
@@ -56,7 +55,7 @@ def aligned(stroke: Numbers, smear: Numbers) -> Alignment:
     sorted_displacement = space.where(near > 0, at_end, fast * fast / quarter)
     back = space.argsort(order, axis=0)
     displacement = space.take_along_axis(sorted_displacement, back, axis=0)
-    extent = begin[-1] + length[-1] - begin[0]
+    extent = begin[-1:] + length[-1:] - begin[:1]
     return Alignment(
-        space.where(turns, displacement, 0.0), space.where(turns, extent, 2 * fast[-1])
+        space.where(turns, displacement, 0.0), space.where(turns, extent, 2 * fast[-1:])
     )

@@ -41,7 +41,7 @@ class Extent(NamedTuple):
 def extent(scene: Scene, motion: AbstractMotion) -> Extent:
     """How far light of a scene that is known travels on a motion."""
     a, half = (np.asarray(x, np.float64) for x in (motion.acceleration, motion.half_exposure))
-    stroke, smear = a * half * half, float(scene.max_speed) * half
+    stroke, smear = np.asarray(a * half * half), float(scene.max_speed) * half
     moving = stroke > 0
     with np.errstate(over="ignore"):  # a stroke that is hardly one: longer than any kernel
         length = (2 * stroke + smear) ** 2 / (4 * np.where(moving, stroke, 1.0))
@@ -54,7 +54,7 @@ def spread_of(speeds: np.ndarray, stroke: np.ndarray, half_exposure: np.ndarray)
     """Length over which light of all speeds falls; px, the shape of `stroke`."""
     smear = speeds.reshape(-1, *(1,) * np.ndim(stroke)) * half_exposure
     with np.errstate(over="ignore"):
-        return np.asarray(aligned(stroke, smear).extent)
+        return np.asarray(aligned(stroke[None], smear).extent)[0]
 
 
 def occurring_speeds(scene: Scene) -> np.ndarray:
@@ -132,7 +132,7 @@ def within_spread(scene: Scene, motion: AbstractMotion, num_frequencies: int) ->
         return motion
     half = motion.half_exposure
     smear = jnp.where(scene.weights > 0, scene.speeds, 0) * half
-    spread = aligned(jnp.asarray(motion.acceleration * half * half), smear).extent
+    spread = aligned(jnp.asarray(motion.acceleration * half * half)[None], smear).extent
     furthest = num_frequencies / _FREQUENCIES_PER_PX
     requirement = f"spread light over at most {furthest:.0f} px"
     message = f"`motion` must {requirement} where it or the scene's limits are traced; got more."

@@ -241,7 +241,7 @@ def aligned_spectra(
     dtype = nodes.tau.dtype
     a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
     stroke, smear = a * half * half, speeds.astype(dtype) * half
-    displacement = aligned(stroke, jnp.where(weights > 0, smear, 0)).displacement
+    displacement = aligned(stroke[None], jnp.where(weights > 0, smear, 0)).displacement
     tau = nodes.tau[None]
     position = tau * (stroke * tau - smear[:, None]) + displacement[:, None]
     return sum_of_waves(position, nodes.light[None], num_frequencies, num_kept or num_frequencies)

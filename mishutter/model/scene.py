@@ -30,7 +30,7 @@ NYQUIST_FREQUENCY = 0.5
 NUM_FREQUENCIES = 256
 """Mean, standard deviation (linear light, white = 1) and corner (cycles/px) of the
 spectrum that stands for a photograph where a scene brings none, the highest frequency
-that a sensor records (cycles/px), and how many equal steps up to it are looked at."""
+that a sensor records (cycles/px), and how many equal steps up to it are looked at, at least."""
 
 
 @final
@@ -103,7 +103,8 @@ class Scene(eqx.Module):
         deviation: Standard deviation of the picture in linear light.
         power_spectrum: Power of the picture's rows at the centres of $m$ equal steps of
             (0, 0.5) cycles/px, on any scale, none only without deviation; the spectrum
-            $1/(f^2 + 0.01^2)$ by default. It is looked at in 256 steps. Shape `(m,)`.
+            $1/(f^2 + 0.01^2)$ by default. It is looked at in 256 steps, or more
+            where light spreads further, which share its power. Shape `(m,)`.
         cutoff_frequency: Highest frequency that the optics pass: the picture on the
             sensor holds none above it, and below it some; cycles/px, at most 0.5.
         limits: What the mechanism and the exposure may reach.

@@ -69,7 +69,7 @@ def aligned_spectra(
         back = (even.real + odd.imag, even.imag - odd.real)
         both = Spectra(*(jnp.concatenate(x, axis=1) for x in zip(forward, back, strict=True)))
     occurs = jnp.any(scene.weights > 0, axis=0)
-    displacement = aligned(stroke, jnp.where(occurs, smear, 0)[:, None]).displacement
+    displacement = aligned(stroke[None], jnp.where(occurs, smear, 0)[:, None]).displacement
     return _displaced(both, frequency, jnp.tile(displacement, (scene.weights.shape[0], 1)))
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mishutter._core import RowLike, require
-from mishutter.evaluation import picture_power
-from mishutter.model import NUM_FREQUENCIES, Scene, frequency_grid
+from mishutter.evaluation import num_frequencies, picture_power
+from mishutter.model import Scene, frequency_grid
 
 if TYPE_CHECKING:
     import xarray
@@ -222,9 +222,22 @@ def _snapshot_error(
 
     That of `expected_squared_error` with $H_s(f) = \operatorname{sinc}(2 f s T)$.
     """
+    longest = 2 * float(scene.max_speed) * np.max(half.reshape(half.shape[0], -1), axis=1)
+    counts = np.array([num_frequencies(scene, spread) for spread in longest])
+    total = np.zeros(np.broadcast_shapes(half.shape, rates.shape, noises.shape))
+    for count in np.unique(counts):
+        rows = counts == count
+        total[rows] = _error_at_rest(scene, half[rows], rates, noises, int(count))
+    return total
+
+
+def _error_at_rest(
+    scene: Scene, half: np.ndarray, rates: np.ndarray, noises: np.ndarray, count: int
+) -> np.ndarray:
+    """The same over a number of frequencies."""
     dtype = np.dtype(scene.speeds.dtype)
-    frequency = np.asarray(frequency_grid(NUM_FREQUENCIES, dtype), np.float64)
-    power = np.asarray(picture_power(scene, NUM_FREQUENCIES, dtype), np.float64)
+    frequency = np.asarray(frequency_grid(count, dtype), np.float64)
+    power = np.asarray(picture_power(scene, count, dtype), np.float64)
     speeds, weights = (np.asarray(x, np.float64) for x in (scene.speeds, scene.weights))
     electrons = rates * 2 * half
     noise = float(scene.mean_level) * electrons + noises**2
@@ -237,7 +250,7 @@ def _snapshot_error(
         whole = signal * (mean**2 + spread) + noise
         share = np.divide(signal * spread + noise, whole, where=whole > 0, out=np.ones_like(total))
         total += level * share
-    return total / NUM_FREQUENCIES
+    return total / count
 
 
 def _oriented(dataset: "xarray.Dataset", name: str, sense: str = "") -> np.ndarray:

@@ -16,6 +16,7 @@ from mishutter import (
     ExpectedErrorLoss,
     Limits,
     ParabolicMotion,
+    Plan,
     RectShutter,
     Scene,
     SplineShutter,
@@ -24,10 +25,13 @@ from mishutter import (
     blur_kernel,
     condition_number,
     evaluate,
+    optimise,
+    plan,
 )
 from mishutter.evaluation import losses
 from mishutter.evaluation.losses.design import smooth_condition_number
 from mishutter.evaluation.needs import PLANNED
+from mishutter.evaluation.response import folded
 
 LOSSES = {
     "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),
@@ -386,3 +390,40 @@ def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):
     assert value > 0
     assert np.isclose(single, value, rtol=1e-5)
     np.testing.assert_allclose(single_slopes, slopes, rtol=1e-4, atol=1e-6 * value)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_loss_has_one_value(seed):
+    """That of a design is the loss called on it, planned or in full, whatever the motion.
+
+    Objects that no motion of the space keeps up with ask a search for longer kernels than they
+    ask of the design; a camera at rest and the speeds of a scene ask for others again.
+    """
+    random = np.random.default_rng(seed)
+    stroke, fastest = random.uniform(5, 30), random.uniform(3000, 9000)
+    limits = Limits(max_stroke=stroke, max_top_speed=4000.0, max_half_exposure=0.03)
+    scene = Scene(
+        fastest * random.uniform(-1, 1, 3), photon_rate=1e5, read_noise=5.0, limits=limits
+    )
+    half = random.uniform(0.002, 0.02)
+    motion = ParabolicMotion(
+        acceleration=random.uniform(0.3, 1) * stroke / half**2, half_exposure=half
+    )
+    motion = StillCamera(half_exposure=half) if seed == 3 else motion
+    loss = DesignLoss(condition=random.uniform(0.1, 1))
+    design = optimise(scene, motion, TukeyShutter(0.4), loss=loss, num_starts=2, max_steps=4)
+    given = scene, design.motion, design.shutter
+    for plan_of_design in (PLANNED, None, plan(*given, loss=loss), design.plan):
+        value = float(loss(*given, plan=plan_of_design))
+        assert value == pytest.approx(design.loss, rel=1e-12)
+
+
+@pytest.mark.parametrize("num_taps", [100, 1024, 1025, 3000])
+def test_a_long_kernel_is_folded_onto_its_transform(num_taps):
+    """Which has every sample of the spectrum that a longer one has there."""
+    kernel = np.random.default_rng(0).uniform(0, 1, (2, num_taps))
+    plan_of_loss = Plan(num_taps, 4096, 64, 64, loss_dft_length=1024)
+    whole = np.exp(-2j * np.pi * np.outer(np.arange(513), np.arange(num_taps)) / 1024)
+    for taps in (kernel, jnp.asarray(kernel)):
+        spectrum = np.fft.rfft(*folded(taps, plan_of_loss))
+        np.testing.assert_allclose(spectrum, kernel @ whole.T, atol=1e-9)

@@ -1,0 +1,122 @@
+"""However far light spreads, the expected error is sampled finely enough, or refused by name."""
+
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support import closed_form
+
+from mishutter import (
+    DesignLoss,
+    ExpectedErrorLoss,
+    HannShutter,
+    Limits,
+    ParabolicMotion,
+    RectShutter,
+    Scene,
+    StillCamera,
+    TukeyShutter,
+    evaluate,
+    optimise,
+    sweep,
+)
+from mishutter.evaluation.alignment import FURTHEST_GAP, aligned
+
+sys.path.append(str(Path(__file__).parent.parent))
+from benchmarks import long_kernels
+
+PSNR_ERROR = 0.02
+"""Difference from 65,536 frequencies, dB: promised of any scene."""
+LIGHT = {"photon_rate": 3e4, "read_noise": 8.0}
+
+
+def psnr(scene, motion, shutter):
+    loss = float(ExpectedErrorLoss()(scene, motion, shutter))
+    return -20 * np.log10(loss * float(scene.deviation))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_scenes(seed):
+    """Strokes to 2,000 px, by a reference that has neither nodes nor waves."""
+    assert abs(long_kernels.case(seed)["less exact dB"]) < PSNR_ERROR
+
+
+@pytest.mark.slow
+def test_many_random_scenes():
+    """Sixty more; three hundred are `python -m benchmarks.long_kernels`."""
+    worst = max(abs(long_kernels.case(seed)["less exact dB"]) for seed in range(4, 64))
+    assert worst < PSNR_ERROR
+
+
+@pytest.mark.parametrize("further", [0.0, 512.0, 1024.0, 4096.0])
+def test_objects_that_one_period_lies_between(further):
+    """Two kernels that far apart once looked alike at 256 frequencies."""
+    stroke, half = 20.0, 0.02
+    smear = np.sqrt(4 * stroke * (200.0 + further))
+    scene = Scene([0.0, smear / half], **LIGHT, limits=Limits(max_stroke=stroke))
+    motion = ParabolicMotion(acceleration=stroke / half**2, half_exposure=half)
+    exact = closed_form.expected_psnr(
+        closed_form.RECT, stroke, half, np.asarray(scene.speeds), 3e4, 8.0
+    )
+    assert abs(psnr(scene, motion, RectShutter()) - exact) < PSNR_ERROR
+
+
+def test_gaps_that_no_detail_spans_are_cut():
+    """Displacements are those of the vertex up to there, and nothing overtakes anything."""
+    stroke, smear = np.array([45.0]), np.array([30.0, -700.0, 0.0, 3000.0, 700.0])
+    found = aligned(stroke, smear)
+    exact = smear**2 / 180
+    near = np.maximum(np.abs(smear) - 90, 0) ** 2 / 180
+    assert np.allclose(found.displacement[[0, 2]], exact[[0, 2]], rtol=1e-14)
+    begin = found.displacement + stroke - np.abs(smear)
+    assert near[1] - 120.0**2 / 180 > FURTHEST_GAP
+    assert np.allclose(begin[[1, 4]], 120.0**2 / 180 + FURTHEST_GAP, rtol=1e-12)
+    assert np.allclose(begin[3], begin[1] + 1400 + FURTHEST_GAP, rtol=1e-12)
+    assert np.allclose(found.extent, begin[3] + 6000, rtol=1e-12)
+    traced = jax.jit(aligned)(jnp.asarray(stroke), jnp.asarray(smear))
+    np.testing.assert_allclose(traced.displacement, found.displacement, rtol=1e-12)
+
+
+def test_a_camera_at_rest_displaces_nothing():
+    """Light of every object is centred at mid-exposure, as far as the fastest goes."""
+    found = aligned(np.zeros(1), np.array([-40.0, 7.0]))
+    assert not np.any(found.displacement)
+    assert found.extent == 80
+
+
+def test_what_travels_too_far_is_refused():
+    """By a call, a search and a sweep, where it is computed: no tap is cut, no wave repeats."""
+    scene = Scene([0.0, 20000.0], **LIGHT, limits=Limits(max_stroke=45.0, max_top_speed=4500.0))
+    slow = ParabolicMotion(acceleration=180.0, half_exposure=0.5)
+    line = r"^`motion` must blur over fewer than 65536 px at the scene's speeds, wherever .*; got"
+    with pytest.raises(ValueError, match=line):
+        DesignLoss()(scene, slow, HannShutter())
+    with pytest.raises(ValueError, match=line):
+        evaluate(scene, slow, HannShutter())
+    with pytest.raises(ValueError, match=line):
+        optimise(scene, slow, TukeyShutter(0.5), loss=DesignLoss(), num_starts=1)
+    grid = {"accelerations": [180.0], "half_exposures": [0.5], "shutters": {"rect": RectShutter()}}
+    with pytest.raises(ValueError, match=r"^`sweep\(accelerations=...\)` must blur over fewer"):
+        sweep(scene, **grid, metrics=["condition_number"])
+    assert np.isfinite(psnr(scene, slow, HannShutter()))
+    far = Scene([0.0, 4e5], **LIGHT)
+    line = r"^`motion` must spread light over at most 93623 px .*; got what takes \d+ frequencies"
+    for motion in (slow, StillCamera(half_exposure=0.5)):
+        with pytest.raises(ValueError, match=line):
+            psnr(far, motion, HannShutter())
+
+
+def test_a_traced_motion_is_refused_when_it_runs():
+    """One that spreads light further than the limits let one that keeps up."""
+    scene = Scene([0.0, 900.0, -400.0, 700.0], **LIGHT, limits=Limits(max_stroke=20.0))
+    loss = jax.jit(
+        lambda a: ExpectedErrorLoss()(
+            scene, ParabolicMotion(acceleration=a, half_exposure=0.02), HannShutter()
+        )
+    )
+    assert np.isfinite(loss(jnp.asarray(4e4)))
+    with pytest.raises(Exception, match="must spread light over at most"):
+        loss(jnp.asarray(40.0)).block_until_ready()
