@@ -1,18 +1,18 @@
-"""Fewer speeds that stand for those of a scene: each once, or the nodes of a quadrature."""
+"""Fewer speeds in place of those of a scene: each once, or the nodes of a quadrature."""
 
 import numpy as np
 
 from mishutter.model import Scene
 
 _SAME_SPEED = 4
-"""Roundings of the fastest speed within which two speeds are one."""
+"""Two speeds count as one if they differ by up to this many roundings of the fastest."""
 
 
 def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarray]:
     """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`.
 
-    Speeds that differ in their last digits alone, as those of a range that is meant to
-    mirror itself do, are one.
+    Speeds that differ only in their last digits count as one, because rounding makes such
+    pairs in ranges that are meant to mirror themselves.
     """
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
     speeds, weights = speeds[weights > 0], weights[weights > 0]
@@ -25,14 +25,14 @@ def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarra
 
 
 def rounding(speeds: np.ndarray, dtype: np.dtype) -> float:
-    """Difference up to which two of some speeds, given in a precision, are one; px/s."""
+    """Difference up to which two of these speeds count as one in a precision; px/s."""
     return float(_SAME_SPEED * np.finfo(dtype).eps * np.max(np.abs(speeds), initial=0))
 
 
 def quadrature(
     speeds: np.ndarray, weights: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Gauss rule of a distribution of speeds: `count` speeds that stand for all.
+    r"""Gauss rule of a distribution of speeds: `count` speeds in place of all.
 
     $\sum_j p'_j g(s'_j) = \sum_i p_i g(s_i)$ for every polynomial of degree below twice
     `count`. Nodes and weights are those of the Jacobi matrix that Lanczos' recurrence
