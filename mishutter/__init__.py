@@ -16,14 +16,10 @@ from mishutter.design import DriveTable as DriveTable
 from mishutter.design import NonFiniteLossError as NonFiniteLossError
 from mishutter.design import Outcome as Outcome
 from mishutter.design import SearchFailedError as SearchFailedError
-from mishutter.design import WrongPlanError as WrongPlanError
-from mishutter.design import baselines as baselines
-from mishutter.design import check_plan as check_plan
 from mishutter.design import compare as compare
 from mishutter.design import drive_table as drive_table
 from mishutter.design import optimise as optimise
 from mishutter.design import plan as plan
-from mishutter.design import plan_error as plan_error
 from mishutter.design import starting_shutter as starting_shutter
 from mishutter.evaluation import AbstractLoss as AbstractLoss
 from mishutter.evaluation import DesignLoss as DesignLoss
@@ -48,10 +44,12 @@ from mishutter.model import SplineShutter as SplineShutter
 from mishutter.model import StillCamera as StillCamera
 from mishutter.model import TriangleShutter as TriangleShutter
 from mishutter.model import TukeyShutter as TukeyShutter
+from mishutter.model import baselines as baselines
 from mishutter.model import example_picture as example_picture
 from mishutter.model import example_scene as example_scene
 from mishutter.model import read_picture as read_picture
 from mishutter.model import read_scene as read_scene
+from mishutter.model import register_shutter as register_shutter
 from mishutter.model import row_power_spectrum as row_power_spectrum
 from mishutter.model import write_picture as write_picture
 from mishutter.restore import AbstractDecoder as AbstractDecoder

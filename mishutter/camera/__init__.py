@@ -18,7 +18,6 @@ from mishutter.camera.noise import white_electrons as white_electrons
 from mishutter.camera.picture_plan import distinct_colours as distinct_colours
 from mishutter.camera.picture_plan import every_colour as every_colour
 from mishutter.camera.picture_plan import skips as skips
-from mishutter.camera.picture_plan import tolerates as tolerates
 from mishutter.camera.rows import along_rows as along_rows
 from mishutter.camera.rows import channels_last as channels_last
 from mishutter.camera.rows import fast_length as fast_length

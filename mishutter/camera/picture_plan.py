@@ -14,11 +14,6 @@ def skips(plan: Plan | Automatic | None) -> bool:
     return plan.skips if isinstance(plan, Plan) else plan is not None
 
 
-def tolerates(plan: Plan | Automatic | None) -> bool:
-    """Whether an argument `plan=` allows for a change of the result."""
-    return isinstance(plan, Plan) and plan.tolerance > 0
-
-
 def distinct_colours(light: Array, plan: Plan | Automatic | None) -> Array:
     """A picture, or one of its colours where all are the same and `plan` skips.
 

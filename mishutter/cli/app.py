@@ -38,11 +38,9 @@ from mishutter.cli.options import (
     SceneArgument,
     SeedsOption,
     ShuttersOption,
-    ToleranceOption,
     as_path,
     free_names,
     loss_of,
-    motion_of,
     scene_of,
 )
 from mishutter.cli.plan import plan, plan_text
@@ -100,7 +98,6 @@ def optimise(
     ] = 300,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
     noise_seeds: SeedsOption = 1,
-    tolerance: ToleranceOption = 0.0,
     fresh: FreshOption = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", help="Show what is computed and what is skipped.")
@@ -114,10 +111,10 @@ def optimise(
     from mishutter.design import starting_shutter
 
     scene = scene_of(scene_file)
-    motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    motion, start = scene.motion, starting_shutter(scene, num_coefficients)
     chosen, names = loss_of(loss), free_names(free, motion, start)
     folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
-    found = planned(scene, motion, start, loss=chosen, free=names, tolerance=tolerance)
+    found = planned(scene, motion, start, loss=chosen, free=names)
     if verbose:
         note(plan_text(found))
     with progress_bar("searching", max_steps) as update:
@@ -157,15 +154,15 @@ def compare(
 ) -> None:
     """Show given shutters or saved designs beside the baselines, without a search for one."""
     start_jax()
-    from mishutter import report
     from mishutter.cli.memory import Memory
     from mishutter.design import Design, taken_names
+    from mishutter.model import named_shutter
 
     scene = scene_of(scene_file)
-    windows = {name: report.named_shutter(name) for name in shutters or []}
+    windows = {name: named_shutter(name) for name in shutters or []}
     files = short_names(designs or [], {*taken_names(), *windows})
     saved = {name: Design.load(path) for name, path in files.items()}
-    motion = next(iter(saved.values())).motion if len(saved) == 1 else motion_of(scene)
+    motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
     folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
     result = _compared(scene, motion, saved | windows, loss_of(loss), noise_seeds, memory)
     _deliver(result, folder, json, memory)
@@ -187,8 +184,8 @@ def _compared(
     memory: "Memory",
 ) -> "Report":
     from mishutter import report
-    from mishutter.design import baselines
     from mishutter.design import compare as beside_baselines
+    from mishutter.model import baselines
     from mishutter.report import photograph_of, photographs
 
     total = len({*given, *baselines()}) + 2

@@ -8,7 +8,7 @@ import typer
 
 from mishutter._core import writable_folder
 from mishutter.cli.console import note, print_table, progress_bar, start_jax, write_json
-from mishutter.cli.options import JsonOption, SceneArgument, as_path, motion_of, scene_of
+from mishutter.cli.options import JsonOption, SceneArgument, as_path, scene_of
 
 if TYPE_CHECKING:
     from mishutter.camera import Frames, Layers
@@ -75,13 +75,13 @@ def simulate(
     import jax
 
     from mishutter.design import Design
-    from mishutter.model import Picture, write_picture
-    from mishutter.report import named_shutter, plot_capture, save_figure
+    from mishutter.model import Picture, named_shutter, write_picture
+    from mishutter.report import plot_capture, save_figure
     from mishutter.restore import capture_and_restore
 
     scene = scene_of(scene_file)
     chosen = None if design is None else Design.load(design)
-    motion = motion_of(scene) if chosen is None else chosen.motion
+    motion = scene.motion if chosen is None else chosen.motion
     window = "hann" if shutter is None else shutter
     profile = named_shutter(window) if chosen is None else chosen.shutter
     seen = _subject(subject, scene.picture)

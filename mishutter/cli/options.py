@@ -56,12 +56,6 @@ FreeOption = Annotated[
 CoefficientsOption = Annotated[
     int, typer.Option("--coefficients", min=4, max=512, help="Coefficients of the profile.")
 ]
-ToleranceOption = Annotated[
-    float,
-    typer.Option(
-        "--tolerance", min=0.0, max=1.0, help="Largest relative change of a result by skipping."
-    ),
-]
 SeedsOption = Annotated[
     int,
     typer.Option(
@@ -90,13 +84,6 @@ def scene_of(path: Path | None) -> "Scene":
     from mishutter.model import example_scene, read_scene
 
     return example_scene() if path is None else read_scene(path)
-
-
-def motion_of(scene: "Scene") -> "AbstractMotion":
-    """The motion that a scene starts from."""
-    if scene.motion is None:
-        raise ValueError("`[motion]` must be given; got nothing.")
-    return scene.motion
 
 
 def free_names(

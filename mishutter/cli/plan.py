@@ -12,10 +12,8 @@ from mishutter.cli.options import (
     LossName,
     LossOption,
     SceneArgument,
-    ToleranceOption,
     free_names,
     loss_of,
-    motion_of,
     scene_of,
 )
 
@@ -31,7 +29,6 @@ def plan(
     fixed: Annotated[
         bool, typer.Option("--fixed", help="Nothing may move: the plan of one measurement.")
     ] = False,
-    tolerance: ToleranceOption = 0.0,
     num_coefficients: CoefficientsOption = 24,
 ) -> None:
     """Show what a search for this scene computes, what it skips and why."""
@@ -43,10 +40,10 @@ def plan(
     from mishutter.design import starting_shutter
 
     scene = scene_of(scene_file)
-    motion, start = motion_of(scene), starting_shutter(scene, num_coefficients)
+    motion, start = scene.motion, starting_shutter(scene, num_coefficients)
     names = () if fixed else free_names(free, motion, start)
     with working("planning"):
-        found = planned(scene, motion, start, loss=loss_of(loss), free=names, tolerance=tolerance)
+        found = planned(scene, motion, start, loss=loss_of(loss), free=names)
     if json:
         write_json(found.to_dict())
     else:
@@ -55,6 +52,4 @@ def plan(
 
 def plan_text(found: "Plan") -> str:
     """The table of a plan, and what all of it may change."""
-    share = f"at most {found.bound:.1e} of a result"
-    change = "nothing beyond rounding" if found.bound == 0 else share
-    return f"{found}\nAll together change {change}."
+    return f"{found}\nAll together change nothing beyond rounding."

@@ -75,7 +75,7 @@ def sweep(
     accelerations = _values("--acceleration", acceleration, log, zero=True)
     half_exposures = _values("--half-exposure", half_exposure, log, zero=False)
     start_jax()
-    from mishutter.report import named_shutter
+    from mishutter.model import named_shutter
     from mishutter.sweeps import require_within
     from mishutter.sweeps import sweep as run
 
@@ -178,7 +178,7 @@ def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray") -> "np.ndarr
 
 
 def _with_baselines(named: "dict[str, AbstractShutter]") -> "dict[str, AbstractShutter] | None":
-    from mishutter.design import baselines
+    from mishutter.model import baselines
 
     return {**baselines(), **named} if named else None
 

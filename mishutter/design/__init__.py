@@ -5,14 +5,10 @@ from mishutter.design.comparison import BEST_TUKEY as BEST_TUKEY
 from mishutter.design.comparison import OWN_BEST_MOTION as OWN_BEST_MOTION
 from mishutter.design.comparison import Comparison as Comparison
 from mishutter.design.comparison import Row as Row
-from mishutter.design.comparison import baselines as baselines
 from mishutter.design.comparison import compare as compare
 from mishutter.design.comparison import taken_names as taken_names
 from mishutter.design.drive import DriveTable as DriveTable
 from mishutter.design.drive import drive_table as drive_table
-from mishutter.design.plan_check import WrongPlanError as WrongPlanError
-from mishutter.design.plan_check import check_plan as check_plan
-from mishutter.design.plan_check import plan_error as plan_error
 from mishutter.design.planning import plan as plan
 from mishutter.design.result import Design as Design
 from mishutter.design.result import package_version as package_version

@@ -9,7 +9,6 @@ import equinox as eqx
 import numpy as np
 
 from mishutter._core import alone_in_blas, in_threads, named, num_processors, require, require_known
-from mishutter.design.planning import plan as plan_of_scene
 from mishutter.design.result import Design, metrics_to_dict, motion_to_dict
 from mishutter.design.search import optimise
 from mishutter.evaluation import (
@@ -24,13 +23,11 @@ from mishutter.evaluation import (
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
-    GaussianShutter,
-    HannShutter,
     RectShutter,
     Scene,
     StillCamera,
-    TriangleShutter,
     TukeyShutter,
+    baselines,
     settled,
 )
 
@@ -188,16 +185,6 @@ def _given(shutters: object) -> dict[str, Entry]:
     return named("compare(shutters=...)", shutters, kinds, what, label="shutter ")
 
 
-def baselines() -> dict[str, AbstractShutter]:
-    """The fixed windows that every design stands beside, by name."""
-    return {
-        "rect": RectShutter(),
-        "Hann": HannShutter(),
-        "triangle": TriangleShutter(),
-        "Gaussian": GaussianShutter(),
-    }
-
-
 def taken_names() -> tuple[str, ...]:
     """Names of rows that every comparison has."""
     return (*baselines(), BEST_TUKEY, BEST_SNAPSHOT)
@@ -263,9 +250,7 @@ def _tuned(
     loss: AbstractLoss,
     plan: Plan | Automatic | None,
 ) -> Design:
-    if isinstance(plan, Plan):
-        tolerance = plan.tolerance
-        plan = plan_of_scene(scene, motion, shutter, loss=loss, free=free, tolerance=tolerance)
+    plan = PLANNED if isinstance(plan, Plan) else plan
     return optimise(scene, motion, shutter, loss=loss, free=free, plan=plan)
 
 

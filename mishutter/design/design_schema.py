@@ -3,7 +3,7 @@
 import math
 from typing import Annotated, Any, Literal, final
 
-from pydantic import AllowInfNan, BeforeValidator
+from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict
 
 from mishutter._core import Section
 
@@ -22,16 +22,12 @@ Result = Annotated[float, AllowInfNan(), BeforeValidator(_read_back)]
 
 
 @final
-class SavedShutter(Section):
-    """A kind of shutter, and those of these that it takes."""
+class SavedShutter(BaseModel):
+    """A kind of shutter, and its parameters, which the kind itself checks."""
+
+    model_config = ConfigDict(extra="allow", strict=True, allow_inf_nan=False, frozen=True)
 
     kind: str
-    sigma: float | None = None
-    taper: float | None = None
-    transmittances: list[float] | None = None
-    parameters: list[float] | None = None
-    symmetric: bool | None = None
-    num_coefficients: int | None = None
 
 
 @final
@@ -77,7 +73,6 @@ class SavedItem(Section):
     full: str
     kept: str
     why: str
-    bound: float | None
 
 
 @final
@@ -91,12 +86,8 @@ class SavedPlan(Section):
     num_kept: int | None
     skips: bool
     folds: bool
-    num_speeds: int | None
-    single: bool
     still: bool
-    tolerance: float
     items: list[SavedItem]
-    bound: float
 
 
 @final

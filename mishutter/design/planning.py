@@ -1,21 +1,23 @@
 """The plan of a scene: what is left out of a computation because it cannot change a result."""
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import jax
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import require, require_known, seldom_run
-from mishutter.design.plan_check import WrongPlanError, check_plan
-from mishutter.design.plan_items import STOPS_AT_NOISE, Needs, items_of, needs_of
-from mishutter.design.plan_tolerance import toleranced
+from mishutter._core import require_known, seldom_run
 from mishutter.design.space import DesignSpace, design_space
 from mishutter.evaluation import (
     AbstractLoss,
+    AbstractResponseLoss,
+    ExpectedErrorLoss,
+    Item,
     Plan,
+    WeightedSum,
+    distinct_speeds,
     extent,
     is_symmetric,
     larger,
@@ -25,7 +27,50 @@ from mishutter.evaluation import (
     sized_for,
     sizes,
 )
-from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
+from mishutter.model import (
+    AbstractAdjustableShutter,
+    AbstractMotion,
+    AbstractShutter,
+    Scene,
+    settled,
+)
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a loss, or all metrics, are made from.
+
+    Attributes:
+        kernels: Whether a kernel is.
+        differences: Whether kernels of moving objects are.
+        spectra: Whether transfer functions are.
+        only_error: Whether these only serve the expected error, which a frequency
+            without power adds nothing to.
+        terms: Terms of the loss that were given, and that have weight.
+    """
+
+    kernels: bool = True
+    differences: bool = True
+    spectra: bool = True
+    only_error: bool = False
+    terms: tuple[int, int] = (1, 1)
+
+
+def needs_of(loss: AbstractLoss | None) -> Needs:
+    """What a loss is made from; everything where that is not known."""
+    if loss is None:
+        return Needs()
+    given = loss.needed(skips=False) if isinstance(loss, WeightedSum) else [(loss, 1.0)]
+    kept = loss.needed(skips=True) if isinstance(loss, WeightedSum) else given
+    count = len(given), len(kept)
+    terms = [term for term, _ in kept]
+    if not all(isinstance(term, AbstractResponseLoss) for term in terms):
+        return Needs(terms=count)
+    skipping = Plan(1, 1, 1, 1, skips=True)
+    parts = [term.parts(skipping) for term in terms]  # type: ignore[attr-defined]
+    errors = [isinstance(t, ExpectedErrorLoss) for t, p in zip(terms, parts, strict=True) if p[1]]
+    kernels, spectra, differences = (any(flags) for flags in zip(*parts, strict=True))
+    return Needs(kernels, differences, spectra, all(errors), count)
 
 
 def plan(
@@ -35,13 +80,10 @@ def plan(
     *,
     loss: AbstractLoss | None = None,
     free: str | Iterable[str] = (),
-    tolerance: float = 0.0,
 ) -> Plan:
     """What a scene needs computed, and why the rest can be left out.
 
-    With `tolerance = 0` only what cannot change a result beyond rounding is left out. With
-    a positive one Richardson-Lucy also stops where what it leaves unexplained is noise;
-    that changes a restored picture by about as much.
+    Only what cannot change a result beyond rounding is left out.
 
     Args:
         scene: Speeds, light, noise, spectrum and limits; concrete.
@@ -49,67 +91,18 @@ def plan(
         shutter: Transmittance over the exposure; where it is free, that to start from.
         loss: What the plan is for: its value, or all that `evaluate` measures.
         free: What a search may move: `"shutter"`, `"acceleration"`, `"half_exposure"`.
-        tolerance: Largest relative change of a result; at least 0.
 
     Returns:
         The plan. It prints as a table, and every `plan=` takes it.
 
     Raises:
-        ValueError: if `tolerance` is negative or not finite, or `free` names what cannot
-            move.
+        ValueError: if `free` names what cannot move.
     """
-    number = isinstance(tolerance, int | float) and 0 <= tolerance < float("inf")
-    require(number, "plan(tolerance=...)", "be a finite number of at least 0", tolerance)
     require_known("plan", motion=motion)
     names = (free,) if isinstance(free, str) else tuple(free)
     motion = settled(motion)
     space = design_space(scene, motion, shutter, names) if names else None
-    needs = needs_of(loss)
-    exact = replace(exact_plan(scene, motion, shutter, needs, space), tolerance=tolerance)
-    if tolerance == 0:
-        return exact
-    found = toleranced(
-        exact,
-        scene,
-        motion,
-        shutter,
-        loss,
-        fewer_frequencies=needs.only_error and needs.spectra,
-        fewer_taps=space is None and needs.kernels,
-        fewer_speeds=(needs.spectra or needs.differences) and not exact.still,
-        single=space is None,
-    )
-    if space is None and found.num_kept not in (None, exact.num_kept):
-        found = _with_fewer_nodes(found, scene, motion)
-    kept = _confirmed(found, exact, scene, motion, shutter, loss)
-    return replace(kept, items=(*kept.items, STOPS_AT_NOISE))
-
-
-def _with_fewer_nodes(found: Plan, scene: Scene, motion: AbstractMotion) -> Plan:
-    """Only the nodes that the frequencies ask for which are left."""
-    share = (found.num_kept or found.num_frequencies) / found.num_frequencies
-    count = min(found.num_nodes, _sizes_of_motion(scene, motion, share, alone=True).num_nodes)
-    items = [
-        replace(item, kept=str(count)) if item.name == "nodes in time" else item
-        for item in found.items
-    ]
-    return replace(found, num_nodes=count, items=tuple(items))
-
-
-def _confirmed(
-    found: Plan,
-    exact: Plan,
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    loss: AbstractLoss | None,
-) -> Plan:
-    """A plan that keeps its bound at the design at hand, or the exact one."""
-    try:
-        check_plan(found, scene, motion, shutter, loss=loss)
-    except WrongPlanError:
-        return exact
-    return found
+    return exact_plan(scene, motion, shutter, needs_of(loss), space)
 
 
 def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) -> Plan:
@@ -184,3 +177,120 @@ def _frequencies_with_power(scene: Scene, full: Plan) -> int:
     lit = np.flatnonzero(power_on_grid(scene, full.num_frequencies))
     last = lit[-1] + 1 if lit.size else 1
     return min(full.num_frequencies, size_class(max(16, int(last))))
+
+
+def items_of(
+    scene: Scene,
+    shutter: AbstractShutter,
+    full: Plan,
+    kept: Plan,
+    needs: Needs,
+    space: DesignSpace | None,
+) -> tuple[Item, ...]:
+    """The table of an exact plan, beside a full one."""
+    return (
+        _speeds_item(scene, kept.folds, kept.still),
+        _kernels_item(needs, kept.still),
+        _taps_item(full, kept, needs, space),
+        Item(
+            "DFT length",
+            *_pair(full.dft_length),
+            "four times the longest kernel; real taps, "
+            f"hence {full.dft_length // 2 + 1} frequencies",
+        ),
+        *_spectra_items(full, kept, needs, space),
+        *_terms_items(needs),
+        *_search_items(shutter, space),
+        _precision_item(scene),
+    )
+
+
+def _pair(count: int) -> tuple[str, str]:
+    return str(count), str(count)
+
+
+def _speeds_item(scene: Scene, folds: bool, still: bool) -> Item:
+    given, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
+    every = distinct_speeds(scene, folds=False)[0].size
+    kept = distinct_speeds(scene, folds=folds)[0].size
+    why = []
+    never = int(np.sum(weights == 0))
+    if never:
+        why.append(f"{never} never occur")
+    if given.size - never > every:
+        why.append(f"{given.size - never - every} repeated")
+    if every > kept:
+        why.append(f"{every - kept} mirrored: a symmetric shutter does the same to +s and -s")
+    if still:
+        why.append("nothing moves")
+    return Item("speeds", str(given.size), str(kept), "; ".join(why) or "each occurs once")
+
+
+def _kernels_item(needs: Needs, still: bool) -> Item:
+    if not needs.kernels:
+        return Item("kernels", "all", "none", "the loss is made from transfer functions")
+    if still:
+        return Item("kernels", "all", "at rest", "nothing moves: no invariance to measure")
+    if not needs.differences:
+        return Item("kernels", "all", "at rest", "invariance has no weight")
+    return Item("kernels", "all", "all", "invariance is measured")
+
+
+def _taps_item(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | None) -> Item:
+    if not needs.kernels:
+        return Item("taps", str(full.num_taps), "0", "no kernel is computed")
+    return Item("taps", str(full.num_taps), str(kept.num_taps), _reach(space))
+
+
+def _reach(space: DesignSpace | None) -> str:
+    if space is None:
+        return "what the fastest object reaches on this motion"
+    if set(space.free) == {"shutter"}:
+        return "what any object reaches that this motion keeps up with"
+    return "the motion is free within the limits"
+
+
+def _spectra_items(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | None) -> list[Item]:
+    if not needs.spectra:
+        return [
+            Item("frequencies", str(full.num_frequencies), "0", "no transfer function is needed"),
+            Item("nodes in time", str(full.num_nodes), "0", "no transfer function is needed"),
+        ]
+    if kept.num_kept is not None:
+        why = "the picture on the sensor holds no power above"
+    else:
+        why = "all hold power" if needs.only_error else "the bound's share needs all"
+    count = str(kept.num_kept or full.num_frequencies)
+    reach = _reach(space) if needs.only_error else "beside a zero the bound's share shows them"
+    return [
+        Item("frequencies", str(full.num_frequencies), count, why),
+        Item("nodes in time", str(full.num_nodes), str(kept.num_nodes), reach),
+    ]
+
+
+def _terms_items(needs: Needs) -> list[Item]:
+    given, kept = needs.terms
+    if given == kept == 1:
+        return []
+    why = "the others have weight 0" if kept < given else "each has weight"
+    return [Item("terms of the loss", str(given), str(kept), why)]
+
+
+def _search_items(shutter: AbstractShutter, space: DesignSpace | None) -> list[Item]:
+    if space is None:
+        return []
+    fixed = [
+        name for name in ("shutter", "acceleration", "half_exposure") if name not in space.free
+    ]
+    why = f"{', '.join(fixed)} not free" if fixed else "all are free"
+    items = [Item("free parameters", "3", str(3 - len(fixed)), why)]
+    linear = isinstance(shutter, AbstractAdjustableShutter) and shutter.linear
+    if linear and set(space.free) == {"shutter"}:
+        why = "each coordinate's response is computed once, before the search"
+        items.append(Item("a step of the search", "responses", "one product", why))
+    return items
+
+
+def _precision_item(scene: Scene) -> Item:
+    name = np.dtype(scene.speeds.dtype).name
+    return Item("precision", name, name, "as given")

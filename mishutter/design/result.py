@@ -9,24 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from mishutter._core import Bare, contents, parsed, require, strict_json, validated, write_text
+from mishutter._core import contents, parsed, require, strict_json, validated, write_text
 from mishutter.design.design_schema import FORMAT, SavedDesign, SavedMotion
 from mishutter.evaluation import Metrics, Plan, evaluate
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
-    ChippedShutter,
-    GaussianShutter,
-    HannShutter,
     Limits,
     ParabolicMotion,
-    RectShutter,
     Scene,
-    SplineShutter,
     StillCamera,
-    TriangleShutter,
-    TukeyShutter,
     profile_of,
+    shutter_from_dict,
+    shutter_to_dict,
 )
 
 _PROFILE_POINTS = 1001
@@ -157,23 +152,6 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
     }
 
 
-def shutter_to_dict(shutter: AbstractShutter) -> dict[str, Any]:
-    """Kind and parameters of a shutter.
-
-    Raises:
-        ValueError: if it is not one of the package's own kinds.
-    """
-    kind = type(shutter)
-    known = kind in _PARAMETERS_OF
-    require(known, "Design.save(shutter=...)", "be one of mishutter's own kinds", kind.__name__)
-    data: dict[str, Any] = {"kind": kind.__name__}
-    for name in _PARAMETERS_OF[kind]:
-        value = getattr(shutter, name)
-        is_array = hasattr(value, "shape")
-        data[name] = np.asarray(value, np.float64).tolist() if is_array else value
-    return data
-
-
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
     """Numbers of a scene."""
 
@@ -194,40 +172,12 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
     }
 
 
-_PARAMETERS_OF: dict[type[AbstractShutter], tuple[str, ...]] = {
-    RectShutter: (),
-    HannShutter: (),
-    TriangleShutter: (),
-    GaussianShutter: ("sigma",),
-    TukeyShutter: ("taper",),
-    ChippedShutter: ("transmittances",),
-    SplineShutter: ("parameters", "symmetric", "num_coefficients"),
-}
-
-
-def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
-    """The shutter that `shutter_to_dict` wrote.
-
-    Raises:
-        ValueError: if its kind is not known, or its parameters are not those of its kind.
-    """
-    kinds = {kind.__name__: kind for kind in _PARAMETERS_OF}
-    name, given = data["kind"], {key: value for key, value in data.items() if key != "kind"}
-    require(name in kinds, "shutter.kind", f"be one of {', '.join(kinds)}", name)
-    wanted = _PARAMETERS_OF[kinds[name]]
-    for key in wanted:
-        require(key in given, f"shutter.{key}", f"be given for a {name}", Bare("nothing"))
-    for key, value in given.items():
-        require(key in wanted, f"shutter.{key}", f"be left out of a {name}", value)
-    return kinds[name](**given)
-
-
 def _built(file: SavedDesign) -> Design:
     motion = _motion(file.motion)
     scene = file.scene.model_dump()
     scene["limits"] = Limits(**scene["limits"])
     return Design(
-        shutter=shutter_from_dict(file.shutter.model_dump(exclude_none=True)),
+        shutter=shutter_from_dict(file.shutter.model_dump()),
         motion=motion,
         scene=Scene(**scene, motion=motion),
         loss=file.loss,

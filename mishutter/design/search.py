@@ -1,9 +1,7 @@
 """The design search: many starts, a polish, and an honest end."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Iterable
 from enum import Enum
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -89,8 +87,6 @@ def optimise(
         progress: Called with the step and the smallest loss so far.
         throw: Whether an end other than convergence raises.
         plan: What to compute; made for the whole space by default, None for everything.
-            After a search with a tolerance the design is measured exactly; where the
-            loss was further off, the search goes on from there with an exact plan.
 
     Returns:
         The best design found, how the search ended in a sentence, and the
@@ -133,7 +129,7 @@ def optimise(
     if throw and outcome is not Outcome.CONVERGED:
         raise SearchFailedError(outcome.value)
     found_shutter, found_motion = design_at(space, jax.device_put(box))
-    design = Design(
+    return Design(
         shutter=found_shutter,
         motion=found_motion,
         scene=scene,
@@ -146,11 +142,6 @@ def optimise(
         best_start_loss=found.best_start_loss,
         plan=plan,
     )
-    if plan.tolerance == 0:
-        return design
-    again = partial(optimise, num_starts=1, seed=seed, max_steps=max_steps, progress=progress)
-    best_start = found.boxes[np.flatnonzero(found.losses == found.best_start_loss)[-1]]
-    return _confirmed(design, plan, loss, space, best_start, again)
 
 
 class _Found(NamedTuple):
@@ -206,31 +197,6 @@ def _from_grid(
         losses = np.concatenate([losses_at(objective, ends), first])
         num_polished = 1
     return _Found(boxes, losses, np.minimum.accumulate(first), float(np.min(first)), num_polished)
-
-
-def _confirmed(
-    design: Design,
-    plan: Plan,
-    loss: AbstractLoss,
-    space: DesignSpace,
-    best_start: np.ndarray,
-    again: Callable[..., Design],
-) -> Design:
-    """A design with its loss measured exactly; searched on where the tolerance was not kept.
-
-    So it is where the best start turns out to be better: two losses within the tolerance of
-    theirs may change places.
-    """
-    scene = design.scene
-    exact = plan_of_scene(scene, space.motion, space.shutter, loss=loss, free=space.free)
-    shutter, motion = design_at(space, jax.device_put(best_start))
-    at_start, at_end = (scene, motion, shutter), (scene, design.motion, design.shutter)
-    least, value = (float(loss(*at, plan=exact)) for at in (at_start, at_end))
-    if value <= least and abs(value - design.loss) <= plan.tolerance * abs(value):
-        history = np.append(np.maximum(design.history[:-1], value), value)
-        return replace(design, loss=value, history=history, best_start_loss=least)
-    begin = at_end if value <= least else at_start
-    return again(*begin, loss=loss, free=space.free, plan=exact)
 
 
 def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:

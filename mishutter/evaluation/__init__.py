@@ -15,6 +15,7 @@ from mishutter.evaluation.needs import PLANNED as PLANNED
 from mishutter.evaluation.needs import Automatic as Automatic
 from mishutter.evaluation.needs import Item as Item
 from mishutter.evaluation.needs import Plan as Plan
+from mishutter.evaluation.needs import distinct_speeds as distinct_speeds
 from mishutter.evaluation.needs import extent as extent
 from mishutter.evaluation.needs import is_symmetric as is_symmetric
 from mishutter.evaluation.needs import larger as larger
@@ -23,6 +24,7 @@ from mishutter.evaluation.needs import nothing_moves as nothing_moves
 from mishutter.evaluation.needs import power_on_grid as power_on_grid
 from mishutter.evaluation.needs import reduced as reduced
 from mishutter.evaluation.needs import require_plan as require_plan
+from mishutter.evaluation.needs import rounding as rounding
 from mishutter.evaluation.needs import size_class as size_class
 from mishutter.evaluation.needs import sized_for as sized_for
 from mishutter.evaluation.needs import sizes as sizes
@@ -33,6 +35,3 @@ from mishutter.evaluation.response import assembled as assembled
 from mishutter.evaluation.response import kernel_phase as kernel_phase
 from mishutter.evaluation.response import kernels_at_speeds as kernels_at_speeds
 from mishutter.evaluation.response import records as records
-from mishutter.evaluation.speeds import distinct_speeds as distinct_speeds
-from mishutter.evaluation.speeds import quadrature as quadrature
-from mishutter.evaluation.speeds import rounding as rounding

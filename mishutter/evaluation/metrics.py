@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from mishutter._core import seldom_run
 from mishutter.blur import condition_number, safe_sqrt, support
-from mishutter.evaluation.needs import PLANNED, Automatic, Plan, chosen, lowered, reduced, sizes
+from mishutter.evaluation.needs import PLANNED, Automatic, Plan, chosen, reduced, sizes
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
 from mishutter.model import (
     CORNER_FREQUENCY,
@@ -96,7 +96,6 @@ def evaluate(
     if plan.num_kept is not None:  # and as many nodes in time as all frequencies ask for
         num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
         plan = replace(plan, num_kept=None, num_nodes=num_nodes)
-    scene, motion, shutter = lowered(plan, scene, motion, shutter)
     kept = reduced(scene, plan)
     return measured(kept, motion, records(kept, motion, shutter, plan), plan)
 

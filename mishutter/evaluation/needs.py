@@ -1,8 +1,8 @@
 """The needs of a scene: sizes and skips, chosen before anything is computed and shared by all.
 
-A plan with zero tolerance leaves out only work that cannot change a result: speeds that never
-occur, occur twice or mirror one another under a symmetric shutter; taps that no object reaches;
-terms without weight. `plan=None` computes everything all the same.
+A plan leaves out only work that cannot change a result: speeds that never occur, occur twice or
+mirror one another under a symmetric shutter; taps that no object reaches; terms without weight.
+`plan=None` computes everything all the same.
 """
 
 from collections.abc import Mapping
@@ -16,20 +16,13 @@ import numpy as np
 
 from mishutter._core import all_concrete, is_concrete, numbers_of, require
 from mishutter.blur import default_num_frequencies, support
-from mishutter.evaluation.speeds import distinct_speeds, quadrature
 from mishutter.model import (
     CORNER_FREQUENCY,
     NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
-    GaussianShutter,
-    HannShutter,
-    RectShutter,
     Scene,
-    SplineShutter,
     StillCamera,
-    TriangleShutter,
-    TukeyShutter,
     frequencies,
     on_steps,
 )
@@ -38,8 +31,9 @@ _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 _MAX_TAPS = 1 << 14
 _MAX_NODES = 1 << 16
+_SAME_SPEED = 4
+"""Two speeds count as one if they differ by up to this many roundings of the fastest."""
 _UNKNOWN_REACH = 256.0
-_SYMMETRIC_WINDOWS = (RectShutter, HannShutter, TriangleShutter, GaussianShutter, TukeyShutter)
 
 
 class Automatic(Enum):
@@ -60,15 +54,12 @@ class Item:
         full: How much of it a full computation has.
         kept: How much of it the plan keeps.
         why: Why that is enough.
-        bound: Largest relative change of a result that it causes; 0 for an exact skip, None
-            where it leaves out changes below the noise.
     """
 
     name: str
     full: str
     kept: str
     why: str
-    bound: float | None = 0.0
 
 
 @dataclass(frozen=True)
@@ -85,10 +76,7 @@ class Plan:
         skips: Whether work that cannot change a result is left out: speeds that never occur
             or occur twice, and responses that a search would compute again.
         folds: Whether `+s` and `-s` are taken for one speed.
-        num_speeds: Nodes of a quadrature that replaces the scene's speeds; None keeps these.
-        single: Whether single precision is enough.
         still: Whether nothing in the scene moves, so that one kernel is enough.
-        tolerance: Largest relative change of a result that was asked for.
         items: The decisions and their reasons, for readers; no computation uses them.
     """
 
@@ -99,26 +87,18 @@ class Plan:
     num_kept: int | None = None
     skips: bool = False
     folds: bool = False
-    num_speeds: int | None = None
-    single: bool = False
     still: bool = False
-    tolerance: float = field(default=0.0, compare=False)
     items: tuple[Item, ...] = field(default=(), compare=False, repr=False)
-
-    @property
-    def bound(self) -> float:
-        """Largest relative change of a result by all skips together."""
-        return sum(item.bound or 0.0 for item in self.items)
 
     def __str__(self) -> str:
         header = Item("item", "full", "kept", "why")
         rows = [header, *self.items]
         widths = [max(len(getattr(row, name)) for row in rows) for name in ("name", "full", "kept")]
-        return "\n".join(_line(row, widths, row is header) for row in rows)
+        return "\n".join(_line(row, widths) for row in rows)
 
     def to_dict(self) -> dict[str, Any]:
         """The plan as plain numbers and text."""
-        return vars(self) | {"bound": self.bound, "items": [vars(item) for item in self.items]}
+        return vars(self) | {"items": [vars(item) for item in self.items]}
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> "Plan":
@@ -128,15 +108,12 @@ class Plan:
             KeyError: if `data` is not such a plan.
             TypeError: if it holds more than one.
         """
-        numbers = {name: value for name, value in data.items() if name not in {"bound", "items"}}
-        return Plan(**numbers, items=tuple(Item(**item) for item in data["items"]))
+        return Plan(**{**data, "items": tuple(Item(**item) for item in data["items"])})
 
 
-def _line(row: Item, widths: list[int], is_header: bool) -> str:
+def _line(row: Item, widths: list[int]) -> str:
     cells = zip((row.name, row.full, row.kept), widths, strict=True)
-    text = "  ".join(cell.ljust(width) for cell, width in cells)
-    bound = "the noise" if row.bound is None else f"{row.bound:.1e}" if row.bound else "exact"
-    return f"{text}  {'error bound' if is_header else bound:<11}  {row.why}"
+    return "  ".join([*(cell.ljust(width) for cell, width in cells), row.why])
 
 
 def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
@@ -242,12 +219,31 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     if not (plan.skips and scene.speeds_known):
         return scene.bare(power_spectrum=power)
     speeds, weights = distinct_speeds(scene, folds=plan.folds)
-    if plan.num_speeds is not None:
-        speeds, weights = quadrature(speeds, weights, plan.num_speeds)
     speeds, weights = padded(speeds, weights)
-    if plan.num_speeds is None and speeds.size == scene.speeds.size:
+    if speeds.size == scene.speeds.size:
         return scene.bare(power_spectrum=power)
     return scene.bare(speeds=speeds, weights=weights, power_spectrum=power)
+
+
+def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`.
+
+    Speeds that differ only in their last digits count as one, because rounding makes such
+    pairs in ranges that are meant to mirror themselves.
+    """
+    speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
+    speeds, weights = speeds[weights > 0], weights[weights > 0]
+    values = np.abs(speeds) if folds else speeds
+    order = np.argsort(values, kind="stable")
+    values, weights = values[order], weights[order]
+    begins = np.diff(values, prepend=-np.inf) > rounding(values, values.dtype)
+    merged = np.bincount(np.cumsum(begins) - 1, weights)
+    return values[begins], merged.astype(weights.dtype)
+
+
+def rounding(speeds: np.ndarray, dtype: np.dtype) -> float:
+    """Difference up to which two of these speeds count as one in a precision; px/s."""
+    return float(_SAME_SPEED * np.finfo(dtype).eps * np.max(np.abs(speeds), initial=0))
 
 
 def padded(speeds: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -269,20 +265,6 @@ def nothing_moves(scene: Scene) -> bool:
     return not np.any(np.asarray(scene.speeds)[np.asarray(scene.weights) > 0])
 
 
-def lowered(
-    plan: Plan, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
-) -> tuple[Scene, AbstractMotion, AbstractShutter]:
-    """Scene, motion and shutter in the precision that a plan asks for."""
-    if not plan.single:
-        return scene, motion, shutter
-    return jax.tree.map(_single, (scene, motion, shutter))
-
-
-def _single(leaf: object) -> object:
-    floating = isinstance(leaf, jax.Array | np.ndarray) and leaf.dtype == np.float64
-    return leaf.astype(np.float32) if floating else leaf  # type: ignore[union-attr]
-
-
 def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
     """The scene with every speed once, none that never occurs, and no picture or motion.
 
@@ -297,9 +279,7 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
 
 def is_symmetric(shutter: AbstractShutter) -> bool:
     """Whether a shutter is known to satisfy `w(-tau) = w(tau)`."""
-    if isinstance(shutter, SplineShutter):
-        return shutter.symmetric
-    return isinstance(shutter, _SYMMETRIC_WINDOWS)
+    return bool(getattr(shutter, "symmetric", False))
 
 
 def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:

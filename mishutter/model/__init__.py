@@ -36,6 +36,11 @@ from mishutter.model.shutters import RectShutter as RectShutter
 from mishutter.model.shutters import SplineShutter as SplineShutter
 from mishutter.model.shutters import TriangleShutter as TriangleShutter
 from mishutter.model.shutters import TukeyShutter as TukeyShutter
+from mishutter.model.shutters import baselines as baselines
+from mishutter.model.shutters import named_shutter as named_shutter
+from mishutter.model.shutters import register_shutter as register_shutter
+from mishutter.model.shutters import shutter_from_dict as shutter_from_dict
+from mishutter.model.shutters import shutter_to_dict as shutter_to_dict
 from mishutter.model.shutters.base import integrated_transmittance as integrated_transmittance
 from mishutter.model.shutters.base import profile_of as profile_of
 from mishutter.model.shutters.base import within_unit as within_unit

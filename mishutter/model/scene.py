@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
     RowLike,
+    all_concrete,
     as_float,
     is_concrete,
     require,
@@ -20,7 +21,7 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.model.frequencies import frequencies, on_steps
-from mishutter.model.motion import AbstractMotion
+from mishutter.model.motion import AbstractMotion, ParabolicMotion
 
 DEFAULT_MEAN = 0.25
 DEFAULT_DEVIATION = 0.2
@@ -76,6 +77,17 @@ class Limits(eqx.Module):
                 self.min_half_exposure,
             )
 
+    def fullest_motion(self) -> ParabolicMotion:
+        """The longest stroke at the highest top speed that the limits allow."""
+        stroke, top = self.max_stroke, self.max_top_speed
+        shortest, longest = self.min_half_exposure, self.max_half_exposure
+        known = all_concrete((stroke, top, shortest, longest))
+        space, number = (np, np.asarray) if known else (jnp, jnp.asarray)
+        stroke, top, shortest, longest = map(number, (stroke, top, shortest, longest))
+        T = space.clip(2 * stroke / top, shortest, longest)
+        acceleration = space.minimum(stroke / T / T, top / (2 * T))
+        return ParabolicMotion(acceleration=acceleration, half_exposure=T)
+
 
 @final
 class Scene(eqx.Module):
@@ -83,7 +95,8 @@ class Scene(eqx.Module):
 
     Args:
         speeds: Speeds $s_i$ that occur, px/s, either sign; shape `(n,)`.
-        weights: How often each occurs, $p_i$, summing to 1; equal by default.
+        weights: How often each occurs, on any scale; equal by default. They are divided
+            by their sum.
         photon_rate: Photo-electrons a second at a white pixel; e-/s.
         read_noise: Standard deviation of the read noise $\sigma$; e-.
         mean_level: Mean of the picture in linear light, white = 1.
@@ -94,12 +107,13 @@ class Scene(eqx.Module):
         cutoff_frequency: Highest frequency that the optics pass: the picture on the
             sensor holds none above it, and below it some; cycles/px, at most 0.5.
         limits: What the mechanism and the exposure may reach.
-        motion: Motion to start from or to compare at; None leaves it to the caller.
+        motion: Motion to start from or to compare at; the `fullest_motion` of the limits
+            by default.
         picture: Path of the photograph to show results on; None for none.
 
     Raises:
-        ValueError: if a value is not finite, out of its range or of another kind, the
-            weights do not sum to 1, or lengths differ.
+        ValueError: if a value is not finite, out of its range or of another kind, no
+            weight is above 0, or lengths differ.
     """
 
     speeds: Array
@@ -111,7 +125,7 @@ class Scene(eqx.Module):
     power_spectrum: Array | None
     cutoff_frequency: Array
     limits: Limits
-    motion: AbstractMotion | None
+    given_motion: AbstractMotion | None
     picture: str | None = eqx.field(static=True)
 
     def __init__(
@@ -132,7 +146,7 @@ class Scene(eqx.Module):
         self.speeds = as_float(speeds, "Scene(speeds=...)")
         count = max(self.speeds.size, 1)
         equal = np.full(self.speeds.shape, 1 / count, self.speeds.dtype)
-        self.weights = as_float(equal if weights is None else weights, "Scene(weights=...)")
+        self.weights = _normalised(equal if weights is None else weights)
         self.photon_rate = as_float(photon_rate, "Scene(photon_rate=...)")
         self.read_noise = as_float(read_noise, "Scene(read_noise=...)")
         self.mean_level = as_float(mean_level, "Scene(mean_level=...)")
@@ -142,7 +156,7 @@ class Scene(eqx.Module):
             self.power_spectrum = as_float(power_spectrum, "Scene(power_spectrum=...)")
         self.cutoff_frequency = as_float(cutoff_frequency, "Scene(cutoff_frequency=...)")
         self.limits = Limits() if limits is None else limits
-        self.motion = motion
+        self.given_motion = motion
         self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
 
     def __check_init__(self) -> None:
@@ -158,8 +172,8 @@ class Scene(eqx.Module):
         require(matches, "Scene(weights=...)", f"have shape {shape}", self.weights.shape)
         _check_at_least("Scene(weights=...)", self.weights, "at least 0")
         if is_concrete(self.weights):
-            total = float(np.sum(np.asarray(self.weights)))
-            require(abs(total - 1) < 1e-5, "Scene(weights=...)", "sum to 1", total)
+            some = bool(np.any(np.asarray(self.weights) > 0))
+            require(some, "Scene(weights=...)", "hold one above 0", self.weights)
         for name in ("photon_rate", "read_noise", "mean_level", "deviation"):
             value = getattr(self, name)
             require_scalar(f"Scene({name}=...)", value)
@@ -168,11 +182,12 @@ class Scene(eqx.Module):
         self._check_cutoff()
         for name, kind, requirement in (
             ("limits", Limits, "be `Limits`"),
-            ("motion", AbstractMotion | None, "be a motion"),
             ("picture", str | None, "be a path"),
         ):
             value = getattr(self, name)
             require(isinstance(value, kind), f"Scene({name}=...)", requirement, value)
+        known = isinstance(self.given_motion, AbstractMotion | None)
+        require(known, "Scene(motion=...)", "be a motion", self.given_motion)
 
     def _check_spectrum(self) -> None:
         subject, power = "Scene(power_spectrum=...)", self.power_spectrum
@@ -270,6 +285,11 @@ class Scene(eqx.Module):
         )
 
     @property
+    def motion(self) -> AbstractMotion:
+        """The motion to start from or to compare at: that given, or the fullest within limits."""
+        return self.limits.fullest_motion() if self.given_motion is None else self.given_motion
+
+    @property
     def speeds_known(self) -> bool:
         """Whether the speeds and weights can be looked at now, rather than being traced."""
         return is_concrete(self.speeds) and is_concrete(self.weights)
@@ -282,6 +302,18 @@ class Scene(eqx.Module):
             with jax.ensure_compile_time_eval():
                 return jnp.asarray(np.max(np.abs(speeds), where=weights > 0, initial=0))
         return jnp.max(jnp.where(self.weights > 0, jnp.abs(self.speeds), 0))
+
+
+def _normalised(weights: RowLike) -> Array:
+    """Weights over their sum; those that sum to 1 to rounding keep their bits."""
+    row = as_float(weights, "Scene(weights=...)")
+    if not is_concrete(row):
+        return row / jnp.sum(row)
+    total = float(np.sum(np.asarray(row, np.float64)))
+    rounding = row.size * float(np.finfo(row.dtype).eps)
+    if not total > 0 or not np.isfinite(total) or abs(total - 1) <= rounding:
+        return row
+    return as_float(np.asarray(row) / np.asarray(total, row.dtype), "Scene(weights=...)")
 
 
 def _check_at_least(subject: str, value: Array, bound: str, *, strict: bool = False) -> None:

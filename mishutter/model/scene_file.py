@@ -30,7 +30,6 @@ EXAMPLE_PICTURE = "example"
 _NUM_FREQUENCIES = 256
 _DEVIATIONS = 3.0
 _MAX_TRAVEL = 1e4
-_WEIGHT_TOLERANCE = 1e-6
 
 
 def read_scene(path: str | Path) -> Scene:
@@ -119,10 +118,10 @@ def _listed(speeds: list[float], weights: list[float] | None) -> tuple[np.ndarra
     count = len(speeds)
     if weights is None:
         return np.array(speeds), np.full(count, 1 / count)
-    subject, total = "[speeds] weights", sum(weights)
+    subject = "[speeds] weights"
     require(len(weights) == count, subject, f"be {count}, one a speed", len(weights))
-    require(abs(total - 1) <= _WEIGHT_TOLERANCE, subject, "sum to 1", total)
-    return np.array(speeds), np.array(weights) / total
+    require(sum(weights) > 0, subject, "hold one above 0", weights)
+    return np.array(speeds), np.array(weights)
 
 
 def _limits(section: LimitsSection) -> Limits:
@@ -137,9 +136,9 @@ def _limits(section: LimitsSection) -> Limits:
     )
 
 
-def _motion(section: MotionSection | None, limits: LimitsSection) -> ParabolicMotion:
+def _motion(section: MotionSection | None, limits: LimitsSection) -> ParabolicMotion | None:
     if section is None:
-        return _fullest_motion(limits)
+        return None
     subject = "[motion] half_exposure_ms"
     half = section.half_exposure_ms
     low, high = limits.min_half_exposure_ms, limits.max_half_exposure_ms
@@ -163,14 +162,6 @@ def _motion(section: MotionSection | None, limits: LimitsSection) -> ParabolicMo
     )
     require(top <= limits.max_top_speed_px_per_s * margin, key, requirement, Bare(f"{top:g} px/s"))
     return ParabolicMotion(acceleration=a, half_exposure=T)
-
-
-def _fullest_motion(limits: LimitsSection) -> ParabolicMotion:
-    """The longest stroke at the highest speed that the limits allow."""
-    stroke, top = limits.max_stroke_px, limits.max_top_speed_px_per_s
-    shortest, longest = limits.min_half_exposure_ms / 1000, limits.max_half_exposure_ms / 1000
-    T = min(max(2 * stroke / top, shortest), longest)
-    return ParabolicMotion(acceleration=min(stroke / T**2, top / (2 * T)), half_exposure=T)
 
 
 def _picture(section: PictureSection, folder: Path) -> dict[str, Any]:

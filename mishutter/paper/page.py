@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from mishutter.paper.capture import PLAIN
-
 TITLE = "Improved motion invariant imaging with time varying shutter functions"
 """Title of the paper whose statements are held against what came out."""
 
@@ -21,69 +19,61 @@ _SMOOTH = ("triangle", "hann", "gaussian")
 def statements(numbers: dict[str, Any]) -> list[Statement]:
     """Every published statement beside what was found."""
     return [
-        *_kernel_statements(numbers),
+        *_kernel_statements(numbers["figure_3"], numbers["setting"]),
         *_spectrum_statements(numbers["figure_4"]),
         *_ghost_statements(numbers["figure_5"]),
         *_speed_statements(numbers["figure_6"]),
-        *_plain_statements(numbers["decoders"]),
+        *_plain_statements(numbers["plain_iterations"]),
         _noise_statement(numbers["figure_6"]),
     ]
 
 
 def report_page(numbers: dict[str, Any]) -> str:
-    """The page, in Markdown."""
-    setting = numbers["setting"]
-    lines = [
-        "# What the paper states, and what came out",
-        "",
-        f'The paper is "{TITLE}"; figures, sections and equations are numbered as there.',
-        "",
-        f"Stroke {setting['stroke_px']:g} px, phase {setting['phase_px']:g}, "
-        f"{setting['electrons_at_white']:g} e- at white and {setting['read_noise_e']:g} e- of "
-        "read noise unless said otherwise; decoder: " + setting["decoder"] + ". PSNR with "
-        "gamma 2.2 put back, on photographs whose borders are real. The paper says neither "
-        "how much light it assumed nor what its speed axis is normalised by: both readings "
-        "of the axis are given, `s/(aT)` and `s/(2aT)`; the first fits the paper's own "
-        "kernel lengths (34 to 51 samples) and is the likelier.",
-        "",
-        "| published | met | found |",
-        "|---|---|---|",
-    ]
-    for statement in numbers["statements"]:
-        mark = "yes" if statement["met"] else "**no**"
-        lines.append(f"| {statement['claim']} | {mark} | {statement['found']} |")
-    missed = sum(not s["met"] for s in numbers["statements"])
-    total = len(numbers["statements"])
-    lines += [
-        "",
-        f"{total - missed} of {total} met; by reading of the axis: {_by_reading(numbers)}.",
-        "",
-        "## Condition numbers",
-        "",
-        f"At a stroke of {numbers['figure_4']['stroke_px']:g} px, phase 0, over a DFT of "
-        f"{numbers['figure_4']['dft_length']} points.",
-        "",
-        "| kernel | published | found |",
-        "|---|---|---|",
-    ]
-    four = numbers["figure_4"]
-    lines += [
-        f"| {name} | {four['published'][name]:g} | {value:.2f} |"
+    """The page, in Markdown: a line for each statement, the condition numbers, the figures."""
+    setting, four, found = numbers["setting"], numbers["figure_4"], numbers["statements"]
+    met = sum(s["met"] for s in found)
+    rows = [(s["claim"], "yes" if s["met"] else "**no**", s["found"]) for s in found]
+    conditions = [
+        (name, f"{four['published'][name]:g}", f"{value:.2f}")
         for name, value in four["condition"].items()
     ]
-    lines += _decoder_lines(numbers["decoders"])
-    for reading, photographs in numbers["figure_6"]["psnr_over_speed"].items():
-        lines += ["", f"## PSNR against speed, {reading}", ""]
-        lines += _psnr_table(numbers["figure_6"]["speed"], photographs)
-    lines += [
-        "",
-        "## Figures",
-        "",
-        *(f"![Figure {n}](figure_{n}.png)\n" for n in (3, 4, 5, 6)),
-        "`figures.json` holds every number in them.",
-        "",
-    ]
-    return "\n".join(lines)
+    return "\n".join(
+        [
+            "# What the paper states, and what came out",
+            "",
+            f'The paper is "{TITLE}"; figures, sections and equations are numbered as there.',
+            "",
+            f"Stroke {setting['stroke_px']:g} px, phase {setting['phase_px']:g}, "
+            f"{setting['electrons_at_white']:g} e- at white and {setting['read_noise_e']:g} e- of "
+            f"read noise unless said otherwise; decoder: {setting['decoder']}. PSNR with gamma 2.2 "
+            "put back, on photographs whose borders are real. The paper says neither how much "
+            "light it assumed nor what its speed axis is normalised by: both readings of the axis "
+            "are given, `s/(aT)` and `s/(2aT)`; the first fits the paper's own kernel lengths (34 "
+            "to 51 samples) and is the likelier.",
+            "",
+            *_table(("published", "met", "found"), rows),
+            "",
+            f"{met} of {len(found)} met; by reading of the axis: {_by_reading(numbers)}.",
+            "",
+            "## Condition numbers",
+            "",
+            f"At a stroke of {four['stroke_px']:g} px, phase 0, over a DFT of "
+            f"{four['dft_length']} points.",
+            "",
+            *_table(("kernel", "published", "found"), conditions),
+            "",
+            "## Figures",
+            "",
+            *(f"![Figure {n}](figure_{n}.png)\n" for n in (3, 4, 5, 6)),
+            "`figures.json` holds every number in them.",
+            "",
+        ]
+    )
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    lines = [f"| {' | '.join(row)} |" for row in (head, *rows)]
+    return [lines[0], "|---" * len(head) + "|", *lines[1:]]
 
 
 def _by_reading(numbers: dict[str, Any]) -> str:
@@ -94,71 +84,30 @@ def _by_reading(numbers: dict[str, Any]) -> str:
     return ", ".join(counts)
 
 
-def _decoder_lines(numbers: dict[str, Any]) -> list[str]:
-    """What Hann gains over rect by each decoder, and what of that is the decoder's doing."""
-    speeds, lines = numbers["speed"], ["", "## Hann over rect by other decoders", ""]
-    lines += [
-        "Richardson-Lucy sharpens less the fewer steps it takes, and so hides differences "
-        "between kernels; the accelerated form goes about as far in 10 steps as the plain "
-        "in 30. Gain of Hann over rect in dB; the last column is Hann's own PSNR at "
-        f"{speeds[0]:g}. All but the last decoder take every object for a still one.",
-    ]
-    for reading, photographs in numbers["psnr"].items():
-        head = " | ".join(f"{v:g}" for v in speeds)
-        lines += ["", f"| photograph | decoder | {reading} = {head} | Hann |"]
-        lines.append("|---" * (len(speeds) + 3) + "|")
-        by_decoder: dict[str, list[float]] = {}
-        for photograph, decoders in photographs.items():
-            for name, psnr in decoders.items():
-                gain = _gain(psnr)
-                by_decoder.setdefault(name, []).extend(gain.tolist())
-                cells = " | ".join(f"{v:+.1f}" for v in gain)
-                lines.append(f"| {photograph} | {name} | {cells} | {psnr['hann'][0]:.1f} |")
-        ranges = [f"{n} {min(v):.1f} to {max(v):.1f} dB" for n, v in by_decoder.items()]
-        lines += ["", f"Over all photographs and speeds, {reading}: " + "; ".join(ranges) + "."]
-    return lines
-
-
-def _psnr_table(speeds: list[float], photographs: dict[str, Any]) -> list[str]:
-    head = " | ".join(f"{v:.2f}" for v in speeds)
-    lines = [f"| photograph | shutter | {head} |", "|---" * (len(speeds) + 2) + "|"]
-    for photograph, windows in photographs.items():
-        for window, values in windows.items():
-            cells = " | ".join(f"{v:.1f}" for v in values)
-            lines.append(f"| {photograph} | {window} | {cells} |")
-    return lines
-
-
-def _kernel_statements(numbers: dict[str, Any]) -> list[Statement]:
-    three, found = numbers["figure_3"], []
+def _kernel_statements(three: dict[str, Any], setting: dict[str, Any]) -> list[Statement]:
+    found = []
     for reading, rms in three["rms"].items():
         rect, hann = np.array(rms["rect"])[1:], np.array(rms["hann"])[1:]
         below = hann < rect
-        rising = bool(np.all(np.diff(rms["rect"]) >= 0))
         crossing = "" if below.all() else f"; above from {three['speed'][1 + below.argmin()]:.2f}"
-        found.append(
+        found += [
             _statement(
                 f"Smooth shuttering reduces the RMS kernel difference over the range ({reading})",
-                bool(below.all()),
+                below.all(),
                 f"Hann/rect {hann[0] / rect[0]:.2f} at 0.05, {hann[-1] / rect[-1]:.2f} at 0.5"
                 + crossing,
-            )
-        )
-        found.append(
+            ),
             _statement(
                 f"For rect the difference rises steadily with speed ({reading})",
-                rising,
+                np.all(np.diff(rms["rect"]) >= 0),
                 f"{rect[0]:.2e} at 0.05 to {rect[-1]:.2e} at 0.5",
-            )
-        )
-    stroke = numbers["setting"]["stroke_px"]
-    lengths = {
-        r: stroke * (1 + 0.5 * k) ** 2 for r, k in numbers["setting"]["speed_readings"].items()
-    }
+            ),
+        ]
+    stroke, readings = setting["stroke_px"], setting["speed_readings"]
+    lengths = {reading: stroke * (1 + 0.5 * k) ** 2 for reading, k in readings.items()}
     text = "; ".join(f"{stroke:g} to {v:.0f} px by {r}" for r, v in lengths.items())
     fits = min(abs(v - 51) for v in lengths.values()) < 3
-    found.append(_statement("Kernels are 34 to 51 samples long", fits, text))
-    return found
+    return [*found, _statement("Kernels are 34 to 51 samples long", fits, text)]
 
 
 def _spectrum_statements(four: dict[str, Any]) -> list[Statement]:
@@ -166,28 +115,24 @@ def _spectrum_statements(four: dict[str, Any]) -> list[Statement]:
     for name, value in four["condition"].items():
         published = four["published"][name]
         close = abs(value - published) < 0.02 * published
-        claim = f"Condition number of {name}: {published:g}"
-        found.append(_statement(claim, close, f"{value:.2f}"))
-    magnitude = {name: np.array(v) for name, v in four["magnitude"].items()}
-    rect, hann = magnitude["motion invariant, rect"], magnitude["motion invariant, Hann"]
-    lower = bool(hann[0] < rect[0])
-    found.append(
+        found.append(
+            _statement(f"Condition number of {name}: {published:g}", close, f"{value:.2f}")
+        )
+    rect, hann = (np.array(four["magnitude"][f"motion invariant, {w}"]) for w in ("rect", "Hann"))
+    ranges = [magnitude.max() / magnitude.min() for magnitude in (hann, rect)]
+    return [
+        *found,
         _statement(
             "A smooth shutter attenuates low frequencies",
-            lower,
+            hann[0] < rect[0],
             f"response at 0: {hann[0]:.2f} of an open exposure against {rect[0]:.2f}",
-        )
-    )
-    flatter = hann.max() / hann.min() < rect.max() / rect.min()
-    found.append(
+        ),
         _statement(
             "A smooth shutter makes the response notably flatter",
-            bool(flatter),
-            f"largest over least {np.max(hann) / np.min(hann):.2f} against "
-            f"{np.max(rect) / np.min(rect):.2f}",
-        )
-    )
-    return found
+            ranges[0] < ranges[1],
+            f"largest over least {ranges[0]:.2f} against {ranges[1]:.2f}",
+        ),
+    ]
 
 
 def _ghost_statements(five: dict[str, Any]) -> list[Statement]:
@@ -200,54 +145,48 @@ def _ghost_statements(five: dict[str, Any]) -> list[Statement]:
                 *(values["ghost_energy"][w] for w in ("rect", "hann")), strict=True
             )
         ]
-        found.append(
-            _statement(
-                f"No ghost with Hann at 0.1 and 0.3: energy at least 10 times lower ({reading})",
-                min(ratios) >= 10,
-                f"{min(ratios):.0f} to {max(ratios):.0f} times lower",
-            )
-        )
+        claim = f"No ghost with Hann at 0.1 and 0.3: energy at least 10 times lower ({reading})"
+        text = f"{min(ratios):.0f} to {max(ratios):.0f} times lower"
+        found.append(_statement(claim, min(ratios) >= 10, text))
     return found
 
 
 def _speed_statements(six: dict[str, Any]) -> list[Statement]:
-    found = []
-    speed = np.array(six["speed"])
+    speed, found = np.array(six["speed"]), []
     for reading, photographs in six["psnr_over_speed"].items():
         for name, windows in photographs.items():
-            rows = {w: np.array(v) for w, v in windows.items()}
-            gain = rows["hann"] - rows["rect"]
-            fast = speed >= 0.2
-            within = bool(np.all((gain[fast] >= 3) & (gain[fast] <= 8)))
-            text = f"{gain[fast].min():.1f} to {gain[fast].max():.1f} dB from 0.2 to 0.5"
+            psnr = {window: np.array(values) for window, values in windows.items()}
+            gain = psnr["hann"] - psnr["rect"]
+            fast = gain[speed >= 0.2]
+            spread = np.ptp([psnr[w] for w in _SMOOTH], axis=0).max()
+            fit = np.corrcoef(speed, psnr["rect"])[0, 1] ** 2
+            slope = np.polyfit(speed, psnr["rect"], 1)[0]
+            slow = psnr["hann"][speed <= 0.2]
+            fall = slow[-1] - psnr["hann"][-1]
             where = f"({name}, {reading})"
-            found.append(
-                _statement(f"Hann over rect 3 to 8 dB at mid to high speeds {where}", within, text)
-            )
-            spread = np.ptp([rows[w] for w in _SMOOTH], axis=0)
-            text = f"spread at most {spread.max():.2f} dB"
-            found.append(
-                _statement(f"Smooth windows within 1 dB {where}", bool(spread.max() < 1), text)
-            )
-            fit = np.corrcoef(speed, rows["rect"])[0, 1] ** 2
-            slope = np.polyfit(speed, rows["rect"], 1)[0]
-            text = f"{slope:.0f} dB per unit of speed, a line explains {100 * fit:.0f} %"
-            falls = bool(slope < 0 and fit > 0.9)
-            found.append(_statement(f"Rect declines in proportion to speed {where}", falls, text))
-            text = f"{gain[0]:.1f} dB"
-            found.append(
-                _statement(f"Better also for a still object {where}", bool(gain[0] > 0), text)
-            )
-            slow = rows["hann"][speed <= 0.2]
-            late = rows["hann"][-1]
-            fall = slow[-1] - late
-            text = f"Hann loses {np.ptp(slow):.1f} dB up to 0.2, {fall:.1f} dB from there to 0.5"
-            steady = bool(np.ptp(slow) < fall)
-            found.append(
+            found += [
                 _statement(
-                    f"Hann is consistent up to about 0.2, then declines {where}", steady, text
-                )
-            )
+                    f"Hann over rect 3 to 8 dB at mid to high speeds {where}",
+                    np.all((fast >= 3) & (fast <= 8)),
+                    f"{fast.min():.1f} to {fast.max():.1f} dB from 0.2 to 0.5",
+                ),
+                _statement(
+                    f"Smooth windows within 1 dB {where}", spread < 1, f"at most {spread:.2f} dB"
+                ),
+                _statement(
+                    f"Rect declines in proportion to speed {where}",
+                    slope < 0 and fit > 0.9,
+                    f"{slope:.0f} dB per unit of speed, a line explains {100 * fit:.0f} %",
+                ),
+                _statement(
+                    f"Better also for a still object {where}", gain[0] > 0, f"{gain[0]:.1f} dB"
+                ),
+                _statement(
+                    f"Hann is consistent up to about 0.2, then declines {where}",
+                    np.ptp(slow) < fall,
+                    f"Hann loses {np.ptp(slow):.1f} dB up to 0.2, {fall:.1f} dB from there to 0.5",
+                ),
+            ]
     return found
 
 
@@ -255,27 +194,26 @@ def _plain_statements(numbers: dict[str, Any]) -> list[Statement]:
     """The gain by Richardson-Lucy as it is, should the paper not have used MATLAB's form."""
     found = []
     for reading, photographs in numbers["psnr"].items():
-        gains = np.array([_gain(decoders[PLAIN]) for decoders in photographs.values()])
-        within = bool(np.all((gains >= 3) & (gains <= 8)))
+        rows = photographs.values()
+        gains = np.array([np.subtract(psnr["hann"], psnr["rect"]) for psnr in rows])
         claim = f"Hann over rect 3 to 8 dB also by 30 plain iterations, all photographs ({reading})"
         text = f"{gains.min():.1f} to {gains.max():.1f} dB from 0.2 to 0.5"
-        found.append(_statement(claim, within, text))
+        found.append(_statement(claim, np.all((gains >= 3) & (gains <= 8)), text))
     return found
 
 
-def _gain(psnr: dict[str, list[float]]) -> np.ndarray:
-    return np.array(psnr["hann"]) - np.array(psnr["rect"])
-
-
 def _noise_statement(six: dict[str, Any]) -> Statement:
-    levels, found, faster = six["electrons"], [], True
-    for name, windows in six["psnr_over_noise"].items():
-        drops = {w: windows[w][len(levels) // 2] - windows[w][0] for w in ("rect", "hann")}
-        faster &= drops["hann"] > drops["rect"]
-        found.append(f"{name}: Hann {drops['hann']:.1f} dB, rect {drops['rect']:.1f} dB")
-    text = f"from {levels[len(levels) // 2]:.0e} to {levels[0]:.0e} e-: " + "; ".join(found)
-    return _statement("PSNR drops faster with noise under smooth shuttering", bool(faster), text)
+    levels, windows = six["electrons"], six["psnr_over_noise"]
+    middle = len(levels) // 2
+    drops = {
+        name: {w: psnr[w][middle] - psnr[w][0] for w in ("hann", "rect")}
+        for name, psnr in windows.items()
+    }
+    each = [f"{n}: Hann {d['hann']:.1f} dB, rect {d['rect']:.1f} dB" for n, d in drops.items()]
+    text = f"from {levels[middle]:.0e} to {levels[0]:.0e} e-: " + "; ".join(each)
+    faster = all(drop["hann"] > drop["rect"] for drop in drops.values())
+    return _statement("PSNR drops faster with noise under smooth shuttering", faster, text)
 
 
-def _statement(claim: str, met: bool, found: str) -> Statement:
+def _statement(claim: str, met: Any, found: str) -> Statement:
     return {"claim": claim, "met": bool(met), "found": found}

@@ -36,8 +36,8 @@ from mishutter.paper.capture import (
     READINGS,
     STROKE,
     camera,
-    decoder_numbers,
     photograph,
+    plain_numbers,
     restored,
 )
 from mishutter.paper.figures import (
@@ -109,10 +109,10 @@ def reproduce(
     numbers["figure_4"] = spectrum_numbers(shutters)
     report("photographs at two speeds", 0.1)
     pictures, numbers["figure_5"] = _figure_5_numbers(photographs)
-    report("other decoders", 0.15)
+    report("plain iterations", 0.15)
     windows = {name: shutters[name] for name in ("rect", "hann")}
     speeds = MID_TO_HIGH[::3] if quick else MID_TO_HIGH
-    numbers["decoders"] = decoder_numbers(photographs, windows, speeds)
+    numbers["plain_iterations"] = plain_numbers(photographs, windows, speeds)
     report("photographs over speed and noise", 0.3)
     numbers["figure_6"] = _figure_6_numbers(shutters, photographs, report, quick)
     numbers["statements"] = statements(numbers)

@@ -17,7 +17,6 @@ from mishutter.report.sweep_plots import plot_map as plot_map
 from mishutter.report.sweep_plots import write_pictures as write_pictures
 from mishutter.report.tables import Report as Report
 from mishutter.report.tables import document as document
-from mishutter.report.tables import named_shutter as named_shutter
 from mishutter.report.tables import print_report as print_report
 from mishutter.report.tables import shown_rows as shown_rows
 from mishutter.report.tables import write_report as write_report

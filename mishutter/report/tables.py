@@ -5,32 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from mishutter._core import require, strict_json, write_text
+from mishutter._core import strict_json, write_text
 from mishutter.cli.console import print_table, print_text
 from mishutter.design import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Design, Row
 from mishutter.model import (
-    RASKAR_CODE,
-    AbstractShutter,
-    ChippedShutter,
-    GaussianShutter,
-    HannShutter,
-    RectShutter,
     Scene,
-    TriangleShutter,
-    TukeyShutter,
 )
 from mishutter.report.photographs import ENSEMBLE, Photographs
 from mishutter.restore import RestoredPhotograph
-
-_FIXED = {
-    "rect": RectShutter,
-    "hann": HannShutter,
-    "triangle": TriangleShutter,
-    "raskar": lambda: ChippedShutter(RASKAR_CODE),
-}
-_WITH_PARAMETER = {"gaussian": GaussianShutter, "tukey": TukeyShutter}
 
 
 @dataclass(frozen=True)
@@ -50,27 +32,6 @@ class Report:
     names: tuple[str, ...]
     photographs: Photographs | None = None
     design: Design | None = None
-
-
-def named_shutter(text: str) -> AbstractShutter:
-    """The window that `NAME` or `NAME:VALUE` stands for.
-
-    Raises:
-        ValueError: if there is no such window or the value is not its parameter.
-    """
-    name, colon, value = text.partition(":")
-    key, subject = name.strip().lower(), "--shutter"
-    known = [*_FIXED, *_WITH_PARAMETER]
-    require(key in known, subject, f"be one of {', '.join(known)}", text)
-    if not colon:
-        return (_FIXED.get(key) or _WITH_PARAMETER[key])()
-    require(key in _WITH_PARAMETER, subject, f"give {key} no parameter", text)
-    try:
-        parameter = float(value)
-    except ValueError:
-        parameter = np.nan
-    require(bool(np.isfinite(parameter)), subject, "have a finite number after the colon", text)
-    return _WITH_PARAMETER[key](parameter)
 
 
 def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:

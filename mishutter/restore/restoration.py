@@ -29,7 +29,6 @@ from mishutter.camera import (
     kernel_layout,
     noisy,
     rows_last,
-    tolerates,
 )
 from mishutter.evaluation import PLANNED, Automatic, Plan
 from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene
@@ -112,8 +111,7 @@ def deconvolve(
         shutter: Transmittance over the exposure.
         decoder: How; the ensemble filter by default.
         model: What `blur_model` gives for these, if it is at hand.
-        plan: What to compute: by default equal colours once; with a plan that has a
-            tolerance an iterative decoder also stops at the noise; None for everything.
+        plan: What to compute: by default equal colours once; None for everything.
 
     Returns:
         Light of the picture, white = 1; the shape of `captured`. A moving object stays
@@ -126,7 +124,6 @@ def deconvolve(
     chosen = EnsembleDecoder() if decoder is None else decoder
     right = isinstance(chosen, AbstractDecoder)
     require(right, "deconvolve(decoder=...)", "be a decoder", decoder)
-    chosen = chosen.stopping_at_noise() if tolerates(plan) else chosen
     known = blur_model(scene, motion, shutter, plan=plan) if model is None else model
     lit, subject = known.electrons > 0, "deconvolve(scene=...)"
     require(lit, subject, "have a photon rate above 0 e-/s", known.electrons)

@@ -17,7 +17,7 @@ from mishutter._core import (
     require_seed,
 )
 from mishutter.camera import skips
-from mishutter.design import baselines, starting_shutter
+from mishutter.design import starting_shutter
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
@@ -27,7 +27,7 @@ from mishutter.evaluation import (
     Plan,
     sized_for,
 )
-from mishutter.model import AbstractShutter, Scene, SplineShutter, TukeyShutter
+from mishutter.model import AbstractShutter, Scene, SplineShutter, TukeyShutter, baselines
 from mishutter.sweeps.blocks import Engine
 from mishutter.sweeps.cluster import compute_remotely, connection
 from mishutter.sweeps.grid import METRICS, OPTIMISED, Grid, Search, checked_axis
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 _LOG = logging.getLogger("mishutter.sweep")
 _TOLERANCE = 1e-6
-_STEP_SHARE = 1e-2
 """Change by the last step of a descent, of the change that is allowed in all."""
 
 
@@ -87,8 +86,8 @@ def sweep(
         full_well: Most electrons of a white pixel; no limit by default.
         plan: What to compute. By default what cannot change a result is left out: mirrored,
             repeated and absent speeds, taps and nodes that a point does not reach. None
-            computes everything. Of a plan only that choice and its tolerance are kept, to
-            which profiles are searched; every point has sizes of its own.
+            computes everything. Of a plan only that choice is kept: every point has sizes
+            of its own.
         store: Folder of a Zarr store, written block by block. The same sweep run again
             computes what is missing.
         scheduler: A `dask.distributed` client, or the address of a scheduler, whose
@@ -208,9 +207,7 @@ def _search(
             "`sweep(loss=...)` must be a loss of transfer functions alone, as "
             f"ExpectedErrorLoss is; got {describe(chosen)}."
         )
-    allowed = plan.tolerance if isinstance(plan, Plan) else 0.0
-    tolerance = max(_STEP_SHARE * allowed, _TOLERANCE)
-    return Search(chosen, num_coefficients, symmetric, max_steps, seed, tolerance)
+    return Search(chosen, num_coefficients, symmetric, max_steps, seed, _TOLERANCE)
 
 
 def _shutters(given: Mapping[str, Any] | None) -> dict[str, AbstractShutter]:

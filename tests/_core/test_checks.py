@@ -17,7 +17,6 @@ from mishutter import (
     StillCamera,
     TukeyShutter,
     blur_kernel,
-    check_plan,
     compare,
     deconvolve,
     optimise,
@@ -158,9 +157,6 @@ ASKED = {
     "blur_model(scene=": lambda x: deconvolve(LIGHT, _scene(x * 3e4), _motion(), WINDOW),
     "sweep(scenes=": lambda x: sweep(
         _scene(x * 3e4), accelerations=[1e4, 2e4], half_exposures=[5e-3]
-    ),
-    "check_plan(scene=": lambda x: check_plan(
-        plan(_scene(), _motion(), WINDOW), _scene(x * 3e4), _motion(), WINDOW
     ),
 }
 """What decides how much is computed, by the name in the error, as a function of a number."""

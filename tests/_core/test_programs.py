@@ -171,8 +171,8 @@ from pathlib import Path
 import jax
 jax.config.update("jax_enable_x64", True)
 from mishutter import example_scene, evaluate, HannShutter, ParabolicMotion
-from mishutter.noise import shot_electrons
-from mishutter.programs import SHELF, KeptProgram
+from mishutter.camera.noise import shot_electrons
+from mishutter._core.programs import SHELF, KeptProgram
 SHELF.open(Path(sys.argv[1]))
 if sys.argv[2] == "again":
     KeptProgram._compiled = None

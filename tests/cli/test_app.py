@@ -145,7 +145,7 @@ def test_the_output_folder_is_tried_before_the_search(tmp_path, capsys, monkeypa
     """A folder that takes no files is refused before anything is computed."""
     place = tmp_path / "file"
     place.write_text("in the way")
-    monkeypatch.setattr("mishutter.design.planning.plan", None)
+    monkeypatch.setattr("mishutter.design.plan", None)
     line = refused(capsys, "optimise", "--out", place)
     assert "`--out` must be a folder that takes files; got" in line
 
@@ -183,7 +183,7 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("mishutter.model.scene_file.example_scene", interrupt)
+    monkeypatch.setattr("mishutter.model.example_scene", interrupt)
     assert cli.main(["compare"]) == 130
     assert "Traceback" not in capsys.readouterr().err
 
@@ -195,7 +195,7 @@ def test_a_termination_is_143(monkeypatch):
         os.kill(os.getpid(), signal.SIGTERM)
         raise AssertionError
 
-    monkeypatch.setattr("mishutter.model.scene_file.example_scene", terminated)
+    monkeypatch.setattr("mishutter.model.example_scene", terminated)
     with pytest.raises(SystemExit, match="143"):
         cli.main(["compare"])
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
@@ -207,7 +207,7 @@ def test_a_bug_shows_itself(monkeypatch):
     def fail(*_, **__):
         raise TypeError("a bug")
 
-    monkeypatch.setattr("mishutter.model.scene_file.example_scene", fail)
+    monkeypatch.setattr("mishutter.model.example_scene", fail)
     with pytest.raises(TypeError, match="a bug"):
         cli.main(["compare"])
 

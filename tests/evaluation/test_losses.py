@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.classes import final_classes
 from support.designs import MOTION, SCENE, SMALL
+from support.plan_check import plan_error
 
 from mishutter import (
     AbstractLoss,
@@ -21,7 +22,6 @@ from mishutter import (
     condition_number,
     evaluate,
     losses,
-    plan_error,
 )
 from mishutter.evaluation.losses.design import smooth_condition_number
 

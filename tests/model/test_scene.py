@@ -46,13 +46,43 @@ def test_optics_that_pass_nothing_of_the_picture(power, cutoff, first):
     Scene([0.0], **LIGHT, power_spectrum=power, cutoff_frequency=0.35)
 
 
-@pytest.mark.parametrize("name", ["motion", "limits", "picture"])
+@pytest.mark.parametrize("name", ["given_motion", "limits", "picture"])
 def test_parts_that_are_something_else(name):
     """A part of the wrong kind is refused by name, also where annotations are not checked."""
     scene = Scene([0.0], **LIGHT)
     object.__setattr__(scene, name, 3)
-    with pytest.raises(ValueError, match=rf"`Scene\({name}=...\)` must be .*; got 3"):
+    argument = name.removeprefix("given_")
+    with pytest.raises(ValueError, match=rf"`Scene\({argument}=...\)` must be .*; got 3"):
         scene.__check_init__()
+
+
+@pytest.mark.parametrize("scale", [1e-200, 0.75, 3.0, 7e8])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_weights_are_divided_by_their_sum(scale, dtype):
+    """Counts and shares of any scale give one scene; a traced one too."""
+    weights = np.array([0.2, 0.3, 0.5], np.float64)
+    given = (scale * weights).astype(dtype) if scale > 1e-30 else scale * weights
+    speeds = np.array([3.0, -7.0, 19.0], given.dtype)
+    made = Scene(speeds, given, **LIGHT)
+    traced = jax.jit(lambda w: Scene(speeds, w, **LIGHT).weights)(given)
+    tolerance = 8 * np.finfo(given.dtype).eps
+    np.testing.assert_allclose(np.asarray(made.weights), weights, rtol=tolerance)
+    np.testing.assert_allclose(np.asarray(traced), weights, rtol=tolerance)
+    assert np.array_equal(np.asarray(made.bare().weights), np.asarray(made.weights))
+
+
+@pytest.mark.parametrize(
+    ("stroke", "top", "half"), [(45.0, 2e4, 4.5e-3), (45.0, 20.0, 0.05), (0.3, 2e4, 1e-3)]
+)
+def test_a_scene_without_a_motion_has_the_fullest(stroke, top, half):
+    """It uses up the stroke and the top speed, or what the exposures allow of them."""
+    limits = Limits(
+        max_stroke=stroke, max_top_speed=top, min_half_exposure=1e-3, max_half_exposure=0.05
+    )
+    motion = Scene([0.0, 700.0], **LIGHT, limits=limits).motion
+    assert float(motion.half_exposure) == pytest.approx(half)
+    shares = float(motion.stroke) / stroke, float(motion.top_speed) / top
+    assert max(shares) == pytest.approx(1)
 
 
 def test_a_picture_may_be_a_path():
@@ -90,8 +120,8 @@ MISTAKES = {
         "`Scene(weights=...)` must have shape (2,); got (3,)",
     ),
     "weights-off": (
-        lambda: Scene([3.0, 7.0], [0.25, 0.5], **LIGHT),
-        "`Scene(weights=...)` must sum to 1; got 0.75",
+        lambda: Scene([3.0, 7.0], [0.0, 0.0], **LIGHT),
+        "`Scene(weights=...)` must hold one above 0; got",
     ),
     "weight-negative": (
         lambda: Scene([3.0, 7.0], [-0.2, 1.2], **LIGHT),

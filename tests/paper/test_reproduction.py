@@ -48,8 +48,6 @@ def test_the_page(tmp_path):
     met = {s["claim"]: s["met"] for s in numbers["statements"]}
     assert met["Hann over rect 3 to 8 dB at mid to high speeds (camera, s/(aT))"]
     assert met["Smooth windows within 1 dB (camera, s/(aT))"]
-    for reading in ("s/(aT)", "s/(2aT)"):
-        assert len(numbers["decoders"]["psnr"][reading]["camera"]) >= 3
     assert met["Hann over rect 3 to 8 dB also by 30 plain iterations, all photographs (s/(aT))"]
     page = (tmp_path / "REPRODUCTION.md").read_text()
     assert all(s["claim"] in page and s["found"] in page for s in numbers["statements"])

@@ -110,20 +110,6 @@ def test_a_continuous_picture_leaves_the_error_that_evaluate_expects(shutter, ph
         assert abs(measured["deconvolve"] - expected) < 0.3
 
 
-def test_a_tolerance_stops_iterations_at_the_noise():
-    """A plan with a tolerance restores as the decoder that stops at the noise does."""
-    known, shutter = scene(), ms.HannShutter()
-    rows = gaussian_rows(8, 400)
-    captured = ms.simulate_capture(rows, known, camera(), shutter, key=jax.random.key(1))
-    loose = ms.plan(known, camera(), shutter, tolerance=1e-3)
-    plain, stopping = ms.RichardsonLucyDecoder(), ms.RichardsonLucyDecoder(until_noise=True)
-    given = captured, known, camera(), shutter
-    by_plan = ms.deconvolve(*given, decoder=plain, plan=loose)
-    assert np.array_equal(by_plan, ms.deconvolve(*given, decoder=stopping))
-    assert not np.array_equal(by_plan, ms.deconvolve(*given, decoder=plain))
-    assert "decoder steps" in str(loose)
-
-
 def test_decoders_see_the_same_captures():
     """Restored by each of several decoders, a photograph comes out as by each alone."""
     decoders = {"ensemble": ms.EnsembleDecoder(), "Wiener": ms.WienerDecoder()}

@@ -73,7 +73,7 @@ LINES = {
         "normal = { mean_px_per_s = 1, deviation_px_per_s = 0, count = 3 }",
         "`[speeds] normal.deviation_px_per_s` must be above 0; got 0",
     ),
-    "weights-off": (_SPEEDS, _LIST + "[1, 2]\nweights = [0.5, 0.6]", "must sum to 1; got 1.1"),
+    "weights-off": (_SPEEDS, _LIST + "[1, 2]\nweights = [0, 0.0]", "must hold one above 0; got"),
     "weights-short": (_SPEEDS, _LIST + "[1, 2]\nweights = [1.0]", "must be 2, one a speed; got 1"),
     "weights-negative": (
         _SPEEDS,

@@ -133,5 +133,5 @@ def test_it_is_recorded_and_a_store_of_another_plan_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"with plan: 'planned'; got 'everything"):
         sweep(SCENE, store=tmp_path / "a.zarr", **few)
     motion = ParabolicMotion(acceleration=3e4, half_exposure=3.1e-3)
-    own = plan(SCENE, motion, HannShutter(), tolerance=1e-3)
+    own = plan(SCENE, motion, HannShutter())
     assert sweep(SCENE, plan=own, **few).identical(planned)

@@ -13,7 +13,6 @@ from mishutter import (
     SplineShutter,
     evaluate,
     optimise,
-    plan,
     starting_shutter,
     sweep,
 )
@@ -77,14 +76,3 @@ def test_blocks_at_a_time_change_nothing(monkeypatch):
         monkeypatch.setattr("mishutter.sweeps.blocks.num_threads", lambda devices, n=count: n)
         found.append(sweep(SCENE, **few))
     assert found[0].identical(found[1])
-
-
-@pytest.mark.slow
-def test_a_tolerance_is_of_the_search():
-    """It is recorded, and the loss stays within it."""
-    few: dict[str, Any] = AXES | {"accelerations": [1.1e5], "half_exposures": [5.2e-3]}
-    motion = ParabolicMotion(acceleration=1.1e5, half_exposure=5.2e-3)
-    loose = plan(SCENE, motion, starting_shutter(SCENE, 12), tolerance=1e-2)
-    exact, near = sweep(SCENE, **few), sweep(SCENE, plan=loose, **few)
-    assert '"tolerance": 0.0001' in near.attrs["sweep"]
-    np.testing.assert_allclose(near.loss, exact.loss, rtol=1e-2)

@@ -229,7 +229,7 @@ if os.geteuid() == 0 and len(sys.argv) == 1:
         sys.exit(77)
     os.execv(sys.executable, [*sys.orig_argv, "bound"])
 from mishutter import cli
-from mishutter.sweep_store import StoredBlocks
+from mishutter.sweeps.store import StoredBlocks
 write = StoredBlocks.write
 
 def once(self, block, arrays):

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import Bare, quick_to_compile, require
-from mishutter.evaluation.needs import PLANNED, Automatic, Plan, chosen, lowered, reduced
+from mishutter.evaluation.needs import PLANNED, Automatic, Plan, chosen, reduced
 from mishutter.evaluation.response import Response, respond
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
 
@@ -136,7 +136,6 @@ class AbstractResponseLoss(AbstractLoss):
         plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
         plan, motion = chosen(plan, scene, settled(motion), shutter)
-        scene, motion, shutter = lowered(plan, scene, motion, shutter)
         kept = reduced(scene, plan)
         response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
         return _of_response(self, kept, motion, response, plan)

@@ -7,6 +7,11 @@ from mishutter.model.shutters.chips import RASKAR_CODE as RASKAR_CODE
 from mishutter.model.shutters.chips import ChippedShutter as ChippedShutter
 from mishutter.model.shutters.interpolated import SampledShutter as SampledShutter
 from mishutter.model.shutters.interpolated import piecewise as piecewise
+from mishutter.model.shutters.kinds import baselines as baselines
+from mishutter.model.shutters.kinds import named_shutter as named_shutter
+from mishutter.model.shutters.kinds import register_shutter as register_shutter
+from mishutter.model.shutters.kinds import shutter_from_dict as shutter_from_dict
+from mishutter.model.shutters.kinds import shutter_to_dict as shutter_to_dict
 from mishutter.model.shutters.spline import SplineShutter as SplineShutter
 from mishutter.model.shutters.windows import GaussianShutter as GaussianShutter
 from mishutter.model.shutters.windows import HannShutter as HannShutter

@@ -102,10 +102,6 @@ class AbstractDecoder(eqx.Module):
             Light of the picture, white = 1; shape of `captured`.
         """
 
-    def stopping_at_noise(self) -> "AbstractDecoder":
-        """The same decoder, stopping where what it leaves unexplained is noise, if it iterates."""
-        return self
-
 
 def blur_model(
     scene: Scene,

@@ -3,7 +3,6 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-from dataclasses import replace
 from typing import NamedTuple, final
 
 import equinox as eqx
@@ -60,9 +59,6 @@ class RichardsonLucyDecoder(AbstractDecoder):
         require_positive_int("RichardsonLucyDecoder(num_iterations=...)", self.num_iterations)
         known, subject = self.start in ("capture", "wiener"), "RichardsonLucyDecoder(start=...)"
         require(known, subject, "be 'capture' or 'wiener'", self.start)
-
-    def stopping_at_noise(self) -> "RichardsonLucyDecoder":
-        return replace(self, until_noise=True)
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
         operator = banded(model.assumed)

@@ -60,7 +60,7 @@ def check_plan(
     *,
     loss: AbstractLoss | None = None,
 ) -> float:
-    """Refuse a plan that changes a result by more than its bound.
+    """Refuse a plan that changes a result by more than rounding.
 
     Args:
         plan: The plan.
@@ -73,11 +73,11 @@ def check_plan(
         The relative change; see `plan_error`.
 
     Raises:
-        WrongPlanError: if it is above the plan's bound and rounding.
+        WrongPlanError: if it is above rounding.
     """
     require_known("check_plan", scene=scene, motion=motion, shutter=shutter)
     change = plan_error(plan, scene, motion, shutter, loss=loss)
-    allowed = max(plan.bound, rounding(scene, motion, shutter))
+    allowed = rounding(scene, motion, shutter)
     if not change <= allowed:
         raise WrongPlanError(
             f"`check_plan(plan=...)` must change no result by more than {allowed:.2g} of it; "

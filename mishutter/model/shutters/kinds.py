@@ -1,0 +1,148 @@
+"""The one table of shutter kinds, which files, the command line, comparisons and tests read.
+
+A new kind of shutter is one file and one line here; one of a user's own is one call of
+`register_shutter`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, final
+
+import numpy as np
+
+from mishutter._core import Bare, as_float, require
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.chips import RASKAR_CODE, ChippedShutter
+from mishutter.model.shutters.spline import SplineShutter
+from mishutter.model.shutters.windows import (
+    GaussianShutter,
+    HannShutter,
+    RectShutter,
+    TriangleShutter,
+    TukeyShutter,
+)
+
+
+@final
+@dataclass(frozen=True)
+class ShutterKind:
+    """A kind of shutter.
+
+    Attributes:
+        shutter: Its class, whose fields a file holds.
+        name: What a comparison calls it, and, in lower case, the command line.
+        make: Gives the one that the bare name stands for; None where a name is not enough.
+        parameter: The field that `NAME:VALUE` sets; None for none.
+        is_baseline: Whether every comparison shows it.
+    """
+
+    shutter: type[AbstractShutter]
+    name: str
+    make: Callable[[], AbstractShutter] | None = None
+    parameter: str | None = None
+    is_baseline: bool = False
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the arguments that make one."""
+        return tuple(field.name for field in fields(self.shutter))
+
+
+KINDS = [
+    ShutterKind(RectShutter, "rect", RectShutter, is_baseline=True),
+    ShutterKind(HannShutter, "Hann", HannShutter, is_baseline=True),
+    ShutterKind(TriangleShutter, "triangle", TriangleShutter, is_baseline=True),
+    ShutterKind(GaussianShutter, "Gaussian", GaussianShutter, "sigma", is_baseline=True),
+    ShutterKind(TukeyShutter, "Tukey", TukeyShutter, "taper"),
+    ShutterKind(ChippedShutter, "raskar", lambda: ChippedShutter(RASKAR_CODE)),
+    ShutterKind(SplineShutter, "spline"),
+]
+
+
+def register_shutter(shutter: type[AbstractShutter]) -> type[AbstractShutter]:
+    """Let designs with a shutter of one's own be saved and loaded; a class decorator.
+
+    Args:
+        shutter: The class. Its fields are the arguments that make one, and are numbers,
+            arrays, truth values or text.
+
+    Returns:
+        The class.
+
+    Raises:
+        ValueError: if it is no class of shutters, or another of its name is known.
+    """
+    subject = "register_shutter(shutter=...)"
+    is_kind = isinstance(shutter, type) and issubclass(shutter, AbstractShutter)
+    require(is_kind, subject, "be a class of shutters", shutter)
+    known = {kind.shutter.__name__: kind.shutter for kind in KINDS}
+    name = shutter.__name__
+    require(known.get(name, shutter) is shutter, subject, "have a name of its own", name)
+    if name not in known:
+        KINDS.append(ShutterKind(shutter, name))
+    return shutter
+
+
+def baselines() -> dict[str, AbstractShutter]:
+    """The fixed windows that every design stands beside, by name."""
+    return {kind.name: kind.make() for kind in KINDS if kind.is_baseline and kind.make}
+
+
+def named_shutter(text: str) -> AbstractShutter:
+    """The window that `NAME` or `NAME:VALUE` stands for.
+
+    Raises:
+        ValueError: if there is no such window or the value is not its parameter.
+    """
+    name, colon, value = text.partition(":")
+    kinds = {kind.name.lower(): kind for kind in KINDS if kind.make}
+    key, subject = name.strip().lower(), "--shutter"
+    require(key in kinds, subject, f"be one of {', '.join(kinds)}", text)
+    kind = kinds[key]
+    if not colon:
+        return kind.make()  # type: ignore[misc]
+    require(kind.parameter is not None, subject, f"give {key} no parameter", text)
+    try:
+        number = float(value)
+    except ValueError:
+        number = np.nan
+    require(bool(np.isfinite(number)), subject, "have a finite number after the colon", text)
+    return kind.shutter(**{str(kind.parameter): number})
+
+
+def shutter_to_dict(shutter: AbstractShutter) -> dict[str, Any]:
+    """Kind and parameters of a shutter.
+
+    Raises:
+        ValueError: if its kind is not in the table.
+    """
+    kind = next((kind for kind in KINDS if kind.shutter is type(shutter)), None)
+    requirement = "be of a kind of mishutter's own or a registered one"
+    name = type(shutter).__name__
+    require(kind is not None, "Design.save(shutter=...)", requirement, name)
+    return {"kind": name} | {field: _plain(getattr(shutter, field)) for field in kind.fields}  # type: ignore[union-attr]
+
+
+def _plain(value: Any) -> Any:
+    return np.asarray(value, np.float64).tolist() if hasattr(value, "shape") else value
+
+
+def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
+    """The shutter that `shutter_to_dict` wrote.
+
+    Raises:
+        ValueError: if its kind is not in the table, or its parameters are not those of its kind.
+    """
+    kinds = {kind.shutter.__name__: kind for kind in KINDS}
+    name, given = data["kind"], {key: value for key, value in data.items() if key != "kind"}
+    require(name in kinds, "shutter.kind", f"be one of {', '.join(kinds)}", name)
+    wanted = kinds[name].fields
+    for key in wanted:
+        require(key in given, f"shutter.{key}", f"be given for a {name}", Bare("nothing"))
+    for key, value in given.items():
+        require(key in wanted, f"shutter.{key}", f"be left out of a {name}", value)
+    return kinds[name].shutter(**{key: _array(value) for key, value in given.items()})
+
+
+def _array(value: Any) -> Any:
+    return as_float(value) if isinstance(value, float | list) else value
