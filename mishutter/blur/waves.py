@@ -1,8 +1,9 @@
 r"""Sums of waves $e^{-2\pi i f x}$ over many positions, on a grid of frequencies.
 
-At the centres of equal steps in (0, 0.5) cycles/px a wave factors into a coarse and a
-fine power, so that a position costs $2\sqrt{M}$ of them instead of $M$ and the rest is a
-matrix product.
+This is a non-uniform discrete Fourier transform. At the centres of $M$ equal steps in
+(0, 0.5) cycles/px a wave is the product of a coarse and a fine power of one exponential, so
+that a position needs $2\sqrt{M}$ powers instead of $M$ waves, and a matrix product does the
+rest.
 """
 
 from functools import partial
@@ -24,7 +25,7 @@ def sum_of_waves(position: Array, light: Array, num_frequencies: int, num_kept: 
 
 @sum_of_waves.defjvp
 def sum_of_waves_jvp(num_frequencies, num_kept, primals, tangents):
-    r"""The same waves with light $dl_q - 2\pi i f_m l_q\,dx_q$: none is computed again."""
+    r"""The same waves weighted by $dl_q - 2\pi i f_m l_q\,dx_q$, so that none is computed again."""
     (position, light), (moved, lit) = primals, tangents
     factors = _factors(position, num_frequencies, num_kept)
     turn = (2 * jnp.pi) * frequency_grid(num_frequencies, np.dtype(position.dtype))[:num_kept]
@@ -36,14 +37,14 @@ def sum_of_waves_jvp(num_frequencies, num_kept, primals, tangents):
 
 
 class _Wave(NamedTuple):
-    """Complex numbers by parts: on a CPU their products vectorise, sines do not."""
+    """Complex numbers as two real arrays: on a CPU their products vectorise, sines do not."""
 
     real: Array
     imag: Array
 
 
 class _Factors(NamedTuple):
-    """Waves whose products are those of every frequency; `(p, s, q)` and `(r, s, q)`."""
+    """Waves whose products are the waves of all frequencies; `(p, s, q)` and `(r, s, q)`."""
 
     coarse: _Wave
     fine: _Wave
@@ -60,7 +61,7 @@ def _factors(position: Array, num_frequencies: int, num_kept: int) -> _Factors:
 
 
 def _summed(factors: _Factors, light: Array, num_kept: int) -> _Wave:
-    """Sum over nodes of light times waves, linear in the light; `(s, num_kept)`."""
+    """Sum over nodes of weights times waves, linear in the weights; `(s, num_kept)`."""
     coarse, fine = factors
     left = jnp.concatenate(coarse)
     right = jnp.concatenate(fine) * light[None]
@@ -80,7 +81,7 @@ def _squared(wave: _Wave) -> _Wave:
 
 
 def _powers(first: _Wave, turn: _Wave, count: int) -> _Wave:
-    """First times 0, 1, ... turns; the count leads the shape."""
+    """The first wave times powers 0, 1, ... of `turn`; the powers lead the shape."""
 
     def rotate(wave: _Wave, _: None) -> tuple[_Wave, _Wave]:
         real = wave.real * turn.real - wave.imag * turn.imag

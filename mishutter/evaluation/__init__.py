@@ -1,4 +1,4 @@
-"""What a design is worth: needs of a scene, response, metrics and losses."""
+"""Evaluation of a design: needs of a scene, response, metrics and losses."""
 
 from mishutter.evaluation.losses import AbstractLoss as AbstractLoss
 from mishutter.evaluation.losses import DesignLoss as DesignLoss

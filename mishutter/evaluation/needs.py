@@ -1,8 +1,8 @@
-"""What a scene needs computed: chosen once, before anything is, and shared by every consumer.
+"""The needs of a scene: sizes and skips, chosen before anything is computed and shared by all.
 
-A plan leaves out only what cannot change a result: speeds that never
-occur, occur twice or mirror one another under a symmetric shutter; taps no object reaches;
-terms that weigh nothing. `plan=None` computes everything all the same.
+A plan leaves out only work that cannot change a result: speeds that never occur, occur twice or
+mirror one another under a symmetric shutter; taps that no object reaches; terms without weight.
+`plan=None` computes everything all the same.
 """
 
 from collections.abc import Callable, Mapping
@@ -33,12 +33,12 @@ _SPARE_NODES = 12
 _MAX_TAPS = 1 << 14
 _MAX_NODES = 1 << 16
 _SAME_SPEED = 4
-"""Roundings of the fastest speed within which two speeds are one."""
+"""Two speeds count as one if they differ by up to this many roundings of the fastest."""
 _UNKNOWN_REACH = 256.0
 
 
 class Automatic(Enum):
-    """The default of every `plan=`: made from the scene, motion and shutter at hand."""
+    """The default of every `plan=`: a plan made from the scene, motion and shutter given."""
 
     PLANNED = "planned"
 
@@ -51,9 +51,9 @@ class Item:
     """One decision of a plan.
 
     Attributes:
-        name: What was decided.
+        name: What the decision is about.
         full: How much of it a full computation has.
-        kept: How much of it is left.
+        kept: How much of it the plan keeps.
         why: Why that is enough.
     """
 
@@ -65,7 +65,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is computed; static, hashable, and the same for scenes of the same needs.
+    """What to compute; static, hashable, and equal for scenes of equal needs.
 
     Attributes:
         num_taps: Taps of a blur kernel.
@@ -74,11 +74,11 @@ class Plan:
         num_nodes: Nodes over the whole exposure for the transfer functions there.
         num_kept: The lowest of the frequencies, to which the expected error is confined;
             None for all.
-        skips: Whether what cannot change a result is left out: speeds that never occur or
-            occur twice, and what a search would compute over again.
+        skips: Whether work that cannot change a result is left out: speeds that never occur
+            or occur twice, and responses that a search would compute again.
         folds: Whether `+s` and `-s` are taken for one speed.
-        still: Whether nothing in the scene moves, and one kernel is all there is.
-        items: The decisions and their reasons; they say nothing that is computed with.
+        still: Whether nothing in the scene moves, so that one kernel is enough.
+        items: The decisions and their reasons, for readers; no computation uses them.
     """
 
     num_taps: int
@@ -118,12 +118,12 @@ def _line(row: Item, widths: list[int]) -> str:
 
 
 def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
-    """Everything: sizes that hold the scene on this motion and on all within its limits.
+    """Sizes that hold the scene on this motion and on every motion within its limits.
 
-    One size for all of them makes designs comparable (the condition number depends on
-    the DFT length) and lets them share one compiled program. Of a motion or speeds that
-    are being traced nothing is known but the limits, and where those are traced too a
-    kernel of up to 256 px is provided for; what is only differentiated is known.
+    One size for all motions makes designs comparable (the condition number depends on
+    the DFT length) and lets them share one compiled program. Where the motion or the speeds
+    are traced, only the limits are known; where those are traced too, sizes allow for kernels
+    of up to 256 px. Values that are only differentiated are known.
     """
     scene, motion = numbers_of((scene, motion))
     if not is_concrete(scene.limits.max_stroke):
@@ -140,7 +140,7 @@ def extent(scene: Scene, motion: AbstractMotion) -> tuple[float, float]:
     a, half = (np.asarray(x, np.float64) for x in (motion.acceleration, motion.half_exposure))
     stroke, smear = a * half * half, float(scene.max_speed) * half
     moving = stroke > 0
-    with np.errstate(over="ignore"):  # a stroke that is hardly one: longer than any kernel kept
+    with np.errstate(over="ignore"):  # a tiny stroke: a kernel longer than any that is kept
         length = (2 * stroke + smear) ** 2 / (4 * np.where(moving, stroke, 1.0))
     reach = np.where(moving, length, 0.0)
     longest = np.max(np.maximum(reach, 2 * smear))
@@ -148,7 +148,7 @@ def extent(scene: Scene, motion: AbstractMotion) -> tuple[float, float]:
 
 
 def larger(first: Plan, second: Plan) -> Plan:
-    """Sizes that hold what either holds."""
+    """Sizes large enough for both plans."""
     return Plan(
         max(first.num_taps, second.num_taps),
         max(first.dft_length, second.dft_length),
@@ -167,23 +167,24 @@ def sized_for(reach: float, velocity: float) -> Plan:
 
 
 def _rounded_up(count: float) -> int:
-    """Round up to one of four sizes an octave, so that near scenes share a program."""
+    """Round up to one of four sizes an octave, so that similar scenes share a program."""
     count = max(16, int(np.ceil(count)))
     step = max(4, 1 << (count.bit_length() - 3))
     return -(-count // step) * step
 
 
 def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Plan:
-    """The plan that a consumer makes for itself: exact, and one for every motion.
+    """The plan that a function makes by default: exact, and one for every motion.
 
-    Sizes hold all that the scene's limits allow, so that one compiled program serves.
+    Its sizes hold every motion within the scene's limits, so that one compiled program
+    serves all of them.
     """
     folds, still = is_symmetric(shutter), nothing_moves(scene)
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
 
 def require_plan(value: object) -> None:
-    """Refuse what is no argument `plan=`, which would else be taken for the default."""
+    """Refuse a value that is no plan; without this it would count as the default."""
     known = value is None or isinstance(value, Plan | Automatic)
     require(known, "plan", "be a plan, or None for everything", value)
 
@@ -209,7 +210,7 @@ def chosen(
     shutter: AbstractShutter,
     parts: Callable[[Plan], Parts],
 ) -> tuple[Plan, AbstractMotion]:
-    """The plan that an argument `plan=` stands for, None for everything, and the motion.
+    """The plan that an argument `plan=` stands for, and the motion.
 
     One that is traced is refused, when it is run, if a plan made here has too few taps or
     nodes for those parts of its response that are used.
@@ -245,9 +246,9 @@ def _refused(motion: AbstractMotion, exceeds: Array, requirement: str) -> Abstra
 
 
 def reduced(scene: Scene, plan: Plan) -> Scene:
-    """The numbers of a scene that a plan keeps: no picture, no motion, fewer speeds.
+    """The scene with only the numbers that a plan keeps: no picture, no motion, fewer speeds.
 
-    Scenes that differ in numbers alone come out with the same shapes.
+    Scenes that differ only in their numbers get the same shapes, and share programs.
     """
     power = _power_on_grid(scene, plan)
     if not (plan.skips and scene.speeds_known):
@@ -262,8 +263,8 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
 def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarray]:
     """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`.
 
-    Speeds that differ in their last digits alone, as those of a range that is meant to
-    mirror itself do, are one.
+    Speeds that differ only in their last digits count as one, because rounding makes such
+    pairs in ranges that are meant to mirror themselves.
     """
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
     speeds, weights = speeds[weights > 0], weights[weights > 0]
@@ -276,12 +277,12 @@ def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarra
 
 
 def rounding(speeds: np.ndarray, dtype: np.dtype) -> float:
-    """Difference up to which two of some speeds, given in a precision, are one; px/s."""
+    """Difference up to which two of these speeds count as one in a precision; px/s."""
     return float(_SAME_SPEED * np.finfo(dtype).eps * np.max(np.abs(speeds), initial=0))
 
 
 def padded(speeds: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds repeated without weight to one of two counts an octave: shapes are shared."""
+    """Speeds padded to one of two counts an octave, without weight, so that shapes are shared."""
     spare = size_class(speeds.size) - speeds.size
     return np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
 
@@ -302,8 +303,8 @@ def nothing_moves(scene: Scene) -> bool:
 def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
     """The scene with every speed once, none that never occurs, and no picture or motion.
 
-    A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Nothing
-    that is computed of the scene changes but by rounding.
+    A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Results
+    computed from the scene change only by rounding.
     """
     if not scene.speeds_known:
         return scene.bare()
@@ -312,12 +313,12 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
 
 
 def is_symmetric(shutter: AbstractShutter) -> bool:
-    """Whether `w(-tau) = w(tau)` is known of a shutter."""
+    """Whether a shutter is known to satisfy `w(-tau) = w(tau)`."""
     return bool(getattr(shutter, "symmetric", False))
 
 
 def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
-    """The scene's power spectrum at the plan's frequencies, where that changes nothing."""
+    """The scene's power spectrum, sampled at the plan's frequencies if that changes no result."""
     given = scene.power_spectrum
     if not is_concrete(given) or plan.num_frequencies != NUM_FREQUENCIES:
         return given
@@ -325,7 +326,7 @@ def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
 
 
 def power_on_grid(scene: Scene, num_frequencies: int) -> np.ndarray:
-    """Power of the picture's rows at frequencies that the optics pass, on any scale."""
+    """Power of the picture's rows at frequencies that the optics pass, in arbitrary units."""
     passed = frequencies(num_frequencies) <= float(scene.cutoff_frequency)
     return _spectrum(scene, num_frequencies) * passed * (float(scene.deviation) > 0)
 

@@ -1,4 +1,7 @@
-"""Pictures in and out: any PNG, JPEG or TIFF to linear light, and back to a 16-bit PNG."""
+"""Pictures in and out: any PNG, JPEG or TIFF to linear light, and back to a 16-bit PNG.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 import importlib.util
 import warnings
