@@ -2,6 +2,8 @@
 
 All take `(a, T, s)` and give the exposure between the edges of a problem. Those in JAX are
 compiled whole; roots are the textbook ones, which is part of what is compared.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
 from collections.abc import Callable

@@ -1,9 +1,9 @@
-r"""The two arms of a path, and when each pixel edge is crossed on them.
+r"""Crossings: when a point passes each pixel edge, on either branch of its trajectory.
 
-The path falls into an arm before its vertex and one after it. A crossing is timed from the
-breakpoint of the shutter that is nearest to it, on whichever arm that lies: so no short time
-is the difference of long ones, and the sign of that time says which piece of the shutter
-holds the crossing.
+The trajectory has one branch before its vertex and one after it. A crossing is timed from the
+breakpoint of the shutter that is nearest to it, whichever branch that breakpoint lies on. This
+prevents a short time from being the difference of two long ones, and the sign of the time tells
+which piece of the shutter holds the crossing.
 """
 
 from functools import partial
@@ -18,22 +18,23 @@ from mishutter._core import DoubleWord
 from mishutter.blur.trajectory import Motion, Path, once, speed_at
 
 _LATE = 2.0
-"""In units of tau: after all exposure, but near enough to be multiplied by anything."""
+"""Bound on a moment, in units of tau: after the exposure, but too small to overflow a product."""
 
 _FEW_VALUES = 4
 
 AFTER = np.array([[False], [True]])
-"""Which arm, of the two on a leading axis, is that on which time runs outwards."""
+"""Whether time runs outwards, away from the vertex, on each branch; branches lead the shape."""
 
 
 class Crossings(NamedTuple):
-    r"""Where and when each edge is crossed on each arm; shapes `(2, n + 1)`.
+    r"""Where and when each edge is crossed on each branch; shapes `(2, n + 1)`.
 
-    `piece` holds the crossing, which is at `offset`, in units of tau, from the left end of
-    that piece, or from its right end if not `from_left`. An edge that an arm does not reach
-    while the shutter moves is held at the end of the exposure on its side. `nearest` is the
-    breakpoint that the offset is from, and `moment` and `velocity` are those of the crossing,
-    to rounding; no moment is later than twice the exposure's end.
+    `piece` is the piece of the shutter that holds the crossing, and `offset` the crossing's
+    time, in units of tau, from the left end of that piece, or from its right end if not
+    `from_left`. An edge that the branch does not reach within the exposure is held at the end
+    of the exposure on its side. `nearest` is the breakpoint that the offset counts from;
+    `moment` and `velocity` are the time and velocity of the crossing, to rounding. Moments are
+    clipped to twice the half exposure.
     """
 
     piece: Array
@@ -44,20 +45,20 @@ class Crossings(NamedTuple):
     velocity: Array
 
     def part(self, which: tuple[slice | Array | int, ...]) -> "Crossings":
-        """Those of some arms and edges."""
+        """Crossings of some branches and edges."""
         return Crossings(*(x[which] for x in self))
 
     def by_breakpoints(self, tau: Array) -> "Crossings":
-        """The same, with the derivative of the offset by the breakpoints."""
+        """The same crossings, whose offsets carry their derivative by the breakpoints."""
         held = self.is_held(tau.size - 1)
         return self._replace(offset=counted_from(at(tau, self.nearest), self.offset, held))
 
     def halfway(self, is_after: ArrayLike, width: Array) -> Array:
-        """Middle of cells of a `width` that lead outwards from here, counted as the offset is."""
+        """Offset of the middle of cells that begin here and extend outwards over `width`."""
         return self.offset + jnp.where(is_after, width, -width) / 2
 
     def is_held(self, num_pieces: int) -> Array:
-        """Whether a crossing is at an end of the exposure."""
+        """Whether each crossing is held at an end of the exposure."""
         last = jnp.where(self.from_left, *np.array([0, num_pieces - 1], np.int32))
         return (self.offset == 0) & (self.piece == last)
 
@@ -92,7 +93,7 @@ def crossings(
 def _located(
     equal_pieces: bool, track: Path, at_rest: Array, tau: DoubleWord, edges: DoubleWord
 ) -> tuple[Crossings, DoubleWord]:
-    """Crossings with their speed, that of both arms, in place of the velocity; and the edges."""
+    """Crossings whose `velocity` is the speed, which both branches share; and the edges."""
     edge = brought_near(DoubleWord(edges.high[None], edges.low[None]), track, at_rest)
     speed = speed_at(track, edge)
     velocity = jnp.where(AFTER, speed, -speed)
@@ -103,7 +104,7 @@ def _located(
     passed, *position = (at(x, nearest) for x in (track.velocity, *track.position))
     offset = timed(distance(edge, DoubleWord(*position)), passed, velocity, track.stroke)
 
-    # A crossing at a breakpoint is in the piece outwards of it, one at the vertex before it.
+    # A crossing at a breakpoint is in the piece outwards of it, at the vertex in the one before.
     last = tau.high.size - 1
     is_past = (offset > 0) | ((offset == 0) & (velocity > 0))
     from_left = (nearest == 0) | (is_past & (nearest < last))
@@ -115,7 +116,7 @@ def _located(
 
 @jax.custom_jvp
 def of_both_arms(rows: Array) -> Array:
-    """Sum over the arms: of two slices, which is quick, and in reverse of what spreads."""
+    """Sum over the branches: two slices added, which is quick, and in reverse a broadcast."""
     return rows[0] + rows[1]
 
 
@@ -125,7 +126,7 @@ def _of_both_arms_jvp(primals, tangents):
 
 
 def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
-    """Edges, with those beyond all light brought near enough not to overflow.
+    """Edges, with those that the path never reaches moved near enough not to overflow.
 
     A point at rest, which counts from where it is, is taken to pass the whole of the pixel
     that it rests on, and a vertex at infinity lies beyond all edges.
@@ -138,10 +139,10 @@ def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
 
 
 def _nearest(equal_pieces: bool, track: Path, tau: Array, edge: DoubleWord, moment: Array) -> Array:
-    """Which breakpoint is nearest to moments, to rounding: half way, either will do.
+    """Index of the breakpoint nearest to each moment; half way between two, either of them.
 
-    Pieces that are not equal may be shorter than a moment's rounding: it is an end of the one
-    that holds the crossing, known by the positions of breakpoints.
+    Unequal pieces may be shorter than the rounding of a moment. There the positions of the
+    breakpoints tell which piece holds the crossing, and one of its ends is taken.
     """
     last = tau.size - 1
     if equal_pieces:
@@ -164,7 +165,7 @@ def lengths(equal_pieces: bool, tau: DoubleWord) -> Array:
 
 
 def at(values: Array, index: Array) -> Array:
-    """Values at indices that are known to be inside; a few are chosen from, which is quicker."""
+    """Values at indices known to be in range; of a few values by selection, which is quicker."""
     if values.size > _FEW_VALUES:
         return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
     found = values[0]
@@ -175,7 +176,7 @@ def at(values: Array, index: Array) -> Array:
 
 @jax.custom_jvp
 def counted_from(origin: Array, offset: Array, held: Array) -> Array:
-    """An `offset` with its derivative by the `origin` that it is from."""
+    """An `offset` with its derivative by the `origin` that it counts from; none where `held`."""
     return offset
 
 
@@ -186,10 +187,10 @@ def _counted_from_jvp(primals, tangents):
 
 
 def drift_change(motion: Motion, by_motion: Motion) -> Array:
-    """By how much changes of the motion move the vertex of a slow object's path in time.
+    """How far changes of the motion move the vertex of a slow object's trajectory in time.
 
-    All crossings move by it. It is kept apart because the arms see it from opposite sides,
-    and what it does to their light all but cancels.
+    Every crossing moves along by it. It is kept apart from `moment_change` because under a
+    symmetric profile its effects on the exposure of the two branches nearly cancel.
     """
     (a, T, s), (da, dT, ds) = motion, by_motion
     slow = _is_slow(motion)
@@ -206,10 +207,10 @@ def moment_change(
     by_motion: Motion,
     dedge: Array,
 ) -> Array:
-    """By how much changes of the motion, and of its edge, move a crossing in time.
+    """How far changes of the motion, and of its edge, move a crossing in time.
 
-    What is common to all crossings of a slow object, the `drift_change`, is left out.
-    `mirrored` is the `mirrored_velocity` at the breakpoint which the crossing is nearest to.
+    The part that all crossings of a slow object share, `drift_change`, is left out.
+    `mirrored` is the `mirrored_velocity` at the breakpoint nearest to the crossing.
     """
     (a, T, s), (da, dT, ds) = motion, by_motion
     velocity, tau = x.velocity, x.moment
@@ -223,7 +224,7 @@ def moment_change(
     pivot = jnp.where(from_vertex, 0.0, jnp.where(slow, vertex, T * tau))
     moves = velocity != 0
     along = (dedge + pivot * (ds - pivot * da)) * T / jnp.where(moves, velocity, 1.0)
-    # The moment and that of the vertex may cancel: their sum is counted from the breakpoint.
+    # The times of crossing and vertex may cancel, so their sum counts from the breakpoint.
     apart = bend * (velocity / T)
     beyond = jnp.where(slow, apart, bend * (mirrored / T) + T * x.offset)
     turn = bend * (jnp.where(slow, 0.0, ds) - beyond * da)
@@ -232,7 +233,7 @@ def moment_change(
 
 
 def _is_slow(motion: Motion) -> Array:
-    """Whether the vertex is so near mid-exposure that crossings are timed from it."""
+    """Whether the vertex is so near mid-exposure that changes of crossings count from it."""
     a, T, s = motion
     return (a > 0) & (jnp.abs(s) < a * T / 8)
 
@@ -243,9 +244,9 @@ def time_between(
     r"""Time between two points of a path, from their distance and their velocities.
 
     $2\,\Delta x / (u_1 + u_2)$ on one side of the vertex, $(u_2 - u_1)/2A$ from one side to
-    the other, or from the vertex itself: no difference of what is nearly equal in either.
-    A path without a stroke has no other side; what is divided by there instead of $2A$ may
-    be so small as to put it beyond all time, but not where derivatives are taken.
+    the other, or from the vertex itself: neither subtracts two numbers that are nearly equal.
+    A path without a stroke has one side only, and `without_stroke` replaces its $2A$: a tiny
+    number puts the other side after the exposure, 1 keeps derivatives finite.
     """
     same_way = ((before > 0) & (after > 0)) | ((before < 0) & (after < 0))
     rate = jnp.where(stroke > 0, 2 * stroke, without_stroke)
@@ -255,5 +256,5 @@ def time_between(
 
 
 def distance(x: DoubleWord, y: DoubleWord) -> Array:
-    """`x - y` to single precision: the difference of the high parts loses nothing."""
+    """`x - y` as one float: high parts that are nearly equal subtract exactly."""
     return (x.high - y.high) + (x.low - y.low)

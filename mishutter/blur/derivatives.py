@@ -1,18 +1,22 @@
-r"""How the light of taps changes as the motion, the edges and the breakpoints do.
+r"""How the exposure of taps changes with the motion, the edges and the breakpoints.
 
-On an arm a tap holds the shutter's integral from one crossing to the next. It changes by the
-transmittance at each, times how much that crossing moves: a difference of what is nearly equal
-where a tap is narrow, and so written $w\,d\Delta\tau + (w_2 - w_1)\,d\tau$, with $w_2 - w_1$
-from the slopes of the tap's cells and the steps between them, $w$ at the darker of its edges and
-$\tau$ at the other: near the vertex a crossing moves without bound, which does nothing in the
-dark. A tap that holds an end of the exposure changes by the one crossing that is left.
+On a branch a tap holds the integral of the transmittance $w$ from one crossing, at $\tau_1$,
+to the next, at $\tau_2$. It changes by the transmittance at each crossing, times how far that
+crossing moves: $w_2\,d\tau_2 - w_1\,d\tau_1$. In a narrow tap these two terms nearly cancel,
+so the change is written as $w\,d\Delta\tau + (w_2 - w_1)\,d\tau$, where $w_2 - w_1$ is the sum
+of the slopes of the tap's cells, times their widths, and of the steps between them. There $w$
+is the transmittance at the darker crossing and $\tau$ the time of the other one, because a
+crossing near the vertex moves without bound, which has no effect under a closed shutter. A tap
+that holds an end of the exposure has one crossing that moves, and changes by that one.
 
-Under a symmetric profile the arms of a slow object all but cancel where its drift moves their
-crossings alike: what is left is the profile's rise from where one is crossed to where the other
-would be in a mirror, $w(\nu + r) - w(\nu - r) = \int_{r - \nu}^{r + \nu} w'$.
+All crossings of a slow object drift with its vertex, by the same time. Under a symmetric
+profile the effects of the drift on the two branches nearly cancel. Their sum follows from the
+rise of the profile between a crossing on one branch and the mirror image of that on the other,
+$w(\nu + r) - w(\nu - r) = \int_{r - \nu}^{r + \nu} w'$, and is computed as that integral.
 
-Rates by all that changes are worked out together, forwards. The derivative is their product
-with the changes: in reverse one sum for each of them, and no way back through the formulae.
+The rates of change by every parameter are computed together, in forward mode. The derivative is
+their product with the changes, so that reverse mode is one sum a parameter and never goes back
+through the formulae. `docs/derivation.md` derives them.
 """
 
 from collections.abc import Callable
@@ -39,11 +43,11 @@ from mishutter.blur.trajectory import Motion, mirrored_velocity, once, speed_cha
 from mishutter.model import AbstractPiecewiseShutter
 
 _ASIDE = float(np.sqrt(1 / 12))
-"""Nodes of the Gauss-Legendre rule of two, on either side of the middle of an interval."""
+"""Distance of the two Gauss-Legendre nodes from an interval's middle, in units of its length."""
 
 
 class Cells(NamedTuple):
-    """Cells that start at breakpoints: arm and tap, whether in any, and width."""
+    """Cells that start at breakpoints: branch and tap, whether they lie in any tap, and width."""
 
     place: tuple[Array, Array]
     exists: Array
@@ -53,11 +57,12 @@ class Cells(NamedTuple):
 
 
 class Taps(NamedTuple):
-    """What rates follow from, besides the motion: crossings `x`, and `edges`, `(1, n + 1)`.
+    """Values that the rates follow from, besides the motion.
 
-    `tau` are the breakpoints. `gap` is the distance of a tap's edges, `(1, n)`, and `width` that
-    of the cell which begins at the first, `(2, n)`; `cut` are all other cells. `is_held` tells
-    whether a crossing is at an end of the exposure, `(2, n + 1)`.
+    `tau` are the breakpoints, `x` the crossings and `edges` the edges, `(1, n + 1)`. `gap` is
+    the distance between a tap's edges, `(1, n)`, and `width` the duration of the cell that
+    begins at its inner edge, `(2, n)`; `cut` are all other cells. `is_held` tells whether a
+    crossing is held at an end of the exposure, `(2, n + 1)`.
     """
 
     profile: AbstractPiecewiseShutter
@@ -71,12 +76,12 @@ class Taps(NamedTuple):
 
     @property
     def parts(self) -> tuple[tuple[slice, slice], ...]:
-        """Where among crossings the taps begin and end."""
+        """Slices of the crossings at which taps begin and end."""
         return parts(self.gap.size)
 
 
 def parts(num_taps: int) -> tuple[tuple[slice, slice], ...]:
-    """Where, in arrays of two rows and a column an edge, taps begin and end."""
+    """Slices at which taps begin and end, in arrays with a row a branch and a column an edge."""
     return (slice(None), slice(0, num_taps)), (slice(None), slice(1, num_taps + 1))
 
 
@@ -84,9 +89,9 @@ def parts(num_taps: int) -> tuple[tuple[slice, slice], ...]:
 def moving(
     light: Array, motion: Motion, edges: Array, shift: Array, *, from_vertex: Array, taps: Taps
 ) -> Array:
-    """Light of taps, `(n,)`, with its first derivatives by what moves them as well.
+    """Exposure of taps, `(n,)`, with its first derivatives by the motion and the edges attached.
 
-    That is the motion, the edges and a `shift` of all edges, which is in these already.
+    `shift` moves all edges as one and is part of `edges` already.
     """
     return light
 
@@ -112,15 +117,15 @@ def _moving_jvp(primals, tangents, *, from_vertex, taps):
 
 
 def _first_derivative(change: Array, moved_by: Any) -> Array:
-    """A change of light, whose own derivative by what it is `moved_by` is an error instead of 0."""
+    """A change of exposure whose own derivative by `moved_by` raises, where it would be 0."""
     known = _differentiated(moved_by)
-    # Of no weight, but what is not used would be left out, error and all.
+    # Adds 0. JAX drops values that nothing uses, and would drop the error with them.
     return change * (1 + 0 * sum(jnp.sum(jnp.sign(x)) for x in jax.tree.leaves(known)))
 
 
 @jax.custom_jvp
 def _differentiated(moved_by: Any) -> Any:
-    """What a derivative has been taken at."""
+    """The point at which a derivative was taken; its own derivative raises an error."""
     return moved_by
 
 
@@ -135,10 +140,11 @@ def _differentiated_again(primals, tangents):
 def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) -> Array:
     """Rates of light, `(m, n)`, by what each of `m` rows of `units` changes.
 
-    Columns: acceleration, half exposure, speed, position of a tap and distance of its edges.
+    The columns of `units` are acceleration, half exposure, speed, position of a tap and
+    distance between its edges.
     """
     a, T, _ = motion
-    # In memory, as each row needs them.
+    # Stored in memory, because every row of `units` reads them.
     transmittance, rise = once(_transmittance_and_rise, taps)
     lit = jnp.where(taps.is_held, 0.0, transmittance)
     begin, end = (lit[k] for k in taps.parts)
@@ -148,7 +154,7 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) ->
     inner, outer = (of_both_arms(jnp.where(is_free, w, 0.0)) for w in (begin, end))
     height = jnp.minimum(inner, outer)
     drifting = of_both_arms(jnp.where(is_free, rise, one_sided))
-    # All else that makes the crossings drift does so in proportion to the speed.
+    # Changes other than of speed make crossings drift in proportion to the speed, which is small.
     if taps.profile.symmetric and np.any(units[:, 2]):
         apart = _between_arms(motion)
         is_near = (apart != 0) & (jnp.abs(apart) < _near(taps.profile, apart))
@@ -169,7 +175,7 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) ->
         _, longer = jax.jvp(time_between, (taps.gap, u, v, a * T * T), changes)
         between = end * moved[1] - begin * moved[0]
         between = jnp.where(AFTER, between, -between)
-        # Steps that mirror each other cancel, so the arms are joined before all else.
+        # Steps that mirror each other cancel, so the branches are summed first.
         lighter = jnp.where(inner > outer, moved[0], moved[1])
         turned = of_both_arms(jnp.where(is_free, rise * lighter, between))
         return turned + height * longer[0] + drifting * drift_change(motion, by_motion)
@@ -178,7 +184,7 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) ->
 
 
 def _transmittance_and_rise(taps: Taps) -> tuple[Array, Array]:
-    """Transmittance at crossings, and by how much it rises over each tap, as time runs."""
+    """Transmittance at crossings, and its rise over each tap in the direction of time."""
     begin = taps.x.part(taps.parts[0])
     rise = _rise(taps.profile, begin, AFTER, taps.width)
     if taps.cut is not None:
@@ -194,12 +200,12 @@ def _transmittance_and_rise(taps: Taps) -> tuple[Array, Array]:
 def _rise(
     profile: AbstractPiecewiseShutter, start: Crossings, is_after: ArrayLike, width: Array
 ) -> Array:
-    """Rise of the transmittance over cells, which lead outwards: their width times the slope."""
+    """Rise of the transmittance over cells that extend outwards: their width times the slope."""
     return width * _slope(profile, start, start.halfway(is_after, width), width)
 
 
 def _slope(profile: AbstractPiecewiseShutter, x: Crossings, middle: Array, width: Array) -> Array:
-    """Mean slope of the transmittance, as of `mean_about`."""
+    """Mean slope of the transmittance over the interval that `mean_about` takes."""
     return _derivative(partial(mean_about, profile, x, width=width), middle)
 
 
@@ -208,7 +214,7 @@ def _derivative(function: Callable[[Array], Array], at: Array) -> Array:
 
 
 def _between_arms(motion: Motion) -> Array:
-    r"""How far crossings are from mirroring each other: $2\nu$, scalar."""
+    r"""Time between a crossing and the mirror image of its like on the other branch: $2\nu$."""
     a, T, s = motion
     return jnp.where(a > 0, s / jnp.where(a > 0, a * T, 1.0), jnp.inf)
 
@@ -220,7 +226,7 @@ def _near(profile: AbstractPiecewiseShutter, like: Array) -> Array:
 
 
 def _rise_between_arms(apart: Array, taps: Taps) -> tuple[Array, Array]:
-    """Whether a tap's crossings all but mirror each other, and both arms' rise over it if so."""
+    """Whether a tap's crossings nearly mirror each other, and if so both branches' rise over it."""
     profile, num_pieces = taps.profile, taps.tau.high.size - 1
     before, after = (taps.x.part((arm, slice(None))) for arm in (0, 1))
     mirrored = before.piece + after.piece == num_pieces - 1
@@ -230,7 +236,8 @@ def _rise_between_arms(apart: Array, taps: Taps) -> tuple[Array, Array]:
     rise = apart * _slope(profile, after, middle, jnp.broadcast_to(jnp.abs(apart), middle.shape))
     rise = jnp.where(is_held | at_vertex, 0.0, rise)
 
-    # The difference of two such rises loses what a narrow tap is narrower than the profile.
+    # The rises at the two edges of a narrow tap nearly cancel: a tap that lies in one piece takes
+    # the integral of the curvature between them instead of their difference.
     (_, begin), (_, end) = taps.parts
     inside = mirrored & ~is_held
     whole = inside[begin] & inside[end] & (after.piece[begin] == after.piece[end])
@@ -244,13 +251,13 @@ def _rise_between_arms(apart: Array, taps: Taps) -> tuple[Array, Array]:
 def mean_about(
     profile: AbstractPiecewiseShutter, x: Crossings, middle: Array, width: Array
 ) -> Array:
-    """Mean transmittance over a `width` about a `middle` that is counted as the offsets of `x`."""
+    """Mean transmittance over a `width` centred at `middle`, which counts as offsets of `x` do."""
     distance = jnp.where(x.from_left, middle, -middle)
     return profile.piece_mean(x.piece, x.from_left, distance, width)
 
 
 def _steps(profile: AbstractPiecewiseShutter, like: Array) -> Array:
-    """Steps of the transmittance at the breakpoints inside; one of a few roundings is none."""
+    """Steps of the transmittance at the inner breakpoints; steps of a few roundings count as 0."""
     piece = jnp.arange(like.size + 1, dtype=jnp.int32)
     nothing = jnp.zeros(like.size + 1, like.dtype)
     above, below = (
@@ -265,10 +272,10 @@ def _steps(profile: AbstractPiecewiseShutter, like: Array) -> Array:
 def moving_breakpoints(
     light: Array, tau: Array, *, profile: AbstractPiecewiseShutter, moves: Array
 ) -> Array:
-    """Light of cells that start at breakpoints, with its derivative by the steps that these move.
+    """Exposure of cells that start at breakpoints, with its derivative by the breakpoints.
 
-    The light of a tap between crossings changes by each step inside times how much that moves:
-    the widths of its cells do not change with the breakpoints, which would all but cancel.
+    A tap between two crossings changes by each step inside it, times how far the step moves. The
+    widths of its cells carry no derivative, as the contributions of neighbours would cancel.
     """
     return light
 

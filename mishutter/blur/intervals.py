@@ -2,8 +2,8 @@ r"""The exposure cut into cells of time in which nothing crosses an edge of a pi
 
 A point that passes over the sensor along $x(t) = a t^2 - s t$ lies in pixel
 $\lfloor x(t) - \varphi \rfloor$. Between two crossings, of any of several objects, the
-picture on the sensor stands still: a capture of them is a finite sum, with the light of
-each cell as its weight.
+image on the sensor stands still, so a capture of them is a finite sum of images, weighted
+by the exposure of each cell.
 """
 
 from typing import NamedTuple
@@ -15,16 +15,16 @@ from mishutter.model import AbstractMotion, AbstractShutter, piecewise, stands_s
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _NUM_PANELS = 16
-"""Steps of the exposure on each of which these nodes integrate the narrowest profile."""
+"""Panels of the exposure, short enough for these nodes to integrate the narrowest profile."""
 
 
 class Cells(NamedTuple):
-    """Cells of time, those without light left out; the first where none has any.
+    """Cells of time in which the shutter transmits; the first cell alone where it never does.
 
     Attributes:
-        shifts: By how many pixels each object is displaced; shape `(cells, objects)`.
+        shifts: Displacement of each object, whole px; shape `(cells, objects)`.
         light: Share of a fully open exposure; shape `(cells,)`.
-        begin: When each begins; s, shape `(cells,)`.
+        begin: Time at which each cell begins; s, shape `(cells,)`.
     """
 
     shifts: np.ndarray

@@ -1,10 +1,13 @@
-r"""The exposure integral: how much light of a moving point falls on each pixel.
+r"""The exposure integral: how much of a moving point's exposure falls on each pixel.
 
-One evaluation serves both frames, every speed and every acceleration. The path falls
-into two arms, before and after its vertex, on each of which position is a monotone
-function of time. On an arm, a tap $[e_k, e_{k+1}]$ and a piece of the shutter overlap in
-an interval of positions; the time spent there is $2\,\Delta x/(u_k + u_{k+1})$ and the
-light is that time, times the piece's mean transmittance over it.
+One evaluation serves both frames, every speed and every acceleration. The trajectory has
+two branches, before and after its vertex, and on each position is a monotone function of
+time. On a branch, a tap $[e_k, e_{k+1}]$ and a piece of the shutter overlap in an interval
+of positions, a cell. The point spends $2\,\Delta x/(u_1 + u_2)$ in a cell whose ends it
+passes at $u_1$ and $u_2$, and exposes it for that time, times the mean transmittance of
+the piece over it. `docs/derivation.md` draws the geometry.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
 from functools import partial
@@ -51,7 +54,7 @@ from mishutter.model import (
 )
 
 _FEW_TAPS = 512
-"""Number of taps up to which comparing with all is as quick as a search, and compiled sooner."""
+"""Number of taps up to which comparing with every edge is as quick as a binary search."""
 
 
 def blur_kernel(
@@ -135,10 +138,11 @@ def binned_exposure(
     smoothly. A point that does not move at all falls on one pixel, as in `blur_kernel`.
 
     The derivative with respect to an edge exactly at the vertex is infinite under an
-    open shutter, and is given from the side on which no light falls. Where an edge meets
-    a step of the shutter exactly, the light has a kink, and the derivative is that of
-    either side. In reverse mode a shift of all edges is the sum of what each edge does
-    alone, which for narrow taps cancels; `blur_kernel` shifts them as one by its phase.
+    open shutter, and is given from the side that the point never reaches. Where an edge
+    meets a step of the shutter exactly, the exposure has a kink, and the derivative is
+    that of either side. In reverse mode the derivative by a shift of all edges is the sum
+    of the derivatives by each edge, which cancel for narrow taps; `blur_kernel` shifts all
+    edges as one by its phase.
 
     Args:
         shutter: Transmittance over the exposure.
@@ -201,7 +205,7 @@ def _exposure(
     *,
     from_vertex: Array | bool,
 ) -> Array:
-    """Share of light between `edges`, which also move with a `shift`; shape `(n,)`."""
+    """Share of a full exposure between `edges`, which also move with a `shift`; shape `(n,)`."""
     motion, speed = point
     a = motion.acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
@@ -218,9 +222,9 @@ def _light(
     shift: Array,
     from_vertex: Array | bool,
 ) -> Array:
-    """Light of both arms of the path between edges, in units of tau; shape `(n,)`.
+    """Exposure of both branches between edges, in units of tau; shape `(n,)`.
 
-    Edges and breakpoints cut an arm into cells, each in one tap and in one piece. One
+    Edges and breakpoints cut a branch into cells, each in one tap and in one piece. One
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
     # Values alone: derivatives by the motion and the edges are put on at the end.
@@ -241,7 +245,8 @@ def _light(
     whole = here.piece == there.piece
     entered = there.inner(AFTER, length) - here.inner(AFTER, length)
     width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
-    # Between crossings one cell gives way to the next: see `moving_breakpoints`.
+    # A breakpoint that moves between crossings lengthens one cell as it shortens the next, so
+    # these widths carry no derivative: `moving_breakpoints` attaches it.
     width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(whole, within, width)), width)
     in_pieces = tau.high.size > 2
     width = kept(width) if in_pieces else width
@@ -268,7 +273,7 @@ def _from_breakpoints(
     x: Crossings,
     is_free: Array,
 ) -> tuple[Cells, Array]:
-    """Cells that start at breakpoints, and their light."""
+    """Cells that start at breakpoints, and their exposure."""
     breakpoint = jnp.arange(1, tau.high.size - 1, dtype=jnp.int32)
     is_after = track.velocity[1:-1] >= 0
     arm = is_after.astype(jnp.int32)
@@ -282,7 +287,7 @@ def _from_breakpoints(
     length = at(lengths(profile.equal_pieces, tau), piece)
     width = jnp.where(there.piece == piece, there.inner(is_after, length), length)
     width = kept(jnp.where(moves, jax.lax.stop_gradient(width), width))
-    # Under `vmap` JAX takes a value to be as batched as its derivative is.
+    # Under `vmap` a value must be batched wherever its derivative is.
     begins = counted_from(tau.high[1:-1], jnp.where(moves, jnp.zeros_like(width), 0.0), ~moves)
     start = there._replace(piece=piece, from_left=is_after, offset=begins)
     light = _cell_light(profile, start, is_after, width)
@@ -303,6 +308,6 @@ def _num_below(rows: Array, is_second: Array, value: Array) -> Array:
 
 
 def _cell_light(profile, start: Crossings, is_after: ArrayLike, width: Array) -> Array:
-    """Light of cells of a `width` that `start` on an arm and lead outwards."""
+    """Exposure of cells that begin at `start` and extend outwards over `width`."""
     mean = mean_about(profile, start, start.halfway(is_after, width), width)
     return width * within_unit(mean)

@@ -1,4 +1,4 @@
-"""A shutter as the quadrature over the exposure sees it, whatever its kind."""
+"""Quadrature nodes over the exposure of a shutter of any kind."""
 
 import math
 from functools import lru_cache
@@ -19,16 +19,16 @@ from mishutter.model import (
 
 _MAX_PANEL_NODES, _MIN_PANEL_NODES = 128, 12
 _SHARED_PANEL_NODES = 64
-"""Nodes of a panel where pieces share the panels: short ones leave less of them over."""
+"""Nodes of a panel where unequal pieces share the panels; short panels waste fewer nodes."""
 
 
 class LitNodes(NamedTuple):
-    """Nodes over the exposure, and the light at them.
+    """Quadrature nodes over the exposure, weighted by the transmittance.
 
     Attributes:
         tau: Normalised times; shape `(q,)`.
         light: Quadrature weights times transmittance there; shape `(q,)`.
-        efficiency: Share of light let through; scalar.
+        efficiency: Mean transmittance over the exposure; scalar.
     """
 
     tau: Array
@@ -38,7 +38,7 @@ class LitNodes(NamedTuple):
 
 @seldom_run
 def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitNodes:
-    """About so many nodes over the exposure of a shutter."""
+    """About `num_nodes` quadrature nodes over the exposure of a shutter."""
     profile = piecewise(shutter)
     rule = _equal_pieces if profile.equal_pieces else _shared_panels
     tau, light = rule(profile, profile.breakpoints(dtype), num_nodes)
@@ -46,7 +46,7 @@ def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitN
 
 
 def light_let_through(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:
-    """The efficiency, in a precision; scalar."""
+    """Efficiency of a profile, its mean transmittance, in a given precision; scalar."""
     return integrated_transmittance(profile).astype(dtype) / 2
 
 
@@ -67,9 +67,9 @@ def _equal_pieces(
 def _shared_panels(
     profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
 ) -> tuple[Array, Array]:
-    """Panels given to pieces by their lengths, as a shutter's parameters move these.
+    """Nodes of panels that are shared out to pieces by length, which parameters may change.
 
-    Each is at most as long as one of equal panels would be, and those left over are dark.
+    No panel is longer than one of `wanted` equal panels, and panels left over weigh nothing.
     """
     ends = exact_ends.high
     wanted = math.ceil(num_nodes / _SHARED_PANEL_NODES)
@@ -77,7 +77,7 @@ def _shared_panels(
     nodes, weights = (x.astype(ends.dtype)[None] for x in rule)
     length, least = jnp.diff(ends) + jnp.diff(exact_ends.low), profile.panels_per_piece
     panel = np.arange(wanted + length.size * least - 1, dtype=ends.dtype)[:, None]
-    # Rounded up, all together they must stay below one more panel a piece.
+    # The margin keeps the sum of the rounded counts within the number of panels there are.
     long = jnp.ceil(jax.lax.stop_gradient(length) * (wanted / 2 * (1 - 1e-6)))
     count = jnp.maximum(long, least)
     past = jnp.cumsum(count)
@@ -96,7 +96,7 @@ def _shared_panels(
 def _panel_rule(num_panels: int, num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Composite Gauss-Legendre rule on [0, 1]; no panel has more than 128 nodes.
 
-    Finding the nodes of one long rule takes a second where a thousand are needed.
+    NumPy takes a second to find the nodes of a single rule of a thousand.
     """
     parts = -(-num_nodes // _MAX_PANEL_NODES)
     num_panels, per_panel = num_panels * parts, max(-(-num_nodes // parts), _MIN_PANEL_NODES)

@@ -1,4 +1,7 @@
-"""What a shutter passes of each spatial frequency."""
+"""Transfer function of a shutter on a motion, and condition number of a kernel.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 import jax
 import jax.numpy as jnp
@@ -21,14 +24,15 @@ from mishutter.model import AbstractMotion, AbstractPiecewiseShutter, AbstractSh
 _MIN_FREQUENCIES = 1024
 _ZERO_RESPONSE_ULP = 8
 _BLOCK_SIZE = 1 << 14
-"""Frequencies times panels above which they are done block by block, to bound memory."""
+"""Frequencies times panels that are computed at once; a bound on memory."""
 
 
 def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> Array:
-    r"""Condition number of the convolution with a kernel, $\max|H| / \min|H|$ (3).
+    r"""Condition number of the convolution with a kernel, $\max|H| / \min|H|$.
 
-    Over the frequencies of the discrete Fourier transform of the kernel, padded with
-    zeros. A response that is zero to rounding gives `inf`, with a derivative of zero.
+    Equation (3) of the paper, over the frequencies of the discrete Fourier transform of the
+    kernel, padded with zeros. A response that is zero to rounding gives `inf`, with a
+    derivative of zero.
 
     Args:
         kernel: Taps $h_k$; shape `(n,)`.

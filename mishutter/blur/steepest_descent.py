@@ -1,13 +1,13 @@
-r"""Integrals of a shutter against a quadratic phase, at a cost that frequency leaves alone.
+r"""Integrals of a shutter against a quadratic phase, at a cost that does not grow with frequency.
 
 With $\kappa = 2\pi f A$ and $\theta = 2\pi f u$ at a point $b$ of a panel, the phase near
-it is $\varphi(b) + \theta h + \kappa h^2$. A panel over which that turns by little is done
-by a Gauss-Legendre rule in $h$. Over any other the same rule runs along the rays
-$h = \pm s\,e^{-i\pi/4}$ from its ends, on which the integrand is
+it is $\varphi(b) + \theta h + \kappa h^2$. Where the phase turns by little over a panel, a
+Gauss-Legendre rule in $h$ integrates it. Over any other panel the same rule integrates along
+the rays $h = \pm s\,e^{-i\pi/4}$ from its ends, on which the oscillation becomes
 $e^{-\kappa s^2 - |\theta| s\,e^{i\pi/4}}$ and decays at least as fast as it turns,
 uniformly as $\theta \to 0$ (numerical steepest descent, after Huybrechs and Vandewalle,
-SIAM J. Numer. Anal. 44, 2006). Rays that leave in opposite directions are joined by the
-line through the stationary point, a Gauss-Hermite sum.
+SIAM J. Numer. Anal. 44, 2006). Where the two rays leave in opposite directions, a
+Gauss-Hermite sum along the line through the stationary point joins them.
 """
 
 from functools import lru_cache
@@ -27,7 +27,11 @@ _DIRECTION = complex(_ROOT_HALF, -_ROOT_HALF)
 
 
 class _Rule(NamedTuple):
-    """Nodes, shape `(1, 1, q)`, and how far the phase may turn, or decay, in radians."""
+    """Quadrature rules, of shape `(1, 1, q)`, and the range of phase that they cover.
+
+    A panel whose phase turns by up to `max_turn` radians is integrated along itself. A ray ends
+    where the integrand has decayed by `exp(-decay)`.
+    """
 
     nodes: np.ndarray
     weights: np.ndarray
@@ -38,7 +42,7 @@ class _Rule(NamedTuple):
 
 
 class Panels(NamedTuple):
-    """What the phase does over each panel; pieces by panels of a piece, `(n, m)`."""
+    """The phase over each panel; arrays are pieces by panels of a piece, `(n, m)`."""
 
     offset: Array
     length: Array

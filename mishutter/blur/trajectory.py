@@ -1,14 +1,15 @@
-r"""The path of a point over the sensor, in the two frames, exact where it must be.
+r"""The trajectory of a point over the sensor: positions and velocities, in both frames.
 
 In normalised time $\tau = t/T$ the point is at $x = A\tau^2 - B\tau$ with the stroke
 $A = aT^2$ and the smear $B = sT$, and moves at the velocity $u = 2A\tau - B$ (px per half
-exposure). At a position $x$ its velocity follows from $u^2 = B^2 + 4Ax$, as for any
-constant acceleration, and the time between two positions on one side of the vertex is
-$2\,\Delta x / (u_1 + u_2)$: no root is subtracted, and nothing is divided by $A$.
+exposure). The velocity at a position follows from $u^2 = B^2 + 4Ax$, as for any constant
+acceleration, and the time between two positions on one side of the vertex is
+$2\,\Delta x / (u_1 + u_2)$. Neither formula subtracts two roots or divides by $A$, so both
+hold at every acceleration, 0 included. `docs/derivation.md` draws the geometry.
 
-Positions of breakpoints are double words: a jump of the shutter that falls inside a
-tap decides that tap by the difference of two large numbers. Derivatives need no such
-care and are those of the plain formulae.
+Positions of breakpoints are double words: where the shutter jumps inside a tap, the
+difference of two large numbers decides how much of the tap is exposed. Derivatives need
+no such precision and follow from the plain formulae.
 """
 
 from functools import partial
@@ -33,7 +34,7 @@ Motion = tuple[Array, Array, Array]
 """Acceleration parameter, px/s^2, half exposure, s, and object speed, px/s; scalars."""
 
 _REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
-"""Length of a path, in px, below which its squares underflow and it counts as a point."""
+"""Length of a path, px, below which its square underflows: the point counts as at rest."""
 
 
 def passing(motion: Motion) -> tuple[Motion, Array]:
@@ -48,10 +49,10 @@ def passing(motion: Motion) -> tuple[Motion, Array]:
 
 
 class Path(NamedTuple):
-    """Where a point is, and how fast, at each breakpoint of the shutter; lengths in px.
+    """Position and velocity of a point at each breakpoint of the shutter; lengths in px.
 
-    The rows of `table` are kept together so that they are worked out together; the other
-    numbers anew wherever they are used, which costs less than to keep them.
+    `table` stores its rows together because one loop computes them together. The other
+    numbers are computed at each use, which costs less than storing them.
     """
 
     motion: Motion
@@ -98,7 +99,7 @@ class Path(NamedTuple):
 def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) -> Path:
     """Path of a point of speed `s` at breakpoints `tau`.
 
-    Positions count from the vertex if `from_vertex`, else from where the point is at
+    Positions count from the vertex if `from_vertex`, else from the position at
     mid-exposure.
     """
     return Path((a, T, s), _table(from_vertex, a, T, s, *tau), from_vertex)
@@ -114,16 +115,16 @@ def path_of_light(motion: Motion, tau: DoubleWord, *, from_vertex: Array) -> Pat
 
 
 def mirrored_velocity(motion: Motion, tau: DoubleWord) -> Array:
-    r"""$2A\tau + B$ at breakpoints, the velocity at the opposite speed; a value alone."""
+    r"""$2A\tau + B$ at breakpoints, the velocity at the opposite speed; without derivatives."""
     a, T, s = motion
     return once(lambda a, T, s, tau: _velocity(*_stroke_and_smear(a, T, -s), tau)[0], a, T, s, tau)
 
 
 def speed_at(track: Path, edges: DoubleWord) -> Array:
-    r"""$|u| = \sqrt{B^2 + 4Ax}$ at positions on the path, 0 beyond the vertex.
+    r"""$|u| = \sqrt{B^2 + 4Ax}$ at positions on the path, 0 at positions beyond the vertex.
 
-    Counted from a vertex that is near, $|u| = \sqrt{4A(x - x_v)}$ loses nothing. It is a
-    value alone: see `speed_change` for derivatives.
+    Where the vertex is near, $|u| = \sqrt{4A(x - x_v)}$ avoids the cancellation of $B^2$ and
+    $4Ax$. The result carries no derivative: `speed_change` computes it.
     """
     near = track.from_vertex | (4 * track.stroke >= jnp.abs(track.smear))
     origin = [jnp.where(near, x, 0.0) for x in track.vertex]
@@ -135,10 +136,10 @@ def speed_at(track: Path, edges: DoubleWord) -> Array:
 def speed_change(
     from_vertex: Array, motion: Motion, edge: Array, speed: Array, by_motion: Motion, dedge: Array
 ) -> Array:
-    r"""By how much changes of the motion, and of an edge, change the `speed` there.
+    r"""Change of the `speed` at an edge that changes of the motion and of the edge cause.
 
-    From $(u/T)^2 = s^2 + 4ax$: written so, change of $T$ meets no cancellation. At the vertex
-    it is given as 0.
+    It follows from $(u/T)^2 = s^2 + 4ax$, a form in which a change of $T$ cancels nothing. At
+    the vertex, where the derivative of the root is infinite, it is set to 0.
     """
     (a, T, s), (da, dT, ds) = motion, by_motion
     square = 4 * (a * dedge + edge * da) + jnp.where(from_vertex, 0.0, 2 * s * ds)
@@ -149,15 +150,15 @@ def speed_change(
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _table(from_vertex, a, T, s, tau_high, tau_low):
-    """Velocity, position and how far mid-exposure is above the vertex, at breakpoints."""
+    """Rows of a path's table: velocity, position, and height of mid-exposure above the vertex."""
     return once(partial(_table_exact, from_vertex), a, T, s, tau_high, tau_low)
 
 
 def once(function, *arguments, when: Array | bool = True):
-    """`function` of `arguments`, as a loop of one turn: a compiler may not unroll it.
+    """Evaluate `function` once, in a loop of one turn that a compiler may not unroll.
 
-    Left open, hundreds of operations would be folded into each use of their results, and
-    compiled, and run, dozens of times. Unless it is run `when` asked, zeros.
+    Prevents XLA from fusing the function into each use of its results, which would compile
+    and run hundreds of operations dozens of times. The result is zeros unless `when` holds.
     """
     start = jax.tree.map(jnp.zeros_like, jax.eval_shape(function, *arguments))
     never = jnp.array(False)
@@ -170,9 +171,10 @@ def once(function, *arguments, when: Array | bool = True):
 
 @jax.custom_jvp
 def kept(value: Array) -> Array:
-    """A value that is put into memory before it is used.
+    """A value that is written to memory before it is used.
 
-    What is fused with a lookup is worked out number by number; apart from it, several at a time.
+    Prevents XLA from fusing the arithmetic behind it with a lookup, which would run that
+    arithmetic one number at a time instead of vectorising it.
     """
     return once(lambda x: x, value)
 
@@ -208,7 +210,7 @@ def _velocity(stroke, smear, tau):
 
 
 def _rows(*rows):
-    """Rows of an array; chosen, where to join them would make loops of their own."""
+    """An array of the given rows, by selection: concatenation would give each a loop of its own."""
     index, result = np.arange(len(rows))[:, None], rows[-1]
     for i, row in enumerate(rows[:-1]):
         result = jnp.where(index == i, row, result)
@@ -235,18 +237,18 @@ def _table_jvp(from_vertex, primals, tangents):
 
 
 def _valued(formula: Array, value: Array) -> Array:
-    """The derivative of `formula` with a better `value`: near the vertex it cancels."""
+    """`value` with the derivative of `formula`, which itself cancels near the vertex."""
     return value + (formula - jax.lax.stop_gradient(formula))
 
 
 def safe_sqrt(square: Array) -> Array:
-    """Square root whose derivative at 0 is 0, and which is 0 below."""
+    """Square root, 0 for negative numbers, whose derivative at 0 is 0."""
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
 def _turns(stroke: Array, smear: Array) -> Array:
-    """Whether the vertex of the path is no farther from mid-exposure than twice its ends."""
+    """Whether the vertex is at most twice as far from mid-exposure, in time, as the ends are."""
     return (stroke > 0) & (4 * stroke >= jnp.abs(smear))
 
 

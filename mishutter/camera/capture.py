@@ -1,4 +1,7 @@
-"""What the camera records of a scene: blur, shot noise, read noise, and its borders."""
+"""What the camera records of a scene: blur, shot noise, read noise, and its borders.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -48,11 +51,11 @@ def simulate_capture(
     r"""What the camera records of a picture that moves along its rows.
 
     $g_k = \sum_i h_i f_{k - i}$ with the exact kernel $h$ of the picture's speed, then
-    the noise of (4) at $p = \text{rate}\cdot 2T$, in linear light and in units of a fully
-    open exposure of white. A picture's pixel $j$ is a sample at position $j$. Sensor pixel
-    $k$ of a moving sensor collects $[k, k + 1]$ px from the vertex of the path, so that
-    the displacement $-s^2/4a$, which no decoder can know, is left out; that of a camera
-    at rest collects $[k - \frac12, k + \frac12]$ px from mid-exposure.
+    the noise of the paper's equation (4) at $p = \text{rate}\cdot 2T$, in linear light and in
+    units of a fully open exposure of white. A picture's pixel $j$ is a sample at position
+    $j$. Sensor pixel $k$ of a moving sensor collects $[k, k + 1]$ px from the vertex of the
+    path, so that the displacement $-s^2/4a$, which no decoder can know, is left out; that of
+    a camera at rest collects $[k - \frac12, k + \frac12]$ px from mid-exposure.
 
     Args:
         picture: Light, white = 1; a `Picture`, or an array of shape `(rows, columns)` or

@@ -183,10 +183,9 @@ def _compared(
     num_seeds: int,
     memory: "Memory",
 ) -> "Report":
-    from mishutter import report
     from mishutter.design import compare as beside_baselines
     from mishutter.model import baselines
-    from mishutter.report import photograph_of, photographs
+    from mishutter.report import Report, photograph_of, photographs, shown_rows
 
     total = len({*given, *baselines()}) + 2
     with progress_bar("comparing", total) as update:
@@ -194,10 +193,10 @@ def _compared(
         comparison = memory.of(
             "comparison", beside_baselines, scene, motion, given, loss=loss, watch={"step": step}
         )
-    rows = report.shown_rows(comparison, tuple(given))
-    picture = photograph_of(scene, rows) if num_seeds > 0 else None
+    rows = shown_rows(comparison, tuple(given))
+    picture = photograph_of(scene, rows, note=note) if num_seeds > 0 else None
     if picture is None:
-        return report.Report(scene, comparison, tuple(given))
+        return Report(scene, comparison, tuple(given))
     with progress_bar("photograph", len(rows)) as update:
         step = _counting(update)
         shown = memory.of(
@@ -209,7 +208,7 @@ def _compared(
             num_seeds,
             watch={"update": step},
         )
-    return report.Report(scene, comparison, tuple(given), shown)
+    return Report(scene, comparison, tuple(given), shown)
 
 
 def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
@@ -219,13 +218,14 @@ def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
 
 
 def _deliver(result: "Report", folder: Path | None, as_json: bool, memory: "Memory") -> None:
-    from mishutter import report
+    from mishutter.cli.tables import print_report
+    from mishutter.report import document, write_report
 
-    files = [] if folder is None else report.write_report(result, folder)
+    files = [] if folder is None else write_report(result, folder)
     if as_json:
-        write_json(report.document(result) | {"files": files})
+        write_json(document(result) | {"files": files})
     else:
-        report.print_report(result)
+        print_report(result)
     if memory.recalled:
         note(f"As found before: {memory}; `--fresh` works it out anew.")
     if files:

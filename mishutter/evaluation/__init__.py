@@ -1,4 +1,4 @@
-"""What a design is worth: needs of a scene, response, metrics and losses."""
+"""Evaluation of a design: needs of a scene, response, metrics and losses."""
 
 from mishutter.evaluation.alignment import aligned as aligned
 from mishutter.evaluation.lengths import extent as extent

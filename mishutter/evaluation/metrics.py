@@ -1,4 +1,7 @@
-"""The numbers of a shutter on a motion for a scene."""
+"""The metrics of a shutter on a motion for a scene.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 from dataclasses import replace
 from typing import final
@@ -28,14 +31,14 @@ from mishutter.model import (
 
 @final
 class Metrics(eqx.Module):
-    r"""What is measured of a design.
+    r"""The metrics of a design.
 
     Attributes:
         condition_number: $\max|H|/\min|H|$ of the still object's kernel, over a DFT of
             `dft_length` points of the kernel at `phase`; `inf` at a spectral zero.
         kernel_difference: RMS over taps and (weighted) speeds of $h_s - h_0$.
         relative_kernel_difference: The same over the RMS of $h_0$.
-        efficiency: Share of light let through.
+        efficiency: Throughput, the mean transmittance over the exposure.
         expected_psnr: PSNR of the best single linear decoder, in linear light; dB.
         bound_share: $|K_s(f)|^2$ over the wedge bound, worst case over speeds and
             frequencies.
@@ -55,7 +58,7 @@ class Metrics(eqx.Module):
     num_taps: int = eqx.field(static=True)
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
+        """The values of the metrics; the `repr` of a module shows types alone."""
         lines = (f"  {name}={getattr(self, name)}" for name in self.__dataclass_fields__)
         return "\n".join(["Metrics(", *lines, ")"])
 
@@ -83,7 +86,7 @@ def evaluate(
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
         plan: What to compute; made for the scene by default, None for everything. The
-            share of the bound needs every frequency, which are taken whatever it says.
+            share of the bound needs every frequency, so all are taken whatever the plan.
 
     Returns:
         The metrics; see `Metrics`.
@@ -108,7 +111,7 @@ def evaluate(
 
 @seldom_run
 def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Metrics:
-    """Metrics from what was recorded of a design."""
+    """Metrics from the records of a design."""
     response = assembled(scene, recorded, plan)
     raw, relative = kernel_differences(scene, motion, response)
     return Metrics(
@@ -158,10 +161,10 @@ def expected_squared_error(
 
     With $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$ (aperture included) the filter
     $G = S\bar m/(S(|m|^2 + v) + N)$ leaves $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2+v) + N)\,df$,
-    where $N = \eta\,\bar f/p + (\sigma/p)^2$ is the noise of equation (4) at
-    $p = \text{rate}\cdot 2T$. Nothing in it cancels. Without any light the picture's own
-    variance is left. Where the response holds the lowest of `num_frequencies` alone, the
-    others count as lost.
+    where $N = \eta\,\bar f/p + (\sigma/p)^2$ is the noise of the paper's equation (4) at
+    $p = \text{rate}\cdot 2T$. No term of this form cancels another. Without any light the
+    picture's own variance is left. Where the response holds only the lowest of
+    `num_frequencies`, the picture's power at the others counts as lost.
     """
     dtype = response.efficiency.dtype
     num_kept = response.spectra.shape[1]
@@ -178,7 +181,7 @@ def expected_squared_error(
     coherent = mean.real**2 + mean.imag**2
     electrons = scene.photon_rate.astype(dtype) * motion.exposure.astype(dtype)
     read_noise = scene.read_noise.astype(dtype)
-    # In units of the larger of signal and noise: of electrons the squares leave single precision.
+    # Units of the larger of signal and noise, because squares of electrons overflow float32.
     largest = jnp.maximum(jnp.maximum(electrons, jnp.sqrt(electrons)), read_noise)
     unit = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1.0))
     light = electrons / unit
@@ -188,7 +191,7 @@ def expected_squared_error(
     remaining = signal * spread + noise
     total = signal * (coherent + spread) + noise
     dark = total <= 0
-    # A quotient's derivative squares its divisor: here it is one that is all but 1.
+    # The derivative of a quotient squares its divisor, so the divisor is scaled to nearly 1.
     scale = jax.lax.stop_gradient(1 / jnp.where(dark, 1.0, total))
     share = jnp.where(dark, 1.0, (remaining * scale) / jnp.where(dark, 1.0, total * scale))
     return (jnp.sum(power * share) + jnp.sum(every_power[num_kept:])) / num_frequencies
@@ -198,7 +201,7 @@ def expected_squared_error(
 def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     r"""Power spectrum of the picture's rows on the frequency grid; shape `(m,)`.
 
-    $1/(f^2 + 0.01^2)$ where the scene brings none; no power above what the optics pass.
+    $1/(f^2 + 0.01^2)$ where the scene brings none; no power above the cutoff of the optics.
     It is scaled so that $2\int_0^{1/2} S\,df$, its mean over the grid, is the variance.
     """
     frequency = frequency_grid(num_frequencies, dtype)

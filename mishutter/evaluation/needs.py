@@ -1,8 +1,8 @@
-"""What a scene needs computed: chosen once, before anything is, and shared by every consumer.
+"""The needs of a scene: sizes and skips, chosen before anything is computed and shared by all.
 
-A plan leaves out only what cannot change a result: speeds that never
-occur, occur twice or mirror one another under a symmetric shutter; taps no object reaches;
-terms that weigh nothing. `plan=None` computes everything all the same.
+A plan leaves out only work that cannot change a result: speeds that never occur, occur twice or
+mirror one another under a symmetric shutter; taps that no object reaches; terms without weight.
+`plan=None` computes everything all the same.
 """
 
 from collections.abc import Callable, Mapping
@@ -42,7 +42,7 @@ _SPARE_NODES = 12
 
 
 class Automatic(Enum):
-    """The default of every `plan=`: made from the scene, motion and shutter at hand."""
+    """The default of every `plan=`: a plan made from the scene, motion and shutter given."""
 
     PLANNED = "planned"
 
@@ -55,9 +55,9 @@ class Item:
     """One decision of a plan.
 
     Attributes:
-        name: What was decided.
+        name: What the decision is about.
         full: How much of it a full computation has.
-        kept: How much of it is left.
+        kept: How much of it the plan keeps.
         why: Why that is enough.
     """
 
@@ -69,7 +69,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is computed; static, hashable, and the same for scenes of the same needs.
+    """What to compute; static, hashable, and equal for scenes of equal needs.
 
     Attributes:
         num_taps: Taps of a blur kernel.
@@ -78,8 +78,8 @@ class Plan:
         num_nodes: Nodes over the whole exposure for the transfer functions there.
         num_kept: The lowest of the frequencies, to which the expected error is confined;
             None for all.
-        skips: Whether what cannot change a result is left out: speeds that never occur or
-            occur twice, and what a search would compute over again.
+        skips: Whether work that cannot change a result is left out: speeds that never occur
+            or occur twice, and responses that a search would compute again.
         folds: Whether `+s` and `-s` are taken for one speed.
         still: Whether nothing in the scene moves, and one kernel is all there is.
         loss_dft_length: Length of the DFT that a loss takes its condition number over; None
@@ -145,7 +145,7 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
 
 
 def larger(first: Plan, second: Plan) -> Plan:
-    """Sizes that hold what either holds."""
+    """Sizes large enough for both plans."""
     return Plan(
         max(first.num_taps, second.num_taps),
         max(first.dft_length, second.dft_length),
@@ -171,16 +171,17 @@ def _rounded_up(count: float) -> int:
 
 
 def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Plan:
-    """The plan that a consumer makes for itself: exact, and one for every motion.
+    """The plan that a function makes by default: exact, and one for every motion.
 
-    Sizes hold all that the scene's limits allow, so that one compiled program serves.
+    Its sizes hold every motion within the scene's limits, so that one compiled program
+    serves all of them.
     """
     folds, still = is_symmetric(shutter), nothing_moves(scene)
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
 
 def require_plan(value: object) -> None:
-    """Refuse what is no argument `plan=`, which would else be taken for the default."""
+    """Refuse a value that is no plan; without this it would count as the default."""
     known = value is None or isinstance(value, Plan | Automatic)
     require(known, "plan", "be a plan, or None for everything", value)
 
@@ -206,7 +207,7 @@ def chosen(
     shutter: AbstractShutter,
     parts: Callable[[Plan], Parts],
 ) -> tuple[Plan, AbstractMotion]:
-    """The plan that an argument `plan=` stands for, None for everything, and the motion.
+    """The plan that an argument `plan=` stands for, and the motion.
 
     One that is traced is refused, when it is run, if a plan made here has too few taps or
     nodes for those parts of its response that are used.
@@ -242,9 +243,9 @@ def _refused(motion: AbstractMotion, exceeds: Array, requirement: str) -> Abstra
 
 
 def reduced(scene: Scene, plan: Plan) -> Scene:
-    """The numbers of a scene that a plan keeps: no picture, no motion, fewer speeds.
+    """The scene with only the numbers that a plan keeps: no picture, no motion, fewer speeds.
 
-    Scenes that differ in numbers alone come out with the same shapes.
+    Scenes that differ only in their numbers get the same shapes, and share programs.
     """
     power = _power_on_grid(scene, plan)
     if not (plan.skips and scene.speeds_known):
@@ -257,7 +258,7 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
 
 
 def padded(speeds: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds repeated without weight to one of two counts an octave: shapes are shared."""
+    """Speeds padded to one of two counts an octave, without weight, so that shapes are shared."""
     spare = size_class(speeds.size) - speeds.size
     return np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
 
@@ -272,8 +273,8 @@ def nothing_moves(scene: Scene) -> bool:
 def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
     """The scene with every speed once, none that never occurs, and no picture or motion.
 
-    A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Nothing
-    that is computed of the scene changes but by rounding.
+    A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Results
+    computed from the scene change only by rounding.
     """
     if not scene.speeds_known:
         return scene.bare()
@@ -282,7 +283,7 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
 
 
 def is_symmetric(shutter: AbstractShutter) -> bool:
-    """Whether `w(-tau) = w(tau)` is known of a shutter."""
+    """Whether a shutter is known to satisfy `w(-tau) = w(tau)`."""
     return bool(getattr(shutter, "symmetric", False))
 
 
@@ -293,7 +294,7 @@ def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
 
 
 def power_on_grid(scene: Scene, num_frequencies: int) -> np.ndarray:
-    """Power of the picture's rows at frequencies that the optics pass, on any scale."""
+    """Power of the picture's rows at frequencies that the optics pass, in arbitrary units."""
     passed = frequencies(num_frequencies) <= float(scene.cutoff_frequency)
     return _spectrum(scene, num_frequencies) * passed * (float(scene.deviation) > 0)
 

@@ -1,7 +1,7 @@
-r"""What a shutter on a motion does to a scene: kernels, transfer functions, light.
+r"""The response of a design to a scene: kernels, transfer functions and efficiency.
 
-Everything here is linear in the transmittance. The transfer functions are taken at
-the centres of equal steps in (0, 0.5) cycles/px, by quadrature over the exposure.
+All of it is linear in the transmittance. The transfer functions are sampled at the
+centres of equal steps in (0, 0.5) cycles/px, by quadrature over the exposure.
 """
 
 from typing import NamedTuple, final
@@ -46,9 +46,9 @@ class Response(eqx.Module):
         still_kernel: Blur kernel of a still object, $h_0$; shape `(n,)`.
         still_spectrum: Its DFT of `dft_length` points; complex, `(dft_length // 2 + 1,)`.
         differences: $\sqrt{p_i}\,(h_{s_i} - h_0)$ at the scene's speeds; shape `(s, n)`.
-        spectra: Transfer functions there, in the vertex frame, without the pixel
+        spectra: Transfer functions at these speeds, in the vertex frame, without the pixel
             aperture; complex, shape `(s, m)`.
-        efficiency: Share of light let through; scalar.
+        efficiency: Mean transmittance over the exposure; scalar.
     """
 
     still_kernel: Array
@@ -68,18 +68,18 @@ def respond(
     spectra: bool = True,
     differences: bool = True,
 ) -> Response:
-    """Response of a design to a scene, with the parts asked for."""
+    """Response of a design to a scene, with the parts that are asked for."""
     parts = kernels, spectra, differences
     return assembled(scene, records(scene, motion, shutter, plan, *parts), plan)
 
 
 class Records(NamedTuple):
-    """What a shutter on a motion does to points at some speeds.
+    """Kernels and transfer functions of a design at some speeds, before they are combined.
 
     Attributes:
-        kernels: Of an object at rest, then of each speed; shape `(s + 1, n)`.
+        kernels: Kernel of an object at rest, then that of each speed; shape `(s + 1, n)`.
         spectra: Transfer functions; complex, shape `(s, m)`.
-        efficiency: Share of light let through; scalar.
+        efficiency: Mean transmittance over the exposure; scalar.
     """
 
     kernels: Array
@@ -96,9 +96,10 @@ def records(
     spectra: bool = True,
     differences: bool = True,
 ) -> Records:
-    """Kernels and transfer functions, each by a program that every consumer shares.
+    """Kernels and transfer functions, each by one compiled program for all its callers.
 
-    Without `differences`, or of a scene in which nothing moves, only the kernel at rest.
+    Without `differences`, or where nothing in the scene moves, only the kernel at rest is
+    computed.
     """
     require_sizes(plan.num_taps, plan.num_frequencies, kernels=kernels, spectra=spectra)
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
@@ -119,7 +120,7 @@ def records(
 
 
 def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
-    """The response that losses and metrics are made from."""
+    """The response, from which losses and metrics follow."""
     still = differences = spectrum = jnp.zeros(0, recorded.efficiency.dtype)
     if recorded.kernels.size:
         still = recorded.kernels[0]
@@ -145,7 +146,7 @@ def folded(kernels: Array | np.ndarray, plan: Plan) -> tuple[Array | np.ndarray,
 
 
 def _with_rest(speeds: Array) -> Array | np.ndarray:
-    """Speeds after that of an object at rest; on the host where they are known."""
+    """The speed 0, then the given speeds; a NumPy array where they are known."""
     rest = np.zeros(1, speeds.dtype)
     return np.append(rest, speeds) if is_concrete(speeds) else jnp.append(rest, speeds)
 
@@ -175,8 +176,8 @@ def kernels_at_speeds(
 ) -> Array:
     """Aligned kernels of one length at several speeds, px/s; shape `(s, num_taps)`.
 
-    Known ones are computed eight at a time and cut from longer ones, so that one program
-    for each kind of shutter serves whoever asks, for however many.
+    Kernels at known speeds are computed eight at a time and cut from longer ones, so that
+    one compiled program for each kind of shutter serves any number of speeds and taps.
     """
     kernels = _kernels_and_light(shutter, motion, speeds, num_taps)[0]
     if not isinstance(kernels, np.ndarray):
@@ -215,7 +216,7 @@ def _kernels_from(
     first: Array | np.ndarray,
     num_taps: int,
 ) -> tuple[Array, Array]:
-    """Kernels whose first tap begins at a position from the point of alignment, px; light."""
+    """Kernels whose first tap begins at `first`, px from the point of alignment; efficiency."""
 
     def one(speed: Array) -> Array:
         turns = jnp.asarray(has_vertex(motion))
@@ -234,7 +235,7 @@ def aligned_spectra(
     num_frequencies: int,
     num_kept: int | None = None,
 ) -> Array:
-    """Transfer functions on the frequency grid, aligned as the kernels; `(s, m)`, complex.
+    """Transfer functions on the frequency grid, aligned as the kernels are; `(s, m)`, complex.
 
     Those that occur are `aligned`. With `num_kept` only at the lowest of the frequencies.
     """

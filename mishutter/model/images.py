@@ -1,23 +1,22 @@
-"""Pictures in and out: any PNG, JPEG or TIFF to linear light, and back to a 16-bit PNG."""
+"""Pictures in and out: any PNG, JPEG or TIFF to linear light, and back to a 16-bit PNG.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 import importlib.util
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from mishutter._core import Bare, require, require_positive_int, shape_of
-from mishutter.model.png import is_deep_png, read_deep_png, write_deep_png
-from mishutter.model.tiff import is_tiff, read_tiff
+from mishutter._core import Bare, require, require_positive_int, shape_of, write_bytes
+from mishutter.model.picture_files import MAX_PIXELS, decoded, deep_png
 
 GAMMA = 2.2
 """Exponent of the coding of pictures (the paper's section 4.2)."""
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of linear red, green and blue in luminance (ITU-R BT.709)."""
-MAX_PIXELS = 150_000_000
-"""Larger pictures are refused before they are unpacked."""
 
 _READ = "read_picture(path=...)"
 _WRITE = "write_picture(path=...)"
@@ -163,15 +162,13 @@ def write_picture(path: str | Path, light: Picture | np.ndarray) -> None:
     if path.is_dir():
         raise IsADirectoryError(f"`{_WRITE}` must name a file; got the folder {str(path)!r}.")
 
-    def coded(rows: slice) -> np.ndarray:
-        block = np.asarray(array[rows])
-        finite = bool(np.all(np.isfinite(block)))
-        require(finite, "write_picture(light=...)", "be finite", Bare("a value that is not"))
-        block = np.clip(block, 0, 1)
-        block[..., :3] = block[..., :3] ** (1 / GAMMA)
-        return np.rint(block * 65535).astype(np.uint16)
-
-    write_deep_png(path, coded, shape)
+    coded = array.astype(np.result_type(array, np.float32))
+    finite = bool(np.all(np.isfinite(coded)))
+    require(finite, "write_picture(light=...)", "be finite", Bare("a value that is not"))
+    np.clip(coded, 0, 1, out=coded)
+    coded[..., :3] **= 1 / GAMMA
+    coded *= 65535
+    write_bytes(path, deep_png(np.rint(coded, out=coded).astype(np.uint16)))
 
 
 def to_display(light: np.ndarray) -> np.ndarray:
@@ -216,43 +213,14 @@ def row_power_spectrum(picture: Picture, num_frequencies: int = 256) -> RowSpect
     return RowSpectrum(binned * scale, mean, deviation)
 
 
-def _decoded(path: Path) -> np.ndarray:
-    """Pixels as the file holds them, upright; `(rows, columns)` or with channels last."""
-    if is_tiff(path):
-        pixels = read_tiff(path, MAX_PIXELS)
-        return _decoded_by_pillow(path) if pixels is None else pixels
-    if is_deep_png(path):
-        return read_deep_png(path, MAX_PIXELS)
-    return _decoded_by_pillow(path)
-
-
-def _decoded_by_pillow(path: Path) -> np.ndarray:
-    from PIL import Image, ImageOps
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        with Image.open(path) as file:
-            if file.width * file.height > MAX_PIXELS:
-                raise ValueError(f"{file.width} x {file.height} pixels")
-            upright = ImageOps.exif_transpose(file)
-            seen = "transparency" in upright.info or upright.mode in ("LA", "PA", "RGBA", "La")
-            if upright.mode in ("L", "RGB", "RGBA", "LA", "F", "I", "I;16", "I;16B"):
-                wanted = "RGBA" if seen and upright.mode in ("L", "RGB") else upright.mode
-            else:
-                wanted = "RGBA" if seen else "L" if upright.mode == "1" else "RGB"
-            array = np.asarray(upright.convert(wanted) if wanted != upright.mode else upright)
-    deep_grey = array.dtype == np.int32 and file.format != "TIFF"  # as Pillow gave it of old
-    return array.astype(np.uint16) if deep_grey else array
-
-
 def _pixels(path: Path) -> np.ndarray:
-    """Pixels as `_decoded` gives them, or one line that says why not."""
+    """Pixels as `decoded` gives them, or one line that says why not."""
     if not path.exists():
         raise FileNotFoundError(f"`{_READ}` must name a file; got {str(path)!r}, not found.")
     if path.is_dir():
         raise IsADirectoryError(f"`{_READ}` must name a file; got the folder {str(path)!r}.")
     try:
-        return _decoded(path)
+        return decoded(path)
     except PermissionError as error:
         raise PermissionError(
             f"`{_READ}` must name a readable file; got {str(path)!r}, permission denied."

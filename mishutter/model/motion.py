@@ -1,4 +1,7 @@
-"""How the sensor moves while the shutter is open."""
+"""How the sensor moves while the shutter is open.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 from typing import final
 

@@ -1,4 +1,7 @@
-"""The reproduction's camera and photographs, and what decoders make of them."""
+"""The reproduction's camera and photographs, and what decoders make of them.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 from typing import Any
 

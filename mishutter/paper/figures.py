@@ -1,4 +1,7 @@
-"""The paper's Figures 3 to 6, drawn so that they survive a grey printout."""
+"""The paper's Figures 3 to 6, drawn so that they survive a grey printout.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 from typing import Any
 

@@ -1,8 +1,14 @@
-"""What the paper states, what came out, and the page that says so."""
+"""What the paper states, what came out, and the page that says so.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 from typing import Any
 
 import numpy as np
+
+TITLE = "Improved motion invariant imaging with time varying shutter functions"
+"""Title of the paper whose statements are held against what came out."""
 
 Statement = dict[str, Any]
 """`claim` as published, `met`, and `found`: the numbers."""
@@ -34,6 +40,8 @@ def report_page(numbers: dict[str, Any]) -> str:
     return "\n".join(
         [
             "# What the paper states, and what came out",
+            "",
+            f'The paper is "{TITLE}"; figures, sections and equations are numbered as there.',
             "",
             f"Stroke {setting['stroke_px']:g} px, phase {setting['phase_px']:g}, "
             f"{setting['electrons_at_white']:g} e- at white and {setting['read_noise_e']:g} e- of "

@@ -1,4 +1,7 @@
-"""The paper's Figures 3 to 6 and its table, computed anew and held against what it says."""
+"""The paper's Figures 3 to 6 and its table, computed anew and held against what it says.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 import json
 from collections.abc import Callable

@@ -1,5 +1,9 @@
-"""Pictures and tables of designs, comparisons and sweeps."""
+"""Pictures and documents of designs, comparisons and sweeps."""
 
+from mishutter.report.document import Report as Report
+from mishutter.report.document import document as document
+from mishutter.report.document import shown_rows as shown_rows
+from mishutter.report.document import write_report as write_report
 from mishutter.report.photographs import photograph_of as photograph_of
 from mishutter.report.photographs import photographs as photographs
 from mishutter.report.photographs import scene_picture as scene_picture
@@ -15,8 +19,3 @@ from mishutter.report.plots import save_figure as save_figure
 from mishutter.report.sweep_plots import plot_front as plot_front
 from mishutter.report.sweep_plots import plot_map as plot_map
 from mishutter.report.sweep_plots import write_pictures as write_pictures
-from mishutter.report.tables import Report as Report
-from mishutter.report.tables import document as document
-from mishutter.report.tables import print_report as print_report
-from mishutter.report.tables import shown_rows as shown_rows
-from mishutter.report.tables import write_report as write_report

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mishutter.camera import kernel_layout
-from mishutter.cli.console import note
 from mishutter.design import Row
 from mishutter.model import EXAMPLE_PICTURE, Picture, Scene, example_picture, read_picture
 from mishutter.restore import (
@@ -47,10 +46,12 @@ def decoders() -> dict[str, AbstractDecoder]:
     }
 
 
-def photograph_of(scene: Scene, rows: Mapping[str, Row]) -> Picture | None:
+def photograph_of(
+    scene: Scene, rows: Mapping[str, Row], *, note: Callable[[str], None]
+) -> Picture | None:
     """What of the scene's photograph is captured; None if there is none.
 
-    One that is too narrow for the kernels of some designs is left out, with a note.
+    One that is too narrow for the kernels of some designs is left out, with a `note` that says so.
     """
     if scene.picture is None:
         return None

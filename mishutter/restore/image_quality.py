@@ -1,4 +1,7 @@
-"""How good a restored picture is: PSNR, SSIM, ghosts; whole, inside, and at the border."""
+"""How good a restored picture is: PSNR, SSIM, ghosts; whole, inside, and at the border.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 from typing import Any, NamedTuple
 

@@ -366,7 +366,7 @@ def test_a_traced_motion_is_shared_out_over_devices(slug):
     for one, other in zip(shared(points), jax.jit(batch)(points), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12)
     with pytest.raises((RuntimeError, ValueError), match=r"`motion` must (be passed|keep light)"):
-        shared(points.at[1, 0].mul(100.0))
+        jax.block_until_ready(shared(points.at[1, 0].mul(100.0)))
 
 
 @pytest.mark.parametrize("read_noise", [0.0, 2.0, 1e20])

@@ -293,6 +293,22 @@ def test_tikhonov_weighs_second_differences():
     assert strength[0, -1].real > 0
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e3], ids=["none", "more than the capture"])
+def test_tikhonov_rests_at_an_end_of_its_range(noise):
+    """Where no strength leaves the noise it does not move, and the decoder is linear."""
+    around = Continuation(np.zeros((0, 0)), 64, 64, 0)
+    response = np.fft.rfft([0.5, 0.3, 0.1], 64)
+
+    def restored(rows):
+        return _regularised(rows, around, response, np.asarray(noise), np.asarray(1.3))
+
+    rows = jnp.asarray(np.random.default_rng(6).random((3, 64)))
+    found, change = jax.jvp(restored, (rows,), (rows,))
+    np.testing.assert_allclose(change, found, atol=1e-12)
+    flat = jnp.full((3, 64), 0.2)
+    np.testing.assert_allclose(jax.jvp(restored, (flat,), (flat,))[1], restored(flat), atol=1e-12)
+
+
 def test_tikhonov_leaves_the_noise():
     """What the regularised estimate leaves unexplained has the power of the noise."""
     known = scene(mean_level=0.21, deviation=0.2)

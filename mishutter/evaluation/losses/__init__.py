@@ -1,4 +1,4 @@
-"""Losses: what a design is judged by."""
+"""Losses, by which designs are judged."""
 
 from mishutter.evaluation.losses.base import AbstractLoss as AbstractLoss
 from mishutter.evaluation.losses.base import AbstractResponseLoss as AbstractResponseLoss

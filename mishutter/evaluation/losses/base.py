@@ -1,4 +1,4 @@
-"""What a loss is, and how losses add up."""
+"""The interface of losses, and sums of losses."""
 
 import inspect
 from abc import abstractmethod
@@ -20,7 +20,7 @@ from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
 class AbstractLoss(eqx.Module):
     """A scalar to be made small: `loss(scene, motion, shutter, plan=...)`.
 
-    One's own loss is one small class with a `__call__`. Losses add and subtract, also by
+    A loss of your own is one small class with a `__call__`. Losses add and subtract, also by
     `sum`, and take factors: `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
 
     Raises:
@@ -43,7 +43,7 @@ class AbstractLoss(eqx.Module):
         *,
         plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
-        """The loss; scalar. The plan is made for the scene by default; None computes all."""
+        """The loss; scalar. By default a plan is made for the scene; None computes everything."""
 
     def __add__(self, other: "AbstractLoss") -> "AbstractLoss":
         if not isinstance(other, AbstractLoss):
@@ -52,7 +52,7 @@ class AbstractLoss(eqx.Module):
         return WeightedSum(tuple(t[0] for t in terms), tuple(t[1] for t in terms))
 
     def __radd__(self, other: Any) -> "AbstractLoss":
-        """Zero and a loss, from which `sum` begins, are that loss."""
+        """0 plus a loss is the loss: `sum` begins with 0."""
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
     def __neg__(self) -> "AbstractLoss":
@@ -87,7 +87,7 @@ def value_of(
     """The value of a loss, which may be a user's; scalar.
 
     Raises:
-        ValueError: if it is not what a solver can make small.
+        ValueError: if it is not one real number.
     """
     value: Any = loss(scene, motion, shutter, plan=plan)
     is_array = isinstance(value, jax.Array | np.ndarray)
@@ -98,14 +98,15 @@ def value_of(
 
 
 class AbstractResponseLoss(AbstractLoss):
-    """A loss that sees the shutter through its kernels, transfer functions and light.
+    """A loss that depends on the shutter through its response alone.
 
-    The response is linear in the transmittance, which a solver can use.
+    A response is kernels, transfer functions and efficiency, all linear in the transmittance: a
+    search computes the responses of basis profiles once and adds them up at each step.
     """
 
     @abstractmethod
     def parts(self, plan: Plan) -> Parts:
-        """The parts of the response that the loss is made from; all its kind has without skips."""
+        """Parts of the response that the loss needs; without skips also those of no weight."""
 
     @abstractmethod
     def of_response(
@@ -159,7 +160,7 @@ class WeightedSum(AbstractLoss):
         return sum(terms, start=jnp.zeros_like(terms[0]))
 
     def needed(self, *, skips: bool) -> list[tuple[AbstractLoss, float]]:
-        """The terms with their weights; with `skips` without those of weight 0, but one."""
+        """Terms with their weights; `skips` drops terms of weight 0, but never the last."""
         terms = list(zip(self.losses, self.weights, strict=True))
         weighty = [
             term for term in terms if not (isinstance(term[1], float | int) and term[1] == 0)

@@ -1,4 +1,4 @@
-"""The weighted loss of condition number, invariance and light."""
+"""The weighted loss of condition number, invariance and efficiency."""
 
 from typing import Any, final
 
@@ -19,7 +19,7 @@ _SHARPNESS = 200
 
 
 def _plain(weight: Any) -> Any:
-    """The number that a scalar array holds, where it is known."""
+    """The number in a scalar array whose value is known; other weights as they are."""
     scalar = is_concrete(weight) and np.ndim(weight) == 0 and hasattr(weight, "dtype")
     return weight.item() if scalar else weight
 
@@ -84,7 +84,8 @@ def smooth_condition_number(spectrum: Array) -> Array:
     floor = jnp.finfo(power.dtype).eps ** 2
     share = jnp.where(lit, power / jnp.where(lit, brightest, 1.0), 0) + floor
     least = jax.lax.stop_gradient(jnp.min(share))
-    # Powers by squaring, of numbers up to 1: many times quicker than exponentials of logarithms.
+    # Powers by repeated squaring, of numbers up to 1, are many times quicker than exponentials
+    # of logarithms.
     sums = jnp.sum(share**_SHARPNESS) * jnp.sum((least / share) ** _SHARPNESS)
     logarithm = jnp.log(sums) / _SHARPNESS - jnp.log(least)
     return jnp.where(lit, jnp.exp(logarithm / 2), 1 / jnp.finfo(power.dtype).eps)

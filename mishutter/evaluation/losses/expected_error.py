@@ -1,4 +1,4 @@
-"""The loss that a restored picture shows."""
+"""The loss that is visible in a restored picture: its expected error."""
 
 from typing import final
 

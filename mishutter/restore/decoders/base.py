@@ -1,4 +1,7 @@
-"""What a decoder knows of a capture, and what it gives back."""
+"""What a decoder knows of a capture, and what it gives back.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 from abc import abstractmethod
 from typing import final

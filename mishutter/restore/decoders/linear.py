@@ -1,4 +1,7 @@
-"""Decoders that are one filter: the ensemble filter and Wiener's."""
+"""Decoders that are one filter: the ensemble filter and Wiener's.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 from typing import final
 

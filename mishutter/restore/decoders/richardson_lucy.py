@@ -1,4 +1,7 @@
-"""Richardson-Lucy deconvolution along rows: plain, accelerated, stopped at the noise."""
+"""Richardson-Lucy deconvolution along rows: plain, accelerated, stopped at the noise.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 from typing import NamedTuple, final
 

@@ -6,17 +6,16 @@ from typing import final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+import optimistix
+from jaxtyping import Array, ArrayLike, DTypeLike
 
 from mishutter._core import compiled
 from mishutter.camera import along_rows
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
 from mishutter.restore.decoders.borders import Continuation, continuation
 
-_LEAST, _MOST = 1e-9, 1e9
+_RANGE = (1e-9, 1e9)
 _NUM_HALVINGS = 40
-_AT_END = 1e-3
-"""How near to an end of its range a logarithm is held there, and does not move."""
 
 
 @final
@@ -47,50 +46,47 @@ def _regularised(
     noise: ArrayLike,
     gain: ArrayLike,
 ):
-    rows, mean = extension.deviations(captured)
-    spectrum = jnp.fft.rfft(rows)
-    transfer = along_rows(response, spectrum)
-    passed = transfer.real**2 + transfer.imag**2
-    turns = np.fft.rfftfreq(extension.length)
-    rough = along_rows(16 * np.sin(np.pi * turns) ** 4, rows)
-    noise, gain = (jnp.asarray(v, rows.dtype) for v in (noise, gain))
-    columns = extension.columns
+    def restored(plane: Array) -> Array:
+        rows, mean = extension.deviations(plane)
+        spectrum = jnp.fft.rfft(rows)
+        transfer = along_rows(response, spectrum)
+        passed = transfer.real**2 + transfer.imag**2
+        turns = np.fft.rfftfreq(extension.length)
+        rough = along_rows(16 * np.sin(np.pi * turns) ** 4, rows)
+        variance, light = (jnp.asarray(v, rows.dtype) for v in (noise, gain))
+        columns = extension.columns
 
-    def weight(logarithm: Array) -> Array:
-        penalty = jnp.exp(logarithm) * rough
-        total = passed + penalty
-        return jnp.where(total > 0, penalty / jnp.where(total > 0, total, 1), 1)
+        def excess(logarithm: Array) -> Array:
+            """Power of the residual above that of the noise."""
+            penalty = jnp.exp(logarithm) * rough
+            total = passed + penalty
+            share = jnp.where(total > 0, penalty / jnp.where(total > 0, total, 1), 1)
+            residual = jnp.fft.irfft(spectrum * share.astype(spectrum.dtype), extension.length)
+            return jnp.mean(residual[:, :columns] ** 2) - variance
 
-    def unexplained(logarithm: Array) -> Array:
-        left = spectrum * weight(logarithm).astype(spectrum.dtype)
-        recorded = jnp.fft.irfft(left, extension.length)[..., :columns]
-        return jnp.mean(recorded**2, axis=(-2, -1), keepdims=True)
+        total = passed + jnp.exp(_root(excess, rows.dtype)) * rough
+        scale = jnp.where(total > 0, 1 / jnp.where(total > 0, total, 1), 0)
+        inverse = jnp.conj(transfer) * scale.astype(spectrum.dtype)
+        return jnp.fft.irfft(spectrum * inverse, extension.length)[:, :columns] + mean * light
 
-    one = jnp.ones((*captured.shape[:-2], 1, 1), captured.dtype)
-    strength = _root(lambda logarithm: unexplained(logarithm) - noise, one)
-    total = passed + jnp.exp(strength) * rough
-    scale = jnp.where(total > 0, 1 / jnp.where(total > 0, total, 1), 0)
-    inverse = jnp.conj(transfer) * scale.astype(spectrum.dtype)
-    return jnp.fft.irfft(spectrum * inverse, extension.length)[..., :columns] + mean * gain
+    planes = captured.reshape(-1, *captured.shape[-2:])
+    return jax.vmap(restored)(planes).reshape(captured.shape)
 
 
-def _root(rising: Callable[[Array], Array], one: Array) -> Array:
-    r"""Logarithm at which a function is zero, or an end of the range; shape of `one`.
+def _root(rising: Callable[[Array], Array], dtype: DTypeLike) -> Array:
+    """Logarithm at which a function is zero, or the end of the range that is nearest to it."""
+    low, high = jnp.log(jnp.asarray(_RANGE, dtype))
+    is_below, is_above = rising(low) >= 0, rising(high) <= 0
+    is_outside = is_below | is_above
 
-    Its derivative is that of the root, $-\partial f/f'$: bisection itself has none.
-    """
-    low, high = float(np.log(_LEAST)), float(np.log(_MOST))
+    def line_outside(logarithm: Array, _: None) -> Array:
+        """Prevents a derivative that is not finite where the function has no root."""
+        return jnp.where(is_outside, logarithm, rising(logarithm))
 
-    def halved(_, bounds: tuple) -> tuple:
-        low, high = bounds
-        middle = (low + high) / 2
-        above = jax.lax.stop_gradient(rising(middle)) > 0
-        return jnp.where(above, low, middle), jnp.where(above, middle, high)
-
-    bounds = jax.lax.fori_loop(0, _NUM_HALVINGS, halved, (one * low, one * high))
-    found = (bounds[0] + bounds[1]) / 2
-    value, slope = jax.jvp(rising, (found,), (one,))
-    inside = (slope > 0) & (found - low > _AT_END) & (high - found > _AT_END)
-    slope = jax.lax.stop_gradient(jnp.where(inside, slope, 1))
-    moved = (value - jax.lax.stop_gradient(value)) / slope
-    return found - jnp.where(inside, moved, 0)
+    bisection = optimistix.Bisection(rtol=0, atol=0, flip=False)
+    ends = {"lower": low, "upper": high}
+    middle = (low + high) / 2
+    solution = optimistix.root_find(
+        line_outside, bisection, middle, options=ends, max_steps=_NUM_HALVINGS, throw=False
+    )
+    return jnp.where(is_below, low, jnp.where(is_above, high, solution.value))

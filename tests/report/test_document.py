@@ -17,10 +17,11 @@ from mishutter import (
     TukeyShutter,
     evaluate,
 )
+from mishutter.cli.tables import print_report
 from mishutter.design.comparison import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Row
 from mishutter.model.images import write_picture
+from mishutter.report import Report, document, write_report
 from mishutter.report.photographs import Photographs, _middle_rows, photograph_of
-from mishutter.report.tables import Report, document, print_report, write_report
 
 DESIGNS = {
     "rect": (MOTION, RectShutter()),
@@ -98,14 +99,15 @@ def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):
     assert not stale & set(written)
 
 
-def test_a_narrow_photograph_is_left_out_with_a_note(report, tmp_path, capsys):
+def test_a_narrow_photograph_is_left_out_with_a_note(report, tmp_path):
     """What was computed is not lost to it: one line names the file and how wide it should be."""
     path = tmp_path / "narrow.png"
     write_picture(path, np.random.default_rng(3).uniform(0.2, 0.8, (9, 41)))
     scene = Scene([0.0, 310.0], photon_rate=1e5, read_noise=4.0, limits=LIMITS, picture=str(path))
     rows = {row.name: row for row in report.comparison.rows}
-    assert photograph_of(scene, rows) is None
-    (line,) = capsys.readouterr().err.splitlines()
+    notes: list[str] = []
+    assert photograph_of(scene, rows, note=notes.append) is None
+    (line,) = notes
     assert line.startswith(f"{path}: 41 columns are too few")
 
 

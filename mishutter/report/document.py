@@ -1,12 +1,10 @@
-"""A comparison for people and programs: tables, one document, pictures in a folder."""
+"""A comparison for programs and for people: one document, pictures in a folder."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mishutter._core import strict_json, write_text
-from mishutter.cli.console import print_table, print_text
 from mishutter.design import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Design, Row
 from mishutter.model import (
     Scene,
@@ -60,91 +58,6 @@ def _photograph_document(result: RestoredPhotograph) -> dict[str, Any]:
         "mean_linear_psnr_db": result.mean_psnr,
         "expected_of_ensemble_filter_db": result.expected_psnr,
     }
-
-
-def print_report(report: Report) -> None:
-    """The comparison, the photograph's table and the verdict, on standard output."""
-    comparison = report.comparison
-    snapshot = float(comparison.row(BEST_SNAPSHOT).metrics.expected_psnr)
-    for reading in dict.fromkeys(row.reading for row in comparison.rows):
-        rows = [row for row in comparison.rows if row.reading == reading]
-        cells = [_cells(row, snapshot) for row in rows]
-        num_columns = len(_COLUMNS) - all(row.loss is None for row in rows)
-        cut = [row[:num_columns] for row in cells]
-        print_table(reading.capitalize(), _COLUMNS[:num_columns], cut)
-        print_text(_condition_note(rows))
-        print_text()
-    if report.photographs is not None:
-        _print_photographs(report.photographs.levels)
-    if report.design is not None:
-        print_text(_design_line(report.design))
-    print_text(comparison.verdict)
-
-
-_COLUMNS = (
-    "shutter",
-    "PSNR dB",
-    "snapshot +dB",
-    "condition",
-    "kernel diff",
-    "relative",
-    "light",
-    "bound",
-    "stroke px",
-    "open ms",
-    "loss",
-)
-
-
-def _cells(row: Row, snapshot: float) -> list[str]:
-    m = row.metrics
-    level = float(m.expected_psnr)
-    return [
-        row.name,
-        f"{level:.2f}",
-        f"{0.0 if level == snapshot else level - snapshot:+.2f}",
-        f"{float(m.condition_number):.2f}",
-        f"{float(m.kernel_difference):.4f}",
-        f"{float(m.relative_kernel_difference):.3f}",
-        f"{float(m.efficiency):.3f}",
-        f"{float(m.bound_share):.3f}",
-        f"{float(row.motion.stroke):.1f}",
-        f"{float(row.motion.exposure) * 1e3:.2f}",
-        "" if row.loss is None else f"{row.loss:.4f}",
-    ]
-
-
-def _condition_note(rows: list[Row]) -> str:
-    places: dict[str, list[str]] = {}
-    for row in rows:
-        place = f"phase {float(row.metrics.phase):g} px over {row.metrics.dft_length} DFT points"
-        places.setdefault(place, []).append(row.name)
-    most = max(places, key=lambda place: len(places[place]))
-    others = [f", of {' and '.join(places[p])} at {p}" for p in places if p != most]
-    condition = f"condition at {most}{''.join(others)}"
-    return f"PSNR expected of the best single linear filter; {condition}."
-
-
-def _print_photographs(
-    photographs: Mapping[str, Mapping[str, RestoredPhotograph]],
-) -> None:
-    names = list(next(iter(photographs.values())))
-    rows = [
-        [name, *(f"{results[name].mean_psnr:.2f}" for results in photographs.values())]
-        for name in names
-    ]
-    title = "Photograph, restored at every speed: PSNR dB, linear light, own best motion"
-    print_table(title, ["shutter", *photographs], rows)
-    print_text()
-
-
-def _design_line(design: Design) -> str:
-    return (
-        f"{design.outcome} Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best "
-        f"start, {len(design.history)} in its history), projected gradient "
-        f"{design.certificate:.1e}; a = {float(design.motion.acceleration):.6g} px/s^2, "
-        f"T = {float(design.motion.half_exposure) * 1e3:.4g} ms."
-    )
 
 
 def write_report(report: Report, folder: Path) -> list[str]:
