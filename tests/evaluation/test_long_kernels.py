@@ -1,14 +1,12 @@
 """However far light spreads, the expected error is sampled finely enough, or refused by name."""
 
-import sys
-from pathlib import Path
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from support import closed_form
 
+from benchmarks import long_kernels
 from mishutter import (
     DesignLoss,
     ExpectedErrorLoss,
@@ -24,9 +22,6 @@ from mishutter import (
     sweep,
 )
 from mishutter.evaluation.alignment import FURTHEST_GAP, aligned
-
-sys.path.append(str(Path(__file__).parent.parent))
-from benchmarks import long_kernels
 
 PSNR_ERROR = 0.02
 """Difference from 65,536 frequencies, dB: promised of any scene."""
