@@ -16,7 +16,7 @@ from jaxtyping import Array
 FURTHEST_GAP = 1024.0
 """Distance between the light of two objects from which on pictures do not correlate; px."""
 
-Numbers = Array | np.ndarray | np.generic
+Numbers = Array | np.ndarray
 
 
 class Alignment(NamedTuple):

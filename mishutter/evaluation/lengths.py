@@ -54,7 +54,7 @@ def spread_of(speeds: np.ndarray, stroke: np.ndarray, half_exposure: np.ndarray)
     """Length over which light of all speeds falls; px, the shape of `stroke`."""
     smear = speeds.reshape(-1, *(1,) * np.ndim(stroke)) * half_exposure
     with np.errstate(over="ignore"):
-        return np.asarray(aligned(stroke[None], smear).extent)[0]
+        return np.asarray(aligned(stroke[None], smear).extent[0])
 
 
 def occurring_speeds(scene: Scene) -> np.ndarray:
@@ -65,7 +65,7 @@ def occurring_speeds(scene: Scene) -> np.ndarray:
 
 def whole_px(length: np.ndarray | float) -> np.ndarray:
     """Whole pixels that hold a length, the same for two ways to compute it."""
-    return np.ceil(np.asarray(length) * (1 - 1e-9))
+    return np.asarray(np.ceil(np.asarray(length) * (1 - 1e-9)))
 
 
 def num_frequencies(scene: Scene, spread: float) -> int:

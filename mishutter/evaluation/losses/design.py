@@ -37,8 +37,8 @@ class DesignLoss(AbstractResponseLoss):
     $\tilde\kappa^2 = (\sum P_f^\beta)^{1/\beta} (\sum P_f^{-\beta})^{1/\beta}$, hence
     $\kappa \le \tilde\kappa \le F^{1/\beta}\kappa$: at most 2.5 % too large for 129
     frequencies. The DFT is as long for every motion, as the scene's limits let kernels be:
-    a longer kernel is folded onto it. A spectral zero counts as $|H| = \varepsilon\max|H|$, the working
-    precision.
+    a longer kernel is folded onto it. A spectral zero counts as
+    $|H| = \varepsilon\max|H|$, the working precision.
 
     Args:
         condition: $w_1$, at least 0; a number, not an array that is traced.
