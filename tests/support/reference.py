@@ -10,7 +10,8 @@ from functools import cached_property, lru_cache
 
 import mpmath as mp
 
-mp.mp.dps = 120
+mp.mp.dps = 300
+"""Differences of error functions in the tail of a Gaussian of sigma 0.03 are 1e-241 of its peak."""
 IMAGINARY = mp.mpc(0, 1)
 HALF = mp.mpf("0.5")
 
