@@ -1,4 +1,4 @@
-"""Every integral against 120-digit references over the whole domain.
+"""Every integral against 300-digit references over the whole domain.
 
 The short sweep runs always; the full one of 2,000 points a precision is marked slow. Seeds
 are fixed, so a failure names its point and can be repeated.
