@@ -2,7 +2,7 @@
 
 100,000 random scenes, motions and profiles, sensors at rest among them: the weighted design
 loss and the expected-error loss with their gradients by profile, acceleration and half
-exposure. A sample is computed again by other means: kernels by the 120-digit closed forms of
+exposure. A sample is computed again by other means: kernels by the 300-digit closed forms of
 the tests, transfer functions by a fine quadrature in extended precision, slopes by differences
 of those. Beside the losses stand two integrals with all of their derivatives: the transfer
 function of a path that turns, and the kernel of a narrow Gaussian in single precision, by the

@@ -155,14 +155,14 @@ def compare(
     loss = ExpectedErrorLoss() if loss is None else loss
     step = step or (lambda name: None)
     motion = settled(motion)
+    plan = PLANNED if isinstance(plan, Plan) else plan
     tuned = partial(_tuned, loss=loss, plan=plan)
-    measured_by = PLANNED if isinstance(plan, Plan) else plan
     given = _given(shutters) if shutters else {}
     for name, entry in given.items():
         _require_own_name(name, entry)
     entries = given | {name: window for name, window in baselines().items() if name not in given}
     fixed = {n: e.shutter if isinstance(e, Design) else e for n, e in entries.items()}
-    measured = partial(evaluate, scene, motion, plan=measured_by)
+    measured = partial(evaluate, scene, motion, plan=plan)
     rows = [
         Row(SAME_MOTION, name, shutter, motion, None, measured(shutter))
         for name, shutter in fixed.items()
@@ -254,7 +254,6 @@ def _tuned(
     loss: AbstractLoss,
     plan: Plan | Automatic | None,
 ) -> Design:
-    plan = PLANNED if isinstance(plan, Plan) else plan
     return optimise(scene, motion, shutter, loss=loss, free=free, plan=plan)
 
 

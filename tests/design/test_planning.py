@@ -332,13 +332,13 @@ SLOWER = ParabolicMotion(acceleration=np.float32(1.1e5), half_exposure=np.float3
 
 @pytest.mark.parametrize("loss", [None, ExpectedErrorLoss(), DesignLoss()])
 def test_plans_of_single_precision_are_judged_by_its_rounding(loss):
-    """An exact plan passes the guard, and one that leaves a speed out is caught."""
+    """An exact plan passes the guard, and one that leaves taps and frequencies out is caught."""
     given = SINGLE, SLOWER, GaussianShutter(np.float32(0.3))
     exact = plan(*given, loss=loss)
     assert check_plan(exact, *given, loss=loss) < 1e-5
     assert item(exact, "precision").kept == "float32"
     with pytest.raises(WrongPlanError, match="must change no result by more than 1e-05"):
-        check_plan(replace(exact, num_taps=16, num_nodes=16), *given, loss=loss)
+        check_plan(replace(exact, num_taps=16, num_kept=16), *given, loss=loss)
 
 
 @pytest.mark.parametrize("loss", [ExpectedErrorLoss(), DesignLoss()])

@@ -111,12 +111,15 @@ def random_point(rng, dtype=np.float64, slug=None):
     if frame == "vertex":
         near = stroke * max(abs(nu) - 1, 0) ** 2
         start = [0, -0.5, rng.uniform(-3, 3), rng.uniform(near, far), far - rng.uniform(0, 16)]
-        phase = dtype(rng.choice(start))
+        phase = rng.choice(start)
+        # No edge lies within the path of a point at rest: that path counts as one place.
+        phase = dtype(apart.choice([0.0, -0.5, apart.uniform(-3, 3)]) if at_rest else phase)
         return Point(slug, stroke, a, T, s, np.array([phase]), frame, drawn)
     vertex = -smear * nu / 2 if stroke else 0.0
     centre = rng.choice([0, vertex, stroke - smear, stroke + smear, rng.uniform(-reach, reach)])
     pitch = rng.choice([1.0, reach / NUM_TAPS, 1e-3 * reach]) or 1.0
-    edges = centre + pitch * rng.uniform(-NUM_TAPS / 2, NUM_TAPS / 2, NUM_TAPS + 1)
+    spread = rng.uniform(-NUM_TAPS / 2, NUM_TAPS / 2, NUM_TAPS + 1)
+    edges = spread if at_rest else centre + pitch * spread
     return Point(slug, stroke, a, T, s, np.sort(edges).astype(dtype), frame, drawn)
 
 
