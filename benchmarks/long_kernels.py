@@ -1,7 +1,7 @@
 """Is the expected PSNR right however far light spreads?
 
 Random scenes with strokes to 2,000 px, bright and dim, of one speed to nine, by `evaluate`'s own
-number of frequencies and by 65,536 from Fresnel integrals (`tests/closed_form.py`).
+number of frequencies and by 65,536 from Fresnel integrals (`tests/support/closed_form.py`).
 `python -m benchmarks.long_kernels [count]`.
 """
 
@@ -22,7 +22,7 @@ COUNT = 300
 
 def case(seed: int) -> dict:
     """A random scene, its PSNR and that of the reference; dB."""
-    import closed_form
+    from support import closed_form
 
     random = np.random.default_rng(seed)
     values = random.uniform(0, 1, 13)

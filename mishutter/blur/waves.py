@@ -24,7 +24,8 @@ _SHARPNESS = 2.3 * _WIDTH
 @partial(jax.custom_jvp, nondiff_argnums=(2, 3))
 def sum_of_waves(position: Array, light: Array, num_frequencies: int, num_kept: int) -> Array:
     r"""$\sum_q l_q e^{-2\pi i f_m x_q}$ on the lowest of the grid; `(s, num_kept)`, complex."""
-    return _transformed(_spread(_placed(position, num_frequencies, num_kept), light))
+    windows = _placed(position, num_frequencies, num_kept)
+    return _transformed(_spread(windows, light))[:, :num_kept]
 
 
 @sum_of_waves.defjvp
@@ -34,7 +35,7 @@ def sum_of_waves_jvp(num_frequencies, num_kept, primals, tangents):
     windows = _placed(position, num_frequencies, num_kept)
     turn = (2 * jnp.pi) * frequency_grid(num_frequencies, np.dtype(position.dtype))[:num_kept]
     value, displaced, brighter = (
-        _transformed(_spread(windows, x)) for x in (light, light * moved, lit)
+        _transformed(_spread(windows, x))[:, :num_kept] for x in (light, light * moved, lit)
     )
     real = brighter.real + turn[None] * displaced.imag
     imag = brighter.imag - turn[None] * displaced.real
@@ -61,8 +62,8 @@ def _placed(position: Array, num_frequencies: int, num_kept: int) -> _Windows:
     The frequencies are odd multiples of half a step, so that a wave is its own negative one
     period, `2 * num_frequencies` px, further on.
     """
-    num_cells = 4 * num_kept
-    cell = position * (2 * num_kept / num_frequencies)
+    num_cells = max(4 * num_kept, _WIDTH)
+    cell = position * (num_cells / (2 * num_frequencies))
     begin = jnp.ceil(cell - _WIDTH / 2)
     offset = (begin - cell)[..., None] + jnp.arange(_WIDTH, dtype=position.dtype)[None, None]
     root = jnp.sqrt(jnp.maximum(1 - (offset * (2 / _WIDTH)) ** 2, 0))
