@@ -247,7 +247,7 @@ def integrals(count: int, sample: int) -> list[dict]:
 
 def _integral(name: str, dtype: type, rng: np.random.Generator):
     """Value and derivatives at a random point, and what finds the errors of both."""
-    import helpers
+    from support import helpers
     from support.cases import SHUTTERS
 
     if name.startswith("transfer"):

@@ -144,11 +144,11 @@ def _line(profile: AbstractPiecewiseShutter, panel: Panels, far: Array) -> Array
     curvature = jnp.where(holds, panel.curvature, 1.0)
     to_vertex = jnp.where(holds, -before / (2 * curvature), 0.0)
     # The Gaussian weight belongs to the rule, so its nodes move as its width changes.
-    width = jnp.where(holds, jax.lax.rsqrt(curvature), panel.length)
+    width = jnp.where(holds, jax.lax.rsqrt(curvature), 0.0)
     step = width[..., None] * rule.line_nodes
     light = profile.piece_transmittance(_into_valley(panel.offset + to_vertex, step))
     total = jnp.sum(_times(rule.line_weights, light), -1) * _DIRECTION
-    return _times(jnp.where(holds, width, 0.0), _unit(panel.vertex_cycles) * total)
+    return _times(width, _unit(panel.vertex_cycles) * total)
 
 
 def _into_valley(start: Array, step: Array) -> Array:
