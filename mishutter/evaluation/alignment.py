@@ -13,6 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from mishutter.model import turns
+
 FURTHEST_GAP = 1024.0
 """Distance between the light of two objects from which on pictures do not correlate; px."""
 
@@ -41,8 +43,8 @@ def aligned(stroke: Numbers, smear: Numbers) -> Alignment:
         smear: Travel of each object in half the exposure, $sT$; px, shape `(s, ...)`.
     """
     space: Any = np if isinstance(smear, np.ndarray) and isinstance(stroke, np.ndarray) else jnp
-    turns = stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
-    quarter = 4 * space.where(turns, stroke, 1.0)
+    moves = turns(stroke)
+    quarter = 4 * space.where(moves, stroke, 1.0)
     order = space.argsort(space.abs(smear), axis=0)
     fast = space.take_along_axis(space.abs(smear), order, axis=0)
     # Differences of squares as products: of long displacements the squares leave no digits.
@@ -57,5 +59,5 @@ def aligned(stroke: Numbers, smear: Numbers) -> Alignment:
     displacement = space.take_along_axis(sorted_displacement, back, axis=0)
     extent = begin[-1:] + length[-1:] - begin[:1]
     return Alignment(
-        space.where(turns, displacement, 0.0), space.where(turns, extent, 2 * fast[-1:])
+        space.where(moves, displacement, 0.0), space.where(moves, extent, 2 * fast[-1:])
     )

@@ -2,11 +2,11 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
-from mishutter._core import Bare, all_concrete, is_concrete, numbers_of, require
+from mishutter._core import Bare, is_concrete, require
 from mishutter.evaluation.alignment import aligned
 from mishutter.evaluation.speeds import distinct_speeds
 from mishutter.model import NUM_FREQUENCIES, AbstractMotion, Scene
@@ -115,28 +115,21 @@ def require_sizes(
     requirement = f"blur over fewer than {_MAX_LENGTH} px {where}"
     require(not kernels or num_taps <= _MAX_LENGTH, subject, requirement, num_taps)
     most = _OF_ONE_SPEED[2]
-    furthest = f"spread light over at most {most / _FREQUENCIES_PER_PX:.0f} px {where}"
+    furthest = f"spread light over at most {most_spread(most):.0f} px {where}"
     got = Bare(f"what takes {num_frequencies} frequencies")
     require(not spectra or num_frequencies <= most, subject, furthest, got)
 
 
-def within_spread(scene: Scene, motion: AbstractMotion, num_frequencies: int) -> AbstractMotion:
-    """A motion that is refused, when it is run, where light falls further than is provided for.
-
-    Args:
-        scene: Speeds, of which some may be traced.
-        motion: The motion, which may be traced; one that is not stays as it is.
-        num_frequencies: Frequencies that are provided.
-    """
-    if all_concrete(numbers_of((scene.speeds, motion))):
-        return motion
+def spread_of_traced(scene: Scene, motion: AbstractMotion) -> Array:
+    """Length over which light of all speeds falls, of which some or the motion are traced; px."""
     half = motion.half_exposure
     smear = jnp.where(scene.weights > 0, scene.speeds, 0) * half
-    spread = aligned(jnp.asarray(motion.acceleration * half * half)[None], smear).extent
-    furthest = num_frequencies / _FREQUENCIES_PER_PX
-    requirement = f"spread light over at most {furthest:.0f} px"
-    message = f"`motion` must {requirement} where it or the scene's limits are traced; got more."
-    return eqx.error_if(motion, spread > furthest, message)
+    return aligned(jnp.asarray(motion.acceleration * half * half)[None], smear).extent[0]
+
+
+def most_spread(num_frequencies: int) -> float:
+    """Length over which light may fall where there are so many frequencies; px."""
+    return num_frequencies / _FREQUENCIES_PER_PX
 
 
 def size_class(count: int) -> int:

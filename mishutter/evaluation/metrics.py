@@ -14,7 +14,6 @@ from jaxtyping import Array
 
 from mishutter._core import seldom_run
 from mishutter.blur import condition_number, safe_sqrt, support
-from mishutter.evaluation.lengths import within_spread
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced, sizes
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
 from mishutter.model import (
@@ -98,10 +97,7 @@ def evaluate(
             objects; under `jax.jit` JAX makes an error of its own of it.
     """
     everything = Parts(kernels=True, spectra=True, differences=True)
-    given = plan
     plan, motion = chosen(plan, scene, settled(motion), shutter, lambda _: everything)
-    if not isinstance(given, Plan):
-        motion = within_spread(scene, motion, plan.num_frequencies)
     if plan.num_kept is not None:  # and as many nodes in time as all frequencies ask for
         num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
         plan = replace(plan, num_kept=None, num_nodes=num_nodes)

@@ -23,8 +23,10 @@ from mishutter.evaluation.lengths import (
     Extent,
     extent,
     longest_within_limits,
+    most_spread,
     num_frequencies,
     size_class,
+    spread_of_traced,
 )
 from mishutter.evaluation.speeds import distinct_speeds
 from mishutter.model import (
@@ -209,8 +211,8 @@ def chosen(
 ) -> tuple[Plan, AbstractMotion]:
     """The plan that an argument `plan=` stands for, and the motion.
 
-    One that is traced is refused, when it is run, if a plan made here has too few taps or
-    nodes for those parts of its response that are used.
+    One that is traced is refused, when it is run, if a plan made here has too few taps, nodes
+    or frequencies for those parts of its response that are used.
     """
     require_plan(plan)
     if isinstance(plan, Plan):
@@ -229,6 +231,9 @@ def chosen(
         most = int(2 * (found.num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
         requirement = f"be passed at no more than {most} px per half exposure"
         motion = _refused(motion, velocity > most, requirement)
+        furthest = most_spread(found.num_frequencies)
+        requirement = f"spread light over at most {furthest:.0f} px"
+        motion = _refused(motion, spread_of_traced(scene, motion) > furthest, requirement)
     return found, motion
 
 

@@ -18,6 +18,7 @@ from mishutter.model.motion import StillCamera as StillCamera
 from mishutter.model.motion import has_vertex as has_vertex
 from mishutter.model.motion import settled as settled
 from mishutter.model.motion import stands_still as stands_still
+from mishutter.model.motion import turns as turns
 from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY
 from mishutter.model.scene import NUM_FREQUENCIES as NUM_FREQUENCIES
 from mishutter.model.scene import Limits as Limits

@@ -3,7 +3,7 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-from typing import final
+from typing import Any, final
 
 import equinox as eqx
 import jax
@@ -106,7 +106,11 @@ def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
         np.asarray(x) if is_concrete(x) else x for x in (motion.acceleration, motion.half_exposure)
     )
     with np.errstate(over="ignore"):
-        stroke = a * half * half
+        return turns(a * half * half)
+
+
+def turns(stroke: Array | np.ndarray | np.floating) -> Any:
+    """Whether the sensor's path has a vertex within what its precision can tell."""
     return stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import Bare, quick_to_compile, require
-from mishutter.evaluation.lengths import within_spread
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced
 from mishutter.evaluation.response import Response, respond
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
@@ -122,12 +121,9 @@ class AbstractResponseLoss(AbstractLoss):
         *,
         plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
-        given, (plan, motion) = plan, chosen(plan, scene, settled(motion), shutter, self.parts)
-        parts = self.parts(plan)
-        if parts.spectra and not isinstance(given, Plan):
-            motion = within_spread(scene, motion, plan.num_frequencies)
+        plan, motion = chosen(plan, scene, settled(motion), shutter, self.parts)
         kept = reduced(scene, plan)
-        response = respond(kept, motion, shutter, plan, **parts._asdict())
+        response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
         return _of_response(self, kept, motion, response, plan)
 
 
