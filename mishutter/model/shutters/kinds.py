@@ -5,7 +5,7 @@ A new kind of shutter is one file and one line here; one of a user's own is one 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, final
 
 import numpy as np
@@ -67,17 +67,22 @@ def register_shutter(shutter: type[AbstractShutter]) -> type[AbstractShutter]:
             arrays, truth values or text.
 
     Returns:
-        The class.
+        The class. It takes the place of one of the same module and name, as a cell of a
+        notebook that runs again defines.
 
     Raises:
         ValueError: if another class of its name is known.
     """
     subject = "register_shutter(shutter=...)"
-    known = {kind.shutter.__name__: kind.shutter for kind in KINDS}
     name = shutter.__name__
-    require(known.get(name, shutter) is shutter, subject, "have a name of its own", name)
-    if name not in known:
+    place = next((i for i, known in enumerate(KINDS) if known.shutter.__name__ == name), None)
+    if place is None:
         KINDS.append(ShutterKind(shutter, name))
+    else:
+        was = KINDS[place].shutter
+        same = (was.__module__, was.__qualname__) == (shutter.__module__, shutter.__qualname__)
+        require(same, subject, "have a name of its own", name)
+        KINDS[place] = replace(KINDS[place], shutter=shutter)
     return shutter
 
 
