@@ -17,6 +17,8 @@ ALL = (
     "borders",
     "monte_carlo",
     "restoration",
+    "five_scenes",
+    "long_kernels",
     "plan",
     "sweep",
 )
