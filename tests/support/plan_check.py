@@ -17,7 +17,6 @@ _NAMES = (
     "kernel_difference",
     "relative_kernel_difference",
     "efficiency",
-    "bound_share",
 )
 
 
@@ -116,9 +115,13 @@ def results(
 
 
 def results_of(metrics: Metrics) -> np.ndarray:
-    """The metrics that are compared, as numbers that are never negative; shape `(n,)`."""
+    """The metrics that are compared, as numbers that are never negative; shape `(n,)`.
+
+    The share of the bound is a least response, which is known to the rounding of the largest: 1.
+    """
     squared = 10 ** (-float(metrics.expected_psnr) / 10)
-    return np.array([squared, *(float(getattr(metrics, name)) for name in _NAMES)])
+    least = 1 + np.sqrt(float(metrics.bound_share))
+    return np.array([squared, least, *(float(getattr(metrics, name)) for name in _NAMES)])
 
 
 def relative_change(found: np.ndarray, before: np.ndarray, full: np.ndarray | None = None) -> float:
