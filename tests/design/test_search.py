@@ -39,7 +39,7 @@ from mishutter.design.solvers import (
 )
 from mishutter.design.space import FREE_NAMES, all_that_can_move, design_space, within_limits
 from mishutter.design.starts import lowest_places, start_boxes
-from mishutter.evaluation.needs import needed_speeds
+from mishutter.evaluation.needs import needed_speeds, reduced
 
 PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)
 LOSSES = {"design": DesignLoss(), "expected_error": ExpectedErrorLoss()}
@@ -301,7 +301,7 @@ def test_a_search_is_as_precise_as_the_scene_and_the_motion(slug, free):
 def test_responses_of_a_double_motion_are_double():
     """Those of each coordinate are the records of its profile, though speeds are single."""
     speeds = np.array([-310.0, 0.0, 520.0], np.float32)
-    scene = Scene(speeds, photon_rate=1e5, read_noise=4.0)
+    scene = reduced(Scene(speeds, photon_rate=1e5, read_noise=4.0), SMALL)
     space = design_space(scene, MOTION, _SHUTTERS["spline"], "shutter")
     loss = ExpectedErrorLoss()
     linear = objective_of(loss, scene, space, SMALL)
