@@ -1,5 +1,6 @@
 """The design search: many starts, a polish, and an honest end."""
 
+import math
 from collections.abc import Iterable
 from enum import Enum
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from mishutter._core import (
     require_positive_int,
     require_seed,
 )
+from mishutter.design.cover import cover, lowest_of_valleys, screened
 from mishutter.design.many_starts import Descent, Progress, descend
 from mishutter.design.objective import AbstractObjective, objective_of, roughly
 from mishutter.design.planning import design_at, full_sizes
@@ -26,6 +28,8 @@ from mishutter.evaluation import PLANNED, AbstractLoss, Automatic, ExpectedError
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, SplineShutter, TukeyShutter
 
 _NUM_POLISHED = 3
+_KEPT = 0.25
+"""Share of the starts that are the given design and the baselines' profiles."""
 _SEEN = 1e-4
 """Fall of a loss, as a share of it, that a history shows."""
 
@@ -63,9 +67,10 @@ def optimise(
 ) -> Design:
     r"""Search for the design of least loss within the scene's limits.
 
-    Optimistix BFGS descends from many starts at once: the given design, the baselines'
-    profiles, then random ones; after 20 steps, and every 10 from there, the worse half of
-    them is given up, until four are left. The best is polished by SciPy's box-constrained
+    Optimistix BFGS descends from many starts at once: the given design, baselines' profiles,
+    and for three quarters of them the lowest of valleys all over the space, where a free-form
+    profile moves; after 20 steps, and every 10 from there, the worse half of the starts is
+    given up, until four are left. The best is polished by SciPy's box-constrained
     L-BFGS-B, called through jaxopt, on either side of where limits meet if it ends there.
     Where at most three coordinates move, the starts are the given design and the best of a
     grid, and are polished directly. The result is never worse than the best start.
@@ -84,7 +89,7 @@ def optimise(
         free: What may move: `"shutter"`, `"acceleration"`, `"half_exposure"`; all that can
             by default.
         num_starts: How many descents.
-        seed: Of the random starts.
+        seed: Of the starts.
         max_steps: Steps of the descent, and of the polish, at most.
         progress: Called with the step and the smallest loss so far.
         throw: Whether an end other than convergence raises.
@@ -118,6 +123,7 @@ def optimise(
     objective = objective_of(loss, reduced(scene, plan), space, plan)
     starts = start_boxes(space, num_starts, seed)
     if space.size > GRID_COORDINATES:
+        starts = _with_valleys(objective, space, scene, starts, seed)
         found = _descended(objective, space, starts, max_steps, progress)
     else:
         found = _from_grid(objective, space, starts, max_steps)
@@ -156,6 +162,20 @@ class _Found(NamedTuple):
     history: np.ndarray
     best_start_loss: float
     num_polished: int
+
+
+def _with_valleys(
+    objective: AbstractObjective, space: DesignSpace, scene: Scene, starts: np.ndarray, seed: int
+) -> np.ndarray:
+    """Starts, the later of which give way to the lowest of valleys all over the space."""
+    num_kept = math.ceil(len(starts) * _KEPT)
+    if num_kept == len(starts) or not isinstance(space.shutter, SplineShutter):
+        return starts
+    boxes = cover(space, scene, len(starts), seed).astype(starts.dtype)
+    losses = screened(roughly(objective, space), boxes)
+    num_wanted = len(starts) - num_kept
+    places = lowest_of_valleys(boxes, losses, space.num_profile_coordinates, num_wanted)
+    return np.concatenate([starts[:num_kept], boxes[places]])
 
 
 def _descended(
