@@ -16,7 +16,7 @@ from mishutter.design.objective import AbstractObjective
 from mishutter.design.space import DesignSpace
 from mishutter.model import Scene, SplineShutter, coefficient_times
 
-_PER_COORDINATE = 4
+_PER_COORDINATE = 3
 """Candidates for a start, and as many times more for each coordinate of the motion."""
 _MOST = 4096
 """Candidates at most, where there are not more starts."""
