@@ -18,8 +18,9 @@ from mishutter.design.solvers import check_finite
 
 Progress = Callable[[int, float], None]
 _STEPS_PER_CALL, _CALLS_TO_TELL, _PATIENCE = 10, 2, 3
-_NUM_LAST = 4
-"""Starts that are never given up: several, as those that lead early may end in one place."""
+_NUM_LAST, _LAST_SHARE = 4, 0.125
+"""Starts that are never given up, and their share of many: several, as those that lead early
+may end in one place."""
 _TOGETHER = 16
 _MARGIN = 0.02
 _TOLERANCE = 1e-7
@@ -55,7 +56,7 @@ def descend(
     the derivative by $\theta$ vanishes, are moved inside by 0.02.
 
     After 20 steps, and every 10 from there on, the worse half of the starts is given up,
-    until four are left (successive halving: Karnin, Koren and Somekh, ICML 2013).
+    until four are left, or an eighth (successive halving: Karnin, Koren and Somekh, ICML 2013).
 
     Raises:
         NonFiniteLossError: if a loss or gradient at an accepted point is not finite.
@@ -64,7 +65,7 @@ def descend(
     state = jax.tree.map(np.array, _start(starts))
     history: list[np.ndarray] = []
     trail: list[np.ndarray] = []
-    num_going, steps_left = len(starts), max_steps
+    num_going, num_last, steps_left = len(starts), num_lasting(len(starts)), max_steps
     while steps_left > 0:
         count = jnp.asarray(min(_STEPS_PER_CALL, steps_left))
         shares = _shared_out(objective, np.flatnonzero(~state.done), size)
@@ -84,12 +85,17 @@ def descend(
         if progress is not None and lowest.size:
             progress(max_steps - max(0, steps_left), float(lowest[-1]))
         if len(history) >= _CALLS_TO_TELL:
-            num_going = min(num_going, max(_NUM_LAST, math.ceil(num_going / 2)))
+            num_going = min(num_going, max(num_last, math.ceil(num_going / 2)))
             state.done[np.argsort(state.loss, kind="stable")[num_going:]] = True
         if np.all(state.done) or _settled(state.loss, state.done, history):
             break
     lowest = np.minimum.accumulate(np.concatenate(history))
     return Descent(np.sin(state.theta) ** 2, state.loss, lowest, np.concatenate(trail))
+
+
+def num_lasting(num_starts: int) -> int:
+    """How many of so many starts are never given up."""
+    return min(num_starts, max(_NUM_LAST, math.ceil(num_starts * _LAST_SHARE)))
 
 
 def _part_size(objective: AbstractObjective, num_starts: int) -> int:

@@ -1,5 +1,6 @@
 """The design search: many starts, a polish, and an honest end."""
 
+import math
 from collections.abc import Iterable
 from enum import Enum
 from typing import NamedTuple
@@ -14,7 +15,8 @@ from mishutter._core import (
     require_positive_int,
     require_seed,
 )
-from mishutter.design.many_starts import Descent, Progress, descend
+from mishutter.design.cover import cover, lowest_of_valleys, screened
+from mishutter.design.many_starts import Descent, Progress, descend, num_lasting
 from mishutter.design.objective import AbstractObjective, objective_of, roughly
 from mishutter.design.planning import design_at, full_sizes
 from mishutter.design.planning import plan as plan_of_scene
@@ -26,6 +28,15 @@ from mishutter.evaluation import PLANNED, AbstractLoss, Automatic, ExpectedError
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, SplineShutter, TukeyShutter
 
 _NUM_POLISHED = 3
+_STEPS_TO_TELL = 60
+"""Steps of a polish after which the best of several is told; it alone goes on."""
+_SAME = 1e-5
+"""Difference of losses, as a share of them, up to which two descents ended in one place."""
+_FEW_SPEEDS = 8
+"""Speeds fewer than which have more starts, in proportion: they take less time, and the loss has
+more valleys, as each of the speeds alone decides what is open."""
+_NUM_GIVEN = 4
+"""Starts at most, up to a quarter of them, that are the given design and baselines' profiles."""
 _SEEN = 1e-4
 """Fall of a loss, as a share of it, that a history shows."""
 
@@ -63,10 +74,12 @@ def optimise(
 ) -> Design:
     r"""Search for the design of least loss within the scene's limits.
 
-    Optimistix BFGS descends from many starts at once: the given design, the baselines'
-    profiles, then random ones; after 20 steps, and every 10 from there, the worse half of
-    them is given up, until four are left. The best is polished by SciPy's box-constrained
-    L-BFGS-B, called through jaxopt, on either side of where limits meet if it ends there.
+    Optimistix BFGS descends from many starts at once: the given design, baselines' profiles
+    and, where a free-form profile moves, the lowest of valleys all over the space; after 20
+    steps, and every 10 from there, the worse half of the starts is given up, until four or an
+    eighth are left. SciPy's box-constrained L-BFGS-B, called through jaxopt, polishes the
+    three best that differ, and the best of these to the end, on either side of where limits
+    meet if it ends there.
     Where at most three coordinates move, the starts are the given design and the best of a
     grid, and are polished directly. The result is never worse than the best start.
 
@@ -83,8 +96,8 @@ def optimise(
         loss: What is made small; the expected error by default.
         free: What may move: `"shutter"`, `"acceleration"`, `"half_exposure"`; all that can
             by default.
-        num_starts: How many descents.
-        seed: Of the random starts.
+        num_starts: How many descents; up to eight times as many where speeds are few.
+        seed: Of the starts.
         max_steps: Steps of the descent, and of the polish, at most.
         progress: Called with the step and the smallest loss so far.
         throw: Whether an end other than convergence raises.
@@ -115,14 +128,17 @@ def optimise(
         plan = full_sizes(scene, space.motion, space)
     elif not isinstance(plan, Plan):
         plan = plan_of_scene(scene, motion, shutter, loss=loss, free=space.free)
-    objective = objective_of(loss, reduced(scene, plan), space, plan)
-    starts = start_boxes(space, num_starts, seed)
+    needed = reduced(scene, plan)
+    objective = objective_of(loss, needed, space, plan)
+    starts = start_boxes(space, num_starts * max(1, _FEW_SPEEDS // needed.speeds.size), seed)
     if space.size > GRID_COORDINATES:
+        starts = _with_valleys(objective, space, scene, starts, seed)
         found = _descended(objective, space, starts, max_steps, progress)
     else:
         found = _from_grid(objective, space, starts, max_steps)
     best = np.argsort(found.losses, kind="stable")[: found.num_polished]
-    ends = [polish(objective, found.boxes[index], max_steps=max_steps) for index in best]
+    steps_to_tell = min(_STEPS_TO_TELL, max_steps)
+    ends = [polish(objective, found.boxes[index], max_steps=steps_to_tell) for index in best]
     polished = min(ends, key=lambda end: end.loss)
     polished = finished(objective, polished, space.bends, max_steps=max_steps)
     box, value, certificate = polished.box, polished.loss, polished.certificate
@@ -158,6 +174,20 @@ class _Found(NamedTuple):
     num_polished: int
 
 
+def _with_valleys(
+    objective: AbstractObjective, space: DesignSpace, scene: Scene, starts: np.ndarray, seed: int
+) -> np.ndarray:
+    """Starts, the later of which give way to the lowest of valleys all over the space."""
+    num_given = min(_NUM_GIVEN, math.ceil(len(starts) / 4))
+    if num_given == len(starts) or not isinstance(space.shutter, SplineShutter):
+        return starts
+    boxes = cover(space, scene, len(starts), seed).astype(starts.dtype)
+    losses = screened(roughly(objective, space), boxes)
+    num_wanted = len(starts) - num_given
+    places = lowest_of_valleys(boxes, losses, space.num_profile_coordinates, num_wanted)
+    return np.concatenate([starts[:num_given], boxes[places]])
+
+
 def _descended(
     objective: AbstractObjective,
     space: DesignSpace,
@@ -170,9 +200,13 @@ def _descended(
     first = losses_at(objective, starts)
     descent = descend(rough, jax.device_put(starts), max_steps=max_steps, progress=progress)
     history = descent.history if rough is objective else _measured(objective, descent)
-    ends = descent.boxes[np.argsort(descent.losses, kind="stable")[:_NUM_POLISHED]]
-    losses = np.concatenate([losses_at(objective, ends), first])
-    return _Found(np.concatenate([ends, starts]), losses, history, float(np.min(first)), 1)
+    last = descent.boxes[np.argsort(descent.losses, kind="stable")[: num_lasting(len(starts))]]
+    boxes = np.concatenate([last, starts])
+    losses = np.concatenate([losses_at(objective, last), first])
+    order = np.argsort(losses, kind="stable")
+    steps = np.diff(losses[order], prepend=-np.inf)
+    kept = order[steps > _SAME * np.abs(losses[order])]
+    return _Found(boxes[kept], losses[kept], history, float(np.min(first)), _NUM_POLISHED)
 
 
 def _measured(objective: AbstractObjective, descent: Descent) -> np.ndarray:

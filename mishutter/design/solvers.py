@@ -14,7 +14,7 @@ from mishutter.design.objective import AbstractObjective
 from mishutter.design.space import Bends
 
 _POINTS_A_CALL = 16
-_MEMORY = 10
+_MEMORY = 30
 """Steps that L-BFGS-B remembers; more than coordinates say nothing new, and each number of them
 has JAX compile what jaxopt makes of it."""
 _CERTIFIED = 1e-3
@@ -143,6 +143,9 @@ def polish(
 ) -> Polished:
     """Jaxopt's box-constrained L-BFGS-B, in the box's own coordinates.
 
+    The loss is divided by its value at the start: the solver's tolerances are absolute, and
+    would stop it short where the light is bright and the loss small.
+
     Args:
         objective: What is made small.
         box: Where to begin; shape `(size,)`.
@@ -163,8 +166,14 @@ def polish(
             )
         return loss, gradient
 
+    unit = abs(float(value_and_gradient(box)[0])) or 1.0
+
+    def relative(x):
+        loss, gradient = value_and_gradient(x)
+        return loss / unit, gradient / unit
+
     solver = imported_jaxopt().ScipyBoundedMinimize(
-        fun=value_and_gradient,
+        fun=relative,
         value_and_grad=True,
         method="L-BFGS-B",
         maxiter=max_steps,

@@ -144,6 +144,18 @@ def test_a_polish_leaves_the_bound_that_it_began_at(corner):
     assert found.loss == pytest.approx(inside.loss, rel=1e-6)
 
 
+def test_a_polish_goes_as_far_in_any_unit():
+    """A loss of another unit ends at the same point: 1/8192 of it has the same digits."""
+    loss, unit = ExpectedErrorLoss(), 2.0**-13
+    ends = []
+    for each in (loss, unit * loss):
+        space, objective = _objective(each, ("shutter", "half_exposure"))
+        box = start_boxes(space, 5, seed=3)[4]
+        ends.append(polish(objective, box, max_steps=80))
+    np.testing.assert_allclose(ends[1].box, ends[0].box, atol=1e-6)
+    assert ends[1].loss == pytest.approx(unit * ends[0].loss, rel=1e-9)
+
+
 NEAR_A_LIMIT = {
     "stroke": lambda x: (30.0 / 1e-4 * x, 0.01),
     "top speed": lambda x: (1e7 * x, 1e-3),

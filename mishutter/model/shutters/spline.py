@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
+from numpy.lib.stride_tricks import sliding_window_view
 
 from mishutter._core import (
     DoubleWord,
@@ -208,6 +209,14 @@ def _fit_coefficients(
 def _knots(count: int) -> np.ndarray:
     inner = np.linspace(-1, 1, count - _DEGREE + 1)
     return np.concatenate([np.full(_DEGREE, -1.0), inner, np.full(_DEGREE, 1.0)])
+
+
+def coefficient_times(count: int) -> np.ndarray:
+    r"""Normalised times about which coefficients act, their Greville abscissae; shape `(n,)`.
+
+    Coefficients that are the values of a straight line there make the spline that line.
+    """
+    return sliding_window_view(_knots(count)[1:-1], _DEGREE).mean(axis=1)
 
 
 @lru_cache

@@ -1,0 +1,101 @@
+"""The cover of a search: evenly spread, open where objects are kept up with, one a valley."""
+
+import jax
+import numpy as np
+import pytest
+
+from mishutter import (
+    Limits,
+    ParabolicMotion,
+    Scene,
+    SplineShutter,
+    StillCamera,
+    optimise,
+    starting_shutter,
+)
+from mishutter.design.cover import cover, lowest_of_valleys
+from mishutter.design.space import all_that_can_move, design_space
+from mishutter.model import coefficient_times
+
+LIMITS = Limits(max_stroke=50.0, max_top_speed=1e5, max_half_exposure=1 / 30)
+MOTION = ParabolicMotion(acceleration=3e5, half_exposure=5e-3)
+
+
+def _scene(speeds, photon_rate=1e8, read_noise=1.0, limits=LIMITS):
+    return Scene(speeds, photon_rate=photon_rate, read_noise=read_noise, limits=limits)
+
+
+def _space(scene, motion=MOTION):
+    shutter = starting_shutter(scene)
+    return design_space(scene, motion, shutter, all_that_can_move(motion, shutter))
+
+
+@pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=2e-3)])
+def test_a_cover_is_spread_over_the_motions(motion):
+    """Each sixteenth of every coordinate has its share of the candidates, to a tenth."""
+    scene = _scene([-310.0, 2700.0])
+    space = _space(scene, motion)
+    boxes = cover(space, scene, 64, seed=5)
+    assert np.all((boxes >= 0) & (boxes <= 1))
+    for coordinate in boxes[:, space.num_profile_coordinates :].T:
+        counts, _ = np.histogram(coordinate, bins=16, range=(0, 1))
+        assert np.ptp(counts) <= 0.1 * len(boxes)
+
+
+@pytest.mark.parametrize("speeds", [[-310.0, 2700.0], [-1900.0, 1900.0], [420.0, 800.0, 3100.0]])
+def test_profiles_are_open_where_the_sensor_keeps_up(speeds):
+    """Every other candidate is open at s/(2a) for each of the speeds, the rest for one at least."""
+    scene = _scene(speeds)
+    space = _space(scene)
+    boxes = cover(space, scene, 4, seed=3)
+    for index, box in enumerate(boxes):
+        shutter, motion = space.at(jax.device_put(box))
+        times = np.asarray(speeds) / float(motion.top_speed)
+        inside = np.abs(times) <= 0.9
+        lit = np.asarray(shutter.transmittance(np.clip(times, -1, 1))) > 0.2
+        assert np.any(lit[inside]) or not np.all(inside)
+        assert np.all(lit[inside]) or index % 2
+
+
+def test_one_start_a_valley():
+    """The lowest of each of three valleys come first, though one holds the six best points."""
+    middles = np.array([[0.1, 0.2], [0.8, 0.3], [0.4, 0.9]])
+    offsets = 0.02 * np.random.default_rng(7).standard_normal((6, 2))
+    boxes = np.concatenate([middle + offsets for middle in middles])
+    losses = np.concatenate([np.arange(6) + 10.0 * valley for valley in range(3)])
+    worse = np.full_like(boxes, 0.6)
+    losses = np.append(losses, np.full(len(worse), 99.0))
+    places = lowest_of_valleys(np.concatenate([boxes, worse]), losses, 0, 3)
+    assert sorted(places) == [0, 6, 12]
+
+
+BRIGHT = {
+    "mostly one way": ([-500.0, 3000.0], 1e8, 1.0, 7.70395e-3),
+    "both ways": ([-193.333, 214.190], 8.45206e8, 1.0, 1.13742e-3),
+    "near rest": ([19.4076, 226.391], 8.25270e8, 8.0, 1.10553e-3),
+}
+"""Speeds, irradiance and read noise of scenes, and the best expected error known."""
+
+
+@pytest.mark.slow
+def test_few_speeds_in_bright_light_are_not_ended_short():
+    """Searches end within 0.05 dB of the best known on average, and within 0.1 dB each.
+
+    The best known is the lowest loss that any of a hundred searches ended at, of up to 256
+    starts.
+    """
+    shortfalls = []
+    for speeds, photon_rate, read_noise, best in BRIGHT.values():
+        scene = _scene(speeds, photon_rate, read_noise)
+        shortfalls.append(10 * np.log10(optimise(scene, seed=1).loss / best))
+    assert np.mean(shortfalls) <= 0.05
+    assert max(shortfalls) <= 0.1
+
+
+def test_coefficients_act_about_their_times():
+    """Coefficients on a straight line make the spline that line."""
+    for count in (4, 7, 24):
+        line = 0.5 + 0.3 * coefficient_times(count)
+        tau = np.linspace(-0.97, 0.93, 41)
+        found = SplineShutter(line).transmittance(tau)
+        np.testing.assert_allclose(found, 0.5 + 0.3 * tau, rtol=1e-13)
