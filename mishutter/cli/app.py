@@ -91,8 +91,9 @@ def optimise(
     free: FreeOption = None,
     num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
-        int, typer.Option("--starts", min=1, max=4096, help="Descents to try.")
-    ] = 16,
+        int | None,
+        typer.Option("--starts", min=1, max=4096, help="Descents; 16, or more for few speeds."),
+    ] = None,
     max_steps: Annotated[
         int, typer.Option("--steps", min=1, max=100_000, help="Steps of each descent, at most.")
     ] = 300,

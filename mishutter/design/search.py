@@ -32,9 +32,9 @@ _STEPS_TO_TELL = 60
 """Steps of a polish after which the best of several is told; it alone goes on."""
 _SAME = 1e-5
 """Difference of losses, as a share of them, up to which two descents ended in one place."""
-_FEW_SPEEDS = 8
-"""Speeds fewer than which have more starts, in proportion: they take less time, and the loss has
-more valleys, as each of the speeds alone decides what is open."""
+_NUM_STARTS, _FEW_SPEEDS = 16, 8
+"""Starts by default, and speeds fewer than which have more of them, in proportion: these take less
+time, and the loss has more valleys, as each of the speeds alone decides what is open."""
 _NUM_GIVEN = 4
 """Starts at most, up to a quarter of them, that are the given design and baselines' profiles."""
 _SEEN = 1e-4
@@ -65,7 +65,7 @@ def optimise(
     *,
     loss: AbstractLoss = _EXPECTED_ERROR,
     free: str | Iterable[str] | None = None,
-    num_starts: int = 16,
+    num_starts: int | None = None,
     seed: int = 0,
     max_steps: int = 300,
     progress: Progress | None = None,
@@ -96,7 +96,7 @@ def optimise(
         loss: What is made small; the expected error by default.
         free: What may move: `"shutter"`, `"acceleration"`, `"half_exposure"`; all that can
             by default.
-        num_starts: How many descents; up to eight times as many where speeds are few.
+        num_starts: How many descents; by default 16, and more where speeds are few.
         seed: Of the starts.
         max_steps: Steps of the descent, and of the polish, at most.
         progress: Called with the step and the smallest loss so far.
@@ -118,7 +118,8 @@ def optimise(
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
     motion = scene.motion if motion is None else motion
     shutter = starting_shutter(scene) if shutter is None else shutter
-    require_positive_int("optimise(num_starts=...)", num_starts)
+    if num_starts is not None:
+        require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
     require(isinstance(loss, AbstractLoss), "optimise(loss=...)", "be a loss", loss)
@@ -130,7 +131,8 @@ def optimise(
         plan = plan_of_scene(scene, motion, shutter, loss=loss, free=space.free)
     needed = reduced(scene, plan)
     objective = objective_of(loss, needed, space, plan)
-    starts = start_boxes(space, num_starts * max(1, _FEW_SPEEDS // needed.speeds.size), seed)
+    num_speeds = needed.speeds.size
+    starts = start_boxes(space, num_starts or _NUM_STARTS * max(1, _FEW_SPEEDS // num_speeds), seed)
     if space.size > GRID_COORDINATES:
         starts = _with_valleys(objective, space, scene, starts, seed)
         found = _descended(objective, space, starts, max_steps, progress)
