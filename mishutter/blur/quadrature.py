@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import DoubleWord, seldom_run
+from mishutter._core import DoubleWord, compiled
 from mishutter.model import (
     AbstractPiecewiseShutter,
     AbstractShutter,
@@ -36,7 +36,7 @@ class LitNodes(NamedTuple):
     efficiency: Array
 
 
-@seldom_run
+@compiled
 def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitNodes:
     """About `num_nodes` quadrature nodes over the exposure of a shutter."""
     profile = piecewise(shutter)

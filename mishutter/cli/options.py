@@ -65,10 +65,6 @@ SeedsOption = Annotated[
         help="Captures of the photograph at each speed; 0 leaves it out.",
     ),
 ]
-FreshOption = Annotated[
-    bool,
-    typer.Option("--fresh", help="Work out anew what was found before for the same question."),
-]
 ShuttersOption = Annotated[
     list[str] | None,
     typer.Option(

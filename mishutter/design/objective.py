@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import common_dtype, seldom_run
+from mishutter._core import common_dtype, compiled
 from mishutter.blur import LitNodes, lit_nodes
 from mishutter.design.space import DesignSpace
 from mishutter.evaluation import (
@@ -221,7 +221,7 @@ def _basis(
     return jax.device_put(rows.astype(light.dtype)), layout
 
 
-@seldom_run
+@compiled
 def _records_of_each(
     scene: Scene,
     motion: AbstractMotion,

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import quick_to_compile
+from mishutter._core import compiled
 from mishutter.design.objective import AbstractObjective
 from mishutter.design.space import Bends
 
@@ -59,7 +59,7 @@ def _losses_and_gradients(
     return losses, gradients
 
 
-@quick_to_compile
+@compiled
 def _one_by_one(
     objective: AbstractObjective, boxes: ArrayLike, count: ArrayLike
 ) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mishutter._core import seldom_run
+from mishutter._core import compiled
 from mishutter.design.space import DesignSpace
 from mishutter.model import (
     GaussianShutter,
@@ -49,7 +49,7 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
     return boxes
 
 
-@seldom_run
+@compiled
 def _given_box(space: DesignSpace) -> Array:
     return space.box(space.shutter, space.motion)
 

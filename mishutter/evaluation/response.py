@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import all_concrete, common_dtype, is_concrete, quick_to_compile, seldom_run
+from mishutter._core import all_concrete, common_dtype, compiled, is_concrete
 from mishutter.blur import (
     LitNodes,
     aligned_kernel,
@@ -190,7 +190,7 @@ def _kernels_and_light(
     return kernels[:count, :num_taps], some[0][1]
 
 
-@seldom_run
+@compiled
 def _kernels_from(
     shutter: AbstractShutter,
     motion: AbstractMotion,
@@ -208,7 +208,7 @@ def _kernels_from(
     return jax.vmap(one)(jnp.asarray(speeds)), light
 
 
-@quick_to_compile
+@compiled
 def aligned_spectra(
     nodes: LitNodes,
     motion: AbstractMotion,

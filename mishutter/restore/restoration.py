@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
+    compiled,
     in_threads,
     num_processors,
     require,
     require_finite,
     require_key,
     require_positive_int,
-    seldom_run,
     shape_of,
 )
 from mishutter.camera import (
@@ -262,7 +262,7 @@ def restore_by_each(
     }
 
 
-@seldom_run
+@compiled
 def _seeds(key: Array, num_speeds: int, num_seeds: int) -> Array:
     """Words of a key for the noise of each capture; `(speeds, seeds, words)`."""
     each = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(num_speeds))

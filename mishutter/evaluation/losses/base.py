@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, quick_to_compile, require
+from mishutter._core import Bare, compiled, require
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced
 from mishutter.evaluation.response import Response, respond
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
@@ -127,7 +127,7 @@ class AbstractResponseLoss(AbstractLoss):
         return _of_response(self, kept, motion, response, plan)
 
 
-@quick_to_compile
+@compiled
 def _of_response(
     loss: AbstractResponseLoss, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
 ) -> Array:
