@@ -29,6 +29,7 @@ from mishutter.cli.console import (
 from mishutter.cli.export import export
 from mishutter.cli.options import (
     CoefficientsOption,
+    EveryPhotographOption,
     FreeOption,
     JsonOption,
     LossName,
@@ -96,6 +97,7 @@ def optimise(
     ] = 300,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
     noise_seeds: SeedsOption = 1,
+    every_photograph: EveryPhotographOption = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", help="Show what is computed and what is skipped.")
     ] = False,
@@ -126,7 +128,8 @@ def optimise(
             plan=found,
             progress=lambda step, value: update(step, f"loss {value:.6g}"),
         )
-    result = _compared(scene, design.motion, {"optimised": design}, chosen, noise_seeds)
+    tried = noise_seeds, every_photograph
+    result = _compared(scene, design.motion, {"optimised": design}, chosen, *tried)
     _deliver(replace(result, design=design), folder, json)
 
 
@@ -144,6 +147,7 @@ def compare(
     json: JsonOption = False,
     loss: LossOption = LossName.EXPECTED_ERROR,
     noise_seeds: SeedsOption = 1,
+    every_photograph: EveryPhotographOption = False,
 ) -> None:
     """Show given shutters or saved designs beside the baselines, without a search for one."""
     start_jax()
@@ -156,7 +160,8 @@ def compare(
     saved = {name: Design.load(path) for name, path in files.items()}
     motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
     folder = None if out is None else writable_folder(out)
-    result = _compared(scene, motion, saved | windows, loss_of(loss), noise_seeds)
+    tried = noise_seeds, every_photograph
+    result = _compared(scene, motion, saved | windows, loss_of(loss), *tried)
     _deliver(result, folder, json)
 
 
@@ -173,6 +178,7 @@ def _compared(
     given: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
     num_seeds: int,
+    every: bool,
 ) -> "Report":
     from mishutter.design import compare as beside_baselines
     from mishutter.model import baselines
@@ -186,7 +192,8 @@ def _compared(
     if picture is None:
         return Report(scene, comparison, tuple(given))
     with progress_bar("photograph", len(rows)) as update:
-        shown = photographs(picture, scene, rows, num_seeds, update=_counting(update))
+        step = _counting(update)
+        shown = photographs(picture, scene, rows, num_seeds, every=every, update=step)
     return Report(scene, comparison, tuple(given), shown)
 
 

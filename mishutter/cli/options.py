@@ -65,6 +65,14 @@ SeedsOption = Annotated[
         help="Captures of the photograph at each speed; 0 leaves it out.",
     ),
 ]
+EveryPhotographOption = Annotated[
+    bool,
+    typer.Option(
+        "--every-photograph",
+        help="Restore the photograph at every speed and by three decoders, not only at the "
+        "slowest, a middling and the fastest by one.",
+    ),
+]
 ShuttersOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -254,18 +254,6 @@ def plot_history(history: ArrayLike, *, loss_name: str = "loss") -> Figure:
     return figure
 
 
-def shown_speeds(speeds: ArrayLike) -> list[float]:
-    """The slowest, a middling and the fastest of a scene's speeds, by size; px/s.
-
-    Of two that differ in sign alone the positive one.
-    """
-    by_size = {
-        abs(speed): speed for speed in np.sort(np.asarray(speeds, np.float64) + 0.0).tolist()
-    }
-    ordered = [by_size[size] for size in sorted(by_size)]
-    return list(dict.fromkeys(ordered[i] for i in (0, (len(ordered) - 1) // 2, -1)))
-
-
 def shown_name(name: str, most: int = 40) -> str:
     """A name as a picture shows it: of `most` letters at most, and as text, whatever it holds.
 
