@@ -8,7 +8,7 @@ the solver costs a matrix product.
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -28,16 +28,14 @@ from mishutter.evaluation import (
     Response,
     aligned_spectra,
     assembled,
+    one_real_number,
     picture_power,
     records,
     value_of,
 )
-from mishutter.model import AbstractAdjustableShutter, AbstractMotion, RectShutter, Scene
+from mishutter.model import AbstractAdjustableShutter, AbstractMotion, ParabolicMotion, Scene
 
 _ROUGH_FREQUENCIES = 64
-_ROUGH_NODES = 0.7
-"""Share of the nodes: where the longest path turns fastest, what they sum to is then wrong by
-parts in ten thousand."""
 _ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
@@ -77,30 +75,74 @@ class DesignObjective(AbstractObjective):
         return _many_at_once()
 
 
-@final
-class MotionObjective(AbstractObjective):
-    """The loss of a shutter that stays, on the motion at each point.
+class Exposure(NamedTuple):
+    """All that transfer functions see of a design.
 
-    It sees the shutter by its nodes alone, so that one program serves every kind of it.
+    Attributes:
+        nodes: Quadrature nodes, weighted by the transmittance.
+        acceleration: That of the sensor; px/s^2, scalar, 0 for a camera at rest.
+        half_exposure: $T$; s, scalar.
+    """
+
+    nodes: LitNodes
+    acceleration: Array
+    half_exposure: Array
+
+
+@final
+class SpectralObjective(AbstractObjective):
+    """The loss of the design at each point where it sees transfer functions alone.
+
+    Attributes:
+        nodes: Those of a shutter that stays; None where it moves.
     """
 
     loss: AbstractResponseLoss
     scene: Scene
     space: DesignSpace
-    nodes: LitNodes
+    nodes: LitNodes | None
     plan: Plan = eqx.field(static=True)
 
     def __call__(self, box: Array) -> Array:
-        _, motion = self.space.at(box)
-        grid = self.plan.num_frequencies, self.plan.num_kept
-        spectra = aligned_spectra(self.nodes, motion, self.scene.speeds, *grid)
-        light = self.nodes.efficiency
-        response = assembled(self.scene, Records(jnp.zeros(0), spectra, light), self.plan)
-        return self.loss.of_response(self.scene, motion, response, self.plan)
+        return self.seen.at(self.exposure(box))
+
+    def exposure(self, box: Array) -> Exposure:
+        """What is seen of the design at a point of the box; shape `(size,)`."""
+        shutter, motion = self.space.at(box)
+        nodes = self.nodes
+        if nodes is None:
+            nodes = lit_nodes(shutter, self.plan.num_nodes, np.dtype(box.dtype))
+        return Exposure(nodes, motion.acceleration, motion.half_exposure)
+
+    @property
+    def seen(self) -> "SpectralLoss":
+        """The loss by what is seen of a design, the same for every kind of shutter and motion."""
+        plan = replace(self.plan, num_taps=1, dft_length=1, num_nodes=1, folds=False, still=False)
+        return SpectralLoss(self.loss, self.scene, plan)
 
     @property
     def batches(self) -> bool:
         return _many_at_once()
+
+
+@final
+class SpectralLoss(eqx.Module):
+    """A loss by what transfer functions see of a design."""
+
+    loss: AbstractResponseLoss
+    scene: Scene
+    plan: Plan = eqx.field(static=True)
+
+    def at(self, exposure: Exposure) -> Array:
+        """The loss of a design; scalar."""
+        nodes, acceleration, half_exposure = exposure
+        motion = ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
+        grid = self.plan.num_frequencies, self.plan.num_kept
+        spectra = aligned_spectra(nodes, motion, self.scene.speeds, *grid)
+        recorded = Records(jnp.zeros(0), spectra, nodes.efficiency)
+        response = assembled(self.scene, recorded, self.plan)
+        value = self.loss.of_response(self.scene, motion, response, self.plan)
+        return one_real_number(self.loss, value).astype(nodes.tau.dtype)
 
 
 @final
@@ -137,20 +179,21 @@ def objective_of(
     if alone and isinstance(loss, AbstractResponseLoss):
         basis, layout = _basis(space, scene, plan, loss.parts(plan))
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
-    held = plan.skips and "shutter" not in space.free
-    if held and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
-        nodes = lit_nodes(space.shutter, plan.num_nodes, np.dtype(space.max_speed.dtype))
-        space = replace(space, shutter=RectShutter())
-        return MotionObjective(loss, scene, space, nodes, plan)
+    if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
+        nodes = None
+        if "shutter" not in space.free:
+            nodes = lit_nodes(space.shutter, plan.num_nodes, np.dtype(space.max_speed.dtype))
+            space = space.without_shutter()
+        return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
 
 
 def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjective:
-    """The objective on fewer frequencies and nodes, where they take the time; itself where not.
+    """The objective on fewer frequencies, where they take the time; itself where not.
 
     Good enough to descend on where the ends are finished on the whole.
     """
-    if not isinstance(objective, DesignObjective | MotionObjective):
+    if not isinstance(objective, DesignObjective | SpectralObjective):
         return objective
     plan, scene = objective.plan, objective.scene
     share = plan.num_frequencies // _ROUGH_FREQUENCIES
@@ -161,7 +204,6 @@ def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjecti
         plan,
         num_frequencies=_ROUGH_FREQUENCIES,
         num_kept=kept and math.ceil(kept * _ROUGH_FREQUENCIES / plan.num_frequencies),
-        num_nodes=math.ceil(plan.num_nodes * _ROUGH_NODES),
     )
     # The mean power of each band: it is steep, and where a band's middle lies says little.
     dtype = np.dtype(scene.speeds.dtype)

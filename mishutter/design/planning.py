@@ -114,9 +114,14 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     return reduce(larger, [sizes(scene, moved) for _, moved in corners])
 
 
-@compiled
 def design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
+    shutter, motion = _design_at(space.without_shutter(), box)
+    return (shutter if "shutter" in space.free else space.shutter), motion
+
+
+@compiled
+def _design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
     return space.at(box)
 
 

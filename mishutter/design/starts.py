@@ -32,7 +32,7 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
     The given design first, then the baselines' profiles and random ones, at the given
     motion and at random motions by turns.
     """
-    given = np.asarray(_given_box(space))
+    given = np.asarray(_given_box(space.without_shutter()))
     if given.size <= GRID_COORDINATES:
         return np.concatenate([given[None], _grid(given.size).astype(given.dtype)])
     count = space.num_profile_coordinates

@@ -88,7 +88,15 @@ def value_of(
     Raises:
         ValueError: if it is not one real number.
     """
-    value: Any = loss(scene, motion, shutter, plan=plan)
+    return one_real_number(loss, loss(scene, motion, shutter, plan=plan))
+
+
+def one_real_number(loss: AbstractLoss, value: Any) -> Array:
+    """What a loss gave; scalar.
+
+    Raises:
+        ValueError: if it is not one real number.
+    """
     is_array = isinstance(value, jax.Array | np.ndarray)
     got = f"{value.dtype} of shape {value.shape}" if is_array else type(value).__name__
     is_one = (is_array or _is_number(value)) and np.shape(value) == () and jnp.isrealobj(value)
