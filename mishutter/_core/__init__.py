@@ -17,6 +17,7 @@ from mishutter._core.checks import require_positive_int as require_positive_int
 from mishutter._core.checks import require_scalar as require_scalar
 from mishutter._core.checks import require_seed as require_seed
 from mishutter._core.checks import shape_of as shape_of
+from mishutter._core.compiling import at_once as at_once
 from mishutter._core.compiling import compiled as compiled
 from mishutter._core.compiling import computed_once as computed_once
 from mishutter._core.double_double import DoubleWord as DoubleWord

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable
-from contextlib import nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from functools import lru_cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -65,7 +65,7 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
         if _TRACING.allowed or not all_concrete((args, kwargs)):
             return within(*args, **kwargs)
-        with jax.ensure_compile_time_eval() if _in_a_trace() else nullcontext():
+        with at_once():
             with suppress(_NotAllowedError):
                 return program()(*args, **kwargs)
             trace_alone(*args, **kwargs)
@@ -95,8 +95,14 @@ def computed_once(function: Callable[[], _Result], true: Array) -> _Result:
     return jax.lax.cond(true, function, lambda: nothing)
 
 
-def _in_a_trace() -> bool:
-    return not is_concrete(jax.device_put(_ZERO))
+def at_once() -> AbstractContextManager[None]:
+    """Computes what is known while a function is traced that calls for it, and so still known.
+
+    Nothing where none is traced: in `jax.ensure_compile_time_eval` a program that is traced there
+    runs each operation on constants by a small program of that operation alone.
+    """
+    in_a_trace = not is_concrete(jax.device_put(_ZERO))
+    return jax.ensure_compile_time_eval() if in_a_trace else nullcontext()
 
 
 @lru_cache

@@ -1,7 +1,7 @@
 """A design beside its baselines, and the verdict for a scene."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -9,6 +9,7 @@ import equinox as eqx
 import numpy as np
 
 from mishutter._core import alone_in_blas, in_threads, named, num_processors, require, require_known
+from mishutter.design.planning import plan as planned
 from mishutter.design.result import Design, metrics_to_dict, motion_to_dict
 from mishutter.design.search import optimise
 from mishutter.evaluation import (
@@ -29,6 +30,7 @@ from mishutter.model import (
     TukeyShutter,
     baselines,
     settled,
+    stands_still,
 )
 
 SAME_MOTION = "same motion"
@@ -204,11 +206,26 @@ def best_snapshot(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | Non
     """A camera at rest with an ordinary shutter, its exposure tuned by the loss."""
     low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
     still = StillCamera(half_exposure=np.sqrt(np.asarray(low) * np.asarray(high)))
+    if plan is PLANNED:
+        plan = _roomy_plan(scene, still, loss)
     found = _tuned(scene, still, RectShutter(), ("half_exposure",), loss=loss, plan=plan)
     return _row(BEST_SNAPSHOT, found)
 
 
 _MOTION_ONLY = ("acceleration", "half_exposure")
+
+
+def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
+    """The plan of a camera at rest, in the sizes of a moving one: one program serves both."""
+    shutter = RectShutter()
+    plan = planned(scene, still, shutter, loss=loss, free="half_exposure")
+    if stands_still(scene.motion):
+        return plan
+    moving = planned(scene, scene.motion, shutter, loss=loss, free=_MOTION_ONLY)
+    sizes = ("num_taps", "dft_length", "num_nodes")
+    return replace(
+        plan, **{name: max(getattr(plan, name), getattr(moving, name)) for name in sizes}
+    )
 
 
 def _own_best(

@@ -104,15 +104,12 @@ class SpectralObjective(AbstractObjective):
     plan: Plan = eqx.field(static=True)
 
     def __call__(self, box: Array) -> Array:
-        return self.seen.at(self.exposure(box))
+        return self.seen.at(self.exposures.at(box))
 
-    def exposure(self, box: Array) -> Exposure:
-        """What is seen of the design at a point of the box; shape `(size,)`."""
-        shutter, motion = self.space.at(box)
-        nodes = self.nodes
-        if nodes is None:
-            nodes = lit_nodes(shutter, self.plan.num_nodes, np.dtype(box.dtype))
-        return Exposure(nodes, motion.acceleration, motion.half_exposure)
+    @property
+    def exposures(self) -> "Exposures":
+        """What is seen of the designs, the same however many frequencies are looked at."""
+        return Exposures(self.space, self.nodes, self.plan.num_nodes)
 
     @property
     def seen(self) -> "SpectralLoss":
@@ -123,6 +120,23 @@ class SpectralObjective(AbstractObjective):
     @property
     def batches(self) -> bool:
         return _many_at_once()
+
+
+@final
+class Exposures(eqx.Module):
+    """What transfer functions see of the design at each point of a box."""
+
+    space: DesignSpace
+    nodes: LitNodes | None
+    num_nodes: int = eqx.field(static=True)
+
+    def at(self, box: Array) -> Exposure:
+        """What is seen at a point; shape `(size,)`."""
+        shutter, motion = self.space.at(box)
+        nodes = self.nodes
+        if nodes is None:
+            nodes = lit_nodes(shutter, self.num_nodes, np.dtype(box.dtype))
+        return Exposure(nodes, motion.acceleration, motion.half_exposure)
 
 
 @final

@@ -11,7 +11,12 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import compiled
-from mishutter.design.objective import AbstractObjective, Exposure, SpectralObjective
+from mishutter.design.objective import (
+    AbstractObjective,
+    Exposure,
+    Exposures,
+    SpectralObjective,
+)
 from mishutter.design.space import Bends
 
 _POINTS_A_CALL = 16
@@ -71,20 +76,20 @@ def _by_parts(
 
     One program of it serves every kind of shutter and of motion.
     """
-    exposures = _exposures(objective, boxes)
+    exposures = _at_points(objective.exposures, boxes)
     losses, slopes = _one_by_one(objective.seen.at, exposures, count)
-    return losses, _pulled_back(objective, boxes, slopes)
+    return losses, _pulled_back(objective.exposures, boxes, slopes)
 
 
 @compiled
-def _exposures(objective: SpectralObjective, boxes: ArrayLike) -> Exposure:
-    return jax.vmap(objective.exposure)(jnp.asarray(boxes))
+def _at_points(exposures: Exposures, boxes: ArrayLike) -> Exposure:
+    return jax.vmap(exposures.at)(jnp.asarray(boxes))
 
 
 @compiled
-def _pulled_back(objective: SpectralObjective, boxes: ArrayLike, slopes: Exposure) -> Array:
+def _pulled_back(exposures: Exposures, boxes: ArrayLike, slopes: Exposure) -> Array:
     def one(box: Array, slope: Exposure) -> Array:
-        return jax.vjp(objective.exposure, box)[1](slope)[0]
+        return jax.vjp(exposures.at, box)[1](slope)[0]
 
     return jax.vmap(one)(jnp.asarray(boxes), slopes)
 

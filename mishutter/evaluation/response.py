@@ -26,12 +26,13 @@ from mishutter.model import (
     AbstractPiecewiseShutter,
     AbstractShutter,
     Scene,
+    as_parabolic,
     has_vertex,
     piecewise,
     settled,
 )
 
-_SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 192
+_SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 512
 
 
 @final
@@ -108,7 +109,8 @@ def records(
     if spectra:
         nodes = lit_nodes(profile, plan.num_nodes, dtype)
         grid = plan.num_frequencies, plan.num_kept
-        response, light = aligned_spectra(nodes, motion, scene.speeds, *grid), nodes.efficiency
+        response = aligned_spectra(nodes, as_parabolic(motion), scene.speeds, *grid)
+        light = nodes.efficiency
     light = _only_light(profile, motion, scene.speeds) if light is None else light
     nothing = np.zeros(0, dtype)
     parts = (nothing if part is None else part for part in (taps, response, light))
@@ -174,7 +176,7 @@ def _kernels_and_light(
     speeds: Array | np.ndarray,
     num_taps: int,
 ) -> tuple[Array | np.ndarray, Array]:
-    motion = settled(motion)
+    motion = as_parabolic(settled(motion))
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
     first = kernel_phase(motion, num_taps)
     if not all_concrete((shutter, motion, speeds)):

@@ -19,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mishutter._core import require, write_bytes
-from mishutter.blur import lit_nodes, support
+from mishutter.blur import LitNodes, lit_nodes, support
 from mishutter.design import DriveTable
 from mishutter.evaluation import kernel_phase, kernels_at_speeds, size_class
 from mishutter.model import AbstractMotion, AbstractShutter, Picture, profile_of, to_display
@@ -134,9 +134,10 @@ def plot_transfer(designs: Named, speeds: Sequence[float]) -> Figure:
     """Modulation transfer, pixel aperture included: one panel a speed, one line a design."""
     figure, panels = _new(len(speeds), height=2.4, share=True)
     frequency = np.linspace(0, 0.5, _NUM_POINTS)
+    nodes = _nodes(designs, max(abs(speed) for speed in speeds))
     for axes, speed in zip(panels, speeds, strict=True):
-        for (name, (motion, shutter)), style in zip(designs.items(), _styles(), strict=False):
-            response = _transfer(shutter, motion, speed, frequency)
+        for (name, (motion, _)), style in zip(designs.items(), _styles(), strict=False):
+            response = _transfer(nodes[name], motion, speed, frequency)
             shown = np.maximum(response * np.sinc(frequency), _LEAST_RESPONSE)
             axes.semilogy(frequency, shown, label=shown_name(name), **style)
         axes.set_title(f"object at {speed:g} px/s", fontsize="medium")
@@ -146,14 +147,23 @@ def plot_transfer(designs: Named, speeds: Sequence[float]) -> Figure:
     return figure
 
 
+def _nodes(designs: Named, fastest: float) -> dict[str, LitNodes]:
+    """Quadrature nodes of each design, as many as the highest of frequencies needs."""
+    motions = [motion for motion, _ in designs.values()]
+    velocity = max(float(m.stroke) * 2 + fastest * float(m.half_exposure) for m in motions)
+    num_nodes = size_class(math.ceil(_NODES_PER_PX * velocity) + _LEAST_NODES)
+    return {
+        name: lit_nodes(shutter, num_nodes, np.dtype(motion.half_exposure.dtype))
+        for name, (motion, shutter) in designs.items()
+    }
+
+
 def _transfer(
-    shutter: AbstractShutter, motion: AbstractMotion, speed: float, frequency: np.ndarray
+    nodes: LitNodes, motion: AbstractMotion, speed: float, frequency: np.ndarray
 ) -> np.ndarray:
-    """Modulus of the transfer function, by quadrature: exact for a picture, without a program."""
+    """Modulus of the transfer function; a program of `transfer_function` would compile longer."""
     a, half = float(motion.acceleration), float(motion.half_exposure)
     stroke, smear = a * half * half, speed * half
-    num_nodes = math.ceil(_NODES_PER_PX * (2 * stroke + abs(smear))) + _LEAST_NODES
-    nodes = lit_nodes(shutter, size_class(num_nodes), np.dtype(motion.half_exposure.dtype))
     tau, light = (np.asarray(x, np.float64) for x in nodes[:2])
     position = tau * (stroke * tau - smear)
     return np.abs(np.exp(-2j * np.pi * frequency[:, None] * position) @ light)
