@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from mishutter._core import alone_in_blas, in_threads, named, num_processors, require, require_known
@@ -197,7 +198,7 @@ def taken_names() -> tuple[str, ...]:
 
 
 def _require_own_name(name: str, entry: AbstractShutter | Design) -> None:
-    same = bool(eqx.tree_equal(baselines().get(name), entry))
+    same = _are_equal(baselines().get(name), entry)
     requirement = f"call no other shutter one of {', '.join(taken_names())}"
     require(same or name not in taken_names(), "compare(shutters=...)", requirement, name)
 
@@ -245,8 +246,17 @@ def _own_best(
 
 def _is_finished(design: Design, scene: Scene, loss: AbstractLoss) -> bool:
     """Whether a design was found for this scene by this loss."""
-    same_scene = bool(eqx.tree_equal(design.scene.bare(), scene.bare()))
+    same_scene = _are_equal(design.scene.bare(), scene.bare())
     return same_scene and design.loss_name == repr(loss)
+
+
+def _are_equal(first: Any, second: Any) -> bool:
+    """Whether two trees are, compared on the host: on the device each shape has a program."""
+    return bool(eqx.tree_equal(*jax.tree.map(_on_host, (first, second))))
+
+
+def _on_host(leaf: Any) -> Any:
+    return np.asarray(leaf) if eqx.is_array(leaf) else leaf
 
 
 def _at_own_best(
