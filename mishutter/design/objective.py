@@ -31,6 +31,7 @@ from mishutter.evaluation import (
     one_real_number,
     picture_power,
     records,
+    size_class,
     value_of,
 )
 from mishutter.model import AbstractAdjustableShutter, AbstractMotion, ParabolicMotion, Scene
@@ -194,7 +195,8 @@ def objective_of(
         basis, layout = _basis(space, scene, plan, loss.parts(plan))
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
     if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
-        nodes = None
+        # One of two numbers an octave, so that scenes of other speeds share programs.
+        plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free:
             nodes = lit_nodes(space.shutter, plan.num_nodes, np.dtype(space.max_speed.dtype))
             space = space.without_shutter()
