@@ -11,6 +11,7 @@ ALL = (
     "gradient",
     "design",
     "command",
+    "compiles",
     "scaling",
     "stress",
     "capture",

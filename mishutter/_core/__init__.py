@@ -17,10 +17,9 @@ from mishutter._core.checks import require_positive_int as require_positive_int
 from mishutter._core.checks import require_scalar as require_scalar
 from mishutter._core.checks import require_seed as require_seed
 from mishutter._core.checks import shape_of as shape_of
+from mishutter._core.compiling import at_once as at_once
 from mishutter._core.compiling import compiled as compiled
 from mishutter._core.compiling import computed_once as computed_once
-from mishutter._core.compiling import quick_to_compile as quick_to_compile
-from mishutter._core.compiling import seldom_run as seldom_run
 from mishutter._core.double_double import DoubleWord as DoubleWord
 from mishutter._core.double_double import add as add
 from mishutter._core.double_double import multiply as multiply
@@ -41,7 +40,6 @@ from mishutter._core.parallel import alone_in_blas as alone_in_blas
 from mishutter._core.parallel import in_threads as in_threads
 from mishutter._core.parallel import num_processors as num_processors
 from mishutter._core.parallel import num_threads as num_threads
-from mishutter._core.shelf import Shelf as Shelf
 from mishutter._core.validation import Section as Section
 from mishutter._core.validation import in_section as in_section
 from mishutter._core.validation import parsed as parsed

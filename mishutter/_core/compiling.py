@@ -1,90 +1,85 @@
-"""How programs are compiled: quickly, since a user waits for each, and to compute things once."""
+"""How the package's functions are compiled: in half of XLA's time, one thread tracing at a time."""
 
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext, suppress
 from functools import lru_cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from mishutter._core.checks import all_concrete, is_concrete
-from mishutter._core.programs import TRACING, KeptProgram, Options, kind_of, may_be_kept
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
-_QUICKLY = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
-_AS_IT_COMES = _QUICKLY | {"xla_backend_optimization_level": 0}
+_QUICKLY: dict[str, bool | int] = {
+    "xla_cpu_use_fusion_emitters": False,
+    "xla_backend_optimization_level": 1,
+}
+_ZERO = np.zeros(())
+
+
+class _Tracing(threading.local):
+    """Whether this thread is the one that may trace, under the lock that all threads share."""
+
+    lock = threading.Lock()
+    allowed = False
+
+
+_TRACING = _Tracing()
+
+
+class _NotAllowedError(Exception):
+    """A function would be traced by a thread that does not hold the lock."""
 
 
 def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """`eqx.filter_jit`, with the program kept on disk where programs are.
+    """`eqx.filter_jit` by XLA's older generator of CPU code, lightly optimised.
 
-    What is known is computed at once, also from within another program.
+    These programs compile in half of the time so, and run as fast. XLA takes the choice for
+    whole programs alone: a call within a function that JAX traces is compiled as that one is.
+    What is known there is computed at once, and so still known.
+
+    One thread traces at a time. Threads share what JAX knows of the functions in a program,
+    among that derivative rules, and JAX fails where two of them trace one rule at once.
     """
-    return _compiled(function, None)
 
-
-def quick_to_compile(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """`compiled` by XLA's older generator of CPU code, lightly optimised, where it may be.
-
-    It compiles these programs in half of the time, and they run about as fast. XLA
-    takes the choice for whole programs alone: a call of what another one traces is compiled
-    as that is.
-    """
-    return _compiled(function, _QUICKLY)
-
-
-def seldom_run(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """`quick_to_compile`, and not optimised at all: for what runs a few times in a process.
-
-    It compiles in half of the time again, and takes twice as long to run, or more.
-    """
-    return _compiled(function, _AS_IT_COMES)
-
-
-def _compiled(
-    function: Callable[_Arguments, _Result], options: Options
-) -> Callable[_Arguments, _Result]:
-    compile_with: Any = eqx.filter_jit
-    plain = compile_with(function)
-    traced: set[Hashable] = set()
+    @wraps(function)
+    def traced(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        if not _TRACING.allowed:
+            raise _NotAllowedError
+        return function(*args, **kwargs)
 
     @lru_cache
-    def chosen() -> Any:
-        return compile_with(function, compiler_options=_taken(options))
+    def program() -> Any:
+        compile_with: Any = eqx.filter_jit
+        return compile_with(traced, compiler_options=_known_options())
 
-    @lru_cache
-    def kept() -> KeptProgram:
-        return KeptProgram(function, _taken(options))
-
-    def trace_alone(kind: Hashable, *args: _Arguments.args, **kwargs: _Arguments.kwargs) -> None:
-        if kind not in traced:
-            with TRACING:
-                chosen().lower(*args, **kwargs)
-            traced.add(kind)
+    within = eqx.filter_jit(function)
 
     @wraps(function)
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        leaves, tree = jax.tree.flatten((args, kwargs))
-        if not all_concrete(leaves):
-            return plain(*args, **kwargs)
-        if may_be_kept(leaves):
-            return kept()(*args, **kwargs)
-        if not _in_a_trace():
-            if threading.active_count() > 1:
-                trace_alone(kind_of(leaves, tree), *args, **kwargs)
-            return chosen()(*args, **kwargs)
-        with jax.ensure_compile_time_eval():
-            return chosen()(*args, **kwargs)
+        if _TRACING.allowed or not all_concrete((args, kwargs)):
+            return within(*args, **kwargs)
+        with at_once():
+            with suppress(_NotAllowedError):
+                return program()(*args, **kwargs)
+            trace_alone(*args, **kwargs)
+            return program()(*args, **kwargs)
+
+    def trace_alone(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> None:
+        with _TRACING.lock:
+            _TRACING.allowed = True
+            try:
+                program().lower(*args, **kwargs)
+            finally:
+                _TRACING.allowed = False
 
     return call
-
-
-def _in_a_trace() -> bool:
-    return not is_concrete(jnp.zeros(()))
 
 
 def computed_once(function: Callable[[], _Result], true: Array) -> _Result:
@@ -100,20 +95,23 @@ def computed_once(function: Callable[[], _Result], true: Array) -> _Result:
     return jax.lax.cond(true, function, lambda: nothing)
 
 
-def _taken(options: Options) -> Options:
-    """Those of some options that this XLA has, on a CPU; None if there is none."""
-    if options is None or jax.default_backend() != "cpu":
-        return None
-    if _are_known(*options):
-        return options
-    return {name: value for name, value in options.items() if _are_known(name)} or None
+def at_once() -> AbstractContextManager[None]:
+    """Computes what is known while a function is traced that calls for it, and so still known.
+
+    Nothing where none is traced: in `jax.ensure_compile_time_eval` a program that is traced there
+    runs each operation on constants by a small program of that operation alone.
+    """
+    in_a_trace = not is_concrete(jax.device_put(_ZERO))
+    return jax.ensure_compile_time_eval() if in_a_trace else nullcontext()
 
 
 @lru_cache
-def _are_known(*names: str) -> bool:
+def _known_options() -> dict[str, bool | int] | None:
+    """The choice, on a CPU and where this XLA still has it."""
+    if jax.default_backend() != "cpu":
+        return None
     try:
-        with jax.ensure_compile_time_eval():
-            jax.jit(lambda: 0, compiler_options={name: _QUICKLY[name] for name in names})()
+        jax.jit(lambda: 0, compiler_options=_QUICKLY).lower().compile()
     except jax.errors.JaxRuntimeError:
-        return False
-    return True
+        return None
+    return _QUICKLY

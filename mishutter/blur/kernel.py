@@ -22,12 +22,12 @@ from mishutter._core import (
     DoubleWord,
     RowLike,
     common_dtype,
+    compiled,
     is_concrete,
     require,
     require_finite,
     require_positive_int,
     require_scalar,
-    seldom_run,
     shape_of,
     two_sum,
 )
@@ -170,7 +170,7 @@ def binned_exposure(
     return _exposure(num_taps, piecewise(shutter), point, ends, nothing, from_vertex=False)
 
 
-@seldom_run
+@compiled
 def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
     r"""Length of an aligned kernel; px, shape of `speed`.
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import DoubleWord, seldom_run
+from mishutter._core import DoubleWord, compiled
 from mishutter.model import (
     AbstractPiecewiseShutter,
     AbstractShutter,
@@ -36,13 +36,20 @@ class LitNodes(NamedTuple):
     efficiency: Array
 
 
-@seldom_run
+@compiled
 def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitNodes:
-    """About `num_nodes` quadrature nodes over the exposure of a shutter."""
+    """About `num_nodes` quadrature nodes over the exposure of a shutter.
+
+    Nodes without light fill their number up to one that does for most kinds of shutters, which
+    so share the programs that take them.
+    """
     profile = piecewise(shutter)
     rule = _equal_pieces if profile.equal_pieces else _shared_panels
     tau, light = rule(profile, profile.breakpoints(dtype), num_nodes)
-    return LitNodes(tau, light, light_let_through(profile, dtype))
+    room = (math.ceil(num_nodes / _SHARED_PANEL_NODES) + 2) * _SHARED_PANEL_NODES
+    spare = (0, max(0, room - tau.size))
+    efficiency = light_let_through(profile, dtype)
+    return LitNodes(jnp.pad(tau, spare), jnp.pad(light, spare), efficiency)
 
 
 def light_let_through(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:

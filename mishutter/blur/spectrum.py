@@ -12,7 +12,7 @@ from mishutter._core import (
     RowLike,
     as_float,
     common_dtype,
-    quick_to_compile,
+    compiled,
     require,
     require_finite,
     require_positive_int,
@@ -118,7 +118,7 @@ def _common_shape(speed: tuple[int, ...], frequency: tuple[int, ...]) -> tuple[i
         raise ValueError(f"`{subject}` must {requirement}; got shape {speed}.") from None
 
 
-@quick_to_compile
+@compiled
 def _transfer(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
     # The derivative of the modulus at 0 would be 0, and that of the response there is not.
     response = _at_positive(profile, motion, s, jnp.where(f < 0, -f, f))

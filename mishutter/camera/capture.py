@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
+    at_once,
     common_dtype,
     compiled,
     is_concrete,
@@ -190,9 +191,10 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
         ValueError: if the kernel would be longer than 8,192 px.
     """
     fastest = max(abs(float(s)) for s in speeds)
-    with jax.ensure_compile_time_eval():
-        reach, stroke = float(support(motion, fastest)), float(motion.stroke)
-    smear = 2 * fastest * float(motion.half_exposure)
+    a, half = float(motion.acceleration), float(motion.half_exposure)
+    with at_once():
+        reach, stroke = float(support(motion, fastest)), a * half * half
+    smear = 2 * fastest * half
     longest = max(reach, smear) + 1
     held = math.isfinite(longest) and longest <= MAX_TAPS
     require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_TAPS} px", longest)

@@ -13,7 +13,6 @@ from mishutter._core import (
     num_processors,
     require,
     require_positive_int,
-    seldom_run,
 )
 from mishutter.model import AbstractMotion, Scene
 
@@ -24,13 +23,13 @@ _RUN = 1 << 16
 """Pixels whose numbers one generator draws."""
 
 
-@seldom_run
+@compiled
 def white_electrons(scene: Scene, motion: AbstractMotion) -> Array:
     r"""Photo-electrons of a white pixel in a fully open exposure, $p = \text{rate}\cdot 2T$."""
     return scene.photon_rate * motion.exposure
 
 
-@seldom_run
+@compiled
 def noise_variance(
     scene: Scene, motion: AbstractMotion, efficiency: ArrayLike, mean_level: ArrayLike | None = None
 ) -> Array:

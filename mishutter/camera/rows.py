@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import quick_to_compile, require
+from mishutter._core import compiled, require
 
 Border = Literal["scene", "reflect", "edge", "wrap", "zero"]
 PAD_MODES = {"reflect": "symmetric", "edge": "edge", "wrap": "wrap", "zero": "constant"}
@@ -82,7 +82,7 @@ def rows_last(light: ArrayLike) -> Array:
     return _rows_last(jnp.asarray(light))
 
 
-@quick_to_compile
+@compiled
 def _rows_last(light: Array) -> Array:
     light = light[..., None] if light.ndim == 2 else light
     return jnp.moveaxis(light, -1, -3)
@@ -93,7 +93,7 @@ def channels_last(planes: Array, like: ArrayLike) -> Array:
     return _channels_last(planes, jnp.ndim(like) == 2)
 
 
-@quick_to_compile
+@compiled
 def _channels_last(planes: Array, only_one: bool) -> Array:
     light = jnp.moveaxis(planes, -3, -1)
     return light[..., 0] if only_one else light

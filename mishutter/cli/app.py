@@ -29,8 +29,8 @@ from mishutter.cli.console import (
 from mishutter.cli.export import export
 from mishutter.cli.options import (
     CoefficientsOption,
+    EveryPhotographOption,
     FreeOption,
-    FreshOption,
     JsonOption,
     LossName,
     LossOption,
@@ -47,7 +47,6 @@ from mishutter.cli.plan import plan, plan_text
 from mishutter.cli.sweep import sweep
 
 if TYPE_CHECKING:
-    from mishutter.cli.memory import Memory
     from mishutter.design import Design
     from mishutter.evaluation import AbstractLoss
     from mishutter.model import AbstractMotion, AbstractShutter, Scene
@@ -99,14 +98,13 @@ def optimise(
     ] = 300,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
     noise_seeds: SeedsOption = 1,
-    fresh: FreshOption = False,
+    every_photograph: EveryPhotographOption = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", help="Show what is computed and what is skipped.")
     ] = False,
 ) -> None:
     """Design a shutter for a scene, and show it beside the windows one would have picked."""
     start_jax()
-    from mishutter.cli.memory import Memory
     from mishutter.design import optimise as search
     from mishutter.design import plan as planned
     from mishutter.design import starting_shutter
@@ -114,14 +112,12 @@ def optimise(
     scene = scene_of(scene_file)
     motion, start = scene.motion, starting_shutter(scene, num_coefficients)
     chosen, names = loss_of(loss), free_names(free, motion, start)
-    folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
+    folder = None if out is None else writable_folder(out)
     found = planned(scene, motion, start, loss=chosen, free=names)
     if verbose:
         note(plan_text(found))
     with progress_bar("searching", max_steps) as update:
-        design = memory.of(
-            "search",
-            search,
+        design = search(
             scene,
             motion,
             start,
@@ -131,10 +127,11 @@ def optimise(
             seed=seed,
             max_steps=max_steps,
             plan=found,
-            watch={"progress": lambda step, value: update(step, f"loss {value:.6g}")},
+            progress=lambda step, value: update(step, f"loss {value:.6g}"),
         )
-    result = _compared(scene, design.motion, {"optimised": design}, chosen, noise_seeds, memory)
-    _deliver(replace(result, design=design), folder, json, memory)
+    tried = noise_seeds, every_photograph
+    result = _compared(scene, design.motion, {"optimised": design}, chosen, *tried)
+    _deliver(replace(result, design=design), folder, json)
 
 
 @app.command()
@@ -151,11 +148,10 @@ def compare(
     json: JsonOption = False,
     loss: LossOption = LossName.EXPECTED_ERROR,
     noise_seeds: SeedsOption = 1,
-    fresh: FreshOption = False,
+    every_photograph: EveryPhotographOption = False,
 ) -> None:
     """Show given shutters or saved designs beside the baselines, without a search for one."""
     start_jax()
-    from mishutter.cli.memory import Memory
     from mishutter.design import Design, taken_names
     from mishutter.model import named_shutter
 
@@ -164,9 +160,10 @@ def compare(
     files = short_names(designs or [], {*taken_names(), *windows})
     saved = {name: Design.load(path) for name, path in files.items()}
     motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
-    folder, memory = None if out is None else writable_folder(out), Memory(fresh=fresh)
-    result = _compared(scene, motion, saved | windows, loss_of(loss), noise_seeds, memory)
-    _deliver(result, folder, json, memory)
+    folder = None if out is None else writable_folder(out)
+    tried = noise_seeds, every_photograph
+    result = _compared(scene, motion, saved | windows, loss_of(loss), *tried)
+    _deliver(result, folder, json)
 
 
 app.command()(plan)
@@ -182,7 +179,7 @@ def _compared(
     given: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
     num_seeds: int,
-    memory: "Memory",
+    every: bool,
 ) -> "Report":
     from mishutter.design import compare as beside_baselines
     from mishutter.model import baselines
@@ -190,25 +187,14 @@ def _compared(
 
     total = len({*given, *baselines()}) + 2
     with progress_bar("comparing", total) as update:
-        step = _counting(update)
-        comparison = memory.of(
-            "comparison", beside_baselines, scene, motion, given, loss=loss, watch={"step": step}
-        )
+        comparison = beside_baselines(scene, motion, given, loss=loss, step=_counting(update))
     rows = shown_rows(comparison, tuple(given))
     picture = photograph_of(scene, rows, note=note) if num_seeds > 0 else None
     if picture is None:
         return Report(scene, comparison, tuple(given))
     with progress_bar("photograph", len(rows)) as update:
         step = _counting(update)
-        shown = memory.of(
-            "photograph",
-            photographs,
-            picture,
-            scene,
-            rows,
-            num_seeds,
-            watch={"update": step},
-        )
+        shown = photographs(picture, scene, rows, num_seeds, every=every, update=step)
     return Report(scene, comparison, tuple(given), shown)
 
 
@@ -218,7 +204,7 @@ def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
     return lambda name: update(next(count), name)
 
 
-def _deliver(result: "Report", folder: Path | None, as_json: bool, memory: "Memory") -> None:
+def _deliver(result: "Report", folder: Path | None, as_json: bool) -> None:
     from mishutter.cli.tables import print_report
     from mishutter.report import document, write_report
 
@@ -227,8 +213,6 @@ def _deliver(result: "Report", folder: Path | None, as_json: bool, memory: "Memo
         write_json(document(result) | {"files": files})
     else:
         print_report(result)
-    if memory.recalled:
-        note(f"As found before: {memory}; `--fresh` works it out anew.")
     if files:
         note(f"{folder}: {', '.join(files)}")
 

@@ -1,6 +1,7 @@
 """What a terminal sees: one line for an error, a progress bar, strict JSON, a table."""
 
 import io
+import logging
 import os
 import re
 import shutil
@@ -246,22 +247,26 @@ def ends_when_asked() -> Iterator[None]:
 
 
 def start_jax() -> None:
-    """64-bit numbers; programs and results kept in the cache folder, if it is the user's alone."""
+    """64-bit numbers, and JAX's own cache of compiled programs where the user named no other.
+
+    It lies in the user's cache folder if that is the user's alone: what is in it is run.
+    """
     import jax
     from platformdirs import user_cache_path
 
-    from mishutter._core import programs
-    from mishutter.cli import memory
-
     jax.config.update("jax_enable_x64", True)
+    # XLA takes the preferences of some processors for missing instructions, and writes an error
+    # of 4,000 letters for each program that it reads. Messages of JAX itself stay, and whoever
+    # chose what XLA writes sees it: JAX chooses 1.
+    chosen = os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") != "1"
+    if not chosen and getattr(jax.config, "jax_logging_level", None) == "NOTSET":
+        jax.config.update("jax_logging_level", "CRITICAL")
+        for name in ("jax", "jaxlib"):
+            logging.getLogger(name).setLevel(logging.NOTSET)
     if getattr(jax.config, "jax_compilation_cache_dir", None) is not None:
         return
     folder = user_cache_path("mishutter", appauthor=False)
-    kinds = [folder / name for name in ("jax", "programs", "results")]
-    if all(is_own_folder(path) for path in (folder, *kinds)):
-        jax.config.update("jax_compilation_cache_dir", str(kinds[0]))
+    if all(is_own_folder(path) for path in (folder, folder / "jax")):
+        jax.config.update("jax_compilation_cache_dir", str(folder / "jax"))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-        if getattr(jax.config, "jax_enable_compilation_cache", True):
-            programs.SHELF.open(kinds[1])
-            memory.SHELF.open(kinds[2])

@@ -65,9 +65,13 @@ SeedsOption = Annotated[
         help="Captures of the photograph at each speed; 0 leaves it out.",
     ),
 ]
-FreshOption = Annotated[
+EveryPhotographOption = Annotated[
     bool,
-    typer.Option("--fresh", help="Work out anew what was found before for the same question."),
+    typer.Option(
+        "--every-photograph",
+        help="Restore the photograph at every speed and by three decoders, not only at the "
+        "slowest, a middling and the fastest by one.",
+    ),
 ]
 ShuttersOption = Annotated[
     list[str] | None,

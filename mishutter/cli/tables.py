@@ -79,13 +79,23 @@ def _condition_note(rows: "list[Row]") -> str:
 def _print_photographs(
     photographs: "Mapping[str, Mapping[str, RestoredPhotograph]]",
 ) -> None:
-    names = list(next(iter(photographs.values())))
-    rows = [
-        [name, *(f"{results[name].mean_psnr:.2f}" for results in photographs.values())]
-        for name in names
-    ]
-    title = "Photograph, restored at every speed: PSNR dB, linear light, own best motion"
-    print_table(title, ["shutter", *photographs], rows)
+    results = next(iter(photographs.values()))
+    speeds = next(iter(results.values())).speeds
+    if len(photographs) == 1:
+        columns = {f"{speed:g} px/s": index for index, speed in enumerate(speeds)}
+        rows = [
+            [name, *(f"{found.linear_psnr[index]:.2f}" for index in columns.values())]
+            for name, found in results.items()
+        ]
+        title = f"Photograph, restored by the {next(iter(photographs))} filter"
+    else:
+        columns = photographs
+        rows = [
+            [name, *(f"{found[name].mean_psnr:.2f}" for found in photographs.values())]
+            for name in results
+        ]
+        title = f"Photograph, restored at {speeds.size} speeds"
+    print_table(f"{title}: PSNR dB, linear light, own best motion", ["shutter", *columns], rows)
     print_text()
 
 

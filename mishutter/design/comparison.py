@@ -1,14 +1,16 @@
 """A design beside its baselines, and the verdict for a scene."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from mishutter._core import alone_in_blas, in_threads, named, num_processors, require, require_known
+from mishutter.design.planning import plan as planned
 from mishutter.design.result import Design, metrics_to_dict, motion_to_dict
 from mishutter.design.search import optimise
 from mishutter.evaluation import (
@@ -29,6 +31,7 @@ from mishutter.model import (
     TukeyShutter,
     baselines,
     settled,
+    stands_still,
 )
 
 SAME_MOTION = "same motion"
@@ -195,7 +198,7 @@ def taken_names() -> tuple[str, ...]:
 
 
 def _require_own_name(name: str, entry: AbstractShutter | Design) -> None:
-    same = bool(eqx.tree_equal(baselines().get(name), entry))
+    same = _are_equal(baselines().get(name), entry)
     requirement = f"call no other shutter one of {', '.join(taken_names())}"
     require(same or name not in taken_names(), "compare(shutters=...)", requirement, name)
 
@@ -204,11 +207,26 @@ def best_snapshot(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | Non
     """A camera at rest with an ordinary shutter, its exposure tuned by the loss."""
     low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
     still = StillCamera(half_exposure=np.sqrt(np.asarray(low) * np.asarray(high)))
+    if plan is PLANNED:
+        plan = _roomy_plan(scene, still, loss)
     found = _tuned(scene, still, RectShutter(), ("half_exposure",), loss=loss, plan=plan)
     return _row(BEST_SNAPSHOT, found)
 
 
 _MOTION_ONLY = ("acceleration", "half_exposure")
+
+
+def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
+    """The plan of a camera at rest, in the sizes of a moving one: one program serves both."""
+    shutter = RectShutter()
+    plan = planned(scene, still, shutter, loss=loss, free="half_exposure")
+    if stands_still(scene.motion):
+        return plan
+    moving = planned(scene, scene.motion, shutter, loss=loss, free=_MOTION_ONLY)
+    sizes = ("num_taps", "dft_length", "num_nodes")
+    return replace(
+        plan, **{name: max(getattr(plan, name), getattr(moving, name)) for name in sizes}
+    )
 
 
 def _own_best(
@@ -228,8 +246,17 @@ def _own_best(
 
 def _is_finished(design: Design, scene: Scene, loss: AbstractLoss) -> bool:
     """Whether a design was found for this scene by this loss."""
-    same_scene = bool(eqx.tree_equal(design.scene.bare(), scene.bare()))
+    same_scene = _are_equal(design.scene.bare(), scene.bare())
     return same_scene and design.loss_name == repr(loss)
+
+
+def _are_equal(first: Any, second: Any) -> bool:
+    """Whether two trees are, compared on the host: on the device each shape has a program."""
+    return bool(eqx.tree_equal(*jax.tree.map(_on_host, (first, second))))
+
+
+def _on_host(leaf: Any) -> Any:
+    return np.asarray(leaf) if eqx.is_array(leaf) else leaf
 
 
 def _at_own_best(

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import in_threads, num_processors, quick_to_compile, seldom_run
+from mishutter._core import compiled, in_threads, num_processors
 from mishutter.design.objective import AbstractObjective
 from mishutter.design.space import DesignSpace
 from mishutter.model import Scene, SplineShutter, coefficient_times
@@ -92,7 +92,7 @@ def _openings(
     return profiles
 
 
-@seldom_run
+@compiled
 def _strokes(space: DesignSpace, boxes: Array | np.ndarray) -> tuple[Array, Array]:
     """Stroke, px, and top speed, px/s, of motions; shape `(n,)` each."""
 
@@ -121,7 +121,7 @@ def screened(objective: AbstractObjective, boxes: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(losses), losses, np.inf)
 
 
-@quick_to_compile
+@compiled
 def _losses(objective: AbstractObjective, boxes: Array | np.ndarray) -> Array:
     points = jnp.asarray(boxes)
     return jax.vmap(objective)(points) if objective.batches else jax.lax.map(objective, points)

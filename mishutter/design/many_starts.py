@@ -12,7 +12,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from mishutter._core import in_threads, num_processors, quick_to_compile, seldom_run
+from mishutter._core import compiled, in_threads, num_processors
 from mishutter.design.objective import AbstractObjective
 from mishutter.design.solvers import check_finite
 
@@ -177,7 +177,7 @@ def _solver_state(theta: Array) -> Any:
     return _SOLVER.init(lambda y, _: (jnp.sum(y), None), theta, None, {}, scalar, None, frozenset())
 
 
-@seldom_run
+@compiled
 def _start(starts: Array) -> _State:
     theta = jnp.arcsin(jnp.sqrt(jnp.clip(starts, _MARGIN, 1 - _MARGIN)))
     state = eqx.filter_vmap(_solver_state)(theta)
@@ -196,7 +196,7 @@ def _advanced(
     return state, _Met(*(np.asarray(x) for x in met)), np.asarray(finite)
 
 
-@quick_to_compile
+@compiled
 def _advance(objective: AbstractObjective, state: _State, num_steps: Array, capacity: int):
     function = _in_angles(objective)
     like = eqx.filter_eval_shape(_solver_state, state.theta[0])

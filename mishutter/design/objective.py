@@ -8,7 +8,7 @@ the solver costs a matrix product.
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import common_dtype, seldom_run
+from mishutter._core import common_dtype, compiled
 from mishutter.blur import LitNodes, lit_nodes
 from mishutter.design.space import DesignSpace
 from mishutter.evaluation import (
@@ -29,25 +29,24 @@ from mishutter.evaluation import (
     aligned_spectra,
     assembled,
     folded,
+    one_real_number,
     picture_power,
     records,
     require_sizes,
+    size_class,
     value_of,
 )
 from mishutter.model import (
     NUM_FREQUENCIES,
     AbstractAdjustableShutter,
     AbstractMotion,
-    RectShutter,
+    ParabolicMotion,
     Scene,
 )
 
 _ROUGH_STEP = 2
 """Frequencies for each of the rough ones: what the error is an average of does not yet repeat
 itself over half as many."""
-_ROUGH_NODES = 0.7
-"""Share of the nodes: where the longest path turns fastest, what they sum to is then wrong by
-parts in ten thousand."""
 _ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
@@ -87,31 +86,90 @@ class DesignObjective(AbstractObjective):
         return _many_at_once()
 
 
-@final
-class MotionObjective(AbstractObjective):
-    """The loss of a shutter that stays, on the motion at each point.
+class Exposure(NamedTuple):
+    """All that transfer functions see of a design.
 
-    It sees the shutter by its nodes alone, so that one program serves every kind of it.
+    Attributes:
+        nodes: Quadrature nodes, weighted by the transmittance.
+        acceleration: That of the sensor; px/s^2, scalar, 0 for a camera at rest.
+        half_exposure: $T$; s, scalar.
+    """
+
+    nodes: LitNodes
+    acceleration: Array
+    half_exposure: Array
+
+
+@final
+class SpectralObjective(AbstractObjective):
+    """The loss of the design at each point where it sees transfer functions alone.
+
+    Attributes:
+        nodes: Those of a shutter that stays; None where it moves.
     """
 
     loss: AbstractResponseLoss
     scene: Scene
     space: DesignSpace
-    nodes: LitNodes
+    nodes: LitNodes | None
     plan: Plan = eqx.field(static=True)
 
     def __call__(self, box: Array) -> Array:
-        _, motion = self.space.at(box)
-        grid = self.plan.num_frequencies, self.plan.num_kept
-        speeds = self.scene.speeds, self.scene.weights
-        spectra = aligned_spectra(self.nodes, motion, *speeds, *grid)
-        light = self.nodes.efficiency
-        response = assembled(self.scene, Records(jnp.zeros(0), spectra, light), self.plan)
-        return self.loss.of_response(self.scene, motion, response, self.plan)
+        return self.seen.at(self.exposures.at(box))
+
+    @property
+    def exposures(self) -> "Exposures":
+        """What is seen of the designs, the same however many frequencies are looked at."""
+        return Exposures(self.space, self.nodes, self.plan.num_nodes)
+
+    @property
+    def seen(self) -> "SpectralLoss":
+        """The loss by what is seen of a design, the same for every kind of shutter and motion."""
+        unseen = {"num_taps": 1, "dft_length": 1, "loss_dft_length": None, "num_nodes": 1}
+        plan = replace(self.plan, **unseen, folds=False, still=False)
+        return SpectralLoss(self.loss, self.scene, plan)
 
     @property
     def batches(self) -> bool:
         return _many_at_once()
+
+
+@final
+class Exposures(eqx.Module):
+    """What transfer functions see of the design at each point of a box."""
+
+    space: DesignSpace
+    nodes: LitNodes | None
+    num_nodes: int = eqx.field(static=True)
+
+    def at(self, box: Array) -> Exposure:
+        """What is seen at a point; shape `(size,)`."""
+        shutter, motion = self.space.at(box)
+        nodes = self.nodes
+        if nodes is None:
+            nodes = lit_nodes(shutter, self.num_nodes, np.dtype(box.dtype))
+        return Exposure(nodes, motion.acceleration, motion.half_exposure)
+
+
+@final
+class SpectralLoss(eqx.Module):
+    """A loss by what transfer functions see of a design."""
+
+    loss: AbstractResponseLoss
+    scene: Scene
+    plan: Plan = eqx.field(static=True)
+
+    def at(self, exposure: Exposure) -> Array:
+        """The loss of a design; scalar."""
+        nodes, acceleration, half_exposure = exposure
+        motion = ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
+        grid = self.plan.num_frequencies, self.plan.num_kept
+        speeds = self.scene.speeds, self.scene.weights
+        spectra = aligned_spectra(nodes, motion, *speeds, *grid)
+        recorded = Records(jnp.zeros(0), spectra, nodes.efficiency)
+        response = assembled(self.scene, recorded, self.plan)
+        value = self.loss.of_response(self.scene, motion, response, self.plan)
+        return one_real_number(self.loss, value).astype(nodes.tau.dtype)
 
 
 @final
@@ -148,21 +206,23 @@ def objective_of(
     if alone and isinstance(loss, AbstractResponseLoss):
         basis, layout = _basis(space, scene, plan, loss.parts(plan))
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
-    held = plan.skips and "shutter" not in space.free
-    if held and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
+    if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
         require_sizes(plan.num_taps, plan.num_frequencies, kernels=False, spectra=True)
-        nodes = lit_nodes(space.shutter, plan.num_nodes, np.dtype(space.max_speed.dtype))
-        space = replace(space, shutter=RectShutter())
-        return MotionObjective(loss, scene, space, nodes, plan)
+        # One of two numbers an octave, so that scenes of other speeds share programs.
+        plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
+        if "shutter" not in space.free:
+            nodes = lit_nodes(space.shutter, plan.num_nodes, np.dtype(space.max_speed.dtype))
+            space = space.without_shutter()
+        return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
 
 
 def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjective:
-    """The objective on fewer frequencies and nodes, where they take the time; itself where not.
+    """The objective on fewer frequencies, where they take the time; itself where not.
 
     Good enough to descend on where the ends are finished on the whole.
     """
-    if not isinstance(objective, DesignObjective | MotionObjective):
+    if not isinstance(objective, DesignObjective | SpectralObjective):
         return objective
     plan, scene = objective.plan, objective.scene
     count, rest = divmod(plan.num_frequencies, _ROUGH_STEP)
@@ -173,7 +233,6 @@ def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjecti
         plan,
         num_frequencies=count,
         num_kept=kept and math.ceil(kept / _ROUGH_STEP),
-        num_nodes=math.ceil(plan.num_nodes * _ROUGH_NODES),
     )
     # The mean power of each band: it is steep, and where a band's middle lies says little.
     dtype = np.dtype(scene.speeds.dtype)
@@ -233,7 +292,7 @@ def _basis(
     return jax.device_put(rows.astype(light.dtype)), layout
 
 
-@seldom_run
+@compiled
 def _records_of_each(
     scene: Scene,
     motion: AbstractMotion,

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import require_known, seldom_run
+from mishutter._core import compiled, require_known
 from mishutter.design.space import DesignSpace, design_space
 from mishutter.evaluation import (
     AbstractLoss,
@@ -114,9 +114,14 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     return reduce(larger, [sizes(scene, moved) for _, moved in corners])
 
 
-@seldom_run
 def design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
+    shutter, motion = _design_at(space.without_shutter(), box)
+    return (shutter if "shutter" in space.free else space.shutter), motion
+
+
+@compiled
+def _design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
     return space.at(box)
 
 

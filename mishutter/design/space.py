@@ -10,6 +10,7 @@ the limits is a point of the box.
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple, final
 
 import equinox as eqx
@@ -25,6 +26,7 @@ from mishutter.model import (
     AbstractShutter,
     Limits,
     ParabolicMotion,
+    RectShutter,
     Scene,
     StillCamera,
     settled,
@@ -90,6 +92,13 @@ class DesignSpace(eqx.Module):
         if "acceleration" in self.free:
             acceleration = _between(*self._acceleration_bounds(half_exposure), rest.pop(0))
         return shutter, ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
+
+    def without_shutter(self) -> "DesignSpace":
+        """The space around another shutter than one that is held, the same for all of these.
+
+        Prevents a program of its own for each kind of shutter where only motions count.
+        """
+        return self if "shutter" in self.free else replace(self, shutter=RectShutter())
 
     @property
     def bends(self) -> Bends:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mishutter._core import seldom_run
+from mishutter._core import compiled
 from mishutter.design.space import DesignSpace
 from mishutter.model import (
     GaussianShutter,
@@ -32,7 +32,7 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
     The given design first, then the baselines' profiles and random ones, at the given
     motion and at random motions by turns.
     """
-    given = np.asarray(_given_box(space))
+    given = np.asarray(_given_box(space.without_shutter()))
     if given.size <= GRID_COORDINATES:
         return np.concatenate([given[None], _grid(given.size).astype(given.dtype)])
     count = space.num_profile_coordinates
@@ -49,7 +49,7 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
     return boxes
 
 
-@seldom_run
+@compiled
 def _given_box(space: DesignSpace) -> Array:
     return space.box(space.shutter, space.motion)
 

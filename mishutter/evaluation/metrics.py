@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import seldom_run
+from mishutter._core import compiled
 from mishutter.blur import condition_number, safe_sqrt, support
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced, sizes
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
@@ -105,7 +105,7 @@ def evaluate(
     return measured(kept, motion, records(kept, motion, shutter, plan), plan)
 
 
-@seldom_run
+@compiled
 def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Metrics:
     """Metrics from the records of a design."""
     response = assembled(scene, recorded, plan)
@@ -193,7 +193,7 @@ def expected_squared_error(
     return (jnp.sum(power * share) + jnp.sum(every_power[num_kept:])) / num_frequencies
 
 
-@seldom_run
+@compiled
 def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     r"""Power spectrum of the picture's rows on the frequency grid; shape `(m,)`.
 

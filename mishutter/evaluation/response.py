@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import all_concrete, common_dtype, is_concrete, quick_to_compile, seldom_run
+from mishutter._core import all_concrete, common_dtype, compiled, is_concrete
 from mishutter.blur import (
     LitNodes,
     aligned_kernel,
@@ -28,12 +28,13 @@ from mishutter.model import (
     AbstractPiecewiseShutter,
     AbstractShutter,
     Scene,
+    as_parabolic,
     has_vertex,
     piecewise,
     settled,
 )
 
-_SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 192
+_SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 512
 
 
 @final
@@ -111,7 +112,8 @@ def records(
     if spectra:
         nodes = lit_nodes(profile, plan.num_nodes, dtype)
         grid = plan.num_frequencies, plan.num_kept
-        response = aligned_spectra(nodes, motion, scene.speeds, scene.weights, *grid)
+        speeds = scene.speeds, scene.weights
+        response = aligned_spectra(nodes, as_parabolic(motion), *speeds, *grid)
         light = nodes.efficiency
     light = _only_light(profile, motion, scene.speeds) if light is None else light
     nothing = np.zeros(0, dtype)
@@ -192,7 +194,7 @@ def _kernels_and_light(
     speeds: Array | np.ndarray,
     num_taps: int,
 ) -> tuple[Array | np.ndarray, Array]:
-    motion = settled(motion)
+    motion = as_parabolic(settled(motion))
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
     first = kernel_phase(motion, num_taps)
     if not all_concrete((shutter, motion, speeds)):
@@ -208,7 +210,7 @@ def _kernels_and_light(
     return kernels[:count, :num_taps], some[0][1]
 
 
-@seldom_run
+@compiled
 def _kernels_from(
     shutter: AbstractShutter,
     motion: AbstractMotion,
@@ -226,7 +228,7 @@ def _kernels_from(
     return jax.vmap(one)(jnp.asarray(speeds)), light
 
 
-@quick_to_compile
+@compiled
 def aligned_spectra(
     nodes: LitNodes,
     motion: AbstractMotion,

@@ -15,6 +15,7 @@ from mishutter.model.images import write_picture as write_picture
 from mishutter.model.motion import AbstractMotion as AbstractMotion
 from mishutter.model.motion import ParabolicMotion as ParabolicMotion
 from mishutter.model.motion import StillCamera as StillCamera
+from mishutter.model.motion import as_parabolic as as_parabolic
 from mishutter.model.motion import has_vertex as has_vertex
 from mishutter.model.motion import settled as settled
 from mishutter.model.motion import stands_still as stands_still

@@ -127,6 +127,11 @@ def settled(motion: AbstractMotion) -> AbstractMotion:
     return motion
 
 
+def as_parabolic(motion: AbstractMotion) -> ParabolicMotion:
+    """The same motion as the one kind that holds all, for programs that serve all."""
+    return ParabolicMotion(acceleration=motion.acceleration, half_exposure=motion.half_exposure)
+
+
 def stands_still(motion: AbstractMotion) -> bool:
     """Whether the sensor is known not to move."""
     return isinstance(settled(motion), StillCamera)

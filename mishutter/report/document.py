@@ -9,7 +9,7 @@ from mishutter.design import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Compari
 from mishutter.model import (
     Scene,
 )
-from mishutter.report.photographs import ENSEMBLE, Photographs
+from mishutter.report.photographs import ENSEMBLE, Photographs, shown_speeds
 from mishutter.restore import RestoredPhotograph
 
 
@@ -73,7 +73,7 @@ def write_report(report: Report, folder: Path) -> list[str]:
     rows = shown_rows(report.comparison, report.names)
     main = {name: rows[name] for name in ("rect", "Hann", *report.names)}
     designs = {name: (row.motion, row.shutter) for name, row in main.items()}
-    speeds = plots.shown_speeds(report.scene.speeds)
+    speeds = shown_speeds(report.scene.speeds)
     figures = {
         "profile.png": plots.plot_profiles(designs),
         "kernels.png": plots.plot_kernels(designs, speeds),

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import ArrayLike
 
 from mishutter.camera import kernel_layout
 from mishutter.design import Row
@@ -37,13 +38,16 @@ class Photographs(NamedTuple):
     shown: Mapping[str, RestoredPhotograph]
 
 
-def decoders() -> dict[str, AbstractDecoder]:
-    """The decoders that a photograph is restored with, by name."""
-    return {
-        ENSEMBLE: EnsembleDecoder(),
-        "Wiener": WienerDecoder(),
-        "Richardson-Lucy": RichardsonLucyDecoder(),
+def shown_speeds(speeds: ArrayLike) -> list[float]:
+    """The slowest, a middling and the fastest of a scene's speeds, by size; px/s.
+
+    Of two that differ in sign alone the positive one.
+    """
+    by_size = {
+        abs(speed): speed for speed in np.sort(np.asarray(speeds, np.float64) + 0.0).tolist()
     }
+    ordered = [by_size[size] for size in sorted(by_size)]
+    return list(dict.fromkeys(ordered[i] for i in (0, (len(ordered) - 1) // 2, -1)))
 
 
 def photograph_of(
@@ -65,14 +69,31 @@ def photograph_of(
 
 
 def photographs(
-    picture: Picture, scene: Scene, rows: Mapping[str, Row], num_seeds: int, *, update: Update
+    picture: Picture,
+    scene: Scene,
+    rows: Mapping[str, Row],
+    num_seeds: int,
+    *,
+    every: bool = False,
+    update: Update,
 ) -> Photographs:
-    """A photograph captured and restored by every row's design and every decoder."""
-    chosen, longest = decoders(), _longest_kernel(scene, rows)
+    """A photograph captured and restored by every row's design.
+
+    Args:
+        picture: The photograph.
+        scene: Speeds, light and noise.
+        rows: The designs, by name.
+        num_seeds: Captures at each speed.
+        every: Whether at every speed of the scene and by three decoders, or at the slowest, a
+            middling and the fastest by the ensemble filter.
+        update: Called with the name of each design that is done.
+    """
+    chosen: dict[str, AbstractDecoder] = {ENSEMBLE: EnsembleDecoder()}
+    if every:
+        chosen |= {"Wiener": WienerDecoder(), "Richardson-Lucy": RichardsonLucyDecoder()}
+    longest, speeds = _longest_kernel(scene, rows), None if every else shown_speeds(scene.speeds)
     levels: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
     shown: dict[str, RestoredPhotograph] = {}
-    speeds = np.asarray(scene.speeds)
-    fastest = int(np.lexsort((speeds, np.abs(speeds)))[-1])
     for name, row in rows.items():
         found = restore_by_each(
             picture,
@@ -80,11 +101,13 @@ def photographs(
             row.motion,
             row.shutter,
             chosen,
+            speeds=speeds,
             num_seeds=num_seeds,
             least_taps=longest,
         )
         update(name)
-        shown[name] = found[ENSEMBLE].at(fastest)
+        tried = found[ENSEMBLE].speeds
+        shown[name] = found[ENSEMBLE].at(int(np.lexsort((tried, np.abs(tried)))[-1]))
         for decoder, result in found.items():
             levels[decoder][name] = result.without_pictures()
     return Photographs(levels, shown)

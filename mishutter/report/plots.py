@@ -5,6 +5,7 @@ is touched. Lines differ in style as well as colour, so that they survive a grey
 """
 
 import io
+import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count, cycle
@@ -18,9 +19,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mishutter._core import require, write_bytes
-from mishutter.blur import support, transfer_function
+from mishutter.blur import LitNodes, lit_nodes, support
 from mishutter.design import DriveTable
-from mishutter.evaluation import kernel_phase, kernels_at_speeds
+from mishutter.evaluation import kernel_phase, kernels_at_speeds, size_class
 from mishutter.model import AbstractMotion, AbstractShutter, Picture, profile_of, to_display
 from mishutter.restore import RestoredPhotograph
 
@@ -32,6 +33,8 @@ _DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3
 _MARKERS = ("o", "s", "^", "D", "v", "x", "P")
 _NUM_POINTS = 1001
 _LEAST_RESPONSE = 1e-4
+_NODES_PER_PX, _LEAST_NODES = 2.0, 64
+"""Quadrature nodes over the exposure, by the path's greatest velocity in px per half exposure."""
 _CROP = (160, 240)
 _DOTS_PER_INCH = 130
 _LETTERS_OF_A_COLUMN = 34
@@ -131,10 +134,10 @@ def plot_transfer(designs: Named, speeds: Sequence[float]) -> Figure:
     """Modulation transfer, pixel aperture included: one panel a speed, one line a design."""
     figure, panels = _new(len(speeds), height=2.4, share=True)
     frequency = np.linspace(0, 0.5, _NUM_POINTS)
+    nodes = _nodes(designs, max(abs(speed) for speed in speeds))
     for axes, speed in zip(panels, speeds, strict=True):
-        for (name, (motion, shutter)), style in zip(designs.items(), _styles(), strict=False):
-            f = frequency.astype(motion.half_exposure.dtype)
-            response = np.abs(transfer_function(shutter, motion, speed=speed, frequency=f))
+        for (name, (motion, _)), style in zip(designs.items(), _styles(), strict=False):
+            response = _transfer(nodes[name], motion, speed, frequency)
             shown = np.maximum(response * np.sinc(frequency), _LEAST_RESPONSE)
             axes.semilogy(frequency, shown, label=shown_name(name), **style)
         axes.set_title(f"object at {speed:g} px/s", fontsize="medium")
@@ -142,6 +145,28 @@ def plot_transfer(designs: Named, speeds: Sequence[float]) -> Figure:
     _legend(figure, panels[0])
     panels[-1].set(xlabel="spatial frequency / (cycles/px)", ylim=(1e-3, 1.2), xlim=(0, 0.5))
     return figure
+
+
+def _nodes(designs: Named, fastest: float) -> dict[str, LitNodes]:
+    """Quadrature nodes of each design, as many as the highest of frequencies needs."""
+    motions = [motion for motion, _ in designs.values()]
+    velocity = max(float(m.stroke) * 2 + fastest * float(m.half_exposure) for m in motions)
+    num_nodes = size_class(math.ceil(_NODES_PER_PX * velocity) + _LEAST_NODES)
+    return {
+        name: lit_nodes(shutter, num_nodes, np.dtype(motion.half_exposure.dtype))
+        for name, (motion, shutter) in designs.items()
+    }
+
+
+def _transfer(
+    nodes: LitNodes, motion: AbstractMotion, speed: float, frequency: np.ndarray
+) -> np.ndarray:
+    """Modulus of the transfer function; a program of `transfer_function` would compile longer."""
+    a, half = float(motion.acceleration), float(motion.half_exposure)
+    stroke, smear = a * half * half, speed * half
+    tau, light = (np.asarray(x, np.float64) for x in nodes[:2])
+    position = tau * (stroke * tau - smear)
+    return np.abs(np.exp(-2j * np.pi * frequency[:, None] * position) @ light)
 
 
 def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False) -> Figure:
@@ -252,18 +277,6 @@ def plot_history(history: ArrayLike, *, loss_name: str = "loss") -> Figure:
     axes.plot(np.arange(losses.size), losses, color=_COLOURS[0], linewidth=1.6)
     axes.set(xlabel="step or start, and last the polish", ylabel=f"smallest {loss_name} so far")
     return figure
-
-
-def shown_speeds(speeds: ArrayLike) -> list[float]:
-    """The slowest, a middling and the fastest of a scene's speeds, by size; px/s.
-
-    Of two that differ in sign alone the positive one.
-    """
-    by_size = {
-        abs(speed): speed for speed in np.sort(np.asarray(speeds, np.float64) + 0.0).tolist()
-    }
-    ordered = [by_size[size] for size in sorted(by_size)]
-    return list(dict.fromkeys(ordered[i] for i in (0, (len(ordered) - 1) // 2, -1)))
 
 
 def shown_name(name: str, most: int = 40) -> str:

@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
+    compiled,
     in_threads,
     num_processors,
     require,
     require_finite,
     require_key,
     require_positive_int,
-    seldom_run,
     shape_of,
 )
 from mishutter.camera import (
@@ -31,7 +31,14 @@ from mishutter.camera import (
     rows_last,
 )
 from mishutter.evaluation import PLANNED, Automatic, Plan
-from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    Picture,
+    Scene,
+    as_parabolic,
+    settled,
+)
 from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.restore.decoders.linear import expected_squared_error
 from mishutter.restore.image_quality import psnr
@@ -206,6 +213,7 @@ def restore_by_each(
     require_key("restore_photograph(key=...)", key)
     light = as_light(picture, "restore_photograph(picture=...)")
     light = light[..., None] if light.ndim == 2 else light
+    motion = as_parabolic(settled(motion))
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     require_finite("restore_photograph(speeds=...)", chosen_speeds)
     row = chosen_speeds.ndim == 1 and chosen_speeds.size > 0
@@ -262,7 +270,7 @@ def restore_by_each(
     }
 
 
-@seldom_run
+@compiled
 def _seeds(key: Array, num_speeds: int, num_seeds: int) -> Array:
     """Words of a key for the noise of each capture; `(speeds, seeds, words)`."""
     each = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(num_speeds))

@@ -10,7 +10,7 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array
 
-from mishutter._core import in_threads, num_threads, quick_to_compile
+from mishutter._core import compiled, in_threads, num_threads
 from mishutter.sweeps.grid import REASONS, Block, Grid
 from mishutter.sweeps.layout import Chosen, Kit, Layout
 from mishutter.sweeps.points import SceneNumbers, Tile, TileSizes
@@ -148,7 +148,7 @@ def _mixtures(
     return mixtures
 
 
-@quick_to_compile
+@compiled
 def _measure_tiles(
     tables: Tables,
     scene: SceneNumbers,

@@ -18,7 +18,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from mishutter._core import quick_to_compile
+from mishutter._core import compiled
 from mishutter.evaluation import AbstractResponseLoss, Plan, Response, sizes
 from mishutter.model import (
     HannShutter,
@@ -56,7 +56,7 @@ def basis_shutters(search: Search) -> list[SplineShutter]:
     return [first.at(box) for box in jnp.eye(first.box().size, dtype=first.parameters.dtype)]
 
 
-@quick_to_compile
+@compiled
 def search_tile(
     tables: Tables,
     numbers: SceneNumbers,

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.polynomial import chebyshev
 
-from mishutter._core import quick_to_compile
+from mishutter._core import compiled
 from mishutter.model import AbstractPiecewiseShutter, AbstractShutter, piecewise
 
 CHUNK = 32
@@ -231,14 +231,14 @@ def _at(profile: _Profile, tau: Array) -> np.ndarray:
     return np.clip(values[piece, np.arange(tau.size)], 0, 1)
 
 
-@quick_to_compile
+@compiled
 def _all_pieces(profile: AbstractPiecewiseShutter, tau: Array) -> Array:
     ends = profile.breakpoints(np.dtype(tau.dtype)).high
     inside = jnp.clip(tau[None], ends[:-1, None], ends[1:, None])
     return profile.piece_transmittance(inside - ends[:-1, None])
 
 
-@quick_to_compile
+@compiled
 def _at_offsets(profile: AbstractPiecewiseShutter, offset: Array) -> Array:
     return profile.piece_transmittance(offset)
 

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter._core import compiling, programs
-from mishutter._core.compiling import quick_to_compile, seldom_run
+from mishutter._core import compiling
+from mishutter._core.compiling import compiled
 from mishutter._core.parallel import in_threads
 
 
@@ -16,28 +16,48 @@ def _doubled_cube(x, *, factor=2.0):
     return factor * jnp.sin(x) ** 3
 
 
-@pytest.mark.parametrize("compiled_by", [quick_to_compile, seldom_run])
-def test_a_quick_program_is_the_function(compiled_by):
+def test_a_program_is_the_function():
     """Called by itself, in a program, differentiated or mapped, it gives the same numbers."""
-    quick, x = compiled_by(_doubled_cube), jnp.linspace(0.3, 2.9, 7)
+    program, x = compiled(_doubled_cube), jnp.linspace(0.3, 2.9, 7)
     expected = _doubled_cube(x, factor=1.7)
-    assert np.allclose(quick(x, factor=1.7), expected, rtol=1e-15)
-    assert np.allclose(jax.jit(lambda y: quick(y, factor=1.7))(x), expected, rtol=1e-15)
-    assert np.allclose(jax.vmap(lambda y: quick(y, factor=1.7))(x), expected, rtol=1e-15)
-    slope = jax.grad(lambda y: jnp.sum(quick(y)))(x)
+    assert np.allclose(program(x, factor=1.7), expected, rtol=1e-15)
+    assert np.allclose(jax.jit(lambda y: program(y, factor=1.7))(x), expected, rtol=1e-15)
+    assert np.allclose(jax.vmap(lambda y: program(y, factor=1.7))(x), expected, rtol=1e-15)
+    slope = jax.grad(lambda y: jnp.sum(program(y)))(x)
     assert np.allclose(slope, 6 * np.sin(x) ** 2 * np.cos(x), rtol=1e-14)
 
 
-@pytest.mark.parametrize("name", ["xla_no_such_choice", "xla_backend_optimization_level"])
-def test_a_choice_that_xla_does_not_know_is_done_without(monkeypatch, name):
-    """The others are taken, and within a trace what is known is a number all the same."""
-    options = {"xla_no_such_choice": True, name: 1}
-    monkeypatch.setattr(compiling, "_QUICKLY", options)
-    taken = compiling._taken(options)
-    assert taken == (None if name == "xla_no_such_choice" else {name: 1})
-    doubled, known = quick_to_compile(_doubled_cube), jnp.array(0.4)
-    found = jax.jit(lambda: np.asarray(doubled(known)))()
+def test_what_is_known_in_a_trace_is_a_number():
+    """A function of known numbers may decide what a program that is being traced looks like."""
+    program, known = compiled(_doubled_cube), jnp.array(0.4)
+    found = jax.jit(lambda: np.asarray(program(known)))()
     assert np.isclose(found, 2 * np.sin(0.4) ** 3)
+
+
+def test_a_choice_that_xla_does_not_know_is_done_without(monkeypatch):
+    """Another XLA compiles as it comes."""
+    monkeypatch.setattr(compiling, "_QUICKLY", {"xla_no_such_choice": True})
+    compiling._known_options.cache_clear()
+    try:
+        assert np.isclose(compiled(_doubled_cube)(0.4), 2 * np.sin(0.4) ** 3)
+        assert compiling._known_options() is None
+    finally:
+        compiling._known_options.cache_clear()
+
+
+def test_a_function_that_fails_may_be_called_again():
+    """An error while it is traced is its caller's, and leaves other functions as they were."""
+
+    def refuses(x):
+        if x.ndim == 0:
+            raise ValueError("x must be a row; got a scalar.")
+        return 2 * x
+
+    program = compiled(refuses)
+    with pytest.raises(ValueError, match="must be a row"):
+        program(jnp.array(1.3))
+    assert np.array_equal(program(jnp.array([1.3])), [2.6])
+    assert not compiling._TRACING.allowed
 
 
 @jax.custom_jvp
@@ -53,18 +73,15 @@ def _product_jvp(primals, tangents):
     return x * y, x * dy + y * dx
 
 
-@pytest.mark.parametrize("keeps", [False, True])
-def test_threads_may_differentiate_one_function_at_a_time(tmp_path, monkeypatch, keeps):
+def test_threads_may_differentiate_one_function_at_a_time():
     """JAX shares the rule of a mapped function among threads, and cannot trace it in two."""
-    if keeps:
-        monkeypatch.setattr(programs.SHELF, "folder", tmp_path)
-    shared = quick_to_compile(jax.vmap(_product))
+    shared = compiled(jax.vmap(_product))
 
     def slope(argument):
         def slopes(x, y):
             return jax.grad(lambda *xy: jnp.sum(shared(*xy)), argument)(x, y)
 
-        return quick_to_compile(slopes)
+        return compiled(slopes)
 
     x, y = jnp.array([0.3, 0.7]), jnp.array([1.1, -2.3])
     by_x, by_y, by_both = in_threads(

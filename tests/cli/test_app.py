@@ -236,6 +236,25 @@ def test_without_a_cache_folder(small_scene, tmp_path):
     assert "num_taps" in json.loads(done.stdout)
 
 
+@pytest.mark.parametrize("named", [False, True])
+def test_programs_are_found_again(small_scene, tmp_path, named):
+    """In the user's cache folder or where the user says, without a word about them."""
+    command = [sys.executable, "-m", "mishutter", "plan", str(small_scene), "--json"]
+    own, chosen = tmp_path / "own", tmp_path / "chosen"
+    others = {"XDG_CACHE_HOME": str(own), "TF_CPP_MIN_LOG_LEVEL": "1"}  # as JAX chooses
+    variables = environment(JAX_COMPILATION_CACHE_DIR=str(chosen), **others)
+    if not named:
+        del variables["JAX_COMPILATION_CACHE_DIR"]
+    kept = []
+    for _ in range(2):
+        done = subprocess.run(command, capture_output=True, text=True, env=variables, check=True)
+        assert done.stderr == ""
+        kept.append(sorted(path.name for path in tmp_path.rglob("*-cache")))
+    assert kept[0] == kept[1] != []
+    assert (chosen if named else own / "mishutter" / "jax").is_dir()
+    assert not (own if named else chosen).exists()
+
+
 COMMANDS = ("optimise", "compare", "plan", "simulate", "sweep", "reproduce", "export")
 
 

@@ -21,7 +21,13 @@ from mishutter.cli.tables import print_report
 from mishutter.design.comparison import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Row
 from mishutter.model.images import write_picture
 from mishutter.report import Report, document, write_report
-from mishutter.report.photographs import Photographs, _middle_rows, photograph_of
+from mishutter.report.photographs import (
+    Photographs,
+    _middle_rows,
+    photograph_of,
+    photographs,
+    shown_speeds,
+)
 
 DESIGNS = {
     "rect": (MOTION, RectShutter()),
@@ -121,3 +127,42 @@ def test_a_result_at_one_speed_and_one_without_pictures():
     assert levels.captured.shape == levels.restored.shape == (0, *whole.captured.shape[1:])
     for name in ("speeds", "psnr", "linear_psnr", "standard_error", "mean_psnr"):
         assert np.array_equal(getattr(levels, name), getattr(whole, name))
+
+
+@pytest.mark.parametrize(
+    ("speeds", "shown"),
+    [
+        ([-900.0, 0.0, 300.0, 900.0], [0.0, 300.0, 900.0]),
+        ([-900.0, -300.0, 0.0, 300.0, 900.0], [0.0, 300.0, 900.0]),
+        ([-2550.0, -1500.0, -450.0], [-450.0, -1500.0, -2550.0]),
+        ([-700.0, 200.0], [200.0, -700.0]),
+        ([410.0], [410.0]),
+    ],
+)
+def test_speeds_that_are_shown(speeds, shown):
+    """The slowest, a middling and the fastest by size, each once, as the scene has them."""
+    assert shown_speeds(np.array(speeds)) == shown
+
+
+@pytest.mark.parametrize("every", [False, True])
+def test_a_photograph_at_some_speeds_or_all(report, capsys, every):
+    """By one filter at each of three speeds, or by three decoders over all that may occur."""
+    scene = Scene([-310.0, -90.0, 0.0, 310.0], photon_rate=1e6, read_noise=3.0, limits=LIMITS)
+    picture = Picture(np.random.default_rng(5).uniform(0.2, 0.8, (7, 400, 1)))
+    rows = {"Hann": report.comparison.row("Hann")}
+    found = photographs(picture, scene, rows, 1, every=every, update=lambda name: None)
+    speeds = [-310.0, -90.0, 0.0, 310.0] if every else [0.0, -90.0, 310.0]
+    assert list(found.levels) == ["ensemble", "Wiener", "Richardson-Lucy"][: 3 if every else 1]
+    for level in found.levels.values():
+        assert level["Hann"].speeds.tolist() == speeds
+    assert found.shown["Hann"].speeds.tolist() == [310.0]
+    print_report(replace(report, photographs=found))
+    lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
+    (title,) = (i for i, cells in enumerate(lines) if cells[0].startswith("Photograph, restored"))
+    names = next(cells for cells in lines[title:] if cells[0] == "shutter")
+    numbers = next(cells for cells in lines[title:] if cells[0] == "Hann")
+    level = found.levels["ensemble"]["Hann"]
+    figure = level.mean_psnr if every else level.linear_psnr[0]
+    assert dict(zip(names, numbers, strict=True))["ensemble" if every else "0 px/s"] == (
+        f"{figure:.2f}"
+    )

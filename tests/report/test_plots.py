@@ -404,21 +404,6 @@ def test_one_seed_has_no_error_bar():
     assert not figure.axes[0].collections
 
 
-@pytest.mark.parametrize(
-    ("speeds", "shown"),
-    [
-        ([-900.0, 0.0, 300.0, 900.0], [0.0, 300.0, 900.0]),
-        ([-900.0, -300.0, 0.0, 300.0, 900.0], [0.0, 300.0, 900.0]),
-        ([-2550.0, -1500.0, -450.0], [-450.0, -1500.0, -2550.0]),
-        ([-700.0, 200.0], [200.0, -700.0]),
-        ([410.0], [410.0]),
-    ],
-)
-def test_speeds_that_are_shown(speeds, shown):
-    """The slowest, a middling and the fastest by size, each once, as the scene has them."""
-    assert plots.shown_speeds(np.array(speeds)) == shown
-
-
 def test_nothing_to_show_is_an_error():
     """A photograph of no design is refused."""
     with pytest.raises(ValueError, match="must hold a result; got 0"):

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, quick_to_compile, require
+from mishutter._core import Bare, compiled, require
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced
 from mishutter.evaluation.response import Response, respond
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
@@ -88,7 +88,15 @@ def value_of(
     Raises:
         ValueError: if it is not one real number.
     """
-    value: Any = loss(scene, motion, shutter, plan=plan)
+    return one_real_number(loss, loss(scene, motion, shutter, plan=plan))
+
+
+def one_real_number(loss: AbstractLoss, value: Any) -> Array:
+    """What a loss gave; scalar.
+
+    Raises:
+        ValueError: if it is not one real number.
+    """
     is_array = isinstance(value, jax.Array | np.ndarray)
     got = f"{value.dtype} of shape {value.shape}" if is_array else type(value).__name__
     is_one = (is_array or _is_number(value)) and np.shape(value) == () and jnp.isrealobj(value)
@@ -127,7 +135,7 @@ class AbstractResponseLoss(AbstractLoss):
         return _of_response(self, kept, motion, response, plan)
 
 
-@quick_to_compile
+@compiled
 def _of_response(
     loss: AbstractResponseLoss, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
 ) -> Array:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import DoubleWord, common_dtype, seldom_run
+from mishutter._core import DoubleWord, common_dtype, compiled
 
 
 class AbstractShutter(eqx.Module):
@@ -92,7 +92,7 @@ class AbstractAdjustableShutter(AbstractPiecewiseShutter):
         """The shutter of the same kind at other coordinates."""
 
 
-@seldom_run
+@compiled
 def profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]:
     """Transmittance at normalised times, and the efficiency; shape of `tau`, and scalar."""
     return shutter.transmittance(tau), shutter.efficiency()

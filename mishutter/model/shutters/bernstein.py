@@ -30,16 +30,15 @@ def economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> list
         degree: Degree that is left.
     """
     series = list(taylor)
+    chebyshev = [[Fraction(1)], [Fraction(-1), 2 / reach]]
+    while len(chebyshev) < len(series):
+        before, last = [*chebyshev[-2], 0, 0], chebyshev[-1]
+        longer = zip([0, *last], [*last, 0], before, strict=True)
+        chebyshev.append([4 / reach * c - 2 * d - e for c, d, e in longer])
     while len(series) - 1 > degree:
-        before, chebyshev = [Fraction(1)], [Fraction(-1), 2 / reach]
-        while len(chebyshev) < len(series):
-            longer = [
-                4 / reach * c - 2 * d for c, d in zip([0, *chebyshev], [*chebyshev, 0], strict=True)
-            ]
-            before = before + [Fraction(0)] * (len(longer) - len(before))
-            before, chebyshev = chebyshev, [x - y for x, y in zip(longer, before, strict=True)]
-        share = series[-1] / chebyshev[-1]
-        series = [x - share * y for x, y in zip(series, chebyshev, strict=True)][:-1]
+        highest = chebyshev[len(series) - 1]
+        share = series[-1] / highest[-1]
+        series = [x - share * y for x, y in zip(series, highest, strict=True)][:-1]
     return [float(x) for x in reversed(series)]
 
 

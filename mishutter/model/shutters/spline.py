@@ -15,10 +15,10 @@ from mishutter._core import (
     RowLike,
     as_float,
     common_dtype,
+    compiled,
     require,
     require_finite,
     require_positive_int,
-    seldom_run,
     shape_of,
 )
 from mishutter.model.shutters.base import (
@@ -175,7 +175,7 @@ def fitted_boxes(
     return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
 
 
-@seldom_run
+@compiled
 def _transmittances(shutters: tuple[AbstractShutter, ...], tau: Array) -> Array:
     dtype = tau.dtype
     return jnp.stack([shutter.transmittance(tau).astype(dtype) for shutter in shutters])

@@ -7,11 +7,10 @@ from abc import abstractmethod
 from typing import final
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import require_known
+from mishutter._core import at_once, require_known
 from mishutter.camera import kernel_layout, noise_variance, skips, white_electrons
 from mishutter.evaluation import (
     PLANNED,
@@ -127,7 +126,7 @@ def blur_model(
         ValueError: if a kernel would be longer than 8,192 px.
     """
     require_known("blur_model", scene=scene, motion=motion)
-    with jax.ensure_compile_time_eval():  # numbers also where the capture is traced
+    with at_once():  # numbers also where the capture is traced
         return _known_blur(scene, motion, shutter, plan, least_taps)
 
 
