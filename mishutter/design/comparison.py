@@ -20,6 +20,7 @@ from mishutter.evaluation import (
     ExpectedErrorLoss,
     Metrics,
     Plan,
+    as_loss,
     evaluate,
 )
 from mishutter.model import (
@@ -120,7 +121,7 @@ def compare(
     motion: AbstractMotion | Design,
     shutters: Mapping[str, Any] | Sequence[Any] | Entry | None = None,
     *,
-    loss: AbstractLoss | None = None,
+    loss: AbstractLoss | Callable[..., Any] | None = None,
     step: Step | None = None,
     plan: Plan | Automatic | None = PLANNED,
 ) -> Comparison:
@@ -138,7 +139,8 @@ def compare(
             is compared on its own motion, as "optimised" where no `shutters` are given.
         shutters: What to compare with the baselines, by name: profiles or designs. Those of a
             list are "shutter 0" and so on.
-        loss: What tunes the motions; the expected error by default.
+        loss: What tunes the motions, a loss or a function of scene, motion and shutter; the
+            expected error by default.
         step: Called with the name of each shutter when its own best motion is found.
         plan: What to compute: a plan is made for each shutter and motion; None computes
             everything.
@@ -155,7 +157,7 @@ def compare(
         shutters = {"optimised": motion} if shutters is None else shutters
         motion = motion.motion
     require_known("compare", scene=scene, motion=motion)
-    loss = ExpectedErrorLoss() if loss is None else loss
+    loss = ExpectedErrorLoss() if loss is None else as_loss(loss, "compare(loss=...)")
     step = step or (lambda name: None)
     motion = settled(motion)
     plan = PLANNED if isinstance(plan, Plan) else plan

@@ -1,8 +1,9 @@
 """The plan of a scene: what is left out of a computation because it cannot change a result."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import reduce
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,6 +18,7 @@ from mishutter.evaluation import (
     Item,
     Plan,
     WeightedSum,
+    as_loss,
     distinct_speeds,
     extent,
     is_symmetric,
@@ -78,7 +80,7 @@ def plan(
     motion: AbstractMotion,
     shutter: AbstractShutter,
     *,
-    loss: AbstractLoss | None = None,
+    loss: AbstractLoss | Callable[..., Any] | None = None,
     free: str | Iterable[str] = (),
 ) -> Plan:
     """What a scene needs computed, and why the rest can be left out.
@@ -102,6 +104,7 @@ def plan(
     names = (free,) if isinstance(free, str) else tuple(free)
     motion = settled(motion)
     space = design_space(scene, motion, shutter, names) if names else None
+    loss = None if loss is None else as_loss(loss, "plan(loss=...)")
     return exact_plan(scene, motion, shutter, needs_of(loss), space)
 
 

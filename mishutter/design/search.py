@@ -1,16 +1,15 @@
 """The design search: many starts, a polish, and an honest end."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from mishutter._core import (
     alone_in_blas,
-    require,
     require_known,
     require_positive_int,
     require_seed,
@@ -24,7 +23,15 @@ from mishutter.design.result import Design
 from mishutter.design.solvers import certificate_at, finished, is_minimum, losses_at, polish
 from mishutter.design.space import DesignSpace, all_that_can_move, design_space, within_limits
 from mishutter.design.starts import GRID_COORDINATES, lowest_places, start_boxes
-from mishutter.evaluation import PLANNED, AbstractLoss, Automatic, ExpectedErrorLoss, Plan, reduced
+from mishutter.evaluation import (
+    PLANNED,
+    AbstractLoss,
+    Automatic,
+    ExpectedErrorLoss,
+    Plan,
+    as_loss,
+    reduced,
+)
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, SplineShutter, TukeyShutter
 
 _NUM_POLISHED = 3
@@ -63,7 +70,7 @@ def optimise(
     motion: AbstractMotion | None = None,
     shutter: AbstractShutter | None = None,
     *,
-    loss: AbstractLoss = _EXPECTED_ERROR,
+    loss: AbstractLoss | Callable[..., Any] = _EXPECTED_ERROR,
     free: str | Iterable[str] | None = None,
     num_starts: int | None = None,
     seed: int = 0,
@@ -93,7 +100,8 @@ def optimise(
         motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest.
         shutter: Profile to start from, whose kind is kept; by default the free-form
             `starting_shutter` of the scene.
-        loss: What is made small; the expected error by default.
+        loss: What is made small, a loss or a function of scene, motion and shutter; the
+            expected error by default.
         free: What may move: `"shutter"`, `"acceleration"`, `"half_exposure"`; all that can
             by default.
         num_starts: How many descents; by default 16, and more where speeds are few.
@@ -122,7 +130,7 @@ def optimise(
         require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
-    require(isinstance(loss, AbstractLoss), "optimise(loss=...)", "be a loss", loss)
+    loss = as_loss(loss, "optimise(loss=...)")
     free = all_that_can_move(motion, shutter) if free is None else free
     space = design_space(scene, motion, shutter, free)
     if plan is None:

@@ -14,6 +14,7 @@ from mishutter.evaluation.losses import ExpectedErrorLoss as ExpectedErrorLoss
 from mishutter.evaluation.losses.base import AbstractResponseLoss as AbstractResponseLoss
 from mishutter.evaluation.losses.base import Parts as Parts
 from mishutter.evaluation.losses.base import WeightedSum as WeightedSum
+from mishutter.evaluation.losses.base import as_loss as as_loss
 from mishutter.evaluation.losses.base import one_real_number as one_real_number
 from mishutter.evaluation.losses.base import value_of as value_of
 from mishutter.evaluation.metrics import Metrics as Metrics

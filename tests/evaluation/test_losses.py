@@ -223,8 +223,8 @@ def test_what_is_no_number_is_no_factor(wrong):
         wrong(ExpectedErrorLoss())
 
 
-def test_a_loss_of_ones_own_takes_a_plan():
-    """One that does not is refused when it is made, in one line; others may ignore it."""
+def test_a_loss_of_ones_own_need_not_take_a_plan():
+    """A class of it, one of options, or a function; also in a sum and in a search."""
 
     class Planless(AbstractLoss):
         def __call__(self, scene, motion, shutter):
@@ -234,12 +234,18 @@ def test_a_loss_of_ones_own_takes_a_plan():
         def __call__(self, scene, motion, shutter, **options):
             return 1 - shutter.efficiency()
 
-    line = (
-        r"^`Planless.__call__` must take `plan` by name, .*; got \(self, scene, motion, shutter\)."
-    )
-    with pytest.raises(ValueError, match=line):
-        Planless()
-    assert np.isclose(Indifferent()(SCENE, MOTION, TukeyShutter(0.5), plan=SMALL), 0.25)
+    def closed(scene, motion, shutter):
+        return 1 - shutter.efficiency()
+
+    given = SCENE, MOTION, TukeyShutter(0.5)
+    both = Planless() + Indifferent()
+    assert np.isclose(both(*given, plan=SMALL), 0.5)
+    options = {"free": "shutter", "num_starts": 2, "max_steps": 20}
+    for loss in (Planless(), both, closed):
+        assert optimise(*given, loss=loss, **options).loss < 1e-3
+    assert plan(*given, loss=closed).num_taps > 1
+    with pytest.raises(ValueError, match=r"must be a loss or a function of scene, "):
+        optimise(*given, loss=ExpectedErrorLoss)
 
 
 def test_what_is_no_loss_is_named_wherever_it_is_computed():

@@ -2,6 +2,8 @@
 
 import inspect
 from abc import abstractmethod
+from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, final
 
 import equinox as eqx
@@ -10,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, compiled, require
+from mishutter._core import compiled, require
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced
 from mishutter.evaluation.response import Response, respond
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
@@ -19,19 +21,10 @@ from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
 class AbstractLoss(eqx.Module):
     """A scalar to be made small: `loss(scene, motion, shutter, plan=...)`.
 
-    A loss of your own is one small class with a `__call__`. Losses add and subtract, also by
+    A loss of your own is a function of scene, motion and shutter, or a small class with such
+    a `__call__`, which takes `plan` if it has a use for it. Losses add and subtract, also by
     `sum`, and take factors: `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
-
-    Raises:
-        ValueError: if `__call__` does not take `plan` by name.
     """
-
-    def __check_init__(self) -> None:
-        signature = inspect.signature(type(self).__call__)
-        kinds = {parameter.kind for parameter in signature.parameters.values()}
-        takes = "plan" in signature.parameters or inspect.Parameter.VAR_KEYWORD in kinds
-        subject = f"{type(self).__name__}.__call__"
-        require(takes, subject, "take `plan` by name, if only to ignore it", Bare(signature))
 
     @abstractmethod
     def __call__(
@@ -88,7 +81,14 @@ def value_of(
     Raises:
         ValueError: if it is not one real number.
     """
-    return one_real_number(loss, loss(scene, motion, shutter, plan=plan))
+    given = {"plan": plan} if _takes_plan(type(loss)) else {}
+    return one_real_number(loss, loss(scene, motion, shutter, **given))
+
+
+@lru_cache
+def _takes_plan(kind: type[AbstractLoss]) -> bool:
+    parameters = inspect.signature(kind.__call__).parameters.values()
+    return any(p.name == "plan" or p.kind is inspect.Parameter.VAR_KEYWORD for p in parameters)
 
 
 def one_real_number(loss: AbstractLoss, value: Any) -> Array:
@@ -140,6 +140,38 @@ def _of_response(
     loss: AbstractResponseLoss, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
 ) -> Array:
     return loss.of_response(scene, motion, response, plan)
+
+
+@final
+class FunctionLoss(AbstractLoss):
+    """A loss that is a plain function of scene, motion and shutter."""
+
+    function: Callable[..., Any] = eqx.field(static=True)
+
+    def __call__(
+        self,
+        scene: Scene,
+        motion: AbstractMotion,
+        shutter: AbstractShutter,
+        *,
+        plan: Plan | Automatic | None = PLANNED,
+    ) -> Array:
+        return self.function(scene, motion, shutter)
+
+    def __repr__(self) -> str:
+        function = self.function if hasattr(self.function, "__qualname__") else type(self.function)
+        return f"{function.__module__}.{function.__qualname__}"
+
+
+def as_loss(loss: AbstractLoss | Callable[..., Any], subject: str) -> AbstractLoss:
+    """A loss, which may be given as a function.
+
+    Raises:
+        ValueError: if it is neither.
+    """
+    function = callable(loss) and not isinstance(loss, type)
+    require(function, subject, "be a loss or a function of scene, motion and shutter", loss)
+    return loss if isinstance(loss, AbstractLoss) else FunctionLoss(loss)
 
 
 @final
