@@ -82,6 +82,14 @@ def _options(
 
 
 @app.command()
+def example() -> None:
+    """Write the built-in scene, an annotated file to change, on standard output."""
+    from mishutter.model import example_scene_text
+
+    sys.stdout.write(example_scene_text())
+
+
+@app.command()
 def optimise(
     scene_file: SceneArgument = None,
     out: OutOption = None,
@@ -218,9 +226,9 @@ def _deliver(result: "Report", folder: Path | None, as_json: bool) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit code."""
+    """Run the command line, or show its help where nothing is asked; the exit code."""
     command = typer.main.get_command(app)
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     take_any_text()
     try:
         with ends_when_asked():

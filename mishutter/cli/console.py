@@ -32,12 +32,15 @@ CLICK_ERROR = typer.BadParameter.__mro__[2]
 """What the command line parser raises, whichever Click it was built on."""
 
 _USAGE = (
+    (
+        r"No such command '(.*?)'\. Did you mean '(.*?)'",
+        "the command must be one of those of --help, perhaps `{1}`; got '{0}'",
+    ),
     (r"No such command '(.*?)'", "the command must be one of those of --help; got '{}'"),
     (r"No such option: (\S+)", "every option must be one of those of --help; got '{}'"),
     (r"Option '(.*?)' requires an argument", "`{}` must be followed by a value; got nothing"),
     (r"Option '(.*?)' does not take a value", "`{}` must stand alone; got a value"),
     (r"unexpected extra argument\S* \((.*)\)", "there must be no further argument; got '{}'"),
-    (r"Missing command", "a command of --help must be given; got nothing"),
     (r"Missing (?:argument|option) '(.*?)'", "`{}` must be given; got nothing"),
 )
 _BAD_VALUE = re.compile(r"Invalid value for '(\S+?)'")

@@ -26,6 +26,7 @@ from mishutter.model.scene import Limits as Limits
 from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene_file import EXAMPLE_PICTURE as EXAMPLE_PICTURE
 from mishutter.model.scene_file import example_scene as example_scene
+from mishutter.model.scene_file import example_scene_text as example_scene_text
 from mishutter.model.scene_file import read_scene as read_scene
 from mishutter.model.scene_schema import Speed as Speed
 from mishutter.model.shutters import RASKAR_CODE as RASKAR_CODE

@@ -49,8 +49,12 @@ def read_scene(path: str | Path) -> Scene:
 
 def example_scene() -> Scene:
     """The built-in scene: fast objects in both directions, in dim light, one photograph."""
-    file = resources.files("mishutter") / "example_scene.toml"
-    return _scene(file.read_bytes(), "example_scene.toml", Path())
+    return _scene(example_scene_text().encode(), "example_scene.toml", Path())
+
+
+def example_scene_text() -> str:
+    """The annotated file of the built-in scene."""
+    return (resources.files("mishutter") / "example_scene.toml").read_text("utf-8")
 
 
 def _scene(data: bytes, name: str, folder: Path) -> Scene:

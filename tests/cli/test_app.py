@@ -13,13 +13,14 @@ import sys
 import time
 from importlib.metadata import version
 
+import equinox as eqx
 import numpy as np
 import pytest
 from PIL import Image
 from support.bad_scenes import LINES, edited
 from support.command_line import SMALL_SCENE, SMALL_SEARCH, environment, no_constant, refused
 
-from mishutter import cli
+from mishutter import cli, example_scene, read_scene
 from mishutter.cli.console import working
 from mishutter.design.result import Design
 from mishutter.model.images import write_picture
@@ -255,7 +256,7 @@ def test_programs_are_found_again(small_scene, tmp_path, named):
     assert not (own if named else chosen).exists()
 
 
-COMMANDS = ("optimise", "compare", "plan", "simulate", "sweep", "reproduce", "export")
+COMMANDS = ("example", "optimise", "compare", "plan", "simulate", "sweep", "reproduce", "export")
 
 
 def test_the_version_is_shown(capsys):
@@ -265,10 +266,30 @@ def test_the_version_is_shown(capsys):
 
 
 def test_help_names_every_command():
-    """`--help` lists the commands, in a process that does not compute anything."""
-    command = [sys.executable, "-m", "mishutter", "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
-    assert all(name in done.stdout for name in COMMANDS)
+    """`--help` lists the commands, in a process that does not compute anything; so does nothing."""
+    command = [sys.executable, "-m", "mishutter"]
+    shown = [
+        subprocess.run(asked, capture_output=True, text=True, env=environment(), check=True).stdout
+        for asked in ([*command, "--help"], command)
+    ]
+    assert all(name in shown[0] for name in COMMANDS)
+    assert shown[0] == shown[1]
+
+
+def test_the_nearest_command_is_named(capsys):
+    """Where a word is spelled as others spell it."""
+    assert cli.main(["optimize"]) == 2
+    line = "the command must be one of those of --help, perhaps `optimise`; got 'optimize'"
+    assert capsys.readouterr().err == f"mishutter: error: {line}\n"
+
+
+def test_the_example_is_a_scene(capsys, tmp_path):
+    """The one that is used where none is given."""
+    assert cli.main(["example"]) == 0
+    path = tmp_path / "mine.toml"
+    path.write_text(capsys.readouterr().out)
+    written, built_in = read_scene(path), example_scene()
+    assert eqx.tree_equal(written, built_in)
 
 
 @pytest.fixture(scope="module")
