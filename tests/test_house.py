@@ -130,13 +130,15 @@ def public_names() -> list[str]:
 
 
 def test_public_names_are_re_exported_one_a_line():
-    """`__init__.py` holds imports of the form `X as X`, the version, and nothing else."""
+    """`__init__.py` holds imports of the form `X as X`, their names, and the version."""
     for node in TREES[PACKAGE / "__init__.py"].body:
         if isinstance(node, ast.ImportFrom):
             assert len(node.names) == 1
             assert node.names[0].name == node.names[0].asname
         else:
-            assert isinstance(node, ast.Expr) or ast.unparse(node).startswith("__version__")
+            known = ("__version__", "__all__")
+            assert isinstance(node, ast.Expr) or ast.unparse(node).startswith(known)
+    assert mishutter.__all__ == sorted(public_names())
 
 
 @pytest.mark.parametrize("name", public_names())
