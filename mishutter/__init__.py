@@ -85,6 +85,7 @@ from mishutter.sweeps import sweep as sweep
 __version__ = "0.1.0"
 
 __all__ = [
+    "RASKAR_CODE",
     "AbstractAdjustableShutter",
     "AbstractDecoder",
     "AbstractLoss",
@@ -112,7 +113,6 @@ __all__ = [
     "Picture",
     "Plan",
     "Quality",
-    "RASKAR_CODE",
     "RectShutter",
     "RestoredPhotograph",
     "RichardsonLucyDecoder",
