@@ -16,6 +16,7 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import DoubleWord
 from mishutter.blur.trajectory import Motion, Path, once, speed_at
+from mishutter.model import FEW_PIECES
 
 _LATE = 2.0
 """Bound on a moment, in units of tau: after the exposure, but too small to overflow a product."""
@@ -141,10 +142,13 @@ def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
 def _nearest(equal_pieces: bool, track: Path, tau: Array, edge: DoubleWord, moment: Array) -> Array:
     """Index of the breakpoint nearest to each moment; half way between two, either of them.
 
-    Unequal pieces may be shorter than the rounding of a moment. There the positions of the
+    Unequal pieces may be shorter than the rounding of a moment. There the positions of a few
     breakpoints tell which piece holds the crossing, and one of its ends is taken.
     """
     last = tau.size - 1
+    if not equal_pieces and last > FEW_PIECES:
+        middles = (tau[1:] + tau[:-1]) / 2
+        return jnp.searchsorted(middles, moment).astype(jnp.int32)
     if equal_pieces:
         return jnp.round(jnp.clip((moment + 1) * (last / 2), 0, last)).astype(jnp.int32)
     piece = jnp.zeros_like(moment, jnp.int32)

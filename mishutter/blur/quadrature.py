@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from mishutter._core import DoubleWord, compiled
 from mishutter.model import (
+    FEW_PIECES,
     AbstractPiecewiseShutter,
     AbstractShutter,
     integrated_transmittance,
@@ -44,8 +45,10 @@ def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitN
     so share the programs that take them.
     """
     profile = piecewise(shutter)
-    rule = _equal_pieces if profile.equal_pieces else _shared_panels
-    tau, light = rule(profile, profile.breakpoints(dtype), num_nodes)
+    ends = profile.breakpoints(dtype)
+    few = ends.high.size <= FEW_PIECES + 1 and not profile.equal_pieces
+    rule = _shared_panels if few else _own_panels
+    tau, light = rule(profile, ends, num_nodes)
     room = (math.ceil(num_nodes / _SHARED_PANEL_NODES) + 2) * _SHARED_PANEL_NODES
     spare = (0, max(0, room - tau.size))
     efficiency = light_let_through(profile, dtype)
@@ -57,12 +60,14 @@ def light_let_through(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Arr
     return integrated_transmittance(profile).astype(dtype) / 2
 
 
-def _equal_pieces(
+def _own_panels(
     profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
 ) -> tuple[Array, Array]:
+    """Nodes of panels of which each piece has as many, enough for the longest."""
     ends = exact_ends.high
     num_panels = profile.panels_per_piece
-    per_panel = math.ceil(num_nodes / (ends.size - 1) / num_panels)
+    longest = (1 if profile.equal_pieces else 2) / (ends.size - 1)
+    per_panel = math.ceil(num_nodes * longest / num_panels)
     nodes, weights = _panel_rule(num_panels, per_panel)
     length = jnp.diff(ends)[:, None]
     offset = length * jnp.asarray(nodes, ends.dtype)[None]

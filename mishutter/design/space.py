@@ -21,7 +21,6 @@ from jaxtyping import Array
 
 from mishutter._core import common_dtype, require
 from mishutter.model import (
-    AbstractAdjustableShutter,
     AbstractMotion,
     AbstractShutter,
     Limits,
@@ -29,6 +28,9 @@ from mishutter.model import (
     RectShutter,
     Scene,
     StillCamera,
+    at_coordinates,
+    coordinates,
+    is_adjustable,
     settled,
     stands_still,
 )
@@ -81,7 +83,7 @@ class DesignSpace(eqx.Module):
         count = self.num_profile_coordinates
         shutter = self.shutter
         if count:
-            shutter = self.shutter.at(box[:count])  # type: ignore[attr-defined]
+            shutter = at_coordinates(shutter, box[:count])
         rest = list(box[count:])
         half_exposure = self.motion.half_exposure
         if "half_exposure" in self.free:
@@ -191,7 +193,7 @@ def all_that_can_move(motion: AbstractMotion, shutter: AbstractShutter) -> tuple
     held = set()
     if stands_still(motion):
         held.add("acceleration")
-    if not isinstance(shutter, AbstractAdjustableShutter):
+    if not is_adjustable(shutter):
         held.add("shutter")
     return tuple(name for name in FREE_NAMES if name not in held)
 
@@ -211,15 +213,15 @@ def within_limits(motion: AbstractMotion, limits: Limits) -> bool:
 def box_of(shutter: AbstractShutter) -> Array:
     """Coordinates of a profile that has any; shape `(p,)`."""
     require_adjustable(shutter)
-    return shutter.box()  # type: ignore[attr-defined]
+    return coordinates(shutter)
 
 
 def require_adjustable(shutter: AbstractShutter) -> None:
     """Refuse a shutter with nothing to move."""
     require(
-        isinstance(shutter, AbstractAdjustableShutter),
+        is_adjustable(shutter),
         "optimise(shutter=...)",
-        "have parameters, as a SplineShutter or TukeyShutter has, for free to name it",
+        "have parameters with bounds, as a SplineShutter or TukeyShutter has, for free to name it",
         type(shutter).__name__,
     )
 

@@ -45,7 +45,11 @@ from mishutter.model.shutters import named_shutter as named_shutter
 from mishutter.model.shutters import register_shutter as register_shutter
 from mishutter.model.shutters import shutter_from_dict as shutter_from_dict
 from mishutter.model.shutters import shutter_to_dict as shutter_to_dict
+from mishutter.model.shutters.base import FEW_PIECES as FEW_PIECES
+from mishutter.model.shutters.base import at_coordinates as at_coordinates
+from mishutter.model.shutters.base import coordinates as coordinates
 from mishutter.model.shutters.base import integrated_transmittance as integrated_transmittance
+from mishutter.model.shutters.base import is_adjustable as is_adjustable
 from mishutter.model.shutters.base import profile_of as profile_of
 from mishutter.model.shutters.base import within_unit as within_unit
 from mishutter.model.shutters.bernstein import polynomial as polynomial

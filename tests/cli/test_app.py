@@ -47,7 +47,6 @@ def test_scene_mistakes(slug, tmp_path, capsys):
 
 
 USAGE = {
-    "no-command": ([], "a command of --help must be given; got nothing"),
     "unknown-command": (["desing"], "must be one of those of --help; got 'desing'"),
     "unknown-option": (["optimise", "--oput", "x"], "must be one of those of --help; got '--oput'"),
     "option-without-value": (["optimise", "--out"], "`--out` must be followed by a value"),

@@ -35,7 +35,7 @@ def test_a_picture_without_contrast_has_no_power():
 
 
 @pytest.mark.parametrize(
-    ("power", "cutoff", "first"), [(None, 9e-4, "0.000977"), (np.arange(8) > 5, 0.21, "0.345")]
+    ("power", "cutoff", "first"), [(None, 9e-4, "0.000977"), (np.arange(8) > 5, 0.21, "0.376")]
 )
 def test_optics_that_pass_nothing_of_the_picture(power, cutoff, first):
     """A picture that the lens leaves nothing of is refused, not restored without error."""

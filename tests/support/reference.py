@@ -59,7 +59,7 @@ def gaussian(sigma):
     scale = sigma * mp.sqrt(2)
 
     def antiderivative(t):
-        return sigma * mp.sqrt(mp.pi / 2) * (mp.erf(t / scale) + mp.erf(1 / scale))
+        return sigma * mp.sqrt(mp.pi / 2) * (_erf(t / scale) + _erf(1 / scale))
 
     return Window(antiderivative, ((-1, 1, (Term((1,), 0, 1 / scale**2),)),))
 
@@ -235,8 +235,12 @@ def _fresnel(k, m, lo, hi):
     return mp.exp(IMAGINARY * k * centre**2) * mp.sqrt(mp.pi) / (2 * root) * difference
 
 
+@lru_cache(4096)
 def _erf(z):
-    """Error function; far out by its asymptotic series, where mpmath's takes hours."""
+    """Error function; far out by its asymptotic series, where mpmath's takes hours.
+
+    Neighbouring pieces, and the moments of one integral, ask for the same few.
+    """
     if abs(z) ** 2 < 400:
         return mp.erf(z)
     if mp.re(z) < 0:

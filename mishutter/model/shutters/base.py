@@ -1,6 +1,7 @@
 """What a shutter is, and what the integrals need to know of it."""
 
 from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
 
@@ -10,26 +11,46 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import DoubleWord, common_dtype, compiled
+from mishutter._core import DoubleWord, as_float, common_dtype, compiled, require, require_finite
 
 
 class AbstractShutter(eqx.Module):
     r"""A transmittance $w(\tau)$ in $[0, 1]$ on $\tau = t/T \in [-1, 1]$, 0 outside.
 
-    A shutter of one's own needs `transmittance` alone; it is then integrated by
-    interpolation (see `SampledShutter`). One whose means over an interval are known
-    in closed form derives from `AbstractPiecewiseShutter` instead.
+    A shutter of one's own needs `transmittance`, `discontinuities` if it jumps or bends
+    anywhere, and `bounds` if a search may move its parameters, which are its fields. It is
+    integrated by interpolation between its discontinuities (see `SampledShutter`). One whose
+    means over an interval are known in closed form derives from `AbstractPiecewiseShutter`
+    instead.
     """
 
     @abstractmethod
     def transmittance(self, tau: ArrayLike) -> Array:
         r"""$w(\tau)$ at normalised times of any shape; same shape, in $[0, 1]$."""
 
+    def discontinuities(self) -> Sequence[ArrayLike]:
+        r"""Times $\tau$ at which $w$ jumps or bends, in any order; none by default.
+
+        They may depend on parameters, and derivatives follow them.
+        """
+        return ()
+
+    def bounds(self) -> Mapping[str, tuple[float, float]]:
+        """Least and greatest value of each parameter that a search may move, by its name.
+
+        A parameter is a field that holds a number or an array. None may move by default.
+        """
+        return {}
+
     def efficiency(self) -> Array:
         r"""Light let through, $\eta = \frac12 \int_{-1}^1 w(\tau)\,d\tau$; scalar."""
         from mishutter.model.shutters.interpolated import piecewise
 
         return integrated_transmittance(piecewise(self)) / 2
+
+
+FEW_PIECES = 16
+"""Unequal pieces that are looked at one by one; see `AbstractPiecewiseShutter.equal_pieces`."""
 
 
 class AbstractPiecewiseShutter(AbstractShutter):
@@ -46,7 +67,8 @@ class AbstractPiecewiseShutter(AbstractShutter):
     r"""Time, in units of $\tau$, over which each piece's function is all but a low polynomial."""
 
     equal_pieces: eqx.AbstractClassVar[bool]
-    """Whether the pieces are equally long; one that is not may be all of the exposure."""
+    """Whether the pieces are equally long. One of a few that are not may be all of the exposure;
+    of more than `FEW_PIECES` none is longer than twice their mean."""
 
     symmetric: eqx.AbstractVar[bool]
     r"""Whether $w(-\tau) = w(\tau)$, whatever the parameters."""
@@ -90,6 +112,51 @@ class AbstractAdjustableShutter(AbstractPiecewiseShutter):
     @abstractmethod
     def at(self, box: Array) -> "AbstractAdjustableShutter":
         """The shutter of the same kind at other coordinates."""
+
+
+def is_adjustable(shutter: AbstractShutter) -> bool:
+    """Whether a shutter has parameters that a search may move."""
+    return isinstance(shutter, AbstractAdjustableShutter) or bool(shutter.bounds())
+
+
+def coordinates(shutter: AbstractShutter) -> Array:
+    """Coordinates of an adjustable profile in the unit box; shape `(p,)`.
+
+    Raises:
+        ValueError: if a bounded parameter is no number, or its bounds are not two that ascend.
+    """
+    if isinstance(shutter, AbstractAdjustableShutter):
+        return shutter.box()
+    shares = []
+    for name, (value, low, high) in _bounded(shutter).items():
+        require_finite(f"{type(shutter).__name__}({name}=...)", value)
+        shares.append(jnp.ravel((value - low) / (high - low)))
+    return jnp.concatenate(shares)
+
+
+def at_coordinates(shutter: AbstractShutter, box: Array) -> AbstractShutter:
+    """The shutter of the same kind at other coordinates of the unit box."""
+    if isinstance(shutter, AbstractAdjustableShutter):
+        return shutter.at(box)
+    bounded, values, start = _bounded(shutter), [], 0
+    for value, low, high in bounded.values():
+        share = box[start : start + value.size].reshape(value.shape).astype(value.dtype)
+        values.append(low + share * (high - low))
+        start += value.size
+    return eqx.tree_at(lambda x: [getattr(x, name) for name in bounded], shutter, values)
+
+
+def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
+    """Parameters that a search may move, with their bounds."""
+    kind, found = type(shutter).__name__, {}
+    for name, (low, high) in shutter.bounds().items():
+        subject = f"{kind}.bounds()[{name!r}]"
+        require(hasattr(shutter, name), subject, "be of a field of the shutter", name)
+        require(
+            -np.inf < low < high < np.inf, subject, "be two finite numbers that ascend", (low, high)
+        )
+        found[name] = (as_float(getattr(shutter, name), f"{kind}({name}=...)"), low, high)
+    return found
 
 
 @compiled

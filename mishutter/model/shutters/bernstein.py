@@ -67,7 +67,9 @@ def bernstein_mean(
         width: Length of the interval.
     """
     degree = control.shape[1] - 1
-    from_ends = jnp.concatenate([control, control[:, ::-1]]) @ _powers(degree).astype(control.dtype)
+    from_ends = jnp.concatenate([control, control[:, ::-1]]) @ power_matrix(degree).astype(
+        control.dtype
+    )
     row = jnp.where(from_left, piece, piece + control.shape[0])
     powers = [
         from_ends[:, i].at[row].get(mode="promise_in_bounds", wrap_negative_indices=False)
@@ -80,7 +82,7 @@ def bernstein_mean(
     return total
 
 
-def _powers(degree: int) -> np.ndarray:
+def power_matrix(degree: int) -> np.ndarray:
     """Matrix from control points, a row, to coefficients of powers of the share passed."""
     k = range(degree + 1)
     rows = [[comb(degree, j) * comb(j, i) * (-1) ** (j - i) for j in k] for i in k]

@@ -1,0 +1,63 @@
+"""Transfer functions and their derivatives against 300-digit references over the whole domain.
+
+The short sweep runs always; the full one of 2,000 points a precision is marked slow.
+"""
+
+import numpy as np
+import pytest
+from support.cases import SHUTTERS
+from support.helpers import (
+    random_frequencies,
+    random_point,
+    transfer_derivative_error,
+    transfer_error,
+    turning_frequencies,
+    turning_point,
+)
+
+FULL_SWEEP = 2000
+"""Points a precision, shared out among the shutters."""
+QUICK = ["hann", "flutter", "spline"]
+DTYPES = {"float64": np.float64, "float32": np.float32}
+
+
+@pytest.mark.parametrize("slug", QUICK)
+def test_transfer_function(slug):
+    """The transfer function at any frequency, of either sign, zero included."""
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        point = transferable(rng, np.float64, slug)
+        assert transfer_error(point, random_frequencies(rng)) <= 1, point
+
+
+@pytest.mark.parametrize("precision", DTYPES)
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_transfer_function_of_a_path_that_turns(slug, precision):
+    """Values and derivatives where a panel turns far and holds the stationary point, and at 0."""
+    rng, dtype = np.random.default_rng(8), DTYPES[precision]
+    for _ in range(3):
+        point = turning_point(rng, dtype, slug)
+        frequencies = turning_frequencies(rng, point)
+        assert transfer_error(point, frequencies) <= 1, (point, frequencies)
+        assert transfer_derivative_error(point, frequencies) <= 1, (point, frequencies)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", DTYPES)
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_transfer_function_over_the_domain(slug, precision):
+    """The full sweep: six frequencies a point, strokes to 1e4 px; derivatives on each tenth."""
+    rng, dtype = np.random.default_rng(7), DTYPES[precision]
+    for index in range(FULL_SWEEP // len(SHUTTERS) + 1):
+        point = transferable(rng, dtype, slug)
+        frequencies = random_frequencies(rng, dtype)
+        assert transfer_error(point, frequencies) <= 1, point
+        if index % 10 == 0:
+            assert transfer_derivative_error(point, frequencies) <= 1, (point, frequencies)
+
+
+def transferable(rng, dtype, slug):
+    """A random point whose stroke is one that the transfer function is promised for."""
+    while (point := random_point(rng, dtype, slug)).stroke > 1e4:
+        pass
+    return point
