@@ -1,6 +1,17 @@
 """Evaluation of a design: needs of a scene, response, metrics and losses."""
 
 from mishutter.evaluation.alignment import aligned as aligned
+from mishutter.evaluation.batch import KERNEL_METRICS as KERNEL_METRICS
+from mishutter.evaluation.batch import SPECTRUM_METRICS as SPECTRUM_METRICS
+from mishutter.evaluation.batch import Rules as Rules
+from mishutter.evaluation.batch import Shapes as Shapes
+from mishutter.evaluation.batch import Sizes as Sizes
+from mishutter.evaluation.batch import measure as measure
+from mishutter.evaluation.batch import motions_at as motions_at
+from mishutter.evaluation.batch import rules_of as rules_of
+from mishutter.evaluation.batch import scenes_for as scenes_for
+from mishutter.evaluation.batch import shapes_of as shapes_of
+from mishutter.evaluation.batch import sizes_of as sizes_of
 from mishutter.evaluation.lengths import extent as extent
 from mishutter.evaluation.lengths import num_frequencies as num_frequencies
 from mishutter.evaluation.lengths import occurring_speeds as occurring_speeds

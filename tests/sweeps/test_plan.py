@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mishutter.sweeps.layout import folded
 from support.random_scenes import random_scene
 from support.sweeps import SCENE, grid
 
@@ -21,7 +22,6 @@ from mishutter import (
     sweep,
 )
 from mishutter.model.motion import ParabolicMotion
-from mishutter.sweeps.layout import folded
 
 RELATIVE = 1e-12
 """Difference that other nodes and another order of sums make, where nothing cancels."""
