@@ -20,6 +20,7 @@ from mishutter.model import frequency_grid
 _WIDTH = 16
 """Cells that a position is spread over; twice as many cells as waves need leave 1e-15."""
 _SHARPNESS = 2.3 * _WIDTH
+_DEGREE = 13
 BLOCK = 64
 """Positions that are spread at a time: the windows of more would leave a processor's cache."""
 
@@ -136,13 +137,27 @@ def _placed(position: Array, num_frequencies: int, num_cells: int) -> tuple[Arra
     """
     cell = position * (num_cells / (2 * num_frequencies))
     begin = jnp.ceil(cell - _WIDTH / 2)
-    offset = (begin - cell)[..., None] + jnp.arange(_WIDTH, dtype=position.dtype)[None, None]
-    root = jnp.sqrt(jnp.maximum(1 - (offset * (2 / _WIDTH)) ** 2, 0))
     period = jnp.floor(begin / num_cells)
     sign = 1 - 2 * (period - 2 * jnp.floor(period / 2))
     first = (begin - period * num_cells).astype(jnp.int32)
-    windows = sign[..., None] * jnp.exp(_SHARPNESS * (root - 1))
-    return jnp.clip(first, 0, num_cells - 1), windows
+    shift = (begin - cell + (_WIDTH / 2 - 0.5))[..., None]
+    powers = _powers_of_window().astype(position.dtype)[:, None, None]
+    windows = jnp.broadcast_to(powers[0], (*cell.shape, _WIDTH))
+    for power in powers[1:]:
+        windows = windows * shift + power
+    return jnp.clip(first, 0, num_cells - 1), sign[..., None] * windows
+
+
+@lru_cache
+def _powers_of_window() -> np.ndarray:
+    """The window in each of its cells by powers of the place in it, from -1/2 to 1/2, descending.
+
+    To 1e-15, and many times quicker than an exponential of a root. Shape `(d, _WIDTH)`.
+    """
+    places = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1)) / 2
+    distance = places[:, None] + np.arange(_WIDTH) + 0.5 - _WIDTH / 2
+    window = np.exp(_SHARPNESS * (np.sqrt(1 - (distance * (2 / _WIDTH)) ** 2) - 1))
+    return np.linalg.solve(np.vander(places, _DEGREE + 1), window)
 
 
 def _transformed(cells: Array) -> Array:

@@ -181,7 +181,7 @@ def best_profile(
     max_steps: int,
     plan: Plan | Automatic | None = PLANNED,
 ) -> tuple[np.ndarray, float]:
-    """Descents from given profiles on a motion that is held, and a polish of the best.
+    """The best of descents from given profiles on a motion that is held.
 
     Args:
         scene: Speeds, light and noise.
@@ -189,7 +189,7 @@ def best_profile(
         shutter: A profile of the kind that is searched.
         starts: Points of its box; shape `(n, size)`.
         loss: What is made small.
-        max_steps: Steps of each descent, and of the polish, at most.
+        max_steps: Steps of each descent, at most.
         plan: What to compute.
 
     Returns:
@@ -199,9 +199,6 @@ def best_profile(
     plan = _plan(scene, space, loss, plan)
     objective = objective_of(loss, reduced(scene, plan), space, plan)
     found = _descended(objective, space, starts.astype(space.max_speed.dtype), max_steps, None)
-    end = polish(objective, found.boxes[0], max_steps=max_steps)
-    if end.loss < found.losses[0]:
-        return end.box, end.loss
     return found.boxes[0], float(found.losses[0])
 
 

@@ -36,6 +36,7 @@ from mishutter.evaluation.needs import PLANNED as PLANNED
 from mishutter.evaluation.needs import Automatic as Automatic
 from mishutter.evaluation.needs import Item as Item
 from mishutter.evaluation.needs import Plan as Plan
+from mishutter.evaluation.needs import automatic as automatic
 from mishutter.evaluation.needs import is_symmetric as is_symmetric
 from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds

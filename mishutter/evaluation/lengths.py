@@ -52,10 +52,10 @@ def extents(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lengths of the longest kernels on some motions, px, and velocities, px per half exposure."""
     smear, moving = max_speed * half_exposure, stroke > 0
-    velocity = 2 * stroke + smear
+    velocity = np.asarray(2 * stroke + smear)
     with np.errstate(over="ignore"):  # a stroke that is hardly one: longer than any kernel
         length = velocity**2 / (4 * np.where(moving, stroke, 1.0))
-    return np.maximum(np.where(moving, length, 0.0), 2 * smear), velocity
+    return np.asarray(np.maximum(np.where(moving, length, 0.0), 2 * smear)), velocity
 
 
 def spread_of(speeds: np.ndarray, stroke: np.ndarray, half_exposure: np.ndarray) -> np.ndarray:

@@ -74,7 +74,7 @@ def sweep(
         loss: What that profile makes small, a loss or a function of scene, motion and shutter;
             the expected error by default.
         num_coefficients: Coefficients of the profile.
-        max_steps: Steps of each descent, and of the polish of the best, at most.
+        max_steps: Steps of each descent, at most.
         seed: Of the random starts.
         metrics: Which field or fields of `Metrics` to keep; all by default.
         photon_rates: Light to measure under in place of the scene's, e-/s at white,

@@ -12,7 +12,7 @@ import numpy as np
 
 from mishutter._core import alone_in_blas
 from mishutter.design import best_profile
-from mishutter.evaluation import PLANNED
+from mishutter.evaluation import automatic
 from mishutter.model import (
     AbstractMotion,
     HannShutter,
@@ -68,7 +68,7 @@ def search(
             starts_at(first, boxes, rows[index : index + 1], column)[0],
             loss=settings.loss,
             max_steps=settings.max_steps,
-            plan=PLANNED if skips else None,
+            plan=automatic(scene, motion, profile) if skips else None,
         )
     return boxes[rows, columns], losses[rows, columns]
 
