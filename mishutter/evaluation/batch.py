@@ -139,7 +139,7 @@ def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
     a, half = (np.asarray(x, np.float64) for x in (motions.acceleration, motions.half_exposure))
     stroke = np.where(turns, a * half * half, 0.0)
     reach, velocity = extents(float(scene.max_speed), stroke, half)
-    held = _by_whole(np.minimum(np.maximum(reach, longest), _FURTHEST), lambda x: sized_for(x, 0))
+    held = _by_whole(np.minimum(np.maximum(reach, longest), _FURTHEST), lambda x: sized_for(x, 0.0))
     num_taps, dft_length = (_each(held, name) for name in ("num_taps", "dft_length"))
     spread, index = np.unique(
         whole_px(spread_of(occurring_speeds(scene), stroke, half)), return_inverse=True
@@ -150,7 +150,7 @@ def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
     lit = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
     if not skips:
         velocity, lit = np.maximum(velocity, longest), num_taps
-    nodes = _each(_by_whole(velocity, lambda x: sized_for(0, x)), "num_nodes")
+    nodes = _each(_by_whole(velocity, lambda x: sized_for(0.0, x)), "num_nodes")
     lit = np.minimum(lit, num_taps).astype(int)
     still = np.minimum(np.ceil(stroke) + 1, num_taps).astype(int)
     return Sizes(num_taps, dft_length, counts, lit, still, nodes, aside)

@@ -134,7 +134,9 @@ class Engine:
         rates, noises = (np.atleast_1d(np.asarray(o if g is None else g)) for g, o in pairs)
         numbers = motions, kit.shutter, kit.rules, self.shapes, sizes
         light = rates, noises
-        found = measure(seen, *numbers, metrics=grid.metrics, light=light, boxes=boxes)
+        found = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
+        if sizes.num_taps.size:
+            found = measure(seen, *numbers, metrics=grid.metrics, light=light, boxes=boxes)
         if "expected_psnr" in found:
             tail = [x.size for x in given if x is not None]
             found["expected_psnr"] = found["expected_psnr"].reshape(-1, *tail)

@@ -24,6 +24,7 @@ import mishutter
 from mishutter import (
     RASKAR_CODE,
     ChippedShutter,
+    ExpectedErrorLoss,
     GaussianShutter,
     Scene,
     SplineShutter,
@@ -251,8 +252,8 @@ MISTAKES = {
     "steps": ({"optimise": True, "max_steps": 0}, "must be a positive integer; got 0"),
     "well-endless": ({"full_well": np.inf}, "`sweep(full_well=...)` must be above 0 e-; got inf"),
     "loss": (
-        {"optimise": True, "loss": "small"},
-        "`sweep(loss=...)` must be a loss or a function of scene, motion and shutter; got 'small'",
+        {"optimise": True, "loss": ExpectedErrorLoss},
+        "`sweep(loss=...)` must be a loss or a function of scene, motion and shutter; got",
     ),
 }
 
