@@ -22,7 +22,6 @@ from mishutter.evaluation.lengths import (
     longest_within_limits,
     num_frequencies,
     occurring_speeds,
-    size_class,
     spread_of,
     whole_px,
 )
@@ -170,13 +169,12 @@ def shapes_of(each: Sequence[Sizes]) -> Shapes:
     """Shapes that hold designs of some sizes; of none at all, the smallest."""
     lengths = {1024, *(int(x) for sizes in each for x in np.unique(sizes.dft_length))}
     still = max((int(x) for sizes in each for x in sizes.num_still_taps), default=1)
-    nodes = {BLOCK, *(_node_class(int(x)) for sizes in each for x in np.unique(sizes.num_nodes))}
+    nodes = {BLOCK, *(int(x) for sizes in each for x in _whole_blocks(np.unique(sizes.num_nodes)))}
     return Shapes(tuple(sorted(lengths)), still, tuple(sorted(nodes)))
 
 
-def _node_class(count: int) -> int:
-    """One of two numbers of whole blocks an octave."""
-    return BLOCK * size_class(-(-count // BLOCK))
+def _whole_blocks(count: np.ndarray) -> np.ndarray:
+    return -(-count // BLOCK) * BLOCK
 
 
 def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
@@ -290,14 +288,13 @@ def _need_of(
     sizes: Sizes, shapes: Shapes, motions: AbstractMotion, dtype: np.dtype, moving: bool
 ) -> _Need:
     turns = np.asarray(has_vertex(motions))
-    nodes = [_node_class(int(x)) for x in sizes.num_nodes]
     lit = sizes.num_lit_taps if moving else sizes.aside + sizes.num_still_taps
     numbers = (
         -(-lit // _TAPS),
         np.where(turns, 0.0, -0.5 - sizes.aside),
         sizes.aside // _TAPS,
         np.searchsorted(shapes.dft_lengths, sizes.dft_length),
-        np.searchsorted(shapes.node_counts, nodes),
+        np.searchsorted(shapes.node_counts, _whole_blocks(sizes.num_nodes)),
     )
     kinds = (np.int32, dtype, np.int32, np.int32, np.int32)
     return _Need(*(x.astype(kind) for x, kind in zip(numbers, kinds, strict=True)))

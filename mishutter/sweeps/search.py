@@ -57,7 +57,7 @@ def search(
     boxes, losses = np.full((*shape, first.shape[1]), np.nan), np.full(shape, np.nan)
     profile = basis_of(settings)[0]
     for index in np.lexsort((rows, columns)):
-        row, column = rows[index], columns[index]
+        row, column = int(rows[index]), int(columns[index])
         motion = ParabolicMotion(
             acceleration=motions.acceleration[index], half_exposure=motions.half_exposure[index]
         )
