@@ -5,14 +5,13 @@ known when it is run, so that a program serves all of them, each at its own cost
 """
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array
 
 from mishutter._core import compiled, in_threads, num_threads
@@ -48,7 +47,7 @@ SPECTRUM_METRICS = ("expected_psnr", "bound_share")
 _TAPS = 64
 """Taps that are done at a time."""
 _DESIGNS_A_CALL = 64
-"""Of each device: the same however many devices share the work."""
+"""The same however many devices share the work, and so one program."""
 _FURTHEST = float(1 << 17)
 """Length from which on all kernels are refused alike; px."""
 
@@ -263,25 +262,20 @@ def measure(
 
 
 def _by_parts(function: Callable[..., Any], each: Any, index: np.ndarray) -> Any:
-    """A function of some designs, by calls of equal size."""
-    mesh = _mesh()
-    room = _DESIGNS_A_CALL * mesh.size
+    """A function of some designs, by calls of equal size that are dealt to all devices."""
+    devices = jax.devices()
+    starts = range(0, index.size, _DESIGNS_A_CALL)
 
-    def part(start: int) -> Any:
-        some = index[start : start + room]
-        filled = np.resize(some, room)
-        return jax.tree.map(
-            lambda x: np.asarray(x)[: some.size],
-            function(jax.tree.map(lambda x: np.asarray(x)[filled], each), mesh),
-        )
+    def part(number: int) -> Any:
+        some = index[starts[number] : starts[number] + _DESIGNS_A_CALL]
+        filled = np.resize(some, _DESIGNS_A_CALL)
+        chosen = jax.tree.map(lambda x: np.asarray(x)[filled], each)
+        with jax.default_device(devices[number % len(devices)]):
+            return jax.tree.map(lambda x: np.asarray(x)[: some.size], function(chosen))
 
-    parts = list(in_threads(part, range(0, index.size, room), num_threads(mesh.devices)))
+    count = len(devices) * num_threads(np.array(devices))
+    parts = list(in_threads(part, range(len(starts)), count))
     return jax.tree.map(lambda *x: np.concatenate(x), *parts)
-
-
-@lru_cache
-def _mesh() -> Mesh:
-    return Mesh(np.array(jax.devices()), ("designs",))
 
 
 def _need_of(
@@ -300,17 +294,6 @@ def _need_of(
     return _Need(*(x.astype(kind) for x, kind in zip(numbers, kinds, strict=True)))
 
 
-def _one_by_one(function: Callable[..., Any], common: Any, each: Any, mesh: Mesh) -> Any:
-    """A function of what is common and of each design; every device does its share."""
-    whole, spread = PartitionSpec(), PartitionSpec("designs")
-
-    @partial(jax.shard_map, mesh=mesh, in_specs=(whole, spread), out_specs=spread, check_vma=False)
-    def share(common: Any, each: Any) -> Any:
-        return jax.lax.map(lambda design: function(common, *design), each)
-
-    return share(common, each)
-
-
 @compiled
 def _kernel_numbers(
     shutter: AbstractShutter,
@@ -319,13 +302,11 @@ def _kernel_numbers(
     shapes: Shapes,
     metrics: tuple[str, ...],
     each: Any,
-    mesh: Mesh,
 ) -> dict[str, Array]:
     """Metrics of kernels."""
-    arrays, rest = eqx.partition((shutter, scene), eqx.is_array)
 
-    def of_design(arrays: Any, motion: AbstractMotion, need: _Need, box: Array):
-        shutter, scene = eqx.combine(arrays, rest)
+    def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
+        motion, need, box = design
         profile = piecewise(shutter.at(box) if is_own else shutter)
         speeds = scene.speeds if set(metrics) & set(KERNEL_METRICS[1:]) else scene.speeds[:0]
         speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
@@ -350,7 +331,7 @@ def _kernel_numbers(
         known = dict(zip(KERNEL_METRICS, numbers, strict=True))
         return {name: known[name] for name in metrics}
 
-    return _one_by_one(of_design, arrays, each, mesh)
+    return jax.lax.map(of_design, each)
 
 
 def _condition(kernel: Array, length: int) -> Array:
@@ -366,15 +347,12 @@ def _picture_numbers(
     num_frequencies: int,
     metrics: tuple[str, ...],
     each: Any,
-    mesh: Mesh,
 ) -> dict[str, Array]:
     """Metrics of transfer functions."""
-    arrays, rest = eqx.partition(scene, eqx.is_array)
     rates, noises = (x.ravel() for x in jnp.meshgrid(*light, indexing="ij"))
 
-    def of_design(common: Any, motion: AbstractMotion, need: _Need, box: Array):
-        rules, arrays, pairs = common
-        scene = eqx.combine(arrays, rest)
+    def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
+        motion, need, box = design
         efficiency, at = box @ rules.efficiency, need.rule
         nodes = LitNodes(rules.tau[at], box @ rules.light[at], efficiency)
         speeds = scene.speeds, scene.weights
@@ -390,10 +368,10 @@ def _picture_numbers(
 
         found = {}
         if "expected_psnr" in metrics:
-            errors = jax.lax.map(error, pairs).reshape(light[0].size, light[1].size)
+            errors = jax.lax.map(error, (rates, noises)).reshape(light[0].size, light[1].size)
             found["expected_psnr"] = -10 * jnp.log10(errors)
         if "bound_share" in metrics:
             found["bound_share"] = bound_share(scene, motion, response)
         return found
 
-    return _one_by_one(of_design, (rules, arrays, (rates, noises)), each, mesh)
+    return jax.lax.map(of_design, each)

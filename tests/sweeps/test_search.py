@@ -22,8 +22,8 @@ from mishutter.sweeps.search import start_boxes, starts_at
 EXCESS = 1e-3
 """Loss above that of `optimise`: promised of every point."""
 OWN_SIZES = 1e-3
-"""Difference of a plain function: it takes no plan and picks its frequencies by what it knows of the
-motion, in a search nothing but the limits. Either number of them is good to 0.01 dB."""
+"""Difference of a plain function: it takes no plan and picks its frequencies by what it knows of
+the motion, in a search nothing but the limits. Either number of them is good to 0.01 dB."""
 
 ASYMMETRIC = Scene([120.0, 480.0, 700.0], photon_rate=3e4, read_noise=8.0, limits=SCENE.limits)
 SCENES = {"symmetric": SCENE, "asymmetric": ASYMMETRIC}
