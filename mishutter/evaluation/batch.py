@@ -101,7 +101,7 @@ class Rules(NamedTuple):
 
     tau: Array
     light: Array
-    num_blocks: np.ndarray
+    num_blocks: Array
     efficiency: Array
 
 
@@ -198,12 +198,13 @@ def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtyp
     blocks = np.array([-(-(x[-1] + 1) // BLOCK) if x.size else 0 for x in lit], np.int32)
     length = max(1, int(blocks.max())) * BLOCK
 
-    def whole(rows: Array) -> np.ndarray:
-        rows = np.asarray(rows)[..., :length]
-        return np.pad(rows, [(0, 0)] * (rows.ndim - 1) + [(0, length - rows.shape[-1])])
+    def whole(part: Array) -> np.ndarray:
+        rows = np.asarray(part)[:, :length]
+        return np.pad(rows, ((0, 0), (0, length - rows.shape[1])))
 
     tau, light = (np.stack([whole(rule[part]) for rule in found]) for part in (0, 1))
-    return Rules(jnp.asarray(tau[:, 0]), jnp.asarray(light), blocks, found[0].efficiency)
+    arrays = jnp.asarray(tau[:, 0]), jnp.asarray(light), jnp.asarray(blocks)
+    return Rules(*arrays, found[0].efficiency)
 
 
 @compiled
@@ -250,10 +251,11 @@ def measure(
         kernels = partial(_kernel_numbers, shutter, boxes is not None, scene, shapes, of_kernels)
         found |= _by_parts(kernels, each, np.arange(count))
     if of_picture:
-        rates = tuple(jnp.asarray(x, dtype) for x in light)
+        rates, noises = (jnp.asarray(x, dtype) for x in light)
         for number in np.unique(sizes.num_frequencies):
             seen = reduced(scene, Plan(1, 1, int(number), 1))
-            picture = partial(_picture_numbers, rules, seen, rates, int(number), of_picture)
+            given = rules, seen, (rates, noises), int(number)
+            picture = partial(_picture_numbers, *given, of_picture)
             index = np.flatnonzero(sizes.num_frequencies == number)
             for name, values in _by_parts(picture, each, index).items():
                 whole = found.setdefault(name, np.zeros((count, *values.shape[1:]), dtype))
@@ -307,7 +309,8 @@ def _kernel_numbers(
 
     def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
         motion, need, box = design
-        profile = piecewise(shutter.at(box) if is_own else shutter)
+        own = shutter.at(box) if is_own else shutter  # type: ignore[attr-defined]
+        profile = piecewise(own)
         speeds = scene.speeds if set(metrics) & set(KERNEL_METRICS[1:]) else scene.speeds[:0]
         speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
         plan = Plan(_TAPS, _TAPS, 1, 1)
@@ -328,7 +331,7 @@ def _kernel_numbers(
         branches = [partial(_condition, length=length) for length in shapes.dft_lengths]
         raw, relative = differences_from(scene, motion, difference, still)
         numbers = jax.lax.switch(need.dft, branches, taps), raw, relative
-        known = dict(zip(KERNEL_METRICS, numbers, strict=True))
+        known: dict[str, Array] = dict(zip(KERNEL_METRICS, numbers, strict=True))
         return {name: known[name] for name in metrics}
 
     return jax.lax.map(of_design, each)
