@@ -19,7 +19,6 @@ from mishutter._core.checks import require_seed as require_seed
 from mishutter._core.checks import shape_of as shape_of
 from mishutter._core.compiling import at_once as at_once
 from mishutter._core.compiling import compiled as compiled
-from mishutter._core.compiling import computed_once as computed_once
 from mishutter._core.double_double import DoubleWord as DoubleWord
 from mishutter._core.double_double import add as add
 from mishutter._core.double_double import multiply as multiply

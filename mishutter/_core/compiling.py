@@ -8,9 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from mishutter._core.checks import all_concrete, is_concrete
 
@@ -80,19 +78,6 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
                 _TRACING.allowed = False
 
     return call
-
-
-def computed_once(function: Callable[[], _Result], true: Array) -> _Result:
-    """What a function returns, as arrays in memory: a branch that is always taken.
-
-    Without it XLA fuses what is costly into each of its uses and does it over again there.
-
-    Args:
-        function: What is computed; arrays out.
-        true: True, but not known to be so when the program is compiled; scalar.
-    """
-    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
-    return jax.lax.cond(true, function, lambda: nothing)
 
 
 def at_once() -> AbstractContextManager[None]:

@@ -13,4 +13,6 @@ from mishutter.blur.spectrum import condition_number as condition_number
 from mishutter.blur.spectrum import default_num_frequencies as default_num_frequencies
 from mishutter.blur.spectrum import transfer_function as transfer_function
 from mishutter.blur.trajectory import safe_sqrt as safe_sqrt
+from mishutter.blur.waves import BLOCK as BLOCK
 from mishutter.blur.waves import sum_of_waves as sum_of_waves
+from mishutter.blur.waves import waves_of_blocks as waves_of_blocks

@@ -133,10 +133,7 @@ def optimise(
     loss = as_loss(loss, "optimise(loss=...)")
     free = all_that_can_move(motion, shutter) if free is None else free
     space = design_space(scene, motion, shutter, free)
-    if plan is None:
-        plan = full_sizes(scene, space.motion, space)
-    elif not isinstance(plan, Plan):
-        plan = plan_of_scene(scene, motion, shutter, loss=loss, free=space.free)
+    plan = _plan(scene, space, loss, plan)
     needed = reduced(scene, plan)
     objective = objective_of(loss, needed, space, plan)
     num_speeds = needed.speeds.size
@@ -172,6 +169,48 @@ def optimise(
         best_start_loss=found.best_start_loss,
         plan=plan,
     )
+
+
+def best_profile(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    starts: np.ndarray,
+    *,
+    loss: AbstractLoss,
+    max_steps: int,
+    plan: Plan | Automatic | None = PLANNED,
+) -> tuple[np.ndarray, float]:
+    """The best of descents from given profiles on a motion that is held.
+
+    Args:
+        scene: Speeds, light and noise.
+        motion: Motion of the sensor.
+        shutter: A profile of the kind that is searched.
+        starts: Points of its box; shape `(n, size)`.
+        loss: What is made small.
+        max_steps: Steps of each descent, at most.
+        plan: What to compute.
+
+    Returns:
+        The best point of the box, `(size,)`, and its loss.
+    """
+    space = design_space(scene, motion, shutter, "shutter")
+    plan = _plan(scene, space, loss, plan)
+    objective = objective_of(loss, reduced(scene, plan), space, plan)
+    found = _descended(objective, space, starts.astype(space.max_speed.dtype), max_steps, None)
+    return found.boxes[0], float(found.losses[0])
+
+
+def _plan(
+    scene: Scene, space: DesignSpace, loss: AbstractLoss, plan: Plan | Automatic | None
+) -> Plan:
+    """The plan that an argument `plan=` of a search stands for."""
+    if isinstance(plan, Plan):
+        return plan
+    if plan is None:
+        return full_sizes(scene, space.motion, space)
+    return plan_of_scene(scene, space.motion, space.shutter, loss=loss, free=space.free)
 
 
 class _Found(NamedTuple):

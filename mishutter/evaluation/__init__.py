@@ -1,13 +1,19 @@
 """Evaluation of a design: needs of a scene, response, metrics and losses."""
 
-from mishutter.evaluation.alignment import aligned as aligned
+from mishutter.evaluation.batch import KERNEL_METRICS as KERNEL_METRICS
+from mishutter.evaluation.batch import SPECTRUM_METRICS as SPECTRUM_METRICS
+from mishutter.evaluation.batch import Rules as Rules
+from mishutter.evaluation.batch import Sizes as Sizes
+from mishutter.evaluation.batch import measure as measure
+from mishutter.evaluation.batch import motions_at as motions_at
+from mishutter.evaluation.batch import rules_of as rules_of
+from mishutter.evaluation.batch import scenes_for as scenes_for
+from mishutter.evaluation.batch import shapes_of as shapes_of
+from mishutter.evaluation.batch import sizes_of as sizes_of
 from mishutter.evaluation.lengths import extent as extent
 from mishutter.evaluation.lengths import num_frequencies as num_frequencies
-from mishutter.evaluation.lengths import occurring_speeds as occurring_speeds
 from mishutter.evaluation.lengths import require_sizes as require_sizes
 from mishutter.evaluation.lengths import size_class as size_class
-from mishutter.evaluation.lengths import spread_of as spread_of
-from mishutter.evaluation.lengths import whole_px as whole_px
 from mishutter.evaluation.losses import AbstractLoss as AbstractLoss
 from mishutter.evaluation.losses import DesignLoss as DesignLoss
 from mishutter.evaluation.losses import ExpectedErrorLoss as ExpectedErrorLoss
@@ -19,12 +25,12 @@ from mishutter.evaluation.losses.base import one_real_number as one_real_number
 from mishutter.evaluation.losses.base import value_of as value_of
 from mishutter.evaluation.metrics import Metrics as Metrics
 from mishutter.evaluation.metrics import evaluate as evaluate
-from mishutter.evaluation.metrics import measured as measured
 from mishutter.evaluation.metrics import picture_power as picture_power
 from mishutter.evaluation.needs import PLANNED as PLANNED
 from mishutter.evaluation.needs import Automatic as Automatic
 from mishutter.evaluation.needs import Item as Item
 from mishutter.evaluation.needs import Plan as Plan
+from mishutter.evaluation.needs import automatic as automatic
 from mishutter.evaluation.needs import is_symmetric as is_symmetric
 from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds
@@ -43,4 +49,3 @@ from mishutter.evaluation.response import kernel_phase as kernel_phase
 from mishutter.evaluation.response import kernels_at_speeds as kernels_at_speeds
 from mishutter.evaluation.response import records as records
 from mishutter.evaluation.speeds import distinct_speeds as distinct_speeds
-from mishutter.evaluation.speeds import rounding as rounding

@@ -41,13 +41,21 @@ class Extent(NamedTuple):
 def extent(scene: Scene, motion: AbstractMotion) -> Extent:
     """How far light of a scene that is known travels on a motion."""
     a, half = (np.asarray(x, np.float64) for x in (motion.acceleration, motion.half_exposure))
-    stroke, smear = np.asarray(a * half * half), float(scene.max_speed) * half
-    moving = stroke > 0
-    with np.errstate(over="ignore"):  # a stroke that is hardly one: longer than any kernel
-        length = (2 * stroke + smear) ** 2 / (4 * np.where(moving, stroke, 1.0))
-    longest = np.maximum(np.where(moving, length, 0.0), 2 * smear)
+    stroke = np.asarray(a * half * half)
+    reach, velocity = extents(float(scene.max_speed), stroke, half)
     spread = spread_of(occurring_speeds(scene), stroke, half)
-    return Extent(*(float(np.max(x)) for x in (longest, 2 * stroke + smear, spread)))
+    return Extent(*(float(np.max(x)) for x in (reach, velocity, spread)))
+
+
+def extents(
+    max_speed: float, stroke: np.ndarray, half_exposure: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths of the longest kernels on some motions, px, and velocities, px per half exposure."""
+    smear, moving = max_speed * half_exposure, stroke > 0
+    velocity = np.asarray(2 * stroke + smear)
+    with np.errstate(over="ignore"):  # a stroke that is hardly one: longer than any kernel
+        length = velocity**2 / (4 * np.where(moving, stroke, 1.0))
+    return np.asarray(np.maximum(np.where(moving, length, 0.0), 2 * smear)), velocity
 
 
 def spread_of(speeds: np.ndarray, stroke: np.ndarray, half_exposure: np.ndarray) -> np.ndarray:

@@ -132,11 +132,17 @@ def kernel_differences(
     scene's speeds), and the same over $\sqrt{\overline{h_0^2}}$. The means are over the
     taps that the fastest object reaches. The derivative where all kernels agree is 0.
     """
-    difference = jnp.sum(response.differences**2)
-    still = jnp.sum(response.still_kernel**2)
+    squares = (jnp.sum(x**2) for x in (response.differences, response.still_kernel))
+    return differences_from(scene, motion, *squares)
+
+
+def differences_from(
+    scene: Scene, motion: AbstractMotion, difference: Array, still: Array
+) -> tuple[Array, Array]:
+    """The `kernel_differences` by their sum of squares and that of the still kernel."""
     lit = still > 0
     relative = safe_sqrt(jnp.where(lit, difference / jnp.where(lit, still, 1.0), 0.0))
-    return safe_sqrt(difference / _num_supported(scene, motion, response.efficiency)), relative
+    return safe_sqrt(difference / _num_supported(scene, motion, still)), relative
 
 
 def _num_supported(scene: Scene, motion: AbstractMotion, like: Array) -> Array:
@@ -168,13 +174,12 @@ def expected_squared_error(
     frequency = frequency_grid(num_frequencies, np.dtype(dtype))[:num_kept]
     every_power = picture_power(scene, num_frequencies, np.dtype(dtype))
     power = every_power[:num_kept]
-    aperture = jnp.sinc(frequency).astype(response.spectra.dtype)[None]
-    spectra = response.spectra * aperture
+    spectra, aperture = response.spectra, jnp.sinc(frequency) ** 2
     weights = scene.weights.astype(dtype)[:, None]
     mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
     deviation = spectra - mean[None]
-    spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0)
-    coherent = mean.real**2 + mean.imag**2
+    spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0) * aperture
+    coherent = (mean.real**2 + mean.imag**2) * aperture
     electrons = scene.photon_rate.astype(dtype) * motion.exposure.astype(dtype)
     read_noise = scene.read_noise.astype(dtype)
     # Units of the larger of signal and noise, because squares of electrons overflow float32.

@@ -19,6 +19,7 @@ from mishutter.blur import (
     light_let_through,
     lit_nodes,
     sum_of_waves,
+    waves_of_blocks,
 )
 from mishutter.evaluation.alignment import aligned
 from mishutter.evaluation.lengths import require_sizes, size_class
@@ -108,7 +109,7 @@ def records(
     taps = response = light = None
     if kernels:
         moving = scene.speeds if differences and not plan.still else scene.speeds[:0]
-        taps, light = _kernels_and_light(profile, motion, _with_rest(moving), plan.num_taps)
+        taps, light = _known_kernels(profile, motion, _with_rest(moving), plan.num_taps)
     if spectra:
         nodes = lit_nodes(profile, plan.num_nodes, dtype)
         grid = plan.num_frequencies, plan.num_kept
@@ -181,14 +182,14 @@ def kernels_at_speeds(
     Kernels at known speeds are computed eight at a time and cut from longer ones, so that
     one compiled program for each kind of shutter serves any number of speeds and taps.
     """
-    kernels = _kernels_and_light(shutter, motion, speeds, num_taps)[0]
+    kernels = _known_kernels(shutter, motion, speeds, num_taps)[0]
     if not isinstance(kernels, np.ndarray):
         return kernels
     with jax.ensure_compile_time_eval():
         return jax.device_put(kernels)
 
 
-def _kernels_and_light(
+def _known_kernels(
     shutter: AbstractShutter,
     motion: AbstractMotion,
     speeds: Array | np.ndarray,
@@ -199,11 +200,11 @@ def _kernels_and_light(
     first = kernel_phase(motion, num_taps)
     if not all_concrete((shutter, motion, speeds)):
         speeds, first = (jnp.asarray(x, dtype) for x in (speeds, first))
-        return _kernels_from(shutter, motion, speeds, first, num_taps)
+        return kernels_and_light(shutter, motion, speeds, first, num_taps)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
     some = [
-        _kernels_from(shutter, motion, part, np.asarray(first, dtype), length)
+        kernels_and_light(shutter, motion, part, np.asarray(first, dtype), length)
         for part in padded.reshape(-1, _SPEEDS_AT_ONCE)
     ]
     kernels = np.concatenate([np.asarray(kernels) for kernels, _ in some])
@@ -211,7 +212,7 @@ def _kernels_and_light(
 
 
 @compiled
-def _kernels_from(
+def kernels_and_light(
     shutter: AbstractShutter,
     motion: AbstractMotion,
     speeds: Array | np.ndarray,
@@ -236,10 +237,12 @@ def aligned_spectra(
     weights: Array,
     num_frequencies: int,
     num_kept: int | None = None,
+    num_blocks: Array | None = None,
 ) -> Array:
     """Transfer functions on the frequency grid, aligned as the kernels are; `(s, m)`, complex.
 
-    Those that occur are `aligned`. With `num_kept` only at the lowest of the frequencies.
+    Those that occur are `aligned`. With `num_kept` only at the lowest of the frequencies; with
+    `num_blocks` from so many first blocks of nodes, and without a derivative.
     """
     dtype = nodes.tau.dtype
     a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
@@ -247,4 +250,5 @@ def aligned_spectra(
     displacement = aligned(stroke[None], jnp.where(weights > 0, smear, 0)).displacement
     tau = nodes.tau[None]
     position = tau * (stroke * tau - smear[:, None]) + displacement[:, None]
-    return sum_of_waves(position, nodes.light[None], num_frequencies, num_kept or num_frequencies)
+    waves = position, nodes.light[None], num_frequencies, num_kept or num_frequencies
+    return sum_of_waves(*waves) if num_blocks is None else waves_of_blocks(*waves, num_blocks)

@@ -19,11 +19,7 @@ def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarra
     values = np.abs(speeds) if folds else speeds
     order = np.argsort(values, kind="stable")
     values, weights = values[order], weights[order]
-    begins = np.diff(values, prepend=-np.inf) > rounding(values, values.dtype)
+    same = _SAME_SPEED * np.finfo(values.dtype).eps * np.max(np.abs(values), initial=0)
+    begins = np.diff(values, prepend=-np.inf) > same
     merged = np.bincount(np.cumsum(begins) - 1, weights)
     return values[begins], merged.astype(weights.dtype)
-
-
-def rounding(speeds: np.ndarray, dtype: np.dtype) -> float:
-    """Difference up to which two of some speeds, given in a precision, are one; px/s."""
-    return float(_SAME_SPEED * np.finfo(dtype).eps * np.max(np.abs(speeds), initial=0))

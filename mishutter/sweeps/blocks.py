@@ -1,31 +1,49 @@
-"""One block of a sweep: its points sorted into tiles, the tiles shared out over devices."""
+"""One block of a sweep: the profile of each point found if asked for, then all measured."""
 
 from collections.abc import Iterable, Iterator
-from functools import partial
-from typing import final
+from typing import NamedTuple, final
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
-from jaxtyping import Array
 
-from mishutter._core import compiled, in_threads, num_threads
-from mishutter.sweeps.grid import REASONS, Block, Grid
-from mishutter.sweeps.layout import Chosen, Kit, Layout
-from mishutter.sweeps.points import SceneNumbers, Tile, TileSizes
-from mishutter.sweeps.search import Searcher, basis_shutters, coefficients_of
-from mishutter.sweeps.tables import Tables
-from mishutter.sweeps.tiles import TileMetrics, measure_tile
+from mishutter._core import in_threads, num_threads
+from mishutter.evaluation import (
+    KERNEL_METRICS,
+    SPECTRUM_METRICS,
+    Rules,
+    Sizes,
+    measure,
+    motions_at,
+    require_sizes,
+    rules_of,
+    scenes_for,
+    shapes_of,
+    sizes_of,
+)
+from mishutter.model import AbstractShutter, ParabolicMotion, Scene
+from mishutter.sweeps.grid import REASONS, Block, Grid, outside_limits
+from mishutter.sweeps.search import basis_of, coefficients_of, search
 
 Arrays = dict[str, np.ndarray]
-_TILES_PER_DEVICE = 8
-"""Tiles that a device does in one call: the same however many devices share the work."""
+
+
+class Kit(NamedTuple):
+    """A shutter ready to be measured.
+
+    Attributes:
+        shutter: The shutter, or one of the kind of which each point has its own.
+        rules: Its rules of quadrature, or those of its coordinates.
+        scenes: What is needed of each scene.
+    """
+
+    shutter: AbstractShutter
+    rules: Rules
+    scenes: list[Scene]
 
 
 @final
 class Engine:
-    """What the blocks of a grid share: tables of the shutters and one compiled program.
+    """What the blocks of a grid share.
 
     Args:
         grid: The sweep.
@@ -33,98 +51,107 @@ class Engine:
 
     def __init__(self, grid: Grid):
         self.grid = grid
-        self.layout = Layout(grid)
-        self.sizes = self.layout.tile_sizes
-        self.fixed = self.layout.kit(list(grid.shutters.values()))
-        self.searcher = None
+        self.scenes = list(grid.scenes.values())
+        axes = grid.accelerations, grid.half_exposures
+        self.outside = [outside_limits(scene, *axes) for scene in self.scenes]
+        places = list(zip(self.scenes, self.outside, strict=True))
+        self.sizes = [self._sizes(scene, outside == 0) for scene, outside in places]
+        self.shapes = shapes_of(self.sizes)
+        each = [self._kit(shutter, [shutter]) for shutter in grid.shutters.values()]
+        self.kits, self.basis = each, None
         if grid.search is not None:
-            basis = self.layout.kit(basis_shutters(grid.search))
-            self.searcher = Searcher(self.layout, basis, grid.search)
-        self.mesh = Mesh(np.array(jax.devices()), ("tiles",))
-        self.num_threads = num_threads(self.mesh.devices)
+            self.basis = self._kit(*basis_of(grid.search))
+
+    def _sizes(self, scene: Scene, inside: np.ndarray) -> Sizes:
+        """Sizes of the points within limits."""
+        grid = self.grid
+        sizes = sizes_of(scene, self._motions(*np.nonzero(inside)), skips=grid.skips)
+        require_sizes(
+            *(int(x.max(initial=0)) for x in (sizes.num_taps, sizes.num_frequencies)),
+            kernels=bool(set(grid.metrics) & set(KERNEL_METRICS)),
+            spectra=bool(set(grid.metrics) & set(SPECTRUM_METRICS)) or grid.search is not None,
+            subject="sweep(accelerations=...)",
+        )
+        return sizes
+
+    def _motions(self, rows: np.ndarray, columns: np.ndarray) -> ParabolicMotion:
+        """The motions of some points, on a leading axis."""
+        axes = self.grid.accelerations[rows], self.grid.half_exposures[columns]
+        return motions_at(*(x.astype(self.grid.dtype) for x in axes))
+
+    def _kit(self, shutter: AbstractShutter, coordinates: list) -> Kit:
+        scenes = scenes_for(self.scenes, shutter, skips=self.grid.skips)
+        return Kit(shutter, rules_of(coordinates, self.shapes, self.grid.dtype), scenes)
 
     def computed(self, blocks: Iterable[Block]) -> Iterator[Arrays]:
         """The variables of blocks, in order; with a search some blocks at a time."""
-        return in_threads(self.compute, blocks, self.num_threads if self.searcher else 1)
+        count = num_threads(np.array(jax.devices())) if self.basis is not None else 1
+        return in_threads(self.compute, blocks, count)
 
     def compute(self, block: Block) -> Arrays:
         """Every variable of a block, NaN outside the limits; a scene's axis left out."""
-        grid, layout = self.grid, self.layout
-        place, inside = grid.place(block), layout.inside(block)
-        light = np.asarray(self.fixed.tables.efficiency)
-        arrays = self._metrics(block, self.fixed, None, light[None, None])
-        arrays["num_taps"] = np.where(inside, layout.num_taps[block.scene][place], 0)
-        arrays["dft_length"] = np.where(inside, layout.dft_length[block.scene][place], 0)
-        arrays["outside"] = layout.outside[block.scene][place]
-        if self.searcher is not None:
-            basis = self.searcher.basis
-            boxes, arrays["loss"] = self.searcher.search(block)
-            arrays["coefficients"] = coefficients_of(boxes, self.searcher.settings)
-            light = boxes @ np.asarray(basis.tables.efficiency)
-            for name, values in self._metrics(block, basis, boxes, light[..., None]).items():
-                arrays[name] = np.concatenate([arrays[name], values], axis=2)
+        grid, at = self.grid, self.grid.place(block)
+        everywhere = self.outside[block.scene]
+        inside = everywhere[at] == 0
+        rows, columns = np.nonzero(inside)
+        motions = self._motions(rows + at[0].start, columns + at[1].start)
+        chosen = np.zeros(everywhere.shape, bool)
+        chosen[at] = inside
+        sizes = Sizes(*(x[chosen[everywhere == 0]] for x in self.sizes[block.scene]))
+        arrays = {
+            name: _placed(getattr(sizes, name), inside) for name in ("num_taps", "dft_length")
+        }
+        arrays["outside"] = everywhere[at]
+        found = [self._measured(kit, block.scene, motions, sizes) for kit in self.kits]
+        if grid.search is not None and self.basis is not None:
+            scene = self.scenes[block.scene]
+            boxes, losses = search(grid.search, scene, motions, rows, columns, grid.skips)
+            coefficients = coefficients_of(boxes, grid.search)
+            arrays |= {
+                name: _placed(x, inside)
+                for name, x in (("coefficients", coefficients), ("loss", losses))
+            }
+            found.append(self._measured(self.basis, block.scene, motions, sizes, boxes))
+        for name in grid.metrics:
+            arrays[name] = _placed(np.stack([x[name] for x in found], axis=1), inside)
         if grid.full_well is not None:
-            self._overflow(arrays, block, grid.full_well)
+            light = _placed(np.stack([x["efficiency"] for x in found], axis=1), inside)
+            self._overflow(arrays, light, block, grid.full_well)
         return {key: arrays[key].astype(dtype) for key, dtype in grid.variables.items()}
 
-    def _metrics(
-        self, block: Block, kit: Kit, boxes: np.ndarray | None, efficiency: np.ndarray
-    ) -> Arrays:
-        """Metrics of a kit's shutters, or of one mixture of them at each point.
-
-        Args:
-            block: The points.
-            kit: The shutters.
-            boxes: Shares of them at each point, shape `(a, t, k)`; None for each alone.
-            efficiency: Light let through; broadcasts against `(a, t, k)`.
-        """
-        grid, inside = self.grid, self.layout.inside(block)
-        count = efficiency.shape[2]
-        shape = (*inside.shape, count)
-        light = grid.dimensions("expected_psnr")[len(grid.dimensions("efficiency")) :]
-        tail = {"expected_psnr": tuple(grid.sizes[name] for name in light)}
-        arrays = {name: np.full((*shape, *tail.get(name, ())), np.nan) for name in grid.metrics}
-        arrays["efficiency"] = np.where(inside[..., None], efficiency, np.nan)
-        tiles = self.layout.tiles(block, kit.tile_size)
-        if not tiles or not (self.sizes.kernels or self.sizes.spectra):
-            return arrays
-        found = self._measured(block, kit, tiles, boxes)
-        values = _finished(found, self.layout.num_supported(block, tiles, kit.tile_size))
-        for number, (rows, column) in enumerate(tiles):
-            for name in values.keys() & arrays.keys():
-                part = values[name][number, : rows.size]
-                arrays[name][rows, column] = part.reshape(arrays[name][rows, column].shape)
-        return arrays
-
     def _measured(
-        self, block: Block, kit: Kit, tiles: list[Chosen], boxes: np.ndarray | None
-    ) -> TileMetrics:
-        """What the tiles sum up to, some tiles a call."""
-        scene = self.layout.scenes[block.scene]
-        numbers = self.layout.scene_numbers(scene, symmetric=kit.symmetric)
-        num_tiles = _TILES_PER_DEVICE * self.mesh.size
+        self,
+        kit: Kit,
+        scene: int,
+        motions: ParabolicMotion,
+        sizes: Sizes,
+        boxes: np.ndarray | None = None,
+    ) -> Arrays:
+        """Metrics of a kit's shutter at some points, by name."""
+        grid, seen = self.grid, kit.scenes[scene]
+        given, own = (grid.photon_rates, grid.read_noises), (seen.photon_rate, seen.read_noise)
+        pairs = zip(given, own, strict=True)
+        rates, noises = (np.atleast_1d(np.asarray(o if g is None else g)) for g, o in pairs)
+        numbers = motions, kit.shutter, kit.rules, self.shapes, sizes
+        light = rates, noises
+        found = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
+        if sizes.num_taps.size:
+            found = measure(seen, *numbers, metrics=grid.metrics, light=light, boxes=boxes)
+        if "expected_psnr" in found:
+            tail = [x.size for x in given if x is not None]
+            found["expected_psnr"] = found["expected_psnr"].reshape(-1, *tail)
+        return found
 
-        def measured(start: int) -> TileMetrics:
-            some = tiles[start : start + num_tiles]
-            stacked = self.layout.stacked(block, some, kit, num_tiles)
-            shares = _mixtures(boxes, some, num_tiles, kit.tile_size).astype(self.grid.dtype)
-            found = _measure_tiles(
-                kit.tables, numbers, stacked, jnp.asarray(shares), self.sizes, self.mesh
-            )
-            return jax.tree.map(np.asarray, found)
-
-        num_threads = self.num_threads if self.searcher is None else 1
-        parts = list(in_threads(measured, range(0, len(tiles), num_tiles), num_threads))
-        return jax.tree.map(lambda *x: np.concatenate(x)[: len(tiles)], *parts)
-
-    def _overflow(self, arrays: Arrays, block: Block, full_well: float) -> None:
+    def _overflow(
+        self, arrays: Arrays, efficiency: np.ndarray, block: Block, full_well: float
+    ) -> None:
         """Leave out what fills a white pixel."""
-        grid, scene = self.grid, self.layout.scenes[block.scene]
+        grid, scene = self.grid, self.scenes[block.scene]
         half = grid.half_exposures[grid.place(block)[1]]
         by_light = grid.photon_rates is not None
         own = np.array([float(scene.photon_rate)])
         rates = own if grid.photon_rates is None else grid.photon_rates
-        electrons = arrays["efficiency"][..., None] * 2 * half[:, None, None] * rates
+        electrons = efficiency[..., None] * 2 * half[:, None, None] * rates
         full = electrons > full_well
         bits = np.where(full, np.uint8(1 << REASONS.index("full_well")), np.uint8(0))
         bits = bits | arrays["outside"][:, :, None, None]
@@ -136,54 +163,9 @@ class Engine:
                 arrays[name][np.all(full, axis=3)] = np.nan
 
 
-def _mixtures(
-    boxes: np.ndarray | None, tiles: list[Chosen], num_tiles: int, tile_size: int
-) -> np.ndarray:
-    """Shares of the basis at the points of tiles; shape `(tiles, j, k)`, or nothing."""
-    if boxes is None:
-        return np.zeros((num_tiles, 0))
-    mixtures = np.zeros((num_tiles, tile_size, boxes.shape[2]))
-    for number, (rows, column) in enumerate(tiles):
-        mixtures[number, : rows.size] = boxes[rows, column]
-    return mixtures
-
-
-@compiled
-def _measure_tiles(
-    tables: Tables,
-    scene: SceneNumbers,
-    tiles: Tile,
-    mixtures: Array,
-    sizes: TileSizes,
-    mesh: Mesh,
-) -> TileMetrics:
-    """Metrics of tiles; each device does its share, one tile after the other."""
-    spread, whole = PartitionSpec("tiles"), PartitionSpec()
-
-    @partial(
-        jax.shard_map,
-        mesh=mesh,
-        in_specs=(whole, whole, spread, spread),
-        out_specs=spread,
-        check_vma=False,
-    )
-    def share(tables: Tables, scene: SceneNumbers, tiles: Tile, mixtures: Array) -> TileMetrics:
-        return jax.lax.map(
-            lambda pair: measure_tile(tables, scene, sizes, *pair), (tiles, mixtures)
-        )
-
-    return share(tables, scene, tiles, mixtures)
-
-
-def _finished(found: TileMetrics, num_supported: np.ndarray) -> Arrays:
-    """Metrics from what the tiles summed."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        raw = np.sqrt(np.asarray(found.squared_difference) / num_supported[..., None])
-        level = np.sqrt(np.asarray(found.squared_kernel) / num_supported[..., None])
-        return {
-            "condition_number": np.asarray(found.condition_number),
-            "kernel_difference": raw,
-            "relative_kernel_difference": np.where(level > 0, raw / level, 0.0),
-            "expected_psnr": -10 * np.log10(np.asarray(found.squared_error)),
-            "bound_share": np.asarray(found.bound_share),
-        }
+def _placed(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Values of the points inside where these are; elsewhere NaN, or 0 of whole numbers."""
+    nothing = np.nan if values.dtype.kind == "f" else 0
+    whole = np.full((*inside.shape, *values.shape[1:]), nothing, values.dtype)
+    whole[inside] = values
+    return whole

@@ -12,7 +12,7 @@ import numpy as np
 
 from mishutter._core import common_dtype, describe, require, shape_of
 from mishutter.design import package_version, scene_to_dict, shutter_to_dict
-from mishutter.evaluation import AbstractResponseLoss
+from mishutter.evaluation import AbstractLoss
 from mishutter.model import AbstractShutter, Scene
 
 METRICS = {
@@ -24,9 +24,6 @@ METRICS = {
     "bound_share": ("share of the wedge bound, worst speed and frequency", "1"),
 }
 """Metrics of a design, what they are and their units."""
-
-KERNEL_METRICS = ("condition_number", "kernel_difference", "relative_kernel_difference")
-SPECTRUM_METRICS = ("expected_psnr", "bound_share")
 
 REASONS = ("stroke", "top_speed", "exposure_too_short", "exposure_too_long", "full_well")
 """Why a point is left out, in the order of the bits of `outside`."""
@@ -48,15 +45,13 @@ class Search(NamedTuple):
         symmetric: Whether it is a symmetric one.
         max_steps: Steps of each descent, at most.
         seed: Of the random starts.
-        tolerance: Relative change of the loss and the profile at which a descent ends.
     """
 
-    loss: AbstractResponseLoss
+    loss: AbstractLoss
     num_coefficients: int
     symmetric: bool
     max_steps: int
     seed: int
-    tolerance: float
 
 
 class Block(NamedTuple):

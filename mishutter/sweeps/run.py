@@ -9,7 +9,6 @@ import numpy as np
 
 from mishutter._core import (
     RowLike,
-    describe,
     named,
     require,
     require_known,
@@ -21,11 +20,10 @@ from mishutter.design import starting_shutter
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
-    AbstractResponseLoss,
     Automatic,
     ExpectedErrorLoss,
     Plan,
-    sized_for,
+    as_loss,
 )
 from mishutter.model import AbstractShutter, Scene, SplineShutter, TukeyShutter, baselines
 from mishutter.sweeps.blocks import Engine
@@ -38,8 +36,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 _LOG = logging.getLogger("mishutter.sweep")
-_TOLERANCE = 1e-6
-"""Change by the last step of a descent, of the change that is allowed in all."""
 
 
 def sweep(
@@ -49,7 +45,7 @@ def sweep(
     half_exposures: RowLike,
     shutters: Mapping[str, Any] | None = None,
     optimise: bool = False,
-    loss: AbstractLoss | None = None,
+    loss: AbstractLoss | Callable[..., Any] | None = None,
     num_coefficients: int = 24,
     max_steps: int = 40,
     seed: int = 0,
@@ -75,7 +71,8 @@ def sweep(
         shutters: Fixed shutters by name; the baselines and a Tukey window by default.
         optimise: Whether the best profile at each point is found as well; it is the
             shutter `"optimised"`, and its B-spline `coefficients` are kept.
-        loss: What that profile makes small; the expected error by default.
+        loss: What that profile makes small, a loss or a function of scene, motion and shutter;
+            the expected error by default.
         num_coefficients: Coefficients of the profile.
         max_steps: Steps of each descent, at most.
         seed: Of the random starts.
@@ -155,7 +152,7 @@ def _grid(
     read_noises: np.ndarray | None,
     full_well: float | None,
     optimise: bool,
-    search: tuple[AbstractLoss | None, int, int, int],
+    search: tuple[AbstractLoss | Callable[..., Any] | None, int, int, int],
     plan: Plan | Automatic | None,
 ) -> Grid:
     named_scenes = named("sweep(scenes=...)", scenes, Scene, "scene")
@@ -191,7 +188,7 @@ def _grid(
 
 def _search(
     scenes: dict[str, Scene],
-    loss: AbstractLoss | None,
+    loss: AbstractLoss | Callable[..., Any] | None,
     num_coefficients: int,
     max_steps: int,
     seed: int,
@@ -201,13 +198,8 @@ def _search(
     require_seed("sweep(seed=...)", seed)
     starts = [starting_shutter(scene, num_coefficients) for scene in scenes.values()]
     symmetric = all(isinstance(s, SplineShutter) and s.symmetric for s in starts)
-    chosen = ExpectedErrorLoss() if loss is None else loss
-    if not isinstance(chosen, AbstractResponseLoss) or chosen.parts(sized_for(0.0, 0.0)).kernels:
-        raise ValueError(
-            "`sweep(loss=...)` must be a loss of transfer functions alone, as "
-            f"ExpectedErrorLoss is; got {describe(chosen)}."
-        )
-    return Search(chosen, num_coefficients, symmetric, max_steps, seed, _TOLERANCE)
+    chosen = as_loss(ExpectedErrorLoss() if loss is None else loss, "sweep(loss=...)")
+    return Search(chosen, num_coefficients, symmetric, max_steps, seed)
 
 
 def _shutters(given: Mapping[str, Any] | None) -> dict[str, AbstractShutter]:

@@ -20,8 +20,8 @@ from mishutter import (
     plan,
     sweep,
 )
+from mishutter.evaluation import scenes_for
 from mishutter.model.motion import ParabolicMotion
-from mishutter.sweeps.layout import folded
 
 RELATIVE = 1e-12
 """Difference that other nodes and another order of sums make, where nothing cancels."""
@@ -103,24 +103,42 @@ def test_nothing_changes_on_many_scenes():
     assert compare_sweeps(scenes, axes, FAMILIES["any"]) >= 400
 
 
+def speeds_under(shutter, scene, *, skips):
+    """Speeds and weights that a sweep of one scene takes."""
+    needed = scenes_for([scene], shutter, skips=skips)[0]
+    return np.asarray(needed.speeds), np.asarray(needed.weights)
+
+
 def test_what_is_folded():
     """Mirrored, repeated and absent speeds go by default, and stay where all is computed."""
     scene = Scene([-350.0, 350.0, 350.0, 810.0], [0.2, 0.3, 0.5, 0.0], **LIGHT)
-    sizes, weights = folded(scene, True, True)
-    np.testing.assert_array_equal(sizes, [350.0])
-    np.testing.assert_allclose(weights, [[1.0]])
-    sizes, weights = folded(scene, False, True)
-    np.testing.assert_allclose(weights, [[0.8], [0.2]])
-    sizes, weights = folded(scene, False, False)
-    np.testing.assert_array_equal(sizes, [350.0, 350.0, 350.0, 810.0])
-    np.testing.assert_allclose(weights, [[0.0, 0.3, 0.5, 0.0], [0.2, 0.0, 0.0, 0.0]])
+    symmetric, one_sided = HannShutter(), FAMILIES["any"]["spline"]
+    for shutter, expected in (
+        (symmetric, ([350.0], [1.0])),
+        (one_sided, ([-350.0, 350.0], [0.2, 0.8])),
+    ):
+        for found, right in zip(speeds_under(shutter, scene, skips=True), expected, strict=True):
+            np.testing.assert_allclose(found, right)
+    for found, right in zip(
+        speeds_under(symmetric, scene, skips=False), (scene.speeds, scene.weights), strict=True
+    ):
+        np.testing.assert_array_equal(found, right)
+
+
+def test_scenes_have_as_many_speeds():
+    """Those of the scene with fewer are filled up by speeds without weight."""
+    scenes = [Scene([0.0, 90.0, 310.0], **LIGHT), Scene([350.0], **LIGHT)]
+    first, second = scenes_for(scenes, HannShutter(), skips=True)
+    np.testing.assert_array_equal(first.speeds, [0.0, 90.0, 310.0])
+    np.testing.assert_array_equal(second.speeds, [350.0] * 3)
+    np.testing.assert_array_equal(second.weights, [1.0, 0.0, 0.0])
 
 
 def test_speeds_that_mirror_but_for_rounding():
     """They are one size."""
     speeds = np.linspace(-0.3, 0.3, 7) * 1000
     assert np.unique(np.abs(speeds)).size > 4
-    assert folded(Scene(speeds, **LIGHT), True, True)[0].size == 4
+    assert speeds_under(HannShutter(), Scene(speeds, **LIGHT), skips=True)[0].size == 4
 
 
 def test_it_is_recorded_and_a_store_of_another_plan_is_refused(tmp_path):

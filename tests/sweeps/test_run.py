@@ -24,7 +24,7 @@ import mishutter
 from mishutter import (
     RASKAR_CODE,
     ChippedShutter,
-    DesignLoss,
+    ExpectedErrorLoss,
     GaussianShutter,
     Scene,
     SplineShutter,
@@ -252,8 +252,8 @@ MISTAKES = {
     "steps": ({"optimise": True, "max_steps": 0}, "must be a positive integer; got 0"),
     "well-endless": ({"full_well": np.inf}, "`sweep(full_well=...)` must be above 0 e-; got inf"),
     "loss": (
-        {"optimise": True, "loss": DesignLoss()},
-        "`sweep(loss=...)` must be a loss of transfer functions alone, as ExpectedErrorLoss is;",
+        {"optimise": True, "loss": ExpectedErrorLoss},
+        "`sweep(loss=...)` must be a loss or a function of scene, motion and shutter; got",
     ),
 }
 
@@ -296,7 +296,7 @@ print(len(jax.devices()))
 
 @pytest.mark.slow
 def test_four_devices_give_the_same(tmp_path):
-    """Tiles shared out over four devices give the bits that one device gives."""
+    """Designs shared out over four devices give the bits that one device gives."""
     folder = str(Path(__file__).parents[1])
     arrays = []
     for count in (1, 4):

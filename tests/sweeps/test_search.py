@@ -7,6 +7,7 @@ import pytest
 from support.sweeps import RELATIVE, SCENE, SHUTTERS
 
 from mishutter import (
+    DesignLoss,
     ExpectedErrorLoss,
     ParabolicMotion,
     Scene,
@@ -20,6 +21,9 @@ from mishutter.sweeps.search import start_boxes, starts_at
 
 EXCESS = 1e-3
 """Loss above that of `optimise`: promised of every point."""
+OWN_SIZES = 1e-3
+"""Difference of a plain function: it takes no plan and picks its frequencies by what it knows of
+the motion, in a search nothing but the limits. Either number of them is good to 0.01 dB."""
 
 ASYMMETRIC = Scene([120.0, 480.0, 700.0], photon_rate=3e4, read_noise=8.0, limits=SCENE.limits)
 SCENES = {"symmetric": SCENE, "asymmetric": ASYMMETRIC}
@@ -64,6 +68,36 @@ def test_losses_are_those_of_optimise(slug):
         psnr = float(at.expected_psnr.sel(shutter="optimised"))
         exact = evaluate(scene, motion, profile).expected_psnr
         np.testing.assert_allclose(exact, psnr, rtol=RELATIVE)
+
+
+def squared(scene, motion, shutter):
+    """A loss that is a plain function."""
+    return ExpectedErrorLoss()(scene, motion, shutter) ** 2
+
+
+LOSSES = {
+    "kernels": DesignLoss(),
+    "sum": ExpectedErrorLoss() + 0.3 * DesignLoss(invariance=0.0),
+    "function": squared,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slug", LOSSES)
+def test_every_loss_is_searched(slug):
+    """Losses of kernels, sums and plain functions too; at rest as well."""
+    loss: Any = LOSSES[slug]
+    few: dict[str, Any] = {"accelerations": [0.0, 2e5], "half_exposures": [3.1e-3]}
+    found = sweep(SCENE, loss=loss, **AXES | few | {"metrics": ["expected_psnr"]})
+    for row in range(2):
+        at = found.isel(acceleration=row, half_exposure=0)
+        motion = ParabolicMotion(acceleration=float(at.acceleration), half_exposure=3.1e-3)
+        start = starting_shutter(SCENE, 12)
+        design = optimise(SCENE, motion, start, loss=loss, free="shutter", num_starts=4)
+        assert float(at.loss) - design.loss < EXCESS
+        profile = SplineShutter(np.asarray(at.coefficients))
+        near = OWN_SIZES if slug == "function" else RELATIVE
+        np.testing.assert_allclose(loss(SCENE, motion, profile), at.loss, rtol=near)
 
 
 @pytest.mark.slow

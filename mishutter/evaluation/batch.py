@@ -1,0 +1,380 @@
+"""Metrics of many designs, by the formulas of `evaluate`, each at the sizes that it needs.
+
+One compiled loop goes from design to design. How many taps and nodes one of them asks for is
+known when it is run, so that a program serves all of them, each at its own cost.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import compiled, in_threads, num_threads
+from mishutter.blur import BLOCK, LitNodes, condition_number, lit_nodes
+from mishutter.evaluation.lengths import (
+    extents,
+    longest_within_limits,
+    num_frequencies,
+    occurring_speeds,
+    spread_of,
+    whole_px,
+)
+from mishutter.evaluation.metrics import bound_share, differences_from, expected_squared_error
+from mishutter.evaluation.needs import Plan, is_symmetric, reduced, sized_for
+from mishutter.evaluation.response import (
+    Records,
+    Response,
+    aligned_spectra,
+    assembled,
+    kernels_and_light,
+)
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    ParabolicMotion,
+    Scene,
+    has_vertex,
+    piecewise,
+)
+
+KERNEL_METRICS = ("condition_number", "kernel_difference", "relative_kernel_difference")
+SPECTRUM_METRICS = ("expected_psnr", "bound_share")
+_TAPS = 64
+"""Taps that are done at a time."""
+_DESIGNS_A_CALL = 64
+"""The same however many devices share the work, and so one program."""
+_FURTHEST = float(1 << 17)
+"""Length from which on all kernels are refused alike; px."""
+
+
+class Sizes(NamedTuple):
+    """What `evaluate` takes for each design, and what is enough; shape `(n,)` each.
+
+    Attributes:
+        num_taps: Taps of the kernels.
+        dft_length: Points of the DFT of the condition number.
+        num_frequencies: Frequencies of the expected error.
+        num_lit_taps: Taps that light of the fastest object may fall on.
+        num_still_taps: The same of an object at rest.
+        num_nodes: Nodes over the exposure.
+        aside: Whole taps from the first one to that of an object at rest: 0 where the sensor
+            moves.
+    """
+
+    num_taps: np.ndarray
+    dft_length: np.ndarray
+    num_frequencies: np.ndarray
+    num_lit_taps: np.ndarray
+    num_still_taps: np.ndarray
+    num_nodes: np.ndarray
+    aside: np.ndarray
+
+
+class Shapes(NamedTuple):
+    """What is the same for all designs of a batch; static.
+
+    Attributes:
+        dft_lengths: Lengths that the condition number may be taken over.
+        still_taps: Taps of the longest kernel of an object at rest.
+        node_counts: About how many nodes the rules of quadrature have, ascending.
+    """
+
+    dft_lengths: tuple[int, ...]
+    still_taps: int
+    node_counts: tuple[int, ...]
+
+
+class Rules(NamedTuple):
+    """Nodes over the exposure and the light at them, for rules of rising number.
+
+    Attributes:
+        tau: Normalised times; shape `(r, q)`.
+        light: Light of each of `k` shutters, a mixture of which each design has; `(r, k, q)`.
+        num_blocks: Blocks of nodes that hold light; shape `(r,)`.
+        efficiency: Mean transmittance of each shutter; shape `(k,)`.
+    """
+
+    tau: Array
+    light: Array
+    num_blocks: Array
+    efficiency: Array
+
+
+class _Need(NamedTuple):
+    """What a design needs of the loops; its attributes are scalars.
+
+    Attributes:
+        num_blocks: Blocks of taps.
+        first: Offset of the first tap's edge from the point of alignment, px.
+        still_block: Block in which the light of an object at rest begins.
+        dft: Which of the lengths.
+        rule: Which of the rules.
+    """
+
+    num_blocks: Any
+    first: Any
+    still_block: Any
+    dft: Any
+    rule: Any
+
+
+def motions_at(accelerations: np.ndarray, half_exposures: np.ndarray) -> ParabolicMotion:
+    """A motion whose numbers have a leading axis; shape `(n,)` each."""
+    one = ParabolicMotion(acceleration=0.0, half_exposure=1.0)
+    return eqx.tree_at(
+        lambda m: (m.acceleration, m.half_exposure), one, (accelerations, half_exposures)
+    )
+
+
+def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
+    """Sizes of a scene on many motions; where everything is computed, enough is all."""
+    longest, turns = longest_within_limits(scene), np.asarray(has_vertex(motions))
+    a, half = (np.asarray(x, np.float64) for x in (motions.acceleration, motions.half_exposure))
+    stroke = np.where(turns, a * half * half, 0.0)
+    reach, velocity = extents(float(scene.max_speed), stroke, half)
+    held = _by_whole(np.minimum(np.maximum(reach, longest), _FURTHEST), lambda x: sized_for(x, 0.0))
+    num_taps, dft_length = (_each(held, name) for name in ("num_taps", "dft_length"))
+    spread, index = np.unique(
+        whole_px(spread_of(occurring_speeds(scene), stroke, half)), return_inverse=True
+    )
+    counts = np.array([num_frequencies(scene, x) for x in spread], int)[index]
+    aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
+    aside = np.where(turns, 0, aside).astype(int)
+    lit = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
+    if not skips:
+        velocity, lit = np.maximum(velocity, longest), num_taps
+    nodes = _each(_by_whole(velocity, lambda x: sized_for(0.0, x)), "num_nodes")
+    lit = np.minimum(lit, num_taps).astype(int)
+    still = np.minimum(np.ceil(stroke) + 1, num_taps).astype(int)
+    return Sizes(num_taps, dft_length, counts, lit, still, nodes, aside)
+
+
+def _by_whole(values: np.ndarray, plan: Callable[[float], Plan]) -> tuple[list[Plan], np.ndarray]:
+    """Plans of the whole numbers above some, and which of them belongs to each."""
+    whole, index = np.unique(np.ceil(values), return_inverse=True)
+    return [plan(float(x)) for x in whole], index
+
+
+def _each(plans: tuple[list[Plan], np.ndarray], name: str) -> np.ndarray:
+    return np.array([getattr(plan, name) for plan in plans[0]], int)[plans[1]]
+
+
+def shapes_of(each: Sequence[Sizes]) -> Shapes:
+    """Shapes that hold designs of some sizes; of none at all, the smallest."""
+    lengths = {1024, *(int(x) for sizes in each for x in np.unique(sizes.dft_length))}
+    still = max((int(x) for sizes in each for x in sizes.num_still_taps), default=1)
+    nodes = {BLOCK, *(int(x) for sizes in each for x in _whole_blocks(np.unique(sizes.num_nodes)))}
+    return Shapes(tuple(sorted(lengths)), still, tuple(sorted(nodes)))
+
+
+def _whole_blocks(count: np.ndarray) -> np.ndarray:
+    return -(-count // BLOCK) * BLOCK
+
+
+def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
+    """Scenes with only the speeds that a shutter asks for, as many in each."""
+    plan = Plan(1, 1, 16, 1, skips=skips, folds=is_symmetric(shutter))
+    needed = [reduced(scene, plan) for scene in scenes]
+    most = max(scene.speeds.size for scene in needed)
+    spare = [(0, most - scene.speeds.size) for scene in needed]
+    return [
+        scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad))
+        for scene, after, pad in zip(scenes, needed, spare, strict=True)
+    ]
+
+
+def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtype) -> Rules:
+    """Rules of shutters that differ in their parameters alone, not in their breakpoints."""
+    profiles = jax.tree.map(
+        lambda *x: np.stack([np.asarray(each) for each in x]), *map(piecewise, shutters)
+    )
+    found = _rules(profiles, len(shutters), shapes.node_counts, dtype)
+    lit = [np.flatnonzero(np.any(np.asarray(rule.light) != 0, axis=0)) for rule in found]
+    blocks = np.array([-(-(x[-1] + 1) // BLOCK) if x.size else 0 for x in lit], np.int32)
+    length = max(1, int(blocks.max())) * BLOCK
+
+    def whole(part: Array) -> np.ndarray:
+        rows = np.asarray(part)[:, :length]
+        return np.pad(rows, ((0, 0), (0, length - rows.shape[1])))
+
+    tau, light = (np.stack([whole(rule[part]) for rule in found]) for part in (0, 1))
+    arrays = jnp.asarray(tau[:, 0]), jnp.asarray(light), jnp.asarray(blocks)
+    return Rules(*arrays, found[0].efficiency)
+
+
+@compiled
+def _rules(
+    profiles: Any, num_profiles: int, node_counts: tuple[int, ...], dtype: np.dtype
+) -> list[LitNodes]:
+    rules = [partial(lit_nodes, num_nodes=count, dtype=dtype) for count in node_counts]
+    return [jax.vmap(rule, axis_size=num_profiles)(profiles) for rule in rules]
+
+
+def measure(
+    scene: Scene,
+    motions: AbstractMotion,
+    shutter: AbstractShutter,
+    rules: Rules,
+    shapes: Shapes,
+    sizes: Sizes,
+    *,
+    metrics: Sequence[str],
+    light: tuple[np.ndarray, np.ndarray],
+    boxes: np.ndarray | None = None,
+) -> dict[str, np.ndarray]:
+    """Some of the `Metrics` of a shutter, or of one a design, on `n` motions; by name.
+
+    Args:
+        scene: What `scenes_for` makes of one.
+        motions: What `motions_at` makes of theirs.
+        shutter: The shutter.
+        rules: Its rules; of its coordinates where each design has its own.
+        shapes: What holds all designs.
+        sizes: What each asks for.
+        metrics: Which are wanted. Expected PSNRs have the shape `(n, p, r)`, others `(n,)`.
+        light: Photon rates, e-/s, shape `(p,)`, and read noises, e-, shape `(r,)`.
+        boxes: Coordinates of each design's own shutter, shape `(n, k)`; None for one shutter.
+    """
+    dtype, count = np.dtype(rules.tau.dtype), sizes.num_taps.size
+    shares = np.ones((count, 1), dtype) if boxes is None else boxes.astype(dtype)
+    found = {"efficiency": shares.astype(float) @ np.asarray(rules.efficiency, float)}
+    need = _need_of(sizes, shapes, motions, dtype, bool(set(metrics) & set(KERNEL_METRICS[1:])))
+    each = motions, need, shares
+    of_kernels = tuple(name for name in metrics if name in KERNEL_METRICS)
+    of_picture = tuple(name for name in metrics if name in SPECTRUM_METRICS)
+    if of_kernels:
+        kernels = partial(_kernel_numbers, shutter, boxes is not None, scene, shapes, of_kernels)
+        found |= _by_parts(kernels, each, np.arange(count))
+    if of_picture:
+        rates, noises = (jnp.asarray(x, dtype) for x in light)
+        for number in np.unique(sizes.num_frequencies):
+            seen = reduced(scene, Plan(1, 1, int(number), 1))
+            given = rules, seen, (rates, noises), int(number)
+            picture = partial(_picture_numbers, *given, of_picture)
+            index = np.flatnonzero(sizes.num_frequencies == number)
+            for name, values in _by_parts(picture, each, index).items():
+                whole = found.setdefault(name, np.zeros((count, *values.shape[1:]), dtype))
+                whole[index] = values
+    return found
+
+
+def _by_parts(function: Callable[..., Any], each: Any, index: np.ndarray) -> Any:
+    """A function of some designs, by calls of equal size that are dealt to all devices."""
+    devices = jax.devices()
+    starts = range(0, index.size, _DESIGNS_A_CALL)
+
+    def part(number: int) -> Any:
+        some = index[starts[number] : starts[number] + _DESIGNS_A_CALL]
+        filled = np.resize(some, _DESIGNS_A_CALL)
+        chosen = jax.tree.map(lambda x: np.asarray(x)[filled], each)
+        with jax.default_device(devices[number % len(devices)]):
+            return jax.tree.map(lambda x: np.asarray(x)[: some.size], function(chosen))
+
+    count = len(devices) * num_threads(np.array(devices))
+    parts = list(in_threads(part, range(len(starts)), count))
+    return jax.tree.map(lambda *x: np.concatenate(x), *parts)
+
+
+def _need_of(
+    sizes: Sizes, shapes: Shapes, motions: AbstractMotion, dtype: np.dtype, moving: bool
+) -> _Need:
+    turns = np.asarray(has_vertex(motions))
+    lit = sizes.num_lit_taps if moving else sizes.aside + sizes.num_still_taps
+    numbers = (
+        -(-lit // _TAPS),
+        np.where(turns, 0.0, -0.5 - sizes.aside),
+        sizes.aside // _TAPS,
+        np.searchsorted(shapes.dft_lengths, sizes.dft_length),
+        np.searchsorted(shapes.node_counts, _whole_blocks(sizes.num_nodes)),
+    )
+    kinds = (np.int32, dtype, np.int32, np.int32, np.int32)
+    return _Need(*(x.astype(kind) for x, kind in zip(numbers, kinds, strict=True)))
+
+
+@compiled
+def _kernel_numbers(
+    shutter: AbstractShutter,
+    is_own: bool,
+    scene: Scene,
+    shapes: Shapes,
+    metrics: tuple[str, ...],
+    each: Any,
+) -> dict[str, Array]:
+    """Metrics of kernels."""
+
+    def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
+        motion, need, box = design
+        own = shutter.at(box) if is_own else shutter  # type: ignore[attr-defined]
+        profile = piecewise(own)
+        speeds = scene.speeds if set(metrics) & set(KERNEL_METRICS[1:]) else scene.speeds[:0]
+        speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
+        plan = Plan(_TAPS, _TAPS, 1, 1)
+
+        def add(block: Array, sums: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            first = need.first + (block * _TAPS).astype(box.dtype)
+            kernels, light = kernels_and_light(profile, motion, speeds, first, _TAPS)
+            some = assembled(scene, Records(kernels, jnp.zeros(0), light), plan)
+            # A block without light of an object at rest goes to the room that is left for it.
+            start = ((block - need.still_block) * _TAPS,)
+            taps = jax.lax.dynamic_update_slice(sums[2], some.still_kernel, start)
+            squares = (jnp.sum(x**2) for x in (some.differences, some.still_kernel))
+            return *map(jnp.add, sums[:2], squares), taps  # type: ignore[return-value]
+
+        room = (-(-shapes.still_taps // _TAPS) + 1) * _TAPS
+        nothing = jnp.zeros((), box.dtype), jnp.zeros((), box.dtype), jnp.zeros(room, box.dtype)
+        difference, still, taps = jax.lax.fori_loop(0, need.num_blocks, add, nothing)
+        branches = [partial(_condition, length=length) for length in shapes.dft_lengths]
+        raw, relative = differences_from(scene, motion, difference, still)
+        numbers = jax.lax.switch(need.dft, branches, taps), raw, relative
+        known: dict[str, Array] = dict(zip(KERNEL_METRICS, numbers, strict=True))
+        return {name: known[name] for name in metrics}
+
+    return jax.lax.map(of_design, each)
+
+
+def _condition(kernel: Array, length: int) -> Array:
+    """Condition number of a kernel that has light on as many taps at most."""
+    return condition_number(kernel[:length], num_frequencies=length)
+
+
+@compiled
+def _picture_numbers(
+    rules: Rules,
+    scene: Scene,
+    light: tuple[Array, Array],
+    num_frequencies: int,
+    metrics: tuple[str, ...],
+    each: Any,
+) -> dict[str, Array]:
+    """Metrics of transfer functions."""
+    rates, noises = (x.ravel() for x in jnp.meshgrid(*light, indexing="ij"))
+
+    def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
+        motion, need, box = design
+        efficiency, at = box @ rules.efficiency, need.rule
+        nodes = LitNodes(rules.tau[at], box @ rules.light[at], efficiency)
+        speeds = scene.speeds, scene.weights
+        spectra = aligned_spectra(
+            nodes, motion, *speeds, num_frequencies, num_blocks=rules.num_blocks[at]
+        )
+        nothing = jnp.zeros(0, box.dtype)
+        response = Response(nothing, nothing, nothing, spectra, efficiency)
+
+        def error(pair: tuple[Array, Array]) -> Array:
+            lit = eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene, pair)
+            return expected_squared_error(lit, motion, response)
+
+        found = {}
+        if "expected_psnr" in metrics:
+            errors = jax.lax.map(error, (rates, noises)).reshape(light[0].size, light[1].size)
+            found["expected_psnr"] = -10 * jnp.log10(errors)
+        if "bound_share" in metrics:
+            found["bound_share"] = bound_share(scene, motion, response)
+        return found
+
+    return jax.lax.map(of_design, each)
