@@ -452,3 +452,29 @@ def test_memory_of_many_designs():
     assert memory(jax.vmap(loss), 17_000) < 3.5 * 2**30
     assert memory(jax.vmap(jax.grad(loss)), 1000) < 1000 * 2**21
     assert memory(lambda x: jax.jvp(jax.vmap(loss), (x,), (x,)), 1000) < 1000 * 2**21
+
+
+@pytest.mark.parametrize("shutter", [RectShutter(), TukeyShutter(0.4)], ids=["rect", "tukey"])
+def test_the_expected_error_has_second_derivatives_by_the_motion(shutter):
+    """In either mode, to what central differences of the gradient hold."""
+
+    def loss(point):
+        motion = ParabolicMotion(acceleration=point[0] * 1e5, half_exposure=point[1] * 1e-3)
+        return ExpectedErrorLoss()(SCENE, motion, shutter)
+
+    point, step, slope = jnp.array([2.3, 5.1]), 1e-5, jax.grad(loss)
+    moved = jnp.eye(2) * step
+    differences = jnp.stack([(slope(point + x) - slope(point - x)) / (2 * step) for x in moved])
+    for second in (jax.hessian(loss), jax.jacrev(slope)):
+        np.testing.assert_allclose(second(point), differences, rtol=1e-6, atol=1e-8)
+
+
+def test_a_second_derivative_of_kernels_by_the_motion_is_refused():
+    """By name, in place of a number that would be wrong."""
+
+    def loss(half_exposure):
+        motion = ParabolicMotion(acceleration=2.3e5, half_exposure=half_exposure)
+        return DesignLoss()(SCENE, motion, RectShutter())
+
+    with pytest.raises(NotImplementedError, match="must be differentiated once by the motion"):
+        jax.grad(jax.grad(loss))(5.1e-3)
