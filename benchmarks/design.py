@@ -8,6 +8,8 @@ SciPy's own steps take up to a hundred times longer in two that wait for each ot
 """
 
 import time
+import warnings
+from functools import lru_cache
 
 import jax
 
@@ -34,7 +36,7 @@ from mishutter._core.parallel import alone_in_blas  # noqa: E402
 from mishutter.design.many_starts import descend  # noqa: E402
 from mishutter.design.objective import AbstractObjective, objective_of  # noqa: E402
 from mishutter.design.planning import plan as plan_of_scene  # noqa: E402
-from mishutter.design.solvers import imported_jaxopt, loss_and_gradient  # noqa: E402
+from mishutter.design.solvers import loss_and_gradient  # noqa: E402
 from mishutter.design.space import design_space  # noqa: E402
 from mishutter.design.starts import start_boxes  # noqa: E402
 from mishutter.evaluation.needs import needed_speeds, reduced, sizes  # noqa: E402
@@ -105,10 +107,19 @@ def optax_adam(objective, starts):
     return _losses(objective, jnp.sin(_compiled(jax.vmap(one), "adam")(theta)) ** 2)
 
 
+@lru_cache
+def _jaxopt():
+    """Jaxopt, without its farewell."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        import jaxopt
+    return jaxopt
+
+
 def jaxopt_projected_gradient(objective, starts):
     """Projection on the box, every start at once."""
-    solver = imported_jaxopt().ProjectedGradient(
-        lambda x: objective(x), imported_jaxopt().projection.projection_box, maxiter=NUM_STEPS
+    solver = _jaxopt().ProjectedGradient(
+        lambda x: objective(x), _jaxopt().projection.projection_box, maxiter=NUM_STEPS
     )
     run = jax.vmap(lambda x: solver.run(x, hyperparams_proj=(0.0, 1.0)).params)
     return _losses(objective, _compiled(run, "projected")(jnp.asarray(starts)))
@@ -116,7 +127,7 @@ def jaxopt_projected_gradient(objective, starts):
 
 def jaxopt_lbfgsb(objective, starts):
     """Box-constrained, limited memory, every start at once."""
-    solver = imported_jaxopt().LBFGSB(lambda x: objective(x), maxiter=NUM_STEPS)
+    solver = _jaxopt().LBFGSB(lambda x: objective(x), maxiter=NUM_STEPS)
     low, high = jnp.zeros(starts.shape[1]), jnp.ones(starts.shape[1])
     run = jax.vmap(lambda x: solver.run(x, bounds=(low, high)).params)
     return _losses(objective, _compiled(run, "lbfgsb")(jnp.asarray(starts)))

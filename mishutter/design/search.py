@@ -84,9 +84,8 @@ def optimise(
     Optimistix BFGS descends from many starts at once: the given design, baselines' profiles
     and, where a free-form profile moves, the lowest of valleys all over the space; after 20
     steps, and every 10 from there, the worse half of the starts is given up, until four or an
-    eighth are left. SciPy's box-constrained L-BFGS-B, called through jaxopt, polishes the
-    three best that differ, and the best of these to the end, on either side of where limits
-    meet if it ends there.
+    eighth are left. SciPy's box-constrained L-BFGS-B polishes the three best that differ, and
+    the best of these to the end, on either side of where limits meet if it ends there.
     Where at most three coordinates move, the starts are the given design and the best of a
     grid, and are polished directly. The result is never worse than the best start.
 

@@ -1,8 +1,6 @@
 """The loss and its gradient at points of the unit box, and a polish of the best of them."""
 
-import warnings
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
@@ -21,8 +19,8 @@ from mishutter.design.space import Bends
 
 _POINTS_A_CALL = 16
 _MEMORY = 30
-"""Steps that L-BFGS-B remembers; more than coordinates say nothing new, and each number of them
-has JAX compile what jaxopt makes of it."""
+"""Steps that L-BFGS-B remembers; more than coordinates say nothing new."""
+_TOLERANCE = 1e-9
 _CERTIFIED = 1e-3
 """Largest projected gradient of a minimum, as a share of the loss."""
 _GAP = 64
@@ -178,7 +176,7 @@ def polish(
     low: np.ndarray | None = None,
     high: np.ndarray | None = None,
 ) -> Polished:
-    """Jaxopt's box-constrained L-BFGS-B, in the box's own coordinates.
+    """SciPy's box-constrained L-BFGS-B, in the box's own coordinates.
 
     The loss is divided by its value at the start: the solver's tolerances are absolute, and
     would stop it short where the light is bright and the loss small.
@@ -193,6 +191,7 @@ def polish(
     Raises:
         NonFiniteLossError: if the loss or gradient is not finite on the way.
     """
+    from scipy.optimize import minimize
 
     def value_and_gradient(x):
         loss, gradient = loss_and_gradient(objective, np.asarray(x, box.dtype))
@@ -207,24 +206,23 @@ def polish(
 
     def relative(x):
         loss, gradient = value_and_gradient(x)
-        return loss / unit, gradient / unit
+        return float(loss / unit), np.asarray(gradient / unit, np.float64)
 
-    solver = imported_jaxopt().ScipyBoundedMinimize(
-        fun=relative,
-        value_and_grad=True,
-        method="L-BFGS-B",
-        maxiter=max_steps,
-        jit=False,
-        tol=1e-9,
-        options={"maxcor": min(_MEMORY, box.size)},
-    )
     low = np.zeros_like(box) if low is None else low
     high = np.ones_like(box) if high is None else high
-    point, info = solver.run(jax.device_put(np.clip(box, low, high)), bounds=(low, high))
-    point = np.clip(np.asarray(point), low, high)
+    end = minimize(
+        relative,
+        np.clip(box, low, high),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=np.stack([low, high], axis=1),
+        tol=_TOLERANCE,
+        options={"maxiter": max_steps, "maxcor": min(_MEMORY, box.size)},
+    )
+    point = np.clip(end.x.astype(box.dtype), low, high)
     loss, gradient = value_and_gradient(point)
     certificate = projected_gradient_norm(point, np.asarray(gradient))
-    return Polished(point, float(loss), certificate, int(info.iter_num))
+    return Polished(point, float(loss), certificate, int(end.nit))
 
 
 def finished(
@@ -263,12 +261,3 @@ def _sides(box: np.ndarray, bends: Bends) -> list[tuple[np.ndarray, np.ndarray]]
     to_bend[bends.coordinate] = max(nearest - gap, 0)
     from_bend[bends.coordinate] = min(nearest + gap, 1)
     return [(low, high), (low, to_bend), (from_bend, high)]
-
-
-@lru_cache
-def imported_jaxopt() -> Any:
-    """Jaxopt, without its farewell."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        import jaxopt
-    return jaxopt

@@ -63,7 +63,7 @@ def test_the_sum_of_responses_is_the_loss_itself(slug):
 
 @pytest.mark.parametrize("slug", LOSSES)
 def test_an_independent_solver_finds_the_same_minimum(slug):
-    """The box-constrained solver of jaxopt, from its own starts, agrees to 1e-3 of the loss."""
+    """The box-constrained solver of the polish, from its own starts, agrees to 1e-3 of the loss."""
     design = optimise(
         SCENE, MOTION, PROFILE, loss=LOSSES[slug], free="shutter", num_starts=12, plan=SMALL
     )
