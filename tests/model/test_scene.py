@@ -43,7 +43,7 @@ def test_optics_that_pass_nothing_of_the_picture(power, cutoff, first):
     with pytest.raises(ValueError, match=message):
         Scene([0.0], **LIGHT, power_spectrum=power, cutoff_frequency=cutoff)
     Scene([0.0], **LIGHT, power_spectrum=power, cutoff_frequency=cutoff, deviation=0.0)
-    Scene([0.0], **LIGHT, power_spectrum=power, cutoff_frequency=0.35)
+    Scene([0.0], **LIGHT, power_spectrum=power, cutoff_frequency=0.38)
 
 
 @pytest.mark.parametrize("name", ["given_motion", "limits", "picture"])
