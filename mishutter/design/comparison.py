@@ -226,9 +226,9 @@ def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
         return plan
     moving = planned(scene, scene.motion, shutter, loss=loss, free=_MOTION_ONLY)
     sizes = ("num_taps", "dft_length", "num_nodes")
-    return replace(
-        plan, **{name: max(getattr(plan, name), getattr(moving, name)) for name in sizes}
-    )
+    room = {name: max(getattr(plan, name), getattr(moving, name)) for name in sizes}
+    finer = max(plan, moving, key=lambda each: each.num_frequencies)
+    return replace(plan, **room, num_frequencies=finer.num_frequencies, num_kept=finer.num_kept)
 
 
 def _own_best(

@@ -31,6 +31,7 @@ from mishutter.model import (
     Scene,
     as_parabolic,
     has_vertex,
+    in_one_form,
     piecewise,
     settled,
 )
@@ -179,8 +180,8 @@ def kernels_at_speeds(
 ) -> Array:
     """Aligned kernels of one length at several speeds, px/s; shape `(s, num_taps)`.
 
-    Kernels at known speeds are computed eight at a time and cut from longer ones, so that
-    one compiled program for each kind of shutter serves any number of speeds and taps.
+    Kernels at known speeds are computed eight at a time, of shutters `in_one_form`, and cut
+    from longer ones: one compiled program serves every kind and any number of speeds and taps.
     """
     kernels = _known_kernels(shutter, motion, speeds, num_taps)[0]
     if not isinstance(kernels, np.ndarray):
@@ -201,6 +202,7 @@ def _known_kernels(
     if not all_concrete((shutter, motion, speeds)):
         speeds, first = (jnp.asarray(x, dtype) for x in (speeds, first))
         return kernels_and_light(shutter, motion, speeds, first, num_taps)
+    shutter = in_one_form(shutter, dtype)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
     some = [

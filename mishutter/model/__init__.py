@@ -53,5 +53,6 @@ from mishutter.model.shutters.base import is_adjustable as is_adjustable
 from mishutter.model.shutters.base import profile_of as profile_of
 from mishutter.model.shutters.base import within_unit as within_unit
 from mishutter.model.shutters.interpolated import piecewise as piecewise
+from mishutter.model.shutters.polynomials import in_one_form as in_one_form
 from mishutter.model.shutters.spline import coefficient_times as coefficient_times
 from mishutter.model.shutters.spline import fitted_boxes as fitted_boxes

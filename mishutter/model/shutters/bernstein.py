@@ -71,15 +71,17 @@ def bernstein_mean(
         control.dtype
     )
     row = jnp.where(from_left, piece, piece + control.shape[0])
-    powers = [
-        from_ends[:, i].at[row].get(mode="promise_in_bounds", wrap_negative_indices=False)
-        for i in reversed(range(degree + 1))
-    ]
+    powers = [looked_up(from_ends[:, i], row) for i in reversed(range(degree + 1))]
     nodes, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
     total = jnp.zeros_like(width)
     for node, weight in zip((nodes / 2).tolist(), (weights / 2).tolist(), strict=True):
         total = total + weight * polynomial(powers, distance + node * width)
     return total
+
+
+def looked_up(values: Array, index: Array) -> Array:
+    """Values at indices that are known to be in range."""
+    return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def power_matrix(degree: int) -> np.ndarray:

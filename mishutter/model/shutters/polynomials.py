@@ -1,0 +1,127 @@
+"""One form for shutters of few pieces, so that programs which take it serve every kind."""
+
+from functools import lru_cache
+from typing import ClassVar, final
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+from numpy.polynomial import chebyshev
+
+from mishutter._core import DoubleWord, compiled
+from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter
+from mishutter.model.shutters.bernstein import looked_up, polynomial
+from mishutter.model.shutters.interpolated import piecewise
+
+_NUM_PIECES, _DEGREE = 24, 9
+_LAST_TERM = 100
+"""Largest last term of a Chebyshev series, in roundings; the next is fifty times smaller."""
+_SHORTEST = 1e-3
+"""Shortest piece, in units of tau, whose crossings are told apart by their moments."""
+
+
+@final
+class PolynomialShutter(AbstractPiecewiseShutter):
+    """A polynomial on each of 24 pieces.
+
+    Args:
+        ends: Ends of the pieces, ascending from -1 to 1; shape `(n + 1,)`.
+        powers: Coefficients by the share of the piece passed, less one half, the highest
+            first; shape `(n, degree + 1)`.
+    """
+
+    ends: DoubleWord
+    powers: Array
+    panels_per_piece: ClassVar[int] = 1
+    smooth_length: ClassVar[float] = 2.0
+    equal_pieces: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        ends, tau = self.ends.high, jnp.asarray(tau, self.powers.dtype)
+        piece = jnp.clip(jnp.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
+        value = self._value(piece, (tau - ends[piece]) / self._lengths()[piece] - 0.5)
+        return jnp.where(jnp.abs(tau) <= 1, jnp.clip(value, 0, 1), jnp.zeros_like(value))
+
+    def dtype(self) -> np.dtype | None:
+        return np.dtype(self.powers.dtype)
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        return DoubleWord(*(end.astype(dtype) for end in self.ends))
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        pieces = (slice(None),) + (None,) * (offset.ndim - 1)
+        share = offset / self._lengths()[pieces] - 0.5
+        return polynomial([power[pieces] for power in self.powers.T], share)
+
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+        length = looked_up(self._lengths(), piece)
+        from_middle = distance / length - 0.5
+        centre = jnp.where(from_left, from_middle, -from_middle)
+        nodes, weights = np.polynomial.legendre.leggauss(_DEGREE // 2 + 1)
+        step, mean = width / length / 2, jnp.zeros_like(width)
+        for node, weight in zip(nodes.tolist(), (weights / 2).tolist(), strict=True):
+            mean = mean + weight * self._value(piece, centre + node * step)
+        return mean
+
+    def _value(self, piece: Array, from_middle: Array) -> Array:
+        return polynomial([looked_up(power, piece) for power in self.powers.T], from_middle)
+
+    def _lengths(self) -> Array:
+        return jnp.diff(self.ends.high) + jnp.diff(self.ends.low)
+
+
+def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseShutter:
+    """The profile of a known shutter as polynomials, to rounding in a given precision.
+
+    The shutter itself where 24 polynomials do not hold it, as a flutter code or a narrow Gaussian.
+    """
+    profile = piecewise(shutter)
+    form = _interpolated(profile, dtype)
+    return form[0] if form is not None and form[1] else profile
+
+
+@compiled
+def _interpolated(
+    profile: AbstractPiecewiseShutter, dtype: np.dtype
+) -> tuple[PolynomialShutter, Array] | None:
+    """Interpolants between equal parts of the pieces, and whether they are exact to rounding."""
+    high, low = profile.breakpoints(dtype)
+    num_pieces = high.size - 1
+    if num_pieces > _NUM_PIECES:
+        return None
+    counts = _NUM_PIECES // num_pieces + (np.arange(num_pieces) < _NUM_PIECES % num_pieces)
+    piece = np.repeat(np.arange(num_pieces), counts)
+    part = np.concatenate([np.arange(count) for count in counts])
+    length = (jnp.diff(high) + jnp.diff(low))[piece]
+    begins = length * (part / counts[piece]).astype(dtype)
+    cuts = DoubleWord(
+        jnp.append(high[piece] + begins, high[-1]),
+        jnp.append(jnp.where(part == 0, low[piece], 0.0), low[-1]),
+    )
+    # From the start of the piece, as an exact difference: a cut is rounded.
+    offset = (cuts.high[:-1] - high[piece]) + (cuts.low[:-1] - low[piece])
+    nodes, to_series, to_powers = (x.astype(dtype) for x in _interpolation())
+    width = jnp.diff(cuts.high) + jnp.diff(cuts.low)
+    offsets = offset[:, None] + width[:, None] * (nodes + 0.5)[None]
+    every = profile.piece_transmittance(jnp.broadcast_to(offsets, (num_pieces, *offsets.shape)))
+    values = every[piece, np.arange(_NUM_PIECES)].astype(dtype)
+    middle = values[:, _DEGREE // 2, None]  # off which roundings of the sums are smaller
+    series = (values - middle) @ to_series.T
+    powers = (series.at[:, :1].add(middle) @ to_powers.T)[:, ::-1]
+    converges = jnp.max(jnp.abs(series[:, -1])) <= _LAST_TERM * float(np.finfo(dtype).eps)
+    return PolynomialShutter(cuts, powers), converges & (jnp.min(width) >= _SHORTEST)
+
+
+@lru_cache
+def _interpolation() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes about the middle of a piece; matrices from values to Chebyshev's series, to powers."""
+    index = np.arange(_DEGREE + 1)
+    nodes = np.cos(np.pi * (index + 0.5) / (_DEGREE + 1))
+    to_series = chebyshev.chebvander(nodes, _DEGREE).T * (2 / (_DEGREE + 1))
+    to_series[0] /= 2
+    terms = [
+        np.pad(chebyshev.cheb2poly(row[: k + 1]), (0, _DEGREE - k))
+        for k, row in enumerate(np.eye(_DEGREE + 1))
+    ]
+    return nodes / 2, to_series, np.transpose(terms) * 2.0 ** index[:, None]

@@ -1,0 +1,58 @@
+"""The one form of known shutters is the shutter itself, to rounding, for every kind it holds."""
+
+import numpy as np
+import pytest
+from support.cases import SHUTTERS
+
+from mishutter import ParabolicMotion, StillCamera, TukeyShutter, blur_kernel
+from mishutter.evaluation import kernels_at_speeds
+from mishutter.model import in_one_form
+
+ROUNDING = {np.float64: 1e-15, np.float32: 4e-7}
+"""A few last digits of a transmittance of one."""
+STEEPEST = 50
+"""Roundings of a transmittance that one of time is worth on the steepest ramp."""
+OWN_FORM = {"gaussian-narrow", "tukey-steep", "flutter", "one-open-chip"}
+"""Those that bend too sharply in double precision, or have too short or too many pieces."""
+MOTIONS = [
+    ParabolicMotion(acceleration=4.7e5, half_exposure=0.0093),
+    StillCamera(half_exposure=0.0093),
+]
+
+
+@pytest.mark.parametrize("dtype", ROUNDING)
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_the_form_is_the_shutter(slug, dtype):
+    """Transmittance and efficiency are the same, in the same precision."""
+    shutter = SHUTTERS[slug].shutter(dtype)
+    form = in_one_form(shutter, np.dtype(dtype))
+    if dtype is np.float64:
+        assert (form is shutter) == (slug in OWN_FORM)
+    tau = np.linspace(-1.0007, 0.9987, 211).astype(dtype)
+    value, expected = (np.asarray(x.transmittance(tau)) for x in (form, shutter))
+    assert value.dtype == dtype
+    np.testing.assert_allclose(value, expected, atol=STEEPEST * ROUNDING[dtype])
+    np.testing.assert_allclose(form.efficiency(), shutter.efficiency(), atol=ROUNDING[dtype])
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=["moving", "at-rest"])
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_kernels_of_known_speeds_are_those_of_the_shutter(slug, motion):
+    """Those by the shared program, against `blur_kernel`, which takes the shutter as it is."""
+    shutter, speeds = SHUTTERS[slug].shutter(), np.array([0.0, 310.0, -1700.0, 4100.0])
+    kernels = np.asarray(kernels_at_speeds(shutter, motion, speeds, 128))
+    assert kernels.max() > 0.01
+    if isinstance(motion, StillCamera):
+        assert np.isclose(kernels[0].max(), shutter.efficiency(), rtol=1e-14)
+        return
+    exact = blur_kernel(shutter, motion, num_taps=128)
+    np.testing.assert_allclose(kernels[0], exact, rtol=0, atol=ROUNDING[np.float64])
+
+
+@pytest.mark.parametrize("taper", [0.0, 1e-9, 1e-4, 0.999999])
+def test_pieces_of_hardly_any_length_keep_their_shutter(taper):
+    """Times that a moment does not tell apart are left to the shutter that counts from them."""
+    assert (
+        in_one_form(TukeyShutter(taper), np.dtype(float)).breakpoints(np.dtype(float)).high.size
+        == 4
+    )
