@@ -89,9 +89,9 @@ def requirement(problem: Mapping[str, Any]) -> str:
     """What must hold, by one of the `errors()` of a `ValidationError`."""
     sentences = {
         "missing": "be given",
-        "greater_than": "be above {gt:.12g}",
-        "greater_than_equal": "be at least {ge:.12g}",
-        "less_than_equal": "be at most {le:.12g}",
+        "greater_than": "be above {gt}",
+        "greater_than_equal": "be at least {ge}",
+        "less_than_equal": "be at most {le}",
         "finite_number": "be finite",
         "float_type": "be a number",
         "float_parsing": "be a number",
@@ -106,10 +106,11 @@ def requirement(problem: Mapping[str, Any]) -> str:
         "too_long": "hold at most {max_length} values",
         "string_too_short": "not be empty",
     }
-    sentence = sentences.get(problem["type"])
-    return (
-        f"hold: {problem['msg']}" if sentence is None else sentence.format(**problem.get("ctx", {}))
-    )
+    if problem["type"] not in sentences:
+        return f"hold: {problem['msg']}"
+    context = problem.get("ctx", {})
+    short = {key: f"{x:g}" if isinstance(x, float) else x for key, x in context.items()}
+    return sentences[problem["type"]].format(**short)
 
 
 def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place], str]) -> str:
