@@ -42,4 +42,5 @@ from mishutter._core.parallel import num_threads as num_threads
 from mishutter._core.validation import Section as Section
 from mishutter._core.validation import in_section as in_section
 from mishutter._core.validation import parsed as parsed
+from mishutter._core.validation import requirement as requirement
 from mishutter._core.validation import validated as validated

@@ -5,7 +5,7 @@ nearest right one.
 """
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -80,21 +80,23 @@ def validated(
     first = min(problems, key=lambda p: p["type"] != "extra_forbidden")
     if first["type"] == "extra_forbidden":
         raise ValueError(f"{name}: {_unknown_key(model, first['loc'], key_name)}")
-    requirement = _requirement(first["type"], first.get("ctx", {}), first["msg"])
     got = Bare("nothing") if first["type"] == "missing" else first["input"]
     subject = f"`{key_name(first['loc'])}`" if first["loc"] else "the file"
-    raise ValueError(f"{name}: {subject} must {requirement}; got {describe(got)}.")
+    raise ValueError(f"{name}: {subject} must {requirement(first)}; got {describe(got)}.")
 
 
-def _requirement(kind: str, context: dict[str, Any], message: str) -> str:
+def requirement(problem: Mapping[str, Any]) -> str:
+    """What must hold, by one of the `errors()` of a `ValidationError`."""
     sentences = {
         "missing": "be given",
-        "greater_than": "be above {gt:g}",
-        "greater_than_equal": "be at least {ge:g}",
-        "less_than_equal": "be at most {le:g}",
+        "greater_than": "be above {gt}",
+        "greater_than_equal": "be at least {ge}",
+        "less_than_equal": "be at most {le}",
         "finite_number": "be finite",
         "float_type": "be a number",
+        "float_parsing": "be a number",
         "int_type": "be a whole number",
+        "int_parsing": "be a whole number",
         "bool_type": "be true or false",
         "string_type": "be text",
         "list_type": "be a list",
@@ -104,7 +106,11 @@ def _requirement(kind: str, context: dict[str, Any], message: str) -> str:
         "too_long": "hold at most {max_length} values",
         "string_too_short": "not be empty",
     }
-    return sentences[kind].format(**context) if kind in sentences else f"hold: {message}"
+    if problem["type"] not in sentences:
+        return f"hold: {problem['msg']}"
+    context = problem.get("ctx", {})
+    short = {key: f"{x:g}" if isinstance(x, float) else x for key, x in context.items()}
+    return sentences[problem["type"]].format(**short)
 
 
 def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place], str]) -> str:

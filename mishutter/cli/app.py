@@ -43,8 +43,8 @@ from mishutter.cli.options import (
     loss_of,
     scene_of,
 )
-from mishutter.cli.plan import plan, plan_text
-from mishutter.cli.sweep import sweep
+from mishutter.cli.plan_command import plan, plan_text
+from mishutter.cli.sweep_command import sweep
 
 if TYPE_CHECKING:
     from mishutter.design import Design

@@ -3,23 +3,24 @@
 import io
 import logging
 import os
-import re
 import shutil
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
+from difflib import get_close_matches
 from typing import Any
 
 import typer
+from pydantic import ValidationError
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from mishutter._core import is_own_folder, strict_json
+from mishutter._core import describe, is_own_folder, requirement, strict_json
 
 _WIDTH = 132
 """Columns of a table where standard output is no terminal."""
@@ -28,34 +29,14 @@ _LEAST_TEXT = 16
 _MOMENT = 0.05
 """Time for garbage to be collected; s."""
 
-CLICK_ERROR = typer.BadParameter.__mro__[2]
-"""What the command line parser raises, whichever Click it was built on."""
-
-_USAGE = (
-    (
-        r"No such command '(.*?)'\. Did you mean '(.*?)'",
-        "the command must be one of those of --help, perhaps `{1}`; got '{0}'",
-    ),
-    (r"No such command '(.*?)'", "the command must be one of those of --help; got '{}'"),
-    (r"No such option: (\S+)", "every option must be one of those of --help; got '{}'"),
-    (r"Option '(.*?)' requires an argument", "`{}` must be followed by a value; got nothing"),
-    (r"Option '(.*?)' does not take a value", "`{}` must stand alone; got a value"),
-    (r"unexpected extra argument\S* \((.*)\)", "there must be no further argument; got '{}'"),
-    (r"Missing (?:argument|option) '(.*?)'", "`{}` must be given; got nothing"),
-)
-_BAD_VALUE = re.compile(r"Invalid value for '(\S+?)'")
-_REQUIREMENTS = (
-    (r"should be (.*?)(?:, unable.*)?$", "be {}"),
-    (r"is not a valid (\w+)", "be a valid {}"),
-    (r"is not one of (.*?)$", "be one of {}"),
-    (r"is not in the range (.*?)$", "lie in the range {}"),
-)
+_PARSER: Any = sys.modules[typer.BadParameter.__module__]
+"""The errors of the command line parser, whichever Click it was built on."""
 
 
 def error_line(error: BaseException, arguments: Sequence[str] = ()) -> str | None:
     """`<what must hold>; got <what came>` for what the user can mend; None for a bug."""
-    if isinstance(error, CLICK_ERROR):
-        return _usage_line(error.format_message(), arguments)  # type: ignore[attr-defined]
+    if isinstance(error, _PARSER.UsageError):
+        return _one_line(_usage_line(error, arguments))
     if type(error).__name__ == "EquinoxRuntimeError":
         return _one_line(_innermost(str(error)))
     if isinstance(error, OSError) and error.strerror:
@@ -65,32 +46,40 @@ def error_line(error: BaseException, arguments: Sequence[str] = ()) -> str | Non
     return _one_line(str(error)) if own or isinstance(error, ValueError | OSError) else None
 
 
-def _usage_line(message: str, arguments: Sequence[str]) -> str:
-    text = " ".join(message.split()).removesuffix(".")
-    for pattern, sentence in _USAGE:
-        found = re.search(pattern, text)
-        if found:
-            return _one_line(sentence.format(*found.groups()))
-    option = _BAD_VALUE.search(text)
-    if option is None:
-        return _one_line(text)
-    got = _value_of(option[1], arguments)
-    for pattern, sentence in _REQUIREMENTS:
-        found = re.search(pattern, text)
-        if found:
-            return f"`{option[1]}` must {sentence.format(*found.groups())}; got '{got}'"
-    return f"`{option[1]}` must be as --help says; got '{got}'"
+def _usage_line(error: Any, arguments: Sequence[str]) -> str:
+    """The line for an error of the command line parser, from what the error holds."""
+    if isinstance(error, _PARSER.NoSuchOption):
+        near, got = _perhaps(error.possibilities), describe(error.option_name)
+        return f"every option must be one of those of --help{near}; got {got}"
+    if isinstance(error, _PARSER.BadOptionUsage):
+        is_last = arguments[-1] == error.option_name
+        wanted = "be followed by a value; got nothing" if is_last else "stand alone; got a value"
+        return f"`{error.option_name}` must {wanted}"
+    if isinstance(error, _PARSER.BadParameter):
+        hint = error.param.get_error_hint().replace("'", "`")
+        return f"{hint} must {_value_line(error)}"
+    commands = getattr(error.ctx.command, "commands", None)
+    if commands is None:
+        return f"there must be no further argument; got: {error.message.removeprefix('Got ')}"
+    name = next((text for text in arguments if not text.startswith("-")), "")
+    near = _perhaps(get_close_matches(name, commands))
+    return f"the command must be one of those of --help{near}; got {describe(name)}"
 
 
-def _value_of(option: str, arguments: Sequence[str]) -> str:
-    """The last value that the command line gives an option."""
-    value = ""
-    for index, argument in enumerate(arguments):
-        if argument == option and index + 1 < len(arguments):
-            value = arguments[index + 1]
-        elif argument.startswith(f"{option}="):
-            value = argument.partition("=")[2]
-    return value
+def _perhaps(names: Sequence[str] | None) -> str:
+    return f", perhaps `{names[0]}`" if names else ""
+
+
+def _value_line(error: Any) -> str:
+    """What must hold of an argument's value, and what came."""
+    if isinstance(error, _PARSER.MissingParameter):
+        return "be given; got nothing"
+    if not isinstance(error.__cause__, ValidationError):
+        return error.message
+    problem = error.__cause__.errors()[0]
+    choices = problem["msg"].partition(" is not ")[2].removesuffix(".")
+    wanted = f"be {choices}" if choices else requirement(problem)
+    return f"{wanted}; got {describe(problem['input'])}"
 
 
 def _one_line(message: str) -> str:

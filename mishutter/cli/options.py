@@ -29,7 +29,7 @@ class FreeName(Enum):
 def as_path(text: str | Path) -> Path:
     """The path that an argument gives; `Path("")` would be the current folder."""
     if text == "":
-        raise typer.BadParameter("should be a path of at least one character")
+        raise typer.BadParameter("be a path of at least one character; got ''")
     return Path(text)
 
 

@@ -22,3 +22,4 @@ from mishutter.design.search import optimise as optimise
 from mishutter.design.search import starting_shutter as starting_shutter
 from mishutter.design.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.design.space import all_that_can_move as all_that_can_move
+from mishutter.design.starts import window_fits as window_fits

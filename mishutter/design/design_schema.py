@@ -1,9 +1,9 @@
-"""The keys of a saved design, in the units of `mishutter._core.checks`."""
+"""The keys of a saved design: what a file is checked by, and what it is written from."""
 
 import math
 from typing import Annotated, Any, Literal, final
 
-from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict
+from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, field_validator
 
 from mishutter._core import Section
 
@@ -21,6 +21,18 @@ def _read_back(value: Any) -> Any:
 Result = Annotated[float, AllowInfNan(), BeforeValidator(_read_back)]
 
 
+class Part(Section):
+    """A table of a design's file, made from a file's values or from the object that it saves."""
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _as_in_a_file(cls, value: Any) -> Any:
+        """Arrays and tuples as numbers and lists."""
+        if hasattr(value, "tolist"):
+            return value.tolist()
+        return list(value) if isinstance(value, tuple) else value
+
+
 @final
 class SavedShutter(BaseModel):
     """A kind of shutter, and its parameters, which the kind itself checks."""
@@ -31,7 +43,7 @@ class SavedShutter(BaseModel):
 
 
 @final
-class SavedMotion(Section):
+class SavedMotion(Part):
     """A motion; a camera at rest has no acceleration."""
 
     kind: Literal["ParabolicMotion", "StillCamera"]
@@ -40,7 +52,7 @@ class SavedMotion(Section):
 
 
 @final
-class SavedLimits(Section):
+class SavedLimits(Part):
     """The arguments of `Limits`."""
 
     max_stroke: float
@@ -50,7 +62,7 @@ class SavedLimits(Section):
 
 
 @final
-class SavedScene(Section):
+class SavedScene(Part):
     """The arguments of `Scene`, but for the motion."""
 
     speeds: list[float]
@@ -66,7 +78,7 @@ class SavedScene(Section):
 
 
 @final
-class SavedItem(Section):
+class SavedItem(Part):
     """A decision of a plan."""
 
     name: str
@@ -76,7 +88,7 @@ class SavedItem(Section):
 
 
 @final
-class SavedPlan(Section):
+class SavedPlan(Part):
     """What a search computed."""
 
     num_taps: int
@@ -92,7 +104,7 @@ class SavedPlan(Section):
 
 
 @final
-class SavedDesign(Section):
+class SavedDesign(Part):
     """A whole design; its metrics are for whoever reads the file, and evaluated anew."""
 
     format: int

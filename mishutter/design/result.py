@@ -1,7 +1,7 @@
 """A finished design: kept, written to one file, and read back to the same numbers."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mishutter._core import contents, parsed, require, strict_json, validated, write_text
-from mishutter.design.design_schema import FORMAT, SavedDesign, SavedMotion
+from mishutter.design.design_schema import FORMAT, SavedDesign, SavedMotion, SavedScene
 from mishutter.evaluation import Metrics, Plan, evaluate
 from mishutter.model import (
     AbstractMotion,
@@ -66,22 +66,14 @@ class Design:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything in the design as plain numbers, lists and text."""
-        return {
+        parts = {
             "format": FORMAT,
             "mishutter": package_version(),
             "shutter": shutter_to_dict(self.shutter),
             "motion": motion_to_dict(self.motion),
-            "scene": scene_to_dict(self.scene),
-            "loss": self.loss,
-            "loss_name": self.loss_name,
-            "best_start_loss": self.best_start_loss,
             "metrics": metrics_to_dict(self.metrics),
-            "history": [float(x) for x in self.history],
-            "converged": self.converged,
-            "outcome": self.outcome,
-            "certificate": self.certificate,
-            "plan": None if self.plan is None else self.plan.to_dict(),
         }
+        return SavedDesign.model_validate(vars(self) | parts, from_attributes=True).model_dump()
 
     def save(self, path: str | Path) -> None:
         """Write the design to one JSON file, whole or not at all.
@@ -154,41 +146,21 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
     """Numbers of a scene."""
-
-    def plain(value: Any) -> Any:
-        return None if value is None else np.asarray(value, np.float64).tolist()
-
-    return {
-        "speeds": plain(scene.speeds),
-        "weights": plain(scene.weights),
-        "photon_rate": plain(scene.photon_rate),
-        "read_noise": plain(scene.read_noise),
-        "mean_level": plain(scene.mean_level),
-        "deviation": plain(scene.deviation),
-        "power_spectrum": plain(scene.power_spectrum),
-        "cutoff_frequency": plain(scene.cutoff_frequency),
-        "limits": {name: plain(value) for name, value in vars(scene.limits).items()},
-        "picture": scene.picture,
-    }
+    return SavedScene.model_validate(scene, from_attributes=True).model_dump()
 
 
 def _built(file: SavedDesign) -> Design:
     motion = _motion(file.motion)
     scene = file.scene.model_dump()
-    scene["limits"] = Limits(**scene["limits"])
-    return Design(
-        shutter=shutter_from_dict(file.shutter.model_dump()),
-        motion=motion,
-        scene=Scene(**scene, motion=motion),
-        loss=file.loss,
-        history=np.array(file.history),
-        converged=file.converged,
-        outcome=file.outcome,
-        certificate=file.certificate,
-        loss_name=file.loss_name,
-        best_start_loss=file.best_start_loss,
-        plan=None if file.plan is None else Plan.from_dict(file.plan.model_dump()),
-    )
+    scene |= {"limits": Limits(**scene["limits"]), "motion": motion}
+    parts = {
+        "shutter": shutter_from_dict(file.shutter.model_dump()),
+        "motion": motion,
+        "scene": Scene(**scene),
+        "history": np.array(file.history),
+        "plan": None if file.plan is None else Plan.from_dict(file.plan.model_dump()),
+    }
+    return Design(**{field.name: getattr(file, field.name) for field in fields(Design)} | parts)
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:

@@ -73,11 +73,12 @@ def _baseline_boxes(space: DesignSpace) -> list[np.ndarray]:
     shutter = space.shutter
     if not ("shutter" in space.free and isinstance(shutter, SplineShutter)):
         return []
-    return _window_fits(shutter.num_coefficients, shutter.symmetric)
+    return window_fits(shutter.num_coefficients, shutter.symmetric)
 
 
 @lru_cache
-def _window_fits(num_coefficients: int, symmetric: bool) -> list[np.ndarray]:
+def window_fits(num_coefficients: int, symmetric: bool) -> list[np.ndarray]:
+    """Windows as splines that a search starts from, the likeliest first; shape `(p,)` each."""
     windows = (
         HannShutter(),
         TukeyShutter(0.5),

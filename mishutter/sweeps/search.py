@@ -11,33 +11,28 @@ import jax
 import numpy as np
 
 from mishutter._core import alone_in_blas
-from mishutter.design import best_profile
+from mishutter.design import best_profile, window_fits
 from mishutter.evaluation import automatic
-from mishutter.model import (
-    AbstractMotion,
-    HannShutter,
-    ParabolicMotion,
-    RectShutter,
-    Scene,
-    SplineShutter,
-    TukeyShutter,
-)
+from mishutter.model import AbstractMotion, ParabolicMotion, Scene, SplineShutter
 from mishutter.sweeps.grid import Search
+
+_NUM_WINDOWS = 3
+"""Windows that a point starts from; one of them stays where neighbours take their place."""
 
 
 @lru_cache
 def start_boxes(num_coefficients: int, symmetric: bool, seed: int) -> np.ndarray:
     """Profiles that a search starts from without neighbours: windows and a random one."""
-    windows = (TukeyShutter(0.5), HannShutter(), RectShutter())
-    fits = [SplineShutter.fit(w, num_coefficients, symmetric=symmetric) for w in windows]
-    boxes = np.stack([np.asarray(fit.box()) for fit in fits])
+    boxes = np.stack(window_fits(num_coefficients, symmetric)[:_NUM_WINDOWS])
     random = np.random.default_rng(seed).uniform(size=boxes.shape[1])
     return np.concatenate([boxes, random[None]])
 
 
 def basis_of(search: Search) -> tuple[SplineShutter, list[SplineShutter]]:
     """A profile of the kind that is searched, and its basis: each one coordinate open."""
-    first = SplineShutter.fit(RectShutter(), search.num_coefficients, symmetric=search.symmetric)
+    count, symmetric = search.num_coefficients, search.symmetric
+    (box, *_) = window_fits(count, symmetric)
+    first = SplineShutter(box, symmetric=symmetric, num_coefficients=count)
     corners = np.eye(first.box().size, dtype=first.parameters.dtype)
     return first, [first.at(jax.device_put(corner)) for corner in corners]
 

@@ -81,18 +81,7 @@ class MemoryBlocks(AbstractBlocks):
             self.arrays[name][region] = values[None] if self.grid.named_scenes else values
 
     def dataset(self) -> "xarray.Dataset":
-        import xarray
-
-        grid = self.grid
-        variables = {
-            name: (grid.dimensions(name), values, attributes_of(name))
-            for name, values in self.arrays.items()
-        }
-        coordinates = {
-            name: ((name,), values, attributes_of(name))
-            for name, values in coordinates_of(grid).items()
-        }
-        return xarray.Dataset(variables, coordinates, dataset_attributes(grid))
+        return _labelled(self.grid, self.arrays)
 
 
 @final
@@ -152,7 +141,21 @@ class StoredBlocks(AbstractBlocks):
         return opened[list(self.grid.variables)]
 
 
-def coordinates_of(grid: Grid) -> dict[str, np.ndarray]:
+def _labelled(grid: Grid, arrays: Arrays) -> "xarray.Dataset":
+    """Whole arrays of every variable with their dimensions, coordinates and attributes."""
+    import xarray
+
+    variables = {
+        name: (grid.dimensions(name), values, attributes_of(name))
+        for name, values in arrays.items()
+    }
+    coordinates = {
+        name: (name, values, attributes_of(name)) for name, values in _coordinates(grid).items()
+    }
+    return xarray.Dataset(variables, coordinates, dataset_attributes(grid))
+
+
+def _coordinates(grid: Grid) -> dict[str, np.ndarray]:
     """Values of every dimension."""
     known = {
         "scene": np.array(list(grid.scenes), dtype=object),
@@ -195,17 +198,8 @@ def _create(grid: Grid, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
     try:
-        group = zarr.open_group(folder, mode="w", attributes=dataset_attributes(grid))
-        for name, values in coordinates_of(grid).items():
-            text = values.dtype == object
-            array = group.create_array(
-                name,
-                shape=values.shape,
-                dtype=str if text else values.dtype,
-                dimension_names=(name,),
-                attributes=attributes_of(name),
-            )
-            array[...] = values
+        _labelled(grid, {}).to_zarr(folder, mode="w", zarr_format=3, consolidated=False)
+        group = zarr.open_group(folder, mode="r+")
         for name, dtype in grid.variables.items():
             dimensions = grid.dimensions(name)
             group.create_array(

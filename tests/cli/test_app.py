@@ -48,16 +48,45 @@ def test_scene_mistakes(slug, tmp_path, capsys):
 
 USAGE = {
     "unknown-command": (["desing"], "must be one of those of --help; got 'desing'"),
-    "unknown-option": (["optimise", "--oput", "x"], "must be one of those of --help; got '--oput'"),
-    "option-without-value": (["optimise", "--out"], "`--out` must be followed by a value"),
-    "two-scenes": (["optimise", "a.toml", "b.toml"], "no further argument; got 'b.toml'"),
-    "starts-as-text": (["optimise", "--starts", "few"], "`--starts` must be a valid integer; got"),
-    "no-starts": (["optimise", "--starts", "0"], "`--starts` must be "),
-    "no-steps": (["optimise", "--steps=0"], "; got '0'"),
-    "few-coefficients": (["optimise", "--coefficients", "3"], "; got '3'"),
-    "negative-seed": (["optimise", "--seed", "-1"], "; got '-1'"),
-    "unknown-loss": (["optimise", "--loss", "beauty"], "; got 'beauty'"),
-    "unknown-freedom": (["optimise", "--free", "price"], "; got 'price'"),
+    "unknown-option": (
+        ["optimise", "--oput", "x"],
+        "every option must be one of those of --help, perhaps `--out`; got '--oput'",
+    ),
+    "option-of-no-likeness": (["--bad"], "must be one of those of --help; got '--bad'"),
+    "option-without-value": (
+        ["optimise", "--out"],
+        "`--out` must be followed by a value; got nothing",
+    ),
+    "switch-with-value": (["plan", "--json=1"], "`--json` must stand alone; got a value"),
+    "no-design": (["export"], "`DESIGN.json` must be given; got nothing"),
+    "two-scenes": (
+        ["optimise", "a.toml", "b.toml"],
+        "there must be no further argument; got: unexpected extra argument(s) (b.toml)",
+    ),
+    "starts-as-text": (
+        ["optimise", "--starts", "few"],
+        "`--starts` must be a whole number; got 'few'",
+    ),
+    "no-starts": (["optimise", "--starts", "0"], "`--starts` must be at least 1; got '0'"),
+    "no-steps": (["optimise", "--steps=0"], "`--steps` must be at least 1; got '0'"),
+    "few-coefficients": (
+        ["optimise", "--coefficients", "3"],
+        "`--coefficients` must be at least 4; got '3'",
+    ),
+    "many-levels": (
+        ["export", "--levels", "16777217"],
+        "`--levels` must be at most 16777216; got '16777217'",
+    ),
+    "negative-seed": (["optimise", "--seed", "-1"], "`--seed` must be at least 0; got '-1'"),
+    "speed-as-text": (["simulate", "--speed", "x"], "`--speed` must be a number; got 'x'"),
+    "unknown-loss": (
+        ["optimise", "--loss", "beauty"],
+        "`--loss` must be one of 'expected-error', 'design'; got 'beauty'",
+    ),
+    "unknown-freedom": (
+        ["optimise", "--free", "price"],
+        "`--free` must be one of 'shutter', 'acceleration', 'half_exposure'; got 'price'",
+    ),
     "missing-scene": (["optimise", "no.toml"], "No such file or directory"),
     "scene-a-folder": (["optimise", "/"], "'/' must be readable and writable as asked; got: "),
     "shutter-unknown": (["compare", "--shutter", "hamming"], "must be one of rect, hann, "),
