@@ -25,7 +25,7 @@ from mishutter.restore.decoders.linear import (
     share_left_unexplained,
     wiener_filter,
 )
-from mishutter.restore.decoders.richardson_lucy import richardson_lucy
+from mishutter.restore.decoders.likelihood import richardson_lucy
 from mishutter.restore.decoders.tikhonov import _regularised
 from mishutter.restore.decoders.total_variation import _typical_difference
 
