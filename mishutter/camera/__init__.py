@@ -1,4 +1,4 @@
-"""What is recorded: capture, occlusion, footage and noise."""
+"""The recorded picture: capture, occlusion, footage and noise."""
 
 from mishutter.camera.capture import as_light as as_light
 from mishutter.camera.capture import as_pixels as as_pixels

@@ -1,4 +1,4 @@
-"""What the camera records of a scene: blur, shot noise, read noise, and its borders.
+"""A capture as the camera records it: blur, shot noise, read noise, and its borders.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -56,7 +56,7 @@ def simulate_capture(
     adc_bits: int | None = None,
     plan: Plan | Automatic | None = PLANNED,
 ) -> Array:
-    r"""What the camera records of a picture that moves along its rows.
+    r"""Simulate the capture of a picture that moves along its rows.
 
     $g_k = \sum_i h_i f_{k - i}$ with the exact kernel $h$ of the picture's speed, then
     the noise of the paper's equation (4) at $p = \text{rate}\cdot 2T$, in linear light and in
@@ -82,7 +82,7 @@ def simulate_capture(
             mirrored, as its last pixel, periodically, or dark.
         full_well: Most electrons a pixel holds, e-; None for no limit.
         adc_bits: Bits of the converter; None for no rounding.
-        plan: What to compute: by default equal colours of a picture once; None for every
+        plan: By default equal colours of a picture are computed once; None computes every
             colour. Layers are computed where they are seen, in either case.
 
     Returns:
