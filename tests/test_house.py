@@ -52,6 +52,11 @@ def floor(folder: str) -> int:
     return next(i for i, folders in enumerate(FLOORS) if folder in folders)
 
 
+def public_names() -> list[str]:
+    tree = TREES[PACKAGE / "__init__.py"]
+    return [a.asname or a.name for n in tree.body if isinstance(n, ast.ImportFrom) for a in n.names]
+
+
 @every_file
 def test_imports_point_downwards(path):
     """A folder imports only folders on lower floors, through the names in their `__init__`."""
@@ -65,9 +70,21 @@ def test_imports_point_downwards(path):
             assert not module, f"{name} is reached past its folder's `__init__`"
 
 
+def test_few_modules_lie_at_the_top():
+    """A module belongs to a folder; the top holds the public names and `python -m mishutter`."""
+    assert len(list(PACKAGE.glob("*.py"))) <= 6
+
+
 def test_no_public_name_is_that_of_a_folder():
     """`mishutter.sweep` is the function whatever was imported before it."""
     assert not [name for name in public_names() if name in FOLDERS]
+
+
+@pytest.mark.parametrize("name", public_names())
+def test_no_public_function_shares_its_modules_name(name):
+    """The name of a function is never that of the file that it is written in."""
+    module = getattr(getattr(mishutter, name), "__module__", "")
+    assert module.split(".")[-1] != name
 
 
 @every_file
@@ -122,11 +139,6 @@ def test_fields_sit_in_the_final_class(node):
     """An interface says by `AbstractVar` what must be there and holds nothing itself."""
     if is_module(node) and node.name.startswith("Abstract"):
         assert not [ast.unparse(s) for s in node.body if is_field(s)]
-
-
-def public_names() -> list[str]:
-    tree = TREES[PACKAGE / "__init__.py"]
-    return [a.asname or a.name for n in tree.body if isinstance(n, ast.ImportFrom) for a in n.names]
 
 
 def test_public_names_are_re_exported_one_a_line():

@@ -81,10 +81,10 @@ def crossings(
 ) -> tuple[Crossings, Array, DoubleWord]:
     """Crossings of `edges`, of shape `(n + 1,)`, with those far away `brought_near`.
 
-    Beside them the speeds there and the edges, `(1, n + 1)`, which both arms share.
+    The speeds there and the edges, `(1, n + 1)`, which both branches share, come beside them.
     They are values alone: see `moment_change` for derivatives.
     """
-    # What a crossing is looked up by is worked out once, not for each thing looked up.
+    # Computes the index of each crossing once rather than for each table it looks into.
     known = jax.lax.stop_gradient((track, at_rest, tau, edges))
     x, near = once(partial(_located, equal_pieces), *known)
     speed = x.velocity

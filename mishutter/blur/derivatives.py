@@ -144,7 +144,7 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) ->
     distance between its edges.
     """
     a, T, _ = motion
-    # Stored in memory, because every row of `units` reads them.
+    # Stores them in memory, because every row of `units` reads them.
     transmittance, rise = once(_transmittance_and_rise, taps)
     lit = jnp.where(taps.is_held, 0.0, transmittance)
     begin, end = (lit[k] for k in taps.parts)

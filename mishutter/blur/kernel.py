@@ -227,7 +227,7 @@ def _light(
     Edges and breakpoints cut a branch into cells, each in one tap and in one piece. One
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
-    # Values alone: derivatives by the motion and the edges are put on at the end.
+    # Computes values alone: derivatives by the motion and the edges are attached at the end.
     motion, at_rest = passing(motion)
     from_vertex = from_vertex & ~at_rest
     given, fixed = jax.lax.stop_gradient((motion, tau))

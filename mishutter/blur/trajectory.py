@@ -40,7 +40,7 @@ _REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
 def passing(motion: Motion) -> tuple[Motion, Array]:
     """A motion, or one of 1 px per half exposure in place of rest; and whether it is at rest.
 
-    What stands for rest depends on nothing that it stands for, and so has no derivative.
+    The substitute does not depend on the motion it replaces, and so has no derivative.
     """
     a, T, s = motion
     at_rest = jnp.abs(a * T * T) + jnp.abs(s * T) < _REST[np.dtype(s.dtype)]

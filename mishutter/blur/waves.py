@@ -107,7 +107,7 @@ def _in_blocks(rows: Array) -> Array:
 def _empty(position: Array, lights: list[Array], num_kept: int) -> list[Array]:
     """A fine grid for each of several lights, with room for windows that reach over its end."""
     num_cells = max(4 * num_kept, _WIDTH)
-    # Zeros like what is added to them, so that `jax.shard_map` sees them vary over devices too.
+    # The zeros derive from the values added to them, so that `jax.shard_map` sees both vary.
     columns = [jnp.zeros_like(position[:, :1] * light[:, :1]) for light in lights]
     return [jnp.tile(column, (1, num_cells + _WIDTH)) for column in columns]
 

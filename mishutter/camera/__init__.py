@@ -1,4 +1,4 @@
-"""What is recorded: capture, occlusion, footage and noise."""
+"""The recorded picture: capture, occlusion, footage and noise."""
 
 from mishutter.camera.capture import as_light as as_light
 from mishutter.camera.capture import as_pixels as as_pixels
@@ -11,8 +11,8 @@ from mishutter.camera.footage import Frames as Frames
 from mishutter.camera.footage import read_frames as read_frames
 from mishutter.camera.layers import Layer as Layer
 from mishutter.camera.layers import Layers as Layers
-from mishutter.camera.layers_file import is_layers_file as is_layers_file
-from mishutter.camera.layers_file import read_layers as read_layers
+from mishutter.camera.layers import is_layers_file as is_layers_file
+from mishutter.camera.layers import read_layers as read_layers
 from mishutter.camera.noise import noise_variance as noise_variance
 from mishutter.camera.noise import white_electrons as white_electrons
 from mishutter.camera.picture_plan import distinct_colours as distinct_colours

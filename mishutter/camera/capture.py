@@ -1,4 +1,4 @@
-"""What the camera records of a scene: blur, shot noise, read noise, and its borders.
+"""A capture as the camera records it: blur, shot noise, read noise, and its borders.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -24,12 +24,19 @@ from mishutter._core import (
 )
 from mishutter.blur import support
 from mishutter.camera.footage import Frames, expose_frames
-from mishutter.camera.layers import Layers, expose_layers
+from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded, white_electrons
-from mishutter.camera.picture_plan import distinct_colours, every_colour, skips
+from mishutter.camera.occlusion import expose_layers
+from mishutter.camera.picture_plan import distinct_colours, every_colour
 from mishutter.camera.rows import channels_last, convolved, extended, require_border, rows_last
-from mishutter.camera.tiles import expose_tiles
-from mishutter.evaluation import PLANNED, Automatic, Plan, kernels_at_speeds, sized_for
+from mishutter.evaluation import (
+    PLANNED,
+    Automatic,
+    Plan,
+    kernels_at_speeds,
+    require_plan,
+    sized_for,
+)
 from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene, stands_still
 
 MAX_TAPS = 1 << 13
@@ -49,7 +56,7 @@ def simulate_capture(
     adc_bits: int | None = None,
     plan: Plan | Automatic | None = PLANNED,
 ) -> Array:
-    r"""What the camera records of a picture that moves along its rows.
+    r"""Simulate the capture of a picture that moves along its rows.
 
     $g_k = \sum_i h_i f_{k - i}$ with the exact kernel $h$ of the picture's speed, then
     the noise of the paper's equation (4) at $p = \text{rate}\cdot 2T$, in linear light and in
@@ -75,8 +82,8 @@ def simulate_capture(
             mirrored, as its last pixel, periodically, or dark.
         full_well: Most electrons a pixel holds, e-; None for no limit.
         adc_bits: Bits of the converter; None for no rounding.
-        plan: What to compute: by default layers only where they are seen, and equal
-            colours once; None for everything.
+        plan: By default equal colours of a picture are computed once; None computes every
+            colour. Layers are computed where they are seen, in either case.
 
     Returns:
         Light in units of a fully open exposure; the shape of `picture`, but for the
@@ -88,13 +95,13 @@ def simulate_capture(
             `border="scene"`.
     """
     require_border("simulate_capture(border=...)", border)
+    require_plan(plan)
     _check_noise(scene, key)
     if isinstance(picture, Layers | Frames):
         alone = speed == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., border=...)"
         require(alone, subject, "be left to layers and frames", f"{speed!r}, {border!r}")
-        in_layers = expose_tiles if skips(plan) else expose_layers
-        expose = in_layers if isinstance(picture, Layers) else expose_frames
+        expose = expose_layers if isinstance(picture, Layers) else expose_frames
         light = jnp.asarray(expose(picture, motion, shutter))  # type: ignore[arg-type]
         return _recorded(light, scene, motion, key, full_well, adc_bits)
     light = as_light(picture, "simulate_capture(picture=...)")

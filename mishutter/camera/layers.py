@@ -1,19 +1,34 @@
-"""Objects in front of one another, each at its own speed, captured with exact occlusion."""
+"""Objects in front of one another, each at its own speed, and their file.
 
+A layered scene in TOML has a table `[[layers]]` with picture, matte and speed for each.
+"""
+
+import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from mishutter._core import Bare, require, require_finite
-from mishutter.blur import Cells, exposure_cells
-from mishutter.camera.rows import PAD_MODES, fast_length, padded_columns
-from mishutter.model import AbstractMotion, AbstractShutter, Picture
+from mishutter._core import (
+    Bare,
+    Section,
+    contents,
+    parsed,
+    require,
+    require_finite,
+    validated,
+)
+from mishutter.camera.rows import PAD_MODES
+from mishutter.model import Picture, Speed, read_opacity, read_picture
 
-FARTHEST = 10**9
+_FARTHEST = 10**9
 """Columns or rows that a layer's corner may lie from the sensor's."""
+_READ = "read_layers(path=...)"
+_Place = Annotated[int, Field(ge=-_FARTHEST, le=_FARTHEST)]
+_Name = Annotated[str, Field(min_length=1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +52,8 @@ class Layer:
         require(isinstance(picture, Picture), "Layer(picture=...)", "be a `Picture`", picture)
         require_finite("Layer(speed=...)", self.speed)
         for name, place in (("left", self.left), ("top", self.top)):
-            near = -FARTHEST <= place <= FARTHEST
-            require(near, f"Layer({name}=...)", f"lie within {FARTHEST:g} px", place)
+            near = -_FARTHEST <= place <= _FARTHEST
+            require(near, f"Layer({name}=...)", f"lie within {_FARTHEST:g} px", place)
 
     @property
     def matte(self) -> np.ndarray:
@@ -73,14 +88,12 @@ class Layers:
 
     @staticmethod
     def load(path: str | Path) -> "Layers":
-        """Read a layered scene from a TOML file; see `mishutter.camera.layers_file` for its keys.
+        """Read a layered scene from a TOML file; see `read_layers` for its keys.
 
         Raises:
             ValueError: if the file is not a layered scene, or a matte does not fit.
             OSError: if a file cannot be read.
         """
-        from mishutter.camera.layers_file import read_layers
-
         return read_layers(path)
 
     @property
@@ -90,162 +103,67 @@ class Layers:
         return (*self.layers[0].picture.light.shape[:2], channels)
 
 
-class Window(NamedTuple):
-    """A layer cut to the sensor's rows and to columns `first` up to `first + width`."""
+class _LayerEntry(Section):
+    picture: _Name
+    matte: _Name | None = None
+    speed_px_per_s: Speed = 0.0
+    left: _Place = 0
+    top: _Place = 0
 
-    light: np.ndarray
-    matte: np.ndarray
+
+class _LayersFile(Section):
+    border: str = "reflect"
+    layers: list[_LayerEntry] = Field(min_length=1)
 
 
-def expose_layers(
-    layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, dtype: np.dtype | None = None
-) -> np.ndarray:
-    r"""Light on the sensor from layers that hide one another while they move.
+def is_layers_file(path: str | Path) -> bool:
+    """Whether a file is meant as a layered scene, by its name."""
+    return Path(path).suffix.lower() == ".toml"
 
-    $g = \sum_c W_c \sum_l (\alpha_l C_l)_{k - c_l} \prod_{m > l} (1 - \alpha_m)_{k - c_m}$
-    over the cells $c$ of the exposure in which no layer crosses an edge of a pixel: the
-    time integral of the composite, not a composite of blurred layers. In a layer's own
-    frame what hides it depends on relative displacements alone, of which there are few;
-    the cells that share them are one convolution.
 
-    Args:
-        layers: The scene, in linear light.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        dtype: Precision to compute in; that of the first picture by default.
+def read_layers(path: str | Path) -> Layers:
+    """Read a layered scene, from back to front.
 
-    Returns:
-        Light in units of a fully open exposure, at mid-exposure alignment; shape
-        `layers.shape`.
+    ```toml
+    border = "reflect"            # how the first layer goes on: reflect, edge, wrap, zero
+
+    [[layers]]                    # the background, opaque, as large as the sensor
+    picture = "street.png"
+
+    [[layers]]
+    picture = "car.png"           # its alpha is its matte
+    matte = "car_matte.png"       # or a grey picture of the same size; 0 is transparent
+    speed_px_per_s = 1200.0
+    left = 40                     # column and row of its corner at mid-exposure
+    top = 80
+    ```
+
+    Paths are taken from the file's place. A matte is opacity, not light: no gamma is
+    removed from it.
+
+    Raises:
+        OSError: if a file cannot be read.
+        ValueError: if the file is not a layered scene, or a matte does not fit.
     """
-    dtype = layers.layers[0].picture.light.dtype if dtype is None else dtype
-    speeds = np.array([layer.speed for layer in layers.layers], np.float64)
-    cells = exposure_cells(shutter, motion, speeds)
-    rows, columns, channels = layers.shape
-    total = np.zeros((channels, rows, columns), dtype)
-    for index in range(len(layers.layers)):
-        own = cells.shifts[:, index]
-        first, width = -int(own.max()), columns + int(np.ptp(own))
-        seen = window(layers, index, first, width, dtype)
-        shown = seen.light * seen.matte
-        kernel = histogram(own, cells.light, own)
-        total += convolved_columns(shown, kernel, columns)
-        if index + 1 < len(layers.layers):
-            hide(total, layers, index, cells, shown, first, dtype, everywhere=True)
-    return np.moveaxis(total, 0, -1)
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"`{_READ}` must name a TOML file; got {str(path)!r}, not found.")
+    tables = parsed(tomllib.loads, contents(path), str(path), "TOML")
+    file = validated(_LayersFile, tables, str(path))
+    layers = tuple(_layer(entry, path.parent) for entry in file.layers)
+    return Layers(layers, border=file.border)
 
 
-def hide(
-    total,
-    layers: Layers,
-    index: int,
-    cells: Cells,
-    shown,
-    first: int,
-    dtype,
-    *,
-    everywhere: bool = False,
-) -> None:
-    """Take away the light of one layer that the layers in front of it stop."""
-    own = cells.shifts[:, index]
-    relative = cells.shifts[:, index + 1 :] - own[:, None]
-    front = range(index + 1, len(layers.layers))
-    low, high, rows = first, first + shown.shape[-1], slice(0, total.shape[1])
-    if not everywhere:
-        low, high, rows = _reach(layers, front, relative, first, shown.shape[-1])
-    if low >= high or rows.start >= rows.stop:
-        return
-    span, columns = high - low, total.shape[-1]
-    least, spread = int(own.min()), int(np.ptp(own))
-    length = fast_length(span + spread)
-    hidden = np.zeros((total.shape[0], rows.stop - rows.start, length // 2 + 1), complex)
-    combinations, group = np.unique(relative, axis=0, return_inverse=True)
-    part = shown[:, rows, low - first : high - first]
-    mattes = []
-    for column, layer in enumerate(front):
-        shifts = relative[:, column]
-        begin, width = low - int(shifts.max()), span + int(np.ptp(shifts))
-        mattes.append((begin, window(layers, layer, begin, width, dtype).matte[rows]))
-    for number, shifts in enumerate(combinations):
-        clear = np.ones(part.shape[1:], dtype)
-        for (begin, matte), shift in zip(mattes, shifts, strict=True):
-            clear *= 1 - matte[:, low - shift - begin : high - shift - begin]
-        stopped = part * (1 - clear)
-        if not stopped.any():
-            continue
-        chosen = group.reshape(-1) == number
-        kernel = histogram(own[chosen], cells.light[chosen], own)
-        hidden += np.fft.rfft(stopped, length) * np.fft.rfft(kernel, length)
-    dark = np.fft.irfft(hidden, length)[..., : span + spread].astype(dtype)
-    begin = low + least
-    inside = slice(max(begin, 0), min(begin + span + spread, columns))
-    total[:, rows, inside] -= dark[..., inside.start - begin : inside.stop - begin]
+def _layer(entry: _LayerEntry, folder: Path) -> Layer:
+    picture = read_picture(folder / entry.picture)
+    if entry.matte is not None:
+        picture = Picture(picture.light, _matte(folder / entry.matte, picture), picture.name)
+    return Layer(picture, entry.speed_px_per_s, entry.left, entry.top)
 
 
-def _reach(layers: Layers, front: range, relative, first: int, width: int):
-    """Columns of a layer's own frame, and rows, that anything in front of it may cover."""
-    low, high, top, bottom = first + width, first, layers.shape[0], 0
-    for column, index in enumerate(front):
-        layer = layers.layers[index]
-        shifts = relative[:, column]
-        height, length = layer.matte.shape
-        low = min(low, layer.left + int(shifts.min()))
-        high = max(high, layer.left + length + int(shifts.max()))
-        top, bottom = min(top, layer.top), max(bottom, layer.top + height)
-    return (
-        max(low, first),
-        min(high, first + width),
-        slice(max(top, 0), min(bottom, layers.shape[0])),
-    )
-
-
-def window(
-    layers: Layers, index: int, first: int, width: int, dtype, inside: slice | None = None
-) -> Window:
-    """A layer over columns from `first` on; light `(channels, rows, width)` and its matte.
-
-    Over the rows `inside`, or all of the sensor.
-    """
-    rows, columns, channels = layers.shape
-    inside = slice(0, rows) if inside is None else inside
-    layer = layers.layers[index]
-    if index == 0:
-        cut = replace(layer.picture, light=layer.picture.light[inside], matte=None)
-        layer, rows = replace(layer, picture=cut), inside.stop - inside.start
-    else:
-        layer, rows = replace(layer, top=layer.top - inside.start), inside.stop - inside.start
-    picture = np.moveaxis(layer.picture.light, -1, 0).astype(dtype)
-    picture = np.broadcast_to(picture, (channels, *picture.shape[1:]))
-    if index == 0:
-        before, after = max(0, -first), max(0, first + width - columns)
-        padded = padded_columns(picture, before, after, layers.border)
-        light = padded[..., first + before : first + before + width]
-        return Window(light, np.ones((rows, width), dtype))
-    light = np.zeros((channels, rows, width), dtype)
-    matte = np.zeros((rows, width), dtype)
-    height, length = layer.matte.shape
-    r = slice(max(layer.top, 0), max(min(layer.top + height, rows), 0))
-    c = slice(max(layer.left, first), max(min(layer.left + length, first + width), first))
-    if r.start < r.stop and c.start < c.stop:
-        inner = (
-            slice(r.start - layer.top, r.stop - layer.top),
-            slice(c.start - layer.left, c.stop - layer.left),
-        )
-        there = (r, slice(c.start - first, c.stop - first))
-        light[(slice(None), *there)] = picture[(slice(None), *inner)]
-        matte[there] = layer.matte[inner]
-    return Window(light, matte)
-
-
-def histogram(shifts: np.ndarray, light: np.ndarray, every: np.ndarray) -> np.ndarray:
-    """Light by shift, from the least shift of all on."""
-    return np.bincount(shifts - every.min(), light, minlength=int(np.ptp(every)) + 1)
-
-
-def convolved_columns(rows: np.ndarray, kernel: np.ndarray, columns: int) -> np.ndarray:
-    """Rows through a kernel where it lies inside them; `columns` of each."""
-    length = fast_length(rows.shape[-1])
-    spectrum = np.fft.rfft(rows, length) * np.fft.rfft(kernel.astype(rows.dtype), length)
-    blurred = np.fft.irfft(spectrum, length)
-    begin = kernel.size - 1
-    return blurred[..., begin : begin + columns]
+def _matte(path: Path, picture: Picture) -> np.ndarray:
+    matte, expected = read_opacity(path), picture.light.shape[:2]
+    got = f"{matte.shape[1]} x {matte.shape[0]} px in {str(path)!r}"
+    size = f"be as large as its picture, {expected[1]} x {expected[0]} px"
+    require(matte.shape == expected, "read_layers(matte=...)", size, got)
+    return matte

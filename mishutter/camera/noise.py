@@ -1,4 +1,4 @@
-"""What the sensor makes of the light that falls on it: electrons, full well, numbers."""
+"""The sensor turns light into electrons, cuts them off at its full well, and rounds them."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -48,7 +48,7 @@ def recorded(
     full_well: float | None = None,
     adc_bits: int | None = None,
 ) -> Array:
-    r"""What a sensor records of `light`, in units of a fully open exposure of white.
+    r"""Light as a sensor records it, in units of a fully open exposure of white.
 
     $g = \mathrm{Poisson}(p f)/p + \mathrm{Normal}(0, (\sigma/p)^2)$ (4). A full well cuts
     the electrons off before the read noise comes in; a converter of $b$ bits rounds to

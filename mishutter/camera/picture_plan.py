@@ -1,4 +1,4 @@
-"""What of a picture needs doing: equal colours once, and nothing that is there already."""
+"""Equal colours of a picture, computed once and copied to every channel."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +19,7 @@ def distinct_colours(light: Array, plan: Plan | Automatic | None) -> Array:
 
     Args:
         light: Shape `(rows, columns)` or `(..., rows, columns, channels)`.
-        plan: What the caller was asked to compute.
+        plan: The caller's own argument `plan=`.
 
     Returns:
         Shape of `light`, with one channel where the colours are equal.

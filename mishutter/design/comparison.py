@@ -50,11 +50,11 @@ class Row:
 
     Attributes:
         reading: `"same motion"` or `"own best motion"`.
-        name: What the shutter is called.
+        name: Name of the shutter.
         shutter: The profile.
         motion: The motion it is measured on.
         loss: The loss that tuned it; None where none was given.
-        metrics: What is measured of it.
+        metrics: Its metrics.
     """
 
     reading: str
@@ -71,7 +71,7 @@ class Comparison:
 
     Attributes:
         rows: One a shutter and reading.
-        verdict: What the method gains over the best snapshot for this scene.
+        verdict: A sentence on the gain over the best snapshot for this scene.
         gain: That gain; dB, negative where the snapshot is better.
     """
 
@@ -137,9 +137,9 @@ def compare(
         scene: Speeds, light, noise and limits.
         motion: Motion of the first reading, and the start of the second; or a design, which
             is compared on its own motion, as "optimised" where no `shutters` are given.
-        shutters: What to compare with the baselines, by name: profiles or designs. Those of a
+        shutters: Profiles or designs to compare with the baselines, by name. Those of a
             list are "shutter 0" and so on.
-        loss: What tunes the motions, a loss or a function of scene, motion and shutter; the
+        loss: The loss that tunes the motions, or a function of scene, motion and shutter; the
             expected error by default.
         step: Called with the name of each shutter when its own best motion is found.
         plan: What to compute: a plan is made for each shutter and motion; None computes

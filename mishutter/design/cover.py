@@ -62,7 +62,7 @@ def _openings(
     """Profiles that are open about the times of some speeds; shape `(n, p)`.
 
     Args:
-        space: What may move.
+        space: The design space.
         scene: Its speeds.
         boxes: The motions, with any profile; shape `(n, size)`.
         numbers: Of each profile the slowest and the fastest share of the speeds, the width
@@ -76,7 +76,7 @@ def _openings(
     nearest = np.abs(share - low) <= np.min(np.abs(share - low), axis=1, keepdims=True)
     chosen = ((share >= low) & (share <= high)) | nearest
     chosen[::2] = True
-    # A sensor at rest keeps up with nothing: one opening anywhere.
+    # A sensor at rest keeps up with nothing, so one opening lies anywhere.
     moves = top_speed > 0
     times = np.where(moves, speeds / np.where(moves, top_speed, 1.0), 2 * first - 1)
     spacing = 2 / spline.num_coefficients

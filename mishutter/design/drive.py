@@ -1,8 +1,8 @@
-r"""What the electronics of a shutter are given: a level for each step of the exposure.
+r"""The drive table of a shutter: a level for each step of the exposure.
 
 A liquid-crystal shutter is driven in equal steps of time, at one of a finite number of
-levels between a floor above 0 and a ceiling below 1. The table says which, and what the
-design loses by it.
+levels between a floor above 0 and a ceiling below 1. The table lists the levels, and its
+metrics tell the loss by them.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class DriveTable:
         begin: Beginning of each step, from mid-exposure; s, shape `(n,)`.
         wanted: Mean transmittance of the design over each step; shape `(n,)`.
         level: Drive level of each step; whole numbers, shape `(n,)`.
-        transmittance: What that level lets through; shape `(n,)`.
+        transmittance: Transmittance at that level; shape `(n,)`.
         num_levels: How many levels there are.
     """
 
@@ -56,7 +56,7 @@ class DriveTable:
         return ChippedShutter(self.transmittance)
 
     def metrics(self) -> Metrics:
-        """What is measured of the driven shutter on the design's motion and scene."""
+        """Metrics of the driven shutter on the design's motion and scene."""
         return evaluate(self.design.scene, self.design.motion, self.shutter())
 
     def to_csv(self) -> str:
@@ -110,7 +110,7 @@ def drive_table(
     lets $\text{floor} + (\text{ceiling} - \text{floor})\,j/(n - 1)$ through.
 
     Args:
-        design: What is to be driven.
+        design: The design to be driven.
         num_steps: Steps of the exposure, at most 100,000.
         num_levels: Drive levels, at least 2.
         floor: Transmittance of the lowest level.

@@ -45,8 +45,8 @@ from mishutter.model import (
 )
 
 _ROUGH_STEP = 2
-"""Frequencies for each of the rough ones: what the error is an average of does not yet repeat
-itself over half as many."""
+"""Frequencies for each of the rough ones: over half as many, the terms that the error averages do
+not yet repeat themselves."""
 _ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
@@ -87,7 +87,7 @@ class DesignObjective(AbstractObjective):
 
 
 class Exposure(NamedTuple):
-    """All that transfer functions see of a design.
+    """The part of a design that transfer functions see.
 
     Attributes:
         nodes: Quadrature nodes, weighted by the transmittance.
@@ -119,7 +119,7 @@ class SpectralObjective(AbstractObjective):
 
     @property
     def exposures(self) -> "Exposures":
-        """What is seen of the designs, the same however many frequencies are looked at."""
+        """Exposures of the designs, the same however many frequencies are looked at."""
         return Exposures(self.space, self.nodes, self.plan.num_nodes)
 
     @property
@@ -136,14 +136,14 @@ class SpectralObjective(AbstractObjective):
 
 @final
 class Exposures(eqx.Module):
-    """What transfer functions see of the design at each point of a box."""
+    """The part of the design at each point of a box that transfer functions see."""
 
     space: DesignSpace
     nodes: LitNodes | None
     num_nodes: int = eqx.field(static=True)
 
     def at(self, box: Array) -> Exposure:
-        """What is seen at a point; shape `(size,)`."""
+        """The exposure at a point of shape `(size,)`."""
         shutter, motion = self.space.at(box)
         nodes = self.nodes
         if nodes is None:
@@ -208,7 +208,7 @@ def objective_of(
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
     if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
         require_sizes(plan.num_taps, plan.num_frequencies, kernels=False, spectra=True)
-        # One of two numbers an octave, so that scenes of other speeds share programs.
+        # Rounding to two numbers an octave lets scenes of other speeds share programs.
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free:
             nodes = lit_nodes(space.shutter, plan.num_nodes, np.dtype(space.max_speed.dtype))
@@ -234,7 +234,7 @@ def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjecti
         num_frequencies=count,
         num_kept=kept and math.ceil(kept / _ROUGH_STEP),
     )
-    # The mean power of each band: it is steep, and where a band's middle lies says little.
+    # A band takes its mean power: the spectrum is so steep that the middle says little of it.
     dtype = np.dtype(scene.speeds.dtype)
     power = np.asarray(picture_power(scene, plan.num_frequencies, dtype))
     bands = jax.device_put(power.reshape(count, _ROUGH_STEP).mean(axis=1))
@@ -276,7 +276,7 @@ class Layout:
 def _basis(
     space: DesignSpace, scene: Scene, plan: Plan, parts_wanted: Parts
 ) -> tuple[Array, Layout]:
-    """Response of each coordinate alone, and what it is laid out as."""
+    """Response of each coordinate alone, and its layout."""
     recorded = _records_of_each(scene, space.motion, space.shutter, space.size, plan, parts_wanted)
     kernels, spectra, light = map(np.asarray, recorded)
     still = spectrum = differences = np.zeros((light.size, 0), light.dtype)
@@ -301,7 +301,7 @@ def _records_of_each(
     plan: Plan,
     parts_wanted: Parts,
 ) -> Records:
-    """Of a profile with each coordinate alone at 1, by one program."""
+    """Records of a profile with each coordinate alone at 1, by one program."""
 
     def one(corner: Array) -> Records:
         return records(scene, motion, profile.at(corner), plan, *parts_wanted)

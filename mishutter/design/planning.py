@@ -1,4 +1,4 @@
-"""The plan of a scene: what is left out of a computation because it cannot change a result."""
+"""The plan of a scene leaves out the work that cannot change a result."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ from mishutter.model import (
 
 @dataclass(frozen=True)
 class Needs:
-    """What a loss, or all metrics, are made from.
+    """The numbers that a loss, or all metrics, are made from.
 
     Attributes:
         kernels: Whether a kernel is.
@@ -59,7 +59,7 @@ class Needs:
 
 
 def needs_of(loss: AbstractLoss | None) -> Needs:
-    """What a loss is made from; everything where that is not known."""
+    """The needs of a loss; everything where they are not known."""
     if loss is None:
         return Needs()
     given = loss.needed(skips=False) if isinstance(loss, WeightedSum) else [(loss, 1.0)]
@@ -83,16 +83,16 @@ def plan(
     loss: AbstractLoss | Callable[..., Any] | None = None,
     free: str | Iterable[str] = (),
 ) -> Plan:
-    """What a scene needs computed, and why the rest can be left out.
+    """Plan the computation of a scene, with the reason for each part that is left out.
 
-    Only what cannot change a result beyond rounding is left out.
+    Only work that cannot change a result beyond rounding is left out.
 
     Args:
         scene: Speeds, light, noise, spectrum and limits; concrete.
         motion: Motion of the sensor; where it is free, that to start from.
         shutter: Transmittance over the exposure; where it is free, that to start from.
-        loss: What the plan is for: its value, or all that `evaluate` measures.
-        free: What a search may move: `"shutter"`, `"acceleration"`, `"half_exposure"`.
+        loss: The loss whose value is planned; by default all that `evaluate` measures.
+        free: Parts that a search may move: `"shutter"`, `"acceleration"`, `"half_exposure"`.
 
     Returns:
         The plan. It prints as a table, and every `plan=` takes it.
@@ -144,7 +144,7 @@ def exact_plan(
     needs: Needs,
     space: DesignSpace | None,
 ) -> Plan:
-    """What can be left out without any change."""
+    """The plan that leaves out all work that cannot change a result."""
     full = full_sizes(scene, motion, space)
     folds, still = is_symmetric(shutter), nothing_moves(scene)
     num_kept = _frequencies_with_power(scene, full) if needs.only_error else full.num_frequencies

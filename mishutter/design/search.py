@@ -101,21 +101,22 @@ def optimise(
         motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest.
         shutter: Profile to start from, whose kind is kept; by default the free-form
             `starting_shutter` of the scene.
-        loss: What is made small, a loss or a function of scene, motion and shutter; the
+        loss: The loss to be minimised, or a function of scene, motion and shutter; the
             expected error by default.
-        free: What may move: `"shutter"`, `"acceleration"`, `"half_exposure"`; all that can
+        free: Parts that may move: `"shutter"`, `"acceleration"`, `"half_exposure"`; all that can
             by default.
         num_starts: How many descents; by default 16, and more where speeds are few.
         seed: Of the starts.
         max_steps: Steps of the descent, and of the polish, at most.
         progress: Called with the step and the smallest loss so far.
         throw: Whether an end other than convergence raises.
-        plan: What to compute; made for the whole space by default, None for everything.
+        plan: The plan of the computation, made for the whole space by default; None computes
+            everything.
 
     Returns:
         The best design found, how the search ended in a sentence, and the
-        projected-gradient norm as the certificate. What is held of the motion is not moved
-        into the limits; where it lies outside, a second sentence says so.
+        projected-gradient norm as the certificate. A part of the motion that is held is not
+        moved into the limits; where it lies outside, a second sentence says so.
 
     Raises:
         ValueError: if `free` names nothing that can move, a count is not positive, `seed` is
@@ -189,9 +190,9 @@ def best_profile(
         motion: Motion of the sensor.
         shutter: A profile of the kind that is searched.
         starts: Points of its box; shape `(n, size)`.
-        loss: What is made small.
+        loss: The loss to be minimised.
         max_steps: Steps of each descent, at most.
-        plan: What to compute.
+        plan: The plan of the computation.
 
     Returns:
         The best point of the box, `(size,)`, and its loss.

@@ -55,7 +55,7 @@ def loss_and_gradient(
 def _losses_and_gradients(
     objective: AbstractObjective, boxes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of at most so many points as one call takes; shapes `(n,)` and `(n, size)`."""
+    """Losses and gradients at as many points as one call takes; shapes `(n,)`, `(n, size)`."""
     room = np.zeros((_POINTS_A_CALL, *boxes.shape[1:]), boxes.dtype)
     room[: len(boxes)] = boxes
     count = np.asarray(len(boxes))
@@ -70,7 +70,7 @@ def _losses_and_gradients(
 def _by_parts(
     objective: SpectralObjective, boxes: np.ndarray, count: np.ndarray
 ) -> tuple[Array, Array]:
-    """As `_one_by_one`, by the chain rule: the part that takes long to compile sees no shutter.
+    """Losses and gradients by the chain rule, whose longer part to compile sees no shutter.
 
     One program of it serves every kind of shutter and of motion.
     """
@@ -182,7 +182,7 @@ def polish(
     would stop it short where the light is bright and the loss small.
 
     Args:
-        objective: What is made small.
+        objective: The function to be minimised.
         box: Where to begin; shape `(size,)`.
         max_steps: Steps, at most.
         low: Bounds in place of those of the unit box, inside it; shape `(size,)`.

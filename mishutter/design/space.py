@@ -62,7 +62,7 @@ class DesignSpace(eqx.Module):
         motion: Motion that is held where it is not free.
         limits: Bounds on stroke, top speed and exposure.
         max_speed: Fastest object; px/s.
-        free: What may move.
+        free: Parts that may move.
         num_profile_coordinates: How many of the coordinates belong to the shutter.
     """
 
@@ -106,8 +106,8 @@ class DesignSpace(eqx.Module):
     def bends(self) -> Bends:
         """Where along the half exposure the bounds of a free acceleration change their course.
 
-        Each of stroke, top speed, what the fastest object and the given motion ask for, and
-        the least that is explored gives way to another where two of them meet.
+        Stroke, top speed, the demand of the fastest object and the given motion, and the least
+        acceleration that is explored give way to one another where two of them meet.
         """
         index = self.num_profile_coordinates
         if not {"acceleration", "half_exposure"} <= set(self.free):
@@ -189,7 +189,7 @@ def design_space(
 
 
 def all_that_can_move(motion: AbstractMotion, shutter: AbstractShutter) -> tuple[str, ...]:
-    """What a search moves by default: a camera at rest stays, and so does a fixed window."""
+    """Parts that a search moves by default: a camera at rest stays, so does a fixed window."""
     held = set()
     if stands_still(motion):
         held.add("acceleration")

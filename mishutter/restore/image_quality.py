@@ -132,7 +132,7 @@ def ghost_energy(
 ) -> float:
     r"""Energy of the picture's echo in the error of its restoration.
 
-    What the paper calls ghosting: where a kernel ends abruptly, the restoration holds a
+    The paper calls it ghosting: where a kernel ends abruptly, the restoration holds a
     faint copy of the picture's edges displaced by the kernel's length. With the rows'
     differences $u$ of the picture and $e$ of the error, $\rho(d) = \sum e_{k+d} u_k / \sum
     u_k^2$ is the amplitude of the copy at displacement $d$; the energy is

@@ -58,9 +58,9 @@ class RestoredPhotograph(NamedTuple):
         standard_error: Standard error of `psnr` over the seeds; dB.
         linear_standard_error: That of `linear_psnr`.
         mean_psnr: Weighted over speeds: PSNR of the mean squared error, linear light; dB.
-        expected_psnr: What the ensemble filter is expected to reach on captures of pictures
+        expected_psnr: PSNR that the ensemble filter is expected to reach on captures of pictures
             with the scene's spectrum, over the scene's speeds; linear light, dB.
-        reference: What a perfect decoder would have found; `(rows, columns, channels)`.
+        reference: The picture that a perfect decoder would find; `(rows, columns, channels)`.
         captured: Light as recorded, first seed; shape `(s, rows, columns, channels)`.
         restored: Light restored, first seed; the same shape.
     """
@@ -77,7 +77,7 @@ class RestoredPhotograph(NamedTuple):
     restored: np.ndarray
 
     def at(self, index: int) -> "RestoredPhotograph":
-        """What was found at one of the speeds, alone."""
+        """The figures and pictures of one of the speeds, alone."""
         one = slice(index, index + 1)
         each = {name: getattr(self, name)[one].copy() for name in _AT_EACH_SPEED}
         return self._replace(**each)
@@ -117,7 +117,7 @@ def deconvolve(
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
         decoder: How; the ensemble filter by default.
-        model: What `blur_model` gives for these, if it is at hand.
+        model: The result of `blur_model` for these, if it is at hand.
         plan: What to compute: by default equal colours once; None for everything.
 
     Returns:

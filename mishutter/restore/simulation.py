@@ -66,7 +66,7 @@ def capture_and_restore(
         adc_bits: Bits of the converter; None for no rounding.
         rows_at_once: How many rows.
         progress: Called with a sentence and the share done.
-        plan: What to compute, as in `simulate_capture` and `deconvolve`.
+        plan: The argument of `simulate_capture` and of `deconvolve`.
 
     Raises:
         ValueError: as `simulate_capture`.

@@ -15,7 +15,6 @@ import pytest
 from support.frame_reference import integrate_frames
 
 import mishutter as ms
-import mishutter.camera.layers_file
 from mishutter.camera.noise import _RUN, noise_variance, recorded, shot_electrons
 from mishutter.model.images import shipped_picture
 

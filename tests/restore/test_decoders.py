@@ -19,13 +19,13 @@ from mishutter.evaluation.needs import PLANNED
 from mishutter.restore import decoders
 from mishutter.restore.decoders.banded import banded
 from mishutter.restore.decoders.borders import Continuation, captured_spectrum
+from mishutter.restore.decoders.likelihood import richardson_lucy
 from mishutter.restore.decoders.linear import (
     ensemble_filter,
     expected_squared_error,
     share_left_unexplained,
     wiener_filter,
 )
-from mishutter.restore.decoders.richardson_lucy import richardson_lucy
 from mishutter.restore.decoders.tikhonov import _regularised
 from mishutter.restore.decoders.total_variation import _typical_difference
 

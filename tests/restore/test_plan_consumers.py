@@ -1,6 +1,6 @@
 """What computes by a plan gives what it gives with everything computed, on random scenes.
 
-Losses and metrics are in `test_plan`, layers in `test_tiles`, grids in `test_sweep_plan`;
+Losses and metrics are in `test_plan`, layers in `test_occlusion`, grids in `test_sweep_plan`;
 here are the objectives of the search, captures and decoders.
 """
 

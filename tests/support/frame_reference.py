@@ -1,12 +1,27 @@
-"""Temporal integration by brute force: many sharp frames, weighted by the shutter.
+"""Temporal integration by brute force: many images of the whole sensor, each weighted.
 
-Each frame is what a high-speed camera shows that is open for the whole frame: a layer
+A frame is what a high-speed camera shows that is open for the whole frame: a layer
 that crosses an edge of a pixel within a frame is split between its two places.
 """
 
 import numpy as np
 
-from mishutter.blur.intervals import pixel_phase
+from mishutter.blur.intervals import exposure_cells, pixel_phase
+
+
+def integrate_cells(layers, motion, shutter):
+    """The capture of `layers` as a sum of one image for each cell of the exposure; float64."""
+    cells = exposure_cells(shutter, motion, np.array([float(x.speed) for x in layers.layers]))
+    reach = int(np.max(np.abs(cells.shifts)))
+    padded = [_padded(layers, i, reach) for i in range(len(layers.layers))]
+    total = np.zeros(layers.shape)
+    for shifts, light in zip(cells.shifts.tolist(), cells.light, strict=True):
+        image = np.zeros(layers.shape)
+        for (colour, matte), shift in zip(padded, shifts, strict=True):
+            image *= 1 - _moved(matte, shift, reach, layers.shape[1])
+            image += _moved(colour, shift, reach, layers.shape[1])
+        total += light * image
+    return total
 
 
 def integrate_frames(layers, motion, shutter, num_frames, *, sharp=False):

@@ -3,13 +3,13 @@
 from mishutter.restore.decoders.base import AbstractDecoder as AbstractDecoder
 from mishutter.restore.decoders.base import BlurModel as BlurModel
 from mishutter.restore.decoders.base import blur_model as blur_model
+from mishutter.restore.decoders.likelihood import (
+    RichardsonLucyDecoder as RichardsonLucyDecoder,
+)
+from mishutter.restore.decoders.likelihood import richardson_lucy as richardson_lucy
 from mishutter.restore.decoders.linear import EnsembleDecoder as EnsembleDecoder
 from mishutter.restore.decoders.linear import WienerDecoder as WienerDecoder
 from mishutter.restore.decoders.linear import expected_squared_error as expected_squared_error
-from mishutter.restore.decoders.richardson_lucy import (
-    RichardsonLucyDecoder as RichardsonLucyDecoder,
-)
-from mishutter.restore.decoders.richardson_lucy import richardson_lucy as richardson_lucy
 from mishutter.restore.decoders.tikhonov import TikhonovDecoder as TikhonovDecoder
 from mishutter.restore.decoders.total_variation import (
     TotalVariationDecoder as TotalVariationDecoder,

@@ -76,5 +76,5 @@ def banded(kernel: np.ndarray) -> BandedConvolution:
 
 
 def _cost(num_taps: int, block: int) -> int:
-    """Of one pixel, in units of a multiplication."""
+    """Cost of one pixel, in units of a multiplication."""
     return (1 - (-(num_taps - 1) // block)) * (block + _COST_OF_COPY)

@@ -1,4 +1,4 @@
-"""What a decoder knows of a capture, and what it gives back.
+"""Decoders, and the model of the blur that they are given.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -25,7 +25,7 @@ from mishutter.model import NUM_FREQUENCIES, AbstractMotion, AbstractShutter, Sc
 
 @final
 class BlurModel(eqx.Module):
-    r"""What a decoder knows: kernels, noise, and the statistics of pictures.
+    r"""The knowledge of a decoder: kernels, noise, and the statistics of pictures.
 
     Attributes:
         kernels: Kernels at the speeds that may occur, aligned; shape `(s, n)`, numpy.
@@ -95,7 +95,7 @@ class AbstractDecoder(eqx.Module):
         Args:
             captured: Light in units of a fully open exposure; shape
                 `(..., rows, columns)`.
-            model: What is known of the blur, the noise and the picture.
+            model: Kernels, noise and the picture's statistics.
 
         Returns:
             Light of the picture, white = 1; shape of `captured`.
@@ -110,7 +110,7 @@ def blur_model(
     plan: Plan | Automatic | None = PLANNED,
     least_taps: int = 1,
 ) -> BlurModel:
-    r"""What a decoder may know of a scene, a motion and a shutter.
+    r"""The knowledge that a decoder may have of a scene, a motion and a shutter.
 
     The kernels are those of the scene's speeds with its weights; the noise is
     $N = \eta\bar f/p + (\sigma/p)^2$; the picture's spectrum is the scene's.

@@ -1,4 +1,4 @@
-r"""What a capture would have shown beyond its ends: the likeliest continuation of a row.
+r"""The likeliest continuation of a captured row beyond its ends.
 
 A filter that takes a row for periodic, dark or mirrored outside rings at the borders.
 Here the row is continued by the conditional mean of a Gaussian process with the known
@@ -80,7 +80,7 @@ def captured_spectrum(model: BlurModel, length: int) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def _prediction(periodic_covariance: bytes, gap: int, context: int) -> np.ndarray:
-    """Kept, because a picture is restored a few rows at a time."""
+    """Cached, because a picture is restored a few rows at a time."""
     from scipy.linalg import cho_factor, cho_solve
 
     covariance = np.frombuffer(periodic_covariance)

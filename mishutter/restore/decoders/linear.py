@@ -32,7 +32,7 @@ class EnsembleDecoder(AbstractDecoder):
 class WienerDecoder(AbstractDecoder):
     r"""Wiener's filter with the picture's power spectrum and the still object's kernel.
 
-    $G = S \bar H_0 / (S |H_0|^2 + N)$: what the paper's section 4.2 restores with.
+    $G = S \bar H_0 / (S |H_0|^2 + N)$, the filter of the paper's section 4.2.
     """
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
@@ -55,7 +55,7 @@ def wiener_filter(model: BlurModel, length: int) -> np.ndarray:
 
 
 def share_left_unexplained(model: BlurModel, length: int) -> float:
-    r"""What Wiener's filter is expected to leave of a capture, in units of the noise.
+    r"""Share of a capture that Wiener's filter leaves unexplained, in units of the noise.
 
     $\overline{|1 - G H_0|^2 (S \sum p_i |H_i|^2 + N)} / N$ over the grid of a DFT; 1 where
     the picture has no power that the blur lets through.

@@ -1,9 +1,10 @@
-"""Pictures done once and only where they are seen: the same light as everything everywhere."""
+"""Pictures computed once, and only where they are seen: the light of everything everywhere."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support.frame_reference import integrate_cells
 
 from mishutter import (
     HannShutter,
@@ -22,8 +23,7 @@ from mishutter import (
     simulate_capture,
 )
 from mishutter.blur.intervals import exposure_cells
-from mishutter.camera.layers import expose_layers
-from mishutter.camera.tiles import expose_tiles, seen_layers
+from mishutter.camera.occlusion import expose_layers, seen_layers
 
 HALF = 0.009
 MOVING = ParabolicMotion(acceleration=13.0 / HALF**2, half_exposure=HALF)
@@ -65,13 +65,13 @@ def random_layers(seed):
 @pytest.mark.parametrize(
     "seeds", [range(8), pytest.param(range(8, 108), marks=pytest.mark.slow)], ids=["few", "many"]
 )
-def test_tiles_are_the_whole_exposure(name, seeds):
-    """Random layered scenes have the same light, done in tiles and everywhere."""
+def test_occlusion_is_the_sum_of_all_images(name, seeds):
+    """Random layered scenes have the light of the whole sensor's image in every cell."""
     for seed in seeds:
         layers = random_layers(seed)
-        whole = expose_layers(layers, MOTIONS[name], HannShutter())
-        tiles = expose_tiles(layers, MOTIONS[name], HannShutter())
-        assert np.max(np.abs(whole - tiles)) < AGREES
+        found = expose_layers(layers, MOTIONS[name], HannShutter())
+        whole = integrate_cells(layers, MOTIONS[name], HannShutter())
+        assert np.max(np.abs(whole - found)) < AGREES
 
 
 @pytest.mark.parametrize(
@@ -89,10 +89,9 @@ def test_layers_that_nobody_sees_are_left_out(gone):
     """A layer that is clear, off the sensor or behind one that moves along is not rendered."""
     front = Layer(picture(9, 11), speed=-350.0, left=20, top=7)
     layers = Layers((Layer(picture(23, 61)), gone, front))
-    seen, _ = seen_layers(layers, MOVING, HannShutter())
-    assert seen.layers == (layers.layers[0], front)
-    whole = expose_layers(layers, MOVING, HannShutter())
-    assert np.max(np.abs(whole - expose_tiles(layers, MOVING, HannShutter()))) < AGREES
+    assert seen_layers(layers, MOVING).layers == (layers.layers[0], front)
+    whole = integrate_cells(layers, MOVING, HannShutter())
+    assert np.max(np.abs(whole - expose_layers(layers, MOVING, HannShutter()))) < AGREES
 
 
 def test_a_layer_that_is_seen_through_a_hole_stays():
@@ -102,7 +101,7 @@ def test_a_layer_that_is_seen_through_a_hole_stays():
     faster = Layer(picture(9, 11), speed=-360.0, left=20, top=7)
     for front in (hole, faster):
         layers = Layers((Layer(picture(23, 61)), behind, front))
-        assert len(seen_layers(layers, MOVING, HannShutter())[0].layers) == 3
+        assert len(seen_layers(layers, MOVING).layers) == 3
 
 
 @pytest.mark.parametrize(("left", "top"), [(9, 9), (21, -2), (26, 9), (21, 12)])
@@ -111,17 +110,17 @@ def test_a_layer_beside_one_that_moves_along_stays(left, top):
     beside = Layer(picture(5, 6), speed=-350.0, left=left, top=top)
     front = Layer(picture(9, 11), speed=-350.0, left=20, top=7)
     layers = Layers((Layer(picture(23, 61)), beside, front))
-    assert len(seen_layers(layers, MOVING, HannShutter())[0].layers) == 3
+    assert len(seen_layers(layers, MOVING).layers) == 3
 
 
-def test_many_wide_layers_take_the_transforms():
-    """Where a cell by cell sum takes longer the light is that of the transforms."""
+def test_cells_that_share_what_is_hidden_take_the_transforms():
+    """Where a sum over cells takes longer the light is that of Fourier transforms."""
     wide = Layer(picture(23, 400, matte=disc(23, 400)), speed=40.0, left=-100)
     layers = Layers((Layer(picture(23, 300), speed=3.0), wide))
     num_cells = len(exposure_cells(HannShutter(), MOVING, np.array([3.0, 40.0])).light)
     assert num_cells > 20
-    whole = expose_layers(layers, MOVING, HannShutter())
-    assert np.max(np.abs(whole - expose_tiles(layers, MOVING, HannShutter()))) < AGREES
+    whole = integrate_cells(layers, MOVING, HannShutter())
+    assert np.max(np.abs(whole - expose_layers(layers, MOVING, HannShutter()))) < AGREES
 
 
 def grey(rows, columns):

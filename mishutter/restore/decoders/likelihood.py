@@ -20,11 +20,11 @@ from mishutter.restore.decoders.linear import share_left_unexplained, wiener_fil
 
 _LEAST = 1e-6
 _DARKEST = 0.02
-"""Least share of its light that a pixel starts with: from nothing no step leads away."""
+"""Least share of its light that a pixel starts with: no step leads away from 0."""
 _TILE = 128
-"""Rows that are iterated on together: few enough that they stay in the cache."""
+"""Rows that one loop iterates on: few enough that they stay in the cache."""
 _SAMPLE = 64
-"""Rows of a plane by which is decided when it stops."""
+"""Rows of a plane that decide when it stops."""
 
 
 @final
@@ -215,7 +215,7 @@ def _iterated(
             after = lambda: _step(state, data, operator, norm)[0]  # noqa: E731
             return jax.lax.cond(index < count[0], after, lambda: state) if count else after()
 
-        # As many turns as are known beforehand: others do not differentiate in reverse.
+        # JAX differentiates a loop in reverse only if the number of its turns is known beforehand.
         return jax.lax.fori_loop(0, method[0], step, _first_state(start, method[1]))[0]
 
     counted = () if counts is None else (jnp.repeat(counts, per_plane),)
