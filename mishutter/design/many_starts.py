@@ -73,11 +73,11 @@ def descend(
         advance = partial(_advanced, objective, count)
         num_threads = min(num_processors(), len(shares))
         calls = in_threads(advance, parts, num_threads, first_alone=not history)
-        each_met = []
-        for rows, (moved, met) in zip(shares, calls, strict=True):
-            _write_back(state, rows, moved)
+        each_met, finite = [], np.ones(len(starts), bool)
+        for rows, (moved, met, is_finite) in zip(shares, calls, strict=True):
+            _write_back((state, finite), rows, (moved, is_finite))
             each_met.append(met)
-        check_finite(state.known.is_finite)
+        check_finite(finite)
         steps_left -= _STEPS_PER_CALL
         lowest, theta = _best_of(each_met)
         history.append(lowest)
@@ -86,12 +86,11 @@ def descend(
             progress(max_steps - max(0, steps_left), float(lowest[-1]))
         if len(history) >= _CALLS_TO_TELL:
             num_going = min(num_going, max(num_last, math.ceil(num_going / 2)))
-            state.done[np.argsort(state.known.loss, kind="stable")[num_going:]] = True
-        if np.all(state.done) or _settled(state.known.loss, state.done, history):
+            state.done[np.argsort(state.loss, kind="stable")[num_going:]] = True
+        if np.all(state.done) or _settled(state.loss, state.done, history):
             break
     lowest = np.minimum.accumulate(np.concatenate(history))
-    boxes = np.sin(state.known.theta) ** 2
-    return Descent(boxes, state.known.loss, lowest, np.concatenate(trail))
+    return Descent(np.sin(state.theta) ** 2, state.loss, lowest, np.concatenate(trail))
 
 
 def num_lasting(num_starts: int) -> int:
@@ -126,14 +125,14 @@ def _part(state: "_State", rows: np.ndarray, size: int) -> "_State":
     return part
 
 
-def _write_back(state: "_State", rows: np.ndarray, part: "_State") -> None:
-    """Put the state of some starts in their rows."""
-    for whole, some in zip(jax.tree.leaves(state), jax.tree.leaves(part), strict=True):
-        whole[rows] = some[: rows.size]
+def _write_back(arrays: Any, rows: np.ndarray, parts: Any) -> None:
+    """Put what was found of some starts in their rows."""
+    for whole, part in zip(jax.tree.leaves(arrays), jax.tree.leaves(parts), strict=True):
+        whole[rows] = np.asarray(part)[: rows.size]
 
 
-def _best_of(each_met: "Sequence[_Point]") -> tuple[np.ndarray, np.ndarray]:
-    """The least loss of several parts after each step, NaN for no step, and where it was."""
+def _best_of(each_met: "Sequence[_Met]") -> tuple[np.ndarray, np.ndarray]:
+    """The least loss of several parts after each step, until none goes on, and where."""
     losses, places = np.stack([x.loss for x in each_met]), np.stack([x.theta for x in each_met])
     taken = np.any(np.isfinite(losses), axis=0)
     best = np.nanargmin(losses[:, taken], axis=0), np.arange(np.sum(taken))
@@ -149,93 +148,91 @@ def _settled(losses: np.ndarray, done: np.ndarray, history: list[np.ndarray]) ->
     return before - latest <= _TOLERANCE * abs(latest)
 
 
-class _Point(NamedTuple):
-    """Angles, their loss, and whether it and its gradient are finite."""
-
-    theta: Any
-    loss: Any
-    is_finite: Any
-
-
 class _State(NamedTuple):
-    """Where the descents are: the last known point, the solver's own, and which have ended."""
+    """Where the descents are: angles, losses, the arrays of the solver, and which have ended."""
 
-    known: _Point
     theta: Array
-    memory: Any
+    loss: Array
+    memory: list[Array]
     done: Array
+
+
+class _Met(NamedTuple):
+    """The least loss after each of some steps, NaN for those not taken, and where it was."""
+
+    loss: Array | np.ndarray
+    theta: Array | np.ndarray
 
 
 _SOLVER = optx.BFGS(rtol=_TOLERANCE, atol=_TOLERANCE)
 
 
 def _in_angles(objective: AbstractObjective):
-    """The loss by angles for Optimistix, which returns beside it the points that it accepts.
+    return lambda theta, args: (objective(jnp.sin(theta) ** 2), None)
 
-    Optimistix keeps gradients to itself. Here they are computed with the loss, so that the
-    point says whether they are finite, and the solver differentiates a plane of that slope.
-    """
-    with_gradient = jax.value_and_grad(lambda theta: objective(jnp.sin(theta) ** 2))
 
-    def plane(theta: Array, _: None) -> tuple[Array, _Point]:
-        here = jax.lax.stop_gradient(theta)
-        loss, gradient = with_gradient(here)
-        is_finite = jnp.isfinite(loss) & jnp.all(jnp.isfinite(gradient))
-        slope = jnp.where(is_finite, gradient, 0)
-        return loss + jnp.sum(slope * (theta - here)), _Point(here, loss, is_finite)
-
-    return plane
+def _solver_state(theta: Array) -> Any:
+    """Optimistix's own state at angles of one start, which knows nothing of the function yet."""
+    scalar = jax.ShapeDtypeStruct((), theta.dtype)
+    return _SOLVER.init(lambda y, _: (jnp.sum(y), None), theta, None, {}, scalar, None, frozenset())
 
 
 @compiled
 def _start(starts: Array) -> _State:
     theta = jnp.arcsin(jnp.sqrt(jnp.clip(starts, _MARGIN, 1 - _MARGIN)))
-    num_starts, largest = theta.shape[0], jnp.finfo(theta.dtype).max
-    known = _Point(theta, jnp.full(num_starts, largest), jnp.ones(num_starts, bool))
-
-    def memory(known: _Point) -> Any:
-        like = jax.eval_shape(lambda: known)
-        state = _SOLVER.init(
-            lambda *_: (known.loss, known), known.theta, None, {}, like.loss, like, frozenset()
-        )
-        # Optimistix takes JAX's default for its step size, which would widen the angles.
-        dtype = theta.dtype
-        return jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, state)
-
-    return _State(known, theta, jax.vmap(memory)(known), jnp.zeros(num_starts, bool))
+    state = eqx.filter_vmap(_solver_state)(theta)
+    # Optimistix takes JAX's default for its step size, which would widen the angles.
+    leaves = jax.tree.leaves(eqx.filter(state, eqx.is_array))
+    memory = [x.astype(theta.dtype) if eqx.is_inexact_array(x) else x for x in leaves]
+    not_known = jnp.full(theta.shape[0], jnp.finfo(theta.dtype).max)
+    return _State(theta, not_known, memory, jnp.zeros(theta.shape[0], bool))
 
 
-def _advanced(objective: AbstractObjective, num_steps: Array, state: _State):
+def _advanced(
+    objective: AbstractObjective, num_steps: Array, state: _State
+) -> tuple[_State, "_Met", np.ndarray]:
     """`_advance` by at most so many steps, waited for."""
-    return jax.tree.map(np.asarray, _advance(objective, state, num_steps, _STEPS_PER_CALL))
+    state, met, finite = _advance(objective, state, num_steps, _STEPS_PER_CALL)
+    return state, _Met(*(np.asarray(x) for x in met)), np.asarray(finite)
 
 
 @compiled
 def _advance(objective: AbstractObjective, state: _State, num_steps: Array, capacity: int):
     function = _in_angles(objective)
+    like = eqx.filter_eval_shape(_solver_state, state.theta[0])
+    dynamic, static = eqx.partition(like, lambda x: isinstance(x, jax.ShapeDtypeStruct))
+    remembered = jax.tree.structure(dynamic)
+
+    def solver(memory: list[Array]) -> Any:
+        return eqx.combine(remembered.unflatten(memory), static)
 
     def step(state: _State) -> _State:
-        theta, memory, known = _SOLVER.step(
-            function, state.theta, None, {}, state.memory, frozenset()
-        )
-        ended, _ = _SOLVER.terminate(function, theta, None, {}, memory, frozenset())
-        return _State(known, theta, memory, ended)
+        before = solver(state.memory)
+        moved, after, _ = _SOLVER.step(function, state.theta, None, {}, before, frozenset())
+        ended, _ = _SOLVER.terminate(function, moved, None, {}, after, frozenset())
+        memory = jax.tree.leaves(eqx.filter(after, eqx.is_array))
+        return _State(moved, after.f_info.f, memory, ended)
 
     def one(state: _State) -> _State:
         return jax.lax.cond(state.done, lambda: state, lambda: step(state))
 
     def body(carry):
-        count, state, met = carry
+        count, state, met, finite = carry
         state = jax.vmap(one)(state) if objective.batches else jax.lax.map(one, state)
-        best = jnp.argmin(state.known.loss)
-        met = jax.tree.map(lambda all_, x: all_.at[count].set(x[best]), met, state.known)
-        return count + 1, state, met
+        gradient = solver(state.memory).f_info.grad
+        finite &= jnp.isfinite(state.loss) & jnp.all(jnp.isfinite(gradient), axis=1)
+        best = jnp.argmin(state.loss)
+        met = _Met(
+            met.loss.at[count].set(state.loss[best]), met.theta.at[count].set(state.theta[best])
+        )
+        return count + 1, state, met, finite
 
     def unfinished(carry):
-        count, state, _ = carry
-        return (count < num_steps) & jnp.any(~state.done) & jnp.all(state.known.is_finite)
+        count, state, _, finite = carry
+        return (count < num_steps) & jnp.any(~state.done) & jnp.all(finite)
 
-    none = jax.tree.map(lambda x: jnp.zeros((capacity, *x.shape[1:]), x.dtype), state.known)
-    first = jnp.zeros((), jnp.int32), state, none._replace(loss=none.loss * jnp.nan)
-    _, state, met = jax.lax.while_loop(unfinished, body, first)
-    return state, met
+    dtype, size = state.theta.dtype, state.theta.shape[1]
+    met = _Met(jnp.full(capacity, jnp.nan, dtype), jnp.zeros((capacity, size), dtype))
+    first = (jnp.zeros((), jnp.int32), state, met, jnp.ones_like(state.done))
+    _, state, met, finite = jax.lax.while_loop(unfinished, body, first)
+    return state, met, finite
