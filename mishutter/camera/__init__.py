@@ -4,9 +4,12 @@ from mishutter.camera.capture import as_light as as_light
 from mishutter.camera.capture import as_pixels as as_pixels
 from mishutter.camera.capture import blurred_at_speeds as blurred_at_speeds
 from mishutter.camera.capture import centred_kernel as centred_kernel
+from mishutter.camera.capture import distinct_colours as distinct_colours
+from mishutter.camera.capture import every_colour as every_colour
 from mishutter.camera.capture import kernel_layout as kernel_layout
 from mishutter.camera.capture import noisy as noisy
 from mishutter.camera.capture import simulate_capture as simulate_capture
+from mishutter.camera.capture import skips as skips
 from mishutter.camera.footage import Frames as Frames
 from mishutter.camera.footage import read_frames as read_frames
 from mishutter.camera.layers import Layer as Layer
@@ -15,9 +18,6 @@ from mishutter.camera.layers import is_layers_file as is_layers_file
 from mishutter.camera.layers import read_layers as read_layers
 from mishutter.camera.noise import noise_variance as noise_variance
 from mishutter.camera.noise import white_electrons as white_electrons
-from mishutter.camera.picture_plan import distinct_colours as distinct_colours
-from mishutter.camera.picture_plan import every_colour as every_colour
-from mishutter.camera.picture_plan import skips as skips
 from mishutter.camera.rows import along_rows as along_rows
 from mishutter.camera.rows import channels_last as channels_last
 from mishutter.camera.rows import fast_length as fast_length

@@ -27,7 +27,6 @@ from mishutter.camera.footage import Frames, expose_frames
 from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded, white_electrons
 from mishutter.camera.occlusion import expose_layers
-from mishutter.camera.picture_plan import distinct_colours, every_colour
 from mishutter.camera.rows import channels_last, convolved, extended, require_border, rows_last
 from mishutter.evaluation import (
     PLANNED,
@@ -260,3 +259,33 @@ def _check_noise(scene: Scene, key: Array | None) -> None:
 @compiled
 def _blurred(planes: Array, kernel: Array, origin: int, border: str) -> Array:
     return convolved(extended(planes, kernel.size - 1 - origin, origin, border), kernel)
+
+
+def skips(plan: Plan | Automatic | None) -> bool:
+    """Whether an argument `plan=` leaves out what changes nothing."""
+    require_plan(plan)
+    return plan.skips if isinstance(plan, Plan) else plan is not None
+
+
+def distinct_colours(light: Array, plan: Plan | Automatic | None) -> Array:
+    """A picture, or one of its colours where all are the same and `plan` skips.
+
+    Args:
+        light: Shape `(rows, columns)` or `(..., rows, columns, channels)`.
+        plan: The caller's own argument `plan=`.
+
+    Returns:
+        Shape of `light`, with one channel where the colours are equal.
+    """
+    if not (skips(plan) and light.ndim > 2 and light.shape[-1] > 1 and is_concrete(light)):
+        return light
+    colours = np.asarray(light)
+    alike = bool(np.all(colours == colours[..., :1]))
+    return jnp.asarray(colours[..., :1]) if alike else light
+
+
+def every_colour(light: Array, like: ArrayLike) -> Array:
+    """`light` with as many channels as `like`."""
+    if light.ndim < 3 or light.shape[-1] == jnp.shape(like)[-1]:
+        return light
+    return jnp.broadcast_to(light, (*light.shape[:-1], jnp.shape(like)[-1]))

@@ -10,6 +10,7 @@ from mishutter.evaluation.batch import rules_of as rules_of
 from mishutter.evaluation.batch import scenes_for as scenes_for
 from mishutter.evaluation.batch import shapes_of as shapes_of
 from mishutter.evaluation.batch import sizes_of as sizes_of
+from mishutter.evaluation.lengths import distinct_speeds as distinct_speeds
 from mishutter.evaluation.lengths import extent as extent
 from mishutter.evaluation.lengths import num_frequencies as num_frequencies
 from mishutter.evaluation.lengths import require_sizes as require_sizes
@@ -48,4 +49,3 @@ from mishutter.evaluation.response import folded as folded
 from mishutter.evaluation.response import kernel_phase as kernel_phase
 from mishutter.evaluation.response import kernels_at_speeds as kernels_at_speeds
 from mishutter.evaluation.response import records as records
-from mishutter.evaluation.speeds import distinct_speeds as distinct_speeds

@@ -1,15 +1,20 @@
-"""How far light travels on a motion, and how many taps and frequencies that takes."""
+r"""How far light travels on a motion, and how many taps and frequencies that takes.
 
-from typing import NamedTuple
+On a sensor that turns, light of an object at speed $s$ falls between
+$aT^2\max(|\nu| - 1, 0)^2$ and $aT^2(1 + |\nu|)^2$ from the vertex of its path. Objects that
+the sensor does not keep up with are displaced by $s^2/4a$ against one another, more than any
+camera could record. A single filter gains nothing from two objects so far apart that no
+detail reaches from one to the other; there the distance does not matter, and is cut.
+"""
+
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import Bare, is_concrete, require
-from mishutter.evaluation.alignment import aligned
-from mishutter.evaluation.speeds import distinct_speeds
-from mishutter.model import NUM_FREQUENCIES, AbstractMotion, Scene
+from mishutter.model import NUM_FREQUENCIES, AbstractMotion, Scene, turns
 
 _MAX_LENGTH = 1 << 16
 """Length over which light may fall; px. Longer kernels and responses are refused."""
@@ -22,6 +27,71 @@ _OF_ONE_SPEED = 2560, 24, 1 << 17
 """Frequencies of a single speed: at least, for each px, and at most by the second. Its response
 has zeros, about which the error rises within a fraction of a step. Several speeds have none in
 common, as a rule: two need a quarter as many, three a ninth."""
+FURTHEST_GAP = 1024.0
+"""Distance between the light of two objects from which on pictures do not correlate; px."""
+_SAME_SPEED = 4
+"""Roundings of the fastest speed within which two speeds are one."""
+
+Numbers = Array | np.ndarray
+
+
+def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`.
+
+    Speeds that differ in their last digits alone, as those of a range that is meant to
+    mirror itself do, are one.
+    """
+    speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
+    speeds, weights = speeds[weights > 0], weights[weights > 0]
+    values = np.abs(speeds) if folds else speeds
+    order = np.argsort(values, kind="stable")
+    values, weights = values[order], weights[order]
+    same = _SAME_SPEED * np.finfo(values.dtype).eps * np.max(np.abs(values), initial=0)
+    begins = np.diff(values, prepend=-np.inf) > same
+    merged = np.bincount(np.cumsum(begins) - 1, weights)
+    return values[begins], merged.astype(weights.dtype)
+
+
+class Alignment(NamedTuple):
+    """Light of objects of several speeds, beside that of the slowest.
+
+    Attributes:
+        displacement: What is added to positions from mid-exposure; px, shape `(s, ...)`.
+        extent: Length over which the light of all of them falls; px, shape `(1, ...)`.
+    """
+
+    displacement: Numbers
+    extent: Numbers
+
+
+def aligned(stroke: Numbers, smear: Numbers) -> Alignment:
+    """Alignment of objects at the vertices of their paths, gaps cut to 1,024 px.
+
+    A camera at rest is aligned at mid-exposure.
+
+    Args:
+        stroke: Travel of the sensor to either end, $aT^2$; px, shape `(1, ...)`.
+        smear: Travel of each object in half the exposure, $sT$; px, shape `(s, ...)`.
+    """
+    space: Any = np if isinstance(smear, np.ndarray) and isinstance(stroke, np.ndarray) else jnp
+    moves = turns(stroke)
+    quarter = 4 * space.where(moves, stroke, 1.0)
+    order = space.argsort(space.abs(smear), axis=0)
+    fast = space.take_along_axis(space.abs(smear), order, axis=0)
+    # Differences of squares as products: of long displacements the squares leave no digits.
+    near, far = space.maximum(fast - 2 * stroke, 0), fast + 2 * stroke
+    length = space.where(near > 0, 2 * fast, far * far / quarter)
+    before = space.concatenate([space.zeros_like(far[:1]), far[:-1]])
+    gap = space.minimum((near - before) * (near + before) / quarter, FURTHEST_GAP)
+    begin = space.cumsum(gap + space.concatenate([space.zeros_like(gap[:1]), length[:-1]]), axis=0)
+    at_end = begin + fast - stroke
+    sorted_displacement = space.where(near > 0, at_end, fast * fast / quarter)
+    back = space.argsort(order, axis=0)
+    displacement = space.take_along_axis(sorted_displacement, back, axis=0)
+    extent = begin[-1:] + length[-1:] - begin[:1]
+    return Alignment(
+        space.where(moves, displacement, 0.0), space.where(moves, extent, 2 * fast[-1:])
+    )
 
 
 class Extent(NamedTuple):

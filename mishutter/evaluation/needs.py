@@ -21,6 +21,7 @@ from mishutter.blur import default_num_frequencies, support
 from mishutter.evaluation.lengths import (
     MAX_COUNT,
     Extent,
+    distinct_speeds,
     extent,
     longest_within_limits,
     most_spread,
@@ -28,7 +29,6 @@ from mishutter.evaluation.lengths import (
     size_class,
     spread_of_traced,
 )
-from mishutter.evaluation.speeds import distinct_speeds
 from mishutter.model import (
     CORNER_FREQUENCY,
     NUM_FREQUENCIES,

@@ -21,8 +21,7 @@ from mishutter.blur import (
     sum_of_waves,
     waves_of_blocks,
 )
-from mishutter.evaluation.alignment import aligned
-from mishutter.evaluation.lengths import require_sizes, size_class
+from mishutter.evaluation.lengths import aligned, require_sizes, size_class
 from mishutter.evaluation.needs import Plan
 from mishutter.model import (
     AbstractMotion,

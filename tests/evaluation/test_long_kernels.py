@@ -21,7 +21,7 @@ from mishutter import (
     optimise,
     sweep,
 )
-from mishutter.evaluation.alignment import FURTHEST_GAP, aligned
+from mishutter.evaluation.lengths import FURTHEST_GAP, aligned
 
 PSNR_ERROR = 0.02
 """Difference from 65,536 frequencies, dB: promised of any scene."""
