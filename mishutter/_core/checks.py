@@ -133,9 +133,9 @@ def named(
     Args:
         subject: The argument.
         given: The things; those without names are numbered.
-        kind: What each must be.
-        what: What to call one in an error.
-        label: What stands before a number.
+        kind: The class that each must have.
+        what: The noun for one in an error.
+        label: The text before a number.
 
     Raises:
         ValueError: if there is none, or one of another kind.

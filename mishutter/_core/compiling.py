@@ -40,7 +40,7 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
 
     These programs compile in half of the time so, and run as fast. XLA takes the choice for
     whole programs alone: a call within a function that JAX traces is compiled as that one is.
-    What is known there is computed at once, and so still known.
+    Values that are known there are computed at once, and stay known.
 
     One thread traces at a time. Threads share what JAX knows of the functions in a program,
     among that derivative rules, and JAX fails where two of them trace one rule at once.

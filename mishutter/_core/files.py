@@ -16,7 +16,7 @@ _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def contents(path: str | Path) -> bytes:
-    """What a scene or design file holds.
+    """The contents of a scene or design file.
 
     Raises:
         OSError: if it cannot be read.
@@ -110,7 +110,7 @@ def short_names(paths: Iterable[Path], taken: Iterable[str] = ()) -> dict[str, P
 
     Args:
         paths: The files.
-        taken: What none of them may be called.
+        taken: Names that none of them may have.
     """
     ends = {path: _ends(path.absolute()) for path in paths}
     counts = Counter(taken) + Counter(end for each in ends.values() for end in each)

@@ -26,13 +26,13 @@ File = TypeVar("File", bound=Section)
 
 
 def parsed(parse: Callable[[str], Any], content: bytes, name: str, form: str) -> Any:
-    """What a text file holds.
+    """The contents of a text file, parsed.
 
     Args:
         parse: Reads the text.
         content: The file's bytes.
-        name: What an error calls the file.
-        form: What the file must be.
+        name: The file's name in an error.
+        form: The format that the file must have.
 
     Raises:
         ValueError: if it is none.
@@ -65,8 +65,8 @@ def validated(
 
     Args:
         model: The schema.
-        tables: What the file holds.
-        name: What an error calls the file.
+        tables: The contents of the file.
+        name: The file's name in an error.
         key_name: How an error writes a key.
 
     Raises:
@@ -86,7 +86,7 @@ def validated(
 
 
 def requirement(problem: Mapping[str, Any]) -> str:
-    """What must hold, by one of the `errors()` of a `ValidationError`."""
+    """The requirement that one of the `errors()` of a `ValidationError` states."""
     sentences = {
         "missing": "be given",
         "greater_than": "be above {gt}",

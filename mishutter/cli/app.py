@@ -1,6 +1,6 @@
 """The command line: arguments in, public functions called, text and files out.
 
-What takes seconds to import is imported inside the commands.
+Modules that take seconds to import are imported inside the commands.
 """
 
 import itertools

@@ -1,4 +1,4 @@
-"""What a terminal sees: one line for an error, a progress bar, strict JSON, a table."""
+"""Output of the terminal: one line for an error, a progress bar, strict JSON, a table."""
 
 import io
 import logging
@@ -71,7 +71,7 @@ def _perhaps(names: Sequence[str] | None) -> str:
 
 
 def _value_line(error: Any) -> str:
-    """What must hold of an argument's value, and what came."""
+    """The requirement on an argument's value, and the value."""
     if isinstance(error, _PARSER.MissingParameter):
         return "be given; got nothing"
     if not isinstance(error.__cause__, ValidationError):
@@ -111,8 +111,8 @@ def write_json(document: Mapping[str, Any]) -> None:
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table on standard output; the first column is text, the others numbers.
 
-    What there is no room for goes on below, beside the first column once more: no number
-    is cut. That column takes at most half the room then, and has lines broken.
+    Columns without room go on below, beside the first column once more: no number is cut.
+    That column takes at most half the room then, and has lines broken.
     """
     console = _console()
     cells = [[str(row[index]) for row in rows] for index in range(len(columns))]

@@ -185,7 +185,7 @@ def _with_baselines(named: "dict[str, AbstractShutter]") -> "dict[str, AbstractS
 
 @contextmanager
 def _notes() -> Iterator[None]:
-    """What the sweep logs, as notes on standard error."""
+    """Log records of the sweep, as notes on standard error."""
     handler = logging.Handler(logging.INFO)
     handler.emit = lambda record: note(record.getMessage())  # type: ignore[method-assign]
     logger = logging.getLogger("mishutter.sweep")

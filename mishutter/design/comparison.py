@@ -142,7 +142,7 @@ def compare(
         loss: The loss that tunes the motions, or a function of scene, motion and shutter; the
             expected error by default.
         step: Called with the name of each shutter when its own best motion is found.
-        plan: What to compute: a plan is made for each shutter and motion; None computes
+        plan: The parts to compute: a plan is made for each shutter and motion; None computes
             everything.
 
     Returns:

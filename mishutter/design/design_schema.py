@@ -89,7 +89,7 @@ class SavedItem(Part):
 
 @final
 class SavedPlan(Part):
-    """What a search computed."""
+    """The plan of a search."""
 
     num_taps: int
     dft_length: int

@@ -101,8 +101,8 @@ def num_lasting(num_starts: int) -> int:
 def _part_size(objective: AbstractObjective, num_starts: int) -> int:
     """How many starts one call advances, at most.
 
-    Those that are at hand together stay together: a few, whose number does not depend on the
-    machine as their roundings might, or on an accelerator all.
+    Starts that a batch advances together stay together, so that the number of processors does
+    not change their roundings; an accelerator advances all at once.
     """
     num_parts = min(num_processors(), num_starts)
     if objective.batches:

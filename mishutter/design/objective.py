@@ -105,7 +105,7 @@ class SpectralObjective(AbstractObjective):
     """The loss of the design at each point where it sees transfer functions alone.
 
     Attributes:
-        nodes: Those of a shutter that stays; None where it moves.
+        nodes: Quadrature nodes of a shutter that stays; None where it moves.
     """
 
     loss: AbstractResponseLoss

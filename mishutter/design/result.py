@@ -44,7 +44,7 @@ class Design:
             motion meet, by the slopes that lead down on either side.
         loss_name: The loss that was made small.
         best_start_loss: Smallest loss among the starts.
-        plan: What the search computed; None where that is not known.
+        plan: The plan of the search; None where that is not known.
     """
 
     shutter: AbstractShutter
@@ -61,7 +61,7 @@ class Design:
 
     @cached_property
     def metrics(self) -> Metrics:
-        """What is measured of it on its scene; computed where it is asked for."""
+        """Its metrics on its scene, computed at the first use."""
         return evaluate(self.scene, self.motion, self.shutter)
 
     def to_dict(self) -> dict[str, Any]:

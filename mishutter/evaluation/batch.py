@@ -76,7 +76,7 @@ class Sizes(NamedTuple):
 
 
 class Shapes(NamedTuple):
-    """What is the same for all designs of a batch; static.
+    """Sizes that all designs of a batch share; static.
 
     Attributes:
         dft_lengths: Lengths that the condition number may be taken over.
@@ -106,7 +106,7 @@ class Rules(NamedTuple):
 
 
 class _Need(NamedTuple):
-    """What a design needs of the loops; its attributes are scalars.
+    """Numbers that the loops need of a design; its attributes are scalars.
 
     Attributes:
         num_blocks: Blocks of taps.
@@ -234,8 +234,8 @@ def measure(
         motions: What `motions_at` makes of theirs.
         shutter: The shutter.
         rules: Its rules; of its coordinates where each design has its own.
-        shapes: What holds all designs.
-        sizes: What each asks for.
+        shapes: Sizes that hold all designs.
+        sizes: Sizes that each design asks for.
         metrics: Which are wanted. Expected PSNRs have the shape `(n, p, r)`, others `(n,)`.
         light: Photon rates, e-/s, shape `(p,)`, and read noises, e-, shape `(r,)`.
         boxes: Coordinates of each design's own shutter, shape `(n, k)`; None for one shutter.

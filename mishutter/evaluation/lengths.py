@@ -56,7 +56,7 @@ class Alignment(NamedTuple):
     """Light of objects of several speeds, beside that of the slowest.
 
     Attributes:
-        displacement: What is added to positions from mid-exposure; px, shape `(s, ...)`.
+        displacement: Distance added to positions from mid-exposure; px, shape `(s, ...)`.
         extent: Length over which the light of all of them falls; px, shape `(1, ...)`.
     """
 

@@ -84,7 +84,7 @@ def evaluate(
         scene: Speeds, light and noise.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        plan: What to compute; made for the scene by default, None for everything. The
+        plan: The parts to compute; made for the scene by default, None for all. The
             share of the bound needs every frequency, so all are taken whatever the plan.
 
     Returns:

@@ -57,7 +57,7 @@ class Item:
     """One decision of a plan.
 
     Attributes:
-        name: What the decision is about.
+        name: The part that the decision is about.
         full: How much of it a full computation has.
         kept: How much of it the plan keeps.
         why: Why that is enough.
@@ -71,7 +71,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to compute; static, hashable, and equal for scenes of equal needs.
+    """The parts to compute; static, hashable, and equal for scenes of equal needs.
 
     Attributes:
         num_taps: Taps of a blur kernel.

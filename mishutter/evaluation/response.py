@@ -137,7 +137,8 @@ def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
 def folded(kernels: Array | np.ndarray, plan: Plan) -> tuple[Array | np.ndarray, int]:
     """Kernels `(..., n)` as the DFT of a loss takes them, and its length.
 
-    What is longer is laid over its beginning, which leaves every sample of the DFT as it is.
+    The part of a kernel beyond that length is laid over its beginning, which leaves every sample
+    of the DFT as it is.
     """
     length = plan.loss_dft_length or plan.dft_length
     if kernels.shape[-1] <= length:
@@ -242,7 +243,7 @@ def aligned_spectra(
 ) -> Array:
     """Transfer functions on the frequency grid, aligned as the kernels are; `(s, m)`, complex.
 
-    Those that occur are `aligned`. With `num_kept` only at the lowest of the frequencies; with
+    Speeds that occur are `aligned`. With `num_kept` only at the lowest of the frequencies; with
     `num_blocks` from so many first blocks of nodes, and without a derivative.
     """
     dtype = nodes.tau.dtype

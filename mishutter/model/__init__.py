@@ -1,4 +1,4 @@
-"""What is designed for: motions, scenes and their files, images, shutters."""
+"""The problem of a design: motions, scenes and their files, images, shutters."""
 
 from mishutter.model.frequencies import frequencies as frequencies
 from mishutter.model.frequencies import frequency_grid as frequency_grid

@@ -29,7 +29,7 @@ class Picture:
     Attributes:
         light: Light, white = 1; shape `(rows, columns, channels)`, 1 or 3 channels, float32.
         matte: Opacity, if the file holds one; shape `(rows, columns)`, in `[0, 1]`.
-        name: What to call it.
+        name: Its name in an error.
     """
 
     light: np.ndarray
@@ -59,7 +59,7 @@ class Picture:
 
 
 class RowSpectrum(NamedTuple):
-    """What a scene takes from a picture: `Scene(**spectrum._asdict())` fields.
+    """The fields of a scene that follow from a picture: `Scene(**spectrum._asdict())` fields.
 
     Attributes:
         power_spectrum: Mean power of the rows in equal steps of (0, 0.5) cycles/px.

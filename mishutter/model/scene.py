@@ -1,4 +1,4 @@
-"""What is photographed: the speeds that occur, the light, the sensor's noise and limits."""
+"""A scene: the speeds that occur, the light, the sensor's noise and limits."""
 
 import os
 from typing import final
@@ -35,7 +35,7 @@ that a sensor records (cycles/px), and how many equal steps up to it are looked 
 
 @final
 class Limits(eqx.Module):
-    """What the mechanism and the exposure may reach.
+    """The furthest that the mechanism and the exposure may reach.
 
     Args:
         max_stroke: Largest $aT^2$; px.
@@ -107,7 +107,7 @@ class Scene(eqx.Module):
             where light spreads further, which share its power. Shape `(m,)`.
         cutoff_frequency: Highest frequency that the optics pass: the picture on the
             sensor holds none above it, and below it some; cycles/px, at most 0.5.
-        limits: What the mechanism and the exposure may reach.
+        limits: The furthest that the mechanism and the exposure may reach.
         motion: Motion to start from or to compare at; the `fullest_motion` of the limits
             by default.
         picture: Path of the photograph to show results on; None for none.

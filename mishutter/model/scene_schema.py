@@ -60,14 +60,14 @@ class Sensor(Section):
 
 @final
 class OpticsSection(Section):
-    """What the lens passes."""
+    """The highest frequency that the lens passes."""
 
     cutoff_cycles_per_px: Annotated[float, Field(gt=0, le=0.5)] = 0.5
 
 
 @final
 class LimitsSection(Section):
-    """What the mechanism and the exposure may reach."""
+    """The furthest that the mechanism and the exposure may reach."""
 
     max_stroke_px: LongestStroke = 200.0
     max_top_speed_px_per_s: TopSpeed = 1e5

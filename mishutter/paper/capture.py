@@ -31,7 +31,7 @@ ELECTRONS, READ_NOISE = 1e4, 10.0
 AXIS = np.linspace(0.0, 0.5, 11)
 """The paper's speed axis."""
 READINGS = {"s/(aT)": 0.5, "s/(2aT)": 1.0}
-"""What the axis may mean, and the normalised speed `s/(2aT)` that 1 on it then is."""
+"""Meanings that the axis may have, and the normalised speed `s/(2aT)` that 1 on it then is."""
 PHOTOGRAPHS = {
     "camera": ("camera.png", (60, 188)),
     "motorcycle": ("motorcycle_left.png", (180, 308)),

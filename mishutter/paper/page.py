@@ -1,4 +1,4 @@
-"""What the paper states, what came out, and the page that says so.
+"""The paper's statements, the results beside them, and the page of both.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """

@@ -18,10 +18,10 @@ class Report:
     """A comparison and what the photograph showed of it.
 
     Attributes:
-        scene: What was photographed.
+        scene: The scene that was photographed.
         comparison: The shutters side by side.
         names: The given shutters among them.
-        photographs: What the photograph showed of each on its own best motion; None for none.
+        photographs: Results of the photograph for each on its own best motion; None for none.
         design: The design that was searched for; None for none.
     """
 

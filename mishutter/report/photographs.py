@@ -27,7 +27,7 @@ _MAX_ROWS = 160
 
 
 class Photographs(NamedTuple):
-    """What restoring a photograph showed of several shutters.
+    """Results of restoring a photograph with several shutters.
 
     Attributes:
         levels: How well each was restored, without the pictures; by decoder, then by shutter.
@@ -53,7 +53,7 @@ def shown_speeds(speeds: ArrayLike) -> list[float]:
 def photograph_of(
     scene: Scene, rows: Mapping[str, Row], *, note: Callable[[str], None]
 ) -> Picture | None:
-    """What of the scene's photograph is captured; None if there is none.
+    """The part of the scene's photograph that is captured; None if there is none.
 
     One that is too narrow for the kernels of some designs is left out, with a `note` that says so.
     """

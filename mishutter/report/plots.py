@@ -283,7 +283,7 @@ def shown_name(name: str, most: int = 40) -> str:
     """A name as a picture shows it: of `most` letters at most, and as text, whatever it holds.
 
     A dollar would begin a formula, and a legend leaves out what begins with an underscore.
-    What of a file's name is no text has no letters.
+    Bytes of a file's name that are no text have no letters.
     """
     name = name.encode("utf-8", "backslashreplace").decode()
     cut = name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-(most // 2) :]}"

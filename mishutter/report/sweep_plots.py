@@ -192,7 +192,7 @@ def _contours(axes: Axes, half: np.ndarray, a: np.ndarray) -> None:
 def plot_front(
     dataset: "xarray.Dataset", objectives: tuple[str, str], *, num_profiles: int = 4
 ) -> Figure:
-    """What cannot be had together: every point, the Pareto front, profiles along it.
+    """Metrics that exclude one another: every point, the Pareto front, profiles along it.
 
     Args:
         dataset: What `sweep` returned, of one scene and light.

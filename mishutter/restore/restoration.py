@@ -118,7 +118,7 @@ def deconvolve(
         shutter: Transmittance over the exposure.
         decoder: How; the ensemble filter by default.
         model: The result of `blur_model` for these, if it is at hand.
-        plan: What to compute: by default equal colours once; None for everything.
+        plan: The parts to compute: by default equal colours once; None for all.
 
     Returns:
         Light of the picture, white = 1; the shape of `captured`. A moving object stays
@@ -167,7 +167,7 @@ def restore_photograph(
         speeds: px/s; the scene's by default.
         num_seeds: How many captures, each with its own noise.
         key: JAX key of the noise; a fixed one by default.
-        plan: What to compute: by default equal colours once; None for everything.
+        plan: The parts to compute: by default equal colours once; None for all.
 
     Raises:
         ValueError: if the picture is too narrow for its blur, or an argument is out of
@@ -202,7 +202,7 @@ def restore_by_each(
         speeds: px/s; the scene's by default.
         num_seeds: How many captures, each with its own noise.
         key: JAX key of the noise; a fixed one by default.
-        plan: What to compute, as for `restore_photograph`.
+        plan: The parts to compute, as for `restore_photograph`.
         least_taps: Length of the kernels, where they do not need more: with one for several
             designs they see, and are judged on, equally many columns.
 

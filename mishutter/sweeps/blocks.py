@@ -33,7 +33,7 @@ class Kit(NamedTuple):
     Attributes:
         shutter: The shutter, or one of the kind of which each point has its own.
         rules: Its rules of quadrature, or those of its coordinates.
-        scenes: What is needed of each scene.
+        scenes: The speeds of each scene that it needs.
     """
 
     shutter: AbstractShutter
@@ -43,7 +43,7 @@ class Kit(NamedTuple):
 
 @final
 class Engine:
-    """What the blocks of a grid share.
+    """Arrays and sizes that the blocks of a grid share.
 
     Args:
         grid: The sweep.

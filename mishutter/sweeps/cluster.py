@@ -84,7 +84,7 @@ def compute_remotely(
 
 
 def _result(task: Any) -> Arrays | None:
-    """What a worker found of a block."""
+    """The result of a worker for a block."""
     from distributed import KilledWorker
 
     try:
@@ -155,7 +155,7 @@ def _shared(grid: Grid, store: str) -> StoredBlocks:
 def _connected(client: Any, address: Any) -> Iterator[Any]:
     """A client of the scheduler at an address, which must answer within seconds.
 
-    What it would log of a lost connection is an error of ours.
+    Its log of a lost connection would repeat an error that is raised here.
     """
     loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
     levels = [logger.level for logger in loggers]

@@ -1,4 +1,4 @@
-"""What a sweep asks for: its grid, its scenes and shutters, its limits, its blocks."""
+"""The definition of a sweep: its grid, its scenes and shutters, its limits, its blocks."""
 
 import hashlib
 import itertools
@@ -40,7 +40,7 @@ class Search(NamedTuple):
     """How the best profile of each point is searched for.
 
     Attributes:
-        loss: What is made small.
+        loss: The loss to minimise.
         num_coefficients: Coefficients of the profile.
         symmetric: Whether it is a symmetric one.
         max_steps: Steps of each descent, at most.

@@ -71,8 +71,8 @@ def sweep(
         shutters: Fixed shutters by name; the baselines and a Tukey window by default.
         optimise: Whether the best profile at each point is found as well; it is the
             shutter `"optimised"`, and its B-spline `coefficients` are kept.
-        loss: What that profile makes small, a loss or a function of scene, motion and shutter;
-            the expected error by default.
+        loss: The loss that the profile minimises, a loss or a function of scene, motion and
+            shutter; the expected error by default.
         num_coefficients: Coefficients of the profile.
         max_steps: Steps of each descent, at most.
         seed: Of the random starts.
@@ -81,7 +81,7 @@ def sweep(
             ascending; a dimension of the expected PSNR.
         read_noises: The same of the read noise, e-.
         full_well: Most electrons of a white pixel; no limit by default.
-        plan: What to compute. By default what cannot change a result is left out: mirrored,
+        plan: The parts to compute. By default those that change no result are left out: mirrored,
             repeated and absent speeds, taps and nodes that a point does not reach. None
             computes everything. Of a plan only that choice is kept: every point has sizes
             of its own.

@@ -72,8 +72,8 @@ def starts_at(first: np.ndarray, boxes: np.ndarray, rows: np.ndarray, column: in
     """A window and what the neighbours at the last exposure ended with; `(j, n, c)`.
 
     Args:
-        first: What stands for neighbours that are not there; shape `(n, c)`.
-        boxes: What was found so far, NaN elsewhere; shape `(a, t, c)`.
+        first: Profiles in place of neighbours that are not there; shape `(n, c)`.
+        boxes: Profiles found so far, NaN elsewhere; shape `(a, t, c)`.
         rows: Accelerations; shape `(j,)`.
         column: The exposure.
     """

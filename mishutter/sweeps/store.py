@@ -181,7 +181,7 @@ def attributes_of(name: str) -> dict[str, Any]:
 
 
 def dataset_attributes(grid: Grid) -> dict[str, Any]:
-    """What makes a sweep reproducible."""
+    """Attributes that make a sweep reproducible."""
     from importlib.metadata import version
 
     return {

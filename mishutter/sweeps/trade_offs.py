@@ -1,4 +1,4 @@
-"""What a sweep says: the best points, what cannot be had together, what coding gains."""
+"""Reading a sweep: the best points, the Pareto front, and the gain of coding."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING

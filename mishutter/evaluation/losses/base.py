@@ -92,7 +92,7 @@ def _takes_plan(kind: type[AbstractLoss]) -> bool:
 
 
 def one_real_number(loss: AbstractLoss, value: Any) -> Array:
-    """What a loss gave; scalar.
+    """The value of a loss; scalar.
 
     Raises:
         ValueError: if it is not one real number.

@@ -1,4 +1,4 @@
-"""What a shutter is, and what the integrals need to know of it."""
+"""The interface of a shutter, and the one that the integrals take."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence

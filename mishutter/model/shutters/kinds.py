@@ -30,7 +30,7 @@ class ShutterKind:
 
     Attributes:
         shutter: Its class, whose fields a file holds.
-        name: What a comparison calls it, and, in lower case, the command line.
+        name: Its name in a comparison and, in lower case, on the command line.
         make: Gives the one that the bare name stands for; None where a name is not enough.
         parameter: The field that `NAME:VALUE` sets; None for none.
         is_baseline: Whether every comparison shows it.

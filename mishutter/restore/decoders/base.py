@@ -119,7 +119,7 @@ def blur_model(
         scene: Speeds, light, noise, spectrum; concrete.
         motion: Motion of the sensor; concrete.
         shutter: Transmittance over the exposure; concrete.
-        plan: What to compute: by default each speed that occurs once; None for all.
+        plan: The parts to compute: by default each speed that occurs once; None for all.
         least_taps: Length of the kernels, where they do not need more.
 
     Raises:

@@ -43,7 +43,7 @@ class RichardsonLucyDecoder(AbstractDecoder):
             $(g - Hf)^2 / (Hf/p + (\sigma/p)^2)$, over a sample of its rows, is at most
             what Wiener's filter is expected to leave. That is less than 1, the more so
             the better a blur can be inverted; at 1 the picture is still soft.
-        start: What the first step starts from: `"capture"`, $g/\eta$, or `"wiener"`, what
+        start: The estimate of the first step: `"capture"`, $g/\eta$, or `"wiener"`, what
             Wiener's filter makes of it, which is nearer and shows more of fine detail.
 
     Raises:
