@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from functools import lru_cache
 from typing import ClassVar, final
 
 import jax
@@ -264,9 +265,15 @@ def _alternating(first: int) -> list[Fraction]:
     return [Fraction((-1) ** k, math.factorial(2 * k + 1)) for k in range(first, first + 24)]
 
 
-_SINE = economised(_alternating(0), Fraction(5, 8), 6)
-_SINC_DEFICIT = economised([-c for c in _alternating(1)], Fraction(10), 9)
-"""To a rounding, for angles up to an eighth and a half of a turn."""
+@lru_cache
+def _sine_and_deficit() -> tuple[list[float], list[float]]:
+    """Coefficients of sin(x)/x and of 1 - sin(x)/x by its square, for angles on a ramp.
+
+    To a rounding, up to an eighth and a half of a turn. Their sums of fractions take a tenth of a
+    second, which an import need not wait for.
+    """
+    sine = economised(_alternating(0), Fraction(5, 8), 6)
+    return sine, economised([-c for c in _alternating(1)], Fraction(10), 9)
 
 
 def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
@@ -278,12 +285,13 @@ def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
     either the slope keeps its digits as well. Both functions are polynomials: terms
     enough for the whole range compile to less than a library's sine.
     """
+    sine, sinc_deficit = _sine_and_deficit()
     half = width / 2
     square = (jnp.pi * half) ** 2
-    deficit = square * polynomial(_SINC_DEFICIT, square)
+    deficit = square * polynomial(sinc_deficit, square)
     high = centre > 0.5
     angle = (jnp.pi / 2) * jnp.where(high, from_top, centre)
-    sine_square = (angle * polynomial(_SINE, angle**2)) ** 2
+    sine_square = (angle * polynomial(sine, angle**2)) ** 2
     return deficit / 2 + (1 - deficit) * jnp.where(high, 1 - sine_square, sine_square)
 
 
