@@ -43,7 +43,8 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     Values that are known there are computed at once, and stay known.
 
     One thread traces at a time. Threads share what JAX knows of the functions in a program,
-    among that derivative rules, and JAX fails where two of them trace one rule at once.
+    among that derivative rules, and JAX fails where two of them trace one rule at once. A trace
+    comes before the call: JAX takes a longer way at every call like one that has failed once.
     """
 
     @wraps(function)
@@ -58,12 +59,19 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
         return compile_with(traced, compiler_options=_known_options())
 
     within = eqx.filter_jit(function)
+    known: set[Any] = set()
 
     @wraps(function)
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        if _TRACING.allowed or not all_concrete((args, kwargs)):
+        leaves, structure = jax.tree.flatten((args, kwargs))
+        if _TRACING.allowed or not all_concrete(leaves):
             return within(*args, **kwargs)
+        signature = structure, *map(_kind_of, leaves)
         with at_once():
+            if signature not in known:
+                trace_alone(*args, **kwargs)
+                known.add(signature)
+            # JAX has forgotten the trace where its caches were cleared.
             with suppress(_NotAllowedError):
                 return program()(*args, **kwargs)
             trace_alone(*args, **kwargs)
@@ -78,6 +86,14 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
                 _TRACING.allowed = False
 
     return call
+
+
+def _kind_of(leaf: Any) -> Any:
+    """The part of an argument that a trace depends on."""
+    dtype = getattr(leaf, "dtype", None)
+    if dtype is None:
+        return type(leaf), leaf
+    return leaf.shape, dtype, getattr(leaf, "weak_type", False)
 
 
 def at_once() -> AbstractContextManager[None]:

@@ -144,7 +144,7 @@ def optimise(
         starts = _with_valleys(objective, space, scene, starts, seed)
         found = _descended(objective, space, starts, max_steps, progress)
     else:
-        found = _from_grid(objective, space, starts, max_steps)
+        found = _from_grid(objective, starts)
     best = np.argsort(found.losses, kind="stable")[: found.num_polished]
     steps_to_tell = min(_STEPS_TO_TELL, max_steps)
     ends = [polish(objective, found.boxes[index], max_steps=steps_to_tell) for index in best]
@@ -272,21 +272,13 @@ def _measured(objective: AbstractObjective, descent: Descent) -> np.ndarray:
     return np.minimum.accumulate(losses)
 
 
-def _from_grid(
-    objective: AbstractObjective, space: DesignSpace, starts: np.ndarray, max_steps: int
-) -> _Found:
-    """The given design and the best of a grid, and where polishes on the rough objective end."""
-    rough = roughly(objective, space)
-    best = lowest_places(losses_at(rough, starts))[:_NUM_POLISHED]
-    boxes = starts[np.union1d(0, best)]
-    first = losses = losses_at(objective, boxes)
-    num_polished = _NUM_POLISHED
-    if rough is not objective:
-        ends = np.stack([polish(rough, starts[index], max_steps=max_steps).box for index in best])
-        boxes = np.concatenate([ends, boxes])
-        losses = np.concatenate([losses_at(objective, ends), first])
-        num_polished = 1
-    return _Found(boxes, losses, np.minimum.accumulate(first), float(np.min(first)), num_polished)
+def _from_grid(objective: AbstractObjective, starts: np.ndarray) -> _Found:
+    """The given design and the best of a grid."""
+    losses = losses_at(objective, starts)
+    chosen = np.union1d(0, lowest_places(losses)[:_NUM_POLISHED])
+    losses = losses[chosen]
+    history = np.minimum.accumulate(losses)
+    return _Found(starts[chosen], losses, history, float(history[-1]), _NUM_POLISHED)
 
 
 def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:

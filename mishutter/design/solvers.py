@@ -74,36 +74,44 @@ def _by_parts(
 
     One program of it serves every kind of shutter and of motion.
     """
-    exposures = _at_points(objective.exposures, boxes)
+    exposures = _seen(objective.exposures, boxes, count)
     losses, slopes = _one_by_one(objective.seen.at, exposures, count)
-    return losses, _pulled_back(objective.exposures, boxes, slopes)
+    return losses, _pulled_back(objective.exposures, (boxes, slopes), count)
 
 
 @compiled
-def _at_points(exposures: Exposures, boxes: ArrayLike) -> Exposure:
-    return jax.vmap(exposures.at)(jnp.asarray(boxes))
+def _seen(exposures: Exposures, boxes: ArrayLike, count: ArrayLike) -> Exposure:
+    return _at_first(exposures.at, boxes, count)
 
 
 @compiled
-def _pulled_back(exposures: Exposures, boxes: ArrayLike, slopes: Exposure) -> Array:
-    def one(box: Array, slope: Exposure) -> Array:
+def _pulled_back(exposures: Exposures, points: tuple[ArrayLike, Exposure], count: ArrayLike):
+    def one(point: tuple[Array, Exposure]) -> Array:
+        box, slope = point
         return jax.vjp(exposures.at, box)[1](slope)[0]
 
-    return jax.vmap(one)(jnp.asarray(boxes), slopes)
+    return _at_first(one, points, count)
 
 
 @compiled
 def _one_by_one(function: Callable[[Any], Array], points: Any, count: ArrayLike) -> Any:
     """Values and gradients of a function at the first of some points, the rest 0."""
+    return _at_first(jax.value_and_grad(function), points, count)
+
+
+def _at_first(function: Callable[[Any], Any], points: Any, count: ArrayLike) -> Any:
+    """Results of a function at the first of some points, the rest 0."""
+    points = jax.tree.map(jnp.asarray, points)
+    num_points = jax.tree.leaves(points)[0].shape[0]
+
+    def at_one(index: ArrayLike) -> Any:
+        return function(jax.tree.map(lambda x: x[index], points))
 
     def one(index: Array, found: Any) -> Any:
-        at_one = jax.value_and_grad(function)(jax.tree.map(lambda x: x[index], points))
-        return jax.tree.map(lambda all_, x: all_.at[index].set(x), found, at_one)
+        return jax.tree.map(lambda all_, x: all_.at[index].set(x), found, at_one(index))
 
-    points = jax.tree.map(jnp.asarray, points)
-    first = jax.eval_shape(function, jax.tree.map(lambda x: x[0], points))
-    losses = jnp.zeros(jax.tree.leaves(points)[0].shape[0], first.dtype)
-    nothing = losses, jax.tree.map(jnp.zeros_like, points)
+    like = jax.eval_shape(at_one, 0)
+    nothing = jax.tree.map(lambda x: jnp.zeros((num_points, *x.shape), x.dtype), like)
     return jax.lax.fori_loop(0, count, one, nothing)
 
 

@@ -89,3 +89,21 @@ def test_threads_may_differentiate_one_function_at_a_time():
     )
     for found, expected in ((by_x, y), (by_y, x), (by_both[0], y), (by_both[1], x)):
         assert np.array_equal(found, expected)
+
+
+def test_no_call_fails_inside_jax(monkeypatch):
+    """JAX takes a longer way at every call like one that has failed once."""
+    failures = []
+
+    class Counted(Exception):
+        def __init__(self):
+            failures.append(self)
+
+    monkeypatch.setattr(compiling, "_NotAllowedError", Counted)
+    double = compiling.compiled(lambda x: 2 * x)
+    for size in (3, 4, 3):
+        np.testing.assert_array_equal(double(np.ones(size)), np.full(size, 2.0))
+        np.testing.assert_array_equal(double(jnp.ones(size)), np.full(size, 2.0))
+    assert not failures
+    jax.clear_caches()
+    np.testing.assert_array_equal(double(np.ones(3)), np.full(3, 2.0))

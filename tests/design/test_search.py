@@ -29,7 +29,7 @@ from mishutter import (
     starting_shutter,
 )
 from mishutter.design.many_starts import descend
-from mishutter.design.objective import DesignObjective, LinearObjective, objective_of, roughly
+from mishutter.design.objective import DesignObjective, LinearObjective, objective_of
 from mishutter.design.solvers import (
     Polished,
     certificate_at,
@@ -177,13 +177,12 @@ def test_what_is_within_the_limits(slug):
     ("shutter", "free"),
     [(HannShutter(), ("acceleration", "half_exposure")), (TukeyShutter(0.5), None)],
 )
-def test_a_rough_grid_leads_where_the_whole_loss_does(shutter, free):
+def test_a_grid_leads_to_the_lowest_of_its_minima(shutter, free):
     """Polished from every point of the grid by the whole loss, none ends lower."""
     loss = ExpectedErrorLoss()
     design = optimise(SCENE, MOTION, shutter, loss=loss, free=free)
     space = design_space(SCENE, MOTION, shutter, free or all_that_can_move(MOTION, shutter))
     objective = objective_of(loss, needed_speeds(SCENE, shutter), space, design.plan)
-    assert roughly(objective, space) is not objective
     ends = [polish(objective, box, max_steps=300).loss for box in start_boxes(space, 1, 0)]
     assert design.converged, design.outcome
     assert design.loss <= min(ends) * (1 + 1e-7)
