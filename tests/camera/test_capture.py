@@ -402,7 +402,7 @@ def test_layers_from_a_file(tmp_path):
         ),
         "far": (
             '[[layers]]\npicture = "back.png"\nleft = 99999999999999999999',
-            r"bad.toml: `layers\[0\].left` must be at most 1e\+09; got 9999",
+            r"bad.toml: `layers\[0\].left` must be at most 1000000000; got 9999",
         ),
         "fast": (
             '[[layers]]\npicture = "back.png"\nspeed_px_per_s = 1e300',
