@@ -39,6 +39,7 @@ from mishutter.model import ChippedShutter as ChippedShutter
 from mishutter.model import GaussianShutter as GaussianShutter
 from mishutter.model import HannShutter as HannShutter
 from mishutter.model import Limits as Limits
+from mishutter.model import LinearMotion as LinearMotion
 from mishutter.model import ParabolicMotion as ParabolicMotion
 from mishutter.model import Picture as Picture
 from mishutter.model import RectShutter as RectShutter
@@ -106,6 +107,7 @@ __all__ = [
     "Layer",
     "Layers",
     "Limits",
+    "LinearMotion",
     "Metrics",
     "NonFiniteLossError",
     "Outcome",

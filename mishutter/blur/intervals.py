@@ -1,6 +1,6 @@
 r"""The exposure cut into cells of time in which nothing crosses an edge of a pixel.
 
-A point that passes over the sensor along $x(t) = a t^2 - s t$ lies in pixel
+A point that passes over the sensor along $x(t) = a t^2 - (s - v) t$ lies in pixel
 $\lfloor x(t) - \varphi \rfloor$. Between two crossings, of any of several objects, the
 image on the sensor stands still, so a capture of them is a finite sum of images, weighted
 by the exposure of each cell.
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mishutter._core import common_dtype
-from mishutter.model import AbstractMotion, AbstractShutter, piecewise, stands_still
+from mishutter.model import AbstractMotion, AbstractShutter, is_straight, piecewise
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _NUM_PANELS = 16
@@ -33,8 +33,8 @@ class Cells(NamedTuple):
 
 
 def pixel_phase(motion: AbstractMotion) -> float:
-    """Where pixel 0 begins: 0 px for a moving sensor, -0.5 px for a camera at rest."""
-    return -0.5 if stands_still(motion) else 0.0
+    """Where pixel 0 begins: 0 px if the sensor accelerates, -0.5 px if not."""
+    return -0.5 if is_straight(motion) else 0.0
 
 
 def exposure_cells(
@@ -52,11 +52,11 @@ def exposure_cells(
         times: Further times at which a cell ends, s.
     """
     a, half = float(motion.acceleration), float(motion.half_exposure)
-    phase = pixel_phase(motion)
+    phase, relative = pixel_phase(motion), np.asarray(speeds, np.float64) - float(motion.velocity)
     profile = piecewise(shutter)
     dtype = profile.dtype() or common_dtype()
     breaks = np.asarray(profile.breakpoints(np.dtype(dtype)).high, np.float64) * half
-    crossings = [_crossings(a, half, float(s), phase) for s in speeds]
+    crossings = [_crossings(a, half, float(s), phase) for s in relative]
     fixed = [np.array([-half, half]), breaks, np.empty(0) if times is None else times]
     ends = np.unique(np.clip(np.concatenate(fixed + crossings), -half, half))
     begin, middle = ends[:-1], ends[:-1] + np.diff(ends) / 2
@@ -66,13 +66,13 @@ def exposure_cells(
     open_share = np.asarray(shutter.transmittance((nodes / half).astype(dtype)), np.float64)
     exposed = width / (4 * half) * (open_share @ _WEIGHTS)
     light = np.add.reduceat(exposed, np.searchsorted(panels, begin))
-    position = a * middle[:, None] ** 2 - np.asarray(speeds, np.float64) * middle[:, None]
+    position = (a * middle[:, None] - relative) * middle[:, None]
     lit = light > 0 if np.any(light > 0) else begin == begin[0]
     return Cells(np.floor(position - phase).astype(int)[lit], light[lit], begin[lit])
 
 
 def _crossings(a: float, half: float, speed: float, phase: float) -> np.ndarray:
-    """Times at which `a t^2 - s t` passes an edge of a pixel."""
+    """Times at which `a t^2 - speed t` passes an edge of a pixel."""
     turn = speed / (2 * a) if a > 0 else np.inf
     places = [t * (a * t - speed) for t in (-half, half)]
     places += [turn * (a * turn - speed)] if abs(turn) < half else []

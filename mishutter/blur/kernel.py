@@ -43,7 +43,7 @@ from mishutter.blur.crossings import (
     time_between,
 )
 from mishutter.blur.derivatives import Cells, Taps, mean_about, moving, moving_breakpoints, parts
-from mishutter.blur.trajectory import Motion, Path, kept, passing, path_of_light
+from mishutter.blur.trajectory import Motion, Path, kept, passing, path_of_light, speed_on_sensor
 from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
@@ -68,11 +68,12 @@ def blur_kernel(
     r"""Blur kernel of a moving point, aligned at the vertex of its path.
 
     $h_k = \frac12\int_{r_k}^{r_{k+1}} [w(\nu + r) + w(\nu - r)]\,dr$ with
-    $r_k = \sqrt{\max(e_k, 0)/aT^2}$, $e_k = k + \text{phase}$ and $\nu = s/(2aT)$: the
+    $r_k = \sqrt{\max(e_k, 0)/aT^2}$, $e_k = k + \text{phase}$ and $\nu = (s - v)/(2aT)$: the
     paper's area integration (its section 3), with the inverse square root of (8)-(9)
     removed by the change of variable and the shutter integrated rather than sampled.
 
-    With no acceleration the vertex of a moving object is infinitely far away and the
+    On a sensor that pans, $s$ stands for $s - v$: a velocity shifts the speed. With no
+    acceleration the vertex of an object that moves over the sensor is infinitely far away and the
     kernel is zero; that of an object at rest is all in the tap that holds position 0,
     $e_k \le 0 < e_{k+1}$. An object counts as at rest if $aT^2 + |s|T$ is below 1e-130 px
     (1e-18 px in float32), and its derivatives by all but the shutter are then 0: these are
@@ -133,7 +134,7 @@ def binned_exposure(
 ) -> Array:
     r"""Exposure between given positions on the sensor, relative to mid-exposure.
 
-    $h_k = \frac{1}{2T}\int w(t/T)\,[e_k \le a t^2 - s t < e_{k+1}]\,dt$. It exists for
+    $h_k = \frac{1}{2T}\int w(t/T)\,[e_k \le a t^2 - (s - v) t < e_{k+1}]\,dt$. It exists for
     every $a \ge 0$, zero included, where a rect shutter gives a box, and tends to that
     smoothly. A point that does not move at all falls on one pixel, as in `blur_kernel`.
 
@@ -176,8 +177,8 @@ def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
 
     From the vertex it is $aT^2 (1 + |\nu|)^2$; of a camera at rest $2|s|T$, about mid-exposure.
     """
-    fastest, turns = jnp.abs(jnp.asarray(speed)), has_vertex(motion)
-    far = (motion.top_speed + fastest) ** 2 / (4 * jnp.where(turns, motion.acceleration, 1.0))
+    fastest, turns = jnp.abs(jnp.asarray(speed) - motion.velocity), has_vertex(motion)
+    far = (motion.speed_gain + fastest) ** 2 / (4 * jnp.where(turns, motion.acceleration, 1.0))
     return jnp.where(turns, far, 2 * fastest * motion.half_exposure)
 
 
@@ -209,14 +210,16 @@ def _exposure(
     motion, speed = point
     a = motion.acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
+    s, low = speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
     tau = profile.breakpoints(np.dtype(speed.dtype))
-    return _light(num_taps, profile, (a, T, speed), tau, edges, shift, from_vertex) / 2
+    return _light(num_taps, profile, (a, T, s), low, tau, edges, shift, from_vertex) / 2
 
 
 def _light(
     num_taps: int,
     profile: AbstractPiecewiseShutter,
     motion: Motion,
+    speed_low: Array,
     tau: DoubleWord,
     edges: DoubleWord,
     shift: Array,
@@ -231,7 +234,7 @@ def _light(
     motion, at_rest = passing(motion)
     from_vertex = from_vertex & ~at_rest
     given, fixed = jax.lax.stop_gradient((motion, tau))
-    track = path_of_light(given, fixed, from_vertex=from_vertex)
+    track = path_of_light(given, speed_low, fixed, from_vertex=from_vertex)
     x, speed, near = crossings(profile.equal_pieces, track, at_rest, fixed, edges)
     begin, end = (DoubleWord(near.high[k], near.low[k]) for k in parts(num_taps))
     gap, (u, v) = distance(end, begin), (speed[k] for k in parts(num_taps))

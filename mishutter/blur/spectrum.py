@@ -19,6 +19,7 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.blur.steepest_descent import along_panel, along_rays, panels, turns_far
+from mishutter.blur.trajectory import speed_on_sensor
 from mishutter.model import AbstractMotion, AbstractPiecewiseShutter, AbstractShutter, piecewise
 
 _MIN_FREQUENCIES = 1024
@@ -83,7 +84,7 @@ def transfer_function(
     r"""Response to a spatial frequency, in the sensor frame, without the pixel aperture.
 
     $H(f) = \frac{1}{2T}\int_{-T}^{T} w(t/T)\,e^{-2\pi i f x(t)}\,dt$ with
-    $x(t) = a t^2 - s t$, the path (5) of the paper. Accurate to 1e-12 in float64 and 1e-6
+    $x(t) = a t^2 - (s - v) t$, the path (5) of the paper on a sensor that pans. Accurate to 1e-12 in float64 and 1e-6
     in float32 at every frequency, speed and acceleration, zero included. First derivatives,
     each times the size of its argument (for the speed at least $2aT$), are exact to 1e-9
     (1e-4) of the largest at their frequency or to 1e-12 (1e-5).
@@ -126,10 +127,11 @@ def _transfer(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -
 
 
 def _at_positive(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
-    a, T = motion.acceleration.astype(f.dtype), motion.half_exposure.astype(f.dtype)
+    numbers = motion.acceleration, motion.half_exposure, motion.velocity
+    a, T, v = (x.astype(f.dtype) for x in numbers)
 
     def block(points: tuple[Array, Array]) -> Array:
-        panel = jax.vmap(lambda s, f: panels(profile, a, T, s, f))(*points)
+        panel = jax.vmap(lambda s, f: panels(profile, a, T, speed_on_sensor(s, v), f))(*points)
         plain = jax.vmap(lambda p: along_panel(profile, p))(panel)
         far = turns_far(panel)
         bent = jax.lax.cond(

@@ -63,7 +63,7 @@ def _rule(dtype: np.dtype) -> _Rule:
 
 
 def panels(
-    profile: AbstractPiecewiseShutter, a: Array, T: Array, s: Array, frequency: Array
+    profile: AbstractPiecewiseShutter, a: Array, T: Array, s: DoubleWord, frequency: Array
 ) -> Panels:
     """Panels of `profile` for a point of speed `s` at a `frequency` of at least 0."""
     ends = profile.breakpoints(np.dtype(frequency.dtype))

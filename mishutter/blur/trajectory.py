@@ -27,6 +27,7 @@ from mishutter._core import (
     negate,
     reciprocal,
     two_product,
+    two_sum,
     word,
 )
 
@@ -96,28 +97,44 @@ class Path(NamedTuple):
         return DoubleWord(self.table[3, 0], self.table[4, 0])
 
 
-def path(a: Array, T: Array, s: Array, tau: DoubleWord, *, from_vertex: bool) -> Path:
+def speed_on_sensor(speed: Array, velocity: Array) -> DoubleWord:
+    """Speed of an object over a sensor that pans, $s - v$, without a rounding; px/s.
+
+    The lower word carries no derivative: that of the upper one is the whole.
+    """
+    high, low = two_sum(speed, -velocity)
+    return DoubleWord(high, jax.lax.stop_gradient(low))
+
+
+def path(a: Array, T: Array, s: DoubleWord, tau: DoubleWord, *, from_vertex: bool) -> Path:
     """Path of a point of speed `s` at breakpoints `tau`.
 
     Positions count from the vertex if `from_vertex`, else from the position at
     mid-exposure.
     """
-    return Path((a, T, s), _table(from_vertex, a, T, s, *tau), from_vertex)
+    return Path((a, T, s.high), _table(from_vertex, a, T, *s, *tau), from_vertex)
 
 
-def path_of_light(motion: Motion, tau: DoubleWord, *, from_vertex: Array) -> Path:
-    """The path of a point that is `passing`; a value alone, in a frame that may be traced."""
+def path_of_light(motion: Motion, speed_low: Array, tau: DoubleWord, *, from_vertex: Array) -> Path:
+    """The path of a point that is `passing`; a value alone, in a frame that may be traced.
 
-    def table(motion, tau):
-        return _table_exact(from_vertex, *motion, *tau)
+    `speed_low` is what its speed has beyond the precision of a word.
+    """
 
-    return Path(motion, once(table, motion, tau), from_vertex)
+    def table(motion, low, tau):
+        return _table_exact(from_vertex, *motion, low, *tau)
+
+    return Path(motion, once(table, motion, speed_low, tau), from_vertex)
 
 
 def mirrored_velocity(motion: Motion, tau: DoubleWord) -> Array:
     r"""$2A\tau + B$ at breakpoints, the velocity at the opposite speed; without derivatives."""
     a, T, s = motion
-    return once(lambda a, T, s, tau: _velocity(*_stroke_and_smear(a, T, -s), tau)[0], a, T, s, tau)
+
+    def velocity(a, T, s, tau):
+        return _velocity(*_stroke_and_smear(a, T, -s, jnp.zeros_like(s)), tau)[0]
+
+    return once(velocity, a, T, s, tau)
 
 
 def speed_at(track: Path, edges: DoubleWord) -> Array:
@@ -149,9 +166,9 @@ def speed_change(
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _table(from_vertex, a, T, s, tau_high, tau_low):
+def _table(from_vertex, a, T, s, s_low, tau_high, tau_low):
     """Rows of a path's table: velocity, position, and height of mid-exposure above the vertex."""
-    return once(partial(_table_exact, from_vertex), a, T, s, tau_high, tau_low)
+    return once(partial(_table_exact, from_vertex), a, T, s, s_low, tau_high, tau_low)
 
 
 def once(function, *arguments, when: Array | bool = True):
@@ -184,8 +201,8 @@ def _kept_jvp(primals, tangents):
     return kept(*primals), tangents[0]
 
 
-def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
-    stroke, smear = _stroke_and_smear(a, T, s)
+def _table_exact(from_vertex, a, T, s, s_low, tau_high, tau_low):
+    stroke, smear = _stroke_and_smear(a, T, s, s_low)
     exists = jnp.where(from_vertex, a > 0, _turns(a * T * T, s * T))
     high = jnp.where(exists, 4 * stroke.high, 1.0)
     rate = reciprocal(DoubleWord(high, jnp.where(exists, 4 * stroke.low, 0.0)))
@@ -200,8 +217,8 @@ def _table_exact(from_vertex, a, T, s, tau_high, tau_low):
     return _rows(velocity, *position, *rise)
 
 
-def _stroke_and_smear(a, T, s):
-    return multiply(two_product(a, T), word(T)), two_product(s, T)
+def _stroke_and_smear(a, T, s, s_low):
+    return multiply(two_product(a, T), word(T)), multiply(DoubleWord(s, s_low), word(T))
 
 
 def _velocity(stroke, smear, tau):
@@ -221,7 +238,7 @@ def _rows(*rows):
 def _table_jvp(from_vertex, primals, tangents):
     exact = _table(from_vertex, *primals)
 
-    def plain(a, T, s, tau, _):
+    def plain(a, T, s, _, tau, __):
         stroke, smear = a * T * T, s * T
         velocity = _valued(2 * stroke * tau - smear, exact[0])
         exists = (stroke > 0) if from_vertex else _turns(stroke, smear)

@@ -36,7 +36,14 @@ from mishutter.evaluation import (
     require_plan,
     sized_for,
 )
-from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene, stands_still
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    Picture,
+    Scene,
+    is_straight,
+    without_velocity,
+)
 
 MAX_TAPS = 1 << 13
 """Longest kernel that a capture is simulated with; px."""
@@ -196,16 +203,16 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     Raises:
         ValueError: if the kernel would be longer than 8,192 px.
     """
-    fastest = max(abs(float(s)) for s in speeds)
+    fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
     a, half = float(motion.acceleration), float(motion.half_exposure)
     with at_once():
-        reach, stroke = float(support(motion, fastest)), a * half * half
+        reach, stroke = float(support(without_velocity(motion), fastest)), a * half * half
     smear = 2 * fastest * half
     longest = max(reach, smear) + 1
     held = math.isfinite(longest) and longest <= MAX_TAPS
     require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_TAPS} px", longest)
     num_taps = max(least_taps, sized_for(longest - 1, stroke + smear / 2).num_taps)
-    return num_taps, num_taps // 2 if stands_still(motion) else 0
+    return num_taps, num_taps // 2 if is_straight(motion) else 0
 
 
 def as_light(picture: Picture | ArrayLike, subject: str) -> Array:

@@ -160,7 +160,7 @@ def seen_layers(layers: Layers, motion: AbstractMotion) -> Layers:
 def _is_off(layers: Layers, layer: Layer, motion: AbstractMotion) -> bool:
     """Whether a layer is clear, or no displacement of the exposure brings it onto the sensor."""
     (rows, columns, _), (height, width) = layers.shape, layer.matte.shape
-    travel = 1 + abs(layer.speed) * float(motion.half_exposure)
+    travel = 1 + abs(layer.speed - float(motion.velocity)) * float(motion.half_exposure)
     below, above = layer.top >= rows, layer.top + height <= 0
     right = layer.left - travel >= columns
     left = layer.left + width + travel + float(motion.stroke) <= 0

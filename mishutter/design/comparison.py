@@ -31,8 +31,8 @@ from mishutter.model import (
     StillCamera,
     TukeyShutter,
     baselines,
+    is_straight,
     settled,
-    stands_still,
 )
 
 SAME_MOTION = "same motion"
@@ -222,7 +222,7 @@ def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
     """The plan of a camera at rest, in the sizes of a moving one: one program serves both."""
     shutter = RectShutter()
     plan = planned(scene, still, shutter, loss=loss, free="half_exposure")
-    if stands_still(scene.motion):
+    if is_straight(scene.motion):
         return plan
     moving = planned(scene, scene.motion, shutter, loss=loss, free=_MOTION_ONLY)
     sizes = ("num_taps", "dft_length", "num_nodes")

@@ -1,7 +1,7 @@
 r"""Designs that cover the valleys of a loss, and the lowest of each valley.
 
 The light of an object of speed $s$ adds up where the sensor keeps up with it, at
-$t_s = s/(2a)$ (stationary phase). So a good profile is open about $t_s$ for some of the
+$t_s = (s - v)/(2a)$ (stationary phase). So a good profile is open about $t_s$ for some of the
 speeds and shut elsewhere. Valleys differ by which speeds these are, by how wide it is open,
 and by where the motion puts the openings among the spline's knots.
 """
@@ -69,7 +69,7 @@ def _openings(
             and the softness, in the unit box; shape `(n, 4)`.
     """
     spline: SplineShutter = space.shutter  # type: ignore[assignment]
-    stroke, top_speed = (np.asarray(x)[:, None] for x in _strokes(space, boxes))
+    stroke, gain, velocity = (np.asarray(x)[:, None] for x in _strokes(space, boxes))
     speeds, share = _quantiles(scene), (np.arange(_NUM_QUANTILES) + 0.5) / _NUM_QUANTILES
     first, last, width, softness = numbers.T[..., None]
     low, high = np.minimum(first, last), np.maximum(first, last)
@@ -77,8 +77,8 @@ def _openings(
     chosen = ((share >= low) & (share <= high)) | nearest
     chosen[::2] = True
     # A sensor at rest keeps up with nothing, so one opening lies anywhere.
-    moves = top_speed > 0
-    times = np.where(moves, speeds / np.where(moves, top_speed, 1.0), 2 * first - 1)
+    moves = gain > 0
+    times = np.where(moves, (speeds - velocity) / np.where(moves, gain, 1.0), 2 * first - 1)
     spacing = 2 / spline.num_coefficients
     narrowest = np.clip(np.sqrt(_LEAST_BLUR / np.maximum(stroke, _LEAST_BLUR)), spacing / 2, 1)
     half_width = narrowest * (2 / narrowest) ** (width**1.5)
@@ -93,14 +93,14 @@ def _openings(
 
 
 @compiled
-def _strokes(space: DesignSpace, boxes: Array | np.ndarray) -> tuple[Array, Array]:
-    """Stroke, px, and top speed, px/s, of motions; shape `(n,)` each."""
+def _strokes(space: DesignSpace, boxes: Array | np.ndarray) -> tuple[Array, Array, Array]:
+    """Stroke, px, gain of speed and velocity, px/s, of motions; shape `(n,)` each."""
 
-    def one(box: Array) -> tuple[Array, Array]:
+    def one(box: Array) -> tuple[Array, Array, Array]:
         _, motion = space.at(box)
-        return motion.stroke, motion.top_speed
+        return motion.stroke, motion.speed_gain, motion.velocity
 
-    return jax.vmap(one)(jnp.asarray(boxes, space.max_speed.dtype))
+    return jax.vmap(one)(jnp.asarray(boxes, space.dtype))
 
 
 def _quantiles(scene: Scene) -> np.ndarray:

@@ -44,11 +44,12 @@ class SavedShutter(BaseModel):
 
 @final
 class SavedMotion(Part):
-    """A motion; a camera at rest has no acceleration."""
+    """A motion, of which a kind may have no acceleration, or no velocity."""
 
-    kind: Literal["ParabolicMotion", "StillCamera"]
+    kind: Literal["ParabolicMotion", "LinearMotion", "StillCamera"]
     acceleration: float
     half_exposure: float
+    velocity: float = 0.0
 
 
 @final
@@ -59,6 +60,7 @@ class SavedLimits(Part):
     max_top_speed: float
     min_half_exposure: float
     max_half_exposure: float
+    max_pan: float | None = None
 
 
 @final

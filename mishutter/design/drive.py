@@ -43,13 +43,15 @@ class DriveTable:
 
     @property
     def position(self) -> np.ndarray:
-        """Position of the sensor at the beginning of each step, $at^2$; px."""
-        return float(self.design.motion.acceleration) * self.begin**2
+        """Position of the sensor at the beginning of each step, $vt + at^2$; px."""
+        motion = self.design.motion
+        return (float(motion.velocity) + float(motion.acceleration) * self.begin) * self.begin
 
     @property
     def velocity(self) -> np.ndarray:
-        """Velocity of the sensor there, $2at$; px/s."""
-        return 2 * float(self.design.motion.acceleration) * self.begin
+        """Velocity of the sensor there, $v + 2at$; px/s."""
+        motion = self.design.motion
+        return float(motion.velocity) + 2 * float(motion.acceleration) * self.begin
 
     def shutter(self) -> ChippedShutter:
         """The shutter that the levels make."""

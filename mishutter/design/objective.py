@@ -42,6 +42,8 @@ from mishutter.model import (
     AbstractMotion,
     ParabolicMotion,
     Scene,
+    as_parabolic,
+    seen_from,
 )
 
 _ROUGH_STEP = 2
@@ -91,13 +93,11 @@ class Exposure(NamedTuple):
 
     Attributes:
         nodes: Quadrature nodes, weighted by the transmittance.
-        acceleration: That of the sensor; px/s^2, scalar, 0 for a camera at rest.
-        half_exposure: $T$; s, scalar.
+        motion: Motion of the sensor.
     """
 
     nodes: LitNodes
-    acceleration: Array
-    half_exposure: Array
+    motion: ParabolicMotion
 
 
 @final
@@ -148,7 +148,7 @@ class Exposures(eqx.Module):
         nodes = self.nodes
         if nodes is None:
             nodes = lit_nodes(shutter, self.num_nodes, np.dtype(box.dtype))
-        return Exposure(nodes, motion.acceleration, motion.half_exposure)
+        return Exposure(nodes, as_parabolic(motion))
 
 
 @final
@@ -161,14 +161,13 @@ class SpectralLoss(eqx.Module):
 
     def at(self, exposure: Exposure) -> Array:
         """The loss of a design; scalar."""
-        nodes, acceleration, half_exposure = exposure
-        motion = ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
+        nodes = exposure.nodes
+        scene, motion = seen_from(self.scene, exposure.motion)
         grid = self.plan.num_frequencies, self.plan.num_kept
-        speeds = self.scene.speeds, self.scene.weights
-        spectra = aligned_spectra(nodes, motion, *speeds, *grid)
+        spectra = aligned_spectra(nodes, motion, scene.speeds, scene.weights, *grid)
         recorded = Records(jnp.zeros(0), spectra, nodes.efficiency)
-        response = assembled(self.scene, recorded, self.plan)
-        value = self.loss.of_response(self.scene, motion, response, self.plan)
+        response = assembled(scene, recorded, self.plan)
+        value = self.loss.of_response(scene, motion, response, self.plan)
         return one_real_number(self.loss, value).astype(nodes.tau.dtype)
 
 
@@ -211,7 +210,7 @@ def objective_of(
         # Rounding to two numbers an octave lets scenes of other speeds share programs.
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free:
-            nodes = lit_nodes(space.shutter, plan.num_nodes, np.dtype(space.max_speed.dtype))
+            nodes = lit_nodes(space.shutter, plan.num_nodes, space.dtype)
             space = space.without_shutter()
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import product
 from typing import Any
 
 import jax
@@ -10,7 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import compiled, require_known
-from mishutter.design.space import DesignSpace, design_space
+from mishutter.design.space import FREE_NAMES, DesignSpace, design_space
 from mishutter.evaluation import (
     AbstractLoss,
     AbstractResponseLoss,
@@ -34,6 +35,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Scene,
+    seen_from,
     settled,
 )
 
@@ -92,7 +94,8 @@ def plan(
         motion: Motion of the sensor; where it is free, that to start from.
         shutter: Transmittance over the exposure; where it is free, that to start from.
         loss: The loss whose value is planned; by default all that `evaluate` measures.
-        free: Parts that a search may move: `"shutter"`, `"acceleration"`, `"half_exposure"`.
+        free: Parts that a search may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
+            `"acceleration"`.
 
     Returns:
         The plan. It prints as a table, and every `plan=` takes it.
@@ -103,6 +106,8 @@ def plan(
     require_known("plan", motion=motion)
     names = (free,) if isinstance(free, str) else tuple(free)
     motion = settled(motion)
+    if "velocity" not in names:
+        scene, motion = seen_from(scene, motion)
     space = design_space(scene, motion, shutter, names) if names else None
     loss = None if loss is None else as_loss(loss, "plan(loss=...)")
     return exact_plan(scene, motion, shutter, needs_of(loss), space)
@@ -112,9 +117,13 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     """Everything, in sizes that hold every design of a space."""
     if space is None:
         return sizes(scene, motion)
-    dtype = space.max_speed.dtype
-    corners = [design_at(space, jax.device_put(corner.astype(dtype))) for corner in _corners(space)]
-    return reduce(larger, [sizes(scene, moved) for _, moved in corners])
+    dtype = space.dtype
+    corners = [jax.device_put(corner.astype(dtype)) for corner in _corners(space)]
+    spaces = [space]
+    if "acceleration" in space.free:
+        spaces.append(space.without_acceleration())
+    motions = [design_at(each, corner)[1] for each in spaces for corner in corners]
+    return reduce(larger, [sizes(scene, motion) for motion in motions])
 
 
 def design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
@@ -129,12 +138,10 @@ def _design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, Abstrac
 
 
 def _corners(space: DesignSpace) -> list[np.ndarray]:
+    """Ends of the motion's coordinates; of two speeds, the middle velocity makes one."""
     profile = np.full(space.num_profile_coordinates, 0.5)
-    num_motion = space.size - profile.size
-    return [
-        np.concatenate([profile, [(corner >> axis) & 1 for axis in range(num_motion)]])
-        for corner in range(1 << num_motion)
-    ]
+    ends = [(0, 0.5, 1) if name == "velocity" else (0, 1) for name in space.free_of_motion]
+    return [np.concatenate([profile, corner]) for corner in product(*ends)]
 
 
 def exact_plan(
@@ -146,7 +153,8 @@ def exact_plan(
 ) -> Plan:
     """The plan that leaves out all work that cannot change a result."""
     full = full_sizes(scene, motion, space)
-    folds, still = is_symmetric(shutter), nothing_moves(scene)
+    pans = space is not None and "velocity" in space.free
+    folds, still = is_symmetric(shutter) and not pans, not pans and nothing_moves(scene)
     num_kept = _frequencies_with_power(scene, full) if needs.only_error else full.num_frequencies
     num_taps, num_nodes = full.num_taps, full.num_nodes
     if space is None or set(space.free) == {"shutter"}:
@@ -287,11 +295,9 @@ def _terms_items(needs: Needs) -> list[Item]:
 def _search_items(shutter: AbstractShutter, space: DesignSpace | None) -> list[Item]:
     if space is None:
         return []
-    fixed = [
-        name for name in ("shutter", "acceleration", "half_exposure") if name not in space.free
-    ]
+    fixed = [name for name in FREE_NAMES if name not in space.free]
     why = f"{', '.join(fixed)} not free" if fixed else "all are free"
-    items = [Item("free parameters", "3", str(3 - len(fixed)), why)]
+    items = [Item("free parameters", str(len(FREE_NAMES)), str(len(space.free)), why)]
     linear = isinstance(shutter, AbstractAdjustableShutter) and shutter.linear
     if linear and set(space.free) == {"shutter"}:
         why = "each coordinate's response is computed once, before the search"

@@ -16,6 +16,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Limits,
+    LinearMotion,
     ParabolicMotion,
     Scene,
     StillCamera,
@@ -141,6 +142,7 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
         "kind": type(motion).__name__,
         "acceleration": float(motion.acceleration),
         "half_exposure": float(motion.half_exposure),
+        "velocity": float(motion.velocity),
     }
 
 
@@ -164,6 +166,10 @@ def _built(file: SavedDesign) -> Design:
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:
-    if saved.kind == "StillCamera":
-        return StillCamera(half_exposure=saved.half_exposure)
-    return ParabolicMotion(acceleration=saved.acceleration, half_exposure=saved.half_exposure)
+    numbers = saved.model_dump(exclude={"kind"})
+    if saved.kind == "ParabolicMotion":
+        return ParabolicMotion(**numbers)
+    del numbers["acceleration"]
+    if saved.kind == "LinearMotion":
+        return LinearMotion(**numbers)
+    return StillCamera(half_exposure=saved.half_exposure)

@@ -3,9 +3,12 @@
 import math
 from collections.abc import Callable, Iterable
 from enum import Enum
+from functools import partial
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from mishutter._core import (
@@ -32,7 +35,17 @@ from mishutter.evaluation import (
     as_loss,
     reduced,
 )
-from mishutter.model import AbstractMotion, AbstractShutter, Scene, SplineShutter, TukeyShutter
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    Scene,
+    SplineShutter,
+    TukeyShutter,
+    is_known_zero,
+    panned,
+    seen_from,
+    settled,
+)
 
 _NUM_POLISHED = 3
 """Ends that are polished. Where the motion is held, the lowest one led to the lowest minimum in 48
@@ -46,6 +59,8 @@ _NUM_STARTS, _FEW_SPEEDS = 16, 8
 time, and the loss has more valleys, as each of the speeds alone decides what is open."""
 _NUM_GIVEN = 4
 """Starts at most, up to a quarter of them, that are the given design and baselines' profiles."""
+_AT_LIMIT = 1e-6
+"""Share of the largest top speed by which a motion is below it that is free of it."""
 _SEEN = 1e-4
 """Fall of a loss, as a share of it, that a history shows."""
 
@@ -59,7 +74,8 @@ class Outcome(Enum):
 
 
 _EXPECTED_ERROR = ExpectedErrorLoss()
-_OUTSIDE = " What was held of the motion is outside the scene's limits."
+_NO_ACCELERATION = "Acceleration does not pay: at constant velocity the loss is no larger."
+_OUTSIDE = "What was held of the motion is outside the scene's limits."
 
 
 class SearchFailedError(RuntimeError):
@@ -83,28 +99,34 @@ def optimise(
 ) -> Design:
     r"""Search for the design of least loss within the scene's limits.
 
+    Where the acceleration may move, sensors that do not accelerate are searched as well, and the
+    better of the two designs is returned; of equals, the one without. Where all may move and the
+    speeds mirror each other about the velocity that the search starts from, it stays: by symmetry
+    the loss is stationary there. `free` can name it all the same.
+
     Optimistix BFGS descends from many starts at once: the given design, baselines' profiles
     and, where a free-form profile moves, the lowest of valleys all over the space; after 20
     steps, and every 10 from there, the worse half of the starts is given up, until four or an
     eighth are left. SciPy's box-constrained L-BFGS-B polishes the three best that differ, and
     the best of these to the end, on either side of where limits meet if it ends there.
-    Where at most three coordinates move, the starts are the given design and the best of a
+    Where at most four coordinates move, the starts are the given design and the best of a
     grid, and are polished directly. The result is never worse than the best start.
 
-    Where acceleration moves, a design keeps up ($2aT$) with the fastest object that occurs
-    or with what the given motion keeps up with, whichever is slower: a given motion within
-    the limits is always among the starts, and one that gives up rare fast objects lets the
-    search give them up too.
+    Where acceleration moves, a design keeps up ($2aT$) with every object that occurs or with
+    what the given motion keeps up with, whichever is less: a given motion within the limits is
+    always among the starts, and one that gives up rare fast objects lets the search give them
+    up too.
 
     Args:
         scene: Speeds, light, noise and limits.
-        motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest.
+        motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest, and
+            a `LinearMotion` does not accelerate.
         shutter: Profile to start from, whose kind is kept; by default the free-form
             `starting_shutter` of the scene.
         loss: The loss to be minimised, or a function of scene, motion and shutter; the
             expected error by default.
-        free: Parts that may move: `"shutter"`, `"acceleration"`, `"half_exposure"`; all that can
-            by default.
+        free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
+            `"acceleration"`; all that can by default.
         num_starts: How many descents; by default 16, and more where speeds are few.
         seed: Of the starts.
         max_steps: Steps of the descent, and of the polish, at most.
@@ -126,16 +148,108 @@ def optimise(
         SearchFailedError: if `throw` and the search did not converge.
     """
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
-    motion = scene.motion if motion is None else motion
-    shutter = starting_shutter(scene) if shutter is None else shutter
+    motion = settled(scene.motion if motion is None else motion)
     if num_starts is not None:
         require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
     loss = as_loss(loss, "optimise(loss=...)")
-    free = all_that_can_move(motion, shutter) if free is None else free
-    space = design_space(scene, motion, shutter, free)
-    plan = _plan(scene, space, loss, plan)
+    names = all_that_can_move(scene, motion, shutter) if free is None else free
+    rules = {"loss": loss, "num_starts": num_starts, "seed": seed, "max_steps": max_steps}
+    searched = partial(_searched, scene, motion, shutter, plan=plan, progress=progress, **rules)
+    if free is None and _mirrors(scene, float(motion.velocity)):
+        end = searched(tuple(name for name in names if name != "velocity"))
+        if float(motion.velocity) != 0 and _is_at_top_speed(end.motion, scene):
+            end = searched(names)
+    else:
+        end = searched(names)
+    outcome = _outcome(end.certificate, end.loss, end.num_steps >= max_steps)
+    if throw and outcome is not Outcome.CONVERGED:
+        raise SearchFailedError(outcome.value)
+    sentences = [outcome.value]
+    if end.straight_is_best:
+        sentences.append(_NO_ACCELERATION)
+    if not within_limits(end.motion, scene.limits):
+        sentences.append(_OUTSIDE)
+    return Design(
+        shutter=end.shutter,
+        motion=end.motion,
+        scene=scene,
+        loss=end.loss,
+        history=end.history,
+        converged=outcome is Outcome.CONVERGED,
+        outcome=" ".join(sentences),
+        certificate=end.certificate,
+        loss_name=repr(loss),
+        best_start_loss=end.best_start_loss,
+        plan=end.plan,
+    )
+
+
+def _is_at_top_speed(motion: AbstractMotion, scene: Scene) -> bool:
+    return float(motion.top_speed) > float(scene.limits.max_top_speed) * (1 - _AT_LIMIT)
+
+
+def _searched(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter | None,
+    names: str | Iterable[str],
+    *,
+    plan: Plan | Automatic | None,
+    **rules: Any,
+) -> "_End":
+    """The better of the best design that accelerates and the best that does not.
+
+    A velocity that is held is that of the frame that the search is done in.
+    """
+    frame = motion
+    if "velocity" not in names:
+        scene, motion = seen_from(scene, motion)
+    if shutter is None:
+        pans = "velocity" in names
+        shutter = starting_shutter(scene if pans else _without_pan(scene))
+    space = design_space(scene, motion, shutter, names)
+    plan = _plan(scene, space, rules["loss"], plan)
+    end = _best_of_space(scene, space, plan=plan, **rules)
+    if "acceleration" in space.free:
+        straight = _best_of_space(scene, space.without_acceleration(), plan=plan, **rules)
+        history = np.append(end.history, np.minimum(straight.history, end.history[-1]))
+        start_loss = min(end.best_start_loss, straight.best_start_loss)
+        is_best = straight.loss <= end.loss * (1 + _SAME)
+        end = (straight if is_best else end)._replace(
+            history=history, best_start_loss=start_loss, straight_is_best=is_best
+        )
+    if "velocity" in names or is_known_zero(frame.velocity):
+        return end
+    return end._replace(motion=panned(end.motion, frame.velocity))
+
+
+class _End(NamedTuple):
+    """The best design of a space, and how it was found."""
+
+    shutter: AbstractShutter
+    motion: AbstractMotion
+    loss: float
+    certificate: float
+    num_steps: int
+    history: np.ndarray
+    best_start_loss: float
+    plan: Plan
+    straight_is_best: bool = False
+
+
+def _best_of_space(
+    scene: Scene,
+    space: DesignSpace,
+    *,
+    loss: AbstractLoss,
+    plan: Plan,
+    num_starts: int | None,
+    seed: int,
+    max_steps: int,
+    progress: Progress | None,
+) -> _End:
     needed = reduced(scene, plan)
     objective = objective_of(loss, needed, space, plan)
     num_speeds = needed.speeds.size
@@ -154,20 +268,14 @@ def optimise(
     if float(found.losses[best[0]]) < value:
         box, value = found.boxes[best[0]], float(found.losses[best[0]])
         certificate = certificate_at(objective, box, space.bends)
-    outcome = _outcome(certificate, value, polished.num_steps >= max_steps)
-    if throw and outcome is not Outcome.CONVERGED:
-        raise SearchFailedError(outcome.value)
-    found_shutter, found_motion = design_at(space, jax.device_put(box))
-    return Design(
-        shutter=found_shutter,
-        motion=found_motion,
-        scene=scene,
+    shutter, motion = design_at(space, jax.device_put(box))
+    return _End(
+        shutter=shutter,
+        motion=settled(motion),
         loss=value,
-        history=np.append(found.history, min(value, found.history[-1])),
-        converged=outcome is Outcome.CONVERGED,
-        outcome=outcome.value + ("" if within_limits(found_motion, space.limits) else _OUTSIDE),
         certificate=certificate,
-        loss_name=repr(loss),
+        num_steps=polished.num_steps,
+        history=np.append(found.history, min(value, found.history[-1])),
         best_start_loss=found.best_start_loss,
         plan=plan,
     )
@@ -197,10 +305,11 @@ def best_profile(
     Returns:
         The best point of the box, `(size,)`, and its loss.
     """
+    scene, motion = seen_from(scene, motion)
     space = design_space(scene, motion, shutter, "shutter")
     plan = _plan(scene, space, loss, plan)
     objective = objective_of(loss, reduced(scene, plan), space, plan)
-    found = _descended(objective, space, starts.astype(space.max_speed.dtype), max_steps, None)
+    found = _descended(objective, space, starts.astype(space.dtype), max_steps, None)
     return found.boxes[0], float(found.losses[0])
 
 
@@ -290,14 +399,27 @@ def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
 def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:
     """The free-form profile a search starts from: symmetric if the scene's speeds are.
 
-    Its precision is that of the speeds.
+    Where the sensor may pan, that is about the velocity in their middle. Its precision is that
+    of the speeds.
     """
-    require_known("starting_shutter", scene=(scene.speeds, scene.weights))
-    speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
+    require_known("starting_shutter", scene=(scene.speeds, scene.weights, scene.limits))
+    slowest, fastest = (float(speed) for speed in scene.speed_range)
+    middle = (slowest + fastest) / 2
+    symmetric = _mirrors(scene, middle if abs(middle) <= float(scene.limits.max_pan) else 0.0)
+    taper = np.asarray(0.5, scene.speeds.dtype)
+    return SplineShutter.fit(TukeyShutter(taper), num_coefficients, symmetric=symmetric)
+
+
+def _mirrors(scene: Scene, velocity: float) -> bool:
+    """Whether speeds and weights are the same in both directions from a velocity."""
+    speeds, weights = np.asarray(scene.speeds, np.float64) - velocity, np.asarray(scene.weights)
     forward = np.lexsort((weights, speeds))
     backward = np.lexsort((weights, -speeds))
-    symmetric = np.allclose(speeds[forward], -speeds[backward]) and np.allclose(
+    equal = partial(np.allclose, atol=_SAME * float(np.max(np.abs(speeds))))
+    return equal(speeds[forward], -speeds[backward]) and np.allclose(
         weights[forward], weights[backward]
     )
-    taper = np.asarray(0.5, speeds.dtype)
-    return SplineShutter.fit(TukeyShutter(taper), num_coefficients, symmetric=bool(symmetric))
+
+
+def _without_pan(scene: Scene) -> Scene:
+    return eqx.tree_at(lambda s: s.limits.max_pan, scene, jnp.zeros_like(scene.limits.max_pan))

@@ -1,12 +1,13 @@
 r"""The designs a solver may reach, as a unit box.
 
-A point of the box is a shutter's coordinates, then the half exposure, then the
-acceleration, each only if it is free. The motion's coordinates are logarithmic between
-bounds that hold stroke, top speed and exposure at every point: the half exposure
-between its limits, and the acceleration between the slowest that keeps up with what the
-given motion keeps up with, or with the fastest object, $a = S/(2T)$, if that is less, and
-the largest that $aT^2 \le$ stroke and $2aT \le$ top speed allow. So a given motion within
-the limits is a point of the box.
+A point of the box is a shutter's coordinates, then half exposure, velocity and acceleration,
+each only if it is free. The half exposure and the acceleration are logarithmic between bounds
+that hold stroke, top speed and exposure at every point: the half exposure between its limits,
+and the acceleration between the slowest that keeps up with what the given motion keeps up
+with, or with all objects at the best velocity, if that is less, and the largest that
+$aT^2 \le$ stroke and $2aT \le$ top speed allow. The velocity lies between the slowest and the
+fastest object, as far as that acceleration leaves it any of the top speed. So a given motion
+within the limits is a point of the box.
 """
 
 from collections.abc import Iterable
@@ -24,6 +25,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Limits,
+    LinearMotion,
     ParabolicMotion,
     RectShutter,
     Scene,
@@ -31,11 +33,12 @@ from mishutter.model import (
     at_coordinates,
     coordinates,
     is_adjustable,
+    is_known_zero,
+    is_straight,
     settled,
-    stands_still,
 )
 
-FREE_NAMES = ("shutter", "acceleration", "half_exposure")
+FREE_NAMES = ("shutter", "half_exposure", "velocity", "acceleration")
 _ROUNDING = 1e-6
 _SLOWEST = 1e-2
 """Share of the largest acceleration that is explored where every object is at rest."""
@@ -60,8 +63,10 @@ class DesignSpace(eqx.Module):
     Attributes:
         shutter: Profile that is held, or whose kind is moved.
         motion: Motion that is held where it is not free.
-        limits: Bounds on stroke, top speed and exposure.
-        max_speed: Fastest object; px/s.
+        limits: Bounds on stroke, top speed, exposure and pan.
+        slowest: Least velocity worth panning at; px/s.
+        fastest: Greatest velocity worth panning at; px/s.
+        demand: Speed that a sensor gains as it keeps up with every object; px/s.
         free: Parts that may move.
         num_profile_coordinates: How many of the coordinates belong to the shutter.
     """
@@ -69,7 +74,9 @@ class DesignSpace(eqx.Module):
     shutter: AbstractShutter
     motion: AbstractMotion
     limits: Limits
-    max_speed: Array
+    slowest: Array
+    fastest: Array
+    demand: Array
     free: tuple[str, ...] = eqx.field(static=True)
     num_profile_coordinates: int = eqx.field(static=True)
 
@@ -84,16 +91,38 @@ class DesignSpace(eqx.Module):
         shutter = self.shutter
         if count:
             shutter = at_coordinates(shutter, box[:count])
-        rest = list(box[count:])
-        half_exposure = self.motion.half_exposure
-        if "half_exposure" in self.free:
-            half_exposure = _between(*self._half_exposure_bounds(), rest.pop(0))
+        share = dict(zip(self.free_of_motion, box[count:], strict=True))
+        half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
+        acceleration = self.motion.acceleration
+        if "half_exposure" in share:
+            half_exposure = _between(*self._half_exposure_bounds(), share["half_exposure"])
+        if "acceleration" in share:
+            bounds = self._acceleration_bounds(half_exposure)
+            acceleration = _between(*bounds, share["acceleration"])
+        if "velocity" in share:
+            low, high = self._velocity_bounds(2 * acceleration * half_exposure)
+            velocity = low + share["velocity"] * (high - low)
         if isinstance(self.motion, StillCamera):
             return shutter, StillCamera(half_exposure=half_exposure)
-        acceleration = self.motion.acceleration
-        if "acceleration" in self.free:
-            acceleration = _between(*self._acceleration_bounds(half_exposure), rest.pop(0))
-        return shutter, ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
+        if isinstance(self.motion, LinearMotion):
+            return shutter, LinearMotion(half_exposure=half_exposure, velocity=velocity)
+        return shutter, ParabolicMotion(
+            acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
+        )
+
+    @property
+    def free_of_motion(self) -> tuple[str, ...]:
+        """Parts of the motion that may move, in the order of their coordinates."""
+        return tuple(name for name in FREE_NAMES[1:] if name in self.free)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Precision of the box."""
+        return np.dtype(self.demand.dtype)
+
+    def without_acceleration(self) -> "DesignSpace":
+        """The same box, at every point of which the sensor does not accelerate."""
+        return eqx.tree_at(lambda s: s.limits.max_stroke, self, jnp.zeros((), self.dtype))
 
     def without_shutter(self) -> "DesignSpace":
         """The space around another shutter than one that is held, the same for all of these.
@@ -106,14 +135,14 @@ class DesignSpace(eqx.Module):
     def bends(self) -> Bends:
         """Where along the half exposure the bounds of a free acceleration change their course.
 
-        Stroke, top speed, the demand of the fastest object and the given motion, and the least
+        Stroke, top speed, the demand of the objects and the given motion, and the least
         acceleration that is explored give way to one another where two of them meet.
         """
         index = self.num_profile_coordinates
         if not {"acceleration", "half_exposure"} <= set(self.free):
             return Bends(index, np.zeros(0))
         low, high = (float(bound) for bound in self._half_exposure_bounds())
-        kept_up = float(self.max_speed), float(self.motion.top_speed)
+        kept_up = float(self.demand), float(self.motion.speed_gain)
         speeds = [float(self.limits.max_top_speed), *kept_up, *(v / _SLOWEST for v in kept_up)]
         times = np.array([2 * float(self.limits.max_stroke) / v for v in speeds if v > 0])
         inside = times[(low < times) & (times < high)]
@@ -121,7 +150,7 @@ class DesignSpace(eqx.Module):
 
     def box(self, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
         """The point of the box nearest to a design; shape `(size,)`."""
-        dtype = common_dtype(self.max_speed, motion.half_exposure)
+        dtype = common_dtype(self.demand, motion.half_exposure)
         parts = []
         if "shutter" in self.free:
             parts.append(jnp.clip(box_of(shutter), 0, 1).astype(dtype))
@@ -130,14 +159,28 @@ class DesignSpace(eqx.Module):
             share = _share(*self._half_exposure_bounds(), half_exposure)
             parts.append(share.astype(dtype)[None])
             half_exposure = _between(*self._half_exposure_bounds(), share)
+        acceleration, share = motion.acceleration, None
         if "acceleration" in self.free:
             bounds = self._acceleration_bounds(half_exposure)
-            parts.append(_share(*bounds, motion.acceleration).astype(dtype)[None])
+            share = _share(*bounds, acceleration)
+            acceleration = _between(*bounds, share)
+        if "velocity" in self.free:
+            low, high = self._velocity_bounds(2 * acceleration * half_exposure)
+            width = jnp.where(high > low, high - low, 1.0)
+            place = jnp.where(high > low, (motion.velocity - low) / width, 0.5)
+            parts.append(jnp.clip(place, 0, 1).astype(dtype)[None])
+        if share is not None:
+            parts.append(share.astype(dtype)[None])
         return jnp.concatenate(parts)
+
+    def _velocity_bounds(self, speed_gain: Array) -> tuple[Array, Array]:
+        left = jnp.maximum(self.limits.max_top_speed - speed_gain, 0)
+        most = jnp.minimum(left, self.limits.max_pan)
+        return jnp.clip(self.slowest, -most, most), jnp.clip(self.fastest, -most, most)
 
     def _half_exposure_bounds(self) -> tuple[Array, Array]:
         low, high = self.limits.min_half_exposure, self.limits.max_half_exposure
-        if "acceleration" not in self.free and not isinstance(self.motion, StillCamera):
+        if "acceleration" not in self.free and isinstance(self.motion, ParabolicMotion):
             a = self.motion.acceleration
             safe = jnp.where(a > 0, a, 1.0)
             longest = jnp.minimum(
@@ -150,14 +193,16 @@ class DesignSpace(eqx.Module):
         by_stroke = self.limits.max_stroke / half_exposure / half_exposure
         by_speed = self.limits.max_top_speed / (2 * half_exposure)
         high = jnp.minimum(by_stroke, by_speed)
-        keeping_up = jnp.clip(self.max_speed / (2 * half_exposure), _SLOWEST * high, high)
-        return jnp.minimum(keeping_up, self.motion.top_speed / (2 * half_exposure)), high
+        keeping_up = jnp.clip(self.demand / (2 * half_exposure), _SLOWEST * high, high)
+        return jnp.minimum(keeping_up, self.motion.speed_gain / (2 * half_exposure)), high
 
 
 def design_space(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, free: str | Iterable[str]
 ) -> DesignSpace:
     """The space of what `free` names, within the scene's limits.
+
+    A velocity that is held is that of the frame: the scene is as it is `seen_from` the motion.
 
     Raises:
         ValueError: if `free` is empty or names something that cannot move.
@@ -169,37 +214,44 @@ def design_space(
     require(known, subject, f"name some of {', '.join(FREE_NAMES)}", free)
     if "shutter" in names:
         require_adjustable(shutter)
-    if isinstance(motion, StillCamera):
-        require("acceleration" not in names, subject, "leave a still camera at rest", free)
+    held = _held_by_kind(motion)
+    requirement = f"leave a {type(motion).__name__} its {' and '.join(held)}"
+    require(not held & set(names), subject, requirement, free)
     dtype = common_dtype(motion.half_exposure, scene.speeds)
-    limits = Limits(
-        **{
-            name: getattr(scene.limits, name).astype(dtype)
-            for name in (
-                "max_stroke",
-                "max_top_speed",
-                "min_half_exposure",
-                "max_half_exposure",
-            )
-        }
-    )
+    limits = jax.tree.map(lambda x: x.astype(dtype), scene.limits)
     ordered = tuple(name for name in FREE_NAMES if name in names)
     count = eqx.filter_eval_shape(box_of, shutter).size if "shutter" in ordered else 0
-    return DesignSpace(shutter, motion, limits, scene.max_speed.astype(dtype), ordered, count)
+    slowest, fastest = (x.astype(dtype) for x in scene.speed_range)
+    demand = (fastest - slowest) / 2 if "velocity" in ordered else scene.max_speed.astype(dtype)
+    velocity = motion.velocity.astype(dtype)
+    bounds = jnp.minimum(slowest, velocity), jnp.maximum(fastest, velocity)
+    return DesignSpace(shutter, motion, limits, *bounds, demand, ordered, count)
 
 
-def all_that_can_move(motion: AbstractMotion, shutter: AbstractShutter) -> tuple[str, ...]:
-    """Parts that a search moves by default: a camera at rest stays, so does a fixed window."""
-    held = set()
-    if stands_still(motion):
-        held.add("acceleration")
-    if not is_adjustable(shutter):
+def _held_by_kind(motion: AbstractMotion) -> set[str]:
+    """Parts of a motion that its kind holds at 0."""
+    if isinstance(motion, StillCamera):
+        return {"acceleration", "velocity"}
+    return {"acceleration"} if is_straight(motion) else set()
+
+
+def all_that_can_move(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter | None
+) -> tuple[str, ...]:
+    """Parts that a search moves by default: a camera at rest stays, so does a fixed window.
+
+    No shutter stands for a free-form profile.
+    """
+    held = _held_by_kind(motion)
+    if is_known_zero(scene.limits.max_pan):
+        held.add("velocity")
+    if shutter is not None and not is_adjustable(shutter):
         held.add("shutter")
     return tuple(name for name in FREE_NAMES if name not in held)
 
 
 def within_limits(motion: AbstractMotion, limits: Limits) -> bool:
-    """Whether stroke, top speed and exposure keep their limits, to rounding."""
+    """Whether stroke, top speed, exposure and pan keep their limits, to rounding."""
     half = float(motion.half_exposure)
     shares = (
         float(motion.stroke) / float(limits.max_stroke),
@@ -207,7 +259,8 @@ def within_limits(motion: AbstractMotion, limits: Limits) -> bool:
         half / float(limits.max_half_exposure),
         float(limits.min_half_exposure) / half,
     )
-    return max(shares) <= 1 + _ROUNDING
+    pans = abs(float(motion.velocity)) <= float(limits.max_pan) * (1 + _ROUNDING)
+    return pans and max(shares) <= 1 + _ROUNDING
 
 
 def box_of(shutter: AbstractShutter) -> Array:
@@ -227,8 +280,9 @@ def require_adjustable(shutter: AbstractShutter) -> None:
 
 
 def _between(low: Array, high: Array, share: Array) -> Array:
-    """Point of a logarithmic interval, inside it also after rounding."""
-    return _rounded_into(low * jnp.exp(share * jnp.log(high / low)), low, high)
+    """Point of a logarithmic interval, inside it also after rounding; 0 where it ends at 0."""
+    ratio = jnp.where(low > 0, high, 1.0) / jnp.where(low > 0, low, 1.0)
+    return _rounded_into(low * jnp.exp(share * jnp.log(ratio)), low, high)
 
 
 @jax.custom_jvp
@@ -247,6 +301,7 @@ def _rounded_into_jvp(primals, tangents):
 
 def _share(low: Array, high: Array, value: Array) -> Array:
     wide = high > low
-    span = jnp.log(jnp.where(wide, high, 2 * low) / low)
+    least = jnp.where(wide & (low > 0), low, 1.0)
+    span = jnp.log(jnp.where(wide, high, 2.0) / least)
     positive = jnp.maximum(value, np.finfo(np.dtype(low.dtype)).tiny)
-    return jnp.clip(jnp.where(wide, jnp.log(positive / low) / span, 0.5), 0, 1)
+    return jnp.clip(jnp.where(wide, jnp.log(positive / least) / span, 0.5), 0, 1)

@@ -19,9 +19,9 @@ from mishutter.model import (
     fitted_boxes,
 )
 
-GRID_COORDINATES = 3
+GRID_COORDINATES = 4
 """Up to so many coordinates a search begins on a grid."""
-_GRID_POINTS = {1: (17,), 2: (5, 9), 3: (4, 4, 7)}
+_GRID_POINTS = {1: (17,), 2: (5, 9), 3: (4, 5, 7), 4: (4, 4, 3, 7)}
 """Points along each coordinate, ends included, as many a best design lies at one: most along
 the last, the acceleration, over which a condition number rises and falls with every pixel."""
 

@@ -124,11 +124,10 @@ class _Need(NamedTuple):
 
 
 def motions_at(accelerations: np.ndarray, half_exposures: np.ndarray) -> ParabolicMotion:
-    """A motion whose numbers have a leading axis; shape `(n,)` each."""
+    """Motions without velocity whose numbers have a leading axis; shape `(n,)` each."""
     one = ParabolicMotion(acceleration=0.0, half_exposure=1.0)
-    return eqx.tree_at(
-        lambda m: (m.acceleration, m.half_exposure), one, (accelerations, half_exposures)
-    )
+    numbers = accelerations, half_exposures, np.zeros_like(half_exposures)
+    return eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, numbers)
 
 
 def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:

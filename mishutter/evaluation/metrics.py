@@ -24,7 +24,6 @@ from mishutter.model import (
     frequency_grid,
     has_vertex,
     on_steps,
-    settled,
 )
 
 
@@ -76,6 +75,9 @@ def evaluate(
     traced be 256 px long, and pass objects at twice as many px per half exposure: more is an
     error when it is run.
 
+    A sensor that pans sees every speed less its velocity, and is measured as one at rest among
+    these: the still object is the one that it keeps up with.
+
     Without acceleration a motion is a camera at rest, whose objects are aligned at
     mid-exposure. So is one of a stroke below 9e-124 px (7e-16 px in float32). Derivatives
     there are those of that alignment.
@@ -97,7 +99,7 @@ def evaluate(
             objects; under `jax.jit` JAX makes an error of its own of it.
     """
     everything = Parts(kernels=True, spectra=True, differences=True)
-    plan, motion = chosen(plan, scene, settled(motion), shutter, lambda _: everything)
+    plan, scene, motion = chosen(plan, scene, motion, shutter, lambda _: everything)
     if plan.num_kept is not None:  # and as many nodes in time as all frequencies ask for
         num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
         plan = replace(plan, num_kept=None, num_nodes=num_nodes)

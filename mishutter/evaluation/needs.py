@@ -37,6 +37,8 @@ from mishutter.model import (
     Scene,
     frequencies,
     on_steps,
+    seen_from,
+    settled,
 )
 
 _PHASE_PER_NODE = 1.8
@@ -135,7 +137,7 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     kernel of up to 256 px is provided for; what is only differentiated is known. The DFT of a
     loss follows from the limits alone, whatever the motion.
     """
-    scene, motion = numbers_of((scene, motion))
+    scene, motion = seen_from(*numbers_of((scene, motion)))
     longest = longest_within_limits(scene)
     known = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
     found = extent(scene, motion) if known else Extent(longest, longest, longest)
@@ -176,8 +178,9 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
     """The plan that a function makes by default: exact, and one for every motion.
 
     Its sizes hold every motion within the scene's limits, so that one compiled program
-    serves all of them.
+    serves all of them. It is for the scene as it is `seen_from` the motion.
     """
+    scene, motion = seen_from(scene, motion)
     folds, still = is_symmetric(shutter), nothing_moves(scene)
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
@@ -208,18 +211,19 @@ def chosen(
     motion: AbstractMotion,
     shutter: AbstractShutter,
     parts: Callable[[Plan], Parts],
-) -> tuple[Plan, AbstractMotion]:
-    """The plan that an argument `plan=` stands for, and the motion.
+) -> tuple[Plan, Scene, AbstractMotion]:
+    """The plan that an argument `plan=` stands for, and the scene as `seen_from` the motion.
 
-    One that is traced is refused, when it is run, if a plan made here has too few taps, nodes
+    A motion that is traced is refused, when it is run, if a plan made here has too few taps, nodes
     or frequencies for those parts of its response that are used.
     """
     require_plan(plan)
+    scene, motion = seen_from(scene, settled(motion))
     if isinstance(plan, Plan):
-        return plan, motion
+        return plan, scene, motion
     found = sizes(scene, motion) if plan is None else automatic(scene, motion, shutter)
     if all_concrete(numbers_of((scene.speeds, motion))):
-        return found, motion
+        return found, scene, motion
     used, fastest = parts(found), scene.max_speed
     if used.kernels:
         reach = support(motion, fastest if used.differences else jnp.zeros_like(fastest))
@@ -227,14 +231,14 @@ def chosen(
         motion = _refused(motion, reach > found.num_taps, requirement)
     if used.spectra:
         # Nodes hold twice the velocity that they are chosen for, to 1e-7.
-        velocity = (motion.top_speed + fastest) * motion.half_exposure
+        velocity = (motion.speed_gain + fastest) * motion.half_exposure
         most = int(2 * (found.num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
         requirement = f"be passed at no more than {most} px per half exposure"
         motion = _refused(motion, velocity > most, requirement)
         furthest = most_spread(found.num_frequencies)
         requirement = f"spread light over at most {furthest:.0f} px"
         motion = _refused(motion, spread_of_traced(scene, motion) > furthest, requirement)
-    return found, motion
+    return found, scene, motion
 
 
 def _refused(motion: AbstractMotion, exceeds: Array, requirement: str) -> AbstractMotion:

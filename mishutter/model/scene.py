@@ -1,6 +1,7 @@
 """A scene: the speeds that occur, the light, the sensor's noise and limits."""
 
 import os
+from contextlib import nullcontext
 from typing import final
 
 import equinox as eqx
@@ -13,6 +14,7 @@ from mishutter._core import (
     RowLike,
     all_concrete,
     as_float,
+    common_dtype,
     is_concrete,
     require,
     require_finite,
@@ -21,7 +23,12 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.model.frequencies import frequencies, on_steps
-from mishutter.model.motion import AbstractMotion, ParabolicMotion
+from mishutter.model.motion import (
+    AbstractMotion,
+    ParabolicMotion,
+    is_known_zero,
+    without_velocity,
+)
 
 DEFAULT_MEAN = 0.25
 DEFAULT_DEVIATION = 0.2
@@ -39,18 +46,21 @@ class Limits(eqx.Module):
 
     Args:
         max_stroke: Largest $aT^2$; px.
-        max_top_speed: Largest $2aT$; px/s.
+        max_top_speed: Largest $2aT + |v|$; px/s.
         min_half_exposure: Shortest $T$; s.
         max_half_exposure: Longest $T$; s.
+        max_pan: Largest $|v|$; px/s. 0 forbids panning; `max_top_speed` by default.
 
     Raises:
-        ValueError: if one is not a positive scalar, or the exposures are out of order.
+        ValueError: if one is not a positive scalar (`max_pan` at least 0), or the exposures
+            are out of order.
     """
 
     max_stroke: Array
     max_top_speed: Array
     min_half_exposure: Array
     max_half_exposure: Array
+    max_pan: Array
 
     def __init__(
         self,
@@ -59,16 +69,21 @@ class Limits(eqx.Module):
         max_top_speed: ArrayLike = 1e5,
         min_half_exposure: ArrayLike = 1e-4,
         max_half_exposure: ArrayLike = 0.5,
+        max_pan: ArrayLike | None = None,
     ):
         self.max_stroke = as_float(max_stroke, "Limits(max_stroke=...)")
         self.max_top_speed = as_float(max_top_speed, "Limits(max_top_speed=...)")
         self.min_half_exposure = as_float(min_half_exposure, "Limits(min_half_exposure=...)")
         self.max_half_exposure = as_float(max_half_exposure, "Limits(max_half_exposure=...)")
+        max_pan = self.max_top_speed if max_pan is None else max_pan
+        self.max_pan = as_float(max_pan, "Limits(max_pan=...)")
 
     def __check_init__(self) -> None:
         for name in ("max_stroke", "max_top_speed", "min_half_exposure", "max_half_exposure"):
             require_scalar(f"Limits({name}=...)", getattr(self, name))
             _check_at_least(f"Limits({name}=...)", getattr(self, name), "above 0", strict=True)
+        require_scalar("Limits(max_pan=...)", self.max_pan)
+        _check_at_least("Limits(max_pan=...)", self.max_pan, "at least 0")
         if is_concrete(self.min_half_exposure) and is_concrete(self.max_half_exposure):
             require(
                 float(self.min_half_exposure) <= float(self.max_half_exposure),
@@ -77,16 +92,25 @@ class Limits(eqx.Module):
                 self.min_half_exposure,
             )
 
-    def fullest_motion(self) -> ParabolicMotion:
-        """The longest stroke at the highest top speed that the limits allow."""
-        stroke, top = self.max_stroke, self.max_top_speed
+    def fullest_motion(self, velocity: ArrayLike = 0.0) -> ParabolicMotion:
+        """The longest stroke at the highest top speed that the limits allow.
+
+        Args:
+            velocity: Velocity at mid-exposure, px/s, which is brought within half of the top
+                speed and the largest pan.
+        """
+        stroke, top, pan = self.max_stroke, self.max_top_speed, self.max_pan
         shortest, longest = self.min_half_exposure, self.max_half_exposure
-        known = all_concrete((stroke, top, shortest, longest))
+        known = all_concrete((stroke, top, pan, shortest, longest, velocity))
         space, number = (np, np.asarray) if known else (jnp, jnp.asarray)
-        stroke, top, shortest, longest = map(number, (stroke, top, shortest, longest))
-        T = space.clip(2 * stroke / top, shortest, longest)
-        acceleration = space.minimum(stroke / T / T, top / (2 * T))
-        return ParabolicMotion(acceleration=acceleration, half_exposure=T)
+        numbers = map(number, (stroke, top, pan, shortest, longest, velocity))
+        stroke, top, pan, shortest, longest, velocity = numbers
+        furthest = space.minimum(pan, top / 2)
+        velocity = space.clip(velocity, -furthest, furthest).astype(top.dtype)
+        left = top - space.abs(velocity)
+        T = space.clip(2 * stroke / left, shortest, longest)
+        acceleration = space.minimum(stroke / T / T, left / (2 * T))
+        return ParabolicMotion(acceleration=acceleration, half_exposure=T, velocity=velocity)
 
 
 @final
@@ -108,8 +132,8 @@ class Scene(eqx.Module):
         cutoff_frequency: Highest frequency that the optics pass: the picture on the
             sensor holds none above it, and below it some; cycles/px, at most 0.5.
         limits: The furthest that the mechanism and the exposure may reach.
-        motion: Motion to start from or to compare at; the `fullest_motion` of the limits
-            by default.
+        motion: Motion to start from or to compare at; by default the `fullest_motion` of the
+            limits about the middle of the speeds.
         picture: Path of the photograph to show results on; None for none.
 
     Raises:
@@ -288,7 +312,10 @@ class Scene(eqx.Module):
     @property
     def motion(self) -> AbstractMotion:
         """The motion to start from or to compare at: that given, or the fullest within limits."""
-        return self.limits.fullest_motion() if self.given_motion is None else self.given_motion
+        if self.given_motion is not None:
+            return self.given_motion
+        slowest, fastest = self.speed_range
+        return self.limits.fullest_motion((slowest + fastest) / 2)
 
     @property
     def speeds_known(self) -> bool:
@@ -298,11 +325,41 @@ class Scene(eqx.Module):
     @property
     def max_speed(self) -> Array:
         """Largest speed of either sign that occurs; px/s."""
+        slowest, fastest = self.speed_range
+        with jax.ensure_compile_time_eval() if self.speeds_known else nullcontext():
+            return jnp.maximum(jnp.abs(slowest), jnp.abs(fastest))
+
+    @property
+    def speed_range(self) -> tuple[Array, Array]:
+        """Smallest and largest velocity that occurs; px/s."""
         if self.speeds_known:
-            speeds, weights = np.asarray(self.speeds), np.asarray(self.weights)
+            speeds = np.asarray(self.speeds)[np.asarray(self.weights) > 0]
             with jax.ensure_compile_time_eval():
-                return jnp.asarray(np.max(np.abs(speeds), where=weights > 0, initial=0))
-        return jnp.max(jnp.where(self.weights > 0, jnp.abs(self.speeds), 0))
+                return jnp.asarray(np.min(speeds)), jnp.asarray(np.max(speeds))
+        occurs = self.weights > 0
+        slowest = jnp.min(jnp.where(occurs, self.speeds, jnp.inf))
+        return slowest, jnp.max(jnp.where(occurs, self.speeds, -jnp.inf))
+
+
+def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMotion]:
+    """A scene and a motion in the frame that pans with the sensor, where the exposure is the same.
+
+    The velocity of the sensor is taken from all speeds. The motion has none left, and may gain
+    as much less of the top speed.
+    """
+    if is_known_zero(motion.velocity):
+        return scene, without_velocity(motion)
+    top, pan = scene.limits.max_top_speed, scene.limits.max_pan
+    dtype = common_dtype(scene.speeds, motion.velocity)
+    known = all_concrete((scene.speeds, scene.limits, motion.velocity))
+    space = np if known else jnp
+    velocity = space.asarray(motion.velocity, dtype)
+    left = space.maximum(space.asarray(top) - space.abs(velocity.astype(top.dtype)), 0)
+    numbers = space.asarray(scene.speeds, dtype) - velocity, left, space.zeros_like(pan)
+    if known:
+        numbers = tuple(as_float(number) for number in numbers)
+    places = lambda s: (s.speeds, s.limits.max_top_speed, s.limits.max_pan)  # noqa: E731
+    return eqx.tree_at(places, scene, numbers), without_velocity(motion)
 
 
 def _normalised(weights: RowLike) -> Array:

@@ -137,6 +137,7 @@ def _limits(section: LimitsSection) -> Limits:
         max_top_speed=section.max_top_speed_px_per_s,
         min_half_exposure=shortest / 1000,
         max_half_exposure=longest / 1000,
+        max_pan=section.max_pan_px_per_s,
     )
 
 
@@ -158,14 +159,18 @@ def _motion(section: MotionSection | None, limits: LimitsSection) -> ParabolicMo
     a = section.acceleration_px_per_s2
     a = section.stroke_px / T**2 if a is None else a  # type: ignore[operator]
     key, margin = f"[motion] {given[0]}", 1 + 1e-9
-    stroke, top = a * T**2, 2 * a * T
+    v = section.velocity_px_per_s
+    stroke, top = a * T**2, 2 * a * T + abs(v)
     requirement = f"keep the stroke within max_stroke_px = {limits.max_stroke_px:g}"
     require(stroke <= limits.max_stroke_px * margin, key, requirement, Bare(f"{stroke:g} px"))
     requirement = (
         f"keep the top speed within max_top_speed_px_per_s = {limits.max_top_speed_px_per_s:g}"
     )
     require(top <= limits.max_top_speed_px_per_s * margin, key, requirement, Bare(f"{top:g} px/s"))
-    return ParabolicMotion(acceleration=a, half_exposure=T)
+    most = limits.max_pan_px_per_s
+    within = most is None or abs(v) <= most * margin
+    require(within, "[motion] velocity_px_per_s", f"keep within max_pan_px_per_s = {most}", v)
+    return ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
 
 
 def _picture(section: PictureSection, folder: Path) -> dict[str, Any]:

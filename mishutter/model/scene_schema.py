@@ -73,15 +73,17 @@ class LimitsSection(Section):
     max_top_speed_px_per_s: TopSpeed = 1e5
     min_half_exposure_ms: Milliseconds = 0.1
     max_half_exposure_ms: Milliseconds = 500.0
+    max_pan_px_per_s: Annotated[float, Field(ge=0, le=1e7)] | None = None
 
 
 @final
 class MotionSection(Section):
-    """A half exposure, and the stroke or the acceleration."""
+    """A half exposure, the stroke or the acceleration, and a velocity."""
 
     half_exposure_ms: Milliseconds
     stroke_px: Annotated[float, Field(ge=0, le=1e4)] | None = None
     acceleration_px_per_s2: Annotated[float, Field(ge=0, le=1e14)] | None = None
+    velocity_px_per_s: Speed = 0.0
 
 
 @final

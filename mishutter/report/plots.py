@@ -98,8 +98,9 @@ def plot_drive(table: DriveTable) -> Figure:
     top.plot(edges[:-1] + step / 2, table.wanted, label="designed", **second)
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
     top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    time = np.linspace(edges[0], edges[-1], _NUM_POINTS)
-    bottom.plot(time, float(table.design.motion.acceleration) * (time * 1e-3) ** 2, **first)
+    time, motion = np.linspace(edges[0], edges[-1], _NUM_POINTS), table.design.motion
+    path = (float(motion.velocity) + float(motion.acceleration) * time * 1e-3) * time * 1e-3
+    bottom.plot(time, path, **first)
     bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
     return figure
 
@@ -163,7 +164,7 @@ def _transfer(
 ) -> np.ndarray:
     """Modulus of the transfer function; a program of `transfer_function` would compile longer."""
     a, half = float(motion.acceleration), float(motion.half_exposure)
-    stroke, smear = a * half * half, speed * half
+    stroke, smear = a * half * half, (speed - float(motion.velocity)) * half
     tau, light = (np.asarray(x, np.float64) for x in nodes[:2])
     position = tau * (stroke * tau - smear)
     return np.abs(np.exp(-2j * np.pi * frequency[:, None] * position) @ light)

@@ -15,7 +15,7 @@ from jaxtyping import Array
 from mishutter._core import compiled, require
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced
 from mishutter.evaluation.response import Response, respond
-from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
+from mishutter.model import AbstractMotion, AbstractShutter, Scene
 
 
 class AbstractLoss(eqx.Module):
@@ -129,7 +129,7 @@ class AbstractResponseLoss(AbstractLoss):
         *,
         plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
-        plan, motion = chosen(plan, scene, settled(motion), shutter, self.parts)
+        plan, scene, motion = chosen(plan, scene, motion, shutter, self.parts)
         kept = reduced(scene, plan)
         response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
         return _of_response(self, kept, motion, response, plan)

@@ -20,7 +20,7 @@ from mishutter.evaluation import (
     needed_speeds,
     picture_power,
 )
-from mishutter.model import NUM_FREQUENCIES, AbstractMotion, AbstractShutter, Scene
+from mishutter.model import NUM_FREQUENCIES, AbstractMotion, AbstractShutter, Scene, seen_from
 
 
 @final
@@ -137,6 +137,7 @@ def _known_blur(
     plan: Plan | Automatic | None,
     least_taps: int,
 ) -> BlurModel:
+    scene, motion = seen_from(scene, motion)
     speeds = np.asarray(scene.speeds)
     num_taps, origin = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     weights = np.asarray(scene.weights, np.float64)
