@@ -112,7 +112,9 @@ def path(a: Array, T: Array, s: DoubleWord, tau: DoubleWord, *, from_vertex: boo
     Positions count from the vertex if `from_vertex`, else from the position at
     mid-exposure.
     """
-    return Path((a, T, s.high), _table(from_vertex, a, T, *s, *tau), from_vertex)
+    return Path(
+        (a, T, s.high), _table(from_vertex, a, T, s.high, s.low, tau.high, tau.low), from_vertex
+    )
 
 
 def path_of_light(motion: Motion, speed_low: Array, tau: DoubleWord, *, from_vertex: Array) -> Path:

@@ -119,7 +119,7 @@ def optimise(
 
     scene = scene_of(scene_file)
     motion, start = scene.motion, starting_shutter(scene, num_coefficients)
-    chosen, names = loss_of(loss), free_names(free, motion, start)
+    chosen, names = loss_of(loss), free_names(free, scene, motion, start)
     folder = None if out is None else writable_folder(out)
     found = planned(scene, motion, start, loss=chosen, free=names)
     if verbose:
@@ -193,7 +193,7 @@ def _compared(
     from mishutter.model import baselines
     from mishutter.report import Report, photograph_of, photographs, shown_rows
 
-    total = len({*given, *baselines()}) + 2
+    total = len({*given, *baselines()}) + 3
     with progress_bar("comparing", total) as update:
         comparison = beside_baselines(scene, motion, given, loss=loss, step=_counting(update))
     rows = shown_rows(comparison, tuple(given))

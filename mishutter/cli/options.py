@@ -24,6 +24,7 @@ class FreeName(Enum):
     SHUTTER = "shutter"
     ACCELERATION = "acceleration"
     HALF_EXPOSURE = "half_exposure"
+    VELOCITY = "velocity"
 
 
 def as_path(text: str | Path) -> Path:
@@ -91,12 +92,15 @@ def scene_of(path: Path | None) -> "Scene":
 
 
 def free_names(
-    given: list[FreeName] | None, motion: "AbstractMotion", shutter: "AbstractShutter"
+    given: list[FreeName] | None,
+    scene: "Scene",
+    motion: "AbstractMotion",
+    shutter: "AbstractShutter",
 ) -> tuple[str, ...]:
-    """What `--free` names, or all that can move."""
-    from mishutter.design import all_that_can_move
+    """What `--free` names, or what moves by default."""
+    from mishutter.design import free_by_default
 
-    return tuple(name.value for name in given or ()) or all_that_can_move(motion, shutter)
+    return tuple(name.value for name in given or ()) or free_by_default(scene, motion, shutter)
 
 
 def loss_of(name: LossName) -> "AbstractLoss":

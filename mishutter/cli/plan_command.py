@@ -41,7 +41,7 @@ def plan(
 
     scene = scene_of(scene_file)
     motion, start = scene.motion, starting_shutter(scene, num_coefficients)
-    names = () if fixed else free_names(free, motion, start)
+    names = () if fixed else free_names(free, scene, motion, start)
     with working("planning"):
         found = planned(scene, motion, start, loss=loss_of(loss), free=names)
     if json:

@@ -12,56 +12,73 @@ if TYPE_CHECKING:
 
 
 def print_report(report: "Report") -> None:
-    """The comparison, the photograph's table and the verdict, on standard output."""
-    from mishutter.design import BEST_SNAPSHOT
+    """The verdict, the comparison and the photograph's table, on standard output."""
+    from mishutter.design import BEST_SNAPSHOT, OWN_BEST_MOTION
 
     comparison = report.comparison
+    print_text(comparison.verdict)
+    print_text()
     snapshot = float(comparison.row(BEST_SNAPSHOT).metrics.expected_psnr)
     for reading in dict.fromkeys(row.reading for row in comparison.rows):
         rows = [row for row in comparison.rows if row.reading == reading]
-        cells = [_cells(row, snapshot) for row in rows]
-        num_columns = len(_COLUMNS) - all(row.loss is None for row in rows)
-        cut = [row[:num_columns] for row in cells]
-        print_table(reading.capitalize(), _COLUMNS[:num_columns], cut)
-        print_text(_condition_note(rows))
+        print_table(reading.capitalize(), _COLUMNS, [_cells(row, snapshot) for row in rows])
+        if reading == OWN_BEST_MOTION:
+            print_text(_FOOT)
+        else:
+            print_table(f"Kernels, {reading}", _OF_KERNELS, [_kernel_cells(row) for row in rows])
+            print_text(_condition_note(rows))
         print_text()
     if report.photographs is not None:
         _print_photographs(report.photographs.levels)
     if report.design is not None:
         print_text(_design_line(report.design))
-    print_text(comparison.verdict)
 
 
-_COLUMNS = (
-    "shutter",
-    "PSNR dB",
-    "snapshot +dB",
-    "condition",
-    "kernel diff",
-    "relative",
-    "light",
-    "bound",
-    "stroke px",
-    "open ms",
-    "loss",
+_COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
+_FOOT = (
+    "PSNR: expected of one linear filter. Gain: over the best snapshot. Light: share that the "
+    "shutter passes. Stroke: mid-exposure to either end. Pan: velocity at mid-exposure. "
+    "Open: first to last light."
 )
+_OF_KERNELS, [_kernel_cells(row) for row in rows])
+            print_text(_condition_note(rows))
+        print_text()
+    if report.photographs is not None:
+        _print_photographs(report.photographs.levels)
+    if report.design is not None:
+        print_text(_design_line(report.design))
+
+
+_COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
+_FOOT = (
+    "PSNR: expected of one linear filter. Gain: over the best snapshot. Light: share that the "
+    "shutter passes. Stroke: mid-exposure to either end. Pan: velocity at mid-exposure. Open: first "
+    "to last light."
+)
+_OF_KERNELS = ("shutter", "condition", "kernel diff", "relative", "bound")
 
 
 def _cells(row: "Row", snapshot: float) -> list[str]:
-    m = row.metrics
-    level = float(m.expected_psnr)
+    level = float(row.metrics.expected_psnr)
     return [
         row.name,
         f"{level:.2f}",
-        f"{0.0 if level == snapshot else level - snapshot:+.2f}",
+        f"{0.0 if level == snapshot else round(level - snapshot, 2) + 0.0:+.2f}",
+        f"{float(row.metrics.efficiency):.3f}",
+        f"{float(row.motion.stroke):.1f}",
+        f"{round(float(row.motion.velocity)) + 0:d}",
+        f"{float(row.motion.exposure) * 1e3:.2f}",
+    ]
+
+
+def _kernel_cells(row: "Row") -> list[str]:
+    m = row.metrics
+    return [
+        row.name,
         f"{float(m.condition_number):.2f}",
         f"{float(m.kernel_difference):.4f}",
         f"{float(m.relative_kernel_difference):.3f}",
-        f"{float(m.efficiency):.3f}",
         f"{float(m.bound_share):.3f}",
-        f"{float(row.motion.stroke):.1f}",
-        f"{float(row.motion.exposure) * 1e3:.2f}",
-        "" if row.loss is None else f"{row.loss:.4f}",
     ]
 
 
@@ -72,8 +89,7 @@ def _condition_note(rows: "list[Row]") -> str:
         places.setdefault(place, []).append(row.name)
     most = max(places, key=lambda place: len(places[place]))
     others = [f", of {' and '.join(places[p])} at {p}" for p in places if p != most]
-    condition = f"condition at {most}{''.join(others)}"
-    return f"PSNR expected of the best single linear filter; {condition}."
+    return f"Condition at {most}{''.join(others)}."
 
 
 def _print_photographs(
@@ -104,5 +120,6 @@ def _design_line(design: "Design") -> str:
         f"{design.outcome} Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best "
         f"start, {len(design.history)} in its history), projected gradient "
         f"{design.certificate:.1e}; a = {float(design.motion.acceleration):.6g} px/s^2, "
+        f"v = {float(design.motion.velocity) + 0.0:.6g} px/s, "
         f"T = {float(design.motion.half_exposure) * 1e3:.4g} ms."
     )

@@ -1,5 +1,7 @@
 """The design search: space, objective, solvers, comparison and drive table."""
 
+from mishutter.design.comparison import BEST_CODED_STILL as BEST_CODED_STILL
+from mishutter.design.comparison import BEST_PANNED_SNAPSHOT as BEST_PANNED_SNAPSHOT
 from mishutter.design.comparison import BEST_SNAPSHOT as BEST_SNAPSHOT
 from mishutter.design.comparison import BEST_TUKEY as BEST_TUKEY
 from mishutter.design.comparison import OWN_BEST_MOTION as OWN_BEST_MOTION
@@ -18,8 +20,8 @@ from mishutter.design.result import shutter_to_dict as shutter_to_dict
 from mishutter.design.search import Outcome as Outcome
 from mishutter.design.search import SearchFailedError as SearchFailedError
 from mishutter.design.search import best_profile as best_profile
+from mishutter.design.search import free_by_default as free_by_default
 from mishutter.design.search import optimise as optimise
 from mishutter.design.search import starting_shutter as starting_shutter
 from mishutter.design.solvers import NonFiniteLossError as NonFiniteLossError
-from mishutter.design.space import all_that_can_move as all_that_can_move
 from mishutter.design.starts import window_fits as window_fits

@@ -12,7 +12,7 @@ import numpy as np
 from mishutter._core import alone_in_blas, in_threads, named, num_processors, require, require_known
 from mishutter.design.planning import plan as planned
 from mishutter.design.result import Design, metrics_to_dict, motion_to_dict
-from mishutter.design.search import optimise
+from mishutter.design.search import free_by_default, optimise
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
@@ -26,8 +26,10 @@ from mishutter.evaluation import (
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    LinearMotion,
     RectShutter,
     Scene,
+    SplineShutter,
     StillCamera,
     TukeyShutter,
     baselines,
@@ -39,6 +41,14 @@ SAME_MOTION = "same motion"
 OWN_BEST_MOTION = "own best motion"
 BEST_TUKEY = "best Tukey"
 BEST_SNAPSHOT = "best snapshot"
+BEST_PANNED_SNAPSHOT = "best panned snapshot"
+BEST_CODED_STILL = "best coded still"
+CODED_AT_REST = "best coded at rest"
+_RIVALS = (BEST_TUKEY, BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT, BEST_CODED_STILL, CODED_AT_REST)
+_WORTH_IT = 0.1
+"""Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
+_STANDS_STILL = 0.05
+"""Travel during the exposure below which a sensor counts as standing still; px."""
 
 Step = Callable[[str], None]
 Entry = AbstractShutter | Design
@@ -71,8 +81,10 @@ class Comparison:
 
     Attributes:
         rows: One a shutter and reading.
-        verdict: A sentence on the gain over the best snapshot for this scene.
-        gain: That gain; dB, negative where the snapshot is better.
+        verdict: What to build for this scene, and its gain over the best rival of each kind of
+            apparatus; two sentences.
+        gain: Gain over the best snapshot, panned where that is allowed; dB, negative where the
+            snapshot is better.
     """
 
     rows: tuple[Row, ...]
@@ -106,13 +118,13 @@ class Comparison:
         return {"rows": rows, "verdict": self.verdict, "gain_db": self.gain}
 
     def text(self) -> str:
-        """The table as text, then the verdict."""
-        lines = []
+        """The verdict, then the table as text."""
+        lines = [self.verdict, ""]
         for reading in dict.fromkeys(row.reading for row in self.rows):
             lines += [f"{reading}", _HEADER]
             lines += [_line(row) for row in self.rows if row.reading == reading]
             lines.append("")
-        return "\n".join([*lines, self.verdict])
+        return "\n".join(lines[:-1])
 
 
 @alone_in_blas()
@@ -127,11 +139,14 @@ def compare(
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
 
-    *Same motion*: every shutter on `motion`. *Own best motion*: acceleration and
-    exposure tuned for each by the same loss within the scene's limits, from `motion` or
-    from the motion of a `Design`; a `Design` that this loss found for this scene is
-    finished and stays as it is. The best Tukey has its taper tuned too; the best
-    snapshot is a camera at rest with an open shutter and its exposure tuned.
+    *Own best motion*: exposure, velocity and acceleration, none included, tuned for each by the
+    same loss within the scene's limits, from `motion` or from the motion of a `Design`; a
+    `Design` that this loss found for this scene is finished and stays as it is. *Same motion*:
+    every shutter on `motion`.
+
+    Rivals beside the windows, tuned alike: the best Tukey, its taper too; the best snapshot, an
+    open shutter at rest, and where the sensor may pan the best panned snapshot; the best coded
+    still, a free profile without acceleration, and where that pans the best at rest.
 
     Args:
         scene: Speeds, light, noise and limits.
@@ -173,20 +188,23 @@ def compare(
         for name, shutter in fixed.items()
     ]
     # The longest search is begun first, and the others go on beside it.
-    everything = ("shutter", *_MOTION_ONLY)
-    tukey = partial(_at_own_best, BEST_TUKEY, scene, motion, TukeyShutter(0.5), everything, tuned)
-    searches = [tukey] + [
-        partial(_own_best, name, entry, scene, motion, loss, tuned)
-        for name, entry in entries.items()
+    start = scene.motion if is_straight(motion) else motion
+    searches = [
+        lambda: _coded_stills(scene, entries, loss, plan),
+        lambda: [_row(BEST_TUKEY, tuned(scene, start, TukeyShutter(0.5), None))],
+        *(
+            partial(_own_best, name, entry, scene, start, loss, tuned)
+            for name, entry in entries.items()
+        ),
+        lambda: _snapshots(scene, loss, plan),
     ]
-    searches.append(partial(best_snapshot, scene, loss, plan))
     at_best = {}
     found = in_threads(lambda search: search(), searches, num_processors(), first_alone=False)
-    for row in found:
-        step(row.name)
-        at_best[row.name] = row
-    rows += [at_best[name] for name in (*fixed, BEST_TUKEY, BEST_SNAPSHOT)]
-    return _with_verdict(rows, tuple(given))
+    for some in found:
+        step(some[0].name)
+        at_best |= {row.name: row for row in some}
+    names = [name for name in (*fixed, *_RIVALS) if name in at_best]
+    return _with_verdict([at_best[name] for name in names] + rows, tuple(given))
 
 
 def _given(shutters: object) -> dict[str, Entry]:
@@ -195,8 +213,8 @@ def _given(shutters: object) -> dict[str, Entry]:
 
 
 def taken_names() -> tuple[str, ...]:
-    """Names of rows that every comparison has."""
-    return (*baselines(), BEST_TUKEY, BEST_SNAPSHOT)
+    """Names of rows that a comparison may have of itself."""
+    return (*baselines(), *_RIVALS)
 
 
 def _require_own_name(name: str, entry: AbstractShutter | Design) -> None:
@@ -207,28 +225,81 @@ def _require_own_name(name: str, entry: AbstractShutter | Design) -> None:
 
 def best_snapshot(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None = PLANNED) -> Row:
     """A camera at rest with an ordinary shutter, its exposure tuned by the loss."""
-    low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
-    still = StillCamera(half_exposure=np.sqrt(np.asarray(low) * np.asarray(high)))
+    still = StillCamera(half_exposure=_middle_exposure(scene))
     if plan is PLANNED:
         plan = _roomy_plan(scene, still, loss)
-    found = _tuned(scene, still, RectShutter(), ("half_exposure",), loss=loss, plan=plan)
-    return _row(BEST_SNAPSHOT, found)
+    return _row(BEST_SNAPSHOT, optimise(scene, still, RectShutter(), loss=loss, plan=plan))
 
 
-_MOTION_ONLY = ("acceleration", "half_exposure")
+def _middle_exposure(scene: Scene) -> np.ndarray:
+    low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
+    return np.sqrt(np.asarray(low) * np.asarray(high))
+
+
+def _may_pan(scene: Scene) -> bool:
+    return float(scene.limits.max_pan) > 0
+
+
+def _snapshots(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None) -> list[Row]:
+    """The best snapshots at rest and, where that is allowed, panned."""
+    at_rest = best_snapshot(scene, loss, plan)
+    if not _may_pan(scene):
+        return [at_rest]
+    velocity = scene.fullest_motion.velocity
+    pan = LinearMotion(half_exposure=_middle_exposure(scene), velocity=velocity)
+    if float(velocity) == 0 and "velocity" not in free_by_default(scene, pan, RectShutter()):
+        return [at_rest, replace(at_rest, name=BEST_PANNED_SNAPSHOT)]
+    found = optimise(scene, pan, RectShutter(), loss=loss, plan=plan)
+    return [at_rest, _row(BEST_PANNED_SNAPSHOT, found)]
+
+
+def _coded_stills(
+    scene: Scene,
+    entries: Mapping[str, Entry],
+    loss: AbstractLoss,
+    plan: Plan | Automatic | None,
+) -> list[Row]:
+    """The best free profile without acceleration, and where that pans the best at rest."""
+    best = _known_straight(scene, entries, loss)
+    if best is None:
+        found = optimise(scene, scene.fullest_motion, loss=loss, plan=plan)
+        best = found.straight or found
+    rows = [_row(BEST_CODED_STILL, best)]
+    if not _pans(best.motion):
+        return rows
+    still = StillCamera(half_exposure=_middle_exposure(scene))
+    return [*rows, _row(CODED_AT_REST, optimise(scene, still, loss=loss, plan=plan))]
+
+
+def _known_straight(
+    scene: Scene, entries: Mapping[str, Entry], loss: AbstractLoss
+) -> Design | None:
+    """What a search for one of the designs has found on its way; None for nothing."""
+    for entry in entries.values():
+        if isinstance(entry, Design) and _is_finished(entry, scene, loss):
+            if isinstance(entry.shutter, SplineShutter) and entry.straight is not None:
+                return entry.straight
+    return None
 
 
 def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
     """The plan of a camera at rest, in the sizes of a moving one: one program serves both."""
     shutter = RectShutter()
     plan = planned(scene, still, shutter, loss=loss, free="half_exposure")
-    if is_straight(scene.motion):
+    start = scene.motion
+    if is_straight(start):
         return plan
-    moving = planned(scene, scene.motion, shutter, loss=loss, free=_MOTION_ONLY)
+    moving = planned(scene, start, shutter, loss=loss, free=free_by_default(scene, start, shutter))
     sizes = ("num_taps", "dft_length", "num_nodes")
     room = {name: max(getattr(plan, name), getattr(moving, name)) for name in sizes}
     finer = max(plan, moving, key=lambda each: each.num_frequencies)
-    return replace(plan, **room, num_frequencies=finer.num_frequencies, num_kept=finer.num_kept)
+    return replace(
+        plan,
+        **room,
+        num_frequencies=finer.num_frequencies,
+        num_kept=finer.num_kept,
+        folds=plan.folds and moving.folds,
+    )
 
 
 def _own_best(
@@ -238,12 +309,12 @@ def _own_best(
     motion: AbstractMotion,
     loss: AbstractLoss,
     tuned: Callable[..., Design],
-) -> Row:
-    if not isinstance(entry, Design):
-        return _at_own_best(name, scene, motion, entry, _MOTION_ONLY, tuned)
-    if _is_finished(entry, scene, loss):
-        return _row(name, entry)
-    return _at_own_best(name, scene, entry.motion, entry.shutter, _MOTION_ONLY, tuned)
+) -> list[Row]:
+    if isinstance(entry, Design) and _is_finished(entry, scene, loss):
+        return [_row(name, entry)]
+    shutter, start = (entry.shutter, entry.motion) if isinstance(entry, Design) else (entry, motion)
+    free = free_by_default(scene, start, shutter)
+    return [_row(name, tuned(scene, start, shutter, [n for n in free if n != "shutter"]))]
 
 
 def _is_finished(design: Design, scene: Scene, loss: AbstractLoss) -> bool:
@@ -261,24 +332,11 @@ def _on_host(leaf: Any) -> Any:
     return np.asarray(leaf) if eqx.is_array(leaf) else leaf
 
 
-def _at_own_best(
-    name: str,
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    free: tuple[str, ...],
-    tuned: Callable[..., Design],
-) -> Row:
-    if isinstance(motion, StillCamera):
-        free = tuple(part for part in free if part != "acceleration")
-    return _row(name, tuned(scene, motion, shutter, free))
-
-
 def _tuned(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
-    free: tuple[str, ...],
+    free: Sequence[str] | None,
     *,
     loss: AbstractLoss,
     plan: Plan | Automatic | None,
@@ -294,30 +352,75 @@ _NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore 
 
 
 def _with_verdict(rows: list[Row], given: tuple[str, ...]) -> Comparison:
-    at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
-    snapshot = next(row for row in at_best if row.name == BEST_SNAPSHOT)
-    contenders = [row for row in at_best if row.name in given] or [
-        row for row in at_best if row.name != BEST_SNAPSHOT
-    ]
-    best = max(contenders, key=lambda row: float(row.metrics.expected_psnr))
-    level, still = (float(row.metrics.expected_psnr) for row in (best, snapshot))
+    at_best = {row.name: row for row in rows if row.reading == OWN_BEST_MOTION}
+    snapshots = [at_best[n] for n in (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT) if n in at_best]
+    snapshot = _best(snapshots)
+    still = _level(snapshot)
     if np.isposinf(still):
         return Comparison(tuple(rows), _NO_DETAIL, 0.0)
-    gain = level - still
-    comparison = "better than" if gain >= 0 else "worse than"
-    verdict = (
-        f"For this scene {best.name} on its own best motion is expected to be "
-        f"{abs(gain):.2f} dB {comparison} the best snapshot "
-        f"({level:.2f} dB against {still:.2f} dB, exposures "
-        f"{float(best.motion.exposure) * 1e3:.3g} ms and "
-        f"{float(snapshot.motion.exposure) * 1e3:.3g} ms)."
-    )
-    return Comparison(tuple(rows), verdict, gain)
+    coded = [row for row in at_best.values() if row not in snapshots]
+    best = _best([row for row in coded if row.name in given] or coded)
+    gain = _level(best) - still
+    if max(map(_level, coded)) - still < _WORTH_IT:
+        verdict = (
+            f"Do not build a coded camera for this scene: nothing beats the {snapshot.name}, "
+            f"{still:.2f} dB, by {_WORTH_IT} dB ({best.name} reaches {_level(best):.2f} dB). Open "
+            f"an ordinary shutter for {_how(snapshot.motion)}."
+        )
+    else:
+        verdict = (
+            f"For this scene {best.name} on its own best motion is expected to reach "
+            f"{_level(best):.2f} dB ({_how(best.motion)}), {abs(gain):.2f} dB "
+            f"{'better' if gain >= 0 else 'worse'} than the {snapshot.name} "
+            f"({still:.2f} dB, {_how(snapshot.motion)})."
+        )
+    return Comparison(tuple(rows), f"{verdict}\n{_by_apparatus(at_best, best)}", gain)
+
+
+def _by_apparatus(at_best: Mapping[str, Row], best: Row) -> str:
+    """What each kind of apparatus brings, by the best rival of it."""
+    at_rest = CODED_AT_REST if CODED_AT_REST in at_best else BEST_CODED_STILL
+    kinds = {
+        "nothing": (BEST_SNAPSHOT,),
+        "a stage": (BEST_PANNED_SNAPSHOT, "rect"),
+        "a shutter": (at_rest,),
+    }
+    simple = [name for names in kinds.values() for name in names]
+    kinds["both"] = tuple(n for n in at_best if n not in simple and n != best.name)
+    parts = []
+    for kind, names in kinds.items():
+        rows = [at_best[name] for name in names if name in at_best]
+        if rows:
+            row = _best(rows)
+            parts.append(f"{kind}: {row.name} {_level(row):.2f} dB ({_how(row.motion)})")
+    return f"The best rivals by what they take. {'; '.join(parts)}."
+
+
+def _best(rows: Sequence[Row]) -> Row:
+    return max(rows, key=_level)
+
+
+def _level(row: Row) -> float:
+    return float(row.metrics.expected_psnr)
+
+
+def _pans(motion: AbstractMotion) -> bool:
+    return abs(float(motion.velocity)) * float(motion.exposure) >= _STANDS_STILL
+
+
+def _how(motion: AbstractMotion) -> str:
+    """Exposure, pan and stroke of a motion, in words."""
+    parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
+    if _pans(motion):
+        parts.append(f"panning at {float(motion.velocity):.4g} px/s")
+    if float(motion.stroke) >= _STANDS_STILL:
+        parts.append(f"a stroke of {float(motion.stroke):.3g} px")
+    return ", ".join(parts) if len(parts) > 1 else f"{parts[0]}, at rest"
 
 
 _HEADER = (
-    f"{'shutter':<16}{'PSNR dB':>9}{'cond.':>8}{'diff.':>8}{'rel.':>7}"
-    f"{'light':>7}{'bound':>7}{'stroke px':>11}{'exposure ms':>13}{'loss':>9}"
+    f"{'shutter':<21}{'PSNR dB':>9}{'cond.':>8}{'diff.':>8}{'rel.':>7}"
+    f"{'light':>7}{'bound':>7}{'stroke px':>11}{'pan px/s':>10}{'exposure ms':>13}{'loss':>9}"
 )
 
 
@@ -325,8 +428,9 @@ def _line(row: Row) -> str:
     m = row.metrics
     loss = "" if row.loss is None else f"{row.loss:.4f}"
     return (
-        f"{row.name:<16}{float(m.expected_psnr):>9.2f}{float(m.condition_number):>8.2f}"
+        f"{row.name:<21}{float(m.expected_psnr):>9.2f}{float(m.condition_number):>8.2f}"
         f"{float(m.kernel_difference):>8.4f}{float(m.relative_kernel_difference):>7.3f}"
         f"{float(m.efficiency):>7.3f}{float(m.bound_share):>7.3f}"
-        f"{float(row.motion.stroke):>11.2f}{float(row.motion.exposure) * 1e3:>13.3f}{loss:>9}"
+        f"{float(row.motion.stroke):>11.2f}{float(row.motion.velocity) + 0.0:>10.1f}"
+        f"{float(row.motion.exposure) * 1e3:>13.3f}{loss:>9}"
     )

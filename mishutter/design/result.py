@@ -46,6 +46,8 @@ class Design:
         loss_name: The loss that was made small.
         best_start_loss: Smallest loss among the starts.
         plan: The plan of the search; None where that is not known.
+        straight: The best design without acceleration, where the search has set one beside
+            this; it is not written to a file.
     """
 
     shutter: AbstractShutter
@@ -59,6 +61,7 @@ class Design:
     loss_name: str
     best_start_loss: float
     plan: Plan | None = None
+    straight: "Design | None" = None
 
     @cached_property
     def metrics(self) -> Metrics:
@@ -74,7 +77,8 @@ class Design:
             "motion": motion_to_dict(self.motion),
             "metrics": metrics_to_dict(self.metrics),
         }
-        return SavedDesign.model_validate(vars(self) | parts, from_attributes=True).model_dump()
+        own = {name: value for name, value in vars(self).items() if name != "straight"}
+        return SavedDesign.model_validate(own | parts, from_attributes=True).model_dump()
 
     def save(self, path: str | Path) -> None:
         """Write the design to one JSON file, whole or not at all.
@@ -162,7 +166,8 @@ def _built(file: SavedDesign) -> Design:
         "history": np.array(file.history),
         "plan": None if file.plan is None else Plan.from_dict(file.plan.model_dump()),
     }
-    return Design(**{field.name: getattr(file, field.name) for field in fields(Design)} | parts)
+    names = [field.name for field in fields(Design) if field.name != "straight"]
+    return Design(**{name: getattr(file, name) for name in names} | parts)
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:

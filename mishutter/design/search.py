@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from enum import Enum
 from functools import partial
 from typing import Any, NamedTuple
@@ -154,23 +155,36 @@ def optimise(
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
     loss = as_loss(loss, "optimise(loss=...)")
-    names = all_that_can_move(scene, motion, shutter) if free is None else free
     rules = {"loss": loss, "num_starts": num_starts, "seed": seed, "max_steps": max_steps}
-    searched = partial(_searched, scene, motion, shutter, plan=plan, progress=progress, **rules)
-    if free is None and _mirrors(scene, float(motion.velocity)):
-        end = searched(tuple(name for name in names if name != "velocity"))
-        if float(motion.velocity) != 0 and _is_at_top_speed(end.motion, scene):
-            end = searched(names)
-    else:
-        end = searched(names)
+    searched = partial(_searched, scene, motion, shutter, progress=progress, **rules)
+    names = free_by_default(scene, motion, shutter) if free is None else free
+    ends = searched(names, plan=plan)
+    if free is None and _is_held_up_by_pan(ends[0].motion, scene):
+        plan = PLANNED if isinstance(plan, Plan) else plan
+        ends = searched(all_that_can_move(scene, motion, shutter), plan=plan)
+    best, *straight = (_design(end, scene, loss, max_steps) for end in ends)
+    if straight:
+        best = _better(best, straight[0])
+        if "shutter" in names and "half_exposure" in names:
+            best = replace(best, straight=straight[0])
+    if throw and not best.converged:
+        raise SearchFailedError(best.outcome)
+    return best
+
+
+def _better(design: Design, straight: Design) -> Design:
+    """The better of two designs, the second of which has no acceleration; of equals, that."""
+    history = np.append(design.history, np.minimum(straight.history, design.history[-1]))
+    start_loss = min(design.best_start_loss, straight.best_start_loss)
+    better = design
+    if straight.loss <= design.loss * (1 + _SAME):
+        better = replace(straight, outcome=f"{straight.outcome} {_NO_ACCELERATION}")
+    return replace(better, history=history, best_start_loss=start_loss)
+
+
+def _design(end: "_End", scene: Scene, loss: AbstractLoss, max_steps: int) -> Design:
     outcome = _outcome(end.certificate, end.loss, end.num_steps >= max_steps)
-    if throw and outcome is not Outcome.CONVERGED:
-        raise SearchFailedError(outcome.value)
-    sentences = [outcome.value]
-    if end.straight_is_best:
-        sentences.append(_NO_ACCELERATION)
-    if not within_limits(end.motion, scene.limits):
-        sentences.append(_OUTSIDE)
+    inside = within_limits(end.motion, scene.limits)
     return Design(
         shutter=end.shutter,
         motion=end.motion,
@@ -178,7 +192,7 @@ def optimise(
         loss=end.loss,
         history=end.history,
         converged=outcome is Outcome.CONVERGED,
-        outcome=" ".join(sentences),
+        outcome=outcome.value if inside else f"{outcome.value} {_OUTSIDE}",
         certificate=end.certificate,
         loss_name=repr(loss),
         best_start_loss=end.best_start_loss,
@@ -186,8 +200,23 @@ def optimise(
     )
 
 
-def _is_at_top_speed(motion: AbstractMotion, scene: Scene) -> bool:
-    return float(motion.top_speed) > float(scene.limits.max_top_speed) * (1 - _AT_LIMIT)
+def free_by_default(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter | None
+) -> tuple[str, ...]:
+    """Parts that a search moves by default: all that can, but for a velocity at a symmetry.
+
+    No shutter stands for a free-form profile.
+    """
+    names = all_that_can_move(scene, motion, shutter)
+    if _mirrors(scene, float(motion.velocity)):
+        return tuple(name for name in names if name != "velocity")
+    return names
+
+
+def _is_held_up_by_pan(motion: AbstractMotion, scene: Scene) -> bool:
+    """Whether a sensor that panned slower could gain more speed."""
+    at_top = float(motion.top_speed) > float(scene.limits.max_top_speed) * (1 - _AT_LIMIT)
+    return at_top and float(motion.velocity) != 0 and _mirrors(scene, float(motion.velocity))
 
 
 def _searched(
@@ -198,8 +227,8 @@ def _searched(
     *,
     plan: Plan | Automatic | None,
     **rules: Any,
-) -> "_End":
-    """The better of the best design that accelerates and the best that does not.
+) -> "list[_End]":
+    """The best design, and where the acceleration may move the best that has none.
 
     A velocity that is held is that of the frame that the search is done in.
     """
@@ -211,18 +240,13 @@ def _searched(
         shutter = starting_shutter(scene if pans else _without_pan(scene))
     space = design_space(scene, motion, shutter, names)
     plan = _plan(scene, space, rules["loss"], plan)
-    end = _best_of_space(scene, space, plan=plan, **rules)
+    ends = [_best_of_space(scene, space, plan=plan, **rules)]
     if "acceleration" in space.free:
-        straight = _best_of_space(scene, space.without_acceleration(), plan=plan, **rules)
-        history = np.append(end.history, np.minimum(straight.history, end.history[-1]))
-        start_loss = min(end.best_start_loss, straight.best_start_loss)
-        is_best = straight.loss <= end.loss * (1 + _SAME)
-        end = (straight if is_best else end)._replace(
-            history=history, best_start_loss=start_loss, straight_is_best=is_best
-        )
+        rules["progress"] = None
+        ends.append(_best_of_space(scene, space.without_acceleration(), plan=plan, **rules))
     if "velocity" in names or is_known_zero(frame.velocity):
-        return end
-    return end._replace(motion=panned(end.motion, frame.velocity))
+        return ends
+    return [end._replace(motion=panned(end.motion, frame.velocity)) for end in ends]
 
 
 class _End(NamedTuple):
@@ -236,7 +260,6 @@ class _End(NamedTuple):
     history: np.ndarray
     best_start_loss: float
     plan: Plan
-    straight_is_best: bool = False
 
 
 def _best_of_space(

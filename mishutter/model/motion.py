@@ -83,7 +83,7 @@ class ParabolicMotion(AbstractMotion):
         _check_velocity("ParabolicMotion(velocity=...)", self.velocity)
 
 
-class _Unaccelerated(AbstractMotion):
+class AbstractStraightMotion(AbstractMotion):
     """A sensor whose path is straight."""
 
     @property
@@ -93,7 +93,7 @@ class _Unaccelerated(AbstractMotion):
 
 
 @final
-class LinearMotion(_Unaccelerated):
+class LinearMotion(AbstractStraightMotion):
     """Constant velocity: a panning camera.
 
     Args:
@@ -117,7 +117,7 @@ class LinearMotion(_Unaccelerated):
 
 
 @final
-class StillCamera(_Unaccelerated):
+class StillCamera(AbstractStraightMotion):
     """A sensor at rest: a snapshot, or a flutter shutter, by the same integrals.
 
     Args:
@@ -192,7 +192,7 @@ def as_parabolic(motion: AbstractMotion) -> ParabolicMotion:
 def panned(motion: AbstractMotion, velocity: ArrayLike) -> AbstractMotion:
     """The motion at another velocity."""
     half_exposure = motion.half_exposure
-    if isinstance(motion, _Unaccelerated):
+    if isinstance(motion, AbstractStraightMotion):
         return LinearMotion(half_exposure=half_exposure, velocity=velocity)
     return ParabolicMotion(
         acceleration=motion.acceleration, half_exposure=half_exposure, velocity=velocity
@@ -201,14 +201,14 @@ def panned(motion: AbstractMotion, velocity: ArrayLike) -> AbstractMotion:
 
 def without_velocity(motion: AbstractMotion) -> AbstractMotion:
     """The motion in a frame that pans with it."""
-    if isinstance(motion, _Unaccelerated):
+    if isinstance(motion, AbstractStraightMotion):
         return StillCamera(half_exposure=motion.half_exposure)
     return ParabolicMotion(acceleration=motion.acceleration, half_exposure=motion.half_exposure)
 
 
 def is_straight(motion: AbstractMotion) -> bool:
     """Whether the sensor is known not to accelerate."""
-    return isinstance(settled(motion), _Unaccelerated)
+    return isinstance(settled(motion), AbstractStraightMotion)
 
 
 def _zero_like(value: Array) -> Array:

@@ -312,9 +312,14 @@ class Scene(eqx.Module):
     @property
     def motion(self) -> AbstractMotion:
         """The motion to start from or to compare at: that given, or the fullest within limits."""
-        if self.given_motion is not None:
-            return self.given_motion
+        return self.fullest_motion if self.given_motion is None else self.given_motion
+
+    @property
+    def fullest_motion(self) -> ParabolicMotion:
+        """The `fullest_motion` of the limits about the middle of the speeds."""
         slowest, fastest = self.speed_range
+        known = self.speeds_known
+        slowest, fastest = (np.asarray(x) if known else x for x in (slowest, fastest))
         return self.limits.fullest_motion((slowest + fastest) / 2)
 
     @property

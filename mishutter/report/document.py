@@ -5,7 +5,15 @@ from pathlib import Path
 from typing import Any
 
 from mishutter._core import strict_json, write_text
-from mishutter.design import BEST_SNAPSHOT, BEST_TUKEY, OWN_BEST_MOTION, Comparison, Design, Row
+from mishutter.design import (
+    BEST_PANNED_SNAPSHOT,
+    BEST_SNAPSHOT,
+    BEST_TUKEY,
+    OWN_BEST_MOTION,
+    Comparison,
+    Design,
+    Row,
+)
 from mishutter.model import (
     Scene,
 )
@@ -35,6 +43,10 @@ class Report:
 def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
     """Rows to show on the photograph and in pictures: rect, Hann, the best rivals, the given."""
     wanted = dict.fromkeys(("rect", "Hann", *names, BEST_TUKEY, BEST_SNAPSHOT))
+    held = {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
+    panned = held.get(BEST_PANNED_SNAPSHOT)
+    if panned is not None and float(panned.motion.velocity) != 0:
+        wanted[BEST_PANNED_SNAPSHOT] = None
     return {name: comparison.row(name, OWN_BEST_MOTION) for name in wanted}
 
 

@@ -14,7 +14,8 @@ from mishutter import (
     starting_shutter,
 )
 from mishutter.design.cover import cover, lowest_of_valleys
-from mishutter.design.space import all_that_can_move, design_space
+from mishutter.design.search import free_by_default
+from mishutter.design.space import design_space
 from mishutter.model import coefficient_times
 
 LIMITS = Limits(max_stroke=50.0, max_top_speed=1e5, max_half_exposure=1 / 30)
@@ -27,7 +28,7 @@ def _scene(speeds, photon_rate=1e8, read_noise=1.0, limits=LIMITS):
 
 def _space(scene, motion=MOTION):
     shutter = starting_shutter(scene)
-    return design_space(scene, motion, shutter, all_that_can_move(motion, shutter))
+    return design_space(scene, motion, shutter, free_by_default(scene, motion, shutter))
 
 
 @pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=2e-3)])
@@ -50,7 +51,7 @@ def test_profiles_are_open_where_the_sensor_keeps_up(speeds):
     boxes = cover(space, scene, 4, seed=3)
     for index, box in enumerate(boxes):
         shutter, motion = space.at(jax.device_put(box))
-        times = np.asarray(speeds) / float(motion.top_speed)
+        times = (np.asarray(speeds) - float(motion.velocity)) / float(motion.speed_gain)
         inside = np.abs(times) <= 0.9
         lit = np.asarray(shutter.transmittance(np.clip(times, -1, 1))) > 0.2
         assert np.any(lit[inside]) or not np.all(inside)

@@ -16,6 +16,7 @@ from mishutter import (
     DesignLoss,
     ExpectedErrorLoss,
     HannShutter,
+    LinearMotion,
     NonFiniteLossError,
     Outcome,
     ParabolicMotion,
@@ -30,6 +31,7 @@ from mishutter import (
 )
 from mishutter.design.many_starts import descend
 from mishutter.design.objective import DesignObjective, LinearObjective, objective_of
+from mishutter.design.search import free_by_default
 from mishutter.design.solvers import (
     Polished,
     certificate_at,
@@ -181,7 +183,7 @@ def test_a_grid_leads_to_the_lowest_of_its_minima(shutter, free):
     """Polished from every point of the grid by the whole loss, none ends lower."""
     loss = ExpectedErrorLoss()
     design = optimise(SCENE, MOTION, shutter, loss=loss, free=free)
-    space = design_space(SCENE, MOTION, shutter, free or all_that_can_move(MOTION, shutter))
+    space = design_space(SCENE, MOTION, shutter, free or free_by_default(SCENE, MOTION, shutter))
     objective = objective_of(loss, needed_speeds(SCENE, shutter), space, design.plan)
     ends = [polish(objective, box, max_steps=300).loss for box in start_boxes(space, 1, 0)]
     assert design.converged, design.outcome
@@ -251,12 +253,13 @@ def test_the_best_snapshot_moves_about_a_pixel():
         (MOTION, PROFILE, FREE_NAMES),
         (MOTION, HannShutter(), FREE_NAMES[1:]),
         (StillCamera(half_exposure=1e-3), PROFILE, ("shutter", "half_exposure")),
-        (ParabolicMotion(acceleration=0.0, half_exposure=1e-3), RectShutter(), FREE_NAMES[2:]),
+        (ParabolicMotion(acceleration=0.0, half_exposure=1e-3), RectShutter(), ("half_exposure",)),
+        (LinearMotion(half_exposure=1e-3, velocity=9.0), RectShutter(), FREE_NAMES[1:3]),
     ],
 )
 def test_all_that_can_move(motion, shutter, names):
     """By default a fixed window is held, and a camera at rest stays there."""
-    assert all_that_can_move(motion, shutter) == names
+    assert all_that_can_move(SCENE, motion, shutter) == names
 
 
 @pytest.mark.parametrize("at_rest", [StillCamera, partial(ParabolicMotion, acceleration=0.0)])

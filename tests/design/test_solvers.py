@@ -16,8 +16,9 @@ from mishutter import (
     TukeyShutter,
 )
 from mishutter.design.objective import DesignObjective, SpectralObjective, objective_of
+from mishutter.design.search import free_by_default
 from mishutter.design.solvers import loss_and_gradient
-from mishutter.design.space import all_that_can_move, design_space
+from mishutter.design.space import design_space
 from mishutter.evaluation.needs import needed_speeds
 
 STILL = StillCamera(half_exposure=float(np.sqrt(5e-4 * 0.03)))
@@ -34,7 +35,7 @@ DESIGNS = {
 def _objectives(name):
     """The objective of a search and the loss of the design itself; size of their box."""
     motion, shutter = DESIGNS[name]
-    space = design_space(SCENE, motion, shutter, all_that_can_move(motion, shutter))
+    space = design_space(SCENE, motion, shutter, free_by_default(SCENE, motion, shutter))
     scene, loss = needed_speeds(SCENE, shutter), ExpectedErrorLoss()
     by_parts = objective_of(loss, scene, space, SMALL)
     assert isinstance(by_parts, SpectralObjective)
