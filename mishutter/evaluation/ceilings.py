@@ -70,16 +70,15 @@ def ceiling(
     A list often stands for speeds that are spread continuously, and `continuous` takes it so:
     the range between the slowest and the fastest is cut into as many equal cells as there are
     speeds, and within each of them all speeds are equally likely. The largest density $d$ gives
-    $T\lambda = \min(T, d/2f)$ (Parseval's theorem), which is finite at every exposure. This is
-    **the ceiling of the continuous scene**: it is lower, and no bound for what `evaluate` says of
-    the list itself, until the list is so fine that no design tells neighbours apart.
+    $T\lambda = \min(T, d/2f)$ (Parseval's theorem), which is finite at every exposure. This
+    ceiling is that of the continuous speeds. It is lower than that of the list, and a design may
+    exceed it on the list alone, by dwelling at speeds that are listed.
 
     The highest of the values on all grids of frequencies that `evaluate` chooses between is
     returned, so that its own averages are bounded, up to rounding.
 
     Args:
-        scene: Speeds, light and noise, whose numbers are known. Every number but the limits'
-            longest exposure is that of the designs to be compared.
+        scene: Speeds, light, noise and picture, whose numbers are known.
         max_half_exposure: The longest half exposure, s, above 0; that of the scene's limits by
             default. `inf` is no limit: read noise no longer counts.
         continuous: Whether the listed speeds stand for speeds spread continuously.
@@ -155,7 +154,7 @@ def times_of_cells(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     speeds, weights = (np.asarray(x, np.float64)[order] for x in (scene.speeds, scene.weights))
     width = speeds[-1] - speeds[0]
     steps = np.diff(speeds) * (speeds.size - 1)
-    equal = width > 0 and np.allclose(steps, width, rtol=_STEP_TOLERANCE, atol=0)
+    equal = bool(width > 0) and np.allclose(steps, width, rtol=_STEP_TOLERANCE, atol=0)
     subject, requirement = "ceiling(scene=...)", "hold two or more speeds in equal steps"
     require(equal, subject, f"{requirement} where it is `continuous`", speeds)
     density = np.max(weights) * speeds.size / width
