@@ -4,8 +4,7 @@ Let $g(t) = w(t)\,e^{-2\pi i f x_c(t)}$ be the light that any path $x_c$ and any
 $0 \le w \le 1$ let through, $L = \int w\,dt$ the time that the shutter is open, and
 $K_i(f) = \int g\,e^{2\pi i f s_i t}\,dt$ the response at speed $s_i$ of weight $p_i$, in seconds.
 White noise of equation (4) of the paper, seen in the same unit, has the variance
-$L\bar f/R + (\sigma/R)^2$ at a photon rate $R$ ("the paper" is "Improved motion invariant imaging
-with time varying shutter functions").
+$L\bar f/R + (\sigma/R)^2$ at a photon rate $R$.
 
 1.  *Error.* One filter for all speeds leaves at least what one filter for each leaves, and since
     $x \mapsto 1/(1 + x)$ is convex (Jensen's inequality) that is at least
@@ -27,6 +26,8 @@ with time varying shutter functions").
 
 With $L = 2T$ the ceiling is that of
 $q = 2R\,T\lambda\,/\,(\bar f + \sigma^2/2RT)$.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
 import numpy as np
