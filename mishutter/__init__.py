@@ -29,6 +29,7 @@ from mishutter.evaluation import DesignLoss as DesignLoss
 from mishutter.evaluation import ExpectedErrorLoss as ExpectedErrorLoss
 from mishutter.evaluation import Metrics as Metrics
 from mishutter.evaluation import Plan as Plan
+from mishutter.evaluation import ceiling as ceiling
 from mishutter.evaluation import evaluate as evaluate
 from mishutter.model import RASKAR_CODE as RASKAR_CODE
 from mishutter.model import AbstractAdjustableShutter as AbstractAdjustableShutter
@@ -135,6 +136,7 @@ __all__ = [
     "blur_kernel",
     "blur_model",
     "capture_and_restore",
+    "ceiling",
     "centred_kernel",
     "compare",
     "condition_number",

@@ -163,6 +163,14 @@ def num_frequencies(scene: Scene, spread: float) -> int:
     return size_class(int(np.ceil(min(count, MAX_COUNT))))
 
 
+def frequency_counts() -> list[int]:
+    """Every number of frequencies that `num_frequencies` chooses and `require_sizes` passes."""
+    counts = [NUM_FREQUENCIES]
+    while counts[-1] < _OF_ONE_SPEED[2]:
+        counts.append(size_class(counts[-1] + 1))
+    return counts
+
+
 def longest_within_limits(scene: Scene) -> float:
     """Longest kernel of an object that a motion within the limits keeps up with; px."""
     stroke = scene.limits.max_stroke

@@ -38,6 +38,8 @@ class Metrics(eqx.Module):
         relative_kernel_difference: The same over the RMS of $h_0$.
         efficiency: Throughput, the mean transmittance over the exposure.
         expected_psnr: PSNR of the best single linear decoder, in linear light; dB.
+        known_speed_psnr: PSNR of the best linear decoder that is told the speed; dB. It is at
+            least `expected_psnr`, and the difference is the price of not knowing the speed.
         bound_share: $|K_s(f)|^2$ over the wedge bound, worst case over speeds and
             frequencies.
         phase: Offset of the first tap's edge from the point of alignment; px.
@@ -50,6 +52,7 @@ class Metrics(eqx.Module):
     relative_kernel_difference: Array
     efficiency: Array
     expected_psnr: Array
+    known_speed_psnr: Array
     bound_share: Array
     phase: Array
     dft_length: int = eqx.field(static=True)
@@ -118,6 +121,7 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
         relative_kernel_difference=relative,
         efficiency=response.efficiency,
         expected_psnr=-10 * jnp.log10(expected_squared_error(scene, motion, response)),
+        known_speed_psnr=-10 * jnp.log10(known_speed_squared_error(scene, motion, response)),
         bound_share=bound_share(scene, motion, response),
         phase=jnp.asarray(kernel_phase(motion, plan.num_taps), response.efficiency.dtype),
         dft_length=plan.dft_length,
@@ -173,31 +177,67 @@ def expected_squared_error(
     dtype = response.efficiency.dtype
     num_kept = response.spectra.shape[1]
     num_frequencies = num_kept if num_frequencies is None else num_frequencies
-    frequency = frequency_grid(num_frequencies, np.dtype(dtype))[:num_kept]
     every_power = picture_power(scene, num_frequencies, np.dtype(dtype))
     power = every_power[:num_kept]
-    spectra, aperture = response.spectra, jnp.sinc(frequency) ** 2
+    spectra, aperture = response.spectra, _aperture(num_frequencies, np.dtype(dtype))[:num_kept]
     weights = scene.weights.astype(dtype)[:, None]
     mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
     deviation = spectra - mean[None]
     spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0) * aperture
     coherent = (mean.real**2 + mean.imag**2) * aperture
+    signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
+    share = _share(signal * spread + noise, signal * (coherent + spread) + noise)
+    return (jnp.sum(power * share) + jnp.sum(every_power[num_kept:])) / num_frequencies
+
+
+def known_speed_squared_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
+    r"""Expected squared error of the best linear decoder that is told the speed; scalar.
+
+    Each speed has a Wiener filter of its own, and the picture, aperture, noise and units are
+    those of `expected_squared_error`:
+    $\sum_i p_i\,2\int_0^{1/2} S\,N/(S|H_i|^2 + N)\,df$. One filter for all speeds is never
+    better than this.
+    """
+    dtype = response.efficiency.dtype
+    spectra = response.spectra
+    num_frequencies = spectra.shape[1]
+    power = picture_power(scene, num_frequencies, np.dtype(dtype))
+    aperture = _aperture(num_frequencies, np.dtype(dtype))
+    passed = (spectra.real**2 + spectra.imag**2) * aperture[None]
+    signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
+    share = _share(noise, signal[None] * passed + noise)
+    return jnp.mean(power * jnp.sum(scene.weights.astype(dtype)[:, None] * share, axis=0))
+
+
+def _aperture(num_frequencies: int, dtype: np.dtype) -> Array:
+    """Share of the power that the pixel passes, on the frequency grid; shape `(m,)`."""
+    return jnp.sinc(frequency_grid(num_frequencies, dtype)) ** 2
+
+
+def _signal_and_noise(
+    scene: Scene, motion: AbstractMotion, efficiency: Array, power: Array
+) -> tuple[Array, Array]:
+    """Power of the picture `(m,)` and of the noise, scalar, as recorded in a common unit.
+
+    The unit is the larger of signal and noise, because squares of electrons overflow float32.
+    """
+    dtype = efficiency.dtype
     electrons = scene.photon_rate.astype(dtype) * motion.exposure.astype(dtype)
     read_noise = scene.read_noise.astype(dtype)
-    # Units of the larger of signal and noise, because squares of electrons overflow float32.
     largest = jnp.maximum(jnp.maximum(electrons, jnp.sqrt(electrons)), read_noise)
     unit = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1.0))
     light = electrons / unit
-    noise = response.efficiency * scene.mean_level.astype(dtype) * light / unit
+    noise = efficiency * scene.mean_level.astype(dtype) * light / unit
     noise = noise + (read_noise / unit) ** 2
-    signal = power * light**2
-    remaining = signal * spread + noise
-    total = signal * (coherent + spread) + noise
+    return power * light**2, noise
+
+
+def _share(part: Array, total: Array) -> Array:
+    """Share of the picture's power that is lost: `part / total`, all of it where both are 0."""
     dark = total <= 0
     # The derivative of a quotient squares its divisor, so the divisor is scaled to nearly 1.
     scale = jax.lax.stop_gradient(1 / jnp.where(dark, 1.0, total))
-    share = jnp.where(dark, 1.0, (remaining * scale) / jnp.where(dark, 1.0, total * scale))
-    return (jnp.sum(power * share) + jnp.sum(every_power[num_kept:])) / num_frequencies
+    return jnp.where(dark, 1.0, (part * scale) / jnp.where(dark, 1.0, total * scale))
 
 
 @compiled

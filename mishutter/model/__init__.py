@@ -26,6 +26,7 @@ from mishutter.model.motion import turns as turns
 from mishutter.model.motion import without_velocity as without_velocity
 from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY
 from mishutter.model.scene import NUM_FREQUENCIES as NUM_FREQUENCIES
+from mishutter.model.scene import NYQUIST_FREQUENCY as NYQUIST_FREQUENCY
 from mishutter.model.scene import Limits as Limits
 from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene import seen_from as seen_from

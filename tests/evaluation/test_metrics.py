@@ -69,6 +69,25 @@ def test_expected_psnr_is_that_of_the_ensemble_filter():
     assert abs(float(evaluate(SCENE, MOTION, SHUTTER).expected_psnr) - reference) < 2e-3
 
 
+def test_known_speed_psnr_is_that_of_a_filter_for_each_speed():
+    """The reported figure is the mean error of Wiener filters, each told its speed."""
+    count = sizes(SCENE, MOTION).num_frequencies
+    frequency = (np.arange(count) + 0.5) / (2 * count)
+    power = 1 / (frequency**2 + 0.01**2)
+    power *= 0.2**2 / np.mean(power)
+    electrons = 7e4 * 2 * HALF_EXPOSURE
+    noise = float(SHUTTER.efficiency()) * 0.25 / electrons + (6.0 / electrons) ** 2
+    error = 0.0
+    for speed, weight in zip(SPEEDS, WEIGHTS, strict=True):
+        response = transfer_function(SHUTTER, MOTION, speed=speed, frequency=frequency)
+        seen = np.asarray(response) * np.sinc(frequency)
+        gain = power * seen.conj() / (power * abs(seen) ** 2 + noise)
+        error += weight * np.mean(abs(gain) ** 2 * noise + power * abs(1 - gain * seen) ** 2)
+    found = evaluate(SCENE, MOTION, SHUTTER)
+    assert np.isclose(found.known_speed_psnr, -10 * np.log10(error), rtol=1e-9)
+    assert found.known_speed_psnr > found.expected_psnr
+
+
 def test_a_camera_at_rest_is_aligned_at_mid_exposure():
     """A snapshot's figure comes from the same code, without a vertex."""
     still = StillCamera(half_exposure=0.0021)
@@ -168,6 +187,7 @@ def test_a_traced_sensor_without_acceleration_is_measured_as_a_still_camera(plan
             "relative_kernel_difference",
             "efficiency",
             "expected_psnr",
+            "known_speed_psnr",
             "bound_share",
         ):
             assert np.isclose(getattr(traced, name), getattr(known, name), rtol=1e-9), name
@@ -362,7 +382,8 @@ def test_single_precision_is_kept():
     )
     single = evaluate(scene, motion, HannShutter())
     double = evaluate(SCENE, MOTION, HannShutter())
-    for name in ("condition_number", "efficiency", "expected_psnr", "bound_share"):
+    names = "condition_number", "efficiency", "expected_psnr", "known_speed_psnr", "bound_share"
+    for name in names:
         assert getattr(single, name).dtype == np.float32
         assert np.isclose(getattr(single, name), getattr(double, name), rtol=2e-3)
 

@@ -1,0 +1,162 @@
+r"""The expected PSNR that no path of the sensor and no shutter exceeds for a scene.
+
+Let $g(t) = w(t)\,e^{-2\pi i f x_c(t)}$ be the light that any path $x_c$ and any transmittance
+$0 \le w \le 1$ let through, $L = \int w\,dt$ the time that the shutter is open, and
+$K_i(f) = \int g\,e^{2\pi i f s_i t}\,dt$ the response at speed $s_i$ of weight $p_i$, in seconds.
+White noise of equation (4) of the paper, seen in the same unit, has the variance
+$L\bar f/R + (\sigma/R)^2$ at a photon rate $R$.
+
+1.  *Error.* One filter for all speeds leaves at least what one filter for each leaves, and since
+    $x \mapsto 1/(1 + x)$ is convex (Jensen's inequality) that is at least
+    $E \ge \overline{S/(1 + S\,\mathrm{sinc}^2(f)\,q)}$ with
+    $q = \sum_i p_i|K_i|^2 / (L\bar f/R + (\sigma/R)^2)$; the mean is over frequencies.
+2.  *Response.* $|K_i| \le L$, and $K_i$ is the inner product of $g$ with a wave. Since
+    $\lVert g\rVert^2 = \int w^2 \le L$, both together say
+    $\sum_i p_i|K_i|^2 \le \min(L^2, L\,M)$, where $M(T) = 2T\lambda(Tf)$ is the largest eigenvalue
+    of the weighted Gram matrix of these waves on $[-T, T]$,
+    $2T\sqrt{p_i p_j}\,\mathrm{sinc}(2Tf(s_i - s_j))$.
+3.  *Open shutter.* Hence $q \le \min(L^2, L M)/(L\bar f/R + (\sigma/R)^2)$. Neither $L^2$ nor
+    $L M$ over that divisor falls with $L$, so the bound is largest for an open shutter,
+    $L = 2T$, although that lets the most noise through.
+4.  *Longest exposure.* A shutter within a shorter exposure is one within the longest that stays
+    closed at both ends: $M$ never falls with $T$, although $\lambda$ alone may fall and rise, and
+    the longest exposure bounds all. At one exposure $f\lambda(Tf)$ is proportional to $M$ at one
+    frequency and an exposure that varies: it never falls with $f$, so that its value at a higher
+    frequency bounds it at a lower one.
+
+With $L = 2T$ the ceiling is that of
+$q = 2R\,T\lambda\,/\,(\bar f + \sigma^2/2RT)$.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
+
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import (
+    as_float,
+    require,
+    require_known,
+    require_scalar,
+)
+from mishutter.evaluation.lengths import distinct_speeds, frequency_counts
+from mishutter.evaluation.needs import power_on_grid
+from mishutter.model import NYQUIST_FREQUENCY, Scene, frequencies
+
+_LOWEST, _NUM_EIGENVALUES = 1e-6, 2048
+"""Frequencies at which eigenvalues are computed: the lowest, below that of every grid, cycles/px,
+and how many from there to 0.5, each 1.006 times the last. The bound of the largest eigenvalue is
+too high by no more than that, and the ceiling by 0.03 dB."""
+_STEP_TOLERANCE = 1e-4
+"""Part of a step by which steps of single precision may differ and count as equal."""
+
+
+def ceiling(
+    scene: Scene, *, max_half_exposure: ArrayLike | None = None, continuous: bool = False
+) -> Array:
+    r"""The expected PSNR that no path, no shutter and no linear decoder exceeds; dB.
+
+    $-10\log_{10}$ of the mean over frequencies of $S/(1 + S\,\mathrm{sinc}^2(f)\,q)$, where $S$ is
+    the picture's power and $q = 2R\,T\lambda\,/\,(\bar f + \sigma^2/2RT)$ at the longest half
+    exposure $T$ (after the wedge bound of Levin et al. 2008; this module derives it). It holds
+    for one filter for all speeds (`Metrics.expected_psnr`) and for a decoder that is told the
+    speed (`Metrics.known_speed_psnr`), for any path of the sensor whatever its stroke or top
+    speed, and does not change when all speeds are shifted, as by a pan.
+
+    The speeds of a scene are a list, and $\lambda$ is the largest eigenvalue of
+    $\sqrt{p_i p_j}\,\mathrm{sinc}(2Tf(s_i - s_j))$, which holds for exactly these speeds. It is
+    high where they are few: a path may dwell at each of them, and without a limit on exposure it
+    then collects all light, so that there is no ceiling.
+
+    A list often stands for speeds that are spread continuously, and `continuous` takes it so:
+    the range between the slowest and the fastest is cut into as many equal cells as there are
+    speeds, and within each of them all speeds are equally likely. The largest density $d$ gives
+    $T\lambda = \min(T, d/2f)$ (Parseval's theorem), which is finite at every exposure. This
+    ceiling is that of the continuous speeds. It is lower than that of the list, and a design may
+    exceed it on the list alone, by dwelling at speeds that are listed.
+
+    The highest of the values on all grids of frequencies that `evaluate` chooses between is
+    returned, so that its own averages are bounded, up to rounding.
+
+    Args:
+        scene: Speeds, light, noise and picture, whose numbers are known.
+        max_half_exposure: The longest half exposure, s, above 0; that of the scene's limits by
+            default. `inf` is no limit: read noise no longer counts.
+        continuous: Whether the listed speeds stand for speeds spread continuously.
+
+    Returns:
+        The ceiling, dB; scalar. It is `inf` where nothing is lost: of a grey picture, without any
+        noise, or for a list without a limit on exposure.
+
+    Raises:
+        ValueError: if the scene is no scene or is traced, the exposure is not above 0, or a
+            `continuous` list is not of two or more speeds in equal steps.
+    """
+    require(isinstance(scene, Scene), "ceiling(scene=...)", "be a scene", scene)
+    require_known("ceiling", scene=scene, max_half_exposure=max_half_exposure)
+    longest = scene.limits.max_half_exposure if max_half_exposure is None else max_half_exposure
+    require_scalar("ceiling(max_half_exposure=...)", longest)
+    positive = np.asarray(longest).dtype.kind in "fiu" and float(np.asarray(longest)) > 0
+    require(positive, "ceiling(max_half_exposure=...)", "be above 0 s", longest)
+    half = float(np.asarray(longest))
+    knots, times = times_of_cells(scene) if continuous else times_of_list(scene, half)
+    errors = [_least_error(scene, half, knots, times, count) for count in frequency_counts()]
+    with np.errstate(divide="ignore"):
+        return as_float(-10 * np.log10(np.min(errors)).astype(scene.speeds.dtype))
+
+
+def _least_error(
+    scene: Scene, half: float, knots: np.ndarray, times: np.ndarray, num_frequencies: int
+) -> float:
+    r"""Least expected squared error on a grid of frequencies, white = 1.
+
+    Args:
+        scene: Light, noise and picture.
+        half: The longest half exposure $T$; s.
+        knots: Frequencies, ascending up to 0.5; cycles/px, shape `(k,)`.
+        times: Bounds of $f T\lambda$ at these, which never fall; cycles s/px, shape `(k,)`.
+        num_frequencies: Number of frequencies in (0, 0.5) cycles/px.
+    """
+    frequency = frequencies(num_frequencies)
+    power = power_on_grid(scene, num_frequencies).astype(np.float64)
+    occurs = power > 0
+    frequency, power = frequency[occurs], power[occurs]
+    rate, read_noise, mean_level, deviation = (
+        np.float64(x)
+        for x in (scene.photon_rate, scene.read_noise, scene.mean_level, scene.deviation)
+    )
+    if not power.size:
+        return 0.0
+    if rate == 0:
+        return float(deviation**2)
+    power = power * (deviation**2 * num_frequencies / np.sum(power))
+    time = np.minimum(half, times[np.searchsorted(knots, frequency)] / frequency)
+    with np.errstate(divide="ignore", over="ignore"):
+        signal = 2 * rate * time / (mean_level + read_noise * (read_noise / (2 * rate * half)))
+        share = 1 / (1 + power * np.sinc(frequency) ** 2 * signal)
+    return float(np.sum(power * share) / num_frequencies)
+
+
+def times_of_list(scene: Scene, half: float) -> tuple[np.ndarray, np.ndarray]:
+    r"""Frequencies, and $f T\lambda(Tf)$ at these, of exactly the speeds that are listed."""
+    knots = np.geomspace(_LOWEST, NYQUIST_FREQUENCY, _NUM_EIGENVALUES)
+    if np.isinf(half):
+        return knots, np.full(knots.shape, np.inf)
+    speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=False))
+    shares = np.sqrt(weights[:, None] * weights)
+    turns = 2 * half * (speeds[:, None] - speeds)
+    largest = [np.linalg.eigvalsh(shares * np.sinc(turns * f))[-1] for f in knots]
+    return knots, knots * half * np.array(largest)
+
+
+def times_of_cells(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Half the largest density, at every frequency, of speeds spread evenly over equal cells."""
+    order = np.argsort(np.asarray(scene.speeds))
+    speeds, weights = (np.asarray(x, np.float64)[order] for x in (scene.speeds, scene.weights))
+    width = speeds[-1] - speeds[0]
+    steps = np.diff(speeds) * (speeds.size - 1)
+    equal = bool(width > 0) and np.allclose(steps, width, rtol=_STEP_TOLERANCE, atol=0)
+    subject, requirement = "ceiling(scene=...)", "hold two or more speeds in equal steps"
+    require(equal, subject, f"{requirement} where it is `continuous`", speeds)
+    density = np.max(weights) * speeds.size / width
+    return np.array([NYQUIST_FREQUENCY]), np.array([density / 2])
