@@ -124,7 +124,8 @@ def path_of_light(motion: Motion, speed_low: Array, tau: DoubleWord, *, from_ver
     """
 
     def table(motion, low, tau):
-        return _table_exact(from_vertex, *motion, low, *tau)
+        a, T, s = motion
+        return _table_exact(from_vertex, a, T, s, low, tau.high, tau.low)
 
     return Path(motion, once(table, motion, speed_low, tau), from_vertex)
 

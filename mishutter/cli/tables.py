@@ -40,21 +40,6 @@ _FOOT = (
     "shutter passes. Stroke: mid-exposure to either end. Pan: velocity at mid-exposure. "
     "Open: first to last light."
 )
-_OF_KERNELS, [_kernel_cells(row) for row in rows])
-            print_text(_condition_note(rows))
-        print_text()
-    if report.photographs is not None:
-        _print_photographs(report.photographs.levels)
-    if report.design is not None:
-        print_text(_design_line(report.design))
-
-
-_COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
-_FOOT = (
-    "PSNR: expected of one linear filter. Gain: over the best snapshot. Light: share that the "
-    "shutter passes. Stroke: mid-exposure to either end. Pan: velocity at mid-exposure. Open: first "
-    "to last light."
-)
 _OF_KERNELS = ("shutter", "condition", "kernel diff", "relative", "bound")
 
 

@@ -21,7 +21,9 @@ from mishutter.evaluation import (
     Metrics,
     Plan,
     as_loss,
+    ceiling,
     evaluate,
+    in_equal_steps,
 )
 from mishutter.model import (
     AbstractMotion,
@@ -82,14 +84,17 @@ class Comparison:
     Attributes:
         rows: One a shutter and reading.
         verdict: What to build for this scene, and its gain over the best rival of each kind of
-            apparatus; two sentences.
+            apparatus, and how far physics would let any camera go.
         gain: Gain over the best snapshot, panned where that is allowed; dB, negative where the
             snapshot is better.
+        ceiling: Expected PSNR that no camera exceeds; dB. Speeds in equal steps stand for those
+            between them, unless a design exceeds the ceiling of these by dwelling at the listed.
     """
 
     rows: tuple[Row, ...]
     verdict: str
     gain: float
+    ceiling: float
 
     def row(self, name: str, reading: str = OWN_BEST_MOTION) -> Row:
         """The row of a shutter in a reading.
@@ -115,7 +120,8 @@ class Comparison:
             }
             for row in self.rows
         ]
-        return {"rows": rows, "verdict": self.verdict, "gain_db": self.gain}
+        numbers = {"gain_db": self.gain, "ceiling_db": self.ceiling}
+        return {"rows": rows, "verdict": self.verdict, **numbers}
 
     def text(self) -> str:
         """The verdict, then the table as text."""
@@ -204,7 +210,7 @@ def compare(
         step(some[0].name)
         at_best |= {row.name: row for row in some}
     names = [name for name in (*fixed, *_RIVALS) if name in at_best]
-    return _with_verdict([at_best[name] for name in names] + rows, tuple(given))
+    return _with_verdict([at_best[name] for name in names] + rows, tuple(given), scene)
 
 
 def _given(shutters: object) -> dict[str, Entry]:
@@ -236,6 +242,12 @@ def _middle_exposure(scene: Scene) -> np.ndarray:
     return np.sqrt(np.asarray(low) * np.asarray(high))
 
 
+def _unaccelerated(scene: Scene) -> LinearMotion:
+    """A sensor at the velocity in the middle of the speeds, as far as it may pan."""
+    velocity = scene.fullest_motion.velocity
+    return LinearMotion(half_exposure=_middle_exposure(scene), velocity=velocity)
+
+
 def _may_pan(scene: Scene) -> bool:
     return float(scene.limits.max_pan) > 0
 
@@ -245,9 +257,8 @@ def _snapshots(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None) 
     at_rest = best_snapshot(scene, loss, plan)
     if not _may_pan(scene):
         return [at_rest]
-    velocity = scene.fullest_motion.velocity
-    pan = LinearMotion(half_exposure=_middle_exposure(scene), velocity=velocity)
-    if float(velocity) == 0 and "velocity" not in free_by_default(scene, pan, RectShutter()):
+    pan = _unaccelerated(scene)
+    if float(pan.velocity) == 0 and "velocity" not in free_by_default(scene, pan, RectShutter()):
         return [at_rest, replace(at_rest, name=BEST_PANNED_SNAPSHOT)]
     found = optimise(scene, pan, RectShutter(), loss=loss, plan=plan)
     return [at_rest, _row(BEST_PANNED_SNAPSHOT, found)]
@@ -262,8 +273,7 @@ def _coded_stills(
     """The best free profile without acceleration, and where that pans the best at rest."""
     best = _known_straight(scene, entries, loss)
     if best is None:
-        found = optimise(scene, scene.fullest_motion, loss=loss, plan=plan)
-        best = found.straight or found
+        best = optimise(scene, _unaccelerated(scene), loss=loss, plan=plan)
     rows = [_row(BEST_CODED_STILL, best)]
     if not _pans(best.motion):
         return rows
@@ -351,13 +361,13 @@ def _row(name: str, design: Design) -> Row:
 _NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
 
 
-def _with_verdict(rows: list[Row], given: tuple[str, ...]) -> Comparison:
+def _with_verdict(rows: list[Row], given: tuple[str, ...], scene: Scene) -> Comparison:
     at_best = {row.name: row for row in rows if row.reading == OWN_BEST_MOTION}
     snapshots = [at_best[n] for n in (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT) if n in at_best]
     snapshot = _best(snapshots)
     still = _level(snapshot)
     if np.isposinf(still):
-        return Comparison(tuple(rows), _NO_DETAIL, 0.0)
+        return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf)
     coded = [row for row in at_best.values() if row not in snapshots]
     best = _best([row for row in coded if row.name in given] or coded)
     gain = _level(best) - still
@@ -374,7 +384,15 @@ def _with_verdict(rows: list[Row], given: tuple[str, ...]) -> Comparison:
             f"{'better' if gain >= 0 else 'worse'} than the {snapshot.name} "
             f"({still:.2f} dB, {_how(snapshot.motion)})."
         )
-    return Comparison(tuple(rows), f"{verdict}\n{_by_apparatus(at_best, best)}", gain)
+    most = float(ceiling(scene, continuous=in_equal_steps(scene)))
+    if most < _level(best):  # by dwelling at the speeds that are listed
+        most = float(ceiling(scene))
+    limit = (
+        f"No path, shutter or decoder could exceed {most:.2f} dB, {most - _level(best):.2f} dB "
+        f"more than {best.name}."
+    )
+    lines = verdict, _by_apparatus(at_best, best), limit
+    return Comparison(tuple(rows), "\n".join(lines), gain, most)
 
 
 def _by_apparatus(at_best: Mapping[str, Row], best: Row) -> str:

@@ -151,12 +151,17 @@ def times_of_list(scene: Scene, half: float) -> tuple[np.ndarray, np.ndarray]:
 
 def times_of_cells(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Half the largest density, at every frequency, of speeds spread evenly over equal cells."""
-    order = np.argsort(np.asarray(scene.speeds))
-    speeds, weights = (np.asarray(x, np.float64)[order] for x in (scene.speeds, scene.weights))
+    subject, requirement = "ceiling(scene=...)", "hold two or more speeds in equal steps"
+    steps = in_equal_steps(scene)
+    require(steps, subject, f"{requirement} where it is `continuous`", scene.speeds)
+    speeds = np.asarray(scene.speeds, np.float64)
+    density = float(np.max(np.asarray(scene.weights))) * speeds.size / np.ptp(speeds)
+    return np.array([NYQUIST_FREQUENCY]), np.array([density / 2])
+
+
+def in_equal_steps(scene: Scene) -> bool:
+    """Whether a scene lists two or more speeds in equal steps, as those that stand for a range."""
+    speeds = np.sort(np.asarray(scene.speeds, np.float64))
     width = speeds[-1] - speeds[0]
     steps = np.diff(speeds) * (speeds.size - 1)
-    equal = bool(width > 0) and np.allclose(steps, width, rtol=_STEP_TOLERANCE, atol=0)
-    subject, requirement = "ceiling(scene=...)", "hold two or more speeds in equal steps"
-    require(equal, subject, f"{requirement} where it is `continuous`", speeds)
-    density = np.max(weights) * speeds.size / width
-    return np.array([NYQUIST_FREQUENCY]), np.array([density / 2])
+    return bool(width > 0) and np.allclose(steps, width, rtol=_STEP_TOLERANCE, atol=0)

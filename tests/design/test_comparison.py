@@ -13,6 +13,7 @@ from mishutter import (
     ExpectedErrorLoss,
     GaussianShutter,
     HannShutter,
+    LinearMotion,
     Scene,
     StillCamera,
     TukeyShutter,
@@ -21,6 +22,7 @@ from mishutter import (
     optimise,
 )
 from mishutter.design.comparison import (
+    BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
     OWN_BEST_MOTION,
     SAME_MOTION,
@@ -76,29 +78,67 @@ def made_up(levels):
 def test_the_verdict_is_of_the_best_that_was_given():
     """Beside the best snapshot, in dB and ms, whichever of them is better."""
     levels = {"a": 21.5, "b": 23.25, "Hann": 25.0}
-    for still, gain, words in ((24.0, -0.75, "0.75 dB worse than"), (21.0, 2.25, "2.25 dB better")):
-        found = _with_verdict(made_up(levels | {BEST_SNAPSHOT: still}), ("a", "b"))
+    for still, gain, words in ((24.0, -0.75, "0.75 dB worse"), (21.0, 2.25, "2.25 dB better")):
+        found = _with_verdict(made_up(levels | {BEST_SNAPSHOT: still}), ("a", "b"), SCENE)
         assert found.gain == gain
-        assert f"For this scene b on its own best motion is expected to be {words}" in found.verdict
-        compared = f"(23.25 dB against {still:.2f} dB, exposures 20 ms and 2.6 ms)."
-        assert found.verdict.endswith(compared)
-    without = _with_verdict(made_up(levels | {BEST_SNAPSHOT: 24.0}), ())
+        first, second, _ = found.verdict.splitlines()
+        assert first == (
+            "For this scene b on its own best motion is expected to reach 23.25 dB (20 ms, a "
+            f"stroke of 22 px), {words} than the best snapshot ({still:.2f} dB, 2.6 ms, at rest)."
+        )
+        assert "both: Hann 25.00 dB" in second
+    without = _with_verdict(made_up(levels | {BEST_SNAPSHOT: 24.0}), (), SCENE)
     assert without.gain == 1
+
+
+def test_a_camera_that_does_not_pay_is_not_advised():
+    """Where nothing beats a snapshot by 0.1 dB, the verdict names the exposure to use instead."""
+    levels = {"a": 24.09, "Hann": 23.9, BEST_SNAPSHOT: 24.0}
+    found = _with_verdict(made_up(levels), ("a",), SCENE)
+    assert found.verdict.startswith(
+        "Do not build a coded camera for this scene: nothing beats the best snapshot, 24.00 dB, "
+        "by 0.1 dB (a reaches 24.09 dB). Open an ordinary shutter for 2.6 ms, at rest."
+    )
+    panned = replace(
+        made_up({BEST_PANNED_SNAPSHOT: 26.0})[0],
+        motion=LinearMotion(half_exposure=2e-3, velocity=-1500.0),
+    )
+    found = _with_verdict([*made_up(levels), panned], ("a",), SCENE)
+    assert "nothing beats the best panned snapshot, 26.00 dB" in found.verdict
+    assert "Open an ordinary shutter for 4 ms, panning at -1500 px/s." in found.verdict
+    assert found.gain == pytest.approx(-1.91)
+
+
+def test_the_ceiling_stands_in_the_verdict(table):
+    """No row exceeds it."""
+    assert f"could exceed {table.ceiling:.2f} dB" in table.verdict
+    assert all(float(row.metrics.expected_psnr) <= table.ceiling for row in table.rows)
+
+
+def test_a_scene_of_one_speed_is_panned():
+    """An open shutter that keeps up with it is as good as anything."""
+    scene = Scene([1500.0], photon_rate=1e5, read_noise=4.0, limits=LIMITS)
+    table = compare(scene, MOTION, {"mine": HannShutter()})
+    snapshot = table.row(BEST_PANNED_SNAPSHOT)
+    assert float(snapshot.motion.velocity) == pytest.approx(1500.0, abs=1.0)
+    assert table.verdict.startswith("Do not build a coded camera")
+    assert table.gain < 0.1
 
 
 def test_the_table_as_text():
     """Each number stands under its name, in the units that are named."""
-    found = _with_verdict(made_up({"a": 21.5, BEST_SNAPSHOT: 24.0}), ("a",))
-    reading, header, line, *_ = found.text().splitlines()
+    found = _with_verdict(made_up({"a": 21.5, BEST_SNAPSHOT: 24.0}), ("a",), SCENE)
+    table = found.text().removeprefix(found.verdict).strip()
+    reading, header, line, *_ = table.splitlines()
     m = found.row("a").metrics
     numbers = (m.condition_number, m.kernel_difference, m.relative_kernel_difference)
     shares = (m.efficiency, m.bound_share)
     assert reading == OWN_BEST_MOTION
     assert header.split() == (
-        "shutter PSNR dB cond. diff. rel. light bound stroke px exposure ms loss".split()
+        "shutter PSNR dB cond. diff. rel. light bound stroke px pan px/s exposure ms loss".split()
     )
     cells = [float(cell) for cell in line.split()[1:]]
-    np.testing.assert_allclose(cells, [21.5, *numbers, *shares, 22, 20, 0.25], atol=6e-3)
+    np.testing.assert_allclose(cells, [21.5, *numbers, *shares, 22, 0, 20, 0.25], atol=6e-3)
 
 
 def test_designs_keep_or_start_from_their_own_motions():
@@ -123,7 +163,7 @@ def test_shutters_without_names(table):
     for given in (HannShutter(), [HannShutter()]):
         found = compare(OUTLIER, SLOW, given)
         assert found.row("shutter 0").metrics == table.row("mine").metrics
-        assert "shutter 0 on its own best motion" in found.verdict
+        assert "shutter 0" in found.verdict
 
 
 def test_a_row_that_is_not_there(table):
