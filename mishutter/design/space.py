@@ -214,9 +214,10 @@ def design_space(
     require(known, subject, f"name some of {', '.join(FREE_NAMES)}", free)
     if "shutter" in names:
         require_adjustable(shutter)
-    held = _held_by_kind(motion)
-    requirement = f"leave a {type(motion).__name__} its {' and '.join(held)}"
-    require(not held & set(names), subject, requirement, free)
+    held = _held_by_kind(motion) & set(names)
+    at_rest = isinstance(motion, StillCamera)
+    requirement = "leave a still camera at rest" if at_rest else "leave a pan its constant velocity"
+    require(not held, subject, requirement, free)
     dtype = common_dtype(motion.half_exposure, scene.speeds)
     limits = jax.tree.map(lambda x: x.astype(dtype), scene.limits)
     ordered = tuple(name for name in FREE_NAMES if name in names)
