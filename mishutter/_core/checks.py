@@ -5,7 +5,7 @@
 | position, tap edge, stroke | px |
 | time, exposure | s |
 | speed | px/s |
-| acceleration parameter `a` of `x(t) = a t^2 - s t` | px/s^2 |
+| acceleration parameter `a` of `x(t) = a t^2 - (s - v) t` | px/s^2 |
 | spatial frequency | cycles/px |
 | photon rate | e-/s at a white pixel |
 | read noise, full well | e- |

@@ -85,7 +85,8 @@ USAGE = {
     ),
     "unknown-freedom": (
         ["optimise", "--free", "price"],
-        "`--free` must be one of 'shutter', 'acceleration', 'half_exposure'; got 'price'",
+        "`--free` must be one of 'shutter', 'acceleration', 'half_exposure', 'velocity'; "
+        "got 'price'",
     ),
     "missing-scene": (["optimise", "no.toml"], "No such file or directory"),
     "scene-a-folder": (["optimise", "/"], "'/' must be readable and writable as asked; got: "),
