@@ -355,7 +355,7 @@ def _exact_response(point, frequency, window=None):
 
 def transfer_error(point, frequencies):
     """Largest error of the transfer function, in units of what is allowed."""
-    dtype, (a, T, s) = point.taps.dtype.type, _motion(point)
+    dtype, (a, T, _) = point.taps.dtype.type, _motion(point)
     found, _ = transferred(point, frequencies)
     exact = [_exact_response(point, f) for f in frequencies]
     errors = [float(abs(mp.mpc(complex(h)) - r)) for h, r in zip(found, exact, strict=True)]
@@ -379,7 +379,8 @@ def transfer_derivative_error(point, frequencies):
     by_motion = [row | {"velocity": -row["speed"]} for row in by_motion]
     exact = np.array([[complex(row[k]) for k in TRANSFER_ARGUMENTS[:-1]] for row in by_motion])
     size = np.array([natural_scale(point, k) for k in TRANSFER_ARGUMENTS[:4]])
-    own = np.where(frequencies == 0, 1 / (a * T * T + abs(s) * T), np.abs(frequencies))
+    length = a * T * T + abs(s) * T or 1.0
+    own = np.where(frequencies == 0, 1 / length, np.abs(frequencies))
     units = np.column_stack([np.tile(size, (frequencies.size, 1)), own.astype(float)])
     relative, floor = DERIVATIVE_OF_LARGEST[dtype], DERIVATIVE_OF_TAP[dtype]
     largest = np.max(np.abs(exact * units), axis=1, keepdims=True)
