@@ -123,7 +123,11 @@ def test_another_file_is_refused(design, tmp_path, change, text):
 
 MISTAKES = {
     "no-motion": (("motion",), None, "`motion` must be a table; got None"),
-    "other-motion": (("motion", "kind"), "Foo", "must be 'ParabolicMotion' or 'StillCamera'; got"),
+    "other-motion": (
+        ("motion", "kind"),
+        "Foo",
+        "'ParabolicMotion', 'LinearMotion' or 'StillCamera'",
+    ),
     "no-exposure": (("motion", "half_exposure"), None, "must be a number; got None"),
     "exposure-before-it-began": (("motion", "half_exposure"), -1.0, "must be above 0 s; got -1"),
     "profile-as-text": (
