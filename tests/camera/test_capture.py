@@ -16,6 +16,7 @@ from support.frame_reference import integrate_frames
 
 import mishutter as ms
 from mishutter.camera.noise import _RUN, noise_variance, recorded, shot_electrons
+from mishutter.model import panned
 from mishutter.model.images import shipped_picture
 
 HALF = 0.011
@@ -342,6 +343,16 @@ def test_a_photograph_on_a_sensor_that_pans(kind, speed):
     np.testing.assert_allclose(found[:, inside, 0], np.array(wanted)[:, inside], atol=2e-5)
     kernel = ms.centred_kernel(motion, ms.HannShutter(), speed=speed)
     np.testing.assert_allclose(kernel.sum(), 0.5, rtol=1e-12)
+
+
+def test_a_fast_pan_along_with_a_fast_object_rounds_nothing():
+    """Single-precision light under speeds that all but cancel is that of their difference."""
+    picture, velocity = rows(2, 200, 1).astype(np.float32), 9e6
+    motion = panned(MOVING, velocity)
+    found = ms.simulate_capture(picture, SCENE, motion, ms.HannShutter(), speed=velocity + 311.25)
+    same = ms.simulate_capture(picture, SCENE, MOVING, ms.HannShutter(), speed=311.25)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, same, atol=1e-7)
 
 
 @pytest.mark.parametrize("kind", PANNING)
