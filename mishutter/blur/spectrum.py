@@ -84,10 +84,11 @@ def transfer_function(
     r"""Response to a spatial frequency, in the sensor frame, without the pixel aperture.
 
     $H(f) = \frac{1}{2T}\int_{-T}^{T} w(t/T)\,e^{-2\pi i f x(t)}\,dt$ with
-    $x(t) = a t^2 - (s - v) t$, the path (5) of the paper on a sensor that pans. Accurate to 1e-12 in float64 and 1e-6
-    in float32 at every frequency, speed and acceleration, zero included. First derivatives,
-    each times the size of its argument (for the speed at least $2aT$), are exact to 1e-9
-    (1e-4) of the largest at their frequency or to 1e-12 (1e-5).
+    $x(t) = a t^2 - (s - v) t$, the path (5) of the paper on a sensor that pans. Accurate to
+    1e-12 in float64 and 1e-6 in float32 at every frequency, speed and acceleration, zero
+    included. First derivatives, each times the size of its argument (for speed and velocity
+    that of $s - v$, at least $2aT$), are exact to 1e-9 (1e-4) of the largest at their
+    frequency or to 1e-12 (1e-5).
 
     Args:
         shutter: Transmittance over the exposure.
