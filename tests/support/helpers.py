@@ -379,9 +379,9 @@ def transfer_derivative_error(point, frequencies):
     by_motion = [row | {"velocity": -row["speed"]} for row in by_motion]
     exact = np.array([[complex(row[k]) for k in TRANSFER_ARGUMENTS[:-1]] for row in by_motion])
     size = np.array([natural_scale(point, k) for k in TRANSFER_ARGUMENTS[:4]])
-    length = a * T * T + abs(s) * T or 1.0
-    own = np.where(frequencies == 0, 1 / length, np.abs(frequencies))
-    units = np.column_stack([np.tile(size, (frequencies.size, 1)), own.astype(float)])
+    length = 1.0 if point.is_at_rest else a * T * T + abs(s) * T
+    own = np.where(frequencies == 0, 1 / length, np.abs(frequencies).astype(float))
+    units = np.column_stack([np.tile(size, (frequencies.size, 1)), own])
     relative, floor = DERIVATIVE_OF_LARGEST[dtype], DERIVATIVE_OF_TAP[dtype]
     largest = np.max(np.abs(exact * units), axis=1, keepdims=True)
     errors = [np.abs(found[:, :-1] - exact) * units / np.maximum(relative * largest, floor)]
