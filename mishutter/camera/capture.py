@@ -162,8 +162,9 @@ def capture_kernel(
     require_finite("simulate_capture(speed=...)", speed)
     num_taps, origin = kernel_layout(motion, speed)
     dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
-    speeds = np.asarray([float(speed)], dtype)
-    taps = kernels_at_speeds(shutter, motion, speeds, num_taps)[0]
+    # Taken in float64: in float32 what is left of two large speeds would be their rounding.
+    relative = np.asarray([float(speed) - float(motion.velocity)], dtype)
+    taps = kernels_at_speeds(shutter, without_velocity(motion), relative, num_taps)[0]
     if is_concrete(taps):
         return jax.device_put(np.asarray(taps, dtype)), origin
     return taps.astype(dtype), origin

@@ -167,9 +167,10 @@ def _motion(section: MotionSection | None, limits: LimitsSection) -> ParabolicMo
         f"keep the top speed within max_top_speed_px_per_s = {limits.max_top_speed_px_per_s:g}"
     )
     require(top <= limits.max_top_speed_px_per_s * margin, key, requirement, Bare(f"{top:g} px/s"))
-    most = limits.max_pan_px_per_s
-    within = most is None or abs(v) <= most * margin
-    require(within, "[motion] velocity_px_per_s", f"keep within max_pan_px_per_s = {most}", v)
+    most = limits.max_top_speed_px_per_s
+    most = most if limits.max_pan_px_per_s is None else limits.max_pan_px_per_s
+    requirement = f"keep within max_pan_px_per_s = {most:g}"
+    require(abs(v) <= most * margin, "[motion] velocity_px_per_s", requirement, v)
     return ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
 
 

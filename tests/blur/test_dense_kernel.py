@@ -17,18 +17,16 @@ from support.helpers import (
 )
 
 from mishutter import ParabolicMotion, binned_exposure, blur_kernel
-from mishutter._core.double_double import DoubleWord
+from mishutter._core.double_double import DoubleWord, two_sum
 
 NUM_POINTS = 25
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def both(slug, frame, parameters, a, T, s, positions):
+def both(slug, frame, parameters, a, T, s, v, positions):
     """Taps of the package, and of the dense evaluation."""
-    shutter, motion = (
-        SHUTTERS[slug].make(parameters),
-        ParabolicMotion(acceleration=a, half_exposure=T),
-    )
+    shutter = SHUTTERS[slug].make(parameters)
+    motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
     if frame == "vertex":
         first = positions[0]
         taps = blur_kernel(shutter, motion, speed=s, num_taps=NUM_TAPS, phase=first)
@@ -36,7 +34,8 @@ def both(slug, frame, parameters, a, T, s, positions):
     else:
         taps = binned_exposure(shutter, motion, speed=s, edges=positions)
         edges = DoubleWord(positions, jnp.zeros_like(positions))
-    return taps, exposure(shutter, a, T, s, edges, from_vertex=frame == "vertex")
+    relative = two_sum(s, -v)
+    return taps, exposure(shutter, a, T, relative, edges, from_vertex=frame == "vertex")
 
 
 @pytest.mark.parametrize("slug", SHUTTERS)
@@ -47,7 +46,7 @@ def test_taps_are_those_of_the_dense_evaluation(slug):
         point = random_point(rng, np.float64, slug)
         if point.is_at_rest:  # where the dense evaluation divides by nothing
             continue
-        motion = point.acceleration, point.half_exposure, point.speed
+        motion = point.acceleration, point.half_exposure, point.speed, point.velocity
         parameters = SHUTTERS[slug].parameters
         taps, expected = map(np.asarray, both(slug, point.frame, parameters, *motion, point.taps))
         allowed = TAP_RELATIVE[np.float64] * expected
@@ -56,17 +55,23 @@ def test_taps_are_those_of_the_dense_evaluation(slug):
 
 
 @pytest.mark.parametrize("slug", ["tukey", "gaussian", "chips", "spline-symmetric"])
-@pytest.mark.parametrize("speed", [0.0, 57.0, -410.0])
-def test_forward_and_reverse_mode_agree(slug, speed):
-    """By motion, speed, edges and the shutter's parameters, batched over directions."""
+@pytest.mark.parametrize(
+    ("speed", "velocity"), [(0.0, 0.0), (57.0, 0.0), (-410.0, 0.0), (310.7, 253.1)]
+)
+def test_forward_and_reverse_mode_agree(slug, speed, velocity):
+    """By motion, speed, velocity, edges and the shutter's parameters, batched over directions."""
     edges = jnp.linspace(-9.0, 60.0, 23)
 
     def taps(x, shift, parameters):
-        motion = ParabolicMotion(acceleration=x[0], half_exposure=x[1])
+        motion = ParabolicMotion(acceleration=x[0], half_exposure=x[1], velocity=x[3])
         shutter = SHUTTERS[slug].make(parameters)
         return binned_exposure(shutter, motion, speed=x[2], edges=edges + shift)
 
-    point = jnp.array([310.0, 0.31, speed]), jnp.zeros(23), jnp.asarray(SHUTTERS[slug].parameters)
+    point = (
+        jnp.array([310.0, 0.31, speed, velocity]),
+        jnp.zeros(23),
+        jnp.asarray(SHUTTERS[slug].parameters),
+    )
     forward = jax.jit(jax.jacfwd(taps, argnums=(0, 1, 2)))(*point)
     reverse = jax.jit(jax.jacrev(taps, argnums=(0, 1, 2)))(*point)
     for f, r in zip(forward, reverse, strict=True):

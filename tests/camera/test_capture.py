@@ -16,6 +16,7 @@ from support.frame_reference import integrate_frames
 
 import mishutter as ms
 from mishutter.camera.noise import _RUN, noise_variance, recorded, shot_electrons
+from mishutter.model import panned
 from mishutter.model.images import shipped_picture
 
 HALF = 0.011
@@ -303,6 +304,101 @@ def test_footage_shows_each_frame_for_its_share():
     ends = np.linspace(-1, 1, 6)
     share = np.diff(np.sign(ends) * (np.abs(ends) - ends**2 / 2)) / 2
     np.testing.assert_allclose(found, np.tensordot(share, frames, 1), atol=1e-12)
+
+
+PAN = -0.4 * TOP
+PANNING = {
+    "parabola": ms.ParabolicMotion(acceleration=27.0 / HALF**2, half_exposure=HALF, velocity=PAN),
+    "line": ms.LinearMotion(half_exposure=HALF, velocity=PAN),
+}
+AT_REST = {"parabola": MOVING, "line": STILL}
+
+
+def sampled(motion, speed, num_times):
+    """Times, light and displacements of a picture in whole pixels, at the middles of steps."""
+    half, a, v = (float(getattr(motion, x)) for x in ("half_exposure", "acceleration", "velocity"))
+    time = half * ((2 * np.arange(num_times) + 1) / num_times - 1)
+    light = np.asarray(ms.HannShutter().transmittance(time / half)) / num_times
+    place = v * time + a * time**2 - speed * time
+    return time, light, place - (-0.5 if a == 0 else 0.0)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.31 * TOP, -0.7 * TOP])
+@pytest.mark.parametrize("kind", PANNING)
+def test_a_photograph_on_a_sensor_that_pans(kind, speed):
+    """It is the sum over 400,000 instants, and the capture at the shifted speed."""
+    picture, motion = rows(3, 260, 1), PANNING[kind]
+    found = ms.simulate_capture(picture, SCENE, motion, ms.HannShutter(), speed=speed)
+    same = ms.simulate_capture(picture, SCENE, AT_REST[kind], ms.HannShutter(), speed=speed - PAN)
+    np.testing.assert_allclose(found, same, atol=1e-12)
+    _, light, place = sampled(motion, speed, 400_000)
+    if kind == "parabola":
+        place += (speed - PAN) ** 2 / (4 * 27.0 / HALF**2)
+    taps = np.bincount(np.floor(place).astype(int) + 130, light, 400)
+    wanted = [np.convolve(line, taps)[130:390] for line in picture[..., 0]]
+    inside = slice(100, 160) if kind == "parabola" else slice(60, 200)
+    reach = np.flatnonzero(taps) - 130
+    assert reach.max() <= inside.start
+    assert -reach.min() <= 260 - inside.stop
+    np.testing.assert_allclose(found[:, inside, 0], np.array(wanted)[:, inside], atol=2e-5)
+    kernel = ms.centred_kernel(motion, ms.HannShutter(), speed=speed)
+    np.testing.assert_allclose(kernel.sum(), 0.5, rtol=1e-12)
+
+
+def test_a_fast_pan_along_with_a_fast_object_rounds_nothing():
+    """Single-precision light under speeds that all but cancel is that of their difference."""
+    picture, velocity = rows(2, 200, 1).astype(np.float32), 9e6
+    motion = panned(MOVING, velocity)
+    found = ms.simulate_capture(picture, SCENE, motion, ms.HannShutter(), speed=velocity + 311.25)
+    same = ms.simulate_capture(picture, SCENE, MOVING, ms.HannShutter(), speed=311.25)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, same, atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", PANNING)
+def test_layers_on_a_sensor_that_pans(kind):
+    """Occlusion is that of composited frames, and that of the shifted speeds."""
+    scene = three_layers()
+    shifted = [ms.Layer(x.picture, x.speed - PAN, x.left, x.top) for x in scene.layers]
+    found = ms.simulate_capture(scene, SCENE, PANNING[kind], ms.HannShutter())
+    same = ms.simulate_capture(ms.Layers(tuple(shifted)), SCENE, AT_REST[kind], ms.HannShutter())
+    np.testing.assert_allclose(found, same, atol=1e-12)
+    wanted = integrate_frames(scene, PANNING[kind], ms.HannShutter(), 1000)
+    assert float(np.max(np.abs(found - wanted))) < 1e-4
+
+
+def test_a_layer_that_only_panning_brings_onto_the_sensor():
+    """An object beside the sensor is recorded where the sensor pans towards it, on either side."""
+    back, front = ms.Picture(np.zeros((3, 60, 1))), ms.Picture(np.ones((3, 8, 1)))
+    for sign, left in ((1, -10), (-1, 62)):
+        layers = ms.Layers((ms.Layer(back), ms.Layer(front, 0.0, left=left)))
+        motion = ms.LinearMotion(half_exposure=HALF, velocity=sign * 20 / HALF)
+        found = ms.simulate_capture(layers, SCENE, motion, ms.RectShutter())
+        wanted = integrate_frames(layers, motion, ms.RectShutter(), 300)
+        assert np.max(found) > 0.1
+        np.testing.assert_allclose(found, wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", PANNING)
+def test_footage_on_a_sensor_that_pans(kind):
+    """Each frame is of a camera at rest: it is displaced by v t + a t^2 while it shows."""
+    frames, motion = rows(5, 200, 1)[:, None], PANNING[kind]
+    found = ms.simulate_capture(ms.Frames.of(frames), SCENE, motion, ms.HannShutter())
+    time, light, place = sampled(motion, 0.0, 400_000)
+    number = np.minimum((5 * (time / HALF + 1) / 2).astype(int), 4)
+    wide = np.pad(frames, ((0, 0), (0, 0), (150, 150), (0, 0)), mode="symmetric")[:, 0, :, 0]
+    wanted, shifts = np.zeros(200), np.floor(place).astype(int)
+    for index, shift in sorted(set(zip(number.tolist(), shifts.tolist(), strict=True))):
+        share = np.sum(light[(number == index) & (shifts == shift)])
+        wanted += share * wide[index, 150 - shift : 350 - shift]
+    np.testing.assert_allclose(found[0, :, 0], wanted, atol=5e-5)
+    still = np.broadcast_to(frames[:1], frames.shape)
+    alone = ms.Layers((ms.Layer(ms.Picture(frames[0])),))
+    one, other = (
+        ms.simulate_capture(x, SCENE, motion, ms.HannShutter())
+        for x in (ms.Frames.of(still), alone)
+    )
+    np.testing.assert_allclose(one, other, atol=1e-12)
 
 
 FOOTAGE = {

@@ -4,6 +4,7 @@ import csv
 import inspect
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,12 +14,14 @@ from support.drive import a_design
 from mishutter import (
     ChippedShutter,
     HannShutter,
+    LinearMotion,
     SplineShutter,
     cli,
     drive_table,
     evaluate,
 )
 from mishutter.design.drive import step_means
+from mishutter.model import panned
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +68,21 @@ def test_the_table_is_in_the_units_that_it_names():
     np.testing.assert_allclose(document["begin_ms"], columns[0])
     np.testing.assert_allclose(document["sensor_position_px"], position)
     np.testing.assert_allclose(document["sensor_velocity_px_per_s"], velocity)
+
+
+def test_the_sensor_of_a_table_pans():
+    """It is at v t + a t^2 px, with v + 2 a t px/s; one of no acceleration at v t."""
+    half = float(MOTION.half_exposure)
+    time = half * (np.arange(8) / 4 - 1)
+    for motion in (panned(MOTION, -713.0), LinearMotion(half_exposure=half, velocity=-713.0)):
+        table = drive_table(replace(a_design(HannShutter()), motion=motion), num_steps=8)
+        a = float(motion.acceleration)
+        position, velocity = -713.0 * time + a * time**2, -713.0 + 2 * a * time
+        document = table.to_dict()
+        np.testing.assert_allclose(document["sensor_position_px"], position, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(document["sensor_velocity_px_per_s"], velocity, rtol=1e-12)
+        rows = [[float(x) for x in line.split(",")] for line in table.to_csv().splitlines()[2:]]
+        np.testing.assert_allclose(np.array(rows)[:, -2:], np.c_[position, velocity], rtol=1e-8)
 
 
 def test_a_fine_table_measures_as_the_design():

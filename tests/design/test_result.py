@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from mishutter import (
     Design,
     GaussianShutter,
     HannShutter,
+    LinearMotion,
     RectShutter,
     SplineShutter,
     StillCamera,
@@ -23,6 +25,7 @@ from mishutter import (
 from mishutter._core.files import strict_json
 from mishutter.design.result import motion_to_dict, shutter_from_dict, shutter_to_dict
 from mishutter.evaluation.needs import Item
+from mishutter.model import panned
 
 SHUTTERS = {
     "rect": RectShutter(),
@@ -123,7 +126,7 @@ MISTAKES = {
     "other-motion": (
         ("motion", "kind"),
         "Foo",
-        "must be 'ParabolicMotion', 'LinearMotion' or 'StillCamera'",
+        "'ParabolicMotion', 'LinearMotion' or 'StillCamera'",
     ),
     "no-exposure": (("motion", "half_exposure"), None, "must be a number; got None"),
     "exposure-before-it-began": (("motion", "half_exposure"), -1.0, "must be above 0 s; got -1"),
@@ -165,7 +168,16 @@ def test_mistakes_in_a_design_are_named(design, tmp_path, slug):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=0.0021)])
+PANNING = panned(MOTION, -0.1 * float(MOTION.speed_gain))
+MOTIONS = [
+    MOTION,
+    PANNING,
+    LinearMotion(half_exposure=0.0021, velocity=1 / 3),
+    StillCamera(half_exposure=0.0021),
+]
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("slug", SHUTTERS)
 def test_every_shutter_on_every_motion_is_loaded(design, tmp_path, slug, motion):
     """All that metrics are measured of comes back to the last bit."""
@@ -189,6 +201,30 @@ def test_a_design_with_a_plan_and_without_a_number_is_loaded(design, tmp_path):
     assert (loaded.plan, loaded.plan.items) == (plan, plan.items)
     assert np.isposinf(loaded.best_start_loss)
     assert np.isnan(loaded.certificate)
+
+
+def test_a_design_that_pans_gives_back_its_metrics(design, tmp_path):
+    """Its velocity and its largest pan are saved; the metrics are bit-identical."""
+    limits = eqx.tree_at(lambda s: s.limits.max_pan, SCENE, np.float64(777.7))
+    panning = replace(design, motion=PANNING, scene=limits)
+    panning.save(tmp_path / "design.json")
+    loaded = Design.load(tmp_path / "design.json")
+    assert float(loaded.motion.velocity) == float(PANNING.velocity)
+    assert float(loaded.scene.limits.max_pan) == 777.7
+    assert jax.tree.all(jax.tree.map(np.array_equal, panning.metrics, loaded.metrics))
+    assert not np.array_equal(panning.metrics.expected_psnr, design.metrics.expected_psnr)
+
+
+def test_a_design_from_before_sensors_panned_is_loaded(design, tmp_path):
+    """Without a velocity it has none, and its largest pan is the top speed."""
+    data = json.loads(strict_json(design.to_dict()))
+    assert data["motion"].pop("velocity") == 0
+    del data["scene"]["limits"]["max_pan"]
+    (tmp_path / "design.json").write_text(json.dumps(data))
+    loaded = Design.load(tmp_path / "design.json")
+    assert float(loaded.motion.velocity) == 0
+    assert float(loaded.scene.limits.max_pan) == float(SCENE.limits.max_top_speed)
+    assert jax.tree.all(jax.tree.map(np.array_equal, design.metrics, loaded.metrics))
 
 
 def test_a_truncated_file_is_refused(tmp_path):

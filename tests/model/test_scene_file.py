@@ -126,6 +126,31 @@ def test_an_acceleration_may_be_given(tmp_path):
     assert read_scene(path).motion.acceleration == pytest.approx(3.1e5, rel=1e-14)
 
 
+def test_a_velocity_may_be_given(tmp_path):
+    """`velocity_px_per_s` is the `v` of `x = v t + a t^2`, within the largest pan and top speed."""
+    pans = "stroke_px = 45\nvelocity_px_per_s = {}"
+    for velocity in (-11000.0, 0.0, 700.5):
+        motion = read_scene(written(tmp_path, edited("stroke_px", pans.format(velocity)))).motion
+        assert float(motion.velocity) == velocity
+        assert float(motion.top_speed) == pytest.approx(9000 + abs(velocity), rel=1e-12)
+    assert float(example_scene().motion.velocity) == 0
+
+
+def test_the_largest_pan_may_be_given(tmp_path):
+    """It is the top speed unless it is given; a motion that pans faster is refused."""
+    assert float(example_scene().limits.max_pan) == 2e4
+    for most in (0.0, 300.0):
+        text = edited("max_stroke_px", f"max_stroke_px = 45\nmax_pan_px_per_s = {most}")
+        assert float(read_scene(written(tmp_path, text)).limits.max_pan) == most
+    for velocity in (-301.0, 300.01):
+        pans = text.replace("\nstroke_px", f"\nvelocity_px_per_s = {velocity}\nstroke_px")
+        message = (
+            f"`[motion] velocity_px_per_s` must keep within max_pan_px_per_s = 300; got {velocity}"
+        )
+        with pytest.raises(ValueError, match=re.escape(message)):
+            read_scene(written(tmp_path, pans))
+
+
 def test_a_byte_order_mark_is_no_error(tmp_path):
     """Editors on Windows begin a file with one."""
     path = tmp_path / "scene.toml"

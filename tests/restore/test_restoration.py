@@ -13,6 +13,7 @@ from support.cameras import HALF_EXPOSURE, camera, scene
 import mishutter as ms
 from mishutter.camera.capture import kernel_layout, noisy
 from mishutter.camera.noise import noise_variance
+from mishutter.model import panned
 from mishutter.restore.restoration import _common_columns, _Errors, _levels, restore_by_each
 
 
@@ -44,6 +45,44 @@ def test_samples_come_out_as_a_continuous_picture(photon_rate):
     result = ms.restore_photograph(gaussian_rows(), known, camera(), ms.HannShutter(), num_seeds=2)
     expected = float(ms.evaluate(known, camera(), ms.HannShutter()).expected_psnr)
     assert abs(result.mean_psnr - expected) < 0.3
+
+
+DECODERS = {"ensemble": ms.EnsembleDecoder(), "wiener": ms.WienerDecoder()}
+
+
+@pytest.mark.parametrize("slug", DECODERS)
+@pytest.mark.parametrize("kind", ["parabola", "line"])
+def test_a_sensor_that_pans_restores_as_one_at_rest_at_shifted_speeds(kind, slug):
+    """The model, a decoded capture and a whole photograph; also under an asymmetric shutter."""
+    still = camera() if kind == "parabola" else ms.StillCamera(half_exposure=HALF_EXPOSURE)
+    panning = panned(still, -1024.0)
+    shutter = ms.ChippedShutter([0.9, 0.2, 1.0, 0.6, 0.4])
+    known = [
+        ms.Scene(speeds, [0.2, 0.5, 0.3], photon_rate=3e5, read_noise=4.0, mean_level=0.5)
+        for speeds in (np.array([-1500.0, -900.0, 375.0]), np.array([-476.0, 124.0, 1399.0]))
+    ]
+    pairs = list(zip(known, (panning, still), strict=True))
+    models = [ms.blur_model(x, motion, shutter) for x, motion in pairs]
+    jax.tree.map(np.testing.assert_array_equal, *(vars(x) for x in models))
+    picture = gaussian_rows(6, 400)
+    found = [
+        ms.restore_photograph(picture, x, motion, shutter, decoder=DECODERS[slug], num_seeds=1)
+        for x, motion in pairs
+    ]
+    assert found[0].expected_psnr == found[1].expected_psnr
+    for name in ("reference", "captured", "restored"):
+        first, second = (getattr(result, name) for result in found)
+        assert first.size > 0
+        np.testing.assert_allclose(first, second, atol=1e-12)
+    captures = [
+        ms.simulate_capture(picture, x, motion, shutter, speed=float(x.speeds[2]))
+        for x, motion in pairs
+    ]
+    restored = [
+        ms.deconvolve(capture, x, motion, shutter, decoder=DECODERS[slug])
+        for capture, (x, motion) in zip(captures, pairs, strict=True)
+    ]
+    np.testing.assert_allclose(*restored, atol=1e-12)
 
 
 FINE = 8

@@ -122,6 +122,51 @@ LINES = {
         "max_top_speed_px_per_s = 100",
         "must keep the top speed within max_top_speed_px_per_s = 100; got 9000 px/s",
     ),
+    "pan-nan": (
+        "max_stroke_px",
+        "max_pan_px_per_s = nan",
+        "`[limits] max_pan_px_per_s` must be finite; got nan",
+    ),
+    "pan-of-less-than-nothing": (
+        "max_stroke_px",
+        "max_pan_px_per_s = -1",
+        "`[limits] max_pan_px_per_s` must be at least 0; got -1",
+    ),
+    "pan-of-light": (
+        "max_stroke_px",
+        "max_pan_px_per_s = 3e8",
+        "`[limits] max_pan_px_per_s` must be at most 1e+07; got 3",
+    ),
+    "pan-as-text": (
+        "max_stroke_px",
+        'max_pan_px_per_s = "all"',
+        "`[limits] max_pan_px_per_s` must be a number; got 'all'",
+    ),
+    "pan-without-unit": (
+        "max_stroke_px",
+        "max_pan = 3",
+        "perhaps `[limits] max_pan_px_per_s`; got 'max_pan'",
+    ),
+    "velocity-infinite": (
+        "stroke_px",
+        "stroke_px = 45\nvelocity_px_per_s = inf",
+        "`[motion] velocity_px_per_s` must be finite; got inf",
+    ),
+    "velocity-as-list": (
+        "stroke_px",
+        "stroke_px = 45\nvelocity_px_per_s = [1]",
+        "`[motion] velocity_px_per_s` must be a number; got [1]",
+    ),
+    "velocity-of-light": (
+        "stroke_px",
+        "stroke_px = 45\nvelocity_px_per_s = -3e8",
+        "`[motion] velocity_px_per_s` must be at least -1e+07; got -3",
+    ),
+    "velocity-beyond-the-top-speed": (
+        "stroke_px",
+        "stroke_px = 45\nvelocity_px_per_s = -12000",
+        "must keep the top speed within max_top_speed_px_per_s = 20000; got 21000 px/s",
+    ),
     "no-stroke": ("stroke_px", "", "hold one of stroke_px and acceleration_px_per_s2; got neither"),
     "stroke-and-acceleration": (
         "stroke_px",

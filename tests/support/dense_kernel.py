@@ -25,14 +25,17 @@ from mishutter.model.shutters.interpolated import piecewise
 
 
 def exposure(shutter, a, T, s, edges, *, from_vertex):
-    """Share of a fully open exposure between edges, or from a first edge on, one px each."""
+    """Share of a fully open exposure between edges, or from a first edge on, one px each.
+
+    The speed `s` is that over the sensor, a double word.
+    """
     profile, dtype = piecewise(shutter), np.dtype(edges.high.dtype)
     tau = profile.breakpoints(dtype)
     track = path(a, T, s, tau, from_vertex=from_vertex)
     length = jnp.diff(tau.high) + jnp.diff(tau.low)
     reach = 2 * jnp.max(jnp.abs(track.position.high)) + jnp.abs(track.vertex.high) + 1
     inside = DoubleWord(*(jnp.clip(e, -reach, reach) for e in edges))
-    speed = safe_sqrt(_speed_squared(from_vertex, a, T, s, *inside))
+    speed = safe_sqrt(_speed_squared(from_vertex, a, T, *s, *inside))
     return _light(profile, _pieces(track, length), edges, speed, track.stroke) / 2
 
 
@@ -43,18 +46,18 @@ def unit_edges(first, num_taps):
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _speed_squared(from_vertex, a, T, s, edge, edge_low):
+def _speed_squared(from_vertex, a, T, s, s_low, edge, edge_low):
     stroke = multiply(two_product(a, T), word(T))
     square = scale(multiply(stroke, DoubleWord(edge, edge_low)), 4.0)
     if not from_vertex:
-        smear = two_product(s, T)
+        smear = multiply(DoubleWord(s, s_low), word(T))
         square = add(multiply(smear, smear), square)
     return square.high
 
 
 @_speed_squared.defjvp
 def _speed_squared_jvp(from_vertex, primals, tangents):
-    def plain(a, T, s, edge, edge_low):
+    def plain(a, T, s, _, edge, __):
         square = 4 * (a * T * T) * edge
         return square if from_vertex else (s * T) ** 2 + square
 

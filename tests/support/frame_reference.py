@@ -26,19 +26,19 @@ def integrate_cells(layers, motion, shutter):
 
 def integrate_frames(layers, motion, shutter, num_frames, *, sharp=False):
     """The capture of `layers` as a sum of `num_frames` composited frames; float64."""
-    half, a = float(motion.half_exposure), float(motion.acceleration)
+    half, a, v = (float(getattr(motion, x)) for x in ("half_exposure", "acceleration", "velocity"))
     ends = np.linspace(-half, half, num_frames + 1)
     nodes, weights = np.polynomial.legendre.leggauss(4)
     times = ends[:-1, None] + np.diff(ends)[:, None] * (nodes + 1) / 2
     light = np.asarray(shutter.transmittance(times / half)) @ weights / (2 * num_frames)
     rows, columns, channels = layers.shape
     total = np.zeros((rows, columns, channels))
-    reach = 2 + max(int(np.ceil(a * half**2 + abs(x.speed) * half)) for x in layers.layers)
+    reach = 2 + max(int(np.ceil(a * half**2 + abs(x.speed - v) * half)) for x in layers.layers)
     padded = [_padded(layers, i, reach) for i in range(len(layers.layers))]
     for begin, end, share in zip(ends[:-1], ends[1:], light, strict=True):
         frame = np.zeros((rows, columns, channels))
         for (colour, matte), layer in zip(padded, layers.layers, strict=True):
-            x, y = (a * t * t - layer.speed * t - pixel_phase(motion) for t in (begin, end))
+            x, y = (a * t * t + v * t - layer.speed * t - pixel_phase(motion) for t in (begin, end))
             x, y = ((x + y) / 2,) * 2 if sharp else (x, y)
             low, high = int(np.floor(min(x, y))), int(np.floor(max(x, y)))
             part = (max(x, y) - high) / abs(y - x) if high > low else 0.0

@@ -38,13 +38,19 @@ REST_STROKES = (0.0, 1e-310, 1e-200, 1e-131, 1e-40, 1e-20)
 """Strokes, px, that are no different from none to an object without speed."""
 
 NUM_TAPS = 16
-ARGUMENTS = ("acceleration", "half_exposure", "speed", "position", "shutter")
-TRANSFER_ARGUMENTS = ("acceleration", "half_exposure", "speed", "frequency", "shutter")
+ARGUMENTS = ("acceleration", "half_exposure", "speed", "velocity", "position", "shutter")
+TRANSFER_ARGUMENTS = (*ARGUMENTS[:4], "frequency", "shutter")
+PANNING_SHARE = 0.35
+"""Share of the random points at which the sensor pans."""
+MOST_CANCELLED = {np.float64: 13, np.float32: 5}
+"""Decades by which the speed and the velocity of a random point may exceed their difference."""
 
 
 @dataclass(frozen=True)
 class Point:
     """One random problem; `taps` are positions of tap edges, or that of the first.
+
+    `speed` is that of the object, and `velocity` that of the sensor.
 
     The shutter's parameters are those of the case, unless some were `drawn`.
     """
@@ -57,6 +63,12 @@ class Point:
     taps: np.ndarray
     frame: str
     drawn: np.ndarray | None = None
+    velocity: float = 0.0
+
+    @property
+    def relative_speed(self):
+        """Speed of the object over the sensor, exactly."""
+        return mp.mpf(float(self.speed)) - mp.mpf(float(self.velocity))
 
     @property
     def parameters(self):
@@ -72,7 +84,7 @@ class Point:
     @property
     def is_at_rest(self):
         """Whether the object does not move to speak of."""
-        return self.stroke <= max(REST_STROKES) and self.speed == 0
+        return self.stroke <= max(REST_STROKES) and self.speed == self.velocity
 
     @property
     def regime(self):
@@ -83,7 +95,7 @@ class Point:
             return "no acceleration"
         if self.stroke < 1e-3:
             return "stroke below 1e-3 px"
-        if abs(self.speed) > 2 * self.acceleration * self.half_exposure:
+        if abs(self.relative_speed) > 2 * self.acceleration * self.half_exposure:
             return "object faster than the sensor"
         return "stroke 1e-3 to 1e4 px" if self.stroke < 1e4 else "stroke above 1e4 px"
 
@@ -104,7 +116,12 @@ def random_point(rng, dtype=np.float64, slug=None):
     nu = rng.choice([rng.choice(special), 10 ** rng.uniform(-6, 3)]) * rng.choice([-1, 1])
     smear = 10 ** rng.uniform(-12, 8) if still else 2 * stroke * nu
     smear = 0.0 if at_rest else smear
-    s = dtype(smear / float(T))
+    s, v = dtype(smear / float(T)), dtype(0)
+    pan = apart.spawn(1)[0]
+    if pan.random() < PANNING_SHARE:
+        s, v = panning(pan, float(s), 2 * float(a) * float(T) or 1 / float(T), dtype)
+        smear = (float(s) - float(v)) * float(T)
+        nu = smear / (2 * stroke) if stroke else nu
     far, reach = stroke * (1 + abs(nu)) ** 2, stroke + abs(smear)
     drawn_from = SHUTTERS[slug].drawn
     drawn = np.array(np.exp(rng.uniform(*np.log(drawn_from)))) if drawn_from else None
@@ -114,18 +131,33 @@ def random_point(rng, dtype=np.float64, slug=None):
         phase = rng.choice(start)
         # No edge lies within the path of a point at rest: that path counts as one place.
         phase = dtype(apart.choice([0.0, -0.5, apart.uniform(-3, 3)]) if at_rest else phase)
-        return Point(slug, stroke, a, T, s, np.array([phase]), frame, drawn)
+        return Point(slug, stroke, a, T, s, np.array([phase]), frame, drawn, v)
     vertex = -smear * nu / 2 if stroke else 0.0
     centre = rng.choice([0, vertex, stroke - smear, stroke + smear, rng.uniform(-reach, reach)])
     pitch = rng.choice([1.0, reach / NUM_TAPS, 1e-3 * reach]) or 1.0
     spread = rng.uniform(-NUM_TAPS / 2, NUM_TAPS / 2, NUM_TAPS + 1)
     edges = spread if at_rest else centre + pitch * spread
-    return Point(slug, stroke, a, T, s, np.sort(edges).astype(dtype), frame, drawn)
+    return Point(slug, stroke, a, T, s, np.sort(edges).astype(dtype), frame, drawn, v)
 
 
-def _taps(slug, frame, a, T, s, shift, parameters, positions):
+def panning(rng, relative, gain, dtype):
+    """Speed of an object and velocity of a sensor that differ by about `relative`, px/s.
+
+    The velocity is comparable with the speed, far above the sensor's `gain` of speed, or so
+    close to the speed that both all but cancel.
+    """
+    kind, sign = rng.choice(["comparable", "huge", "cancels"]), rng.choice([-1, 1])
+    v = {
+        "comparable": (relative or gain) * rng.uniform(-3, 3),
+        "huge": sign * gain * 10 ** rng.uniform(1, 6),
+        "cancels": sign * (relative or gain) * 10 ** rng.uniform(1, MOST_CANCELLED[dtype]),
+    }[str(kind)]
+    return dtype(relative + float(dtype(v))), dtype(v)
+
+
+def _taps(slug, frame, a, T, s, v, shift, parameters, positions):
     shutter = SHUTTERS[slug].make(parameters)
-    motion = ParabolicMotion(acceleration=a, half_exposure=T)
+    motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
     if frame == "vertex":
         phase = positions[0] + shift
         return blur_kernel(shutter, motion, speed=s, num_taps=NUM_TAPS, phase=phase)
@@ -137,9 +169,10 @@ def taps_and_derivatives(slug, frame, arguments, positions, direction):
     """Taps, and their derivatives by each of `ARGUMENTS`, the shutter's along a direction."""
 
     def along(step):
-        a, T, s, parameters = arguments
-        moved = parameters + direction * step[4]
-        return _taps(slug, frame, a + step[0], T + step[1], s + step[2], step[3], moved, positions)
+        *motion, parameters = arguments
+        motion = [x + step[i] for i, x in enumerate(motion)]
+        moved = parameters + direction * step[5]
+        return _taps(slug, frame, *motion, step[4], moved, positions)
 
     origin = jnp.zeros(len(ARGUMENTS), positions.dtype)
     return along(origin), jax.jacfwd(along)(origin)
@@ -152,7 +185,7 @@ def direction_of(parameters):
 
 
 def computed(point):
-    """What the package finds at a point: taps `(n,)` and derivatives `(n, 5)`."""
+    """What the package finds at a point: taps `(n,)` and derivatives `(n, 6)`."""
     direction = direction_of(point.parameters)
     taps, derivatives = taps_and_derivatives(
         point.slug, point.frame, _arguments(point), point.taps, direction
@@ -161,7 +194,9 @@ def computed(point):
 
 
 def _arguments(point):
-    return point.acceleration, point.half_exposure, point.speed, point.parameters
+    numbers = point.acceleration, point.half_exposure, point.speed, point.velocity
+    dtype = point.taps.dtype.type
+    return *(dtype(x) for x in numbers), point.parameters
 
 
 def exact_taps(point, *, a=None, T=None, s=None, shift=0, window=None):
@@ -177,7 +212,7 @@ def exact_taps(point, *, a=None, T=None, s=None, shift=0, window=None):
         window,
         float(point.acceleration) if a is None else a,
         float(point.half_exposure) if T is None else T,
-        float(point.speed) if s is None else s,
+        point.relative_speed if s is None else s,
         edges,
         from_vertex=point.frame == "vertex",
     )
@@ -185,13 +220,14 @@ def exact_taps(point, *, a=None, T=None, s=None, shift=0, window=None):
 
 def natural_scale(point, argument):
     """The change of an argument that changes taps by about their own size."""
-    a, T, s = (float(x) for x in (point.acceleration, point.half_exposure, point.speed))
+    a, T, s = _motion(point)
     if point.is_at_rest:
         a, s = T**-2, 1 / T
     return {
         "acceleration": a or abs(s) / T,
         "half_exposure": T,
         "speed": max(abs(s), 2 * a * T),
+        "velocity": max(abs(s), 2 * a * T),
         "position": min(1.0, a * T * T + abs(s) * T),
         "shutter": 1.0,
     }[argument]
@@ -201,11 +237,13 @@ def exact_derivative(point, argument):
     """Derivative of the reference by one of `ARGUMENTS`, a row over taps."""
     if argument == "shutter":
         return _exact_shutter_derivative(point)
+    if argument == "velocity":
+        return [-x for x in exact_derivative(point, "speed")]
     window = point.window
     name, at = {
         "acceleration": ("a", float(point.acceleration)),
         "half_exposure": ("T", float(point.half_exposure)),
-        "speed": ("s", float(point.speed)),
+        "speed": ("s", point.relative_speed),
         "position": ("shift", 0.0),
     }[argument]
     return reference.derivative(
@@ -277,18 +315,19 @@ def edge_at_vertex(point):
 
 @partial(jax.jit, static_argnums=0)
 def transfer_and_derivatives(slug, arguments, frequencies, direction):
-    """Transfer function, `(2, m)`, and derivatives by each of `TRANSFER_ARGUMENTS`, `(2, m, 5)`.
+    """Transfer function, `(2, m)`, and derivatives by each of `TRANSFER_ARGUMENTS`, `(2, m, 6)`.
 
     Its real and its imaginary part are on the leading axis.
     """
 
     def along(step):
-        a, T, s, parameters = arguments
+        *motion, parameters = arguments
+        a, T, s, v = (x + step[i] for i, x in enumerate(motion))
         response = transfer_function(
-            SHUTTERS[slug].make(parameters + direction * step[4]),
-            ParabolicMotion(acceleration=a + step[0], half_exposure=T + step[1]),
-            speed=s + step[2],
-            frequency=frequencies + step[3],
+            SHUTTERS[slug].make(parameters + direction * step[5]),
+            ParabolicMotion(acceleration=a, half_exposure=T, velocity=v),
+            speed=s,
+            frequency=frequencies + step[4],
         )
         return jnp.stack([response.real, response.imag])
 
@@ -297,21 +336,28 @@ def transfer_and_derivatives(slug, arguments, frequencies, direction):
 
 
 def transferred(point, frequencies):
-    """What the package finds at a point: responses `(m,)` and derivatives `(m, 5)`."""
+    """What the package finds at a point: responses `(m,)` and derivatives `(m, 6)`."""
     direction = direction_of(point.parameters)
     parts = transfer_and_derivatives(point.slug, _arguments(point), frequencies, direction)
     return [np.asarray(x[0], float) + 1j * np.asarray(x[1], float) for x in parts]
 
 
 def _motion(point):
-    return [float(x) for x in (point.acceleration, point.half_exposure, point.speed)]
+    """Acceleration, exposure and speed over the sensor; all but the speed exact."""
+    return [float(x) for x in (point.acceleration, point.half_exposure, point.relative_speed)]
+
+
+def _exact_response(point, frequency, window=None):
+    a, T, _ = _motion(point)
+    window = window or point.window
+    return reference.transfer(window, a, T, point.relative_speed, float(frequency))
 
 
 def transfer_error(point, frequencies):
     """Largest error of the transfer function, in units of what is allowed."""
-    dtype, (a, T, s) = point.taps.dtype.type, _motion(point)
+    dtype, (a, T, _) = point.taps.dtype.type, _motion(point)
     found, _ = transferred(point, frequencies)
-    exact = [reference.transfer(point.window, a, T, s, float(f)) for f in frequencies]
+    exact = [_exact_response(point, f) for f in frequencies]
     errors = [float(abs(mp.mpc(complex(h)) - r)) for h, r in zip(found, exact, strict=True)]
     held = 2 * np.pi * np.abs(frequencies) * a * T * T * np.finfo(dtype).eps
     return float(np.max(np.array(errors) / (TRANSFER_ABSOLUTE[dtype] + held)))
@@ -327,12 +373,15 @@ def transfer_derivative_error(point, frequencies):
     dtype, (a, T, s) = point.taps.dtype.type, _motion(point)
     _, found = transferred(point, frequencies)
     by_motion = [
-        reference.transfer_derivatives(point.window, a, T, s, float(f)) for f in frequencies
+        reference.transfer_derivatives(point.window, a, T, point.relative_speed, float(f))
+        for f in frequencies
     ]
+    by_motion = [row | {"velocity": -row["speed"]} for row in by_motion]
     exact = np.array([[complex(row[k]) for k in TRANSFER_ARGUMENTS[:-1]] for row in by_motion])
-    size = np.array([natural_scale(point, k) for k in TRANSFER_ARGUMENTS[:3]])
-    own = np.where(frequencies == 0, 1 / (a * T * T + abs(s) * T), np.abs(frequencies))
-    units = np.column_stack([np.tile(size, (frequencies.size, 1)), own.astype(float)])
+    size = np.array([natural_scale(point, k) for k in TRANSFER_ARGUMENTS[:4]])
+    length = 1.0 if point.is_at_rest else a * T * T + abs(s) * T
+    own = np.where(frequencies == 0, 1 / length, np.abs(frequencies).astype(float))
+    units = np.column_stack([np.tile(size, (frequencies.size, 1)), own])
     relative, floor = DERIVATIVE_OF_LARGEST[dtype], DERIVATIVE_OF_TAP[dtype]
     largest = np.max(np.abs(exact * units), axis=1, keepdims=True)
     errors = [np.abs(found[:, :-1] - exact) * units / np.maximum(relative * largest, floor)]
@@ -341,7 +390,7 @@ def transfer_derivative_error(point, frequencies):
         row = _along(
             point,
             direction,
-            lambda window: [reference.transfer(window, a, T, s, float(f)) for f in frequencies],
+            lambda window: [_exact_response(point, f, window) for f in frequencies],
         )
         exact = np.array([complex(x) for x in row])
         allowed = max(relative * np.max(np.abs(exact)), floor)
@@ -353,10 +402,13 @@ def turning_point(rng, dtype, slug):
     """A point that turns on or near the sensor within the exposure, as long ones do."""
     stroke, T = 10 ** rng.uniform(-1, 4), dtype(10 ** rng.uniform(-3, 1))
     a = dtype(stroke / float(T) ** 2)
-    s = dtype(2 * float(a) * float(T) * rng.choice([0.0, rng.uniform(-1.1, 1.1)]))
-    return replace(
-        random_point(rng, dtype, slug), stroke=stroke, acceleration=a, half_exposure=T, speed=s
-    )
+    gain = 2 * float(a) * float(T)
+    s, v = dtype(gain * rng.choice([0.0, rng.uniform(-1.1, 1.1)])), dtype(0)
+    pan = rng.spawn(1)[0]
+    if pan.random() < PANNING_SHARE:
+        s, v = panning(pan, float(s), gain, dtype)
+    motion = {"acceleration": a, "half_exposure": T, "speed": s, "velocity": v}
+    return replace(random_point(rng, dtype, slug), stroke=stroke, **motion)
 
 
 def turning_frequencies(rng, point, count=6):
