@@ -83,30 +83,25 @@ def transfer_function(
 ) -> Array:
     r"""Response to a spatial frequency, in the sensor frame, without the pixel aperture.
 
-        $H(f) = \frac{1}{2T}\int_{-T}^{T} w(t/T)\,e^{-2\pi i f x(t)}\,dt$ with
-        $x(t) = a t^2 - (s - v) t$, the path (5) of the paper on a sensor that pans. Accurate to
-        1e-12 in float64 and 1e-6 in float32 at every frequency, speed and acceleration, zero
-    <<<<<<< HEAD
-        included. First derivatives, each times the size of its argument (for the speed at least
-        $2aT$), are exact to 1e-9 (1e-4) of the largest at their frequency or to 1e-12 (1e-5).
-    =======
-        included. First derivatives, each times the size of its argument (for speed and velocity
-        that of $s - v$, at least $2aT$), are exact to 1e-9 (1e-4) of the largest at their
-        frequency or to 1e-12 (1e-5).
-    >>>>>>> vel
+    $H(f) = \frac{1}{2T}\int_{-T}^{T} w(t/T)\,e^{-2\pi i f x(t)}\,dt$ with
+    $x(t) = a t^2 - (s - v) t$, the path (5) of the paper on a sensor that pans. Accurate to
+    1e-12 in float64 and 1e-6 in float32 at every frequency, speed and acceleration, zero
+    included. First derivatives, each times the size of its argument (for speed and velocity
+    that of $s - v$, at least $2aT$), are exact to 1e-9 (1e-4) of the largest at their
+    frequency or to 1e-12 (1e-5).
 
-        Args:
-            shutter: Transmittance over the exposure.
-            motion: Motion of the sensor.
-            speed: Object speed $s$, px/s; either sign, any shape that broadcasts with
-                `frequency`.
-            frequency: $f$, cycles/px; either sign, any shape.
+    Args:
+        shutter: Transmittance over the exposure.
+        motion: Motion of the sensor.
+        speed: Object speed $s$, px/s; either sign, any shape that broadcasts with
+            `frequency`.
+        frequency: $f$, cycles/px; either sign, any shape.
 
-        Returns:
-            $H(f)$, complex; the shape of `frequency`, broadcast with `speed`.
+    Returns:
+        $H(f)$, complex; the shape of `frequency`, broadcast with `speed`.
 
-        Raises:
-            ValueError: if `speed` or `frequency` is not finite, or their shapes do not broadcast.
+    Raises:
+        ValueError: if `speed` or `frequency` is not finite, or their shapes do not broadcast.
     """
     require_finite("transfer_function(speed=...)", speed)
     require_finite("transfer_function(frequency=...)", frequency)
