@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from mishutter.cli.console import print_table, print_text
 
 if TYPE_CHECKING:
-    from mishutter.design import Design, Row
+    from mishutter.design import Comparison, Design, Row
     from mishutter.report import Report
     from mishutter.restore import RestoredPhotograph
 
@@ -21,10 +21,12 @@ def print_report(report: "Report") -> None:
     snapshot = float(comparison.row(BEST_SNAPSHOT).metrics.expected_psnr)
     for reading in dict.fromkeys(row.reading for row in comparison.rows):
         rows = [row for row in comparison.rows if row.reading == reading]
-        print_table(reading.capitalize(), _COLUMNS, [_cells(row, snapshot) for row in rows])
+        cells = [_cells(row, snapshot) for row in rows]
         if reading == OWN_BEST_MOTION:
+            print_table(reading.capitalize(), _COLUMNS, [*cells, _ceiling(comparison, snapshot)])
             print_text(_FOOT)
         else:
+            print_table(reading.capitalize(), _COLUMNS, cells)
             print_table(f"Kernels, {reading}", _OF_KERNELS, [_kernel_cells(row) for row in rows])
             print_text(_condition_note(rows))
         print_text()
@@ -38,9 +40,14 @@ _COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "
 _FOOT = (
     "PSNR: expected of one linear filter. Gain: over the best snapshot. Light: share that the "
     "shutter passes. Stroke: mid-exposure to either end. Pan: velocity at mid-exposure. "
-    "Open: first to last light."
+    "Open: first to last light. Ceiling: what no path and no shutter exceeds."
 )
 _OF_KERNELS = ("shutter", "condition", "kernel diff", "relative", "bound")
+
+
+def _ceiling(comparison: "Comparison", snapshot: float) -> list[str]:
+    level = comparison.ceiling
+    return ["ceiling", f"{level:.2f}", f"{level - snapshot:+.2f}", *[""] * len(_COLUMNS[3:])]
 
 
 def _cells(row: "Row", snapshot: float) -> list[str]:

@@ -231,6 +231,7 @@ def design_space(
 
 def _held_by_kind(motion: AbstractMotion) -> set[str]:
     """Parts of a motion that its kind holds at 0."""
+    motion = settled(motion)
     if isinstance(motion, StillCamera):
         return {"acceleration", "velocity"}
     return {"acceleration"} if is_straight(motion) else set()

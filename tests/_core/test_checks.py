@@ -128,7 +128,9 @@ def test_an_error_is_one_line():
 def test_a_motion_shows_its_numbers():
     """Printed, or as what came in an error, traced or not."""
     motion = ParabolicMotion(acceleration=4.5e5, half_exposure=0.01)
-    assert repr(motion) == "ParabolicMotion(acceleration=450000.0, half_exposure=0.01)"
+    assert repr(motion) == (
+        "ParabolicMotion(acceleration=450000.0, half_exposure=0.01, velocity=0.0)"
+    )
     assert describe(StillCamera(half_exposure=0.25)) == "StillCamera(half_exposure=0.25)"
     shown = []
     jax.jit(lambda m: shown.append(repr(m)))(motion)

@@ -16,6 +16,7 @@ from mishutter import (
     restore_photograph,
     starting_shutter,
 )
+from mishutter.model import is_straight
 
 BOTH_WAYS = np.linspace(-1, 1, 5)
 SCENES = {
@@ -53,10 +54,16 @@ def test_free_profile_beats_tukey_beats_hann(slug, loss):
 
 
 def _check_measured_order(scene, *designs):
-    """Mean PSNR over speeds and 8 seeds falls in the same order, within its standard error."""
+    """Mean PSNR over speeds and 8 seeds falls in the same order, within its standard error.
+
+    Only of those that accelerate: the taps of a photograph are a pixel apart, which treats a
+    kernel of one or two pixels otherwise than the expected error does.
+    """
     picture = _typical_picture()
     measured = [
-        restore_photograph(picture, scene, design.motion, design.shutter) for design in designs
+        restore_photograph(picture, scene, design.motion, design.shutter)
+        for design in designs
+        if not is_straight(design.motion)
     ]
     for better, worse in pairwise(measured):
         errors = np.concatenate([better.linear_standard_error, worse.linear_standard_error])

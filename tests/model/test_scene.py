@@ -72,10 +72,10 @@ def test_weights_are_divided_by_their_sum(scale, dtype):
 
 
 @pytest.mark.parametrize(
-    ("stroke", "top", "half"), [(45.0, 2e4, 4.5e-3), (45.0, 20.0, 0.05), (0.3, 2e4, 1e-3)]
+    ("stroke", "top", "half"), [(45.0, 20350.0, 4.5e-3), (45.0, 20.0, 0.05), (0.3, 2e4, 1e-3)]
 )
 def test_a_scene_without_a_motion_has_the_fullest(stroke, top, half):
-    """It uses up the stroke and the top speed, or what the exposures allow of them."""
+    """It uses up the stroke and the top speed, or what the exposures allow; it pans at 350 px/s."""
     limits = Limits(
         max_stroke=stroke, max_top_speed=top, min_half_exposure=1e-3, max_half_exposure=0.05
     )

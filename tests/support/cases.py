@@ -14,6 +14,7 @@ from mishutter import (
     ChippedShutter,
     GaussianShutter,
     HannShutter,
+    LinearMotion,
     ParabolicMotion,
     RectShutter,
     SplineShutter,
@@ -94,4 +95,5 @@ SHUTTERS = {
 MOTIONS = {
     "parabolic": lambda: ParabolicMotion(acceleration=310.0, half_exposure=0.31),
     "still": lambda: StillCamera(half_exposure=0.013),
+    "pan": lambda: LinearMotion(half_exposure=0.013, velocity=70.0),
 }
