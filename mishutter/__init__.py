@@ -36,9 +36,11 @@ from mishutter.model import AbstractAdjustableShutter as AbstractAdjustableShutt
 from mishutter.model import AbstractMotion as AbstractMotion
 from mishutter.model import AbstractPiecewiseShutter as AbstractPiecewiseShutter
 from mishutter.model import AbstractShutter as AbstractShutter
+from mishutter.model import Burst as Burst
 from mishutter.model import ChippedShutter as ChippedShutter
 from mishutter.model import GaussianShutter as GaussianShutter
 from mishutter.model import HannShutter as HannShutter
+from mishutter.model import IdealShutter as IdealShutter
 from mishutter.model import Limits as Limits
 from mishutter.model import LinearMotion as LinearMotion
 from mishutter.model import ParabolicMotion as ParabolicMotion
@@ -95,6 +97,7 @@ __all__ = [
     "AbstractPiecewiseShutter",
     "AbstractShutter",
     "BlurModel",
+    "Burst",
     "ChippedShutter",
     "Comparison",
     "Design",
@@ -105,6 +108,7 @@ __all__ = [
     "Frames",
     "GaussianShutter",
     "HannShutter",
+    "IdealShutter",
     "Layer",
     "Layers",
     "Limits",

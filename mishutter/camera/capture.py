@@ -86,7 +86,7 @@ def simulate_capture(
             `num_taps - 1` columns less (see `captured_columns`). `"reflect"`, `"edge"`,
             `"wrap"`, `"zero"`: the sensor is as large as the picture, which goes on
             mirrored, as its last pixel, periodically, or dark.
-        full_well: Most electrons a pixel holds, e-; None for no limit.
+        full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
         adc_bits: Bits of the converter; None for no rounding.
         plan: By default equal colours of a picture are computed once; None computes every
             colour. Layers are computed where they are seen, in either case.
@@ -103,6 +103,7 @@ def simulate_capture(
     require_border("simulate_capture(border=...)", border)
     require_plan(plan)
     _check_noise(scene, key)
+    shutter = scene.light(shutter)
     if isinstance(picture, Layers | Frames):
         alone = speed == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., border=...)"
@@ -247,6 +248,8 @@ def _recorded(
     full_well: float | None,
     adc_bits: int | None,
 ) -> Array:
+    if full_well is None and scene.full_well is not None:
+        full_well = float(scene.full_well)
     limits = {"full_well": full_well, "adc_bits": adc_bits}
     return recorded(light, white_electrons(scene, motion), scene.read_noise, key=key, **limits)
 

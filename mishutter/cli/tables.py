@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def print_report(report: "Report") -> None:
     """The verdict, the comparison and the photograph's table, on standard output."""
-    from mishutter.design import BEST_SNAPSHOT, OWN_BEST_MOTION
+    from mishutter.design import BEST_SNAPSHOT, OWN_BEST_MOTION, fills
 
     comparison = report.comparison
     print_text(comparison.verdict)
@@ -29,6 +29,9 @@ def print_report(report: "Report") -> None:
             print_table(reading.capitalize(), _COLUMNS, cells)
             print_table(f"Kernels, {reading}", _OF_KERNELS, [_kernel_cells(row) for row in rows])
             print_text(_condition_note(rows))
+            full = [row.name for row in rows if fills(report.scene, row.motion, row.shutter)]
+            if full:
+                print_text(f"White fills a pixel on this motion: {', '.join(full)}.")
         print_text()
     if report.photographs is not None:
         _print_photographs(report.photographs.levels)
@@ -53,7 +56,7 @@ def _ceiling(comparison: "Comparison", snapshot: float) -> list[str]:
 def _cells(row: "Row", snapshot: float) -> list[str]:
     level = float(row.metrics.expected_psnr)
     return [
-        row.name,
+        row.name if row.num_frames == 1 else f"{row.name}, {row.num_frames} frames",
         f"{level:.2f}",
         f"{0.0 if level == snapshot else round(level - snapshot, 2) + 0.0:+.2f}",
         f"{float(row.metrics.efficiency):.3f}",

@@ -24,4 +24,5 @@ from mishutter.design.search import free_by_default as free_by_default
 from mishutter.design.search import optimise as optimise
 from mishutter.design.search import starting_shutter as starting_shutter
 from mishutter.design.solvers import NonFiniteLossError as NonFiniteLossError
+from mishutter.design.space import fills as fills
 from mishutter.design.starts import window_fits as window_fits

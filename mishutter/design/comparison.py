@@ -21,6 +21,7 @@ from mishutter.evaluation import (
     Metrics,
     Plan,
     as_loss,
+    best_burst,
     ceiling,
     evaluate,
     in_equal_steps,
@@ -46,7 +47,15 @@ BEST_SNAPSHOT = "best snapshot"
 BEST_PANNED_SNAPSHOT = "best panned snapshot"
 BEST_CODED_STILL = "best coded still"
 CODED_AT_REST = "best coded at rest"
-_RIVALS = (BEST_TUKEY, BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT, BEST_CODED_STILL, CODED_AT_REST)
+BEST_BURST = "best burst"
+_RIVALS = (
+    BEST_TUKEY,
+    BEST_SNAPSHOT,
+    BEST_PANNED_SNAPSHOT,
+    BEST_CODED_STILL,
+    CODED_AT_REST,
+    BEST_BURST,
+)
 _WORTH_IT = 0.1
 """Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
 _STANDS_STILL = 0.05
@@ -66,7 +75,9 @@ class Row:
         shutter: The profile.
         motion: The motion it is measured on.
         loss: The loss that tuned it; None where none was given.
-        metrics: Its metrics.
+        metrics: Its metrics; the expected PSNR of a burst is that of a decoder that is told the
+            speed.
+        num_frames: Frames of the motion's exposure that are added up; 1 of all but a burst.
     """
 
     reading: str
@@ -75,6 +86,7 @@ class Row:
     motion: AbstractMotion
     loss: float | None
     metrics: Metrics
+    num_frames: int = 1
 
 
 @dataclass(frozen=True)
@@ -116,6 +128,7 @@ class Comparison:
                 "name": row.name,
                 "motion": motion_to_dict(row.motion),
                 "loss": row.loss,
+                "num_frames": row.num_frames,
                 "metrics": metrics_to_dict(row.metrics),
             }
             for row in self.rows
@@ -152,7 +165,8 @@ def compare(
 
     Rivals beside the windows, tuned alike: the best Tukey, its taper too; the best snapshot, an
     open shutter at rest, and where the sensor may pan the best panned snapshot; the best coded
-    still, a free profile without acceleration, and where that pans the best at rest.
+    still, a free profile without acceleration, and where that pans the best at rest; and the best
+    burst of a scene that has a `Burst`.
 
     Args:
         scene: Speeds, light, noise and limits.
@@ -187,7 +201,8 @@ def compare(
     for name, entry in given.items():
         _require_own_name(name, entry)
     entries = given | {name: window for name, window in baselines().items() if name not in given}
-    fixed = {n: e.shutter if isinstance(e, Design) else e for n, e in entries.items()}
+    commands = {n: e.command if isinstance(e, Design) else e for n, e in entries.items()}
+    fixed = {name: scene.light(command) for name, command in commands.items()}
     measured = partial(evaluate, scene, motion, plan=plan)
     rows = [
         Row(SAME_MOTION, name, shutter, motion, None, measured(shutter))
@@ -203,10 +218,11 @@ def compare(
             for name, entry in entries.items()
         ),
         lambda: _snapshots(scene, loss, plan),
+        lambda: _bursts(scene),
     ]
     at_best = {}
     found = in_threads(lambda search: search(), searches, num_processors(), first_alone=False)
-    for some in found:
+    for some in filter(None, found):
         step(some[0].name)
         at_best |= {row.name: row for row in some}
     names = [name for name in (*fixed, *_RIVALS) if name in at_best]
@@ -264,6 +280,18 @@ def _snapshots(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None) 
     return [at_rest, _row(BEST_PANNED_SNAPSHOT, found)]
 
 
+def _bursts(scene: Scene) -> list[Row]:
+    """The best burst of a camera that takes any, by a decoder that is told the speed."""
+    burst = best_burst(scene)
+    if burst is None:
+        return []
+    measured = evaluate(burst.scene, burst.motion, RectShutter())
+    metrics = replace(measured, expected_psnr=measured.known_speed_psnr)
+    motion = settled(burst.motion)
+    row = Row(OWN_BEST_MOTION, BEST_BURST, RectShutter(), motion, None, metrics, burst.num_frames)
+    return [row]
+
+
 def _coded_stills(
     scene: Scene,
     entries: Mapping[str, Entry],
@@ -287,7 +315,7 @@ def _known_straight(
     """What a search for one of the designs has found on its way; None for nothing."""
     for entry in entries.values():
         if isinstance(entry, Design) and _is_finished(entry, scene, loss):
-            if isinstance(entry.shutter, SplineShutter) and entry.straight is not None:
+            if isinstance(entry.command, SplineShutter) and entry.straight is not None:
                 return entry.straight
     return None
 
@@ -368,14 +396,25 @@ def _with_verdict(rows: list[Row], given: tuple[str, ...], scene: Scene) -> Comp
     still = _level(snapshot)
     if np.isposinf(still):
         return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf)
+    bursts = [row for row in at_best.values() if row.num_frames > 1 or row.name == BEST_BURST]
+    at_best = {name: row for name, row in at_best.items() if row not in bursts}
     coded = [row for row in at_best.values() if row not in snapshots]
     best = _best([row for row in coded if row.name in given] or coded)
     gain = _level(best) - still
+    simpler = [row for row in at_best.values() if _takes(row) < _takes(best)]
+    rival = _best([snapshot, *simpler])
     if max(map(_level, coded)) - still < _WORTH_IT:
         verdict = (
             f"Do not build a coded camera for this scene: nothing beats the {snapshot.name}, "
             f"{still:.2f} dB, by {_WORTH_IT} dB ({best.name} reaches {_level(best):.2f} dB). Open "
             f"an ordinary shutter for {_how(snapshot.motion)}."
+        )
+    elif _level(best) - _level(rival) < _WORTH_IT:
+        verdict = (
+            f"Do not build {best.name} for this scene: it is expected to reach "
+            f"{_level(best):.2f} dB ({_how(best.motion)}), and {rival.name}, which takes "
+            f"{_in_words(_takes(rival))}, {_level(rival):.2f} dB ({_how(rival.motion)}). The "
+            f"{snapshot.name} reaches {still:.2f} dB."
         )
     else:
         verdict = (
@@ -391,27 +430,46 @@ def _with_verdict(rows: list[Row], given: tuple[str, ...], scene: Scene) -> Comp
         f"No path, shutter or decoder could exceed {most:.2f} dB, {most - _level(best):.2f} dB "
         f"more than {best.name}."
     )
-    lines = verdict, _by_apparatus(at_best, best), limit
+    lines = verdict, _by_apparatus(scene, at_best, best), *map(_of_burst, bursts), limit
     return Comparison(tuple(rows), "\n".join(lines), gain, most)
 
 
-def _by_apparatus(at_best: Mapping[str, Row], best: Row) -> str:
+def _takes(row: Row) -> frozenset[str]:
+    """What a camera at rest with an ordinary shutter lacks for a row."""
+    takes = {"a stage": _pans(row.motion) or float(row.motion.stroke) >= _STANDS_STILL}
+    takes["a shutter"] = not isinstance(row.shutter, RectShutter)
+    return frozenset(part for part, needed in takes.items() if needed)
+
+
+def _in_words(takes: frozenset[str]) -> str:
+    return f"{' and '.join(sorted(takes, reverse=True)) or 'neither stage nor shutter'}"
+
+
+def _by_apparatus(scene: Scene, at_best: Mapping[str, Row], best: Row) -> str:
     """What each kind of apparatus brings, by the best rival of it."""
-    at_rest = CODED_AT_REST if CODED_AT_REST in at_best else BEST_CODED_STILL
-    kinds = {
-        "nothing": (BEST_SNAPSHOT,),
-        "a stage": (BEST_PANNED_SNAPSHOT, "rect"),
-        "a shutter": (at_rest,),
-    }
-    simple = [name for names in kinds.values() for name in names]
-    kinds["both"] = tuple(n for n in at_best if n not in simple and n != best.name)
+    kinds: dict[frozenset[str], list[Row]] = {}
+    for row in at_best.values():
+        if row is not best:
+            kinds.setdefault(_takes(row), []).append(row)
     parts = []
-    for kind, names in kinds.items():
-        rows = [at_best[name] for name in names if name in at_best]
-        if rows:
-            row = _best(rows)
-            parts.append(f"{kind}: {row.name} {_level(row):.2f} dB ({_how(row.motion)})")
-    return f"The best rivals by what they take. {'; '.join(parts)}."
+    for takes in sorted(kinds, key=lambda kind: (len(kind), "a shutter" in kind)):
+        row = _best(kinds[takes])
+        what = _in_words(takes)
+        parts.append(f"{what}: {row.name} {_level(row):.2f} dB ({_how(row.motion)})")
+    losses = ""
+    if scene.device is not None:
+        t, leakage = float(scene.device.transmission), float(scene.device.leakage)
+        losses = (
+            f" The shutter passes {t:.1%} of the light when open, {t * leakage:.2%} when closed."
+        )
+    return f"The best rivals by what they take. {'; '.join(parts)}.{losses}"
+
+
+def _of_burst(row: Row) -> str:
+    return (
+        f"A burst of {row.num_frames} frames of {_how(row.motion)}, aligned perfectly and at no "
+        f"cost, would reach {_level(row):.2f} dB."
+    )
 
 
 def _best(rows: Sequence[Row]) -> Row:

@@ -35,7 +35,7 @@ class Part(Section):
 
 @final
 class SavedShutter(BaseModel):
-    """A kind of shutter, and its parameters, which the kind itself checks."""
+    """A kind of profile, as it is sent to the device, and its parameters, which it checks."""
 
     model_config = ConfigDict(extra="allow", strict=True, allow_inf_nan=False, frozen=True)
 
@@ -64,6 +64,22 @@ class SavedLimits(Part):
 
 
 @final
+class SavedDevice(Part):
+    """The arguments of `IdealShutter`."""
+
+    transmission: float
+    leakage: float
+
+
+@final
+class SavedBurst(Part):
+    """The arguments of `Burst`."""
+
+    frames_per_s: float
+    max_frames: int
+
+
+@final
 class SavedScene(Part):
     """The arguments of `Scene`, but for the motion."""
 
@@ -76,6 +92,9 @@ class SavedScene(Part):
     power_spectrum: list[float] | None = None
     cutoff_frequency: float = 0.5
     limits: SavedLimits
+    device: SavedDevice | None = None
+    full_well: float | None = None
+    burst: SavedBurst | None = None
     picture: str | None = None
 
 

@@ -28,7 +28,7 @@ class DriveTable:
     Attributes:
         design: The design that is driven.
         begin: Beginning of each step, from mid-exposure; s, shape `(n,)`.
-        wanted: Mean transmittance of the design over each step; shape `(n,)`.
+        wanted: Mean over each step of the profile that the design sends; shape `(n,)`.
         level: Drive level of each step; whole numbers, shape `(n,)`.
         transmittance: Transmittance at that level; shape `(n,)`.
         num_levels: How many levels there are.
@@ -132,7 +132,7 @@ def drive_table(
     require(0 <= floor < 1, "drive_table(floor=...)", "lie in [0, 1)", floor)
     subject = "drive_table(ceiling=...)"
     require(floor < ceiling <= 1, subject, f"lie above the floor {floor:g} and up to 1", ceiling)
-    wanted = step_means(design.shutter, num_steps)
+    wanted = step_means(design.command, num_steps)
     steps = (np.clip(ceiling * wanted, floor, ceiling) - floor) / (ceiling - floor)
     level = np.rint(steps * (num_levels - 1)).astype(int)
     half = float(design.motion.half_exposure)

@@ -176,7 +176,8 @@ class LinearObjective(AbstractObjective):
     """The loss of a weighted sum of responses, one a coordinate of the profile.
 
     Attributes:
-        basis: Each coordinate's response as one row of real numbers; shape `(size, k)`.
+        basis: The response of a closed profile, which a device may leak, then what each
+            coordinate adds to it, as rows of real numbers; shape `(size + 1, k)`.
         layout: How such a row is taken apart.
     """
 
@@ -188,7 +189,7 @@ class LinearObjective(AbstractObjective):
     plan: Plan = eqx.field(static=True)
 
     def __call__(self, box: Array) -> Array:
-        response = self.layout.response(box @ self.basis)
+        response = self.layout.response(self.basis[0] + box @ self.basis[1:])
         return self.loss.of_response(self.scene, self.motion, response, self.plan)
 
     @property
@@ -210,7 +211,7 @@ def objective_of(
         # Rounding to two numbers an octave lets scenes of other speeds share programs.
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free:
-            nodes = lit_nodes(space.shutter, plan.num_nodes, space.dtype)
+            nodes = lit_nodes(scene.light(space.shutter), plan.num_nodes, space.dtype)
             space = space.without_shutter()
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
@@ -275,9 +276,11 @@ class Layout:
 def _basis(
     space: DesignSpace, scene: Scene, plan: Plan, parts_wanted: Parts
 ) -> tuple[Array, Layout]:
-    """Response of each coordinate alone, and its layout."""
+    """Response of a closed profile and what each coordinate adds to it, and their layout."""
     recorded = _records_of_each(scene, space.motion, space.shutter, space.size, plan, parts_wanted)
-    kernels, spectra, light = map(np.asarray, recorded)
+    kernels, spectra, light = (
+        np.concatenate([part[:1], part[1:] - part[:1]]) for part in map(np.asarray, recorded)
+    )
     still = spectrum = differences = np.zeros((light.size, 0), light.dtype)
     if parts_wanted.kernels:
         shares = np.sqrt(np.asarray(scene.weights, light.dtype))[: kernels.shape[1] - 1, None]
@@ -300,13 +303,13 @@ def _records_of_each(
     plan: Plan,
     parts_wanted: Parts,
 ) -> Records:
-    """Records of a profile with each coordinate alone at 1, by one program."""
+    """Records of a closed profile, and of one with each coordinate alone at 1; one program."""
 
     def one(corner: Array) -> Records:
         return records(scene, motion, profile.at(corner), plan, *parts_wanted)
 
     dtype = common_dtype(motion.half_exposure, scene.speeds)
-    corners = jnp.eye(num_coordinates, dtype=dtype)
+    corners = jnp.eye(num_coordinates + 1, num_coordinates, -1, dtype=dtype)
     return jax.lax.map(one, corners)
 
 

@@ -129,7 +129,7 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
 def design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
     shutter, motion = _design_at(space.without_shutter(), box)
-    return (shutter if "shutter" in space.free else space.shutter), motion
+    return (shutter if "shutter" in space.free else space.light(space.shutter)), motion
 
 
 @compiled

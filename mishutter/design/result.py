@@ -15,11 +15,14 @@ from mishutter.evaluation import Metrics, Plan, evaluate
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    Burst,
+    IdealShutter,
     Limits,
     LinearMotion,
     ParabolicMotion,
     Scene,
     StillCamera,
+    command_of,
     profile_of,
     shutter_from_dict,
     shutter_to_dict,
@@ -33,7 +36,7 @@ class Design:
     """A shutter and a motion, how good they are, and how they were found.
 
     Attributes:
-        shutter: The profile.
+        shutter: The transmittance that light sees.
         motion: The sensor's motion.
         scene: The scene it was designed for.
         loss: Final loss.
@@ -63,6 +66,11 @@ class Design:
     plan: Plan | None = None
     straight: "Design | None" = None
 
+    @property
+    def command(self) -> AbstractShutter:
+        """The profile that is sent to the scene's device: the shutter itself without one."""
+        return command_of(self.shutter)
+
     @cached_property
     def metrics(self) -> Metrics:
         """Its metrics on its scene, computed at the first use."""
@@ -73,7 +81,7 @@ class Design:
         parts = {
             "format": FORMAT,
             "mishutter": package_version(),
-            "shutter": shutter_to_dict(self.shutter),
+            "shutter": shutter_to_dict(self.command),
             "motion": motion_to_dict(self.motion),
             "metrics": metrics_to_dict(self.metrics),
         }
@@ -158,11 +166,14 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
 def _built(file: SavedDesign) -> Design:
     motion = _motion(file.motion)
     scene = file.scene.model_dump()
-    scene |= {"limits": Limits(**scene["limits"]), "motion": motion}
+    kinds = {"limits": Limits, "device": IdealShutter, "burst": Burst}
+    made = {name: kind(**scene[name]) for name, kind in kinds.items() if scene[name] is not None}
+    scene |= made | {"motion": motion}
+    whole = Scene(**scene)
     parts = {
-        "shutter": shutter_from_dict(file.shutter.model_dump()),
+        "shutter": whole.light(shutter_from_dict(file.shutter.model_dump())),
         "motion": motion,
-        "scene": Scene(**scene),
+        "scene": whole,
         "history": np.array(file.history),
         "plan": None if file.plan is None else Plan.from_dict(file.plan.model_dump()),
     }

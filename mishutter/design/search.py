@@ -42,6 +42,7 @@ from mishutter.model import (
     Scene,
     SplineShutter,
     TukeyShutter,
+    command_of,
     is_known_zero,
     panned,
     seen_from,
@@ -122,8 +123,8 @@ def optimise(
         scene: Speeds, light, noise and limits.
         motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest, and
             a `LinearMotion` does not accelerate.
-        shutter: Profile to start from, whose kind is kept; by default the free-form
-            `starting_shutter` of the scene.
+        shutter: Profile to start from, as it is sent to the scene's device, whose kind is kept;
+            by default the free-form `starting_shutter` of the scene.
         loss: The loss to be minimised, or a function of scene, motion and shutter; the
             expected error by default.
         free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
@@ -150,6 +151,7 @@ def optimise(
     """
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
     motion = settled(scene.motion if motion is None else motion)
+    shutter = None if shutter is None else command_of(shutter)
     if num_starts is not None:
         require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
@@ -184,7 +186,7 @@ def _better(design: Design, straight: Design) -> Design:
 
 def _design(end: "_End", scene: Scene, loss: AbstractLoss, max_steps: int) -> Design:
     outcome = _outcome(end.certificate, end.loss, end.num_steps >= max_steps)
-    inside = within_limits(end.motion, scene.limits)
+    inside = within_limits(scene, end.motion, end.shutter)
     return Design(
         shutter=end.shutter,
         motion=end.motion,

@@ -6,8 +6,12 @@ that hold stroke, top speed and exposure at every point: the half exposure betwe
 and the acceleration between the slowest that keeps up with what the given motion keeps up
 with, or with all objects at the best velocity, if that is less, and the largest that
 $aT^2 \le$ stroke and $2aT \le$ top speed allow. The velocity lies between the slowest and the
-fastest object, as far as that acceleration leaves it any of the top speed. So a given motion
-within the limits is a point of the box.
+fastest object, as far as that acceleration leaves it any of the top speed. Where a pixel holds
+so many electrons and no more, a half exposure ends where white fills it, sooner the more light
+the shutter lets through. So a given motion within the limits is a point of the box.
+
+Coordinates are those of the profile that is sent to the scene's device. The shutter of a design
+is the transmittance that light sees.
 """
 
 from collections.abc import Iterable
@@ -24,6 +28,7 @@ from mishutter._core import common_dtype, require
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    IdealShutter,
     Limits,
     LinearMotion,
     ParabolicMotion,
@@ -61,9 +66,12 @@ class DesignSpace(eqx.Module):
     """A unit box of designs around a shutter and a motion.
 
     Attributes:
-        shutter: Profile that is held, or whose kind is moved.
+        shutter: Profile that is held, or whose kind is moved, as it is sent to the device.
         motion: Motion that is held where it is not free.
         limits: Bounds on stroke, top speed, exposure and pan.
+        device: What it is sent to; None for one that loses no light.
+        filling: Half exposure over which white fills a pixel, s: through a shutter that is held,
+            or through an open one where it moves. None where pixels hold any light.
         slowest: Least velocity worth panning at; px/s.
         fastest: Greatest velocity worth panning at; px/s.
         demand: Speed that a sensor gains as it keeps up with every object; px/s.
@@ -74,6 +82,8 @@ class DesignSpace(eqx.Module):
     shutter: AbstractShutter
     motion: AbstractMotion
     limits: Limits
+    device: IdealShutter | None
+    filling: Array | None
     slowest: Array
     fastest: Array
     demand: Array
@@ -91,11 +101,13 @@ class DesignSpace(eqx.Module):
         shutter = self.shutter
         if count:
             shutter = at_coordinates(shutter, box[:count])
+        shutter = self.light(shutter)
         share = dict(zip(self.free_of_motion, box[count:], strict=True))
         half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
         acceleration = self.motion.acceleration
         if "half_exposure" in share:
-            half_exposure = _between(*self._half_exposure_bounds(), share["half_exposure"])
+            bounds = self._half_exposure_bounds(shutter)
+            half_exposure = _between(*bounds, share["half_exposure"])
         if "acceleration" in share:
             bounds = self._acceleration_bounds(half_exposure)
             acceleration = _between(*bounds, share["acceleration"])
@@ -141,7 +153,9 @@ class DesignSpace(eqx.Module):
         index = self.num_profile_coordinates
         if not {"acceleration", "half_exposure"} <= set(self.free):
             return Bends(index, np.zeros(0))
-        low, high = (float(bound) for bound in self._half_exposure_bounds())
+        if self.filling is not None and self.num_profile_coordinates:
+            return Bends(index, np.zeros(0))  # the exposures there are others for each profile
+        low, high = (float(bound) for bound in self._half_exposure_bounds(self.shutter))
         kept_up = float(self.demand), float(self.motion.speed_gain)
         speeds = [float(self.limits.max_top_speed), *kept_up, *(v / _SLOWEST for v in kept_up)]
         times = np.array([2 * float(self.limits.max_stroke) / v for v in speeds if v > 0])
@@ -156,9 +170,10 @@ class DesignSpace(eqx.Module):
             parts.append(jnp.clip(box_of(shutter), 0, 1).astype(dtype))
         half_exposure = motion.half_exposure
         if "half_exposure" in self.free:
-            share = _share(*self._half_exposure_bounds(), half_exposure)
+            bounds = self._half_exposure_bounds(self.light(shutter))
+            share = _share(*bounds, half_exposure)
             parts.append(share.astype(dtype)[None])
-            half_exposure = _between(*self._half_exposure_bounds(), share)
+            half_exposure = _between(*bounds, share)
         acceleration, share = motion.acceleration, None
         if "acceleration" in self.free:
             bounds = self._acceleration_bounds(half_exposure)
@@ -178,8 +193,20 @@ class DesignSpace(eqx.Module):
         most = jnp.minimum(left, self.limits.max_pan)
         return jnp.clip(self.slowest, -most, most), jnp.clip(self.fastest, -most, most)
 
-    def _half_exposure_bounds(self) -> tuple[Array, Array]:
+    def light(self, shutter: AbstractShutter) -> AbstractShutter:
+        """The transmittance that light sees where a profile is sent to the device."""
+        if self.device is None:
+            return shutter
+        return self.device.light(shutter, self.dtype)
+
+    def _half_exposure_bounds(self, light: AbstractShutter) -> tuple[Array, Array]:
         low, high = self.limits.min_half_exposure, self.limits.max_half_exposure
+        if self.filling is not None:
+            filling = self.filling
+            if self.num_profile_coordinates:
+                efficiency = light.efficiency().astype(filling.dtype)
+                filling = filling / jnp.maximum(efficiency, filling / high)
+            high = jnp.clip(filling, low, high)
         if "acceleration" not in self.free and isinstance(self.motion, ParabolicMotion):
             a = self.motion.acceleration
             safe = jnp.where(a > 0, a, 1.0)
@@ -226,7 +253,28 @@ def design_space(
     demand = (fastest - slowest) / 2 if "velocity" in ordered else scene.max_speed.astype(dtype)
     velocity = motion.velocity.astype(dtype)
     bounds = jnp.minimum(slowest, velocity), jnp.maximum(fastest, velocity)
-    return DesignSpace(shutter, motion, limits, *bounds, demand, ordered, count)
+    device = jax.tree.map(lambda x: x.astype(dtype), scene.device)
+    filling = _filling(scene, None if count else shutter)
+    filling = None if filling is None else jnp.asarray(filling, dtype)
+    return DesignSpace(shutter, motion, limits, device, filling, *bounds, demand, ordered, count)
+
+
+def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
+    """Half exposure over which white fills a pixel through a shutter, or an open one; s.
+
+    Raises:
+        ValueError: if an open shutter fills it within the shortest exposure.
+    """
+    if scene.full_well is None:
+        return None
+    rate, full_well = float(scene.photon_rate), float(scene.full_well)
+    shortest = 2 * rate * float(scene.limits.min_half_exposure)
+    requirement = (
+        f"hold what an open shutter lets through in the shortest exposure, {shortest:g} e-"
+    )
+    require(shortest <= full_well, "Scene(full_well=...)", requirement, full_well)
+    light = 1.0 if shutter is None else float(scene.light(shutter).efficiency())
+    return full_well / (2 * rate * light) if rate * light > 0 else np.inf
 
 
 def _held_by_kind(motion: AbstractMotion) -> set[str]:
@@ -252,8 +300,12 @@ def all_that_can_move(
     return tuple(name for name in FREE_NAMES if name not in held)
 
 
-def within_limits(motion: AbstractMotion, limits: Limits) -> bool:
-    """Whether stroke, top speed, exposure and pan keep their limits, to rounding."""
+def within_limits(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
+    """Whether stroke, top speed, exposure and pan keep their limits, to rounding.
+
+    A pixel that is filled by white is a limit too.
+    """
+    limits = scene.limits
     half = float(motion.half_exposure)
     shares = (
         float(motion.stroke) / float(limits.max_stroke),
@@ -262,7 +314,15 @@ def within_limits(motion: AbstractMotion, limits: Limits) -> bool:
         float(limits.min_half_exposure) / half,
     )
     pans = abs(float(motion.velocity)) <= float(limits.max_pan) * (1 + _ROUNDING)
-    return pans and max(shares) <= 1 + _ROUNDING
+    return pans and max(shares) <= 1 + _ROUNDING and not fills(scene, motion, shutter)
+
+
+def fills(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
+    r"""Whether white, $2RT\eta$ electrons, is more than a pixel holds, to rounding."""
+    if scene.full_well is None:
+        return False
+    light = float(scene.light(shutter).efficiency()) * float(motion.exposure)
+    return float(scene.photon_rate) * light > float(scene.full_well) * (1 + _ROUNDING)
 
 
 def box_of(shutter: AbstractShutter) -> Array:

@@ -10,6 +10,7 @@ from mishutter.evaluation.batch import rules_of as rules_of
 from mishutter.evaluation.batch import scenes_for as scenes_for
 from mishutter.evaluation.batch import shapes_of as shapes_of
 from mishutter.evaluation.batch import sizes_of as sizes_of
+from mishutter.evaluation.bursts import best_burst as best_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ceilings import in_equal_steps as in_equal_steps
 from mishutter.evaluation.lengths import distinct_speeds as distinct_speeds

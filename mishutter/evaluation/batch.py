@@ -237,10 +237,13 @@ def measure(
         sizes: Sizes that each design asks for.
         metrics: Which are wanted. Expected PSNRs have the shape `(n, p, r)`, others `(n,)`.
         light: Photon rates, e-/s, shape `(p,)`, and read noises, e-, shape `(r,)`.
-        boxes: Coordinates of each design's own shutter, shape `(n, k)`; None for one shutter.
+        boxes: Coordinates of each design's own shutter, shape `(n, k)`, where the rules are of
+            `k + 1`: of a closed one and of each coordinate open; None for one shutter.
     """
     dtype, count = np.dtype(rules.tau.dtype), sizes.num_taps.size
-    shares = np.ones((count, 1), dtype) if boxes is None else boxes.astype(dtype)
+    shares = np.ones((count, 1), dtype)
+    if boxes is not None:  # a device may leak light through what is closed
+        shares = np.column_stack([1 - boxes.sum(axis=1), boxes]).astype(dtype)
     found = {"efficiency": shares.astype(float) @ np.asarray(rules.efficiency, float)}
     need = _need_of(sizes, shapes, motions, dtype, bool(set(metrics) & set(KERNEL_METRICS[1:])))
     each = motions, need, shares
@@ -308,8 +311,8 @@ def _kernel_numbers(
 
     def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
         motion, need, box = design
-        own = shutter.at(box) if is_own else shutter  # type: ignore[attr-defined]
-        profile = piecewise(own)
+        own = shutter.at(box[1:]) if is_own else shutter  # type: ignore[attr-defined]
+        profile = piecewise(scene.light(own))
         speeds = scene.speeds if set(metrics) & set(KERNEL_METRICS[1:]) else scene.speeds[:0]
         speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
         plan = Plan(_TAPS, _TAPS, 1, 1)

@@ -100,12 +100,13 @@ def records(
 ) -> Records:
     """Kernels and transfer functions, each by one compiled program for all its callers.
 
-    The motion has no velocity: the scene is `seen_from` it. Without `differences`, or where
-    nothing in the scene moves, only the kernel at rest is computed.
+    The motion has no velocity: the scene is `seen_from` it. The shutter is sent to the scene's
+    device. Without `differences`, or where nothing in the scene moves, only the kernel at rest
+    is computed.
     """
     require_sizes(plan.num_taps, plan.num_frequencies, kernels=kernels, spectra=spectra)
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
-    profile = piecewise(shutter)
+    profile = piecewise(scene.light(shutter))
     taps = response = light = None
     if kernels:
         moving = scene.speeds if differences and not plan.still else scene.speeds[:0]

@@ -1,5 +1,8 @@
 """The problem of a design: motions, scenes and their files, images, shutters."""
 
+from mishutter.model.devices import IdealShutter as IdealShutter
+from mishutter.model.devices import TransmittedShutter as TransmittedShutter
+from mishutter.model.devices import command_of as command_of
 from mishutter.model.frequencies import frequencies as frequencies
 from mishutter.model.frequencies import frequency_grid as frequency_grid
 from mishutter.model.frequencies import on_steps as on_steps
@@ -27,6 +30,7 @@ from mishutter.model.motion import without_velocity as without_velocity
 from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY
 from mishutter.model.scene import NUM_FREQUENCIES as NUM_FREQUENCIES
 from mishutter.model.scene import NYQUIST_FREQUENCY as NYQUIST_FREQUENCY
+from mishutter.model.scene import Burst as Burst
 from mishutter.model.scene import Limits as Limits
 from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene import seen_from as seen_from

@@ -22,6 +22,7 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
+from mishutter.model.devices import IdealShutter
 from mishutter.model.frequencies import frequencies, on_steps
 from mishutter.model.motion import (
     AbstractMotion,
@@ -29,6 +30,7 @@ from mishutter.model.motion import (
     is_known_zero,
     without_velocity,
 )
+from mishutter.model.shutters import AbstractShutter
 
 DEFAULT_MEAN = 0.25
 DEFAULT_DEVIATION = 0.2
@@ -114,6 +116,30 @@ class Limits(eqx.Module):
 
 
 @final
+class Burst(eqx.Module):
+    """Frames that a camera may take in place of one exposure, as a rival.
+
+    Args:
+        frames_per_s: Frames that the sensor reads out a second.
+        max_frames: Most frames of a burst.
+
+    Raises:
+        ValueError: if `frames_per_s` is not above 0, or `max_frames` not a whole number above 0.
+    """
+
+    frames_per_s: Array
+    max_frames: int = eqx.field(static=True)
+
+    def __init__(self, *, frames_per_s: ArrayLike, max_frames: int):
+        self.frames_per_s = as_float(frames_per_s, "Burst(frames_per_s=...)")
+        self.max_frames = require_positive_int("Burst(max_frames=...)", max_frames)
+
+    def __check_init__(self) -> None:
+        require_scalar("Burst(frames_per_s=...)", self.frames_per_s)
+        _check_at_least("Burst(frames_per_s=...)", self.frames_per_s, "above 0", strict=True)
+
+
+@final
 class Scene(eqx.Module):
     r"""Speeds with their weights, light, noise, and the power spectrum of what is seen.
 
@@ -132,6 +158,11 @@ class Scene(eqx.Module):
         cutoff_frequency: Highest frequency that the optics pass: the picture on the
             sensor holds none above it, and below it some; cycles/px, at most 0.5.
         limits: The furthest that the mechanism and the exposure may reach.
+        device: What shutters other than an open one are made with, whose losses they have; by
+            default one that loses no light.
+        full_well: Electrons at which a pixel is full: searches expose white to no more; no limit
+            by default; e-.
+        burst: Frames that a rival takes in place of one exposure; no such rival by default.
         motion: Motion to start from or to compare at; by default the `fullest_motion` of the
             limits about the middle of the speeds.
         picture: Path of the photograph to show results on; None for none.
@@ -150,6 +181,9 @@ class Scene(eqx.Module):
     power_spectrum: Array | None
     cutoff_frequency: Array
     limits: Limits
+    device: IdealShutter | None
+    full_well: Array | None
+    burst: Burst | None
     given_motion: AbstractMotion | None
     picture: str | None = eqx.field(static=True)
 
@@ -165,6 +199,9 @@ class Scene(eqx.Module):
         power_spectrum: RowLike | None = None,
         cutoff_frequency: ArrayLike = NYQUIST_FREQUENCY,
         limits: Limits | None = None,
+        device: IdealShutter | None = None,
+        full_well: ArrayLike | None = None,
+        burst: Burst | None = None,
         motion: AbstractMotion | None = None,
         picture: str | os.PathLike[str] | None = None,
     ):
@@ -181,6 +218,11 @@ class Scene(eqx.Module):
             self.power_spectrum = as_float(power_spectrum, "Scene(power_spectrum=...)")
         self.cutoff_frequency = as_float(cutoff_frequency, "Scene(cutoff_frequency=...)")
         self.limits = Limits() if limits is None else limits
+        self.device = device
+        self.full_well = None
+        if full_well is not None:
+            self.full_well = as_float(full_well, "Scene(full_well=...)")
+        self.burst = burst
         self.given_motion = motion
         self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
 
@@ -207,10 +249,15 @@ class Scene(eqx.Module):
         self._check_cutoff()
         for name, kind, requirement in (
             ("limits", Limits, "be `Limits`"),
+            ("burst", Burst | None, "be a `Burst`"),
+            ("device", IdealShutter | None, "be an `IdealShutter`"),
             ("picture", str | None, "be a path"),
         ):
             value = getattr(self, name)
             require(isinstance(value, kind), f"Scene({name}=...)", requirement, value)
+        if self.full_well is not None:
+            require_scalar("Scene(full_well=...)", self.full_well)
+            _check_at_least("Scene(full_well=...)", self.full_well, "above 0", strict=True)
         known = isinstance(self.given_motion, AbstractMotion | None)
         require(known, "Scene(motion=...)", "be a motion", self.given_motion)
 
@@ -290,7 +337,7 @@ class Scene(eqx.Module):
         weights: ArrayLike | None = None,
         power_spectrum: RowLike | None = None,
     ) -> "Scene":
-        """The numbers without what no integral sees: the picture's path and the motion.
+        """The numbers without what no integral sees: the picture's path, the motion, the burst.
 
         Args:
             speeds: Speeds in place of the scene's own, with their `weights`.
@@ -307,7 +354,19 @@ class Scene(eqx.Module):
             power_spectrum=self.power_spectrum if power_spectrum is None else power_spectrum,
             cutoff_frequency=self.cutoff_frequency,
             limits=self.limits,
+            device=self.device,
+            full_well=self.full_well,
         )
+
+    def light(self, shutter: AbstractShutter) -> AbstractShutter:
+        """The transmittance that light sees where a profile is sent to the scene's device.
+
+        An open shutter needs none. What a device has made of a profile stays as it is, so that
+        profiles and designs may be measured alike.
+        """
+        if self.device is None:
+            return shutter
+        return self.device.light(shutter, np.dtype(self.speeds.dtype))
 
     @property
     def motion(self) -> AbstractMotion:

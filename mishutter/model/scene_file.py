@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from mishutter._core import Bare, contents, in_section, parsed, require, validated
+from mishutter.model.devices import IdealShutter
 from mishutter.model.motion import ParabolicMotion
-from mishutter.model.scene import Limits, Scene
+from mishutter.model.scene import Burst, Limits, Scene
 from mishutter.model.scene_schema import (
     LimitsSection,
     MotionSection,
@@ -85,6 +86,9 @@ def _built(file: SceneFile, folder: Path) -> Scene:
         read_noise=file.sensor.read_noise_e,
         cutoff_frequency=file.optics.cutoff_cycles_per_px,
         limits=limits,
+        device=None if file.shutter is None else IdealShutter(**file.shutter.model_dump()),
+        full_well=file.sensor.full_well_e,
+        burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
         motion=_motion(file.motion, file.limits),
         **_picture(file.picture, folder),
     )

@@ -53,9 +53,18 @@ class Light(Section):
 
 @final
 class Sensor(Section):
-    """Noise of the sensor."""
+    """Noise of the sensor, and how many electrons a pixel holds."""
 
     read_noise_e: Annotated[float, Field(ge=0, le=1e6)]
+    full_well_e: Annotated[float, Field(gt=0, le=1e9)] | None = None
+
+
+@final
+class ShutterSection(Section):
+    """What the shutter is made with: shares of light that pass."""
+
+    transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
+    leakage: Annotated[float, Field(ge=0, lt=1)] = 0.0
 
 
 @final
@@ -63,6 +72,14 @@ class OpticsSection(Section):
     """The highest frequency that the lens passes."""
 
     cutoff_cycles_per_px: Annotated[float, Field(gt=0, le=0.5)] = 0.5
+
+
+@final
+class RivalsSection(Section):
+    """Rivals of a kind that only some cameras can be: frames in place of one exposure."""
+
+    frames_per_s: Annotated[float, Field(gt=0, le=1e6)]
+    max_frames: Annotated[int, Field(ge=1, le=1000)]
 
 
 @final
@@ -102,7 +119,9 @@ class SceneFile(Section):
     speeds: Speeds
     light: Light
     sensor: Sensor
+    shutter: ShutterSection | None = None
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()
+    rivals: RivalsSection | None = None
     motion: MotionSection | None = None
     picture: PictureSection = PictureSection()

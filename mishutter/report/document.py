@@ -6,6 +6,7 @@ from typing import Any
 
 from mishutter._core import strict_json, write_text
 from mishutter.design import (
+    BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
     BEST_TUKEY,
@@ -47,6 +48,8 @@ def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]
     panned = held.get(BEST_PANNED_SNAPSHOT)
     if panned is not None and float(panned.motion.velocity) != 0:
         wanted[BEST_PANNED_SNAPSHOT] = None
+    if BEST_CODED_STILL in held:
+        wanted[BEST_CODED_STILL] = None
     return {name: comparison.row(name, OWN_BEST_MOTION) for name in wanted}
 
 

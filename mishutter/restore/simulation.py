@@ -62,7 +62,7 @@ def capture_and_restore(
         decoder: How to restore; the ensemble filter by default.
         key: JAX key of the noise; None for none.
         border: As in `simulate_capture`, for a photograph.
-        full_well: Most electrons a pixel holds, e-; None for no limit.
+        full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
         adc_bits: Bits of the converter; None for no rounding.
         rows_at_once: How many rows.
         progress: Called with a sentence and the share done.

@@ -1,6 +1,6 @@
 """One block of a sweep: the profile of each point found if asked for, then all measured."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple, final
 
 import jax
@@ -79,9 +79,10 @@ class Engine:
         axes = self.grid.accelerations[rows], self.grid.half_exposures[columns]
         return motions_at(*(x.astype(self.grid.dtype) for x in axes))
 
-    def _kit(self, shutter: AbstractShutter, coordinates: list) -> Kit:
+    def _kit(self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]) -> Kit:
         scenes = scenes_for(self.scenes, shutter, skips=self.grid.skips)
-        return Kit(shutter, rules_of(coordinates, self.shapes, self.grid.dtype), scenes)
+        lights = [self.scenes[0].light(each) for each in coordinates]
+        return Kit(shutter, rules_of(lights, self.shapes, self.grid.dtype), scenes)
 
     def computed(self, blocks: Iterable[Block]) -> Iterator[Arrays]:
         """The variables of blocks, in order; with a search some blocks at a time."""

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
 import numpy as np
 
 from mishutter._core import (
@@ -65,7 +66,8 @@ def sweep(
     mid-exposure. A point outside a scene's limits is NaN, and `outside` says why.
 
     Args:
-        scenes: One scene, or several, then a dimension of the result.
+        scenes: One scene, or several, then a dimension of the result. They share a device and
+            a full well.
         accelerations: $a$, px/s^2, at least 0, ascending; shape `(a,)`.
         half_exposures: $T$, s, above 0, ascending; shape `(t,)`.
         shutters: Fixed shutters by name; the baselines and a Tukey window by default.
@@ -80,7 +82,7 @@ def sweep(
         photon_rates: Light to measure under in place of the scene's, e-/s at white,
             ascending; a dimension of the expected PSNR.
         read_noises: The same of the read noise, e-.
-        full_well: Most electrons of a white pixel; no limit by default.
+        full_well: Most electrons of a white pixel; by default as many as the scenes say.
         plan: The parts to compute. By default those that change no result are left out: mirrored,
             repeated and absent speeds, taps and nodes that a point does not reach. None
             computes everything. Of a plan only that choice is kept: every point has sizes
@@ -161,6 +163,12 @@ def _grid(
     chosen = tuple(METRICS) if metrics is None else tuple(metrics)
     known = bool(chosen) and all(name in METRICS for name in chosen)
     require(known, "sweep(metrics=...)", f"name some of {', '.join(METRICS)}", metrics)
+    first, *others = named_scenes.values()
+    shared = first.device, first.full_well
+    same = all(bool(eqx.tree_equal(shared, (s.device, s.full_well))) for s in others)
+    require(same, "sweep(scenes=...)", "share one device and full well", list(named_scenes))
+    if full_well is None and first.full_well is not None:
+        full_well = float(first.full_well)
     if full_well is not None:
         positive = bool(np.isfinite(full_well)) and full_well > 0
         require(positive, "sweep(full_well=...)", "be above 0 e-", full_well)

@@ -29,11 +29,12 @@ def start_boxes(num_coefficients: int, symmetric: bool, seed: int) -> np.ndarray
 
 
 def basis_of(search: Search) -> tuple[SplineShutter, list[SplineShutter]]:
-    """A profile of the kind that is searched, and its basis: each one coordinate open."""
+    """A profile of the kind that is searched, and its basis: closed, then each coordinate open."""
     count, symmetric = search.num_coefficients, search.symmetric
     (box, *_) = window_fits(count, symmetric)
     first = SplineShutter(box, symmetric=symmetric, num_coefficients=count)
-    corners = np.eye(first.box().size, dtype=first.parameters.dtype)
+    size = first.box().size
+    corners = np.eye(size + 1, size, -1, dtype=first.parameters.dtype)
     return first, [first.at(jax.device_put(corner)) for corner in corners]
 
 

@@ -163,7 +163,8 @@ def best_snapshots(
     """The best exposure of a camera at rest under each light and read noise.
 
     Args:
-        scene: Speeds, picture and the limits of the exposure.
+        scene: Speeds, picture and the limits of the exposure, which ends where white fills a
+            pixel that holds so many electrons and no more.
         photon_rates: e-/s at white; the scene's by default.
         read_noises: e-; the scene's by default.
 
@@ -177,17 +178,21 @@ def best_snapshots(
 
     rates = _light("photon_rates", scene.photon_rate if photon_rates is None else photon_rates)
     noises = _light("read_noises", scene.read_noise if read_noises is None else read_noises)
-    limits = scene.limits
-    ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
-    half = np.geomspace(*ends, _NUM_EXPOSURES)[:, None, None]
-    ratio = (ends[1] / ends[0]) ** (1 / (_NUM_EXPOSURES - 1))
+    low, high = float(scene.limits.min_half_exposure), float(scene.limits.max_half_exposure)
+    longest = np.full((rates.size, 1), high)
+    if scene.full_well is not None:
+        with np.errstate(divide="ignore"):
+            filling = float(scene.full_well) / (2 * np.asarray(rates, np.float64)[:, None])
+        longest = np.clip(filling, low, high)
+    half = np.geomspace(np.full_like(longest, low), longest, _NUM_EXPOSURES)
+    ratio = (longest / low) ** (1 / (_NUM_EXPOSURES - 1))
     best = half
     for _ in range(_NUM_REFINEMENTS):
         error = _snapshot_error(scene, half, rates[:, None], noises[None])
         half = np.broadcast_to(half, error.shape)
         best = np.take_along_axis(half, np.argmin(error, axis=0)[None], 0)
-        near = np.geomspace(1 / ratio, ratio, _NUM_NEAR)[:, None, None]
-        half, ratio = np.clip(best * near, *ends), ratio ** (2 / (_NUM_NEAR - 1))
+        near = np.geomspace(1 / ratio, ratio, _NUM_NEAR)
+        half, ratio = np.clip(best * near, low, longest), ratio ** (2 / (_NUM_NEAR - 1))
     error = np.min(_snapshot_error(scene, best, rates[:, None], noises[None]), axis=0)
     dimensions = ("photon_rate", "read_noise")
     with np.errstate(divide="ignore"):  # a picture without detail is restored without error

@@ -60,13 +60,13 @@ class AbstractPiecewiseShutter(AbstractShutter):
     them, on their leading axis.
     """
 
-    panels_per_piece: eqx.AbstractClassVar[int]
+    panels_per_piece: eqx.AbstractVar[int]
     """Equal parts of a piece on each of which `w` is all but a low polynomial."""
 
     smooth_length: eqx.AbstractVar[float | Array]
     r"""Time, in units of $\tau$, over which each piece's function is all but a low polynomial."""
 
-    equal_pieces: eqx.AbstractClassVar[bool]
+    equal_pieces: eqx.AbstractVar[bool]
     """Whether the pieces are equally long. One of a few that are not may be all of the exposure;
     of more than `FEW_PIECES` none is longer than twice their mean."""
 

@@ -1,0 +1,110 @@
+r"""Bursts: many short frames in place of one exposure, aligned and added up.
+
+$n$ frames of the exposure $\tau$ make one picture of $n R\tau$ electrons of white, whose blur is
+that of one frame and whose read noise $\sqrt n\,\sigma$ is paid $n$ times. The alignment is taken
+to be perfect, at every speed and at no cost; a decoder that can align knows the speed, so that the
+error is that of `Metrics.known_speed_psnr`. What a real burst loses to misalignment, to the time
+between frames and to what is hidden in some of them is not counted.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import compiled, require_known
+from mishutter.evaluation.metrics import known_speed_squared_error
+from mishutter.evaluation.needs import Plan, reduced, sizes
+from mishutter.evaluation.response import Response, respond
+from mishutter.model import AbstractMotion, LinearMotion, RectShutter, Scene, seen_from
+
+_TOLERANCE = 1e-4
+"""Of the logarithm of the exposure."""
+
+
+class BurstOfFrames(NamedTuple):
+    """The best burst for a scene.
+
+    Attributes:
+        num_frames: How many frames.
+        motion: Motion of the sensor over one of them.
+        scene: The scene with the light and the read noise of all of them together, in which one
+            exposure of that motion is the burst.
+    """
+
+    num_frames: int
+    motion: LinearMotion
+    scene: Scene
+
+
+def best_burst(scene: Scene) -> BurstOfFrames | None:
+    """The burst of least error by a decoder that is told the speed; None without `scene.burst`.
+
+    The frames follow each other at the rate of the burst, all of it within the longest exposure of
+    the scene's limits; no frame fills a pixel. The sensor pans at the middle of the speeds as far
+    as it may. More frames are tried as long as they lower the error.
+    """
+    require_known("best_burst", scene=scene)
+    if scene.burst is None:
+        return None
+    from scipy.optimize import minimize_scalar
+
+    shortest, longest = (
+        2 * float(x) for x in (scene.limits.min_half_exposure, scene.limits.max_half_exposure)
+    )
+    velocity = np.asarray(scene.fullest_motion.velocity)
+    most = min(1 / float(scene.burst.frames_per_s), longest, _filling(scene))
+    plan = sizes(scene, LinearMotion(half_exposure=max(most, shortest) / 2, velocity=velocity))
+    best, least = None, math.inf
+    for count in range(1, scene.burst.max_frames + 1):
+        left = min(most, longest - (count - 1) / float(scene.burst.frames_per_s))
+        if left < shortest:
+            break
+        added = _added_up(scene, count)
+
+        def error(log_exposure: float, added: Scene = added) -> float:
+            half = np.exp(log_exposure) / 2
+            return _error(added, LinearMotion(half_exposure=half, velocity=velocity), plan)
+
+        ends = math.log(shortest), math.log(left)
+        places = [*ends]
+        if left > shortest:
+            options = {"xatol": _TOLERANCE}
+            found: Any = minimize_scalar(error, bounds=ends, method="bounded", options=options)
+            places.append(float(found.x))
+        value, place = min((error(x), x) for x in places)
+        if value >= least:
+            break
+        motion = LinearMotion(half_exposure=np.exp(place) / 2, velocity=velocity)
+        best, least = BurstOfFrames(count, motion, added), value
+    return best
+
+
+def _filling(scene: Scene) -> float:
+    """Exposure over which white fills a pixel through an open shutter; s."""
+    rate = float(scene.photon_rate)
+    return math.inf if scene.full_well is None or rate == 0 else float(scene.full_well) / rate
+
+
+def _added_up(scene: Scene, num_frames: int) -> Scene:
+    light = scene.photon_rate * num_frames, scene.read_noise * math.sqrt(num_frames)
+    return eqx.tree_at(
+        lambda s: (s.photon_rate, s.read_noise),
+        scene.bare(),
+        tuple(jnp.asarray(x, scene.speeds.dtype) for x in light),
+    )
+
+
+def _error(scene: Scene, motion: AbstractMotion, plan: Plan) -> float:
+    seen, still = seen_from(scene, motion)
+    kept = reduced(seen, plan)
+    response = respond(kept, still, RectShutter(), plan, kernels=False, differences=False)
+    return float(_known_speed_error(kept, still, response))
+
+
+@compiled
+def _known_speed_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
+    return known_speed_squared_error(scene, motion, response)

@@ -1,0 +1,139 @@
+"""Designs through a device that loses light, and for pixels that hold some and no more."""
+
+import numpy as np
+import pytest
+from support.designs import LIMITS, MOTION, SCENE, SMALL
+
+from mishutter import (
+    Burst,
+    Design,
+    DesignLoss,
+    ExpectedErrorLoss,
+    HannShutter,
+    IdealShutter,
+    RectShutter,
+    Scene,
+    StillCamera,
+    best_snapshots,
+    compare,
+    drive_table,
+    evaluate,
+    optimise,
+    sweep,
+)
+
+LEAKY = IdealShutter(transmission=0.8, leakage=0.2)
+
+
+def _scene(**others):
+    given = {"photon_rate": 1e5, "read_noise": 10.0, "limits": LIMITS}
+    return Scene(SCENE.speeds, **(given | others))
+
+
+@pytest.mark.parametrize("loss", [ExpectedErrorLoss(), DesignLoss()])
+@pytest.mark.parametrize("free", ["shutter", ("shutter", "half_exposure", "acceleration")])
+def test_a_design_knows_what_its_device_does(loss, free):
+    """The loss that the search reports is that of the light, however it was computed."""
+    scene = _scene(device=LEAKY)
+    found = optimise(scene, MOTION, loss=loss, free=free, num_starts=4, max_steps=40)
+    assert float(loss(scene, found.motion, found.shutter)) == pytest.approx(found.loss, rel=1e-5)
+    assert float(loss(scene, found.motion, found.command)) == pytest.approx(found.loss, rel=1e-5)
+    least = 0.8 * 0.2
+    light = np.asarray(found.shutter.transmittance(np.linspace(-1, 1, 101)))
+    assert np.all((light >= least - 1e-6) & (light <= 0.8 + 1e-6))
+    again = optimise(scene, found.motion, found.shutter, loss=loss, free=free, num_starts=2)
+    assert again.loss <= found.loss * (1 + 1e-5)
+
+
+def test_a_design_through_a_device_is_saved(tmp_path):
+    """Its command, its device and its full well come back, and the same numbers."""
+    burst = Burst(frames_per_s=99.0, max_frames=2)
+    scene = _scene(device=LEAKY, full_well=4e4, burst=burst)
+    found = optimise(scene, MOTION, HannShutter(), free="half_exposure", plan=SMALL)
+    found.save(tmp_path / "design.json")
+    read = Design.load(tmp_path / "design.json")
+    assert isinstance(read.command, HannShutter)
+    assert str(read.metrics) == str(found.metrics)
+    assert read.scene.burst.max_frames == 2
+    assert float(read.scene.full_well) == 4e4
+    levels = drive_table(read, num_steps=16)
+    np.testing.assert_allclose(levels.wanted.mean(), 0.5, atol=1e-6)
+    assert float(levels.metrics().efficiency) == pytest.approx(0.8 * (0.2 + 0.8 / 2), abs=1e-2)
+
+
+@pytest.mark.parametrize("full_well", [60.0, 150.0, 400.0])
+@pytest.mark.parametrize("shutter", [None, HannShutter(), RectShutter()])
+def test_no_design_fills_a_pixel(full_well, shutter):
+    """The exposure ends where white fills it, and is no shorter than it need be."""
+    scene = _scene(full_well=full_well, limits=LIMITS, photon_rate=5e4)
+    found = optimise(scene, MOTION, shutter, num_starts=4, max_steps=60)
+    white = 5e4 * float(found.motion.exposure) * float(found.metrics.efficiency)
+    assert white <= full_well * (1 + 1e-5)
+    unlimited = optimise(_scene(photon_rate=5e4), MOTION, shutter, num_starts=4, max_steps=60)
+    wanted = 5e4 * float(unlimited.motion.exposure) * float(unlimited.metrics.efficiency)
+    assert found.loss >= unlimited.loss * (1 - 1e-4)
+    if wanted <= full_well:
+        assert found.loss == pytest.approx(unlimited.loss, rel=1e-4)
+
+
+def test_a_held_motion_that_fills_pixels_is_said():
+    """In the outcome, as one outside other limits is."""
+    scene = _scene(full_well=500.0)
+    found = optimise(scene, MOTION, HannShutter(), free="acceleration")
+    assert "outside the scene's limits" in found.outcome
+
+
+def test_a_pixel_that_any_exposure_fills():
+    """Is refused, with the electrons of the shortest."""
+    with pytest.raises(ValueError, match=r"`Scene\(full_well=...\)` must hold .* 100 e-; got 99"):
+        optimise(_scene(full_well=99.0), MOTION)
+
+
+def test_the_best_snapshot_of_a_sweep_fills_no_pixel():
+    """The same as a search finds."""
+    scene = _scene(full_well=130.0)
+    found = optimise(scene, StillCamera(half_exposure=1e-3), RectShutter())
+    known = best_snapshots(scene)
+    assert float(found.metrics.expected_psnr) == pytest.approx(known.expected_psnr.item(), abs=1e-4)
+    assert 1e5 * 2 * known.half_exposure.item() <= 130.0 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("optimised", [False, True])
+def test_a_sweep_sends_its_shutters_to_the_device(optimised):
+    """Its numbers are those of `evaluate` at each point, also of profiles that it found."""
+    scene = _scene(device=LEAKY, full_well=2e3)
+    axes = {"accelerations": [0.0, 1.5e5], "half_exposures": [4e-3, 9e-3]}
+    found = sweep(scene, **axes, shutters={"Hann": HannShutter()}, optimise=optimised, max_steps=8)
+    point = found.sel(acceleration=1.5e5, half_exposure=9e-3, shutter="Hann")
+    motion = type(MOTION)(acceleration=1.5e5, half_exposure=9e-3)
+    metrics = evaluate(scene, motion, HannShutter())
+    for name in ("expected_psnr", "efficiency", "condition_number", "kernel_difference"):
+        assert point[name].item() == pytest.approx(float(getattr(metrics, name)), rel=1e-5)
+    if optimised:
+        of_light = found.efficiency.sel(shutter="optimised").values
+        assert np.all(of_light >= 0.8 * 0.2 - 1e-9)
+        assert np.all(of_light <= 0.8 + 1e-9)
+        assert np.all(np.isfinite(found.loss.values))
+
+
+def test_a_sweep_over_scenes_of_different_devices():
+    """Is refused: shutters are sent to one."""
+    scenes = {"plain": _scene(), "leaky": _scene(device=LEAKY)}
+    with pytest.raises(ValueError, match="share one device and full well"):
+        sweep(scenes, accelerations=[0.0], half_exposures=[1e-3])
+
+
+@pytest.mark.slow
+def test_a_shutter_that_loses_light_is_not_built():
+    """The verdict names what is as good with less, and what the device does."""
+    scene = _scene(
+        device=IdealShutter(transmission=0.3), burst=Burst(frames_per_s=200, max_frames=4)
+    )
+    found = compare(scene, optimise(scene, MOTION, num_starts=4))
+    assert found.verdict.startswith("Do not build")
+    assert "passes 30.0% of the light when open" in found.verdict
+    assert "frames of" in found.verdict
+    assert found.row("best snapshot").metrics.efficiency == 1
+    assert found.row("rect").metrics.efficiency == 1
+    assert float(found.row("Hann").metrics.efficiency) == pytest.approx(0.15)
+    assert found.row("best burst").num_frames >= 2

@@ -1,0 +1,80 @@
+"""Bursts: frames that are aligned and added up, against an error written out anew."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from mishutter import Burst, Limits, RectShutter, Scene, evaluate
+from mishutter.evaluation import best_burst
+
+LIMITS = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=2e-4, max_half_exposure=0.02)
+RATE, NOISE, SPEEDS = 1e5, 8.0, np.linspace(-3000.0, 3000.0, 7)
+
+
+def _scene(**others):
+    burst = others.pop("burst", Burst(frames_per_s=240.0, max_frames=6))
+    given = {"photon_rate": RATE, "read_noise": NOISE, "limits": LIMITS, "burst": burst}
+    return Scene(SPEEDS, **(given | others))
+
+
+def _error(num_frames, exposure, num_frequencies=2048):
+    """Mean over speeds and frequencies of what one Wiener filter a speed leaves."""
+    frequency = (np.arange(num_frequencies) + 0.5) / (2 * num_frequencies)
+    power = 1 / (frequency**2 + 0.01**2)
+    power *= 0.2**2 / np.mean(power)
+    electrons = num_frames * RATE * exposure
+    noise = 0.25 * electrons + num_frames * NOISE**2
+    passed = np.sinc(frequency * exposure * SPEEDS[:, None]) * np.sinc(frequency)
+    signal = power * electrons**2
+    return np.mean(power * noise / (signal * passed**2 + noise))
+
+
+@pytest.mark.parametrize("max_frames", [1, 2, 6])
+def test_the_best_burst_is_the_best(max_frames):
+    """Its frames, its exposure and its level, within those that its rate leaves."""
+    burst = best_burst(_scene(burst=Burst(frames_per_s=240.0, max_frames=max_frames)))
+    ends = 2 * 2e-4, 1 / 240
+    found = [
+        minimize_scalar(lambda x, n=n: _error(n, x), bounds=ends, method="bounded")
+        for n in range(1, max_frames + 1)
+    ]
+    best = int(np.argmin([f.fun for f in found]))
+    assert burst.num_frames == best + 1
+    level = float(evaluate(burst.scene, burst.motion, RectShutter()).known_speed_psnr)
+    assert level == pytest.approx(-10 * np.log10(found[best].fun), abs=0.01)
+    assert float(burst.motion.exposure) == pytest.approx(found[best].x, rel=0.02)
+
+
+def test_a_burst_ends_with_the_longest_exposure():
+    """At 60 frames a second only three of them begin within 40 ms."""
+    assert best_burst(_scene(burst=Burst(frames_per_s=60.0, max_frames=50))).num_frames == 3
+
+
+def test_read_noise_is_paid_by_each_frame():
+    """Where it is all the noise there is, frames that the blur does not shorten do not pay."""
+    dim = _scene(photon_rate=2e4, read_noise=200.0)
+    many = best_burst(dim)
+    assert float(many.scene.read_noise) == pytest.approx(200 * np.sqrt(many.num_frames))
+    assert float(many.scene.photon_rate) == pytest.approx(2e4 * many.num_frames)
+
+
+def test_no_frame_fills_a_pixel():
+    """Of 60 electrons, half of what the best frame would take."""
+    burst = best_burst(_scene(full_well=60.0))
+    assert RATE * float(burst.motion.exposure) <= 60.0 * (1 + 1e-6)
+
+
+def test_a_camera_without_bursts():
+    """Has none."""
+    assert best_burst(_scene(burst=None)) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "requirement"),
+    [("frames_per_s", 0.0, "be above 0"), ("max_frames", 0, "be a positive integer")],
+)
+def test_a_burst_that_is_none(name, value, requirement):
+    """One line says which number is out of its range."""
+    given = {"frames_per_s": 60.0, "max_frames": 3} | {name: value}
+    with pytest.raises(ValueError, match=rf"`Burst\({name}=...\)` must {requirement}"):
+        Burst(**given)
