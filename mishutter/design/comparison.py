@@ -456,12 +456,10 @@ def _by_apparatus(scene: Scene, at_best: Mapping[str, Row], best: Row) -> str:
         row = _best(kinds[takes])
         what = _in_words(takes)
         parts.append(f"{what}: {row.name} {_level(row):.2f} dB ({_how(row.motion)})")
-    losses = ""
-    if scene.device is not None:
-        t, leakage = float(scene.device.transmission), float(scene.device.leakage)
-        losses = (
-            f" The shutter passes {t:.1%} of the light when open, {t * leakage:.2%} when closed."
-        )
+    losses, device = "", scene.device
+    if device is not None and (float(device.transmission) < 1 or float(device.leakage) > 0):
+        t, closed = float(device.transmission), float(device.transmission * device.leakage)
+        losses = f" The shutter passes {t:.1%} of the light when open, {closed:.2%} when closed."
     return f"The best rivals by what they take. {'; '.join(parts)}.{losses}"
 
 
