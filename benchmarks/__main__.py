@@ -18,7 +18,7 @@ ALL = (
     "borders",
     "monte_carlo",
     "restoration",
-    "five_scenes",
+    "scenes",
     "long_kernels",
     "plan",
     "sweep",

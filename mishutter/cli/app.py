@@ -39,8 +39,8 @@ from mishutter.cli.options import (
     SeedsOption,
     ShuttersOption,
     as_path,
-    free_names,
     loss_of,
+    moved,
     scene_of,
 )
 from mishutter.cli.plan_command import plan, plan_text
@@ -118,9 +118,9 @@ def optimise(
     from mishutter.design import starting_shutter
 
     scene = scene_of(scene_file)
-    motion, start = scene.motion, starting_shutter(scene, num_coefficients)
-    chosen, names = loss_of(loss), free_names(free, scene, motion, start)
+    start, chosen = starting_shutter(scene, num_coefficients), loss_of(loss)
     folder = None if out is None else writable_folder(out)
+    motion, names = moved(free, scene, start, chosen)
     found = planned(scene, motion, start, loss=chosen, free=names)
     if verbose:
         note(plan_text(found))

@@ -49,7 +49,14 @@ OutOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON document, and nothing else, on stdout.")
 ]
-LossOption = Annotated[LossName, typer.Option("--loss", help="What is made small.")]
+LossOption = Annotated[
+    LossName,
+    typer.Option(
+        "--loss",
+        help="What is made small: the expected error of the restored picture, or condition number, "
+        "kernel difference and lost light, which know no noise and move the profile alone.",
+    ),
+]
 FreeOption = Annotated[
     list[FreeName] | None,
     typer.Option("--free", help="What may move; repeat for more; all that can without it."),
@@ -91,16 +98,18 @@ def scene_of(path: Path | None) -> "Scene":
     return example_scene() if path is None else read_scene(path)
 
 
-def free_names(
+def moved(
     given: list[FreeName] | None,
     scene: "Scene",
-    motion: "AbstractMotion",
     shutter: "AbstractShutter",
-) -> tuple[str, ...]:
-    """What `--free` names, or what moves by default."""
-    from mishutter.design import free_by_default
+    loss: "AbstractLoss",
+) -> "tuple[AbstractMotion, tuple[str, ...]]":
+    """The motion to start from, and what `--free` names, or what moves by default."""
+    from mishutter.design import moved_by_default
 
-    return tuple(name.value for name in given or ()) or free_by_default(scene, motion, shutter)
+    if given:
+        return scene.motion, tuple(name.value for name in given)
+    return moved_by_default(scene, None, shutter, loss)
 
 
 def loss_of(name: LossName) -> "AbstractLoss":

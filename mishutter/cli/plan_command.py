@@ -12,8 +12,8 @@ from mishutter.cli.options import (
     LossName,
     LossOption,
     SceneArgument,
-    free_names,
     loss_of,
+    moved,
     scene_of,
 )
 
@@ -40,10 +40,10 @@ def plan(
     from mishutter.design import starting_shutter
 
     scene = scene_of(scene_file)
-    motion, start = scene.motion, starting_shutter(scene, num_coefficients)
-    names = () if fixed else free_names(free, scene, motion, start)
+    start, chosen = starting_shutter(scene, num_coefficients), loss_of(loss)
     with working("planning"):
-        found = planned(scene, motion, start, loss=loss_of(loss), free=names)
+        motion, names = moved(free, scene, start, chosen)
+        found = planned(scene, motion, start, loss=chosen, free=() if fixed else names)
     if json:
         write_json(found.to_dict())
     else:

@@ -20,7 +20,7 @@ from mishutter.design.result import shutter_to_dict as shutter_to_dict
 from mishutter.design.search import Outcome as Outcome
 from mishutter.design.search import SearchFailedError as SearchFailedError
 from mishutter.design.search import best_profile as best_profile
-from mishutter.design.search import free_by_default as free_by_default
+from mishutter.design.search import moved_by_default as moved_by_default
 from mishutter.design.search import optimise as optimise
 from mishutter.design.search import starting_shutter as starting_shutter
 from mishutter.design.solvers import NonFiniteLossError as NonFiniteLossError

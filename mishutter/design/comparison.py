@@ -175,7 +175,8 @@ def compare(
         shutters: Profiles or designs to compare with the baselines, by name. Those of a
             list are "shutter 0" and so on.
         loss: The loss that tunes the motions, or a function of scene, motion and shutter; the
-            expected error by default.
+            expected error by default, and where the loss does not see how much light an exposure
+            brings.
         step: Called with the name of each shutter when its own best motion is found.
         plan: The parts to compute: a plan is made for each shutter and motion; None computes
             everything.
@@ -196,6 +197,7 @@ def compare(
     step = step or (lambda name: None)
     motion = settled(motion)
     plan = PLANNED if isinstance(plan, Plan) else plan
+    loss = loss if loss.sees_light else ExpectedErrorLoss()
     tuned = partial(_tuned, loss=loss, plan=plan)
     given = _given(shutters) if shutters else {}
     for name, entry in given.items():

@@ -104,7 +104,10 @@ def optimise(
     Where the acceleration may move, sensors that do not accelerate are searched as well, and the
     better of the two designs is returned; of equals, the one without. Where all may move and the
     speeds mirror each other about the velocity that the search starts from, it stays: by symmetry
-    the loss is stationary there. `free` can name it all the same.
+    the loss is stationary there. `free` can name it all the same. By a loss that does not see how
+    much light an exposure brings, as `DesignLoss`, the profile alone moves unless `free` says
+    otherwise: on the motion given or the scene's, or on that of the best design by the expected
+    error.
 
     Optimistix BFGS descends from many starts at once: the given design, baselines' profiles
     and, where a free-form profile moves, the lowest of valleys all over the space; after 20
@@ -128,7 +131,7 @@ def optimise(
         loss: The loss to be minimised, or a function of scene, motion and shutter; the
             expected error by default.
         free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
-            `"acceleration"`; all that can by default.
+            `"acceleration"`; all that can by default, by a loss that sees light.
         num_starts: How many descents; by default 16, and more where speeds are few.
         seed: Of the starts.
         max_steps: Steps of the descent, and of the polish, at most.
@@ -150,18 +153,20 @@ def optimise(
         SearchFailedError: if `throw` and the search did not converge.
     """
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
-    motion = settled(scene.motion if motion is None else motion)
     shutter = None if shutter is None else command_of(shutter)
     if num_starts is not None:
         require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
     loss = as_loss(loss, "optimise(loss=...)")
+    names = free
+    if names is None:
+        motion, names = moved_by_default(scene, motion, shutter, loss)
+    motion = settled(scene.motion if motion is None else motion)
     rules = {"loss": loss, "num_starts": num_starts, "seed": seed, "max_steps": max_steps}
     searched = partial(_searched, scene, motion, shutter, progress=progress, **rules)
-    names = free_by_default(scene, motion, shutter) if free is None else free
     ends = searched(names, plan=plan)
-    if free is None and _is_held_up_by_pan(ends[0].motion, scene):
+    if free is None and loss.sees_light and _is_held_up_by_pan(ends[0].motion, scene):
         plan = PLANNED if isinstance(plan, Plan) else plan
         ends = searched(all_that_can_move(scene, motion, shutter), plan=plan)
     best, *straight = (_design(end, scene, loss, max_steps) for end in ends)
@@ -200,6 +205,26 @@ def _design(end: "_End", scene: Scene, loss: AbstractLoss, max_steps: int) -> De
         best_start_loss=end.best_start_loss,
         plan=end.plan,
     )
+
+
+def moved_by_default(
+    scene: Scene,
+    motion: AbstractMotion | None,
+    shutter: AbstractShutter | None,
+    loss: AbstractLoss,
+) -> tuple[AbstractMotion, tuple[str, ...]]:
+    """The motion to start from, and the parts that a search by a loss moves by default.
+
+    A profile that a loss without an eye for light designs is held to the motion; without one, and
+    without one in the scene, to that of the best design by the expected error.
+    """
+    start = settled(scene.motion if motion is None else motion)
+    names = free_by_default(scene, start, shutter)
+    if loss.sees_light or "shutter" not in names:
+        return start, names
+    if motion is None and scene.given_motion is None:
+        start = optimise(scene, start, shutter).motion
+    return start, ("shutter",)
 
 
 def free_by_default(

@@ -190,6 +190,56 @@ def expected_squared_error(
     return (jnp.sum(power * share) + jnp.sum(every_power[num_kept:])) / num_frequencies
 
 
+_ALIGNING_STEPS = 20
+_LEAST_CURVATURE = 0.25
+"""Of the bound on the curvature of each step; that of the bound itself is safe, and slower."""
+
+
+def freely_aligned(
+    scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int | None = None
+) -> Response:
+    r"""The response with each speed displaced so that the expected error is least.
+
+    A displacement $d_i$ takes $H_i$ to $H_i e^{2\pi i f d_i}$ and leaves $\sum p_i|H_i|^2$ as it
+    is, so that of `expected_squared_error` only $-\int W |m|^2\,df$ changes, with
+    $W = S^2/(S \sum p_i|H_i|^2 + N)$ (aperture included). Each step moves every speed towards
+    the largest overlap with the mean of all, $\operatorname{Re}\int W \bar m H_i\,df$; 20 of
+    them come to within 1e-4 dB of the least error near the alignment of the kernels. The
+    displacements are where the error is stationary: derivatives of the error do not pass through
+    them.
+    """
+    dtype = response.efficiency.dtype
+    spectra = jax.lax.stop_gradient(response.spectra)
+    num_kept = spectra.shape[1]
+    num_frequencies = num_kept if num_frequencies is None else num_frequencies
+    power = picture_power(scene, num_frequencies, np.dtype(dtype))[:num_kept]
+    aperture = _aperture(num_frequencies, np.dtype(dtype))[:num_kept]
+    weights = scene.weights.astype(dtype)[:, None]
+    signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
+    passed = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0) * aperture
+    weight = jax.lax.stop_gradient(power * aperture * _share(signal, signal * passed + noise))
+    weight = weight[None]
+    turns = 2 * np.pi * frequency_grid(num_frequencies, np.dtype(dtype))[None, :num_kept]
+
+    def displaced(spectra: Array, displacement: Array) -> Array:
+        angle = turns * displacement[:, None]
+        return spectra * jax.lax.complex(jnp.cos(angle), jnp.sin(angle))
+
+    def step(_: Array, displacement: Array) -> Array:
+        moved = displaced(spectra, displacement)
+        mean = jnp.sum(weights.astype(moved.dtype) * moved, axis=0)
+        overlap = weight.astype(moved.dtype) * jnp.conj(mean)[None] * moved
+        slope = -jnp.sum(turns * overlap.imag, axis=1)
+        bound = jnp.sum(turns**2 * jnp.abs(overlap), axis=1)
+        curvature = jnp.maximum(jnp.sum(turns**2 * overlap.real, axis=1), _LEAST_CURVATURE * bound)
+        lit = curvature > 0
+        return displacement + jnp.where(lit, slope / jnp.where(lit, curvature, 1.0), 0.0)
+
+    start = jnp.zeros(spectra.shape[0], dtype)
+    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, _ALIGNING_STEPS, step, start))
+    return eqx.tree_at(lambda r: r.spectra, response, displaced(response.spectra, found))
+
+
 def known_speed_squared_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
     r"""Expected squared error of the best linear decoder that is told the speed; scalar.
 

@@ -26,6 +26,14 @@ class AbstractLoss(eqx.Module):
     `sum`, and take factors: `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
     """
 
+    @property
+    def sees_light(self) -> bool:
+        """Whether the loss knows how much light an exposure brings.
+
+        One that does not is least at the shortest exposure: by default it moves profiles alone.
+        """
+        return True
+
     @abstractmethod
     def __call__(
         self,
@@ -194,6 +202,10 @@ class WeightedSum(AbstractLoss):
             for loss, weight in self.needed(skips=plan is not None)
         ]
         return sum(terms, start=jnp.zeros_like(terms[0]))
+
+    @property
+    def sees_light(self) -> bool:
+        return any(loss.sees_light for loss, _ in self.needed(skips=True))
 
     def needed(self, *, skips: bool) -> list[tuple[AbstractLoss, float]]:
         """Terms with their weights; `skips` drops terms of weight 0, but never the last."""

@@ -40,6 +40,10 @@ class DesignLoss(AbstractResponseLoss):
     a longer kernel is folded onto it. A spectral zero counts as
     $|H| = \varepsilon\max|H|$, the working precision.
 
+    It knows nothing of light and noise: of a camera at rest it is least at the shortest
+    exposure. A search by it moves the profile alone unless it is told otherwise, on a motion
+    that the expected error has chosen.
+
     Args:
         condition: $w_1$, at least 0; a number, not an array that is traced.
         invariance: $w_2$, at least 0.
@@ -59,6 +63,10 @@ class DesignLoss(AbstractResponseLoss):
             value = getattr(self, name)
             number = isinstance(value, int | float) and 0 <= value < float("inf")
             require(number, f"DesignLoss({name}=...)", requirement, value)
+
+    @property
+    def sees_light(self) -> bool:
+        return False
 
     def parts(self, plan: Plan) -> Parts:
         every = not plan.skips

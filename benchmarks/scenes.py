@@ -98,9 +98,9 @@ def main() -> None:
     for name, scene in scenes().items():
         rows.append({"scene": name, **compared(scene)})
         print(rows[-1], flush=True)
-    harness.write("five_scenes", rows, seconds=time.perf_counter() - start)
+    harness.write("scenes", rows, seconds=time.perf_counter() - start)
     heading = "## Six scenes: what the optimised profile gains, in dB\n\n"
-    harness.section("five_scenes", f"{heading}{harness.table(rows, list(rows[0]))}\n\n{NOTE}")
+    harness.section("scenes", f"{heading}{harness.table(rows, list(rows[0]))}\n\n{NOTE}")
 
 
 if __name__ == "__main__":
