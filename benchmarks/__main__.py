@@ -19,6 +19,7 @@ ALL = (
     "monte_carlo",
     "restoration",
     "five_scenes",
+    "independent",
     "long_kernels",
     "plan",
     "sweep",
