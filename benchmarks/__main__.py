@@ -19,6 +19,7 @@ ALL = (
     "monte_carlo",
     "restoration",
     "scenes",
+    "independent",
     "long_kernels",
     "plan",
     "sweep",
