@@ -112,7 +112,7 @@ def test_a_corner_of_the_box_uses_up_the_limits(free, acceleration):
     motion = ParabolicMotion(acceleration=acceleration, half_exposure=1e-3)
     space = design_space(SCENE, motion, HannShutter(), free)
     corners = [space.at(jnp.asarray(box, float))[1] for box in np.ndindex(*[2] * space.size)]
-    assert all(within_limits(corner, LIMITS) for corner in corners)
+    assert all(within_limits(SCENE, corner, HannShutter()) for corner in corners)
     last = corners[-1]
     shares = last.stroke / 30.0, last.top_speed / 2e4, last.half_exposure / 0.03
     assert max(shares) == pytest.approx(1, rel=1e-12)
@@ -172,7 +172,7 @@ def test_what_is_within_the_limits(slug):
     for beyond, within in ((1e-7, True), (1e-5, False)):
         a, half = NEAR_A_LIMIT[slug](1 + beyond)
         motion = ParabolicMotion(acceleration=a, half_exposure=half)
-        assert within_limits(motion, LIMITS) == within
+        assert within_limits(SCENE, motion, HannShutter()) == within
 
 
 @pytest.mark.parametrize(
@@ -212,9 +212,24 @@ def test_the_best_tukey_is_found_where_the_loss_is_jagged():
             max_speed=2000.0, num_speeds=9, photon_rate=1e5, read_noise=10.0, limits=LIMITS
         ),
     )
-    rect = optimise(scene, MOTION, RectShutter(), loss=loss)
-    tukey = optimise(scene, MOTION, TukeyShutter(0.5), loss=loss)
+    free = "half_exposure", "acceleration"
+    rect = optimise(scene, MOTION, RectShutter(), loss=loss, free=free)
+    tukey = optimise(scene, MOTION, TukeyShutter(0.5), loss=loss, free=("shutter", *free))
     assert tukey.loss <= rect.loss * (1 + 1e-9)
+
+
+def test_a_loss_without_an_eye_for_light_moves_the_profile_alone():
+    """On the motion given, the scene's, or that of the best design by the expected error."""
+    loss, search = DesignLoss(), {"num_starts": 2, "max_steps": 20}
+    given = optimise(SCENE, MOTION, PROFILE, loss=loss, **search)
+    assert float(given.motion.stroke) == float(MOTION.stroke)
+    assert given.loss <= float(loss(SCENE, MOTION, PROFILE))
+    bright = optimise(SCENE, shutter=TukeyShutter(0.5))
+    free = optimise(SCENE, shutter=TukeyShutter(0.5), loss=loss, **search)
+    assert float(free.motion.exposure) == float(bright.motion.exposure)
+    assert free.loss <= float(loss(SCENE, bright.motion, bright.shutter)) * (1 + ROUNDING)
+    assert (loss + ExpectedErrorLoss()).sees_light
+    assert not (2 * loss + 0 * ExpectedErrorLoss()).sees_light
 
 
 @pytest.mark.parametrize("free", ["acceleration", ("acceleration", "half_exposure")])
