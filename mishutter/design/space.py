@@ -262,6 +262,8 @@ def design_space(
 def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
     """Half exposure over which white fills a pixel through a shutter, or an open one; s.
 
+    None where the longest exposure does not fill it.
+
     Raises:
         ValueError: if an open shutter fills it within the shortest exposure.
     """
@@ -274,7 +276,8 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
     )
     require(shortest <= full_well, "Scene(full_well=...)", requirement, full_well)
     light = 1.0 if shutter is None else float(scene.light(shutter).efficiency())
-    return full_well / (2 * rate * light) if rate * light > 0 else np.inf
+    longest = 2 * rate * light * float(scene.limits.max_half_exposure)
+    return full_well / (2 * rate * light) if longest > full_well else None
 
 
 def _held_by_kind(motion: AbstractMotion) -> set[str]:
