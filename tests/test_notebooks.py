@@ -1,6 +1,7 @@
 """Every notebook runs from top to bottom under the strict settings, and holds no output."""
 
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -47,6 +48,8 @@ def test_it_runs(name, tmp_path, monkeypatch):
     path = os.pathsep.join([str(Path(mishutter.__file__).parent.parent), *sys.path])
     for key, value in (STRICT | {"PYTHONPATH": path}).items():
         monkeypatch.setenv(key, value)
+    for scene in FOLDER.glob("*.toml"):
+        shutil.copy(scene, tmp_path)
     notebook = nbformat.read(FOLDER / name, as_version=4)
     client = NotebookClient(
         notebook,

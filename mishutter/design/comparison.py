@@ -415,15 +415,13 @@ def _with_verdict(rows: list[Row], given: tuple[str, ...], scene: Scene) -> Comp
         verdict = (
             f"Do not build {best.name} for this scene: it is expected to reach "
             f"{_level(best):.2f} dB ({_how(best.motion)}), and {rival.name}, which takes "
-            f"{_in_words(_takes(rival))}, {_level(rival):.2f} dB ({_how(rival.motion)}). The "
-            f"{snapshot.name} reaches {still:.2f} dB."
+            f"{_in_words(_takes(rival))}, {_level(rival):.2f} dB ({_how(rival.motion)})."
         )
     else:
         verdict = (
             f"For this scene {best.name} on its own best motion is expected to reach "
-            f"{_level(best):.2f} dB ({_how(best.motion)}), {abs(gain):.2f} dB "
-            f"{'better' if gain >= 0 else 'worse'} than the {snapshot.name} "
-            f"({still:.2f} dB, {_how(snapshot.motion)})."
+            f"{_level(best):.2f} dB ({_how(best.motion)}), {gain:.2f} dB better than the "
+            f"{snapshot.name} ({still:.2f} dB, {_how(snapshot.motion)})."
         )
     most = float(ceiling(scene, continuous=in_equal_steps(scene)))
     if most < _level(best):  # by dwelling at the speeds that are listed
