@@ -1,7 +1,5 @@
 """The exposure integral: trajectories, crossings, kernels and transfer functions."""
 
-from mishutter.blur.intervals import Cells as Cells
-from mishutter.blur.intervals import exposure_cells as exposure_cells
 from mishutter.blur.kernel import aligned_kernel as aligned_kernel
 from mishutter.blur.kernel import binned_exposure as binned_exposure
 from mishutter.blur.kernel import blur_kernel as blur_kernel
@@ -16,3 +14,4 @@ from mishutter.blur.trajectory import safe_sqrt as safe_sqrt
 from mishutter.blur.waves import BLOCK as BLOCK
 from mishutter.blur.waves import sum_of_waves as sum_of_waves
 from mishutter.blur.waves import waves_of_blocks as waves_of_blocks
+from mishutter.blur.waves import waves_on_dft as waves_on_dft

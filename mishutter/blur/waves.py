@@ -6,6 +6,7 @@ known, and one FFT of the cells gives every frequency (Dutt and Rokhlin, SIAM J.
 14, 1993; the window is that of Barnett, Magland and af Klinteberg, ibid. 41, 2019).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 
@@ -23,6 +24,34 @@ _SHARPNESS = 2.3 * _WIDTH
 _DEGREE = 13
 BLOCK = 64
 """Positions that are spread at a time: the windows of more would leave a processor's cache."""
+
+
+def waves_on_dft(
+    position: Array | np.ndarray, light: Array | np.ndarray, length: int, num_frequencies: int
+) -> Array | np.ndarray:
+    r"""$\sum_q l_q e^{-2\pi i k x_q / L}$ for $k = 0, 1, \dots$; `(s, num_frequencies)`, complex.
+
+    A wave is the product of those of the higher and of the lower digits of $k$, which makes the
+    sum over $q$ a product of two matrices. NumPy arrays give a NumPy array.
+
+    Args:
+        position: $x_q$, px; shape `(s, q)` or `(1, q)`.
+        light: $l_q$; shape `(s, q)` or `(1, q)`.
+        length: Length of the transform, $L$, px.
+        num_frequencies: How many of its frequencies.
+    """
+    on_host = isinstance(position, np.ndarray) and isinstance(light, np.ndarray)
+    space = np if on_host else jnp
+    num_low = math.isqrt(num_frequencies - 1) + 1
+    num_high = -(-num_frequencies // num_low)
+    dtype = np.result_type(position.dtype, np.complex64)
+    turns = position[:, None, :] * np.asarray(-2j * np.pi / length, dtype)
+    low, high = (
+        space.exp(turns * np.arange(count, dtype=position.dtype)[None, :, None] * step)
+        for count, step in ((num_low, 1), (num_high, num_low))
+    )
+    waves = space.matmul(high * light[:, None, :], space.swapaxes(low, 1, 2))
+    return waves.reshape(waves.shape[0], -1)[:, :num_frequencies]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(2, 3))

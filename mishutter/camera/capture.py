@@ -5,6 +5,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,16 +28,26 @@ from mishutter.camera.footage import Frames, expose_frames
 from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded, white_electrons
 from mishutter.camera.occlusion import expose_layers
-from mishutter.camera.rows import channels_last, convolved, extended, require_border, rows_last
+from mishutter.camera.rows import (
+    blurred,
+    channels_last,
+    continued,
+    fast_length,
+    passes,
+    period_of,
+    require_border,
+    rows_last,
+)
 from mishutter.evaluation import (
     PLANNED,
     Automatic,
     Plan,
-    kernels_at_speeds,
+    pixel_responses,
     require_plan,
     sized_for,
 )
 from mishutter.model import (
+    NYQUIST_FREQUENCY,
     AbstractMotion,
     AbstractShutter,
     Picture,
@@ -45,8 +56,10 @@ from mishutter.model import (
     without_velocity,
 )
 
-MAX_TAPS = 1 << 13
-"""Longest kernel that a capture is simulated with; px."""
+MAX_REACH = 1 << 13
+"""Furthest that light of a capture may be displaced; px."""
+_ROLL_OFF = 0.4
+"""Frequency from which on the response of a kernel for other libraries falls off to 0 at 1/2."""
 
 
 def simulate_capture(
@@ -56,6 +69,7 @@ def simulate_capture(
     shutter: AbstractShutter,
     *,
     speed: float = 0.0,
+    displacement: float = 0.0,
     key: Array | None = None,
     border: str = "reflect",
     full_well: float | None = None,
@@ -64,28 +78,30 @@ def simulate_capture(
 ) -> Array:
     r"""Simulate the capture of a picture that moves along its rows.
 
-    $g_k = \sum_i h_i f_{k - i}$ with the exact kernel $h$ of the picture's speed, then
-    the noise of the paper's equation (4) at $p = \text{rate}\cdot 2T$, in linear light and in
-    units of a fully open exposure of white. A picture's pixel $j$ is a sample at position
-    $j$. Sensor pixel $k$ of a moving sensor collects $[k, k + 1]$ px from the vertex of the
-    path, so that the displacement $-s^2/4a$, which no decoder can know, is left out; that of
-    a camera at rest collects $[k - \frac12, k + \frac12]$ px from mid-exposure.
+    The rows are a continuous, band-limited scene through the picture's pixels, whose spectrum
+    $F(f)$ becomes $F(f)\,H_s(f)\,\operatorname{sinc}(f)$: the exact transfer function of the
+    picture's speed, then a pixel's width. Above the cutoff of the scene's optics nothing is left.
+    The noise is that of the paper's equation (4) at $p = \text{rate}\cdot 2T$, in linear light
+    and in units of a fully open exposure of white. Pixel $k$ of an accelerated sensor is centred
+    $k$ px from the vertex of the path, so that the displacement $-s^2/4a$, which no decoder can
+    know, is left out; that of any other is centred $k$ px from mid-exposure.
 
     Args:
         picture: Light, white = 1; a `Picture`, or an array of shape `(rows, columns)` or
             `(..., rows, columns, channels)`. Or `Layers`, captured with exact occlusion,
             or `Frames` of footage: these are aligned at mid-exposure, and bring their
             own speeds and borders.
-        scene: Light and noise; its speeds are not used.
+        scene: Light, noise and optics; its speeds are not used.
         motion: Motion of the sensor; concrete.
         shutter: Transmittance over the exposure; concrete with layers and frames.
         speed: Speed of the picture, px/s; 0 for layers and frames; concrete.
+        displacement: Distance of the picture's pixels from the sensor's, px; 0 for layers and
+            frames; concrete.
         key: JAX key of the noise; None for none.
         border: Where light from beyond the picture comes from. `"scene"`: the picture is
-            the scene, and the sensor records the part of it whose light is all known,
-            `num_taps - 1` columns less (see `captured_columns`). `"reflect"`, `"edge"`,
-            `"wrap"`, `"zero"`: the sensor is as large as the picture, which goes on
-            mirrored, as its last pixel, periodically, or dark.
+            the scene, and the sensor records the part of it whose light is all known (see
+            `captured_columns`). `"reflect"`, `"edge"`, `"wrap"`, `"zero"`: the sensor is as
+            large as the picture, which goes on mirrored, as its last pixel, periodically, or dark.
         full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
         adc_bits: Bits of the converter; None for no rounding.
         plan: By default equal colours of a picture are computed once; None computes every
@@ -97,7 +113,7 @@ def simulate_capture(
 
     Raises:
         ValueError: if an argument is out of its range, light is below 0, the scene has
-            no light and noise is asked for, or the picture is narrower than the kernel with
+            no light and noise is asked for, or the picture is narrower than the blur with
             `border="scene"`.
     """
     require_border("simulate_capture(border=...)", border)
@@ -105,26 +121,40 @@ def simulate_capture(
     _check_noise(scene, key)
     shutter = scene.light(shutter)
     if isinstance(picture, Layers | Frames):
-        alone = speed == 0 and border == "reflect"
-        subject = "simulate_capture(speed=..., border=...)"
-        require(alone, subject, "be left to layers and frames", f"{speed!r}, {border!r}")
+        alone = speed == 0 and displacement == 0 and border == "reflect"
+        subject = "simulate_capture(speed=..., displacement=..., border=...)"
+        got = f"{speed!r}, {displacement!r}, {border!r}"
+        require(alone, subject, "be left to layers and frames", got)
         expose = expose_layers if isinstance(picture, Layers) else expose_frames
-        light = jnp.asarray(expose(picture, motion, shutter))  # type: ignore[arg-type]
+        cutoff = float(scene.cutoff_frequency)
+        light = jnp.asarray(expose(picture, motion, shutter, cutoff))  # type: ignore[arg-type]
         return _recorded(light, scene, motion, key, full_well, adc_bits)
     light = as_light(picture, "simulate_capture(picture=...)")
-    kernel, origin = capture_kernel(motion, shutter, speed, np.dtype(light.dtype))
+    require_known("simulate_capture", motion=motion, speed=speed, displacement=displacement)
+    for name, value in (("speed", speed), ("displacement", displacement)):
+        require_scalar(f"simulate_capture({name}=...)", value)
+        require_finite(f"simulate_capture({name}=...)", value)
+    columns = light.shape[-1 if light.ndim == 2 else -2]
+    num_taps, _ = kernel_layout(motion, speed)
+    seen = slice(0, columns)
     if border == "scene":
-        columns = light.shape[-1 if light.ndim == 2 else -2]
-        enough = columns >= kernel.size
         subject = "simulate_capture(border='scene')"
-        require(enough, subject, f"have a picture of at least {kernel.size} columns", columns)
-    distinct = distinct_colours(light, plan)
-    blurred = channels_last(_blurred(rows_last(distinct), kernel, origin, border), light)
-    return _recorded(every_colour(blurred, light), scene, motion, key, full_well, adc_bits)
+        requirement = f"have a picture of at least {num_taps} columns"
+        require(columns >= num_taps, subject, requirement, columns)
+        seen = captured_columns(motion, speed, columns)
+    period = period_of(columns, num_taps + math.ceil(abs(displacement)), border)
+    response = _seen(
+        scene, captured_response(motion, shutter, [speed], period)[0], period, displacement
+    )
+    planes = rows_last(distinct_colours(light, plan))
+    exposed = _exposed(planes, response, period, (seen.start, seen.stop), border)
+    exposed = channels_last(exposed, light)
+    return _recorded(every_colour(exposed, light), scene, motion, key, full_well, adc_bits)
 
 
 def blurred_at_speeds(
     light: Array,
+    scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
     speeds: Sequence[float],
@@ -134,13 +164,32 @@ def blurred_at_speeds(
     """Light on the sensor from a picture at each of several speeds, without noise.
 
     The picture is the scene: of `columns` those are recorded whose light is known at every
-    speed, by kernels of one length (see `kernel_layout`), so that one program serves all.
+    speed (see `kernel_layout`).
     """
     num_taps, origin = kernel_layout(motion, *speeds, least_taps=least_taps)
     planes = rows_last(distinct_colours(light, plan))
-    kernels = kernels_at_speeds(shutter, motion, np.asarray(speeds), num_taps)
-    for taps in np.asarray(kernels, light.dtype):
-        yield every_colour(channels_last(_blurred(planes, taps, origin, "scene"), light), light)
+    columns = planes.shape[-1]
+    period = period_of(columns, num_taps, "scene")
+    seen = num_taps - 1 - origin, columns - origin
+    for response in captured_response(motion, shutter, speeds, period):
+        exposed = _exposed(planes, _seen(scene, response, period), period, seen, "scene")
+        yield every_colour(channels_last(exposed, light), light)
+
+
+def through_optics(rows: np.ndarray, cutoff: float) -> np.ndarray:
+    """Rows of a picture as optics of some cutoff pass them, mirrored beyond their ends.
+
+    Args:
+        rows: Columns on the last axis.
+        cutoff: Highest frequency that passes, cycles/px.
+    """
+    if cutoff >= NYQUIST_FREQUENCY:
+        return rows
+    columns = rows.shape[-1]
+    period = period_of(columns, 0, "reflect")
+    spectrum = np.fft.rfft(continued(rows, period, "reflect"))
+    passed = np.fft.irfft(spectrum * passes(period, cutoff), period)
+    return passed[..., :columns].astype(rows.dtype)
 
 
 def captured_columns(motion: AbstractMotion, speed: float, num_columns: int) -> slice:
@@ -149,36 +198,34 @@ def captured_columns(motion: AbstractMotion, speed: float, num_columns: int) -> 
     return slice(num_taps - 1 - origin, num_columns - origin)
 
 
-def capture_kernel(
-    motion: AbstractMotion, shutter: AbstractShutter, speed: float, dtype: np.dtype | None = None
-) -> tuple[Array, int]:
-    """Exact kernel of one speed, and which of its taps shifts nothing.
+def captured_response(
+    motion: AbstractMotion, shutter: AbstractShutter, speeds: Sequence[float], period: int
+) -> Array | np.ndarray:
+    """Responses at some speeds as a capture has them, on the grid of a DFT; `(s, k)`, complex."""
+    relative = np.asarray(speeds, np.float64) - float(motion.velocity)
+    num_nodes = num_nodes_for(motion, relative)
+    settled_motion = without_velocity(motion)
+    return pixel_responses(shutter, settled_motion, relative, period, num_nodes=num_nodes)
 
-    Returns:
-        Taps, shape `(n,)`, in units of a fully open exposure; index of the tap of
-        pixel `k` that comes from the picture's pixel `k`.
-    """
-    require_known("simulate_capture", motion=motion, speed=speed)
-    require_scalar("simulate_capture(speed=...)", speed)
-    require_finite("simulate_capture(speed=...)", speed)
-    num_taps, origin = kernel_layout(motion, speed)
-    dtype = common_dtype(*jax.tree.leaves((motion, shutter))) if dtype is None else dtype
-    # Taken in float64: in float32 what is left of two large speeds would be their rounding.
-    relative = np.asarray([float(speed) - float(motion.velocity)], dtype)
-    taps = kernels_at_speeds(shutter, without_velocity(motion), relative, num_taps)[0]
-    if is_concrete(taps):
-        return jax.device_put(np.asarray(taps, dtype)), origin
-    return taps.astype(dtype), origin
+
+def num_nodes_for(motion: AbstractMotion, speeds: np.ndarray) -> int:
+    """Quadrature nodes over the exposure for speeds relative to the sensor's velocity."""
+    half = float(motion.half_exposure)
+    fastest = float(np.max(np.abs(speeds), initial=0.0))
+    return sized_for(0.0, 2 * float(motion.acceleration) * half * half + fastest * half).num_nodes
 
 
 def centred_kernel(
     motion: AbstractMotion, shutter: AbstractShutter, *, speed: float = 0.0
 ) -> np.ndarray:
-    """The kernel of a capture as other libraries take it: one row, odd, its middle at rest.
+    r"""The blur as other libraries take it: one row of taps, odd, its middle at rest.
 
+    The samples of the band-limited response of a point,
+    $\int H_s(f)\operatorname{sinc}(f)\,e^{2\pi i f k}\,df$, with frequencies above 0.4
+    cycles/px let fall off to 0 at 1/2, so that the taps end. Some are slightly below 0.
     `scipy.signal.convolve(picture, centred_kernel(motion, shutter), mode="same")` is the
-    capture without noise, in the dark beyond its borders. Divided by its sum it is the
-    `psf` of scikit-image's decoders.
+    capture without noise of a picture without detail that fine, in the dark beyond its borders.
+    Divided by its sum it is the `psf` of scikit-image's decoders.
 
     Args:
         motion: Motion of the sensor.
@@ -189,21 +236,43 @@ def centred_kernel(
         Taps in units of a fully open exposure, float64; shape `(1, 2 m + 1)`.
 
     Raises:
-        ValueError: if the speed is not finite or the kernel longer than 8,192 px.
+        ValueError: if the speed is not finite or the light displaced by over 8,192 px.
     """
-    taps, origin = capture_kernel(motion, shutter, speed)
-    reach = max(origin, int(np.max(np.flatnonzero(taps), initial=origin)) - origin)
-    centred = np.zeros((1, 2 * reach + 1))
-    kept = np.asarray(taps, np.float64)[: origin + reach + 1]
-    centred[0, reach - origin : reach - origin + kept.size] = kept
+    require_scalar("centred_kernel(speed=...)", speed)
+    require_finite("centred_kernel(speed=...)", speed)
+    num_taps, origin = kernel_layout(motion, speed)
+    reach = max(origin, num_taps - 1 - origin)
+    length = fast_length(4 * reach + 8 * TAIL)
+    response = np.asarray(captured_response(motion, shutter, [speed], length)[0])
+    before, taps = taps_of(response, length, -reach, reach)
+    middle = max(-before, before + taps.size - 1)
+    centred = np.zeros((1, 2 * middle + 1))
+    centred[0, middle + before : middle + before + taps.size] = taps
     return centred
+
+
+TAIL = 24
+"""Pixels beyond the geometric reach in which the taps of a band-limited kernel die away."""
+
+
+def taps_of(response: np.ndarray, length: int, first: int, last: int) -> tuple[int, np.ndarray]:
+    """Taps of a response on the grid of a DFT, and the displacement of the first of them.
+
+    They reach 24 px further than the light between displacements `first` and `last`, where
+    a response that falls off from 0.4 to 0.5 cycles/px leaves nothing of note.
+    """
+    frequency = np.arange(response.size) / length
+    past = np.clip((frequency - _ROLL_OFF) / (NYQUIST_FREQUENCY - _ROLL_OFF), 0, 1)
+    taps = np.fft.irfft(response * np.cos(np.pi / 2 * past) ** 2, length)
+    first, last = first - TAIL, last + TAIL
+    return first, np.roll(taps, -first)[: last - first + 1]
 
 
 def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -> tuple[int, int]:
     """Number of taps that hold every speed, and the index of the tap at no displacement.
 
     Raises:
-        ValueError: if the kernel would be longer than 8,192 px.
+        ValueError: if light would be displaced by more than 8,192 px.
     """
     fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
     a, half = float(motion.acceleration), float(motion.half_exposure)
@@ -211,8 +280,8 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
         reach, stroke = float(support(without_velocity(motion), fastest)), a * half * half
     smear = 2 * fastest * half
     longest = max(reach, smear) + 1
-    held = math.isfinite(longest) and longest <= MAX_TAPS
-    require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_TAPS} px", longest)
+    held = math.isfinite(longest) and longest <= MAX_REACH
+    require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_REACH} px", longest)
     num_taps = max(least_taps, sized_for(longest - 1, stroke + smear / 2).num_taps)
     return num_taps, num_taps // 2 if is_straight(motion) else 0
 
@@ -267,9 +336,19 @@ def _check_noise(scene: Scene, key: Array | None) -> None:
     require(lit, "simulate_capture(scene=...)", "have a photon rate above 0 e-/s", 0.0)
 
 
+def _seen(scene: Scene, response: Any, period: int, displacement: float = 0.0) -> Any:
+    """A response on the grid of a DFT through the scene's optics, of a picture aside."""
+    frequency = np.arange(response.size) / period
+    shift = np.exp(-2j * np.pi * frequency * float(displacement))
+    return response * (shift * passes(period, float(scene.cutoff_frequency))).astype(response.dtype)
+
+
 @compiled
-def _blurred(planes: Array, kernel: Array, origin: int, border: str) -> Array:
-    return convolved(extended(planes, kernel.size - 1 - origin, origin, border), kernel)
+def _exposed(
+    planes: Array, response: ArrayLike, period: int, seen: tuple[int, int], border: str
+) -> Array:
+    rows = blurred(continued(planes, period, border), response)
+    return rows[..., seen[0] : seen[1]]
 
 
 def skips(plan: Plan | Automatic | None) -> bool:

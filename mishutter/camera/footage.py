@@ -8,10 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from mishutter._core import Bare, require, require_positive_int, shape_of
-from mishutter.blur import exposure_cells
-from mishutter.camera.rows import PAD_MODES, padded_columns
-from mishutter.model import GAMMA, AbstractMotion, AbstractShutter, Picture, read_picture
+from mishutter._core import Bare, common_dtype, require, require_positive_int, shape_of
+from mishutter.blur import waves_on_dft
+from mishutter.camera.rows import PAD_MODES, continued, passes, period_of
+from mishutter.model import (
+    GAMMA,
+    AbstractMotion,
+    AbstractShutter,
+    Picture,
+    piecewise,
+    read_picture,
+)
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
@@ -75,11 +82,20 @@ def read_frames(path: str | Path, border: str = "reflect") -> Frames:
     return Frames(_video(path), count, border)
 
 
-def expose_frames(frames: Frames, motion: AbstractMotion, shutter: AbstractShutter) -> np.ndarray:
+def expose_frames(
+    frames: Frames, motion: AbstractMotion, shutter: AbstractShutter, cutoff: float
+) -> np.ndarray:
     r"""Light on a moving sensor while footage plays, one frame at a time.
 
-    $g_k = \sum_i \sum_c W_{ic} f_{i, k - c}$ with the light $W_{ic}$ that falls while frame
-    `i` shows and the sensor is displaced by `c` pixels.
+    $\hat g(f) = \operatorname{sinc}(f) \sum_i \hat f_i(f) \int_{t_i}^{t_{i+1}} w(t)\,e^{-2\pi i f
+    x(t)}\,dt$: each frame is a continuous, band-limited picture through its pixels, for as long as
+    it shows.
+
+    Args:
+        frames: The footage, in linear light.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+        cutoff: Highest frequency that the optics pass, cycles/px.
 
     Returns:
         Light in units of a fully open exposure; shape of a frame.
@@ -88,27 +104,56 @@ def expose_frames(frames: Frames, motion: AbstractMotion, shutter: AbstractShutt
         ValueError: if frames differ in shape, hold values that are not light, or are not
             as many as was said.
     """
-    half = float(motion.half_exposure)
-    ends = np.linspace(-half, half, frames.num_frames + 1)
-    cells = exposure_cells(shutter, motion, np.zeros(1), ends)
-    shifts = cells.shifts[:, 0]
-    number = np.clip(np.searchsorted(ends, cells.begin, side="right") - 1, 0, None)
-    before, after = max(0, int(shifts.max())), max(0, -int(shifts.min()))
-    total, seen = None, 0
+    position, light, number = _nodes(shutter, motion, frames.num_frames)
+    reach = int(np.ceil(np.max(np.abs(position))))
+    total, shape, dtype, period, num_seen = None, None, None, 0, 0
     for index, frame in enumerate(frames.frames):
-        light = _checked(frame, None if total is None else total.shape)
-        seen += 1
+        image = _checked(frame, shape)
+        num_seen += 1
         if total is None:
-            total = np.zeros_like(light)
-        padded = padded_columns(light.swapaxes(1, 2), before, after, frames.border).swapaxes(1, 2)
+            shape, dtype = image.shape, image.dtype
+            period = period_of(shape[1], reach, frames.border)
+            total = np.zeros((shape[0], shape[2], period // 2 + 1), complex)
         mine = number == index
-        for shift in np.unique(shifts[mine]):
-            weight = light.dtype.type(np.sum(cells.light[mine & (shifts == shift)]))
-            begin = before - int(shift)
-            total += weight * padded[:, begin : begin + light.shape[1]]
+        if not np.any(light[mine]):
+            continue
+        waves = waves_on_dft(position[None, mine], light[None, mine], period, total.shape[-1])
+        rows = continued(np.moveaxis(image, 1, 2).astype(np.float64), period, frames.border)
+        total += np.fft.rfft(rows) * np.asarray(waves[0])
     subject = "Frames(num_frames=...)"
-    require(seen == frames.num_frames, subject, f"be the {seen} that came", frames.num_frames)
-    return total if total is not None else np.zeros((0, 0, 1))
+    wanted = frames.num_frames
+    require(num_seen == wanted, subject, f"be the {num_seen} that came", wanted)
+    if total is None or shape is None:
+        return np.zeros((0, 0, 1))
+    aperture = np.sinc(np.arange(total.shape[-1]) / period) * passes(period, cutoff)
+    recorded = np.fft.irfft(total * aperture, period)[..., : shape[1]]
+    return np.ascontiguousarray(np.moveaxis(recorded, 2, 1)).astype(dtype)
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_NUM_PANELS = 16
+"""Panels of the exposure, short enough for these nodes to integrate the narrowest profile."""
+_PX_A_PANEL = 2.0
+
+
+def _nodes(
+    shutter: AbstractShutter, motion: AbstractMotion, num_frames: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions of the sensor, px, the light there, and the frame that shows; shape `(q,)` each."""
+    half, a, v = (float(getattr(motion, x)) for x in ("half_exposure", "acceleration", "velocity"))
+    profile = piecewise(shutter)
+    dtype = np.dtype(profile.dtype() or common_dtype())
+    breaks = np.asarray(profile.breakpoints(dtype).high, np.float64)
+    fastest = 2 * a * half * half + abs(v) * half
+    count = _NUM_PANELS + int(np.ceil(2 * fastest / _PX_A_PANEL))
+    shown = np.linspace(-1, 1, num_frames + 1)
+    ends = np.unique(np.concatenate([np.linspace(-1, 1, count + 1), shown, np.clip(breaks, -1, 1)]))
+    width = np.diff(ends)[:, None]
+    tau = ends[:-1, None] + width * (_NODES + 1) / 2
+    light = width / 4 * _WEIGHTS * np.asarray(shutter.transmittance(tau.astype(dtype)), np.float64)
+    number = np.clip(np.searchsorted(shown, tau) - 1, 0, num_frames - 1)
+    time = tau * half
+    return ((a * time + v) * time).ravel(), light.ravel(), number.ravel()
 
 
 def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:

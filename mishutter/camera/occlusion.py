@@ -2,33 +2,88 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from mishutter.blur import exposure_cells
+from mishutter.blur import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
-from mishutter.camera.rows import fast_length, padded_columns
+from mishutter.camera.rows import MARGIN, continued, fast_length, passes, period_of
+from mishutter.evaluation import light_in_time, sized_for
 from mishutter.model import AbstractMotion, AbstractShutter
 
-_FEW_TAPS = 24
-"""Taps of a kernel that are summed one by one in the time of two Fourier transforms."""
+_STEP = 0.5
+"""Way of the fastest layer between two instants, px."""
+_HALF_WIDTH = 8
+"""Instants to either side of a time that an image then is interpolated from."""
+_SHARPNESS = 12.5
 
 
-def expose_layers(layers: Layers, motion: AbstractMotion, shutter: AbstractShutter) -> np.ndarray:
+class _Exposure(NamedTuple):
+    """Light over the time of an exposure, and the optics that it passes through.
+
+    Attributes:
+        time: From mid-exposure; s, shape `(q,)`.
+        light: Share of a fully open exposure; shape `(q,)`.
+        path: Position of the sensor, px; shape `(q,)`.
+        cutoff: Highest frequency that the optics pass, cycles/px.
+    """
+
+    time: np.ndarray
+    light: np.ndarray
+    path: np.ndarray
+    cutoff: float
+
+
+class _Seen(NamedTuple):
+    """A layer as it would be seen with nothing before it.
+
+    Attributes:
+        light: Light times matte at no displacement; shape `(channels, rows, period)`.
+        displacement: Its displacement at each time of the exposure, px; shape `(q,)`.
+        speed: px/s.
+        left: Column of the sensor of its first column.
+        num_columns: Columns before it is continued.
+        rows: Rows of the sensor that it covers.
+    """
+
+    light: np.ndarray
+    displacement: np.ndarray
+    speed: float
+    left: int
+    num_columns: int
+    rows: slice
+
+    @property
+    def aside(self) -> int:
+        """Columns to either side that its light reaches, px."""
+        return _reach(self.displacement) + MARGIN
+
+
+def expose_layers(
+    layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, cutoff: float
+) -> np.ndarray:
     r"""Light on the sensor from layers that hide one another while they move.
 
-    $g = \sum_c W_c \sum_l (\alpha_l C_l)_{k - c_l} \prod_{m > l} (1 - \alpha_m)_{k - c_m}$
-    over the cells $c$ of the exposure in which no layer crosses an edge of a pixel: the
-    time integral of the composite, not a composite of blurred layers. Each layer is added
-    blurred as if nothing hid it, and its hidden parts are taken away. In a layer's own frame
-    these depend on the displacements of the layers in front relative to it alone: the cells
-    that share them are one convolution, over the columns that are covered then. Layers that
-    nobody sees are left out, and equal colours are computed once.
+    $g = \int w(t) \sum_l (\alpha_l C_l)(x - d_l) \prod_{m > l} (1 - \alpha_m(x - d_m))\,dt$ with
+    displacements $d_l(t)$: the time integral of the composite, not a composite of blurred
+    layers. Light and mattes are continuous, band-limited functions through their pixels, so that
+    an edge is as sharp as the pixels are; the optics cut off what is finer in the composite.
+
+    Each layer is added blurred as if nothing hid it, and its hidden parts are taken away. In the
+    layer's own frame these are images $u(t)$, which change as the layers in front move relative
+    to it. Images at instants $t_j$, between which the fastest of these moves half a pixel, give
+    all others by an interpolating window $\varphi$:
+
+    $\hat g(f) = \sum_j \hat u(t_j, f) \int w(t)\,\varphi(t - t_j)\,e^{-2\pi i f d_l(t)}\,dt$.
+
+    Layers that nobody sees are left out, and equal colours are computed once.
 
     Args:
         layers: The scene, in linear light.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
+        cutoff: Highest frequency that the optics pass, cycles/px.
 
     Returns:
         Light in units of a fully open exposure, at mid-exposure alignment; shape
@@ -36,98 +91,146 @@ def expose_layers(layers: Layers, motion: AbstractMotion, shutter: AbstractShutt
     """
     shape, dtype = layers.shape, layers.layers[0].picture.light.dtype
     layers = seen_layers(_in_one_colour(layers) if _is_grey(layers) else layers, motion)
-    speeds = np.array([layer.speed for layer in layers.layers], np.float64)
-    cells = exposure_cells(shutter, motion, speeds)
+    exposure = _exposure_of(layers, motion, shutter, cutoff)
     rows, columns, channels = layers.shape
-    total = np.zeros((channels, rows, columns), dtype)
+    total = np.zeros((channels, rows, columns))
     for index in range(len(layers.layers)):
-        own = cells.shifts[:, index]
-        light, left, inside = _light_and_place(layers, index, own, dtype)
-        _add_blurred(total[:, inside], light, left + own, cells.light)
-        front = layers.layers[index + 1 :]
-        top = max(inside.start, min((layer.top for layer in front), default=rows))
-        bottom = min(inside.stop, max((layer.top + _height(layer) for layer in front), default=0))
-        if top >= bottom:
-            continue
-        light = light[:, top - inside.start : bottom - inside.start]
-        mattes = [_matte_rows(layer, top, bottom, dtype) for layer in front]
-        relative = cells.shifts[:, index + 1 :] - own[:, None]
-        combinations, group = np.unique(relative, axis=0, return_inverse=True)
-        for number, shifts in enumerate(combinations):
-            together = group.reshape(-1) == number
-            places = [layer.left + int(x) - left for layer, x in zip(front, shifts, strict=True)]
-            ends = [place + matte.shape[1] for place, matte in zip(places, mattes, strict=True)]
-            seen_from = left + own[together]
-            low = max(0, min(places), -int(seen_from.max()))
-            high = min(light.shape[-1], max(ends), columns - int(seen_from.min()))
-            if low < high:
-                hidden = light[..., low:high] * -_opacity(mattes, places, low, high)
-                _add_blurred(total[:, top:bottom], hidden, seen_from + low, cells.light[together])
-    return np.ascontiguousarray(np.broadcast_to(np.moveaxis(total, 0, -1), shape))
+        seen = _seen(layers, index, exposure)
+        period = seen.light.shape[-1]
+        response = _responses(seen, exposure, exposure.light[None], period)
+        whole = np.fft.irfft(np.fft.rfft(seen.light) * response, period)
+        _add(total[:, seen.rows], whole, seen, seen.left)
+        front = [m for m in layers.layers[index + 1 :] if _shared(m, seen.rows)]
+        if front:
+            _hide(total, seen, front, exposure)
+    light = np.moveaxis(total, 0, -1).astype(dtype)
+    return np.ascontiguousarray(np.broadcast_to(light, shape))
 
 
-def _light_and_place(
-    layers: Layers, index: int, shifts: np.ndarray, dtype: np.dtype
-) -> tuple[np.ndarray, int, slice]:
-    """Light that a layer sends where nothing hides it, and where it is at no displacement.
-
-    Returns:
-        Light times matte, shape `(channels, rows, columns)`; the sensor's column of its
-        first column; the sensor's rows of its rows.
-    """
-    layer, (rows, _, channels) = layers.layers[index], layers.shape
-    top = layer.top if index else 0
-    inside = slice(max(top, 0), min(top + _height(layer), rows))
-    own_rows = slice(inside.start - top, inside.stop - top)
-    light = np.moveaxis(layer.picture.light[own_rows], -1, 0).astype(dtype)
-    light = np.broadcast_to(light, (channels, *light.shape[1:]))
-    if index == 0:
-        before, after = max(0, int(shifts.max())), max(0, -int(shifts.min()))
-        return padded_columns(light, before, after, layers.border), -before, inside
-    return light * layer.matte[own_rows].astype(dtype), layer.left, inside
+def _exposure_of(
+    layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, cutoff: float
+) -> _Exposure:
+    half, a, v = (float(getattr(motion, x)) for x in ("half_exposure", "acceleration", "velocity"))
+    fastest = max(abs(layer.speed - v) for layer in layers.layers)
+    # Images that change while they are displaced ask for as many nodes once more.
+    plan = sized_for(0.0, 2 * (2 * a * half * half + fastest * half))
+    tau, light = (np.asarray(x)[0] for x in light_in_time(shutter, motion, plan.num_nodes))
+    time = tau * half
+    return _Exposure(time, light, (a * time + v) * time, cutoff)
 
 
-def _add_blurred(
-    total: np.ndarray, light: np.ndarray, places: np.ndarray, weights: np.ndarray
-) -> None:
-    """Add light to `total` with its first column at each of several places, weighted."""
-    first = int(places.min())
-    kernel = np.bincount(places - first, weights).astype(total.dtype)
-    if np.count_nonzero(kernel) > _FEW_TAPS:
-        reach = light.shape[-1] + kernel.size - 1
-        length = fast_length(reach)
-        spectrum = np.fft.rfft(light, length) * np.fft.rfft(kernel, length)
-        light, kernel = np.fft.irfft(spectrum, length)[..., :reach], np.ones(1, total.dtype)
-    for tap in np.flatnonzero(kernel):
-        begin = first + int(tap)
-        low, high = max(begin, 0), min(begin + light.shape[-1], total.shape[-1])
-        if low < high:
-            total[..., low:high] += kernel[tap] * light[..., low - begin : high - begin]
+def _seen(layers: Layers, index: int, exposure: _Exposure) -> _Seen:
+    layer, (num_rows, _, channels) = layers.layers[index], layers.shape
+    top, left = (layer.top, layer.left) if index else (0, 0)
+    rows = slice(max(top, 0), min(top + _height(layer), num_rows))
+    own_rows = slice(rows.start - top, rows.stop - top)
+    light = np.moveaxis(layer.picture.light[own_rows], -1, 0).astype(np.float64)
+    light = np.broadcast_to(light, (channels, *light.shape[1:])) * layer.matte[own_rows]
+    border = "zero" if index else layers.border
+    displacement = exposure.path - layer.speed * exposure.time
+    period = period_of(light.shape[-1], _reach(displacement), border)
+    whole = continued(light, period, border)
+    return _Seen(whole, displacement, layer.speed, left, light.shape[-1], rows)
+
+
+def _reach(displacement: np.ndarray) -> int:
+    return int(np.ceil(np.max(np.abs(displacement))))
+
+
+def _responses(seen: _Seen, exposure: _Exposure, light: np.ndarray, period: int) -> np.ndarray:
+    """Responses of the pixels to a layer, on the grid of a DFT, under some lights; `(n, k)`."""
+    count = period // 2 + 1
+    aperture = np.sinc(np.arange(count) / period) * passes(period, exposure.cutoff)
+    return np.asarray(waves_on_dft(seen.displacement[None], light, period, count)) * aperture
+
+
+def _add(total: np.ndarray, light: np.ndarray, seen: _Seen, left: int) -> None:
+    """Add periodic light whose first column lies at `left` to some rows of the sensor."""
+    first = max(seen.left - seen.aside, 0)
+    last = min(seen.left + seen.num_columns + seen.aside, total.shape[-1])
+    if first < last:
+        total[..., first:last] += light[..., np.arange(first - left, last - left) % light.shape[-1]]
+
+
+def _hide(total: np.ndarray, seen: _Seen, front: Sequence[Layer], exposure: _Exposure) -> None:
+    """Take away the light of a layer that layers in front of it stop."""
+    first = max(seen.rows.start, min(m.top for m in front))
+    last = min(seen.rows.stop, max(m.top + _height(m) for m in front))
+    rates = [seen.speed - m.speed for m in front]
+    longest, fastest = np.max(np.abs(exposure.time)), max(map(abs, rates))
+    way = int(np.ceil(fastest * longest))
+    low = max(
+        min(m.left for m in front) - way - seen.left, -seen.aside, -seen.left - 2 * seen.aside
+    )
+    high = min(
+        max(m.left + m.matte.shape[1] for m in front) + way - seen.left,
+        seen.num_columns + seen.aside,
+        total.shape[-1] - seen.left + 2 * seen.aside,
+    )
+    if low >= high:
+        return
+    # So much further that no light and no matte comes round to the columns from `low` to `high`.
+    left = low - way - seen.aside
+    period = fast_length(high - low + 2 * (way + seen.aside))
+    light = _twice_as_fine(
+        np.fft.rfft(seen.light[:, first - seen.rows.start : last - seen.rows.start]),
+        seen.light.shape[-1],
+    )
+    column = left + np.arange(2 * period) / 2
+    within = (column >= -seen.aside) & (column < seen.num_columns + seen.aside)
+    light = light[..., (2 * left + np.arange(2 * period)) % light.shape[-1]] * within
+    mattes = [np.fft.rfft(_placed(m, first, last, seen.left + left, period)) for m in front]
+    turns = -2j * np.pi / period * np.arange(period // 2 + 1)
+    hidden = np.zeros((*light.shape[:2], period // 2 + 1), complex)
+    times, shares = _instants(exposure, fastest)
+    for time, response in zip(times, _responses(seen, exposure, shares, period), strict=True):
+        moved = [m * np.exp(turns * rate * time) for m, rate in zip(mattes, rates, strict=True)]
+        clear = np.prod([1 - _twice_as_fine(m, period) for m in moved], axis=0)
+        image = np.fft.rfft(light * (1 - clear))[..., : period // 2 + 1] / 2
+        hidden -= image * response
+    _add(total[:, first:last], np.fft.irfft(hidden, period), seen, seen.left + left)
+
+
+def _instants(exposure: _Exposure, fastest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times of images that give those between; the light at each node that each stands for."""
+    step = _STEP / fastest if fastest > 0 else np.inf
+    longest = np.max(np.abs(exposure.time))
+    if longest < step / _HALF_WIDTH / 1e3:  # nothing moves
+        return np.zeros(1), exposure.light[None]
+    count = int(np.ceil(longest / step)) + _HALF_WIDTH
+    times = step * np.arange(-count, count + 1)
+    apart = (exposure.time[None] - times[:, None]) / step
+    inside = np.sqrt(np.maximum(1 - (apart / _HALF_WIDTH) ** 2, 0))
+    window = np.where(np.abs(apart) < _HALF_WIDTH, np.i0(_SHARPNESS * inside), 0.0)
+    return times, exposure.light * np.sinc(apart) * window / np.i0(_SHARPNESS)
+
+
+def _twice_as_fine(spectrum: np.ndarray, period: int) -> np.ndarray:
+    """Periodic rows at twice as many columns, by the DFT of those at one."""
+    whole = spectrum.copy()
+    if period % 2 == 0:  # half of it belongs to the negative frequency
+        whole[..., -1] /= 2
+    return 2 * np.fft.irfft(whole, 2 * period)
+
+
+def _placed(layer: Layer, first: int, last: int, left: int, period: int) -> np.ndarray:
+    """A matte on some rows and columns of the sensor, clear where it is not; `(rows, period)`."""
+    matte = np.zeros((last - first, period))
+    top, aside = layer.top - first, layer.left - left
+    rows = slice(max(top, 0), min(top + _height(layer), last - first))
+    columns = slice(max(aside, 0), min(aside + layer.matte.shape[1], period))
+    if rows.start < rows.stop and columns.start < columns.stop:
+        own = layer.matte[rows.start - top : rows.stop - top]
+        matte[rows, columns] = own[:, columns.start - aside : columns.stop - aside]
+    return matte
 
 
 def _height(layer: Layer) -> int:
     return layer.picture.light.shape[0]
 
 
-def _matte_rows(layer: Layer, top: int, bottom: int, dtype: np.dtype) -> np.ndarray:
-    """A matte over rows of the sensor, clear where the layer is not; `(rows, columns)`."""
-    matte = np.zeros((bottom - top, layer.matte.shape[1]), dtype)
-    low, high = max(layer.top, top), min(layer.top + _height(layer), bottom)
-    if low < high:
-        matte[low - top : high - top] = layer.matte[low - layer.top : high - layer.top]
-    return matte
-
-
-def _opacity(
-    mattes: Sequence[np.ndarray], places: Sequence[int], low: int, high: int
-) -> np.ndarray:
-    """Share of the light that mattes at some places stop together, in columns `low:high`."""
-    clear = np.ones((mattes[0].shape[0], high - low), mattes[0].dtype)
-    for matte, place in zip(mattes, places, strict=True):
-        begin, end = max(low, place), min(high, place + matte.shape[1])
-        if begin < end:
-            clear[:, begin - low : end - low] *= 1 - matte[:, begin - place : end - place]
-    return 1 - clear
+def _shared(layer: Layer, rows: slice) -> bool:
+    return layer.top < rows.stop and layer.top + _height(layer) > rows.start
 
 
 def _is_grey(layers: Layers) -> bool:

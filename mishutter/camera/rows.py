@@ -1,7 +1,7 @@
-"""Convolution along the rows of a picture, and what lies beyond a row's ends.
+"""Pictures as rows of a continuous, band-limited scene, and what lies beyond a row's ends.
 
-Arrays hold rows on their last axis. A row of `W` pixels is first extended by the reach
-of the kernel, then convolved where the kernel lies wholly inside.
+Arrays hold rows on their last axis. A row of `W` pixels becomes one period of a periodic row, of
+which the discrete Fourier transform is the spectrum of the band-limited scene through its pixels.
 """
 
 from typing import Any, Literal, get_args
@@ -14,6 +14,8 @@ from mishutter._core import compiled, require
 
 Border = Literal["scene", "reflect", "edge", "wrap", "zero"]
 PAD_MODES = {"reflect": "symmetric", "edge": "edge", "wrap": "wrap", "zero": "constant"}
+MARGIN = 64
+"""Pixels beyond the reach of the blur, in which the waves of an end of the picture die away."""
 
 
 def require_border(subject: str, border: object) -> None:
@@ -22,36 +24,49 @@ def require_border(subject: str, border: object) -> None:
     require(border in names, subject, f"be one of {', '.join(names)}", border)
 
 
-def extended(rows: Array, before: int, after: int, border: str) -> Array:
-    """Rows with `before` and `after` pixels added at their ends by a border rule."""
-    if border == "scene":
-        return rows
-    widths = [(0, 0)] * (rows.ndim - 1) + [(before, after)]
-    return jnp.pad(rows, widths, mode=PAD_MODES[border])
-
-
-def padded_columns(rows: np.ndarray, before: int, after: int, border: str) -> np.ndarray:
-    """`extended` for numpy arrays; columns on the last axis."""
-    widths = [(0, 0)] * (rows.ndim - 1) + [(before, after)]
-    mode: Any = PAD_MODES[border]
-    return np.pad(rows, widths, mode=mode)
-
-
-def convolved(rows: Array, kernel: Array) -> Array:
-    """Convolution where the kernel lies inside the row, by the fast Fourier transform.
+def period_of(columns: int, reach: int, border: str) -> int:
+    """Pixels of one period of rows that a border rule continues; at least `columns`.
 
     Args:
-        rows: Shape `(..., W + n - 1)`.
-        kernel: Taps; shape `(n,)`.
-
-    Returns:
-        Shape `(..., W)`; pixel `k` is the sum of `kernel[i] * rows[k + n - 1 - i]`.
+        columns: Pixels of a row.
+        reach: Furthest that light is displaced, px.
+        border: The rule.
     """
-    length = fast_length(rows.shape[-1])
-    response = jnp.fft.rfft(kernel.astype(rows.dtype), length)
-    spectrum = jnp.fft.rfft(rows, length)
-    spectrum = spectrum * along_rows(response, spectrum)
-    return jnp.fft.irfft(spectrum, length)[..., kernel.size - 1 : rows.shape[-1]]
+    if border == "wrap":
+        return columns
+    if border in ("reflect", "scene"):
+        return 2 * columns
+    return fast_length(columns + 2 * (reach + MARGIN))
+
+
+def continued(rows: Any, period: int, border: str) -> Any:
+    """Rows continued by a border rule to one period of `period_of`, their own pixels first.
+
+    Mirrored rows repeat themselves after twice their length. Rows that go on as their last pixel
+    come back to their first one by a slope, beyond the reach of the blur.
+    """
+    space: Any = np if isinstance(rows, np.ndarray) else jnp
+    columns = rows.shape[-1]
+    if border in ("reflect", "scene"):
+        return space.concatenate([rows, rows[..., ::-1]], axis=-1)
+    if border == "edge":
+        third = (period - columns) // 3
+        share = np.clip((np.arange(period - columns) + 0.5 - third) / third, 0, 1)
+        share = share.reshape((1,) * (rows.ndim - 1) + (-1,)).astype(rows.dtype)
+        gap = rows[..., -1:] * (1 - share) + rows[..., :1] * share
+        return space.concatenate([rows, gap], axis=-1)
+    return space.pad(rows, [(0, 0)] * (rows.ndim - 1) + [(0, period - columns)])
+
+
+def blurred(rows: Array, response: ArrayLike) -> Array:
+    """Periodic rows through a response on the grid of their DFT; shape of `rows`."""
+    spectrum = jnp.fft.rfft(rows)
+    return jnp.fft.irfft(spectrum * along_rows(response, spectrum), rows.shape[-1])
+
+
+def passes(period: int, cutoff: float) -> np.ndarray:
+    """Which frequencies of the DFT of a period optics of some cutoff pass, as 0 and 1."""
+    return (np.arange(period // 2 + 1) <= cutoff * period * (1 + 1e-12)).astype(np.float64)
 
 
 def along_rows(vector: ArrayLike, like: Array) -> Array:

@@ -51,4 +51,6 @@ from mishutter.evaluation.response import assembled as assembled
 from mishutter.evaluation.response import folded as folded
 from mishutter.evaluation.response import kernel_phase as kernel_phase
 from mishutter.evaluation.response import kernels_at_speeds as kernels_at_speeds
+from mishutter.evaluation.response import light_in_time as light_in_time
+from mishutter.evaluation.response import pixel_responses as pixel_responses
 from mishutter.evaluation.response import records as records

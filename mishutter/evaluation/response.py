@@ -20,6 +20,7 @@ from mishutter.blur import (
     lit_nodes,
     sum_of_waves,
     waves_of_blocks,
+    waves_on_dft,
 )
 from mishutter.evaluation.lengths import aligned, require_sizes, size_class
 from mishutter.evaluation.needs import Plan
@@ -33,6 +34,7 @@ from mishutter.model import (
     in_one_form,
     piecewise,
     settled,
+    turns,
 )
 
 _SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 512
@@ -230,6 +232,50 @@ def kernels_and_light(
 
     light = light_let_through(piecewise(shutter), np.dtype(speeds.dtype))
     return jax.vmap(one)(jnp.asarray(speeds)), light
+
+
+def pixel_responses(
+    shutter: AbstractShutter,
+    motion: AbstractMotion,
+    speeds: np.ndarray,
+    length: int,
+    *,
+    num_nodes: int,
+) -> Array | np.ndarray:
+    r"""Responses of the pixels to a continuous picture on the grid of a DFT; complex, `(s, k)`.
+
+    $H_s(f)\operatorname{sinc}(f)$ at $f = k/L \le 1/2$, in units of a fully open exposure. An
+    accelerated sensor is aligned at the vertices of the paths, any other at mid-exposure. Of a
+    shutter that is known it is a NumPy array.
+
+    Args:
+        shutter: Transmittance over the exposure.
+        motion: Motion of the sensor, without velocity; known.
+        speeds: px/s; known, shape `(s,)`.
+        length: Pixels of the DFT, $L$, of which `length // 2 + 1` frequencies are taken.
+        num_nodes: Quadrature nodes over the exposure, about.
+    """
+    tau, light = light_in_time(shutter, motion, num_nodes)
+    a, half = float(motion.acceleration), float(motion.half_exposure)
+    stroke, smear = a * half * half, np.asarray(speeds, np.float64)[:, None] * half
+    is_turning = bool(turns(np.asarray(stroke)))
+    shape = (tau - smear / (2 * stroke)) ** 2 if is_turning else tau * smear
+    position = shape * (stroke if is_turning else -1.0)
+    count = length // 2 + 1
+    aperture = np.sinc(np.arange(count) / length)[None].astype(tau.dtype)
+    return waves_on_dft(position, light, length, count) * aperture
+
+
+def light_in_time(
+    shutter: AbstractShutter, motion: AbstractMotion, num_nodes: int
+) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+    """Normalised times and the light at them, of shape `(1, q)`; NumPy arrays where known."""
+    dtype = common_dtype(*jax.tree.leaves((motion, shutter)))
+    nodes = lit_nodes(piecewise(shutter), num_nodes, dtype)
+    tau, light = nodes.tau[None], nodes.light[None]
+    if all_concrete((tau, light)):
+        return np.asarray(tau, np.float64), np.asarray(light, np.float64)
+    return tau, light
 
 
 @compiled

@@ -29,6 +29,7 @@ from mishutter.camera import (
     kernel_layout,
     noisy,
     rows_last,
+    through_optics,
 )
 from mishutter.evaluation import PLANNED, Automatic, Plan
 from mishutter.model import (
@@ -223,7 +224,7 @@ def restore_by_each(
     key = jax.random.key(0) if key is None else key
     shutter = scene.light(shutter)
     window, inner = _common_columns(light.shape[-2], motion, chosen_speeds, least_taps)
-    reference = np.asarray(light)[:, window]
+    reference = _seen_by_optics(np.asarray(light), scene)[:, window]
     model = blur_model(scene, motion, shutter, plan=plan, least_taps=least_taps)
     seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
 
@@ -254,7 +255,9 @@ def restore_by_each(
             codes.append([psnr(truth, estimate) for truth, estimate in pairs])
         return _Errors(np.array(errors), np.array(codes))
 
-    on_sensor = blurred_at_speeds(light, motion, shutter, chosen_speeds.tolist(), plan, least_taps)
+    on_sensor = blurred_at_speeds(
+        light, scene, motion, shutter, chosen_speeds.tolist(), plan, least_taps
+    )
     count = min(num_processors(), _CAPTURES_AT_ONCE)
     trials = list(in_threads(tried, enumerate(on_sensor), count))
     with np.errstate(divide="ignore"):
@@ -269,6 +272,12 @@ def restore_by_each(
         )
         for index, name in enumerate(decoders)
     }
+
+
+def _seen_by_optics(light: np.ndarray, scene: Scene) -> np.ndarray:
+    """What a perfect decoder would find of a picture `(rows, columns, channels)`."""
+    rows = np.moveaxis(light, 1, 2)
+    return np.moveaxis(through_optics(rows, float(scene.cutoff_frequency)), 2, 1)
 
 
 @compiled

@@ -3,6 +3,7 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
+import math
 from abc import abstractmethod
 from typing import final
 
@@ -11,12 +12,21 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import at_once, require_known
-from mishutter.camera import kernel_layout, noise_variance, skips, white_electrons
+from mishutter.camera import (
+    TAIL,
+    captured_response,
+    fast_length,
+    kernel_layout,
+    noise_variance,
+    passes,
+    skips,
+    taps_of,
+    white_electrons,
+)
 from mishutter.evaluation import (
     PLANNED,
     Automatic,
     Plan,
-    kernels_at_speeds,
     needed_speeds,
     picture_power,
 )
@@ -25,53 +35,58 @@ from mishutter.model import NUM_FREQUENCIES, AbstractMotion, AbstractShutter, Sc
 
 @final
 class BlurModel(eqx.Module):
-    r"""The knowledge of a decoder: kernels, noise, and the statistics of pictures.
+    r"""The knowledge of a decoder: blur, noise, and the statistics of pictures.
+
+    The picture is a continuous, band-limited scene; the blur of an object at speed $s$ is its
+    exact transfer function and a pixel's width, $H_s(f)\operatorname{sinc}(f)$.
 
     Attributes:
-        kernels: Kernels at the speeds that may occur, aligned; shape `(s, n)`, numpy.
+        motion: Motion of the sensor, without velocity.
+        shutter: Transmittance over the exposure.
+        speeds: Speeds that may occur, relative to the sensor; px/s, shape `(s,)`, numpy.
         weights: How often each occurs; shape `(s,)`.
-        assumed: The one kernel that the classical decoders take for all, that of a still
-            object as in the paper; shape `(n,)`.
-        origin: Index of the tap that displaces nothing.
+        num_taps: Pixels over which light of the fastest falls.
+        efficiency: Mean transmittance over the exposure.
         noise: Variance of the noise per pixel of the capture, white = 1.
         read_variance: The part of it that is there in the dark, $(\sigma/p)^2$.
         electrons: Photo-electrons of a white pixel in a fully open exposure.
         power: Power of the picture's rows in equal steps of (0, 0.5) cycles/px, its mean
             being the variance; shape `(m,)`.
         mean_level: Mean of the picture.
+        cutoff: Highest frequency that the optics pass, cycles/px.
     """
 
-    kernels: np.ndarray
+    motion: AbstractMotion
+    shutter: AbstractShutter
+    speeds: np.ndarray
     weights: np.ndarray
-    assumed: np.ndarray
-    origin: int = eqx.field(static=True)
+    num_taps: int = eqx.field(static=True)
+    efficiency: float = eqx.field(static=True)
     noise: float = eqx.field(static=True)
     read_variance: float = eqx.field(static=True)
     electrons: float = eqx.field(static=True)
     power: np.ndarray
     mean_level: float = eqx.field(static=True)
-
-    @property
-    def num_taps(self) -> int:
-        """Length of the kernels."""
-        return self.assumed.size
-
-    @property
-    def efficiency(self) -> float:
-        """Light of the assumed kernel."""
-        return float(np.sum(self.assumed))
+    cutoff: float = eqx.field(static=True)
 
     def responses(self, length: int) -> np.ndarray:
-        """Transfer functions of the kernels on the grid of a DFT; `(s, length // 2 + 1)`."""
-        return self.shifted(np.fft.rfft(self.kernels, length), length)
+        """Responses at the speeds that may occur, on the grid of a DFT; `(s, length // 2 + 1)`."""
+        return self._responses(self.speeds, length)
 
     def assumed_response(self, length: int) -> np.ndarray:
-        """Transfer function of the assumed kernel there; `(length // 2 + 1,)`."""
-        return self.shifted(np.fft.rfft(self.assumed, length), length)
+        """The one that classical decoders take for all, of a still object as in the paper."""
+        return self._responses(np.zeros(1), length)[0]
 
-    def shifted(self, response: np.ndarray, length: int) -> np.ndarray:
-        """A response with the tap that displaces nothing at position 0."""
-        return response * np.exp(2j * np.pi * np.fft.rfftfreq(length) * self.origin)
+    def _responses(self, speeds: np.ndarray, length: int) -> np.ndarray:
+        with at_once():
+            found = captured_response(self.motion, self.shutter, speeds.tolist(), length)
+        return np.asarray(found) * passes(length, self.cutoff)
+
+    def assumed_taps(self) -> tuple[int, np.ndarray]:
+        """Taps of `assumed_response`, and the displacement of the first; see `taps_of`."""
+        last = math.ceil(float(self.motion.stroke))
+        length = fast_length(4 * (last + 2 * TAIL))
+        return taps_of(self.assumed_response(length), length, 0, last)
 
     def picture_spectrum(self, length: int) -> np.ndarray:
         """Power spectrum of the picture on the grid of a DFT; `(length // 2 + 1,)`."""
@@ -95,7 +110,7 @@ class AbstractDecoder(eqx.Module):
         Args:
             captured: Light in units of a fully open exposure; shape
                 `(..., rows, columns)`.
-            model: Kernels, noise and the picture's statistics.
+            model: Blur, noise and the picture's statistics.
 
         Returns:
             Light of the picture, white = 1; shape of `captured`.
@@ -112,7 +127,7 @@ def blur_model(
 ) -> BlurModel:
     r"""The knowledge that a decoder may have of a scene, a motion and a shutter.
 
-    The kernels are those of the scene's speeds with its weights; the noise is
+    The blur is that of the scene's speeds with its weights; the noise is
     $N = \eta\bar f/p + (\sigma/p)^2$; the picture's spectrum is the scene's.
 
     Args:
@@ -120,10 +135,10 @@ def blur_model(
         motion: Motion of the sensor; concrete.
         shutter: Transmittance over the exposure; concrete.
         plan: The parts to compute: by default each speed that occurs once; None for all.
-        least_taps: Length of the kernels, where they do not need more.
+        least_taps: Pixels that light falls over, where it does not fall over more.
 
     Raises:
-        ValueError: if a kernel would be longer than 8,192 px.
+        ValueError: if light would fall over more than 8,192 px.
     """
     require_known("blur_model", scene=scene, motion=motion)
     with at_once():  # numbers also where the capture is traced
@@ -140,25 +155,26 @@ def _known_blur(
     scene, motion = seen_from(scene, motion)
     shutter = scene.light(shutter)
     speeds = np.asarray(scene.speeds)
-    num_taps, origin = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
+    num_taps, _ = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     weights = np.asarray(scene.weights, np.float64)
     if skips(plan):
         kept = needed_speeds(scene, shutter)
         speeds, weights = np.asarray(kept.speeds), np.asarray(kept.weights, np.float64)
-    with_still = np.append(speeds, speeds.dtype.type(0))
-    kernels = np.asarray(kernels_at_speeds(shutter, motion, with_still, num_taps), np.float64)
     electrons = float(white_electrons(scene, motion))
-    light = np.sum(kernels[-1])
+    light = float(np.asarray(captured_response(motion, shutter, [0.0], 2))[0, 0].real)
     noise = float(noise_variance(scene, motion, light)) if electrons > 0 else np.inf
     power = picture_power(scene, NUM_FREQUENCIES, np.dtype(scene.speeds.dtype))
     return BlurModel(
-        kernels=kernels[:-1],
+        motion=motion,
+        shutter=shutter,
+        speeds=speeds,
         weights=weights,
-        assumed=kernels[-1],
-        origin=origin,
+        num_taps=num_taps,
+        efficiency=light,
         noise=noise,
         read_variance=float(scene.read_noise) ** 2 / electrons**2 if electrons > 0 else np.inf,
         electrons=electrons,
         power=np.asarray(power, np.float64),
         mean_level=float(scene.mean_level),
+        cutoff=float(scene.cutoff_frequency),
     )

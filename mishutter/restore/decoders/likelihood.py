@@ -61,7 +61,8 @@ class RichardsonLucyDecoder(AbstractDecoder):
         require(known, subject, "be 'capture' or 'wiener'", self.start)
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
-        operator = banded(model.assumed)
+        first_tap, taps = model.assumed_taps()
+        operator = banded(taps)
         columns = captured.shape[-1]
         extension = continuation(model, columns, multiple=operator.block)
         light = model.efficiency
@@ -75,7 +76,7 @@ class RichardsonLucyDecoder(AbstractDecoder):
         method = (self.num_iterations, self.accelerated)
         first = wiener_filter(model, extension.length) if self.start == "wiener" else None
         light = np.asarray(light)
-        return _restored(captured, extension, operator, model.origin, light, method, noise, first)
+        return _restored(captured, extension, operator, -first_tap, light, method, noise, first)
 
 
 def richardson_lucy(
