@@ -2,6 +2,7 @@
 
 Expected PSNR (best single linear filter, each shutter at its own best motion, velocity and
 exposure) of the optimised profile over windows, snapshots and the best coded still, in dB.
+README.md names a camera for each scene.
 """
 
 import time

@@ -13,18 +13,19 @@ if TYPE_CHECKING:
 
 def print_report(report: "Report") -> None:
     """The verdict, the comparison and the photograph's table, on standard output."""
-    from mishutter.design import BEST_SNAPSHOT, OWN_BEST_MOTION, fills
+    from mishutter.design import OWN_BEST_MOTION, fills
 
     comparison = report.comparison
     print_text(comparison.verdict)
     print_text()
-    snapshot = float(comparison.row(BEST_SNAPSHOT).metrics.expected_psnr)
     for reading in dict.fromkeys(row.reading for row in comparison.rows):
         rows = [row for row in comparison.rows if row.reading == reading]
-        cells = [_cells(row, snapshot) for row in rows]
+        cells = [_cells(comparison, row) for row in rows]
         if reading == OWN_BEST_MOTION:
-            print_table(reading.capitalize(), _COLUMNS, [*cells, _ceiling(comparison, snapshot)])
+            print_table(reading.capitalize(), _COLUMNS, [*cells, _ceiling(comparison)])
             print_text(_FOOT)
+            print_text()
+            _print_purchases(comparison)
         else:
             print_table(reading.capitalize(), _COLUMNS, cells)
             print_table(f"Kernels, {reading}", _OF_KERNELS, [_kernel_cells(row) for row in rows])
@@ -40,25 +41,41 @@ def print_report(report: "Report") -> None:
 
 
 _COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
-_FOOT = (
-    "PSNR: expected of one linear filter. Gain: over the best snapshot. Light: share that the "
-    "shutter passes. Stroke: mid-exposure to either end. Pan: velocity at mid-exposure. "
-    "Open: first to last light. Ceiling: what no path and no shutter exceeds."
-)
+_FOOT = """\
+PSNR dB    expected of one linear filter
+gain dB    over the best snapshot at rest
+light      share that the shutter passes
+stroke px  from mid-exposure to either end
+pan px/s   velocity at mid-exposure
+open ms    from first to last light
+ceiling    nothing exceeds it"""
 _OF_KERNELS = ("shutter", "condition", "kernel diff", "relative", "bound")
 
 
-def _ceiling(comparison: "Comparison", snapshot: float) -> list[str]:
-    level = comparison.ceiling
-    return ["ceiling", f"{level:.2f}", f"{level - snapshot:+.2f}", *[""] * len(_COLUMNS[3:])]
+def _print_purchases(comparison: "Comparison") -> None:
+    """The best of each kind of apparatus, and what belongs at the foot of both tables."""
+    rows = [
+        [f"{takes}: {name}", *numbers[:2], *numbers[3:]]
+        for takes, row in comparison.rivals.items()
+        for name, *numbers in [_cells(comparison, row)]
+    ]
+    columns = ("purchase: its best", *_COLUMNS[1:3], *_COLUMNS[4:])
+    print_table("What each purchase brings", columns, rows)
+    for line in comparison.notes:
+        print_text(line)
 
 
-def _cells(row: "Row", snapshot: float) -> list[str]:
+def _ceiling(comparison: "Comparison") -> list[str]:
+    gain = comparison.over_snapshot(comparison.ceiling)
+    return ["ceiling", f"{comparison.ceiling:.2f}", f"{gain:+.2f}", *[""] * len(_COLUMNS[3:])]
+
+
+def _cells(comparison: "Comparison", row: "Row") -> list[str]:
     level = float(row.metrics.expected_psnr)
     return [
         row.name if row.num_frames == 1 else f"{row.name}, {row.num_frames} frames",
         f"{level:.2f}",
-        f"{0.0 if level == snapshot else round(level - snapshot, 2) + 0.0:+.2f}",
+        f"{round(comparison.over_snapshot(level), 2) + 0.0:+.2f}",
         f"{float(row.metrics.efficiency):.3f}",
         f"{float(row.motion.stroke):.1f}",
         f"{round(float(row.motion.velocity)) + 0:d}",
@@ -112,9 +129,10 @@ def _print_photographs(
 
 def _design_line(design: "Design") -> str:
     return (
-        f"{design.outcome} Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best "
-        f"start, {len(design.history)} in its history), projected gradient "
-        f"{design.certificate:.1e}; a = {float(design.motion.acceleration):.6g} px/s^2, "
+        f"{design.outcome}\n"
+        f"Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best start, "
+        f"{len(design.history)} in history), gradient {design.certificate:.1e}.\n"
+        f"a = {float(design.motion.acceleration):.6g} px/s^2, "
         f"v = {float(design.motion.velocity) + 0.0:.6g} px/s, "
         f"T = {float(design.motion.half_exposure) * 1e3:.4g} ms."
     )

@@ -95,18 +95,35 @@ class Comparison:
 
     Attributes:
         rows: One a shutter and reading.
-        verdict: What to build for this scene, and its gain over the best rival of each kind of
-            apparatus, and how far physics would let any camera go.
+        verdict: Two lines: what to build for this scene or to use instead, and how far physics
+            would let any camera go.
         gain: Gain over the best snapshot, panned where that is allowed; dB, negative where the
             snapshot is better.
         ceiling: Expected PSNR that no camera exceeds; dB. Speeds in equal steps stand for those
             between them, unless a design exceeds the ceiling of these by dwelling at the listed.
+        notes: Sentences for the foot of the tables: the light that the shutter loses, and what a
+            burst would reach.
     """
 
     rows: tuple[Row, ...]
     verdict: str
     gain: float
     ceiling: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rivals(self) -> dict[str, Row]:
+        """The best row of each purchase, the simplest first; bursts take another camera."""
+        kinds: dict[frozenset[str], list[Row]] = {}
+        for row in self.rows:
+            if row.reading == OWN_BEST_MOTION and row.name != BEST_BURST:
+                kinds.setdefault(_takes(row), []).append(row)
+        return {name: _best(kinds[kind]) for kind, name in _PURCHASES.items() if kind in kinds}
+
+    def over_snapshot(self, level: float) -> float:
+        """Gain of an expected PSNR over that of the best snapshot at rest; dB."""
+        still = _level(self.row(BEST_SNAPSHOT))
+        return 0.0 if level == still else level - still
 
     def row(self, name: str, reading: str = OWN_BEST_MOTION) -> Row:
         """The row of a shutter in a reading.
@@ -133,17 +150,36 @@ class Comparison:
             }
             for row in self.rows
         ]
+        rivals = {
+            takes: {
+                "name": row.name,
+                "expected_psnr_db": _level(row),
+                "over_snapshot_db": self.over_snapshot(_level(row)),
+                "motion": motion_to_dict(row.motion),
+            }
+            for takes, row in self.rivals.items()
+        }
         numbers = {"gain_db": self.gain, "ceiling_db": self.ceiling}
-        return {"rows": rows, "verdict": self.verdict, **numbers}
+        words = {"verdict": self.verdict, "notes": list(self.notes)}
+        return {"rows": rows, "rivals": rivals, **words, **numbers}
 
     def text(self) -> str:
-        """The verdict, then the table as text."""
+        """The verdict, the tables and their notes as text."""
         lines = [self.verdict, ""]
         for reading in dict.fromkeys(row.reading for row in self.rows):
             lines += [f"{reading}", _HEADER]
             lines += [_line(row) for row in self.rows if row.reading == reading]
             lines.append("")
+            if reading == OWN_BEST_MOTION:
+                lines.append("what each purchase brings")
+                lines += [self._purchase(takes, row) for takes, row in self.rivals.items()]
+                lines += [*self.notes, ""]
         return "\n".join(lines[:-1])
+
+    def _purchase(self, takes: str, row: Row) -> str:
+        level = _level(row)
+        gain = f"{self.over_snapshot(level):+.2f} dB"
+        return f"{takes:<10}{row.name:<21}{level:>9.2f} dB, {gain}, {_how(row.motion)}"
 
 
 @alone_in_blas()
@@ -393,45 +429,48 @@ _NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore 
 
 def _with_verdict(rows: list[Row], given: tuple[str, ...], scene: Scene) -> Comparison:
     at_best = {row.name: row for row in rows if row.reading == OWN_BEST_MOTION}
+    burst = at_best.pop(BEST_BURST, None)
     snapshots = [at_best[n] for n in (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT) if n in at_best]
     snapshot = _best(snapshots)
-    still = _level(snapshot)
-    if np.isposinf(still):
-        return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf)
-    bursts = [row for row in at_best.values() if row.num_frames > 1 or row.name == BEST_BURST]
-    at_best = {name: row for name, row in at_best.items() if row not in bursts}
+    notes = (*_of_device(scene), *(() if burst is None else (_of_burst(burst),)))
+    if np.isposinf(_level(snapshot)):
+        return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf, notes)
     coded = [row for row in at_best.values() if row not in snapshots]
     best = _best([row for row in coded if row.name in given] or coded)
-    gain = _level(best) - still
-    simpler = [row for row in at_best.values() if _takes(row) < _takes(best)]
-    rival = _best([snapshot, *simpler])
-    if max(map(_level, coded)) - still < _WORTH_IT:
-        verdict = (
-            f"Do not build a coded camera for this scene: nothing beats the {snapshot.name}, "
-            f"{still:.2f} dB, by {_WORTH_IT} dB ({best.name} reaches {_level(best):.2f} dB). Open "
-            f"an ordinary shutter for {_how(snapshot.motion)}."
-        )
-    elif _level(best) - _level(rival) < _WORTH_IT:
-        verdict = (
-            f"Do not build {best.name} for this scene: it is expected to reach "
-            f"{_level(best):.2f} dB ({_how(best.motion)}), and {rival.name}, which takes "
-            f"{_in_words(_takes(rival))}, {_level(rival):.2f} dB ({_how(rival.motion)})."
-        )
-    else:
-        verdict = (
-            f"For this scene {best.name} on its own best motion is expected to reach "
-            f"{_level(best):.2f} dB ({_how(best.motion)}), {gain:.2f} dB better than the "
-            f"{snapshot.name} ({still:.2f} dB, {_how(snapshot.motion)})."
-        )
+    gain = _level(best) - _level(snapshot)
     most = float(ceiling(scene, continuous=in_equal_steps(scene)))
     if most < _level(best):  # by dwelling at the speeds that are listed
         most = float(ceiling(scene))
-    limit = (
-        f"No path, shutter or decoder could exceed {most:.2f} dB, {most - _level(best):.2f} dB "
-        f"more than {best.name}."
-    )
-    lines = verdict, _by_apparatus(scene, at_best, best), *map(_of_burst, bursts), limit
-    return Comparison(tuple(rows), "\n".join(lines), gain, most)
+    better = [row for row in at_best.values() if row is snapshot or _is_better(row, best)]
+    rival = _best(better)
+    if max(map(_level, coded)) - _level(snapshot) < _WORTH_IT:
+        verdict = (
+            "Do not build a coded camera for this scene: nothing beats a snapshot by "
+            f"{_WORTH_IT} dB.",
+            f"Use an ordinary shutter: {_how(snapshot.motion)}, {_level(snapshot):.2f} dB. "
+            f"Ceiling: {most:.2f} dB.",
+        )
+    elif _level(best) - _level(rival) < _WORTH_IT:
+        verdict = (
+            f"Do not build {best.name} for this scene: {rival.name} has {_level(rival):.2f} dB.",
+            f"It takes {_in_words(rival, best)}: {_how(rival.motion)}. Ceiling: {most:.2f} dB.",
+        )
+    else:
+        below = max(most - _level(best), 0.0)
+        verdict = (
+            f"Build {best.name}: {_level(best):.2f} dB, {gain:.2f} dB above the {snapshot.name}.",
+            f"It is {below:.2f} dB below what any path and any shutter could reach "
+            f"({most:.2f} dB).",
+        )
+    return Comparison(tuple(rows), "\n".join(verdict), gain, most, notes)
+
+
+_PURCHASES = {
+    frozenset[str](): "nothing",
+    frozenset({"a stage"}): "a stage",
+    frozenset({"a shutter"}): "a shutter",
+    frozenset({"a stage", "a shutter"}): "both",
+}
 
 
 def _takes(row: Row) -> frozenset[str]:
@@ -441,32 +480,33 @@ def _takes(row: Row) -> frozenset[str]:
     return frozenset(part for part, needed in takes.items() if needed)
 
 
-def _in_words(takes: frozenset[str]) -> str:
-    return f"{' and '.join(sorted(takes, reverse=True)) or 'neither stage nor shutter'}"
+def _is_better(row: Row, best: Row) -> bool:
+    """Whether a row is about as good with less, or plainly better with as much."""
+    lead = _level(row) - _level(best)
+    if _takes(row) == _takes(best):
+        return lead >= _WORTH_IT
+    return _takes(row) < _takes(best) and lead > -_WORTH_IT
 
 
-def _by_apparatus(scene: Scene, at_best: Mapping[str, Row], best: Row) -> str:
-    """What each kind of apparatus brings, by the best rival of it."""
-    kinds: dict[frozenset[str], list[Row]] = {}
-    for row in at_best.values():
-        if row is not best:
-            kinds.setdefault(_takes(row), []).append(row)
-    parts = []
-    for takes in sorted(kinds, key=lambda kind: (len(kind), "a shutter" in kind)):
-        row = _best(kinds[takes])
-        what = _in_words(takes)
-        parts.append(f"{what}: {row.name} {_level(row):.2f} dB ({_how(row.motion)})")
-    losses, device = "", scene.device
-    if device is not None and (float(device.transmission) < 1 or float(device.leakage) > 0):
-        t, closed = float(device.transmission), float(device.transmission * device.leakage)
-        losses = f" The shutter passes {t:.1%} of the light when open, {closed:.2%} when closed."
-    return f"The best rivals by what they take. {'; '.join(parts)}.{losses}"
+def _in_words(row: Row, best: Row) -> str:
+    """The purchase of a row beside that of the best."""
+    if _takes(row) == _takes(best):
+        return "as much"
+    return _PURCHASES[_takes(row)] if _takes(row) else "neither stage nor shutter"
+
+
+def _of_device(scene: Scene) -> tuple[str, ...]:
+    device = scene.device
+    if device is None or (float(device.transmission) == 1 and float(device.leakage) == 0):
+        return ()
+    t, closed = float(device.transmission), float(device.transmission * device.leakage)
+    return (f"The shutter passes {t:.1%} of the light when open, {closed:.2%} when closed.",)
 
 
 def _of_burst(row: Row) -> str:
     return (
-        f"A burst of {row.num_frames} frames of {_how(row.motion)}, aligned perfectly and at no "
-        f"cost, would reach {_level(row):.2f} dB."
+        f"A burst of {row.num_frames} frames of {_milliseconds(row.motion)}, aligned perfectly at "
+        f"no cost, reaches {_level(row):.2f} dB."
     )
 
 
@@ -484,12 +524,16 @@ def _pans(motion: AbstractMotion) -> bool:
 
 def _how(motion: AbstractMotion) -> str:
     """Exposure, pan and stroke of a motion, in words."""
-    parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
+    parts = [_milliseconds(motion)]
     if _pans(motion):
-        parts.append(f"panning at {float(motion.velocity):.4g} px/s")
+        parts.append(f"pan {float(motion.velocity):.0f} px/s")
     if float(motion.stroke) >= _STANDS_STILL:
-        parts.append(f"a stroke of {float(motion.stroke):.3g} px")
-    return ", ".join(parts) if len(parts) > 1 else f"{parts[0]}, at rest"
+        parts.append(f"stroke {float(motion.stroke):.3g} px")
+    return ", ".join(parts if len(parts) > 1 else [*parts, "at rest"])
+
+
+def _milliseconds(motion: AbstractMotion) -> str:
+    return f"{float(motion.exposure) * 1e3:.3g} ms"
 
 
 _HEADER = (

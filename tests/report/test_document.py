@@ -1,6 +1,8 @@
 """Reports: notes that say of what they speak, and a folder that holds one run."""
 
+import io
 import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +12,7 @@ from support.photographs import photograph
 
 from mishutter import (
     HannShutter,
+    LinearMotion,
     Picture,
     RectShutter,
     Scene,
@@ -19,6 +22,9 @@ from mishutter import (
 )
 from mishutter.cli.tables import print_report
 from mishutter.design.comparison import (
+    BEST_BURST,
+    BEST_CODED_STILL,
+    BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
     BEST_TUKEY,
     OWN_BEST_MOTION,
@@ -42,6 +48,7 @@ DESIGNS = {
     BEST_TUKEY: (MOTION, TukeyShutter(0.3)),
     BEST_SNAPSHOT: (StillCamera(half_exposure=1.3e-3), RectShutter()),
 }
+PANNED = LinearMotion(half_exposure=17.5e-3, velocity=-12345.0)
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +77,7 @@ def test_numbers_stand_under_their_columns(report, capsys):
     names = [cells for cells in lines if cells[0] == "shutter"]
     numbers = [cells for cells in lines if cells[0] == "Hann"]
     best, same, kernels = (dict(zip(*t, strict=True)) for t in zip(names, numbers, strict=True))
+    bought = next(cells for cells in lines if cells[0] == "both: best Tukey")
     m = report.comparison.row("Hann").metrics
     snapshot = report.comparison.row(BEST_SNAPSHOT).metrics
     assert best == {
@@ -82,6 +90,9 @@ def test_numbers_stand_under_their_columns(report, capsys):
         "open ms": "20.00",
     }
     assert same == best
+    tukey = report.comparison.row(BEST_TUKEY).metrics
+    gain = tukey.expected_psnr - snapshot.expected_psnr
+    assert bought[1:] == [f"{tukey.expected_psnr:.2f}", f"{gain:+.2f}", "22.0", "0", "20.00"]
     assert kernels == {
         "shutter": "Hann",
         "condition": f"{m.condition_number:.2f}",
@@ -89,6 +100,50 @@ def test_numbers_stand_under_their_columns(report, capsys):
         "relative": f"{m.relative_kernel_difference:.3f}",
         "bound": f"{m.bound_share:.3f}",
     }
+
+
+class Terminal(io.StringIO):
+    """Standard output of someone who watches."""
+
+    def isatty(self):
+        return True
+
+
+def test_tables_fit_eighty_columns(report, monkeypatch):
+    """None goes on below another, and each column is explained on a line of its own."""
+    rows = report.comparison.rows
+    others = [
+        replace(rows[0], name=BEST_PANNED_SNAPSHOT, motion=PANNED),
+        replace(rows[0], name=BEST_BURST, motion=PANNED, num_frames=8),
+        replace(rows[1], name=BEST_CODED_STILL, motion=PANNED),
+    ]
+    notes = ("The shutter passes 30.0% of the light when open, 0.00% when closed.",)
+    table = replace(report.comparison, rows=(*rows[:4], *others, *rows[4:]), notes=notes)
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdout", terminal)
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERM", "dumb")
+    print_report(replace(report, comparison=table))
+    lines = [line.strip() for line in terminal.getvalue().splitlines()]
+    tables = [line for line in lines if not line.startswith("Condition")]
+    assert max(map(len, tables)) <= 80
+    own_best, purchases, same, kernels = (
+        lines.index(title)
+        for title in (
+            "Own best motion",
+            "What each purchase brings",
+            "Same motion",
+            "Kernels, same motion",
+        )
+    )
+    assert own_best < purchases < same < kernels
+    assert lines.index(notes[0]) in range(purchases, same)
+    for titles in (range(own_best, purchases), range(purchases, same), range(same, kernels)):
+        assert sum(lines[index].startswith("───") for index in titles) == 1
+    columns = ["PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms", "ceiling"]
+    first_words = [line.split("  ")[0] for line in lines[own_best:purchases]]
+    after = len(first_words) - first_words[::-1].index("ceiling")
+    assert first_words[after - len(columns) : after] == columns
 
 
 def test_what_a_photograph_showed(report):
