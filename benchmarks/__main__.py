@@ -15,6 +15,7 @@ ALL = (
     "scaling",
     "stress",
     "capture",
+    "photographs",
     "borders",
     "monte_carlo",
     "restoration",

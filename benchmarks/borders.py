@@ -19,7 +19,9 @@ DECODERS = {
     "Tikhonov": ms.TikhonovDecoder(),
     "total variation": ms.TotalVariationDecoder(),
     "Richardson-Lucy": ms.RichardsonLucyDecoder(),
-    "Richardson-Lucy, accelerated": ms.RichardsonLucyDecoder(accelerated=True),
+    "Richardson-Lucy, 30 plain steps": ms.RichardsonLucyDecoder(
+        accelerated=False, until_noise=False, start="capture"
+    ),
 }
 PHOTON_RATES = (3e5, 3e6)
 WITHIN_DB, ABOVE_DB = 3, 6

@@ -1,6 +1,5 @@
 """The recorded picture: capture, occlusion, footage and noise."""
 
-from mishutter.camera.capture import TAIL as TAIL
 from mishutter.camera.capture import as_light as as_light
 from mishutter.camera.capture import as_pixels as as_pixels
 from mishutter.camera.capture import blurred_at_speeds as blurred_at_speeds
@@ -12,7 +11,6 @@ from mishutter.camera.capture import kernel_layout as kernel_layout
 from mishutter.camera.capture import noisy as noisy
 from mishutter.camera.capture import simulate_capture as simulate_capture
 from mishutter.camera.capture import skips as skips
-from mishutter.camera.capture import taps_of as taps_of
 from mishutter.camera.capture import through_optics as through_optics
 from mishutter.camera.footage import Frames as Frames
 from mishutter.camera.footage import read_frames as read_frames
@@ -23,6 +21,7 @@ from mishutter.camera.layers import read_layers as read_layers
 from mishutter.camera.noise import noise_variance as noise_variance
 from mishutter.camera.noise import white_electrons as white_electrons
 from mishutter.camera.rows import along_rows as along_rows
+from mishutter.camera.rows import blurred as blurred
 from mishutter.camera.rows import channels_last as channels_last
 from mishutter.camera.rows import fast_length as fast_length
 from mishutter.camera.rows import passes as passes

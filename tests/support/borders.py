@@ -14,25 +14,10 @@ from unittest import mock
 import numpy as np
 
 import mishutter as ms
+from benchmarks.photographs import PHOTOGRAPHS
 from mishutter.model.images import shipped_picture
 from mishutter.restore.decoders.borders import Continuation
 
-PHOTOGRAPHS = {
-    "astronaut.png": 100,
-    "brick.png": 100,
-    "camera.png": 60,
-    "coffee.png": 120,
-    "grass.png": 100,
-    "gravel.png": 100,
-    "hubble_deep_field.jpg": 300,
-    "ihc.png": 100,
-    "moon.png": 100,
-    "motorcycle_left.png": 180,
-    "retina.jpg": 600,
-    "rocket.jpg": 100,
-}
-"""Every photograph of at least 512 columns inside scikit-image's package, and the first of
-the 128 rows that are used."""
 NUM_ROWS, COLUMNS = 128, 336
 STROKE, HALF_EXPOSURE = 34.0, 0.01
 BORDER = 34
@@ -103,7 +88,7 @@ def measured(name, decoder, photon_rate):
 def wrapped_borders():
     """Inside this context every decoder takes rows for periodic; `COLUMNS` fills its blocks."""
 
-    def periodic(model, columns, *, multiple=0):
+    def periodic(model, columns):
         return Continuation(np.zeros((0, 0)), columns, columns, 0)
 
     stack = ExitStack()
@@ -119,10 +104,11 @@ def _by_scikit_image(captured, known, decoder):
     from skimage.restoration import wiener
 
     model = ms.blur_model(known, camera(), ms.HannShutter())
-    taps = np.concatenate([np.zeros(model.num_taps - 1), model.assumed])[None]
     if isinstance(decoder, ms.RichardsonLucyDecoder):
-        light = captured / model.efficiency
+        light, taps = captured / model.efficiency, ms.centred_kernel(camera(), ms.HannShutter())
+        taps = np.maximum(taps, 0)
         return iterate(light, taps / taps.sum(), num_iter=decoder.num_iterations, clip=False)
     penalty = np.sqrt(model.noise / model.picture_spectrum(COLUMNS)).astype(complex)[None]
-    rows = [wiener(r[None], taps, 1.0, reg=penalty, is_real=True, clip=False) for r in captured]
+    response = model.assumed_response(COLUMNS)[None]
+    rows = [wiener(r[None], response, 1.0, reg=penalty, is_real=True, clip=False) for r in captured]
     return np.concatenate(rows)

@@ -3,7 +3,6 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-import math
 from abc import abstractmethod
 from typing import final
 
@@ -13,14 +12,11 @@ from jaxtyping import Array
 
 from mishutter._core import at_once, require_known
 from mishutter.camera import (
-    TAIL,
     captured_response,
-    fast_length,
     kernel_layout,
     noise_variance,
     passes,
     skips,
-    taps_of,
     white_electrons,
 )
 from mishutter.evaluation import (
@@ -81,12 +77,6 @@ class BlurModel(eqx.Module):
         with at_once():
             found = captured_response(self.motion, self.shutter, speeds.tolist(), length)
         return np.asarray(found) * passes(length, self.cutoff)
-
-    def assumed_taps(self) -> tuple[int, np.ndarray]:
-        """Taps of `assumed_response`, and the displacement of the first; see `taps_of`."""
-        last = math.ceil(float(self.motion.stroke))
-        length = fast_length(4 * (last + 2 * TAIL))
-        return taps_of(self.assumed_response(length), length, 0, last)
 
     def picture_spectrum(self, length: int) -> np.ndarray:
         """Power spectrum of the picture on the grid of a DFT; `(length // 2 + 1,)`."""

@@ -58,14 +58,10 @@ class Continuation(eqx.Module):
         return jnp.concatenate([deviation, gap], axis=-1), mean
 
 
-def continuation(model: BlurModel, columns: int, *, multiple: int = 0) -> Continuation:
-    """The likeliest continuation of rows of `columns` pixels captured as `model` says.
-
-    Its length is a multiple of `multiple` where that is given, else a quick one to transform.
-    """
+def continuation(model: BlurModel, columns: int) -> Continuation:
+    """The likeliest continuation of rows of `columns` pixels captured as `model` says."""
     reach = model.num_taps
-    least = columns + max(3 * reach, 128)
-    length = -(-least // multiple) * multiple if multiple else fast_length(least)
+    length = fast_length(columns + max(3 * reach, 128))
     context = min(columns // 2, max(reach, 64), _MAX_CONTEXT)
     covariance = np.fft.irfft(captured_spectrum(model, length), length)
     prediction = _prediction(covariance.tobytes(), length - columns, context)

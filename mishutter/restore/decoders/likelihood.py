@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import compiled, require, require_positive_int, shape_of
-from mishutter.camera import along_rows
+from mishutter.camera import along_rows, blurred
 from mishutter.restore.decoders.banded import BandedConvolution, banded
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
 from mishutter.restore.decoders.borders import Continuation, continuation
@@ -25,24 +25,32 @@ _TILE = 128
 """Rows that one loop iterates on: few enough that they stay in the cache."""
 _SAMPLE = 64
 """Rows of a plane that decide when it stops."""
+_LEAST_BLURRED = 0.1
+"""Least blur of an estimate, as a share of the capture: taps of a band-limited kernel are below 0
+here and there, and so may be what they make of an estimate that ends sharply in the dark."""
+_LEAST_GAIN = 0.02
+"""Share of what is unexplained that a step must explain for another to follow."""
 
 
 @final
 class RichardsonLucyDecoder(AbstractDecoder):
     r"""Richardson-Lucy with the still object's kernel (the paper's section 4.2).
 
-    $f \leftarrow f \cdot H^\top(g / Hf) / H^\top 1$, from $g/\eta$ on, on rows continued
-    by their likeliest course.
+    $f \leftarrow f \cdot H^\top(g / Hf) / H^\top 1$ on rows continued by their likeliest course.
+    The paper's takes 30 plain steps from the capture on. By default they are accelerated, start from
+    Wiener's estimate and stop at what no kernel for all speeds explains: objects move at speeds
+    that the one kernel fits only nearly, and further steps make ghosts of the difference.
 
     Args:
         num_iterations: How many steps at most; 30 in the paper.
         accelerated: Whether each step starts from an extrapolation of the last two
             (Biggs and Andrews 1997, as MATLAB's `deconvlucy` does), for each row on its own.
-        until_noise: Whether a plane stops when what is left is noise (the discrepancy
-            principle): with the step that begins where the mean of
-            $(g - Hf)^2 / (Hf/p + (\sigma/p)^2)$, over a sample of its rows, is at most
-            what Wiener's filter is expected to leave. That is less than 1, the more so
-            the better a blur can be inverted; at 1 the picture is still soft.
+        until_noise: Whether a plane stops when what is left is noise and the difference of
+            kernels (the discrepancy principle): with the step that begins where the mean of
+            $(g - Hf)^2 / (Hf/p + (\sigma/p)^2)$, over a sample of its rows, is at most what
+            Wiener's filter is expected to leave of an object at the speed that it fits worst,
+            or that makes it less by under 2 %. Of one speed that is less than 1, the more so the
+            better a blur can be inverted; at 1 the picture is still soft.
         start: The estimate of the first step: `"capture"`, $g/\eta$, or `"wiener"`, what
             Wiener's filter makes of it, which is nearer and shows more of fine detail.
 
@@ -51,9 +59,9 @@ class RichardsonLucyDecoder(AbstractDecoder):
     """
 
     num_iterations: int = eqx.field(static=True, default=30)
-    accelerated: bool = eqx.field(static=True, default=False)
-    until_noise: bool = eqx.field(static=True, default=False)
-    start: str = eqx.field(static=True, default="capture")
+    accelerated: bool = eqx.field(static=True, default=True)
+    until_noise: bool = eqx.field(static=True, default=True)
+    start: str = eqx.field(static=True, default="wiener")
 
     def __check_init__(self) -> None:
         require_positive_int("RichardsonLucyDecoder(num_iterations=...)", self.num_iterations)
@@ -61,10 +69,8 @@ class RichardsonLucyDecoder(AbstractDecoder):
         require(known, subject, "be 'capture' or 'wiener'", self.start)
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
-        first_tap, taps = model.assumed_taps()
-        operator = banded(taps)
-        columns = captured.shape[-1]
-        extension = continuation(model, columns, multiple=operator.block)
+        extension = continuation(model, captured.shape[-1])
+        operator = _Blur(model.assumed_response(extension.length))
         light = model.efficiency
         if light <= 0:
             return jnp.zeros_like(captured)
@@ -73,10 +79,10 @@ class RichardsonLucyDecoder(AbstractDecoder):
             left = share_left_unexplained(model, extension.length)
             numbers = (1 / model.electrons, model.read_variance, left)
             noise = _Noise(*(np.asarray(v) for v in numbers))
-        method = (self.num_iterations, self.accelerated)
+        method = _Method(self.num_iterations, self.accelerated, _LEAST_BLURRED)
         first = wiener_filter(model, extension.length) if self.start == "wiener" else None
         light = np.asarray(light)
-        return _restored(captured, extension, operator, -first_tap, light, method, noise, first)
+        return _restored(captured, extension, operator, light, method, noise, first)
 
 
 def richardson_lucy(
@@ -112,12 +118,41 @@ def richardson_lucy(
     return _dark(rows, operator, middle, length, np.asarray(start), num_iterations)
 
 
+@final
+class _Blur(eqx.Module):
+    """Periodic blur by a response on the grid of the DFT, and its adjoint.
+
+    Attributes:
+        response: Shape `(length // 2 + 1,)`.
+    """
+
+    response: ArrayLike
+
+    def __call__(self, rows: Array) -> Array:
+        return blurred(rows, self.response)
+
+    def back(self, rows: Array) -> Array:
+        """The adjoint of `__call__`."""
+        return blurred(rows, jnp.conj(jnp.asarray(self.response)))
+
+
+class _Method(NamedTuple):
+    """Steps at most, whether they are accelerated, and the least blur in units of the capture."""
+
+    num_iterations: int
+    accelerated: bool
+    least_blurred: float
+
+
 class _Noise(NamedTuple):
     """Variance per light and in the dark, and the share of it that is to be left."""
 
     per_light: ArrayLike
     constant: ArrayLike
     left: ArrayLike
+
+
+Operator = BandedConvolution | _Blur
 
 
 @compiled
@@ -136,7 +171,8 @@ def _dark(
     first = jnp.asarray(start, rows.dtype) * along_rows(inside, data) * jnp.ones_like(data)
     norm = jnp.asarray(np.where(inside, 1.0, np.inf)[None], rows.dtype)
     data = jnp.roll(data, origin, axis=-1)
-    found = _iterated(data, first, operator, norm, (num_iterations, False), None)
+    method = _Method(num_iterations, accelerated=False, least_blurred=0.0)
+    found = _iterated(data, first, operator, norm, method, None)
     return found[..., :columns]
 
 
@@ -144,10 +180,9 @@ def _dark(
 def _restored(
     captured: Array,
     extension: Continuation,
-    operator: BandedConvolution,
-    origin: int,
+    operator: _Blur,
     light: ArrayLike,
-    method: tuple[int, bool],
+    method: _Method,
     noise: _Noise | None,
     first_filter: ArrayLike | None,
 ) -> Array:
@@ -159,12 +194,10 @@ def _restored(
         spectrum = jnp.fft.rfft(rows)
         filtered = jnp.fft.irfft(spectrum * along_rows(first_filter, spectrum), extension.length)
         start = jnp.maximum(filtered + mean / norm, _DARKEST * start)
-    data = jnp.roll(data, origin, axis=-1)
-    recorded = slice(origin, origin + extension.columns)
     counts = None
     if noise is not None:
         given = *jax.lax.stop_gradient((data, start)), operator, norm
-        counts = _steps_until_noise(*given, method, recorded, noise)
+        counts = _steps_until_noise(*given, method, slice(0, extension.columns), noise)
     return _iterated(data, start, operator, norm, method, counts)[..., : extension.columns]
 
 
@@ -174,11 +207,8 @@ def _first_state(start: Array, accelerated: bool) -> tuple[Array, ...]:
     return (start, start, nothing, nothing) if accelerated else (start,)
 
 
-def _step(state: tuple, data: Array, operator: BandedConvolution, norm: Array):
-    """The next state, and the blur of the estimate that the step began from.
-
-    Blur and data are displaced by the origin of the kernel, which so costs nothing.
-    """
+def _step(state: tuple, data: Array, operator: Operator, norm: Array, least_blurred: float):
+    """The next state, and the blur of the estimate that the step began from."""
     begin = state[0]
     if len(state) > 1:
         estimate, before, change, change_before = state
@@ -186,17 +216,17 @@ def _step(state: tuple, data: Array, operator: BandedConvolution, norm: Array):
         size = jnp.sum(change_before**2, axis=-1, keepdims=True)
         stride = jnp.clip(jnp.where(size > 0, overlap / jnp.where(size > 0, size, 1), 0), 0, 1)
         begin = jnp.maximum(estimate + stride * (estimate - before), 0)
-    blurred = jnp.maximum(operator(begin), 1e-12)
-    after = begin * jnp.maximum(operator.back(data / blurred), 0) / norm
-    return (after, state[0], after - begin, state[2]) if len(state) > 1 else (after,), blurred
+    again = jnp.maximum(operator(begin), jnp.maximum(least_blurred * data, 1e-12))
+    after = begin * jnp.maximum(operator.back(data / again), 0) / norm
+    return (after, state[0], after - begin, state[2]) if len(state) > 1 else (after,), again
 
 
 def _iterated(
     data: Array,
     start: Array,
-    operator: BandedConvolution,
+    operator: Operator,
     norm: Array,
-    method: tuple[int, bool],
+    method: _Method,
     counts: Array | None,
 ) -> Array:
     """Steps, as many as are asked for or as `counts` says of each plane, a few rows at a time."""
@@ -213,11 +243,12 @@ def _iterated(
         data, start, *count = item
 
         def step(index: Array, state: tuple) -> tuple:
-            after = lambda: _step(state, data, operator, norm)[0]  # noqa: E731
+            after = lambda: _step(state, data, operator, norm, method.least_blurred)[0]  # noqa: E731
             return jax.lax.cond(index < count[0], after, lambda: state) if count else after()
 
         # JAX differentiates a loop in reverse only if the number of its turns is known beforehand.
-        return jax.lax.fori_loop(0, method[0], step, _first_state(start, method[1]))[0]
+        first = _first_state(start, method.accelerated)
+        return jax.lax.fori_loop(0, method.num_iterations, step, first)[0]
 
     counted = () if counts is None else (jnp.repeat(counts, per_plane),)
     items = (tiles(data), tiles(start), *counted)
@@ -228,9 +259,9 @@ def _iterated(
 def _steps_until_noise(
     data: Array,
     start: Array,
-    operator: BandedConvolution,
+    operator: Operator,
     norm: Array,
-    method: tuple[int, bool],
+    method: _Method,
     recorded: slice,
     noise: _Noise,
 ) -> Array:
@@ -240,22 +271,24 @@ def _steps_until_noise(
     planes = [x.reshape(-1, rows, length)[:, some] for x in (data, start)]
     per_light, constant, left = (jnp.asarray(v, data.dtype) for v in noise)
 
-    def unexplained(data: Array, blurred: Array) -> Array:
-        variance = jnp.maximum(blurred, _LEAST) * per_light + constant
+    def unexplained(data: Array, again: Array) -> Array:
+        variance = jnp.maximum(again, _LEAST) * per_light + constant
         noisy = jnp.where(variance > 0, variance, 1)
-        return jnp.mean(jnp.where(variance > 0, (data - blurred) ** 2 / noisy, jnp.inf))
+        return jnp.mean(jnp.where(variance > 0, (data - again) ** 2 / noisy, jnp.inf))
 
     def counted(pair: tuple) -> Array:
         data, start = pair
 
         def advance(carry: tuple) -> tuple:
-            index, _, state = carry
-            state, blurred = _step(state, data, operator, norm)
-            going = unexplained(data[:, recorded], blurred[:, recorded]) > left
-            return index + 1, going, state
+            index, _, before, state = carry
+            state, again = _step(state, data, operator, norm, method.least_blurred)
+            now = unexplained(data[:, recorded], again[:, recorded])
+            return index + 1, (now > left) & (now < (1 - _LEAST_GAIN) * before), now, state
 
-        first = (jnp.zeros((), jnp.int32), jnp.ones((), bool), _first_state(start, method[1]))
-        unfinished = lambda carry: (carry[0] < method[0]) & carry[1]  # noqa: E731
+        beyond = jnp.full((), jnp.finfo(data.dtype).max, data.dtype)
+        state = _first_state(start, method.accelerated)
+        first = (jnp.zeros((), jnp.int32), jnp.ones((), bool), beyond, state)
+        unfinished = lambda carry: (carry[0] < method.num_iterations) & carry[1]  # noqa: E731
         return jax.lax.while_loop(unfinished, advance, first)[0]
 
     return jax.lax.map(counted, tuple(planes))

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import compiled
 from mishutter.camera import along_rows
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
-from mishutter.restore.decoders.borders import Continuation, captured_spectrum, continuation
+from mishutter.restore.decoders.borders import Continuation, continuation
 
 
 @final
@@ -57,14 +57,16 @@ def wiener_filter(model: BlurModel, length: int) -> np.ndarray:
 def share_left_unexplained(model: BlurModel, length: int) -> float:
     r"""Share of a capture that Wiener's filter leaves unexplained, in units of the noise.
 
-    $\overline{|1 - G H_0|^2 (S \sum p_i |H_i|^2 + N)} / N$ over the grid of a DFT; 1 where
-    the picture has no power that the blur lets through.
+    $\max_i \overline{|1 - G H_0|^2 (S |H_i|^2 + N)} / N$ over the grid of a DFT, of the speed that
+    the still object's kernel fits worst; 1 where the picture has no power that the blur lets
+    through.
     """
     if not 0 < model.noise < np.inf:
         return 1.0
     power, response = model.picture_spectrum(length), model.assumed_response(length)
     missed = model.noise / (power * np.abs(response) ** 2 + model.noise)
-    return float(np.mean(missed**2 * captured_spectrum(model, length)) / model.noise)
+    captured = power * np.abs(model.responses(length)) ** 2 + model.noise
+    return float(np.max(np.mean(missed**2 * captured, axis=1)) / model.noise)
 
 
 def expected_squared_error(model: BlurModel, length: int = 4096) -> float:

@@ -1,0 +1,60 @@
+"""A photograph comes back as well as the table promises, captured by brute force.
+
+The captures are made by sampling the exposure in time and know nothing of the package, so that a
+mistake that capture, decoder and expectation share would show.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import mishutter as ms
+from benchmarks import photographs
+from benchmarks.scenes import scenes
+
+HALF = 0.009
+MOVING = ms.ParabolicMotion(acceleration=45 / HALF**2, half_exposure=HALF)
+SNAPSHOT = ms.StillCamera(half_exposure=0.0008)
+DIM, BRIGHT = 600 / 0.0016, 2e7
+WITHIN_DB = 0.3
+
+
+@pytest.mark.parametrize("photon_rate", [DIM, BRIGHT])
+@pytest.mark.parametrize(
+    ("motion", "shutter"),
+    [(MOVING, ms.HannShutter()), (SNAPSHOT, ms.RectShutter())],
+    ids=["coded", "snapshot"],
+)
+def test_two_photographs_come_back_as_the_table_promises(motion, shutter, photon_rate):
+    """From 600 electrons up to 360,000, snapshots and coded exposures alike."""
+    scene = ms.Scene.uniform(
+        max_speed=4500.0, num_speeds=5, photon_rate=photon_rate, read_noise=8.0
+    )
+    responses = photographs.sampled_responses(scene, motion, shutter, 4000)
+    for name in ("camera.png", "coffee.png"):
+        rows = photographs.rows_of(name)[::6]
+        promised, found = photographs.levels(rows, scene, motion, shutter, responses)
+        assert abs(found - promised) < WITHIN_DB
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(scenes())[:5])
+def test_twelve_photographs_come_back_as_the_table_promises(name):
+    """In each scene, by the window and by the snapshot that are best there; 40,000 instants."""
+    scene = scenes()[name]
+    window = ms.optimise(scene, scene.motion, ms.HannShutter(), free="half_exposure")
+    for motion, shutter in ((window.motion, ms.HannShutter()), (SNAPSHOT, ms.RectShutter())):
+        responses = photographs.sampled_responses(scene, motion, shutter, 40_000)
+        for photograph in photographs.PHOTOGRAPHS:
+            rows = photographs.rows_of(photograph)
+            promised, found = photographs.levels(rows, scene, motion, shutter, responses)
+            assert abs(found - promised) < WITHIN_DB
+
+
+def test_the_scene_of_rows_has_their_spectrum():
+    """A wave of one frequency has all its power in the step that holds it."""
+    rows = 0.5 + 0.1 * np.cos(2 * np.pi * 0.2 * np.arange(2 * photographs.COLUMNS))[None]
+    seen = photographs.scene_of(rows, ms.Scene([0.0], photon_rate=1e5, read_noise=1.0))
+    power = np.asarray(seen.power_spectrum)
+    assert abs((np.argmax(power) + 0.5) / (2 * power.size) - 0.2) < 1 / photographs.COLUMNS
+    assert float(jnp.abs(seen.deviation - 0.1 / np.sqrt(2))) < 1e-4
