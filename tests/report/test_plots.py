@@ -224,6 +224,26 @@ def test_profiles_of_a_front():
         np.testing.assert_array_equal(found, shutter.transmittance(tau))
 
 
+def test_pictures_of_velocities():
+    """A map has the best of them at each point, of one shutter or all; a front takes them all."""
+    panned = sweep(SCENE, **grid(velocities=[-500.0, 0.0, 200.0]))
+    for shutter in (None, "Hann"):
+        for metric, most in (("expected_psnr", True), ("relative_kernel_difference", False)):
+            figure = sweep_plots.plot_map(panned, metric, shutter=shutter)
+            values = panned[metric] if shutter is None else panned[metric].sel(shutter=shutter)
+            over = [name for name in ("velocity", "shutter") if name in values.dims]
+            best = values.max(over) if most else values.min(over)
+            best = best.where(best.acceleration > 0, drop=True).dropna("half_exposure", how="all")
+            drawn = figure.axes[0].collections[0].get_array()
+            np.testing.assert_array_equal(np.ma.filled(drawn, np.nan), best)
+            title = figure.axes[0].get_title().splitlines()[0]
+            assert title.endswith(f"{shutter or 'the best shutter'} at its best velocity")
+    front = pareto_front(panned, FRONT)
+    steps = sweep_plots.plot_front(panned, FRONT).axes[0].get_lines()[2]
+    np.testing.assert_array_equal(steps.get_xdata(), front[FRONT[0]])
+    assert np.unique(front.velocity).size > 1
+
+
 def test_a_map_leaves_out_what_is_wholly_outside():
     """One acceleration near the largest number leaves the others as they are."""
     huge = sweep(SCENE, **grid(accelerations=[3e4, 9e4, 1.7e308]))
