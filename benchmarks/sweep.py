@@ -50,8 +50,11 @@ def sampled(dataset, count: int) -> list:
     """Motions at random points within limits."""
     points = np.argwhere(dataset.outside.values == 0)
     chosen = np.random.default_rng(0).permutation(points)[:count]
-    a, half = dataset.acceleration.values, dataset.half_exposure.values
-    return [((i, j), ParabolicMotion(acceleration=a[i], half_exposure=half[j])) for i, j in chosen]
+    a, half, pan = (dataset[n].values for n in ("acceleration", "half_exposure", "velocity"))
+    motions = [
+        ParabolicMotion(acceleration=a[i], half_exposure=half[j], velocity=pan) for i, j in chosen
+    ]
+    return list(zip(map(tuple, chosen), motions, strict=True))
 
 
 def fixed() -> dict:

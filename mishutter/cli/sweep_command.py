@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from mishutter.model import AbstractShutter, Scene
 
-_RANGES = "`--acceleration` and `--half-exposure`"
+_RANGES = "`--acceleration`, `--half-exposure` and `--velocity`"
 _NUM_VALUES = 40
 _MOST_POINTS = 10_000_000
 """More are neither held in memory nor gone through for their front in reasonable time."""
@@ -50,7 +50,19 @@ def sweep(
             help="N half exposures from A to B, ms; by the limits without it.",
         ),
     ] = None,
-    log: Annotated[bool, typer.Option("--log", help="Equal ratios, not equal steps.")] = False,
+    velocity: Annotated[
+        str | None,
+        typer.Option(
+            "--velocity",
+            metavar="A:B:N",
+            help="N velocities of the sensor from A to B, px/s, either sign; without it one, in "
+            "the middle of the speeds.",
+        ),
+    ] = None,
+    log: Annotated[
+        bool,
+        typer.Option("--log", help="Equal ratios, not equal steps, but of velocities."),
+    ] = False,
     optimise: Annotated[
         bool, typer.Option("--optimise", help="Find the best profile at each point too.")
     ] = False,
@@ -72,11 +84,12 @@ def sweep(
     json: JsonOption = False,
 ) -> None:
     """Map acceleration and exposure: the best points, and what cannot be had together."""
-    accelerations = _values("--acceleration", acceleration, log, zero=True)
-    half_exposures = _values("--half-exposure", half_exposure, log, zero=False)
+    accelerations = _values("--acceleration", acceleration, log, bound="at least 0")
+    half_exposures = _values("--half-exposure", half_exposure, log, bound="above 0")
+    velocities = _values("--velocity", velocity, log=False)
     start_jax()
     from mishutter.model import named_shutter
-    from mishutter.sweeps import require_within
+    from mishutter.sweeps import frames_of, require_within
     from mishutter.sweeps import sweep as run
 
     scene = scene_of(scene_file)
@@ -85,11 +98,13 @@ def sweep(
         half_exposures = _half_exposures_of(scene)
     else:
         half_exposures = half_exposures * 1e-3
+    frames = frames_of([scene], velocities)
     if accelerations is None:
-        accelerations = _accelerations_of(scene, half_exposures)
-    total = accelerations.size * half_exposures.size
+        slowest = min(abs(frame.velocity) for frame in frames)
+        accelerations = _accelerations_of(scene, half_exposures, slowest)
+    total = accelerations.size * half_exposures.size * len(frames)
     _require_few(f"{_RANGES} together", total)
-    require_within(_RANGES, scene, accelerations, half_exposures)
+    require_within(_RANGES, frames, accelerations, half_exposures)
     folder = None if out is None else writable_folder(out)
     with _notes(), progress_bar("sweeping", total) as update:
         begin = time.perf_counter()
@@ -103,6 +118,7 @@ def sweep(
             scene,
             accelerations=accelerations,
             half_exposures=half_exposures,
+            velocities=velocities,
             shutters=_with_baselines(named),
             optimise=optimise,
             num_coefficients=num_coefficients,
@@ -120,8 +136,10 @@ def _speed(done: int, left: int, seconds: float) -> str:
     return f"{rate:.0f} points/s, {left / rate:.0f} s left"
 
 
-def _values(option: str, text: str | None, log: bool, *, zero: bool) -> "np.ndarray | None":
-    """The values of a range `A:B:N`."""
+def _values(
+    option: str, text: str | None, log: bool, bound: str | None = None
+) -> "np.ndarray | None":
+    """The values of a range `A:B:N`, which are within a bound if there is one."""
     import numpy as np
 
     if text is None:
@@ -138,8 +156,7 @@ def _values(option: str, text: str | None, log: bool, *, zero: bool) -> "np.ndar
     if count < 1:
         raise ValueError(f"`{option}` must hold at least one value; got '{text}'.")
     _require_few(f"`{option}`", count)
-    if low < 0 or (low == 0 and not zero):
-        bound = "at least 0" if zero else "above 0"
+    if bound is not None and (low < 0 or (low == 0 and bound == "above 0")):
         raise ValueError(f"`{option}` must be {bound}; got '{text}'.")
     if high < low or (high == low and count > 1):
         raise ValueError(f"`{option}` must ascend from A to B; got '{text}'.")
@@ -164,15 +181,19 @@ def _half_exposures_of(scene: "Scene") -> "np.ndarray":
     return np.geomspace(*ends, _NUM_VALUES) if ends[1] > ends[0] else np.array(ends[:1])
 
 
-def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray") -> "np.ndarray":
-    """Decades below the largest acceleration that any of the exposures allows."""
+def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray", pan: float) -> "np.ndarray":
+    """Decades below the largest acceleration that any of the exposures allows beside a pan.
+
+    Of a pan that leaves no speed to gain it is that without, which is outside the limits too.
+    """
     import numpy as np
 
     limits = scene.limits
     ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
     half_exposures = np.clip(half_exposures, *ends)
     by_stroke = float(limits.max_stroke) / half_exposures**2
-    by_speed = float(limits.max_top_speed) / (2 * half_exposures)
+    top = float(limits.max_top_speed)
+    by_speed = (top - pan if pan < top else top) / (2 * half_exposures)
     largest = np.minimum(by_stroke, by_speed)
     return np.geomspace(largest.min() / 10, largest.max(), _NUM_VALUES)
 
@@ -202,6 +223,7 @@ def _notes() -> Iterator[None]:
 _COLUMNS = (
     "best",
     "shutter",
+    "v px/s",
     "a px/s²",
     "T ms",
     "aT² px",
@@ -234,6 +256,7 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
             "best_snapshot": {
                 "expected_psnr": float(snapshot.expected_psnr[0, 0]),
                 "half_exposure_ms": float(snapshot.half_exposure[0, 0]) * 1e3,
+                "velocity_px_per_s": float(snapshot.velocity[0, 0]),
             },
             "num_points": int(values.outside.size),
             "num_within_limits": int((values.outside == 0).sum()),
@@ -248,19 +271,20 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
 
 
 def _numbers(point: "xarray.Dataset") -> dict[str, Any]:
-    a, half = float(point.acceleration), float(point.half_exposure)
+    a, half, velocity = (float(point[n]) for n in ("acceleration", "half_exposure", "velocity"))
     names = ("expected_psnr", "over_snapshot", "over_hann", "condition_number")
     names += ("relative_kernel_difference", "efficiency")
     return {
         "shutter": str(point.shutter.values),
+        "velocity_px_per_s": velocity + 0.0,
         "acceleration_px_per_s2": a,
         "half_exposure_ms": half * 1e3,
         "stroke_px": a * half**2,
-        "top_speed_px_per_s": 2 * a * half,
+        "top_speed_px_per_s": 2 * a * half + abs(velocity),
     } | {name: float(point[name]) for name in names}
 
 
 def _cells(point: dict[str, Any]) -> list[str]:
-    formats = (".3g", ".4g", ".3f", ".2f", "+.2f", "+.2f", ".2f", ".3f", ".3f")
+    formats = (".1f", ".3g", ".4g", ".3f", ".2f", "+.2f", "+.2f", ".2f", ".3f", ".3f")
     shutter, *numbers = (value for name, value in point.items() if name != "top_speed_px_per_s")
     return [shutter, *(format(x, f) for x, f in zip(numbers, formats, strict=True))]

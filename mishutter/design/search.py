@@ -264,7 +264,7 @@ def _searched(
         scene, motion = seen_from(scene, motion)
     if shutter is None:
         pans = "velocity" in names
-        shutter = starting_shutter(scene if pans else _without_pan(scene))
+        shutter = starting_shutter(scene if pans else without_pan(scene))
     space = design_space(scene, motion, shutter, names)
     plan = _plan(scene, space, rules["loss"], plan)
     ends = [_best_of_space(scene, space, plan=plan, **rules)]
@@ -471,5 +471,6 @@ def _mirrors(scene: Scene, velocity: float) -> bool:
     )
 
 
-def _without_pan(scene: Scene) -> Scene:
+def without_pan(scene: Scene) -> Scene:
+    """The scene with a sensor that may not pan."""
     return eqx.tree_at(lambda s: s.limits.max_pan, scene, jnp.zeros_like(scene.limits.max_pan))

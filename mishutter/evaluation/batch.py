@@ -22,7 +22,6 @@ from mishutter.evaluation.lengths import (
     num_frequencies,
     occurring_speeds,
     spread_of,
-    whole_px,
 )
 from mishutter.evaluation.metrics import bound_share, differences_from, expected_squared_error
 from mishutter.evaluation.needs import Plan, is_symmetric, reduced, sized_for
@@ -138,10 +137,7 @@ def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
     reach, velocity = extents(float(scene.max_speed), stroke, half)
     held = _by_whole(np.minimum(np.maximum(reach, longest), _FURTHEST), lambda x: sized_for(x, 0.0))
     num_taps, dft_length = (_each(held, name) for name in ("num_taps", "dft_length"))
-    spread, index = np.unique(
-        whole_px(spread_of(occurring_speeds(scene), stroke, half)), return_inverse=True
-    )
-    counts = np.array([num_frequencies(scene, x) for x in spread], int)[index]
+    counts = num_frequencies(scene, spread_of(occurring_speeds(scene), stroke, half))
     aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
     aside = np.where(turns, 0, aside).astype(int)
     lit = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)

@@ -35,14 +35,18 @@ _SAME_SPEED = 4
 Numbers = Array | np.ndarray
 
 
-def distinct_speeds(scene: Scene, *, folds: bool) -> tuple[np.ndarray, np.ndarray]:
+def distinct_speeds(
+    scene: Scene, *, folds: bool, velocity: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`.
+
+    They are those that a sensor sees that pans at a velocity, px/s.
 
     Speeds that differ in their last digits alone, as those of a range that is meant to
     mirror itself do, are one.
     """
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
-    speeds, weights = speeds[weights > 0], weights[weights > 0]
+    speeds, weights = speeds[weights > 0] - velocity, weights[weights > 0]
     values = np.abs(speeds) if folds else speeds
     order = np.argsort(values, kind="stable")
     values, weights = values[order], weights[order]
@@ -146,21 +150,28 @@ def whole_px(length: np.ndarray | float) -> np.ndarray:
     return np.asarray(np.ceil(np.asarray(length) * (1 - 1e-9)))
 
 
-def num_frequencies(scene: Scene, spread: float) -> int:
+def num_frequencies(scene: Scene, spread: np.ndarray | float, velocity: float = 0.0) -> np.ndarray:
     """Frequencies over which the mean of the expected error is known to 0.01 dB.
 
     Args:
         scene: Speeds, and limits within which every motion that keeps up has as many.
-        spread: Length over which light of all speeds falls on the motion at hand; px.
+        spread: Lengths over which light of all speeds falls on the motions at hand; px, any shape.
+        velocity: Velocity of the frame in which it does; px/s.
+
+    Returns:
+        Whole numbers of the shape of `spread`.
     """
     num_speeds = scene.speeds.size
     if scene.speeds_known:
-        num_speeds = distinct_speeds(scene, folds=True)[0].size
+        num_speeds = distinct_speeds(scene, folds=True, velocity=velocity)[0].size
     least, per_px, most = (x / num_speeds**2 for x in _OF_ONE_SPEED)
-    spread = float(whole_px(spread))
-    fundamental = _FREQUENCIES_PER_PX * max(spread, longest_within_limits(scene))
-    count = max(NUM_FREQUENCIES, least, min(per_px * spread, most), fundamental)
-    return size_class(int(np.ceil(min(count, MAX_COUNT))))
+    spread = whole_px(spread)
+    fundamental = _FREQUENCIES_PER_PX * np.maximum(spread, longest_within_limits(scene))
+    count = np.maximum(np.minimum(per_px * spread, most), fundamental)
+    count = np.clip(np.ceil(np.maximum(count, max(NUM_FREQUENCIES, least))), None, MAX_COUNT)
+    each, index = np.unique(count, return_inverse=True)
+    classes = np.array([size_class(int(x)) for x in each], int)
+    return np.asarray(classes[index]).reshape(count.shape)
 
 
 def frequency_counts() -> list[int]:

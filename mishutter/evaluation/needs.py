@@ -143,7 +143,7 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     found = extent(scene, motion) if known else Extent(longest, longest, longest)
     return replace(
         sized_for(max(found.reach, longest), max(found.velocity, longest)),
-        num_frequencies=num_frequencies(scene, found.spread),
+        num_frequencies=int(num_frequencies(scene, found.spread)),
         loss_dft_length=sized_for(longest, longest).dft_length,
     )
 

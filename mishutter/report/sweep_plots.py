@@ -55,9 +55,10 @@ def plot_map(
 ) -> Figure:
     """A metric over acceleration and exposure, with the optimum marked.
 
-    Dashed lines join points of equal stroke in px, dotted ones points of equal top speed
-    in px/s. Hatched is outside the limits. A camera at rest is left out, and so are rows and
-    columns that are wholly outside. A single row or column is a line of points.
+    Dashed lines join points of equal stroke in px, dotted ones points where the sensor gains
+    as much speed, $2aT$ in px/s. Of several velocities each point has the best. Hatched is outside
+    the limits. A sensor that does not accelerate is left out, and so are rows and columns that
+    are wholly outside. A single row or column is a line of points.
 
     Args:
         dataset: What `sweep` returned, of one scene and light.
@@ -87,6 +88,7 @@ def plot_map(
     axes.plot(x.flat[best], y.flat[best], clip_on=False, zorder=5, **star)
     unit = _unit(dataset, metric)
     title = f"{_text(dataset, metric)}, {shutter or _OF_ALL}"
+    title += " at its best velocity" if "velocity" in dataset[metric].dims else ""
     title += f"\n☆ best: {values.flat[best]:.3g} {'' if unit == '1' else unit}"
     axes.set_title(title, fontsize="medium", pad=10)
     return figure
@@ -95,15 +97,16 @@ def plot_map(
 def _values(
     dataset: "xarray.Dataset", metric: str, shutter: str | None, smaller: bool
 ) -> np.ndarray:
-    """A metric of one shutter, or of the best at each point; shape `(a, t)`."""
+    """A metric of one shutter, or of the best at each point and velocity; shape `(a, t)`."""
     require(metric in dataset, "plot_map(metric=...)", "be in the sweep", metric)
     values = dataset[metric]
     names = [str(name) for name in dataset.shutter.values]
     known = shutter is None or shutter in names
     require(known, "plot_map(shutter=...)", f"be one of {', '.join(names)}", shutter)
     if "shutter" in values.dims:
-        best = values.min("shutter") if smaller else values.max("shutter")
-        values = best if shutter is None else values.sel(shutter=shutter)
+        values = values if shutter is None else values.sel(shutter=shutter)
+    several = [name for name in ("velocity", "shutter") if name in values.dims]
+    values = values.min(several) if smaller else values.max(several)
     one = set(values.dims) == {"acceleration", "half_exposure"}
     require(one, "plot_map(dataset=...)", "be of one scene and light", dict(values.sizes))
     return values.transpose("acceleration", "half_exposure").values

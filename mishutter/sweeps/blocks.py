@@ -33,7 +33,7 @@ class Kit(NamedTuple):
     Attributes:
         shutter: The shutter, or one of the kind of which each point has its own.
         rules: Its rules of quadrature, or those of its coordinates.
-        scenes: The speeds of each scene that it needs.
+        scenes: The speeds of each frame that it needs.
     """
 
     shutter: AbstractShutter
@@ -51,9 +51,9 @@ class Engine:
 
     def __init__(self, grid: Grid):
         self.grid = grid
-        self.scenes = list(grid.scenes.values())
+        self.scenes = [frame.seen for frame in grid.frames]
         axes = grid.accelerations, grid.half_exposures
-        self.outside = [outside_limits(scene, *axes) for scene in self.scenes]
+        self.outside = [outside_limits(frame, *axes) for frame in grid.frames]
         places = list(zip(self.scenes, self.outside, strict=True))
         self.sizes = [self._sizes(scene, outside == 0) for scene, outside in places]
         self.shapes = shapes_of(self.sizes)
@@ -90,29 +90,29 @@ class Engine:
         return in_threads(self.compute, blocks, count)
 
     def compute(self, block: Block) -> Arrays:
-        """Every variable of a block, NaN outside the limits; a scene's axis left out."""
+        """Every variable of a block, NaN outside the limits; axes of frames left out."""
         grid, at = self.grid, self.grid.place(block)
-        everywhere = self.outside[block.scene]
+        everywhere = self.outside[block.frame]
         inside = everywhere[at] == 0
         rows, columns = np.nonzero(inside)
         motions = self._motions(rows + at[0].start, columns + at[1].start)
         chosen = np.zeros(everywhere.shape, bool)
         chosen[at] = inside
-        sizes = Sizes(*(x[chosen[everywhere == 0]] for x in self.sizes[block.scene]))
+        sizes = Sizes(*(x[chosen[everywhere == 0]] for x in self.sizes[block.frame]))
         arrays = {
             name: _placed(getattr(sizes, name), inside) for name in ("num_taps", "dft_length")
         }
         arrays["outside"] = everywhere[at]
-        found = [self._measured(kit, block.scene, motions, sizes) for kit in self.kits]
+        found = [self._measured(kit, block.frame, motions, sizes) for kit in self.kits]
         if grid.search is not None and self.basis is not None:
-            scene = self.scenes[block.scene]
+            scene = self.scenes[block.frame]
             boxes, losses = search(grid.search, scene, motions, rows, columns, grid.skips)
             coefficients = coefficients_of(boxes, grid.search)
             arrays |= {
                 name: _placed(x, inside)
                 for name, x in (("coefficients", coefficients), ("loss", losses))
             }
-            found.append(self._measured(self.basis, block.scene, motions, sizes, boxes))
+            found.append(self._measured(self.basis, block.frame, motions, sizes, boxes))
         for name in grid.metrics:
             arrays[name] = _placed(np.stack([x[name] for x in found], axis=1), inside)
         if grid.full_well is not None:
@@ -123,13 +123,13 @@ class Engine:
     def _measured(
         self,
         kit: Kit,
-        scene: int,
+        frame: int,
         motions: ParabolicMotion,
         sizes: Sizes,
         boxes: np.ndarray | None = None,
     ) -> Arrays:
         """Metrics of a kit's shutter at some points, by name."""
-        grid, seen = self.grid, kit.scenes[scene]
+        grid, seen = self.grid, kit.scenes[frame]
         given, own = (grid.photon_rates, grid.read_noises), (seen.photon_rate, seen.read_noise)
         pairs = zip(given, own, strict=True)
         rates, noises = (np.atleast_1d(np.asarray(o if g is None else g)) for g, o in pairs)
@@ -147,7 +147,7 @@ class Engine:
         self, arrays: Arrays, efficiency: np.ndarray, block: Block, full_well: float
     ) -> None:
         """Leave out what fills a white pixel."""
-        grid, scene = self.grid, self.scenes[block.scene]
+        grid, scene = self.grid, self.scenes[block.frame]
         half = grid.half_exposures[grid.place(block)[1]]
         by_light = grid.photon_rates is not None
         own = np.array([float(scene.photon_rate)])

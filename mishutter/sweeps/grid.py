@@ -3,6 +3,7 @@
 import hashlib
 import itertools
 import json
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -11,9 +12,9 @@ import jax
 import numpy as np
 
 from mishutter._core import common_dtype, describe, require, shape_of
-from mishutter.design import package_version, scene_to_dict, shutter_to_dict
+from mishutter.design import package_version, scene_to_dict, shutter_to_dict, without_pan
 from mishutter.evaluation import AbstractLoss
-from mishutter.model import AbstractShutter, Scene
+from mishutter.model import AbstractShutter, LinearMotion, Scene, seen_from
 
 METRICS = {
     "condition_number": ("condition number of a still object's kernel", "1"),
@@ -25,11 +26,11 @@ METRICS = {
 }
 """Metrics of a design, what they are and their units."""
 
-REASONS = ("stroke", "top_speed", "exposure_too_short", "exposure_too_long", "full_well")
+REASONS = ("stroke", "top_speed", "exposure_too_short", "exposure_too_long", "full_well", "pan")
 """Why a point is left out, in the order of the bits of `outside`."""
 
 OPTIMISED = "optimised"
-FORMAT = 1
+FORMAT = 2
 _SLACK = 1e-9
 _BLOCK_ROW = 128
 _BLOCK_BYTES = 1 << 24
@@ -54,10 +55,39 @@ class Search(NamedTuple):
     seed: int
 
 
-class Block(NamedTuple):
-    """A rectangle of the grid of one scene: what is computed and written at once."""
+class Frame(NamedTuple):
+    """A scene as a sensor sees it that pans.
 
-    scene: int
+    Attributes:
+        scene: The scene at rest.
+        velocity: Velocity of the sensor at mid-exposure; px/s.
+    """
+
+    scene: Scene
+    velocity: float
+
+    @property
+    def seen(self) -> Scene:
+        """The scene in the frame of the sensor, which may pan no further."""
+        velocity = np.asarray(self.velocity, self.scene.speeds.dtype)
+        motion = LinearMotion(half_exposure=1.0, velocity=velocity)
+        return without_pan(seen_from(self.scene, motion)[0])
+
+
+def frames_of(scenes: Iterable[Scene], velocities: np.ndarray | None) -> list[Frame]:
+    """Frames of scenes at some velocities; by default each at the middle of its speeds.
+
+    That is as far as the scene's limits let its sensor pan.
+    """
+    if velocities is None:
+        return [Frame(scene, float(scene.fullest_motion.velocity)) for scene in scenes]
+    return [Frame(scene, velocity) for scene in scenes for velocity in velocities.tolist()]
+
+
+class Block(NamedTuple):
+    """A rectangle of the grid of one frame: what is computed and written at once."""
+
+    frame: int
     acceleration: int
     half_exposure: int
 
@@ -69,6 +99,7 @@ class Grid:
     Attributes:
         accelerations: px/s^2, ascending; shape `(a,)`.
         half_exposures: s, ascending; shape `(t,)`.
+        velocities: px/s, ascending; None for the middle of each scene's speeds.
         scenes: By name.
         shutters: The fixed ones, by name.
         metrics: Names of those wanted.
@@ -82,6 +113,7 @@ class Grid:
 
     accelerations: np.ndarray
     half_exposures: np.ndarray
+    velocities: np.ndarray | None
     scenes: dict[str, Scene]
     shutters: dict[str, AbstractShutter]
     metrics: tuple[str, ...]
@@ -103,11 +135,21 @@ class Grid:
         """The fixed shutters, then the optimised one."""
         return (*self.shutters, *([OPTIMISED] if self.search else []))
 
+    @cached_property
+    def frames(self) -> list[Frame]:
+        """Every frame, in order: those of a scene one after the other."""
+        return frames_of(self.scenes.values(), self.velocities)
+
+    @property
+    def frame_sizes(self) -> dict[str, int]:
+        """Dimensions that frames are along, and their lengths."""
+        sizes = {"scene": len(self.scenes)} if self.named_scenes else {}
+        return sizes if self.velocities is None else sizes | {"velocity": self.velocities.size}
+
     @property
     def sizes(self) -> dict[str, int]:
         """Every dimension and its length, in order."""
-        sizes = {"scene": len(self.scenes)} if self.named_scenes else {}
-        sizes |= {
+        sizes = self.frame_sizes | {
             "acceleration": self.accelerations.size,
             "half_exposure": self.half_exposures.size,
             "shutter": len(self.shutter_names),
@@ -122,7 +164,7 @@ class Grid:
 
     def dimensions(self, name: str) -> tuple[str, ...]:
         """Dimensions of a variable."""
-        place = ("scene",) * self.named_scenes + ("acceleration", "half_exposure")
+        place = (*self.frame_sizes, "acceleration", "half_exposure")
         light = tuple(d for d in ("photon_rate", "read_noise") if d in self.sizes)
         if name in ("num_taps", "dft_length", "loss", "converged"):
             return place
@@ -158,7 +200,7 @@ class Grid:
         """Every block, in order."""
         rows, columns = self.block_shape
         counts = (-(-self.accelerations.size // rows), -(-self.half_exposures.size // columns))
-        ranges = (range(len(self.scenes)), *map(range, counts))
+        ranges = (range(len(self.frames)), *map(range, counts))
         return [Block(*index) for index in itertools.product(*ranges)]
 
     def place(self, block: Block) -> tuple[slice, slice]:
@@ -169,17 +211,17 @@ class Grid:
             t, min(t + columns, self.half_exposures.size)
         )
 
-    def region(self, block: Block, name: str) -> tuple[slice, ...]:
+    def region(self, block: Block, name: str) -> tuple[int | slice, ...]:
         """Where a block's values of a variable stand in the whole."""
         dimensions = self.dimensions(name)
-        of_scene = (slice(block.scene, block.scene + 1),) * self.named_scenes
-        place = (*of_scene, *self.place(block))
+        of_frame = np.unravel_index(block.frame, tuple(self.frame_sizes.values()))
+        place = (*map(int, of_frame), *self.place(block))
         return place + (slice(None),) * (len(dimensions) - len(place))
 
-    def num_points(self, block: Block) -> int:
-        """Points of a block."""
-        a, t = self.place(block)
-        return (a.stop - a.start) * (t.stop - t.start)
+    def num_points(self, blocks: Iterable[Block]) -> int:
+        """Points of some blocks."""
+        places = map(self.place, blocks)
+        return sum((a.stop - a.start) * (t.stop - t.start) for a, t in places)
 
     def describe(self) -> dict[str, Any]:
         """Everything that decides the results, as plain numbers and text."""
@@ -192,6 +234,7 @@ class Grid:
             "precision": str(self.dtype),
             "accelerations": self.accelerations.tolist(),
             "half_exposures": self.half_exposures.tolist(),
+            "velocities": _listed(self.velocities),
             "scenes": {name: scene_to_dict(scene) for name, scene in self.scenes.items()},
             "shutters": {name: _described(shutter) for name, shutter in self.shutters.items()},
             "metrics": list(self.metrics),
@@ -211,25 +254,28 @@ class Grid:
 
 
 @np.errstate(over="ignore")
-def outside_limits(scene: Scene, accelerations: np.ndarray, half_exposures: np.ndarray):
+def outside_limits(frame: Frame, accelerations: np.ndarray, half_exposures: np.ndarray):
     """Bits of `REASONS` of the motion's limits at every point; shape `(a, t)`."""
-    limits = scene.limits
+    limits, pan = frame.scene.limits, abs(frame.velocity)
     a, half = accelerations[:, None], half_exposures[None]
-    beyond = (
-        a * half * half > float(limits.max_stroke) * (1 + _SLACK),
-        2 * a * half > float(limits.max_top_speed) * (1 + _SLACK),
-        np.broadcast_to(half < float(limits.min_half_exposure) * (1 - _SLACK), (a.size, half.size)),
-        np.broadcast_to(half > float(limits.max_half_exposure) * (1 + _SLACK), (a.size, half.size)),
-    )
-    bits = [flag.astype(np.uint8) << index for index, flag in enumerate(beyond)]
-    return np.bitwise_or.reduce(bits)
+    beyond = {
+        "stroke": a * half * half > float(limits.max_stroke) * (1 + _SLACK),
+        "top_speed": 2 * a * half + pan > float(limits.max_top_speed) * (1 + _SLACK),
+        "exposure_too_short": half < float(limits.min_half_exposure) * (1 - _SLACK),
+        "exposure_too_long": half > float(limits.max_half_exposure) * (1 + _SLACK),
+        "pan": np.asarray(pan > float(limits.max_pan) * (1 + _SLACK)),
+    }
+    bits = np.zeros((a.size, half.size), np.uint8)
+    for reason, flag in beyond.items():
+        bits |= flag.astype(np.uint8) << REASONS.index(reason)
+    return bits
 
 
 def require_within(
-    subject: str, scene: Scene, accelerations: np.ndarray, half_exposures: np.ndarray
+    subject: str, frames: Sequence[Frame], accelerations: np.ndarray, half_exposures: np.ndarray
 ) -> None:
     """Refuse a grid of which no point is within the limits, by the limits that it breaks."""
-    outside = outside_limits(scene, accelerations, half_exposures)
+    outside = np.stack([outside_limits(frame, accelerations, half_exposures) for frame in frames])
     counts = {
         reason.replace("_", " "): int(np.count_nonzero(outside & (1 << bit)))
         for bit, reason in enumerate(REASONS)
@@ -242,8 +288,8 @@ def require_within(
         )
 
 
-def checked_axis(subject: str, values: Any, *, bound: str, strict: bool) -> np.ndarray:
-    """One axis of the grid: at least one finite value, ascending, in its range."""
+def checked_axis(subject: str, values: Any, *, bound: str = "", strict: bool = False) -> np.ndarray:
+    """One axis of the grid: at least one finite value, ascending, in its range if it has one."""
     try:
         axis = np.asarray(values, np.float64)
     except (TypeError, ValueError):
@@ -253,7 +299,7 @@ def checked_axis(subject: str, values: Any, *, bound: str, strict: bool) -> np.n
     require(axis.size >= 1, subject, "hold at least one value", "none")
     require(bool(np.all(np.isfinite(axis))), subject, "be finite", axis)
     inside = axis > 0 if strict else axis >= 0
-    require(bool(np.all(inside)), subject, f"be {bound}", axis)
+    require(not bound or bool(np.all(inside)), subject, f"be {bound}", axis)
     require(bool(np.all(np.diff(axis) > 0)), subject, "ascend without repeats", axis)
     return axis
 

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +30,7 @@ from mishutter.evaluation import (
 from mishutter.model import AbstractShutter, Scene, SplineShutter, TukeyShutter, baselines
 from mishutter.sweeps.blocks import Engine
 from mishutter.sweeps.cluster import compute_remotely, connection
-from mishutter.sweeps.grid import METRICS, OPTIMISED, Grid, Search, checked_axis
+from mishutter.sweeps.grid import METRICS, OPTIMISED, Frame, Grid, Search, checked_axis
 from mishutter.sweeps.store import AbstractBlocks, MemoryBlocks, StoredBlocks
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ def sweep(
     *,
     accelerations: RowLike,
     half_exposures: RowLike,
+    velocities: RowLike | None = None,
     shutters: Mapping[str, Any] | None = None,
     optimise: bool = False,
     loss: AbstractLoss | Callable[..., Any] | None = None,
@@ -62,14 +64,17 @@ def sweep(
     r"""Measure shutters at every acceleration and exposure of a grid.
 
     The numbers are those of `evaluate` at each point; the light follows the exposure,
-    $p = \text{rate}\cdot 2T$. An acceleration of 0 is a camera at rest, aligned at
-    mid-exposure. A point outside a scene's limits is NaN, and `outside` says why.
+    $p = \text{rate}\cdot 2T$. An acceleration of 0 is a panning camera, or one at rest,
+    aligned at mid-exposure. A point outside a scene's limits is NaN, and `outside` says why.
 
     Args:
         scenes: One scene, or several, then a dimension of the result. They share a device and
             a full well.
         accelerations: $a$, px/s^2, at least 0, ascending; shape `(a,)`.
         half_exposures: $T$, s, above 0, ascending; shape `(t,)`.
+        velocities: $v$ at mid-exposure, px/s, either sign, ascending; shape `(v,)`. By default
+            each scene has one, in the middle of its speeds as far as its limits let the sensor
+            pan.
         shutters: Fixed shutters by name; the baselines and a Tukey window by default.
         optimise: Whether the best profile at each point is found as well; it is the
             shutter `"optimised"`, and its B-spline `coefficients` are kept.
@@ -95,7 +100,8 @@ def sweep(
 
     Returns:
         One variable a metric over `acceleration`, `half_exposure` and `shutter`, with
-        `scene` before and `photon_rate` and `read_noise` after where they were given.
+        `scene` and `velocity` before and `photon_rate` and `read_noise` after where they
+        were given. A velocity that was not given is a coordinate of each scene.
         With a store, values are read from it as they are used.
 
     Raises:
@@ -107,6 +113,7 @@ def sweep(
         scenes,
         checked_axis("sweep(accelerations=...)", accelerations, bound="at least 0", strict=False),
         checked_axis("sweep(half_exposures=...)", half_exposures, bound="above 0", strict=True),
+        None if velocities is None else checked_axis("sweep(velocities=...)", velocities),
         _shutters(shutters),
         metrics,
         _light("sweep(photon_rates=...)", photon_rates),
@@ -120,8 +127,8 @@ def sweep(
         blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
         missing, total = blocks.missing(), len(grid.blocks())
         _LOG.info("%d of %d blocks found, %d to compute", total - len(missing), total, len(missing))
-        num_points = len(grid.scenes) * grid.accelerations.size * grid.half_exposures.size
-        done = num_points - sum(grid.num_points(block) for block in missing)
+        num_points = grid.num_points(grid.blocks())
+        done = num_points - grid.num_points(missing)
         if progress is not None:
             progress(done, num_points)
         if client is None:
@@ -130,7 +137,7 @@ def sweep(
             place = None if store is None else str(Path(store).absolute())
             computed = compute_remotely(grid, missing, blocks, client, place)
         for block in computed:
-            done += grid.num_points(block)
+            done += grid.num_points([block])
             if progress is not None:
                 progress(done, num_points)
     _LOG.info("%d block%s computed", len(missing), "" if len(missing) == 1 else "s")
@@ -148,6 +155,7 @@ def _grid(
     scenes: Any,
     accelerations: np.ndarray,
     half_exposures: np.ndarray,
+    velocities: np.ndarray | None,
     shutters: dict[str, AbstractShutter],
     metrics: Sequence[str] | None,
     photon_rates: np.ndarray | None,
@@ -172,39 +180,39 @@ def _grid(
     if full_well is not None:
         positive = bool(np.isfinite(full_well)) and full_well > 0
         require(positive, "sweep(full_well=...)", "be above 0 e-", full_well)
-    how = None
-    if optimise:
-        one_light = photon_rates is None and read_noises is None
-        requirement = "be False where photon_rates or read_noises are given; use scenes for them"
-        require(one_light, "sweep(optimise=...)", requirement, optimise)
-        require(OPTIMISED not in shutters, "sweep(shutters=...)", "have other names", OPTIMISED)
-        how = _search(named_scenes, *search, plan)
-    return Grid(
+    grid = Grid(
         accelerations,
         half_exposures,
+        velocities,
         named_scenes,
         shutters,
         chosen,
         photon_rates,
         read_noises,
         full_well,
-        how,
+        None,
         not isinstance(scenes, Scene),
         skips(plan),
     )
+    if optimise:
+        one_light = photon_rates is None and read_noises is None
+        requirement = "be False where photon_rates or read_noises are given; use scenes for them"
+        require(one_light, "sweep(optimise=...)", requirement, optimise)
+        require(OPTIMISED not in shutters, "sweep(shutters=...)", "have other names", OPTIMISED)
+        return replace(grid, search=_search(grid.frames, *search))
+    return grid
 
 
 def _search(
-    scenes: dict[str, Scene],
+    frames: Sequence[Frame],
     loss: AbstractLoss | Callable[..., Any] | None,
     num_coefficients: int,
     max_steps: int,
     seed: int,
-    plan: Plan | Automatic | None,
 ) -> Search:
     require_positive_int("sweep(max_steps=...)", max_steps)
     require_seed("sweep(seed=...)", seed)
-    starts = [starting_shutter(scene, num_coefficients) for scene in scenes.values()]
+    starts = [starting_shutter(frame.seen, num_coefficients) for frame in frames]
     symmetric = all(isinstance(s, SplineShutter) and s.symmetric for s in starts)
     chosen = as_loss(ExpectedErrorLoss() if loss is None else loss, "sweep(loss=...)")
     return Search(chosen, num_coefficients, symmetric, max_steps, seed)

@@ -29,6 +29,7 @@ _OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
 _COORDINATES = {
     "acceleration": ("parameter a of x = a t^2", "px/s^2"),
     "half_exposure": ("half the exposure, T", "s"),
+    "velocity": ("velocity of the sensor at mid-exposure, v", "px/s"),
     "photon_rate": ("photo-electrons a second at a white pixel", "1/s"),
     "read_noise": ("standard deviation of the read noise", "electron"),
     "shutter": ("shutter", "1"),
@@ -78,7 +79,7 @@ class MemoryBlocks(AbstractBlocks):
     def write(self, block: Block, arrays: Arrays) -> None:
         for name, values in arrays.items():
             region = self.grid.region(block, name)
-            self.arrays[name][region] = values[None] if self.grid.named_scenes else values
+            self.arrays[name][region] = values
 
     def dataset(self) -> "xarray.Dataset":
         return _labelled(self.grid, self.arrays)
@@ -128,7 +129,7 @@ class StoredBlocks(AbstractBlocks):
     def write(self, block: Block, arrays: Arrays) -> None:
         for name, values in arrays.items():
             region = self.grid.region(block, name)
-            self._array(name)[region] = values[None] if self.grid.named_scenes else values
+            self._array(name)[region] = values
         self._array(_DONE)[tuple(block)] = 1
 
     def _array(self, name: str) -> Any:
@@ -150,15 +151,17 @@ def _labelled(grid: Grid, arrays: Arrays) -> "xarray.Dataset":
         for name, values in arrays.items()
     }
     coordinates = {
-        name: (name, values, attributes_of(name)) for name, values in _coordinates(grid).items()
+        name: (dimensions, values, attributes_of(name))
+        for name, (dimensions, values) in _coordinates(grid).items()
     }
     return xarray.Dataset(variables, coordinates, dataset_attributes(grid))
 
 
-def _coordinates(grid: Grid) -> dict[str, np.ndarray]:
-    """Values of every dimension."""
+def _coordinates(grid: Grid) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """Dimensions and values of every dimension, and of the velocity where it is none."""
     known = {
         "scene": np.array(list(grid.scenes), dtype=object),
+        "velocity": grid.velocities,
         "acceleration": grid.accelerations,
         "half_exposure": grid.half_exposures,
         "shutter": np.array(grid.shutter_names, dtype=object),
@@ -167,7 +170,15 @@ def _coordinates(grid: Grid) -> dict[str, np.ndarray]:
     }
     if grid.search is not None:
         known["coefficient"] = np.arange(grid.search.num_coefficients)
-    return {name: np.asarray(known[name]) for name in grid.sizes}
+    coordinates: dict[str, tuple[tuple[str, ...], np.ndarray]] = {
+        name: ((name,), np.asarray(known[name])) for name in grid.sizes
+    }
+    if grid.velocities is None:
+        of_scenes = np.reshape(
+            [frame.velocity for frame in grid.frames], [*grid.frame_sizes.values()]
+        )
+        coordinates["velocity"] = (tuple(grid.frame_sizes), of_scenes)
+    return coordinates
 
 
 def attributes_of(name: str) -> dict[str, Any]:
@@ -218,7 +229,7 @@ def _create(grid: Grid, path: Path) -> None:
             chunks=(1, 1, 1),
             dtype=np.uint8,
             fill_value=0,
-            dimension_names=("block_scene", "block_acceleration", "block_half_exposure"),
+            dimension_names=("block_frame", "block_acceleration", "block_half_exposure"),
         )
         os.rename(folder, path)
     except BaseException as error:
@@ -230,7 +241,8 @@ def _create(grid: Grid, path: Path) -> None:
 
 def _chunks(grid: Grid, dimensions: tuple[str, ...]) -> tuple[int, ...]:
     rows, columns = grid.block_shape
-    of_block = {"scene": 1, "acceleration": rows, "half_exposure": columns}
+    of_block = dict.fromkeys(grid.frame_sizes, 1)
+    of_block |= {"acceleration": rows, "half_exposure": columns}
     return tuple(of_block.get(name, grid.sizes[name]) for name in dimensions)
 
 

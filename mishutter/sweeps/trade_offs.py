@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mishutter._core import RowLike, require
-from mishutter.evaluation import num_frequencies, picture_power
+from mishutter.evaluation import distinct_speeds, num_frequencies, picture_power
 from mishutter.model import Scene, frequency_grid
 
 if TYPE_CHECKING:
@@ -22,10 +22,16 @@ OBJECTIVES = {
 }
 """Metrics, and whether more of them is better."""
 
-_PLACE = ("acceleration", "half_exposure")
+_PLACE = ("velocity", "acceleration", "half_exposure", "shutter")
 _NUM_EXPOSURES = 129
-_NUM_NEAR = 9
-_NUM_REFINEMENTS = 6
+_NUM_VELOCITIES = 9
+_NUM_SPEEDS = 32
+"""Exposures, velocities, and speeds of the largest weight, that a best snapshot is looked for at:
+exposures that are long have a valley about each speed."""
+_NUM_NEAR = 5
+_NUM_REFINEMENTS = 12
+_NUM_AT_A_TIME = 1 << 17
+"""Numbers of an array that is worked on."""
 
 
 def best_points(
@@ -103,8 +109,8 @@ def gain_over(dataset: "xarray.Dataset", name: str) -> "xarray.DataArray":
 def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataArray":
     """Expected PSNR of every point over the best snapshot's; dB.
 
-    The snapshot is a camera at rest with an open shutter, its exposure tuned within the
-    scene's limits anew for each light and each read noise.
+    The snapshot is that of `best_snapshots`: an open shutter on a sensor that may pan, its
+    exposure and velocity tuned within the scene's limits for each light and each read noise.
 
     Args:
         dataset: What `sweep` returned.
@@ -139,8 +145,8 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
         scene: Its scene.
 
     Returns:
-        `gain` in dB over light and read noise, and the acceleration, half exposure and
-        shutter that reach it.
+        `gain` in dB over light and read noise, and the velocity, acceleration, half exposure
+        and shutter that reach it.
 
     Raises:
         ValueError: if it is not a sweep of the expected PSNR over both.
@@ -149,27 +155,28 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
     psnr = _psnr(subject, dataset)
     lit = all(name in psnr.dims for name in ("photon_rate", "read_noise"))
     require(lit, subject, "have photon rates and read noises", dict(dataset.sizes))
-    stacked = gain_over_snapshot(dataset, scene).stack(point=(*_PLACE, "shutter"))
+    stacked = gain_over_snapshot(dataset, scene)
+    stacked = stacked.stack(point=[name for name in _PLACE if name in stacked.dims])
     index = stacked.fillna(-np.inf).argmax("point")
     best = stacked.isel(point=index)
     gain = best.reset_coords(drop=True)
-    places = {name: best[name].reset_coords(drop=True) for name in (*_PLACE, "shutter")}
+    places = {name: best[name].reset_coords(drop=True).broadcast_like(gain) for name in _PLACE}
     return gain.to_dataset(name="gain").assign(places)
 
 
 def best_snapshots(
     scene: Scene, photon_rates: RowLike | None = None, read_noises: RowLike | None = None
 ) -> "xarray.Dataset":
-    """The best exposure of a camera at rest under each light and read noise.
+    """The best exposure of an open shutter, and pan, under each light and read noise.
 
     Args:
         scene: Speeds, picture and the limits of the exposure, which ends where white fills a
-            pixel that holds so many electrons and no more.
+            pixel that holds so many electrons and no more, and of the pan.
         photon_rates: e-/s at white; the scene's by default.
         read_noises: e-; the scene's by default.
 
     Returns:
-        `expected_psnr` in dB and `half_exposure` in s over both.
+        `expected_psnr` in dB, `half_exposure` in s and `velocity` in px/s over both.
 
     Raises:
         ValueError: if a rate or a noise is not finite or below 0.
@@ -178,32 +185,65 @@ def best_snapshots(
 
     rates = _light("photon_rates", scene.photon_rate if photon_rates is None else photon_rates)
     noises = _light("read_noises", scene.read_noise if read_noises is None else read_noises)
+    light = rates[:, None], noises[None]
     low, high = float(scene.limits.min_half_exposure), float(scene.limits.max_half_exposure)
-    longest = np.full((rates.size, 1), high)
+    longest = np.full((1, 1), high)
     if scene.full_well is not None:
         with np.errstate(divide="ignore"):
             filling = float(scene.full_well) / (2 * np.asarray(rates, np.float64)[:, None])
         longest = np.clip(filling, low, high)
-    half = np.geomspace(np.full_like(longest, low), longest, _NUM_EXPOSURES)
+    half = np.geomspace(np.full_like(longest, low), longest, _NUM_EXPOSURES)[:, None]
     ratio = (longest / low) ** (1 / (_NUM_EXPOSURES - 1))
-    best = half
+    velocity = _pans(scene)[:, None, None]
+    ends = velocity.min(), velocity.max()
+    step = (ends[1] - ends[0]) / (_NUM_VELOCITIES - 1)
     for _ in range(_NUM_REFINEMENTS):
-        error = _snapshot_error(scene, half, rates[:, None], noises[None])
-        half = np.broadcast_to(half, error.shape)
-        best = np.take_along_axis(half, np.argmin(error, axis=0)[None], 0)
-        near = np.geomspace(1 / ratio, ratio, _NUM_NEAR)
-        half, ratio = np.clip(best * near, low, longest), ratio ** (2 / (_NUM_NEAR - 1))
-    error = np.min(_snapshot_error(scene, best, rates[:, None], noises[None]), axis=0)
+        best = _best_snapshot(scene, half, velocity, *light)
+        near = np.linspace(-1, 1, _NUM_NEAR)[:, None, None]
+        half = np.clip(best[0] * ratio**near, low, longest)[:, None]
+        velocity = np.clip(best[1] + step * near, *ends) if step > 0 else best[1][None]
+        ratio, step = np.sqrt(ratio), step / 2
+    half, velocity, error = _best_snapshot(scene, half, velocity, *light)
     dimensions = ("photon_rate", "read_noise")
     with np.errstate(divide="ignore"):  # a picture without detail is restored without error
         level = -10 * np.log10(error)
     return xarray.Dataset(
         {
             "expected_psnr": (dimensions, level, {"units": "dB"}),
-            "half_exposure": (dimensions, best[0], {"units": "s"}),
+            "half_exposure": (dimensions, half, {"units": "s"}),
+            "velocity": (dimensions, velocity, {"units": "px/s"}),
         },
         {"photon_rate": rates, "read_noise": noises},
     )
+
+
+def _pans(scene: Scene) -> np.ndarray:
+    """Velocities that a best snapshot is first looked for at, rest among them; px/s."""
+    speeds, weights = distinct_speeds(scene, folds=False)
+    most = min(float(scene.limits.max_pan), float(scene.limits.max_top_speed))
+    slowest, *_, fastest = np.clip(speeds[[0, -1]].astype(np.float64), -most, most)
+    frequent = np.clip(speeds[np.argsort(weights)[-_NUM_SPEEDS:]], -most, most)
+    return np.unique([0.0, *np.linspace(slowest, fastest, _NUM_VELOCITIES), *frequent])
+
+
+def _best_snapshot(
+    scene: Scene, half: np.ndarray, velocity: np.ndarray, rates: np.ndarray, noises: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Half exposure, velocity and error of the best of some snapshots under each light.
+
+    Args:
+        scene: The scene.
+        half: Half exposures, s; shape `(e, 1, p, r)`, or 1 for either light.
+        velocity: Velocities, px/s; shape `(v, p, r)`, or 1 for either.
+        rates: e-/s; shape `(p, 1)`.
+        noises: e-; shape `(1, r)`.
+    """
+    error = _snapshot_error(scene, half, velocity, rates, noises)
+    flat = error.reshape(-1, *error.shape[2:])
+    index = np.argmin(flat, axis=0)[None]
+    of_all = (np.broadcast_to(x, error.shape).reshape(flat.shape) for x in (half, velocity))
+    found = [np.take_along_axis(x, index, 0)[0] for x in (*of_all, flat)]
+    return tuple(found)
 
 
 def _light(name: str, values: RowLike) -> np.ndarray:
@@ -221,40 +261,55 @@ def _psnr(subject: str, dataset: "xarray.Dataset") -> "xarray.DataArray":
 
 
 def _snapshot_error(
-    scene: Scene, half: np.ndarray, rates: np.ndarray, noises: np.ndarray
+    scene: Scene, half: np.ndarray, velocity: np.ndarray, rates: np.ndarray, noises: np.ndarray
 ) -> np.ndarray:
-    r"""Expected squared error of an open shutter on a camera at rest; `(e, p, r)`.
+    r"""Expected squared error of an open shutter on a sensor that pans; `(e, v, p, r)`.
 
-    That of `expected_squared_error` with $H_s(f) = \operatorname{sinc}(2 f s T)$.
+    That of `expected_squared_error` with $H_s(f) = \operatorname{sinc}(2 f (s - v) T)$.
     """
-    longest = 2 * float(scene.max_speed) * np.max(half.reshape(half.shape[0], -1), axis=1)
-    counts = np.array([num_frequencies(scene, spread) for spread in longest])
-    total = np.zeros(np.broadcast_shapes(half.shape, rates.shape, noises.shape))
+    half, velocity = np.broadcast_arrays(half, velocity)
+    slowest, fastest = (float(speed) for speed in scene.speed_range)
+    spread = 2 * np.maximum(fastest - velocity, velocity - slowest) * half
+    counts = np.zeros(half.shape, int)
+    for pan in np.unique(velocity):
+        here = velocity == pan
+        counts[here] = num_frequencies(scene, spread[here], float(pan))
+    counts = counts.max(axis=(2, 3))
+    total = np.zeros((*half.shape[:2], rates.shape[0], noises.shape[1]))
     for count in np.unique(counts):
         rows = counts == count
-        total[rows] = _error_at_rest(scene, half[rows], rates, noises, int(count))
+        total[rows] = _error_of_pans(scene, half[rows], velocity[rows], rates, noises, int(count))
     return total
 
 
-def _error_at_rest(
-    scene: Scene, half: np.ndarray, rates: np.ndarray, noises: np.ndarray, count: int
+def _error_of_pans(
+    scene: Scene,
+    half: np.ndarray,
+    velocity: np.ndarray,
+    rates: np.ndarray,
+    noises: np.ndarray,
+    count: int,
 ) -> np.ndarray:
-    """The same over a number of frequencies."""
+    """The same over a number of frequencies; `(n, p, r)`."""
     dtype = np.dtype(scene.speeds.dtype)
     frequency = np.asarray(frequency_grid(count, dtype), np.float64)
     power = np.asarray(picture_power(scene, count, dtype), np.float64)
     speeds, weights = (np.asarray(x, np.float64) for x in (scene.speeds, scene.weights))
+    travel = 2 * (speeds - velocity[..., None]) * half[..., None]
     electrons = rates * 2 * half
     noise = float(scene.mean_level) * electrons + noises**2
     total = np.zeros(np.broadcast_shapes(electrons.shape, noise.shape))
-    for f, level in zip(frequency, power, strict=True):
-        responses = np.sinc(2 * f * speeds * half[..., None]) * np.sinc(f)
+    num_parts = -(-count * max(travel.size, total.size) // _NUM_AT_A_TIME)
+    for part in np.array_split(np.arange(count), min(num_parts, count)):
+        f, level = (x[part].reshape(-1, 1, 1, 1) for x in (frequency, power))
+        responses = np.sinc(f[..., None] * travel) * np.sinc(f[..., None])
         mean = responses @ weights
         spread = ((responses - mean[..., None]) ** 2) @ weights
         signal = level * electrons**2
         whole = signal * (mean**2 + spread) + noise
-        share = np.divide(signal * spread + noise, whole, where=whole > 0, out=np.ones_like(total))
-        total += level * share
+        left = signal * spread + noise
+        share = np.divide(left, whole, where=whole > 0, out=np.ones_like(whole))
+        total += np.sum(level * share, axis=0)
     return total / count
 
 

@@ -18,6 +18,9 @@ MISTAKES = {
     "reversed": (["--half-exposure", "9:3:4"], "`--half-exposure` must ascend from A to B; got"),
     "nan": (["--acceleration", "nan:1e5:3"], "must run between finite numbers; got 'nan:1e5:3'"),
     "negative": (["--acceleration=-1:1e5:3"], "`--acceleration` must be at least 0; got"),
+    "velocity": (["--velocity", "-1:2"], "`--velocity` must be A:B:N, two numbers and a count"),
+    "velocity-reversed": (["--velocity", "-1:-9:4"], "`--velocity` must ascend from A to B; got"),
+    "velocity-inf": (["--velocity", "0:inf:4"], "must run between finite numbers; got '0:inf:4'"),
     "no-time": (["--half-exposure", "0:3:3"], "`--half-exposure` must be above 0; got '0:3:3'"),
     "one-of-many": (["--acceleration", "1e4:2e4:1"], "must hold two values or more from A to B"),
     "log-zero": (["--log", "--acceleration", "0:1e5:3"], "must begin above 0 with --log; got"),
@@ -83,6 +86,30 @@ def test_a_range_with_zero_and_one_point(scene_file, tmp_path, capsys):
     assert "expected_psnr" in out
 
 
+def test_velocities(scene_file, capsys):
+    """The table and the document say the velocity of each best point, and of the best snapshot."""
+    command = ["sweep", scene_file, *RANGES]
+    assert cli.main([*command, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert {best["velocity_px_per_s"] for best in document["best"].values()} == {60.0}
+    snapshot = document["best_snapshot"]["velocity_px_per_s"]
+    assert -190 < snapshot < 310
+    assert cli.main([*command, "--velocity", "-100:80:3", "--log", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["num_points"] == 27
+    assert document["best_snapshot"]["velocity_px_per_s"] == snapshot
+    for best in document["best"].values():
+        velocity, a = best["velocity_px_per_s"], best["acceleration_px_per_s2"]
+        assert velocity in (-100.0, -10.0, 80.0)
+        gain = 2 * a * best["half_exposure_ms"] * 1e-3
+        assert best["top_speed_px_per_s"] == pytest.approx(gain + abs(velocity))
+    assert document["best"]["expected_psnr"]["velocity_px_per_s"] == 80.0
+    assert cli.main([*command, "--velocity", "80:80:1"]) == 0
+    out = capsys.readouterr().out
+    assert "px/s" in out
+    assert "80.0" in out
+
+
 OUTSIDE = {
     "far": (
         ["1e9:2e9:2", "1:9:2"],
@@ -92,6 +119,7 @@ OUTSIDE = {
     "long": (["0:1e5:3", "1e300:1e308:2"], "6 by exposure too long"),
     "short": ([None, "1e-310:1e-309:2"], "got 80 outside them, 80 by exposure too short"),
     "too-long": ([None, "1e300:1e305:2"], "80 by exposure too long"),
+    "pan": ([None, None, "-5000:-1400:2"], "3200 by top speed, 3200 by pan"),
 }
 
 
@@ -102,7 +130,8 @@ def test_nothing_within_limits(slug, also, scene_file, tmp_path, capsys):
     ranges, message = OUTSIDE[slug]
     place = tmp_path / "new"
     options = [also] if also == "--json" else [also, place] if also else []
-    for name, text in zip(("--acceleration", "--half-exposure"), ranges, strict=True):
+    names = "--acceleration", "--half-exposure", "--velocity"
+    for name, text in zip(names, ranges, strict=False):
         options += [name, text] if text else []
     line = refused(capsys, "sweep", scene_file, *options)
     assert "must reach a point within the scene's limits; got " in line

@@ -224,6 +224,28 @@ def test_profiles_of_a_front():
         np.testing.assert_array_equal(found, shutter.transmittance(tau))
 
 
+def test_pictures_of_velocities():
+    """A map has the best of them at each point, of one shutter or all; a front takes them all."""
+    panned = sweep(SCENE, **grid(velocities=[-500.0, 0.0, 200.0]))
+    for shutter in (None, "Hann"):
+        for metric, most in (("expected_psnr", True), ("relative_kernel_difference", False)):
+            figure = sweep_plots.plot_map(panned, metric, shutter=shutter)
+            values = panned[metric] if shutter is None else panned[metric].sel(shutter=shutter)
+            over = [name for name in ("velocity", "shutter") if name in values.dims]
+            best = values.max(over) if most else values.min(over)
+            best = best.dropna("half_exposure", how="all").sel(acceleration=slice(1, None))
+            drawn = figure.axes[0].collections[0].get_array()
+            np.testing.assert_array_equal(np.ma.filled(drawn, np.nan), best)
+            title = figure.axes[0].get_title().splitlines()[0]
+            assert title.endswith(f"{shutter or 'the best shutter'} at its best velocity")
+    front = pareto_front(panned, FRONT)
+    rect, hann, steps, *_ = sweep_plots.plot_front(panned, FRONT).axes[0].get_lines()
+    np.testing.assert_array_equal(steps.get_xdata(), front[FRONT[0]])
+    for line, name in ((rect, "rect"), (hann, "Hann")):
+        every = panned[FRONT[1]].sel(shutter=name).values.ravel()
+        np.testing.assert_array_equal(line.get_ydata(), every)
+
+
 def test_a_map_leaves_out_what_is_wholly_outside():
     """One acceleration near the largest number leaves the others as they are."""
     huge = sweep(SCENE, **grid(accelerations=[3e4, 9e4, 1.7e308]))

@@ -43,6 +43,7 @@ def asked_for(rows, columns):
     return Grid(
         np.arange(rows) + 1.0,
         np.arange(columns) + 1.0,
+        None,
         {"0": SCENE},
         dict(SHUTTERS),
         ("expected_psnr",),
@@ -59,6 +60,7 @@ def motion_at(dataset, row, column):
     return ParabolicMotion(
         acceleration=float(dataset.acceleration[row]),
         half_exposure=float(dataset.half_exposure[column]),
+        velocity=float(dataset.velocity),
     )
 
 

@@ -26,13 +26,14 @@ from mishutter import (
     ChippedShutter,
     ExpectedErrorLoss,
     GaussianShutter,
+    Limits,
     Scene,
     SplineShutter,
     TukeyShutter,
     sweep,
 )
 from mishutter.model.shutters.base import AbstractShutter
-from mishutter.sweeps.grid import REASONS, outside_limits
+from mishutter.sweeps.grid import REASONS, Frame, outside_limits
 
 
 @pytest.fixture(scope="module")
@@ -52,12 +53,13 @@ def test_limits_are_masks_with_a_reason(swept):
     """A point is NaN where a limit is broken, and only there; the bits name every limit."""
     a, half = ACCELERATIONS[:, None], HALF_EXPOSURES[None]
     bits = swept.outside.values
-    assert list(swept.outside.attrs["flag_masks"]) == [1, 2, 4, 8, 16]
+    assert list(swept.outside.attrs["flag_masks"]) == [1, 2, 4, 8, 16, 32]
     names = swept.outside.attrs["flag_meanings"].split()
-    assert names == ["stroke", "top_speed", "exposure_too_short", "exposure_too_long", "full_well"]
+    exposures = ["exposure_too_short", "exposure_too_long"]
+    assert names == ["stroke", "top_speed", *exposures, "full_well", "pan"]
     broken = {
         "stroke": a * half**2 > float(LIMITS.max_stroke),
-        "top_speed": 2 * a * half > float(LIMITS.max_top_speed),
+        "top_speed": 2 * a * half + 135.0 > float(LIMITS.max_top_speed),
         "exposure_too_short": np.broadcast_to(half < 1e-3, bits.shape),
         "exposure_too_long": np.broadcast_to(half > 0.02, bits.shape),
     }
@@ -70,10 +72,11 @@ def test_limits_are_masks_with_a_reason(swept):
 
 
 AT_A_LIMIT = {
-    "stroke": lambda x: (9e4 * x, 1e-2),
-    "top_speed": lambda x: (2e6 / 3 * x, 3e-3),
-    "exposure_too_short": lambda x: (3e4, 1e-3 / x),
-    "exposure_too_long": lambda x: (1e4, 0.02 * x),
+    "stroke": lambda x: (9e4 * x, 1e-2, 0.0),
+    "top_speed": lambda x: ((2e6 - 5e5) / 3 * x, 3e-3, -1e3 * x),
+    "exposure_too_short": lambda x: (3e4, 1e-3 / x, 0.0),
+    "exposure_too_long": lambda x: (1e4, 0.02 * x, 0.0),
+    "pan": lambda x: (1e4, 3e-3, -1.5e3 * x),
 }
 
 
@@ -81,9 +84,9 @@ AT_A_LIMIT = {
 def test_a_point_at_a_limit_is_within_it(reason):
     """To a rounding of a thousand millionth, and no more."""
     for beyond, bits in ((1e-10, 0), (1e-8, 1 << REASONS.index(reason))):
-        a, half = (np.array([x]) for x in AT_A_LIMIT[reason](1 + beyond))
-        wide = Scene([0.0], photon_rate=1e5, read_noise=1.0, limits=LIMITS)
-        found = outside_limits(wide, a, half)
+        a, half, velocity = AT_A_LIMIT[reason](1 + beyond)
+        frame = Frame(scene_with([0.0], max_pan=1.5e3), velocity)
+        found = outside_limits(frame, np.array([a]), np.array([half]))
         assert found.item() == bits
 
 
@@ -145,6 +148,75 @@ def test_scenes_of_different_speeds():
     for name, scene in scenes.items():
         part = found.sel(scene=name)
         assert differences(part, scene, SHUTTERS, inside_points(part)[::7]) == []
+
+
+def scene_with(speeds, **limits):
+    """A scene of other speeds and limits."""
+    given = {"max_stroke": 9.0, "max_top_speed": 4e3, "min_half_exposure": 1e-3}
+    most = Limits(**given | limits, max_half_exposure=0.02)
+    return Scene(speeds, photon_rate=2e5, read_noise=6.0, limits=most)
+
+
+MIDDLES = {
+    "symmetric": (scene_with([-500.0, 0.0, 500.0]), 0.0),
+    "one-way": (scene_with([400.0, 900.0, 1200.0]), 800.0),
+    "other-way": (scene_with([-400.0, -900.0]), -650.0),
+    "fast": (scene_with([9e3, 1.1e4]), 2e3),
+    "slow-pan": (scene_with([400.0, 1200.0], max_pan=300.0), 300.0),
+    "no-pan": (scene_with([400.0, 1200.0], max_pan=0.0), 0.0),
+}
+
+
+def test_each_scene_is_measured_from_the_middle_of_its_speeds():
+    """As far as its sensor may pan; the velocity is a coordinate of it."""
+    scenes = {name: scene for name, (scene, _) in MIDDLES.items()}
+    few = grid(accelerations=[0.0, 9e4], half_exposures=[3.1e-3])
+    found = sweep(scenes, **few)
+    assert found.velocity.dims == ("scene",)
+    assert found.velocity.attrs["units"] == "px/s"
+    for name, (scene, velocity) in MIDDLES.items():
+        part, alone = found.sel(scene=name), sweep(scene, **few)
+        assert float(part.velocity) == velocity == float(alone.velocity)
+        assert alone.velocity.dims == ()
+        assert differences(part, scene, SHUTTERS, inside_points(part)) == []
+        assert len(inside_points(part)) == 2
+
+
+def test_velocities_are_a_dimension():
+    """Between scene and acceleration, of numbers that `evaluate` gives of each pan."""
+    velocities = [-420.0, 0.0, 260.0, 3300.0]
+    scenes = {"all": SCENE, "one-way": scene_with([400.0, 1200.0], max_pan=300.0)}
+    found = sweep(scenes, **grid(velocities=velocities))
+    assert found.expected_psnr.dims[:3] == ("scene", "velocity", "acceleration")
+    assert found.outside.dims[:2] == ("scene", "velocity")
+    np.testing.assert_array_equal(found.velocity, velocities)
+    for name, scene in scenes.items():
+        for velocity in velocities:
+            part = found.sel(scene=name, velocity=velocity)
+            points = inside_points(part)[::4]
+            assert differences(part, scene, SHUTTERS, points) == []
+            a, half = ACCELERATIONS[:, None], HALF_EXPOSURES[None]
+            fast = 2 * a * half + abs(velocity) > 4e3
+            np.testing.assert_array_equal((part.outside & 2) > 0, fast)
+            pans = abs(velocity) > float(scene.limits.max_pan)
+            np.testing.assert_array_equal((part.outside & 32) > 0, np.full(fast.shape, pans))
+            np.testing.assert_array_equal(part.expected_psnr[..., 0].isnull(), part.outside > 0)
+    one = sweep(SCENE, **grid(velocities=velocities))
+    assert one.expected_psnr.dims == ("velocity", "acceleration", "half_exposure", "shutter")
+    for name in one.data_vars:
+        np.testing.assert_array_equal(one[name], found[name].sel(scene="all"))
+
+
+def test_a_velocity_in_single_precision():
+    """Leaves numbers in the precision of the scene, beside limits of 64 bits."""
+    speeds = np.array([400.0, 1200.0], np.float32)
+    light = {"photon_rate": np.float32(2e5), "read_noise": np.float32(6.0)}
+    narrow = Scene(speeds, **light, limits=LIMITS)
+    few = grid(accelerations=[9e4], half_exposures=[3.1e-3], velocities=[700.1])
+    found = sweep(narrow, **few)
+    assert found.expected_psnr.dtype == np.float32
+    wide = sweep(scene_with([400.0, 1200.0]), **few)
+    np.testing.assert_allclose(found.expected_psnr, wide.expected_psnr, rtol=1e-5)
 
 
 def test_full_well():
@@ -228,6 +300,13 @@ MISTAKES = {
     "empty": ({"accelerations": []}, "`sweep(accelerations=...)` must hold at least one value"),
     "reversed": ({"half_exposures": [2e-3, 1e-3]}, "must ascend without repeats; got"),
     "nan": ({"accelerations": [1e4, np.nan]}, "`sweep(accelerations=...)` must be finite; got"),
+    "velocity-nan": ({"velocities": [np.inf]}, "`sweep(velocities=...)` must be finite; got"),
+    "velocity-text": (
+        {"velocities": np.array(["fast"])},
+        "`sweep(velocities=...)` must be one row of numbers",
+    ),
+    "velocity-twice": ({"velocities": [1.0, 1.0]}, "must ascend without repeats; got"),
+    "no-velocity": ({"velocities": []}, "`sweep(velocities=...)` must hold at least one value"),
     "negative": ({"accelerations": [-1.0, 1e4]}, "must be at least 0; got"),
     "no-time": ({"half_exposures": [0.0, 1.0]}, "`sweep(half_exposures=...)` must be above 0; got"),
     "text": ({"accelerations": np.array(["fast"])}, "must be one row of numbers; got"),

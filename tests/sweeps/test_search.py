@@ -26,7 +26,8 @@ OWN_SIZES = 1e-3
 the motion, in a search nothing but the limits. Either number of them is good to 0.01 dB."""
 
 ASYMMETRIC = Scene([120.0, 480.0, 700.0], photon_rate=3e4, read_noise=8.0, limits=SCENE.limits)
-SCENES = {"symmetric": SCENE, "asymmetric": ASYMMETRIC}
+ONE_WAY = Scene([500.0, 800.0, 1100.0], photon_rate=3e4, read_noise=8.0, limits=SCENE.limits)
+SCENES = {"mixed": SCENE, "asymmetric": ASYMMETRIC, "one-way": ONE_WAY}
 AXES: dict[str, Any] = {
     "accelerations": [4e4, 1.1e5, 2e5],
     "half_exposures": [3.1e-3, 5.2e-3],
@@ -49,6 +50,21 @@ def test_what_a_point_starts_from():
     np.testing.assert_array_equal(later[1, 1:, 0], [first[1, 0], 0.2, 0.3])
 
 
+def test_a_profile_is_symmetric_where_all_frames_are():
+    """Speeds mirror each other about the pan in their middle, and about no other."""
+    few = {"accelerations": [2e5], "half_exposures": [3.1e-3], "metrics": ["expected_psnr"]}
+    for velocities, symmetric in (
+        (None, True),
+        ([800.0], True),
+        ([0.0], False),
+        ([0.0, 800.0], False),
+    ):
+        found = sweep(ONE_WAY, **AXES | few, velocities=velocities, max_steps=2)
+        kept = found.coefficients.values
+        assert np.array_equal(kept, kept[..., ::-1]) == symmetric
+        assert not np.any(np.isnan(kept))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", SCENES)
 def test_losses_are_those_of_optimise(slug):
@@ -59,7 +75,9 @@ def test_losses_are_those_of_optimise(slug):
     for row, column in ((0, 0), (2, 1)):
         at = found.isel(acceleration=row, half_exposure=column)
         motion = ParabolicMotion(
-            acceleration=float(at.acceleration), half_exposure=float(at.half_exposure)
+            acceleration=float(at.acceleration),
+            half_exposure=float(at.half_exposure),
+            velocity=float(at.velocity),
         )
         design = optimise(scene, motion, start, loss=loss, free="shutter")
         assert float(at.loss) - design.loss < EXCESS
@@ -91,7 +109,11 @@ def test_every_loss_is_searched(slug):
     found = sweep(SCENE, loss=loss, **AXES | few | {"metrics": ["expected_psnr"]})
     for row in range(2):
         at = found.isel(acceleration=row, half_exposure=0)
-        motion = ParabolicMotion(acceleration=float(at.acceleration), half_exposure=3.1e-3)
+        motion = ParabolicMotion(
+            acceleration=float(at.acceleration),
+            half_exposure=3.1e-3,
+            velocity=float(at.velocity),
+        )
         start = starting_shutter(SCENE, 12)
         design = optimise(SCENE, motion, start, loss=loss, free="shutter", num_starts=4)
         assert float(at.loss) - design.loss < EXCESS

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,18 @@ def test_a_store_holds_what_memory_holds(whole, tmp_path):
     """Bit for bit, with the same labels and attributes."""
     stored = sweep(SCENE, **many(store=tmp_path / "a.zarr"))
     assert stored.load().identical(whole)
+
+
+def test_a_store_of_velocities(tmp_path):
+    """Also of those that scenes have of their own; it is refused to a sweep of others."""
+    slow = Scene([90.0, 350.0], photon_rate=1e4, read_noise=1.0, limits=SCENE.limits)
+    few = grid(metrics=["expected_psnr"], accelerations=[0.0, 3e4])
+    for name, own in {"own": None, "given": [-300.0, 120.0]}.items():
+        asked = few | {"velocities": own}
+        stored = sweep([SCENE, slow], **asked, store=tmp_path / name)
+        assert stored.load().identical(sweep([SCENE, slow], **asked))
+    with pytest.raises(ValueError, match=r"with velocities: None; got \[-300.0, 120.0\]"):
+        sweep([SCENE, slow], **few, store=tmp_path / "given")
 
 
 def test_two_that_begin_at_once_share_a_store(whole, tmp_path, monkeypatch):
@@ -147,8 +160,8 @@ def test_a_store_before_anything_is_computed(tmp_path):
 
 def test_blocks_cover_the_grid_once():
     """Every point of every variable belongs to one block, whatever the sizes."""
-    for rows, columns in ((1, 1), (300, 2), (129, 70), (5, 900)):
-        made = asked_for(rows, columns)
+    for rows, columns, pans in ((1, 1, 1), (300, 2, 3), (129, 70, 2), (5, 900, 1)):
+        made = replace(asked_for(rows, columns), velocities=np.arange(pans) - 1.0)
         count = np.zeros([made.sizes[d] for d in made.dimensions("expected_psnr")])
         for block in made.blocks():
             count[made.region(block, "expected_psnr")] += 1

@@ -10,6 +10,7 @@ from mishutter import (
     ExpectedErrorLoss,
     HannShutter,
     Limits,
+    LinearMotion,
     ParabolicMotion,
     RectShutter,
     Scene,
@@ -17,6 +18,7 @@ from mishutter import (
     best_points,
     best_snapshots,
     evaluate,
+    example_scene,
     gain_over,
     gain_over_snapshot,
     light_map,
@@ -27,6 +29,8 @@ from mishutter import (
 
 EXPOSURE_FOUND = 1e-3
 """Relative error of the best exposure where the error is flat."""
+SNAPSHOT_FOUND = 1e-4
+"""Difference of two searches for the best snapshot where the error is flat; dB."""
 SNAPSHOT_BOUND = 1.1717
 """Most that any shutter gains over the best snapshot in RMSE: known speed, Poisson noise."""
 
@@ -45,7 +49,9 @@ def test_best_points_are_the_extremes(swept):
     point = best["expected_psnr"]
     assert best_points(swept, "expected_psnr")["expected_psnr"].identical(point)
     motion = ParabolicMotion(
-        acceleration=float(point.acceleration), half_exposure=float(point.half_exposure)
+        acceleration=float(point.acceleration),
+        half_exposure=float(point.half_exposure),
+        velocity=float(point.velocity),
     )
     again = evaluate(SCENE, motion, SHUTTERS[str(point.shutter.values)])
     assert float(again.expected_psnr) == pytest.approx(float(point.expected_psnr), rel=1e-9)
@@ -133,22 +139,69 @@ def test_gain_over_a_shutter(swept):
     np.testing.assert_array_equal(gain.sel(shutter="rect"), difference)
 
 
-def test_the_best_snapshot_is_that_of_optimise():
-    """Its exposure and error are what a search over the exposure finds."""
-    best = best_snapshots(SCENE)
-    from mishutter import StillCamera
+def limited(speeds, weights=None, light=(2e5, 4.0), full_well=None, **limits):
+    """A scene of some speeds, light and limits."""
+    given = {"max_stroke": 45.0, "max_top_speed": 2e4, "min_half_exposure": 2e-4}
+    rate, noise = light
+    most = Limits(**given | limits, max_half_exposure=0.04)
+    given = {"photon_rate": rate, "read_noise": noise, "full_well": full_well, "limits": most}
+    return Scene(speeds, weights, **given)
 
-    found = optimise(
-        SCENE,
-        StillCamera(half_exposure=2e-3),
-        RectShutter(),
-        loss=ExpectedErrorLoss(),
-        free="half_exposure",
-    )
+
+UNLIKE = [-3000.0, -400.0, 0.0, 300.0, 350.0, 2800.0], [0.05, 0.1, 0.1, 0.3, 0.4, 0.05]
+SNAPSHOTS = {
+    "built-in": example_scene(),
+    "one-way": limited(np.linspace(500.0, 3000.0, 9)),
+    "lopsided": limited(*UNLIKE),
+    "noisy": limited(*UNLIKE, light=(3e4, 60.0)),
+    "slow-pan": limited(np.linspace(500.0, 3000.0, 9), max_pan=700.0),
+    "top-speed": limited([-2000.0, -1500.0, 400.0], max_top_speed=900.0),
+    "full-well": limited(*UNLIKE, full_well=300.0),
+    "no-pan": limited(*UNLIKE, max_pan=0.0),
+}
+
+
+@pytest.mark.parametrize("slug", SNAPSHOTS)
+def test_the_best_snapshot_is_that_of_optimise(slug):
+    """What a search over exposure and velocity finds, and `evaluate` measures."""
+    scene = SNAPSHOTS[slug]
+    best = best_snapshots(scene)
+    half, velocity = best.half_exposure.item(), best.velocity.item()
+    most = min(float(scene.limits.max_pan), float(scene.limits.max_top_speed))
+    assert abs(velocity) <= most
+    exact = evaluate(scene, LinearMotion(half_exposure=half, velocity=velocity), RectShutter())
+    assert best.expected_psnr.item() == pytest.approx(float(exact.expected_psnr), abs=1e-9)
+    # A search takes a pan of 0 for a camera at rest.
+    middle = float(scene.fullest_motion.velocity) or min(most, 30.0)
+    start = LinearMotion(half_exposure=2e-3, velocity=middle)
+    free = ("half_exposure", "velocity")[: 2 if most else 1]
+    found = optimise(scene, start, RectShutter(), loss=ExpectedErrorLoss(), free=free)
     psnr = float(found.metrics.expected_psnr)
-    assert float(best.expected_psnr[0, 0]) == pytest.approx(psnr, abs=1e-6)
-    half = float(found.motion.half_exposure)
-    assert float(best.half_exposure[0, 0]) == pytest.approx(half, rel=EXPOSURE_FOUND)
+    assert best.expected_psnr.item() == pytest.approx(psnr, abs=SNAPSHOT_FOUND)
+    assert half == pytest.approx(float(found.motion.half_exposure), rel=EXPOSURE_FOUND)
+
+
+def test_best_snapshots_under_each_light():
+    """Are those of a scene of that light, of velocities of their own."""
+    rates, noises = [2e3, 6e5], [0.0, 90.0]
+    best = best_snapshots(limited(*UNLIKE), rates, noises)
+    for rate in rates:
+        for noise in noises:
+            one = best_snapshots(limited(*UNLIKE, light=(rate, noise)))
+            at = best.sel(photon_rate=rate, read_noise=noise)
+            psnr = one.expected_psnr.item()
+            assert at.expected_psnr.item() == pytest.approx(psnr, abs=SNAPSHOT_FOUND)
+    assert np.unique(best.velocity).size > 1
+
+
+def test_a_snapshot_that_pans_at_one_of_two_speeds():
+    """Of two speeds without a common path the frequent one is followed, not their middle."""
+    scene = limited([-900.0, 2100.0], [0.1, 0.9], light=(1e3, 6.0))
+    assert best_snapshots(scene).velocity.item() == pytest.approx(2100.0, rel=0.05)
+    at_middle = LinearMotion(half_exposure=1e-3, velocity=600.0)
+    held = optimise(scene, at_middle, RectShutter(), free="half_exposure")
+    gain = best_snapshots(scene).expected_psnr.item() - float(held.metrics.expected_psnr)
+    assert gain > 0.1
 
 
 def test_gain_over_the_best_snapshot(swept):
@@ -213,13 +266,72 @@ def test_the_map_names_its_points(lit):
     assert lit.acceleration.dims == lit.gain.dims
 
 
+ONE_WAY = limited([400.0, 900.0, 1200.0], max_stroke=9.0, max_top_speed=4e3)
+PANS = [0.0, 300.0, 800.0, 1100.0]
+
+
+@pytest.fixture(scope="module")
+def panned():
+    """A sweep over velocities under several lights."""
+    lights = {"photon_rates": [1e4, 1e6], "read_noises": [3.0, 30.0]}
+    return sweep(ONE_WAY, **grid(velocities=PANS, **lights))
+
+
+def test_points_and_fronts_of_velocities(panned):
+    """The best of all velocities, each with its own."""
+    part = panned.isel(photon_rate=0, read_noise=0)
+    best = best_points(part)["expected_psnr"]
+    assert float(best.expected_psnr) == float(part.expected_psnr.max())
+    alone = {pan: part.sel(velocity=pan) for pan in PANS}
+    levels = {pan: float(alone[pan].expected_psnr.max()) for pan in PANS}
+    assert float(best.velocity) == max(levels, key=lambda pan: levels[pan]) == 800.0
+    front = pareto_front(part, ("expected_psnr", "kernel_difference"))
+    for point in range(front.sizes["point"]):
+        at = front.isel(point=point)
+        label = {n: at[n].item() for n in ("acceleration", "half_exposure", "shutter")}
+        found = alone[at.velocity.item()].sel(label)
+        assert found.expected_psnr.item() == at.expected_psnr.item()
+    singles = [pareto_front(one, ("expected_psnr", "kernel_difference")) for one in alone.values()]
+    values = np.concatenate([[x.expected_psnr, x.kernel_difference] for x in singles], axis=1)
+    for psnr, difference in zip(front.expected_psnr, front.kernel_difference, strict=True):
+        assert not np.any((values[0] > float(psnr)) & (values[1] < float(difference)))
+
+
+def test_gains_of_velocities(panned):
+    """Each is over the one snapshot that may pan too; a map takes the best of them."""
+    gain = gain_over_snapshot(panned, ONE_WAY)
+    assert gain.dims == panned.expected_psnr.dims
+    level = best_snapshots(ONE_WAY, [1e4, 1e6], [3.0, 30.0]).expected_psnr
+    np.testing.assert_allclose(gain, panned.expected_psnr - level, rtol=1e-12)
+    assert float(abs(gain_over(panned, "Hann").sel(shutter="Hann")).max()) == 0
+    worth = light_map(panned, ONE_WAY)
+    over = ("velocity", "acceleration", "half_exposure", "shutter")
+    np.testing.assert_array_equal(worth.gain, gain.max(over))
+    label = {name: worth[name] for name in over}
+    assert all(worth[name].dims == worth.gain.dims for name in over)
+    np.testing.assert_array_equal(gain.sel(label), worth.gain)
+
+
+def test_a_pan_that_a_snapshot_may_do_is_no_gain():
+    """Of a one-way scene at rest the snapshot that pans is ahead of the one that may not."""
+    held = limited([400.0, 900.0, 1200.0], max_stroke=9.0, max_top_speed=4e3, max_pan=0.0)
+    found = sweep(held, **grid(metrics=["expected_psnr"]))
+    assert float(found.velocity) == 0
+    over_held, over_panned = (float(gain_over_snapshot(found, x).max()) for x in (held, ONE_WAY))
+    assert over_held - over_panned > 1
+
+
 KNOWN_SPEED = Scene(
     [1500.0],
     photon_rate=1e7,
     read_noise=0.0,
     deviation=0.01,
     limits=Limits(
-        max_stroke=1e3, max_top_speed=1e6, min_half_exposure=1e-5, max_half_exposure=0.05
+        max_stroke=1e3,
+        max_top_speed=1e6,
+        min_half_exposure=1e-5,
+        max_half_exposure=0.05,
+        max_pan=0.0,
     ),
 )
 
