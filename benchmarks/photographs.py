@@ -1,10 +1,11 @@
 """Do photographs come back as well as the table promises?
 
 Twelve photographs before the camera in five scenes, captured by brute force and restored by
-`deconvolve`, beside `expected_psnr` of pictures with their spectrum. The captures know nothing of the
-package: the exposure is cut into 40,000 instants, at each of which the rows stand where the sensor
-sees them, at a phase to the pixels that is drawn at random. Rows are mirrored and repeat themselves,
-so that their spectrum is known exactly and scene lies beyond both ends of what is judged.
+`deconvolve`, beside `expected_psnr` of pictures with their spectrum. The captures know nothing of
+the package: the exposure is cut into 40,000 instants, at each of which the rows stand where the
+sensor sees them, at a phase to the pixels that is drawn at random. Rows are mirrored and repeat
+themselves, so that their spectrum is known exactly and scene lies beyond both ends of what is
+judged.
 """
 
 import equinox as eqx
@@ -36,9 +37,9 @@ COLUMNS, NUM_ROWS, NUM_INSTANTS = 384, 96, 40_000
 _STEPS = 512
 TEXT = """## Photographs beside the table
 
-PSNR in dB, linear light, of {count} photographs ({rows} rows of {columns} px) that move at every speed of
-a scene, captured by time sampling ({instants:,} instants, noise, random phases to the pixels) and
-restored by `deconvolve`, less `expected_psnr` of pictures with the spectrum of each.
+PSNR in dB, linear light, of {count} photographs ({rows} rows of {columns} px) that move at every
+speed of a scene, captured by time sampling ({instants:,} instants, noise, random phases to the
+pixels) and restored by `deconvolve`, less `expected_psnr` of pictures with the spectrum of each.
 
 {table}"""
 

@@ -109,6 +109,6 @@ def _by_scikit_image(captured, known, decoder):
         taps = np.maximum(taps, 0)
         return iterate(light, taps / taps.sum(), num_iter=decoder.num_iterations, clip=False)
     penalty = np.sqrt(model.noise / model.picture_spectrum(COLUMNS)).astype(complex)[None]
-    response = model.assumed_response(COLUMNS)[None]
-    rows = [wiener(r[None], response, 1.0, reg=penalty, is_real=True, clip=False) for r in captured]
+    taps = np.fft.fftshift(np.fft.irfft(model.assumed_response(COLUMNS), COLUMNS))[None]
+    rows = [wiener(r[None], taps, 1.0, reg=penalty, is_real=True, clip=False) for r in captured]
     return np.concatenate(rows)

@@ -34,7 +34,7 @@ def shifted(spectrum, distance, period):
 
 
 def captured_row(rows, motion, shutter, *, speed=0.0, displacement=0.0, count=40_000):
-    """Light on the sensor from periodic rows `(..., period)`; aligned at the vertex if there is one."""
+    """Light on the sensor from periodic rows; aligned at the vertex if there is one."""
     time, light = instants(motion, shutter, count)
     a, relative = float(motion.acceleration), speed - float(motion.velocity)
     vertex = relative**2 / (4 * a) if a > 0 else 0.0
@@ -66,7 +66,7 @@ def captured_layers(layers, motion, shutter, *, count=2_000, finer=4, beyond=256
 
 
 def _spectra(layers, index, beyond, period):
-    rows, columns, channels = layers.shape
+    rows, _, channels = layers.shape
     layer = layers.layers[index]
     light = np.broadcast_to(layer.picture.light, (*layer.matte.shape, channels)).astype(float)
     if index == 0:

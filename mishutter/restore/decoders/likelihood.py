@@ -37,9 +37,9 @@ class RichardsonLucyDecoder(AbstractDecoder):
     r"""Richardson-Lucy with the still object's kernel (the paper's section 4.2).
 
     $f \leftarrow f \cdot H^\top(g / Hf) / H^\top 1$ on rows continued by their likeliest course.
-    The paper's takes 30 plain steps from the capture on. By default they are accelerated, start from
-    Wiener's estimate and stop at what no kernel for all speeds explains: objects move at speeds
-    that the one kernel fits only nearly, and further steps make ghosts of the difference.
+    The paper's takes 30 plain steps from the capture on. By default they are accelerated, start
+    from Wiener's estimate and stop at what no kernel for all speeds explains: objects move at
+    speeds that the one kernel fits only nearly, and further steps make ghosts of the difference.
 
     Args:
         num_iterations: How many steps at most; 30 in the paper.
