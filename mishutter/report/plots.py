@@ -142,12 +142,12 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
             if share > 0:
                 right.stairs(taps - same, edges, label=f"{speed:g} px/s: {share:.0%}", **style)
         left.set_title(f"{shown_name(name, 26)}, {motion_text(motion)}", fontsize="medium")
-        left.set_ylabel("light per px")
         right.set_title(f"difference from the kernel at {velocity:g} px/s", fontsize="medium")
         right.axhline(0, color="0.4", linewidth=0.6)
         for axes, corner in ((left, "upper right"), (right, "lower right")):
             axes.grid(True, color="0.88", linewidth=0.6)
             axes.legend(fontsize="small", loc=corner)
+            axes.set_ylabel("light per px")
     place = "position from the vertex of the path / px"
     panels[-1, 0].set_xlabel(place)
     panels[-1, 1].set_xlabel(place)
@@ -190,7 +190,7 @@ def plot_transfer(scene: Scene, designs: Named) -> Figure:
             level, psnr = 10 * np.log10(ratio), -10 * np.log10(error[-1])
         shown = level >= _LEAST_RATIO
         ratios.semilogx(frequency, np.where(shown, level, np.nan), **style)
-        label = f"{shown_name(name, 26)}: {psnr:.2f} dB"
+        label = f"{shown_name(name)}: {psnr:.2f} dB"
         errors.semilogx(frequency, error * 1e3, label=label, **style)
     ratios.set_ylabel("signal over noise / dB")
     errors.set(ylabel="squared error up to there / 10⁻³", ylim=(0, None))

@@ -320,7 +320,8 @@ def _draw_points(axes: Axes, dataset: "xarray.Dataset", objectives: tuple[str, s
         x, y = (front[objective].values for objective in objectives)
         marks: dict[str, Any] = {"marker": marker, "markersize": 6, "fillstyle": "none"}
         marks |= {"markevery": 0.04, "drawstyle": "steps", "label": shown_name(name, _LETTERS)}
-        axes.plot(x, y, **style | marks | {"linewidth": 1.2})
+        marks |= style | {"linewidth": 1.2}
+        axes.plot(x, y, **marks)
     limits = axes.axis()
     x, y = (dataset[objective].values.ravel() for objective in objectives)
     axes.plot(x, y, ".", markersize=2, color="0.6", zorder=1, label="other points")
