@@ -142,13 +142,13 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
             if share > 0:
                 right.stairs(taps - same, edges, label=f"{speed:g} px/s: {share:.0%}", **style)
         left.set_title(f"{shown_name(name, 26)}, {motion_text(motion)}", fontsize="medium")
-        right.set_title(f"difference from the kernel at {velocity:g} px/s", fontsize="medium")
+        right.set_title(f"difference from the kernel at {velocity:.4g} px/s", fontsize="medium")
         right.axhline(0, color="0.4", linewidth=0.6)
         for axes, corner in ((left, "upper right"), (right, "lower right")):
             axes.grid(True, color="0.88", linewidth=0.6)
             axes.legend(fontsize="small", loc=corner)
             axes.set_ylabel("light per px")
-    place = "position from the vertex of the path / px"
+    place = "position from the point of alignment / px"
     panels[-1, 0].set_xlabel(place)
     panels[-1, 1].set_xlabel(place)
     return figure
@@ -356,12 +356,12 @@ def plot_capture(
     width = 4.0
     height = float(np.clip(rows / columns, _LEAST_HEIGHT, _MOST_HEIGHT))
     stretched = max(rows / columns, columns / rows) > _MOST_ELONGATED
-    size = (len(shown) * width + 0.2, width * height + 0.45)
+    size = (len(shown) * width + 0.2, width * height + 0.5)
     figure = Drawing(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, light) in zip(panels[0], shown.items(), strict=True):
         _show(axes, _shrunk(light, max(1, columns // _MOST_COLUMNS)), title)
-        axes.set_aspect("auto" if stretched else "equal")
+        axes.set_aspect("auto" if stretched else "equal", anchor="S")  # the title is above
     return figure
 
 

@@ -441,6 +441,17 @@ def test_a_capture_side_by_side():
     assert titles["photograph"] == ["the scene, at rest\n", *both]
 
 
+@pytest.mark.parametrize("shape", [(23, 31, 1), (497, 741, 1), (60, 20, 1)])
+def test_titles_of_a_capture_are_within_the_picture(shape):
+    """Both lines, above a picture of any shape."""
+    light = np.full(shape, 0.5)
+    figure = plots.plot_capture(Picture(light), light, light, camera="a", decoder="b")
+    FigureCanvasAgg(figure).draw()
+    for axes in figure.axes:
+        box = axes.title.get_window_extent()
+        assert axes.get_window_extent().y1 < box.y0 < box.y1 <= figure.bbox.y1
+
+
 @pytest.mark.parametrize(
     ("shape", "aspect"),
     [((1, 20_000, 1), "auto"), ((40, 300, 1), 1.0), ((5_000, 3, 1), "auto"), ((300, 40, 1), 1.0)],
