@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from mishutter.model import Picture
 
 _NUM_TICKS = 100
+_LINEAR = "PSNR / dB, linear light"
 _VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".gif", ".webm")
 
 
@@ -76,7 +77,7 @@ def simulate(
 
     from mishutter.design import Design
     from mishutter.model import Picture, named_shutter, write_picture
-    from mishutter.report import plot_capture, save_figure
+    from mishutter.report import motion_text, plot_capture, save_figure, shown_name
     from mishutter.restore import capture_and_restore
 
     scene = scene_of(scene_file)
@@ -103,9 +104,19 @@ def simulate(
         )
     write_picture(folder / "captured.png", result.captured)
     write_picture(folder / "restored.png", result.restored)
-    save_figure(plot_capture(seen, result.captured, result.restored), folder / "side_by_side.png")
-    files = ["captured.png", "restored.png", "side_by_side.png"]
     figures = _quality(seen, result.restored)
+    name = f"{window} shutter" if design is None else shown_name(design.name)
+    moving = f", object at {speed:g} px/s" if isinstance(seen, Picture) else ""
+    level = f", {figures[_LINEAR]:.2f} dB (linear light)" if figures else ""
+    picture = plot_capture(
+        seen,
+        result.captured,
+        result.restored,
+        camera=f"by {name}: {motion_text(motion)}{moving}",
+        decoder=f"by the {decoder.value} decoder{level}",
+    )
+    save_figure(picture, folder / "side_by_side.png")
+    files = ["captured.png", "restored.png", "side_by_side.png"]
     if not figures:
         note("no quality: each layer or frame moves on its own, and no one picture is the truth")
     if json:
@@ -185,5 +196,5 @@ def _quality(seen: "Picture | Layers | Frames", restored: Any) -> dict[str, floa
         return {}
     return {
         "PSNR / dB": float(psnr(seen.light, restored)),
-        "PSNR / dB, linear light": float(psnr(seen.light, restored, gamma=False)),
+        _LINEAR: float(psnr(seen.light, restored, gamma=False)),
     }

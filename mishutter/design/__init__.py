@@ -1,5 +1,6 @@
 """The design search: space, objective, solvers, comparison and drive table."""
 
+from mishutter.design.comparison import BEST_BURST as BEST_BURST
 from mishutter.design.comparison import BEST_CODED_STILL as BEST_CODED_STILL
 from mishutter.design.comparison import BEST_PANNED_SNAPSHOT as BEST_PANNED_SNAPSHOT
 from mishutter.design.comparison import BEST_SNAPSHOT as BEST_SNAPSHOT

@@ -174,20 +174,62 @@ def expected_squared_error(
     picture's own variance is left. Where the response holds only the lowest of
     `num_frequencies`, the picture's power at the others counts as lost.
     """
-    dtype = response.efficiency.dtype
     num_kept = response.spectra.shape[1]
     num_frequencies = num_kept if num_frequencies is None else num_frequencies
-    every_power = picture_power(scene, num_frequencies, np.dtype(dtype))
+    power = picture_power(scene, num_frequencies, np.dtype(response.efficiency.dtype))
+    share = _lost_share(scene, motion, response, power)
+    return (jnp.sum(power[:num_kept] * share) + jnp.sum(power[num_kept:])) / num_frequencies
+
+
+def _lost_share(
+    scene: Scene, motion: AbstractMotion, response: Response, every_power: Array
+) -> Array:
+    """Share of the picture's power that `expected_squared_error` counts as lost; shape `(k,)`."""
+    dtype = response.efficiency.dtype
+    num_kept = response.spectra.shape[1]
     power = every_power[:num_kept]
-    spectra, aperture = response.spectra, _aperture(num_frequencies, np.dtype(dtype))[:num_kept]
+    spectra, aperture = response.spectra, _aperture(every_power.size, np.dtype(dtype))[:num_kept]
     weights = scene.weights.astype(dtype)[:, None]
     mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
     deviation = spectra - mean[None]
     spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0) * aperture
     coherent = (mean.real**2 + mean.imag**2) * aperture
     signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
-    share = _share(signal * spread + noise, signal * (coherent + spread) + noise)
-    return (jnp.sum(power * share) + jnp.sum(every_power[num_kept:])) / num_frequencies
+    return _share(signal * spread + noise, signal * (coherent + spread) + noise)
+
+
+def signal_over_noise(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> tuple[Array, Array]:
+    r"""Power of the picture over that of what disturbs it in a capture, at each frequency.
+
+    $S|m|^2/(Sv + N)$ in the terms of `expected_squared_error`: at the exposure of the motion, and
+    with the spread between the scene's speeds as noise. The best single linear decoder leaves
+    $S$ over 1 more than this ratio.
+
+    Args:
+        scene: Speeds, light and noise.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+
+    Returns:
+        Frequencies, cycles/px, and the ratio there; each of shape `(m,)`.
+
+    Raises:
+        ValueError: as `evaluate`.
+    """
+    parts = Parts(kernels=False, spectra=True, differences=False)
+    plan, scene, motion = chosen(PLANNED, scene, motion, shutter, lambda _: parts)
+    kept = reduced(scene, plan)
+    lost = _lost_of_records(kept, motion, records(kept, motion, shutter, plan, *parts), plan)
+    return frequency_grid(plan.num_frequencies, np.dtype(lost.dtype)), 1 / lost - 1
+
+
+@compiled
+def _lost_of_records(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Array:
+    response = assembled(scene, recorded, plan)
+    power = picture_power(scene, plan.num_frequencies, np.dtype(response.efficiency.dtype))
+    return _lost_share(scene, motion, response, power)
 
 
 _ALIGNING_STEPS = 20

@@ -7,15 +7,16 @@ from mishutter.report.document import write_report as write_report
 from mishutter.report.photographs import photograph_of as photograph_of
 from mishutter.report.photographs import photographs as photographs
 from mishutter.report.photographs import scene_picture as scene_picture
+from mishutter.report.plots import motion_text as motion_text
 from mishutter.report.plots import plot_capture as plot_capture
 from mishutter.report.plots import plot_drive as plot_drive
-from mishutter.report.plots import plot_history as plot_history
 from mishutter.report.plots import plot_kernels as plot_kernels
 from mishutter.report.plots import plot_photograph as plot_photograph
 from mishutter.report.plots import plot_profiles as plot_profiles
 from mishutter.report.plots import plot_psnr as plot_psnr
 from mishutter.report.plots import plot_transfer as plot_transfer
 from mishutter.report.plots import save_figure as save_figure
+from mishutter.report.plots import shown_name as shown_name
 from mishutter.report.sweep_plots import plot_front as plot_front
 from mishutter.report.sweep_plots import plot_map as plot_map
 from mishutter.report.sweep_plots import write_pictures as write_pictures

@@ -1,11 +1,13 @@
 """A comparison for programs and for people: one document, pictures in a folder."""
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mishutter._core import strict_json, write_text
 from mishutter.design import (
+    BEST_BURST,
     BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
@@ -18,8 +20,12 @@ from mishutter.design import (
 from mishutter.model import (
     Scene,
 )
-from mishutter.report.photographs import ENSEMBLE, Photographs, shown_speeds
+from mishutter.report.photographs import ENSEMBLE, Photographs, pictured_speeds, shown_speeds
 from mishutter.restore import RestoredPhotograph
+
+_SNAPSHOTS = (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT)
+_MOST_ROWS = 5
+"""Of a picture with a row for each design, at most."""
 
 
 @dataclass(frozen=True)
@@ -42,15 +48,34 @@ class Report:
 
 
 def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
-    """Rows to show on the photograph and in pictures: rect, Hann, the best rivals, the given."""
-    wanted = dict.fromkeys(("rect", "Hann", *names, BEST_TUKEY, BEST_SNAPSHOT))
+    """Rows to photograph: those of `pictured_rows`, every snapshot and the coded still."""
+    held = _at_best(comparison)
+    others = (n for n in (*_SNAPSHOTS, BEST_CODED_STILL) if n in held)
+    wanted = dict.fromkeys((*pictured_rows(comparison, names), *others))
+    return {name: held[name] for name in wanted}
+
+
+def pictured_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
+    """Rows that pictures show, the first of them where not all fit.
+
+    The first of the given shutters; its rivals, the better snapshot, the best Tukey and the best
+    of all; the other given ones; Hann and rect.
+    """
+    held = _at_best(comparison)
+    rivals = [name for name in held if name not in names and name != BEST_BURST]
+    level = {name: float(row.metrics.expected_psnr) for name, row in held.items()}.__getitem__
+    snapshot = max((name for name in _SNAPSHOTS if name in held), key=level)
+    best = max(rivals, key=level)
+    wanted = dict.fromkeys((*names[:1], snapshot, BEST_TUKEY, best, *names[1:], "Hann", "rect"))
+    return {name: held[name] for name in wanted}
+
+
+def _at_best(comparison: Comparison) -> dict[str, Row]:
+    """Rows on their own best motions; a panned snapshot that does not pan is no other one."""
     held = {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
-    panned = held.get(BEST_PANNED_SNAPSHOT)
-    if panned is not None and float(panned.motion.velocity) != 0:
-        wanted[BEST_PANNED_SNAPSHOT] = None
-    if BEST_CODED_STILL in held:
-        wanted[BEST_CODED_STILL] = None
-    return {name: comparison.row(name, OWN_BEST_MOTION) for name in wanted}
+    if BEST_PANNED_SNAPSHOT in held and float(held[BEST_PANNED_SNAPSHOT].motion.velocity) == 0:
+        del held[BEST_PANNED_SNAPSHOT]
+    return held
 
 
 def document(report: Report) -> dict[str, Any]:
@@ -85,22 +110,20 @@ def write_report(report: Report, folder: Path) -> list[str]:
     """
     from mishutter.report import plots
 
-    rows = shown_rows(report.comparison, report.names)
-    main = {name: rows[name] for name in ("rect", "Hann", *report.names)}
-    designs = {name: (row.motion, row.shutter) for name, row in main.items()}
-    speeds = shown_speeds(report.scene.speeds)
+    rows = pictured_rows(report.comparison, report.names)
+    designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
+    few = dict(itertools.islice(designs.items(), _MOST_ROWS))
     figures = {
         "profile.png": plots.plot_profiles(designs),
-        "kernels.png": plots.plot_kernels(designs, speeds),
-        "transfer.png": plots.plot_transfer(designs, list(dict.fromkeys((speeds[0], speeds[-1])))),
+        "kernels.png": plots.plot_kernels(few, shown_speeds(report.scene)),
+        "transfer.png": plots.plot_transfer(report.scene, designs),
     }
     if report.photographs is not None:
         figures["psnr.png"] = plots.plot_psnr(report.photographs.levels[ENSEMBLE], linear=True)
-        side_by_side = {name: report.photographs.shown[name] for name in main}
-        figures["photograph.png"] = plots.plot_photograph(side_by_side, speeds[-1], linear=True)
+        seen = {name: report.photographs.shown[name] for name in few}
+        speeds = pictured_speeds(report.scene)
+        figures["photograph.png"] = plots.plot_photograph(seen, speeds, linear=True)
     if report.design is not None:
-        loss_name = report.design.loss_name.split("(")[0]
-        figures["history.png"] = plots.plot_history(report.design.history, loss_name=loss_name)
         report.design.save(folder / "design.json")
         report.design.write_profile(folder / "profile.csv")
     for name, figure in figures.items():

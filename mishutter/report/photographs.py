@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike
 
 from mishutter.camera import kernel_layout
 from mishutter.design import Row
@@ -22,6 +21,8 @@ from mishutter.restore import (
 Update = Callable[[str], None]
 
 ENSEMBLE = "ensemble"
+_ROUNDING = 1e-6
+"""Of sums of weights."""
 _MAX_ROWS = 160
 """Rows of the photograph that are captured: rows are blurred one by one."""
 
@@ -31,23 +32,29 @@ class Photographs(NamedTuple):
 
     Attributes:
         levels: How well each was restored, without the pictures; by decoder, then by shutter.
-        shown: By shutter what the ensemble filter restored, at the fastest speed alone.
+        shown: By shutter what the ensemble filter restored, at a typical speed and the fastest.
     """
 
     levels: Mapping[str, Mapping[str, RestoredPhotograph]]
     shown: Mapping[str, RestoredPhotograph]
 
 
-def shown_speeds(speeds: ArrayLike) -> list[float]:
-    """The slowest, a middling and the fastest of a scene's speeds, by size; px/s.
+def shown_speeds(scene: Scene) -> list[float]:
+    """The slowest, a typical and the fastest of the speeds that occur, by size; px/s.
 
-    Of two that differ in sign alone the positive one.
+    Half of all objects are at most as fast as the typical one. Of two speeds that differ in sign
+    alone the positive one stands for both.
     """
-    by_size = {
-        abs(speed): speed for speed in np.sort(np.asarray(speeds, np.float64) + 0.0).tolist()
-    }
-    ordered = [by_size[size] for size in sorted(by_size)]
-    return list(dict.fromkeys(ordered[i] for i in (0, (len(ordered) - 1) // 2, -1)))
+    speeds, weights = (np.asarray(x, np.float64) for x in (scene.speeds, scene.weights))
+    shares: dict[float, float] = {}
+    for speed, weight in zip(np.abs(speeds).tolist(), weights.tolist(), strict=True):
+        shares[speed] = shares.get(speed, 0.0) + weight
+    sizes = sorted(size for size, share in shares.items() if share > 0)
+    slower = np.cumsum([shares[size] for size in sizes])
+    typical = sizes[int(np.argmax(slower >= 0.5 * slower[-1] * (1 - _ROUNDING)))]
+    occurring = set((speeds[weights > 0] + 0.0).tolist())
+    chosen = dict.fromkeys((sizes[0], typical, sizes[-1]))
+    return [size if size in occurring else -size for size in chosen]
 
 
 def photograph_of(
@@ -91,7 +98,7 @@ def photographs(
     chosen: dict[str, AbstractDecoder] = {ENSEMBLE: EnsembleDecoder()}
     if every:
         chosen |= {"Wiener": WienerDecoder(), "Richardson-Lucy": RichardsonLucyDecoder()}
-    longest, speeds = _longest_kernel(scene, rows), None if every else shown_speeds(scene.speeds)
+    longest, speeds = _longest_kernel(scene, rows), None if every else shown_speeds(scene)
     levels: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
     shown: dict[str, RestoredPhotograph] = {}
     for name, row in rows.items():
@@ -106,11 +113,26 @@ def photographs(
             least_taps=longest,
         )
         update(name)
-        tried = found[ENSEMBLE].speeds
-        shown[name] = found[ENSEMBLE].at(int(np.lexsort((tried, np.abs(tried)))[-1]))
+        shown[name] = _at(found[ENSEMBLE], pictured_speeds(scene))
         for decoder, result in found.items():
             levels[decoder][name] = result.without_pictures()
     return Photographs(levels, shown)
+
+
+def pictured_speeds(scene: Scene) -> list[float]:
+    """A typical speed and the fastest, once where they are one; px/s."""
+    return shown_speeds(scene)[-2:]
+
+
+def _at(result: RestoredPhotograph, speeds: list[float]) -> RestoredPhotograph:
+    """The figures and pictures at some of the speeds alone."""
+    places = [int(np.argmin(np.abs(result.speeds - speed))) for speed in speeds]
+    at_speeds = {
+        name: value[places]
+        for name, value in result._asdict().items()
+        if name != "reference" and np.ndim(value) > 0
+    }
+    return result._replace(**at_speeds)
 
 
 def _longest_kernel(scene: Scene, rows: Mapping[str, Row]) -> int:

@@ -1,11 +1,10 @@
-"""Pictures of profiles, kernels, transfer functions, searches and restored photographs.
+"""Pictures of profiles, kernels, what they transfer, and restored photographs.
 
 Every function returns a `matplotlib.figure.Figure`; nothing is shown and no global state
 is touched. Lines differ in style as well as colour, so that they survive a grey printout.
 """
 
 import io
-import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count, cycle
@@ -13,16 +12,29 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from jaxtyping import ArrayLike
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from scipy.ndimage import uniform_filter1d
 
 from mishutter._core import require, write_bytes
-from mishutter.blur import LitNodes, lit_nodes, support
+from mishutter.blur import support
 from mishutter.design import DriveTable
-from mishutter.evaluation import kernel_phase, kernels_at_speeds, size_class
-from mishutter.model import AbstractMotion, AbstractShutter, Picture, profile_of, to_display
+from mishutter.evaluation import (
+    kernel_phase,
+    kernels_at_speeds,
+    picture_power,
+    signal_over_noise,
+)
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    Picture,
+    Scene,
+    profile_of,
+    to_display,
+)
 from mishutter.restore import RestoredPhotograph
 
 Named = Mapping[str, tuple[AbstractMotion, AbstractShutter]]
@@ -32,10 +44,15 @@ _COLOURS = ("#0072b2", "#d55e00", "#000000", "#009e73", "#cc79a7", "#e69f00", "#
 _DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
 _MARKERS = ("o", "s", "^", "D", "v", "x", "P")
 _NUM_POINTS = 1001
-_LEAST_RESPONSE = 1e-4
-_NODES_PER_PX, _LEAST_NODES = 2.0, 64
-"""Quadrature nodes over the exposure, by the path's greatest velocity in px per half exposure."""
-_CROP = (160, 240)
+_LEAST_RATIO = -30.0
+"""Signal over noise below which nothing is left to see; dB."""
+_FIRST_ERROR = 0.01
+"""Share of the error that lies below the frequency at which an axis begins."""
+_DETAIL = (48, 64)
+_CELL, _TITLE = 2.2, 0.4
+"""Width of a magnified detail, and height of its title; inches."""
+_DARKEST_SHARE = 99
+"""Of the errors in a map, the percentile that is drawn black."""
 _DOTS_PER_INCH = 130
 _LETTERS_OF_A_COLUMN = 34
 """Of a legend in two columns."""
@@ -77,7 +94,7 @@ def plot_profiles(designs: Named) -> Figure:
     """Transmittance over the exposure, each design over its own time in ms."""
     figure, (axes,) = _new(1)
     tau = np.linspace(-1, 1, _NUM_POINTS)
-    for (name, (motion, shutter)), style in zip(designs.items(), _styles(), strict=False):
+    for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
         half = float(motion.half_exposure) * 1e3
         w, efficiency = profile_of(shutter, tau.astype(motion.half_exposure.dtype))
         time, w = np.pad(tau * half, 1, "edge"), np.pad(w, 1)
@@ -93,7 +110,7 @@ def plot_drive(table: DriveTable) -> Figure:
     figure, (top, bottom) = _new(2, height=2.6)
     step = float(table.design.motion.exposure) * 1e3 / table.begin.size
     edges = np.append(table.begin * 1e3, table.begin[-1] * 1e3 + step)
-    first, second, *_ = (style for style, _ in zip(_styles(), range(2), strict=False))
+    first, second, *_ = (style for style, _ in zip(line_styles(), range(2), strict=False))
     top.stairs(table.transmittance, edges, label=f"driven, {table.num_levels} levels", **first)
     top.plot(edges[:-1] + step / 2, table.wanted, label="designed", **second)
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
@@ -106,74 +123,87 @@ def plot_drive(table: DriveTable) -> Figure:
 
 
 def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
-    """Blur kernels aligned at the vertex: one panel a design, one line a speed in px/s."""
-    reaches = [_kernel_reach(motion, speeds) for motion, _ in designs.values()]
-    num_taps = int(max(reaches)) + 2
-    figure, panels = _new(len(designs), height=2.0, share=True)
-    for axes, (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
+    """Blur kernels aligned at the vertex, and how each differs from that at the sensor's velocity.
+
+    One row a design, on axes of its own, and one line a speed in px/s. Differences are given as
+    shares of the kernel that they are from, in the root mean square.
+    """
+    figure = Drawing(figsize=(9.0, 1.9 * len(designs) + 0.7), layout="constrained")
+    panels = figure.subplots(len(designs), 2, squeeze=False, sharex="row")
+    for (left, right), (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
+        velocity = float(motion.velocity)
+        num_taps = int(max(_kernel_reach(motion, [*speeds, velocity]), 1)) + 2
         edges = np.arange(num_taps + 1) + float(kernel_phase(motion, num_taps))
-        row = np.asarray(speeds, motion.half_exposure.dtype)
-        kernels = np.asarray(kernels_at_speeds(shutter, motion, row, num_taps))
-        for speed, taps, style in zip(speeds, kernels, _styles(), strict=False):
-            axes.stairs(taps, edges, label=f"{speed:g} px/s", **style)
-        title = f"{shown_name(name)}, stroke {float(motion.stroke):.3g} px"
-        axes.set_title(title, fontsize="medium")
-        axes.set_ylabel("light / px")
-    panels[0].legend()
-    panels[-1].set_xlabel("position from the vertex of the path / px")
-    panels[0].set_xlim(-2, num_taps)
+        row = np.asarray([velocity, *speeds], motion.half_exposure.dtype)
+        same, *kernels = np.asarray(kernels_at_speeds(shutter, motion, row, num_taps))
+        for speed, taps, style in zip(speeds, kernels, line_styles(), strict=False):
+            left.stairs(taps, edges, label=f"{speed:g} px/s", **style)
+            share = np.linalg.norm(taps - same) / np.linalg.norm(same)
+            if share > 0:
+                right.stairs(taps - same, edges, label=f"{speed:g} px/s: {share:.0%}", **style)
+        left.set_title(f"{shown_name(name, 26)}, {motion_text(motion)}", fontsize="medium")
+        right.set_title(f"difference from the kernel at {velocity:.4g} px/s", fontsize="medium")
+        right.axhline(0, color="0.4", linewidth=0.6)
+        for axes, corner in ((left, "upper right"), (right, "lower right")):
+            axes.grid(True, color="0.88", linewidth=0.6)
+            axes.legend(fontsize="small", loc=corner)
+            axes.set_ylabel("light per px")
+    place = "position from the point of alignment / px"
+    panels[-1, 0].set_xlabel(place)
+    panels[-1, 1].set_xlabel(place)
     return figure
 
 
 def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
-    fastest = max(abs(s) for s in speeds)
-    smear = 2 * fastest * float(motion.half_exposure)
-    return max(float(support(motion, fastest)), smear + 1)
+    fastest = max(abs(speed - float(motion.velocity)) for speed in speeds)
+    lengths = (float(support(motion, speed)) for speed in speeds)
+    return max(*lengths, 2 * fastest * float(motion.half_exposure) + 1)
 
 
-def plot_transfer(designs: Named, speeds: Sequence[float]) -> Figure:
-    """Modulation transfer, pixel aperture included: one panel a speed, one line a design."""
-    figure, panels = _new(len(speeds), height=2.4, share=True)
-    frequency = np.linspace(0, 0.5, _NUM_POINTS)
-    nodes = _nodes(designs, max(abs(speed) for speed in speeds))
-    for axes, speed in zip(panels, speeds, strict=True):
-        for (name, (motion, _)), style in zip(designs.items(), _styles(), strict=False):
-            response = _transfer(nodes[name], motion, speed, frequency)
-            shown = np.maximum(response * np.sinc(frequency), _LEAST_RESPONSE)
-            axes.semilogy(frequency, shown, label=shown_name(name), **style)
-        axes.set_title(f"object at {speed:g} px/s", fontsize="medium")
-        axes.set_ylabel("modulation transfer")
-    _legend(figure, panels[0])
-    panels[-1].set(xlabel="spatial frequency / (cycles/px)", ylim=(1e-3, 1.2), xlim=(0, 0.5))
+def motion_text(motion: AbstractMotion) -> str:
+    """Exposure, stroke and pan of a motion, in words."""
+    parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
+    if float(motion.stroke) > 0:
+        parts.append(f"stroke {float(motion.stroke):.3g} px")
+    if float(motion.velocity) != 0:
+        parts.append(f"pan {float(motion.velocity):.4g} px/s")
+    return ", ".join(parts)
+
+
+def plot_transfer(scene: Scene, designs: Named) -> Figure:
+    """Signal over noise of each design at its own exposure, and the error that this leaves.
+
+    Above, the picture's power over that of what disturbs it, noise and the spread between the
+    scene's speeds. Beneath, the squared error that the best linear decoder leaves up to each
+    frequency: at the last it is that of the expected PSNR. The axis begins where the first
+    design has a hundredth of its error behind it.
+    """
+    figure, (ratios, errors) = _new(2, height=2.9, share=True)
+    begin = 0.5
+    for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
+        found = signal_over_noise(scene, motion, shutter)
+        frequency, ratio = (np.asarray(x, np.float64) for x in found)
+        power = np.asarray(picture_power(scene, ratio.size, found[0].dtype), np.float64)
+        error = np.cumsum(power / (1 + ratio)) / ratio.size
+        begin = min(begin, frequency[np.argmax(error >= _FIRST_ERROR * error[-1])])
+        with np.errstate(divide="ignore"):
+            level, psnr = 10 * np.log10(ratio), -10 * np.log10(error[-1])
+        shown = level >= _LEAST_RATIO
+        ratios.semilogx(frequency, np.where(shown, level, np.nan), **style)
+        label = f"{shown_name(name)}: {psnr:.2f} dB"
+        errors.semilogx(frequency, error * 1e3, label=label, **style)
+    ratios.set_ylabel("signal over noise / dB")
+    errors.set(ylabel="squared error up to there / 10⁻³", ylim=(0, None))
+    errors.set(xlabel="spatial frequency / (cycles/px)", xlim=(begin, 0.5))
+    errors.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    _legend(figure, errors, "expected PSNR, linear light")
     return figure
-
-
-def _nodes(designs: Named, fastest: float) -> dict[str, LitNodes]:
-    """Quadrature nodes of each design, as many as the highest of frequencies needs."""
-    motions = [motion for motion, _ in designs.values()]
-    velocity = max(float(m.stroke) * 2 + fastest * float(m.half_exposure) for m in motions)
-    num_nodes = size_class(math.ceil(_NODES_PER_PX * velocity) + _LEAST_NODES)
-    return {
-        name: lit_nodes(shutter, num_nodes, np.dtype(motion.half_exposure.dtype))
-        for name, (motion, shutter) in designs.items()
-    }
-
-
-def _transfer(
-    nodes: LitNodes, motion: AbstractMotion, speed: float, frequency: np.ndarray
-) -> np.ndarray:
-    """Modulus of the transfer function; a program of `transfer_function` would compile longer."""
-    a, half = float(motion.acceleration), float(motion.half_exposure)
-    stroke, smear = a * half * half, (speed - float(motion.velocity)) * half
-    tau, light = (np.asarray(x, np.float64) for x in nodes[:2])
-    position = tau * (stroke * tau - smear)
-    return np.abs(np.exp(-2j * np.pi * frequency[:, None] * position) @ light)
 
 
 def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False) -> Figure:
     """PSNR of the restored photograph against object speed, with its standard error."""
     figure, (axes,) = _new(1)
-    drawn = zip(results.items(), _styles(), cycle(_MARKERS), strict=False)
+    drawn = zip(results.items(), line_styles(), cycle(_MARKERS), strict=False)
     for (name, result), style, marker in drawn:
         level = result.linear_psnr if linear else result.psnr
         error = result.linear_standard_error if linear else result.standard_error
@@ -194,61 +224,144 @@ def _kind(linear: bool) -> str:
 
 def plot_photograph(
     results: Mapping[str, RestoredPhotograph],
-    speed: float,
+    speeds: Sequence[float],
     *,
-    crop: tuple[int, int] = _CROP,
+    detail: tuple[int, int] = _DETAIL,
     linear: bool = False,
 ) -> Figure:
-    """A photograph captured above and restored below, one column a design.
+    """A detail of a photograph, magnified: captured, restored, and its error; one row a design.
+
+    The detail is where the photograph varies most along its rows, in the middle half of the
+    columns that all designs recorded. Errors of all panels have one scale. A PSNR is that of the
+    whole photograph.
 
     Args:
-        results: What `restore_photograph` gave for each design, at the same speeds.
-        speed: The speed to show, the nearest that was tried; px/s.
-        crop: Rows and columns to show, from the middle of the picture; px.
-        linear: Whether the PSNR is of linear light, not with gamma put back.
+        results: What `restore_photograph` gave for each design, of one photograph.
+        speeds: The speeds to show, of each the nearest that was tried; px/s.
+        detail: Rows and columns of the detail; px.
+        linear: Whether the PSNR and the errors are of linear light, not with gamma put back.
 
     Raises:
-        ValueError: if there is nothing to show.
+        ValueError: if there is nothing to show, or the photographs are not parts of one.
     """
     require(len(results) > 0, "plot_photograph(results=...)", "hold a result", 0)
-    rows, columns = crop
-    scale = 2.6 / columns
-    across = len(results) + 1
-    size = (across * columns * scale + 0.1, 2 * rows * scale + 1.0)
-    figure = Drawing(figsize=size, layout="constrained")
-    panels = figure.subplots(2, across, squeeze=False)
-    reference = next(iter(results.values())).reference
-    _show(panels[0, 0], reference, crop, "the scene, at rest")
-    panels[1, 0].axis("off")
-    for column, (name, result) in enumerate(results.items(), start=1):
-        index = int(np.argmin(np.abs(result.speeds - speed)))
-        nearest = result.speeds[index]
-        level = (result.linear_psnr if linear else result.psnr)[index]
-        captured = result.captured[index]
-        gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
-        title = f"{shown_name(name, 26)}, captured\nat {nearest:g} px/s"
-        _show(panels[0, column], captured * gain, crop, title)
-        title = f"restored, {level:.1f} dB\n({_kind(linear)})"
-        _show(panels[1, column], result.restored[index], crop, title)
+    require(len(speeds) > 0, "plot_photograph(speeds=...)", "hold a speed", 0)
+    scene = next(iter(results.values())).reference
+    offsets = [_offset(scene, result.reference) for result in results.values()]
+    place = _busiest(scene, list(results.values()), offsets, detail)
+    size = place[1].stop - place[1].start, place[0].stop - place[0].start
+    height = _CELL * min(1.0, size[1] / size[0])
+    across = 3 * len(speeds)
+    top = min(2 * height, _CELL * (across - 2) * scene.shape[0] / scene.shape[1])
+    heights = [top + _TITLE, *(height + _TITLE for _ in results)]
+    figure = Drawing(figsize=(across * _CELL, sum(heights)), layout="constrained")
+    grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
+    whole = figure.add_subplot(grid[0, : across - 2])
+    _show(whole, scene, "the scene, at rest; the box is magnified")
+    corner = place[1].start - 0.5, place[0].start - 0.5
+    for colour, width in (("black", 3.0), ("white", 1.2)):
+        whole.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colour, linewidth=width))
+    _show(figure.add_subplot(grid[0, -2]), scene[place], "the detail, at rest")
+    maps = []
+    for row, ((name, result), offset) in enumerate(zip(results.items(), offsets, strict=True), 1):
+        own = place[0], slice(place[1].start - offset, place[1].stop - offset)
+        levels = result.linear_psnr if linear else result.psnr
+        for number, speed in enumerate(speeds):
+            index = int(np.argmin(np.abs(result.speeds - speed)))
+            captured, restored = result.captured[index], result.restored[index][own]
+            gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
+            panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
+            title = f"{shown_name(name, 26)}, captured\nat {result.speeds[index]:g} px/s"
+            _show(panels[0], captured[own] * gain, title)
+            _show(panels[1], restored, f"restored,\n{levels[index]:.2f} dB")
+            panels[2].set_title("error", fontsize="small")
+            maps.append((panels[2], _error(result.reference[own], restored, linear)))
+    darkest = float(np.percentile([error for _, error in maps], _DARKEST_SHARE)) or 1.0
+    for axes, error in maps:
+        axes.imshow(error, cmap="gray_r", vmin=0, vmax=darkest)
+        axes.axis("off")
+    _draw_key(figure.add_subplot(grid[0, -1]), darkest, linear)
     return figure
 
 
-def plot_capture(seen: object, captured: np.ndarray, restored: np.ndarray) -> Figure:
-    """A capture beside what a decoder made of it, and the photograph if it was one."""
-    shown = {"captured": captured, "restored": restored}
+def _offset(reference: np.ndarray, other: np.ndarray) -> int:
+    """Columns by which one part of a photograph begins to the right of another."""
+    width, own = reference.shape[1], other.shape[1]
+    for offset in sorted(range(1 - own, width), key=abs):
+        first, last = max(0, offset), min(width, offset + own)
+        if np.array_equal(reference[:, first:last], other[:, first - offset : last - offset]):
+            return offset
+    raise ValueError("`plot_photograph(results=...)` must be of one photograph; got several.")
+
+
+def _busiest(
+    scene: np.ndarray,
+    results: Sequence[RestoredPhotograph],
+    offsets: Sequence[int],
+    size: tuple[int, int],
+) -> tuple[slice, slice]:
+    """Rows and columns where a photograph varies most along its rows, of those all recorded."""
+    ends = (offset + each.reference.shape[1] for offset, each in zip(offsets, results, strict=True))
+    first, last = max(offsets), min(ends)
+    aside = min((last - first) // 4, max(0, (last - first - size[1]) // 2))
+    seen = to_display(scene)[:, first + aside : last - aside].mean(axis=2)
+    rows, columns = (min(pair) for pair in zip(size, seen.shape, strict=True))
+    steps = np.diff(seen, axis=1, append=seen[:, -1:]) ** 2
+    sums = uniform_filter1d(steps, rows, axis=0, mode="constant")
+    sums = uniform_filter1d(sums, columns, axis=1, mode="constant")
+    row, column = np.unravel_index(np.argmax(sums), sums.shape)
+    row = int(np.clip(row - rows // 2, 0, seen.shape[0] - rows))
+    column = int(np.clip(column - columns // 2, 0, seen.shape[1] - columns)) + first + aside
+    return slice(row, row + rows), slice(column, column + columns)
+
+
+def _error(truth: np.ndarray, restored: np.ndarray, linear: bool) -> np.ndarray:
+    """Root of the mean squared error over the colours of each pixel, white = 1."""
+    pair = (truth, restored) if linear else (to_display(truth), to_display(restored))
+    return np.sqrt(np.mean((pair[1] - pair[0]) ** 2, axis=2))
+
+
+def _draw_key(axes: Axes, darkest: float, linear: bool) -> None:
+    """The scale of maps of errors."""
+    extent = (0, darkest * 100, 0, 1)
+    axes.imshow(np.linspace(0, 1, 256)[None], cmap="gray_r", extent=extent, aspect="auto")
+    axes.set_box_aspect(0.12)
+    axes.set_yticks([])
+    axes.tick_params(labelsize="small")
+    axes.set_xlabel("error / % of white", fontsize="small")
+    axes.set_title(f"errors and PSNR:\n{_kind(linear)}", fontsize="small")
+
+
+def plot_capture(
+    seen: object,
+    captured: np.ndarray,
+    restored: np.ndarray,
+    *,
+    camera: str = "",
+    decoder: str = "",
+) -> Figure:
+    """A capture beside what a decoder made of it, and the photograph if it was one.
+
+    Args:
+        seen: The subject.
+        captured: Light in units of a fully open exposure.
+        restored: Light of the picture, white = 1.
+        camera: The shutter, its motion, and how fast the subject was, in words.
+        decoder: The decoder, and how well it restored, in words.
+    """
+    shown = {f"captured\n{camera}": captured, f"restored\n{decoder}": restored}
     if isinstance(seen, Picture):
-        shown = {"the scene, at rest": seen.light} | shown
+        shown = {"the scene, at rest\n": seen.light} | shown
     rows, columns = captured.shape[:2]
     width = 4.0
     height = float(np.clip(rows / columns, _LEAST_HEIGHT, _MOST_HEIGHT))
     stretched = max(rows / columns, columns / rows) > _MOST_ELONGATED
-    size = (len(shown) * width + 0.2, width * height + 0.6)
+    size = (len(shown) * width + 0.2, width * height + 0.5)
     figure = Drawing(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, light) in zip(panels[0], shown.items(), strict=True):
-        small = _shrunk(light, max(1, columns // _MOST_COLUMNS))
-        _show(axes, small, small.shape[:2], title)
-        axes.set_aspect("auto" if stretched else "equal")
+        _show(axes, _shrunk(light, max(1, columns // _MOST_COLUMNS)), title)
+        axes.set_aspect("auto" if stretched else "equal", anchor="S")  # the title is above
     return figure
 
 
@@ -261,23 +374,12 @@ def _shrunk(light: np.ndarray, times: int) -> np.ndarray:
     return kept.reshape(rows, times, columns, times, -1).mean(axis=(1, 3))
 
 
-def _show(axes: Axes, light: np.ndarray, crop: tuple[int, int], title: str) -> None:
-    starts = [max(0, (size - wanted) // 2) for size, wanted in zip(light.shape, crop, strict=False)]
-    rows, columns = (slice(a, a + wanted) for a, wanted in zip(starts, crop, strict=True))
-    shown = to_display(light[rows, columns])
+def _show(axes: Axes, light: np.ndarray, title: str) -> None:
+    shown = to_display(light)
     grey = shown.ndim == 2 or shown.shape[2] == 1
     axes.imshow(shown[..., 0] if grey and shown.ndim == 3 else shown, cmap="gray", vmin=0, vmax=1)
     axes.set_title(title, fontsize="small")
     axes.axis("off")
-
-
-def plot_history(history: ArrayLike, *, loss_name: str = "loss") -> Figure:
-    """Smallest loss so far as the search went on, as `Design.history` holds it."""
-    figure, (axes,) = _new(1)
-    losses = np.asarray(history)
-    axes.plot(np.arange(losses.size), losses, color=_COLOURS[0], linewidth=1.6)
-    axes.set(xlabel="step or start, and last the polish", ylabel=f"smallest {loss_name} so far")
-    return figure
 
 
 def shown_name(name: str, most: int = 40) -> str:
@@ -291,16 +393,17 @@ def shown_name(name: str, most: int = 40) -> str:
     return f"{' ' if cut.startswith('_') else ''}{cut}".replace("$", r"\$")
 
 
-def _legend(figure: Figure, axes: Axes) -> None:
+def _legend(figure: Figure, axes: Axes, title: str | None = None) -> None:
     """Names of the lines above all panels, where they hide none; the figure grows by them."""
     handles, labels = axes.get_legend_handles_labels()
     columns = 2 if max(map(len, labels), default=0) <= _LETTERS_OF_A_COLUMN else 1
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, title=title)
     width, height = figure.get_size_inches()
-    figure.set_size_inches(width, height + 0.2 * -(-len(labels) // columns))
+    lines = -(-len(labels) // columns) + (title is not None)
+    figure.set_size_inches(width, height + 0.2 * lines)
 
 
-def _styles() -> Iterator[dict[str, Any]]:
+def line_styles() -> Iterator[dict[str, Any]]:
     """Lines of which no two of the first 49 are alike: dashes move on by one each round."""
     for index in count():
         turn, place = divmod(index, len(_COLOURS))
@@ -310,7 +413,7 @@ def _styles() -> Iterator[dict[str, Any]]:
 
 def _new(num_panels: int, *, height: float = 4.2, share: bool = False) -> tuple[Figure, list[Axes]]:
     figure = Drawing(figsize=(7.0, height * num_panels + 0.4), layout="constrained")
-    panels = figure.subplots(num_panels, 1, squeeze=False, sharex=share, sharey=share)
+    panels = figure.subplots(num_panels, 1, squeeze=False, sharex=share)
     for axes in panels[:, 0]:
         axes.grid(True, color="0.88", linewidth=0.6)
     return figure, list(panels[:, 0])

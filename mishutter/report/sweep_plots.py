@@ -1,23 +1,26 @@
 """Pictures of sweeps: maps over acceleration and exposure, and Pareto fronts.
 
-Grey values carry the maps, so that they survive a grey printout.
+Grey values carry the maps, and markers and dashes the fronts, so that both survive a grey printout.
 """
 
 import json
 from collections.abc import Callable
+from itertools import cycle, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 
 from mishutter._core import require, require_positive_int
 from mishutter.design import shutter_from_dict
 from mishutter.model import Scene, SplineShutter
-from mishutter.report.plots import Drawing, save_figure, shown_name
+from mishutter.report.plots import Drawing, line_styles, save_figure, shown_name
 from mishutter.sweeps import OBJECTIVES, OPTIMISED, gain_over_snapshot, pareto_front
 
 if TYPE_CHECKING:
@@ -25,6 +28,12 @@ if TYPE_CHECKING:
 
 _MARKERS = "os^Dvp*XP<>h"
 _OF_ALL = "the best shutter"
+_GAIN = "gain over "
+"""What the name of a gain in a sweep begins with; its rival follows."""
+_LEAST_LINE = 0.35
+"""Length of a line that has room for its label, in widths of the axes."""
+_DECADES = 3
+"""Of strokes and of top speeds, below the largest."""
 _EXPOSURE = "half exposure $T$ / ms"
 _ACCELERATION = "acceleration $a$ / (px/s²)"
 _LETTERS = 20
@@ -55,10 +64,11 @@ def plot_map(
 ) -> Figure:
     """A metric over acceleration and exposure, with the optimum marked.
 
-    Dashed lines join points of equal stroke in px, dotted ones points where the sensor gains
-    as much speed, $2aT$ in px/s. Of several velocities each point has the best. Hatched is outside
-    the limits. A sensor that does not accelerate is left out, and so are rows and columns that
-    are wholly outside. A single row or column is a line of points.
+    Dashed lines join points of equal stroke, dotted ones points where the sensor gains as much
+    speed, $2aT$, within the decades below the largest that were reached. Of a gain the middle grey
+    is 0 dB, and a line runs there. Of several velocities each point has the best. Hatched is
+    outside the limits. A sensor that does not accelerate is left out, and so are rows and columns
+    that are wholly outside. A single row or column is a line of points.
 
     Args:
         dataset: What `sweep` returned, of one scene and light.
@@ -82,7 +92,8 @@ def plot_map(
     figure = Drawing(figsize=(7.0, 5.4), layout="constrained")
     axes = figure.subplots()
     draw = _draw_map if min(values.shape) > 1 else _draw_line
-    x, y = draw(axes, half, a, values, _label(dataset, metric))
+    rival = _text(dataset, metric).partition(_GAIN)[2]
+    x, y = draw(axes, half, a, values, _label(dataset, metric), rival)
     best = np.nanargmin(values) if smaller else np.nanargmax(values)
     star = {"marker": "*", "markersize": 17, "color": "white", "markeredgecolor": "black"}
     axes.plot(x.flat[best], y.flat[best], clip_on=False, zorder=5, **star)
@@ -113,20 +124,58 @@ def _values(
 
 
 def _draw_map(
-    axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str
+    axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str, rival: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Grey values over acceleration and exposure; where on the axes each of them is."""
     _scale(axes.set_xscale, axes.xaxis, half)
     _scale(axes.set_yscale, axes.yaxis, a)
     x, y = _edges(half, axes.get_xscale()), _edges(a, axes.get_yscale())
     shown = np.ma.masked_invalid(values)
-    picture = axes.pcolormesh(x, y, shown, cmap="gray", rasterized=True)
+    norm = _about_zero(shown) if rival else None
+    picture = axes.pcolormesh(x, y, shown, cmap="gray", norm=norm, rasterized=True)
     axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
-    _contours(axes, half, a)
-    axes.figure.colorbar(picture, ax=axes, label=label)
+    _contours(axes, half, a, ~np.isnan(values))
+    if rival:
+        _draw_level(axes, half, a, shown, rival)
+    axes.figure.colorbar(picture, ax=axes, label=label, ticks=_ticks(norm))
     axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
     x, y = np.meshgrid(half, a)
     return x, y
+
+
+def _about_zero(values: np.ma.MaskedArray) -> Normalize:
+    """Greys of which the middle is 0, each half as long as values on its side need."""
+    low, high = min(float(values.min()), 0.0), max(float(values.max()), 0.0)
+    both = low < 0 < high
+    return TwoSlopeNorm(0, low, high) if both else Normalize(low, high)
+
+
+def _ticks(norm: Normalize | None) -> list[float] | None:
+    """Round numbers on both sides of a scale about 0; None for those of any other."""
+    if not isinstance(norm, TwoSlopeNorm) or norm.vmin is None or norm.vmax is None:
+        return None
+    ends = norm.vmin, 0.0, norm.vmax
+    ticks = np.concatenate([MaxNLocator(5).tick_values(*half) for half in pairwise(ends)])
+    return sorted({tick for tick in ticks.tolist() if ends[0] <= tick <= ends[2]})
+
+
+def _draw_level(
+    axes: Axes, half: np.ndarray, a: np.ndarray, gain: np.ma.MaskedArray, rival: str
+) -> None:
+    """A line where a gain is 0 dB, and its name below the map; none where it is 0 nowhere."""
+    if not gain.min() < 0 < gain.max():
+        return
+    limits = axes.axis()
+    for colour, width in (("white", 4.0), ("black", 2.2)):
+        axes.contour(half, a, gain, [0.0], colors=colour, linewidths=width)
+    axes.plot([], [], color="black", linewidth=2.2, label=_as_good(rival))
+    axes.axis(limits)
+    axes.figure.legend(loc="outside lower center", fontsize="small")
+
+
+def _as_good(rival: str) -> str:
+    article = "the " if rival.startswith("best ") else ""
+    return f"0 dB: as good as {article}{rival}"
 
 
 def _edges(values: np.ndarray, scale: str) -> np.ndarray:
@@ -138,12 +187,15 @@ def _edges(values: np.ndarray, scale: str) -> np.ndarray:
 
 
 def _draw_line(
-    axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str
+    axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str, rival: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """A single row or column as a line of points; where on the axes each of them is."""
     row = a.size == 1
     x, y = half if row else a, values.ravel()
     axes.plot(x, y, marker="o", markersize=4, color="black")
+    if rival:
+        axes.axhline(0, color="0.3", linestyle="dashed", label=_as_good(rival))
+        axes.legend(fontsize="small")
     axes.grid(True, color="0.88", linewidth=0.6)
     _scale(axes.set_xscale, axes.xaxis, x)
     at = f"{_EXPOSURE}, at $a$ = {a[0]:.4g} px/s²"
@@ -169,33 +221,61 @@ def _scale(set_scale: Callable[[str], None], axis: Axis, values: np.ndarray) -> 
         axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in shown else "")
 
 
-def _contours(axes: Axes, half: np.ndarray, a: np.ndarray) -> None:
-    """Lines of equal stroke and of equal top speed, labelled, over the whole map."""
+def _contours(axes: Axes, half: np.ndarray, a: np.ndarray, within: np.ndarray) -> None:
+    """Lines of equal stroke and of equal top speed, labelled, some decades below the largest."""
     limits = axes.axis()
     x, y = (np.geomspace(values[0], values[-1], 200) for values in (half, a))
-    time, acceleration = np.log10(x * 1e-3), np.log10(y)[:, None]
-    stroke, speed = acceleration + 2 * time, np.log10(2) + acceleration + time
-    for values, style, unit in ((stroke, "dashed", "px"), (speed, "dotted", "px/s")):
-        first, last = int(np.floor(values.min())), int(np.ceil(values.max()))
+    for name, style, unit, along, powers in (
+        ("stroke", "dashed", "px", 0.25, lambda t, a: a + 2 * t),
+        ("top speed", "dotted", "px/s", 0.75, lambda t, a: np.log10(2) + a + t),
+    ):
+        reached = powers(np.log10(half * 1e-3), np.log10(a)[:, None])[within]
+        last = int(np.floor(reached.max()))
+        first = max(last - _DECADES + 1, int(np.floor(reached.min())))
         texts = {
-            decade + np.log10(share): f"{float(f'{share}e{decade}'):g} {unit}"
-            for decade in range(first, last + 1, 1 + (last - first) // 12)
-            for share in ((1, 3) if last - first < 4 else (1,))
+            decade + np.log10(share): f"{name} {float(f'{share}e{decade}'):g} {unit}"
+            for decade in range(first, last + 1)
+            for share in ((1, 2, 5) if last - first < _DECADES - 1 else (1,))
         }
+        values = powers(np.log10(x * 1e-3), np.log10(y)[:, None])
+        places = _middles(axes, x, y, values, list(texts), along)
+        if not places:
+            continue
         for colour, width in (("white", 2.4), ("black", 1.0)):
             lines = axes.contour(
-                x, y, values, list(texts), colors=colour, linestyles=style, linewidths=width
+                x, y, values, list(places), colors=colour, linestyles=style, linewidths=width
             )
-        marks = axes.clabel(lines, fmt=texts, fontsize=8)
+        marks = axes.clabel(lines, fmt=texts, fontsize=8, manual=list(places.values()))
         for mark in marks:
             mark.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8})
     axes.axis(limits)
 
 
+def _middles(
+    axes: Axes, x: np.ndarray, y: np.ndarray, values: np.ndarray, levels: list[float], along: float
+) -> dict[float, tuple[float, float]]:
+    """Places on the lines that are long enough for a label, a share of them along; by level."""
+    within = [level for level in levels if values.min() < level < values.max()]
+    if not within:
+        return {}
+    drawn = axes.contour(x, y, values, within)
+    found = {}
+    for level, parts in zip(within, drawn.allsegs, strict=True):
+        line = max(parts, key=len)
+        ends = _on_axes(axes, line[[0, -1]])
+        if np.hypot(*(ends[1] - ends[0])) > _LEAST_LINE:
+            found[level] = tuple(line[int(along * (len(line) - 1))])
+    drawn.remove()
+    return found
+
+
 def plot_front(
     dataset: "xarray.Dataset", objectives: tuple[str, str], *, num_profiles: int = 4
 ) -> Figure:
-    """Metrics that exclude one another: every point, the Pareto front, profiles along it.
+    """Metrics that exclude one another: the Pareto front of each shutter, and of all.
+
+    Grey dots are the other points, as far as they lie between the fronts. Beneath are profiles
+    along the front of all.
 
     Args:
         dataset: What `sweep` returned, of one scene and light.
@@ -214,8 +294,9 @@ def plot_front(
     rows = figure.add_gridspec(2, 1, height_ratios=(3, 1))
     axes = figure.add_subplot(rows[0])
     _draw_points(axes, dataset, objectives)
-    axes.step(*places.T, color="black", linewidth=1.6, label="Pareto front")
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, markerscale=2)
+    band = {"color": "0.87", "linewidth": 7, "zorder": 1.5, "solid_capstyle": "butt"}
+    axes.step(*places.T, label="front of all", **band)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     shown = _spread(_on_axes(axes, places), num_profiles)
     columns = rows[1].subgridspec(1, max(1, len(shown)))
     for column, index in enumerate(shown):
@@ -231,22 +312,23 @@ def plot_front(
 
 
 def _draw_points(axes: Axes, dataset: "xarray.Dataset", objectives: tuple[str, str]) -> None:
-    """Every point of a sweep under two objectives, a grey and a marker a shutter."""
+    """The Pareto front of each shutter in a marker of its own, over the points of all."""
     names = [str(name) for name in dataset.shutter.values]
-    for index, name in enumerate(names):
-        some = dataset.sel(shutter=name)
-        axes.plot(
-            *(some[objective].values.ravel() for objective in objectives),
-            linestyle="none",
-            marker=_MARKERS[index % len(_MARKERS)],
-            markersize=3,
-            color=str(0.35 + 0.45 * index / max(1, len(names) - 1)),
-            label=shown_name(name, _LETTERS),
-        )
+    fronts = [pareto_front(dataset.sel(shutter=[name]), objectives) for name in names]
     scales = (axes.set_xscale, axes.xaxis), (axes.set_yscale, axes.yaxis)
     for objective, scale in zip(objectives, scales, strict=True):
         if _unit(dataset, objective) != "dB":
-            _scale(*scale, dataset[objective].values)
+            _scale(*scale, np.concatenate([front[objective].values for front in fronts]))
+    for name, front, marker, style in zip(names, fronts, cycle(_MARKERS), line_styles()):
+        x, y = (front[objective].values for objective in objectives)
+        marks: dict[str, Any] = {"marker": marker, "markersize": 6, "fillstyle": "none"}
+        marks |= {"markevery": 0.04, "drawstyle": "steps", "label": shown_name(name, _LETTERS)}
+        marks |= style | {"linewidth": 1.2}
+        axes.plot(x, y, **marks)
+    limits = axes.axis()
+    x, y = (dataset[objective].values.ravel() for objective in objectives)
+    axes.plot(x, y, ".", markersize=2, color="0.6", zorder=1, label="other points")
+    axes.axis(limits)
     xlabel, ylabel = (_label(dataset, objective) for objective in objectives)
     axes.set(xlabel=xlabel, ylabel=ylabel)
     axes.grid(True, color="0.88", linewidth=0.6)

@@ -98,6 +98,23 @@ def test_every_kind_of_picture(slug, tmp_path, scene, capsys):
     assert ms.read_picture(out / "restored.png").light.shape == shape
 
 
+def test_a_capture_says_what_it_is_of(tmp_path, scene, capsys, monkeypatch):
+    """The shutter, the motion, the speed, the decoder and the PSNR that is printed."""
+    figures = []
+    monkeypatch.setattr("mishutter.report.save_figure", lambda figure, _: figures.append(figure))
+    saved(np.ascontiguousarray(CODED[..., :3]))(tmp_path / "a.png")
+    arguments = ["--subject", tmp_path / "a.png", "--shutter", "tukey:0.3", "--speed", "700"]
+    arguments += ["--decoder", "wiener", "--out", tmp_path / "out", "--json"]
+    assert cli.main(["simulate", str(scene), *map(str, arguments)]) == 0
+    quality = json.loads(capsys.readouterr().out)["quality"]
+    _, captured, restored = (axes.get_title() for axes in figures[0].axes)
+    motion = ms.Scene.load(scene).motion
+    how = f"{motion.exposure * 1e3:.3g} ms, stroke {motion.stroke:.3g} px, object at 700 px/s"
+    assert captured == f"captured\nby tukey:0.3 shutter: {how}"
+    level = quality["PSNR / dB, linear light"]
+    assert restored == f"restored\nby the wiener decoder, {level:.2f} dB (linear light)"
+
+
 def bomb(path):
     Image.new("1", (20000, MAX_PIXELS // 20000 + 1)).save(path)
 

@@ -25,7 +25,11 @@ from mishutter import (
     evaluate,
     transfer_function,
 )
-from mishutter.evaluation.metrics import expected_squared_error
+from mishutter.evaluation.metrics import (
+    expected_squared_error,
+    picture_power,
+    signal_over_noise,
+)
 from mishutter.evaluation.needs import PLANNED, Plan, sizes
 from mishutter.evaluation.response import respond
 from mishutter.model.frequencies import frequencies, frequency_grid
@@ -405,3 +409,35 @@ def test_metrics_show_their_numbers():
     found = evaluate(SCENE, MOTION, SHUTTER)
     assert f"expected_psnr={found.expected_psnr}" in repr(found)
     assert f"dft_length={found.dft_length}" in repr(found)
+
+
+SEEN = {
+    "moving": (MOTION, SHUTTER),
+    "panning": (
+        ParabolicMotion(acceleration=2e4, half_exposure=HALF_EXPOSURE, velocity=390.0),
+        HannShutter(),
+    ),
+    "at-rest": (StillCamera(half_exposure=0.0017), RectShutter()),
+}
+
+
+@pytest.mark.parametrize("slug", SEEN)
+def test_signal_over_noise_leaves_the_expected_error(slug):
+    r"""The filter leaves $S/(1 + r)$ at a frequency where signal over noise is $r$."""
+    motion, shutter = SEEN[slug]
+    frequency, ratio = signal_over_noise(SCENE, motion, shutter)
+    power = picture_power(SCENE, ratio.size, ratio.dtype)
+    np.testing.assert_array_equal(frequency, frequencies(ratio.size))
+    error = np.mean(power / (1 + ratio))
+    psnr = evaluate(SCENE, motion, shutter).expected_psnr
+    np.testing.assert_allclose(-10 * np.log10(error), psnr, rtol=1e-12)
+
+
+def test_signal_over_noise_of_a_still_object():
+    r"""$S\,\operatorname{sinc}^2(f)\,p^2/(\bar f p + \sigma^2)$ electrons of the whole exposure."""
+    scene = Scene([0.0], photon_rate=7e4, read_noise=6.0)
+    frequency, ratio = signal_over_noise(scene, StillCamera(half_exposure=0.0017), RectShutter())
+    electrons = 7e4 * 2 * 0.0017
+    power = picture_power(scene, ratio.size, ratio.dtype) * np.sinc(frequency) ** 2
+    expected = power * electrons**2 / (0.25 * electrons + 36)
+    np.testing.assert_allclose(ratio, expected, rtol=1e-9)

@@ -5,6 +5,7 @@ import re
 import sys
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.designs import LIMITS, MOTION, SCENE
@@ -33,7 +34,8 @@ from mishutter.design.comparison import (
     Row,
 )
 from mishutter.model.images import write_picture
-from mishutter.report import Report, document, write_report
+from mishutter.report import Report, document, shown_rows, write_report
+from mishutter.report.document import pictured_rows
 from mishutter.report.photographs import (
     Photographs,
     _middle_rows,
@@ -163,6 +165,56 @@ def test_a_high_photograph_is_cut_to_its_middle():
     assert np.array_equal(_middle_rows(Picture(light[:7])).light, light[:7])
 
 
+def _rivals(report, levels, velocity=0.0):
+    """The report's comparison with other levels, and a panned snapshot."""
+    pan = LinearMotion(half_exposure=1.3e-3, velocity=velocity)
+    rows = [
+        *(row for row in report.comparison.rows if row.reading == OWN_BEST_MOTION),
+        replace(report.comparison.row(BEST_SNAPSHOT), name=BEST_PANNED_SNAPSHOT, motion=pan),
+        replace(report.comparison.row("Hann"), name="optimised"),
+        replace(report.comparison.row("Hann"), name="Gaussian"),
+        replace(report.comparison.row("rect"), name=BEST_BURST, num_frames=3),
+    ]
+    psnr = {row.name: jnp.asarray(levels.get(row.name, 20.0)) for row in rows}
+    metrics = {row.name: replace(row.metrics, expected_psnr=psnr[row.name]) for row in rows}
+    changed = tuple(replace(row, metrics=metrics[row.name]) for row in rows)
+    return Comparison(changed, "A verdict.", 0.1, 31.0)
+
+
+@pytest.mark.parametrize(
+    ("levels", "velocity", "pictured"),
+    [
+        ({BEST_TUKEY: 26.0}, 0.0, ["optimised", BEST_SNAPSHOT, BEST_TUKEY, "Hann", "rect"]),
+        (
+            {BEST_PANNED_SNAPSHOT: 27.0},
+            400.0,
+            ["optimised", BEST_PANNED_SNAPSHOT, BEST_TUKEY, "Hann", "rect"],
+        ),
+        (
+            {"Gaussian": 27.0, BEST_BURST: 29.0, "optimised": 30.0, BEST_SNAPSHOT: 21.0},
+            400.0,
+            ["optimised", BEST_SNAPSHOT, BEST_TUKEY, "Gaussian", "Hann", "rect"],
+        ),
+    ],
+)
+def test_rows_that_are_pictured(report, levels, velocity, pictured):
+    """The design, the better of the snapshots, the best Tukey and the nearest rival come first."""
+    comparison = _rivals(report, levels, velocity)
+    assert list(pictured_rows(comparison, ("optimised",))) == pictured
+    shown = list(shown_rows(comparison, ("optimised",)))
+    assert shown[: len(pictured)] == pictured
+    assert (BEST_PANNED_SNAPSHOT in shown) == (velocity != 0)
+    assert BEST_SNAPSHOT in shown
+
+
+def test_rivals_are_pictured_beside_many_designs(report):
+    """However many are given, all stand, and the rivals after the first."""
+    names = ("optimised", "Gaussian", "Hann")
+    rows = list(pictured_rows(_rivals(report, {}), names))
+    assert rows[:3] == ["optimised", BEST_SNAPSHOT, BEST_TUKEY]
+    assert set(names) < set(rows)
+
+
 def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):
     """Those of a photograph go where this run has none; what is somebody else's stays."""
     kept, stale = {"design.json", "notes.txt"}, {"psnr.png", "photograph.png"}
@@ -198,18 +250,22 @@ def test_a_result_at_one_speed_and_one_without_pictures():
 
 
 @pytest.mark.parametrize(
-    ("speeds", "shown"),
+    ("speeds", "weights", "shown"),
     [
-        ([-900.0, 0.0, 300.0, 900.0], [0.0, 300.0, 900.0]),
-        ([-900.0, -300.0, 0.0, 300.0, 900.0], [0.0, 300.0, 900.0]),
-        ([-2550.0, -1500.0, -450.0], [-450.0, -1500.0, -2550.0]),
-        ([-700.0, 200.0], [200.0, -700.0]),
-        ([410.0], [410.0]),
+        ([-900.0, 0.0, 300.0, 900.0], None, [0.0, 300.0, 900.0]),
+        ([-900.0, -300.0, 0.0, 300.0, 900.0], None, [0.0, 300.0, 900.0]),
+        ([-2550.0, -1500.0, -450.0], None, [-450.0, -1500.0, -2550.0]),
+        ([-700.0, 200.0], None, [200.0, -700.0]),
+        ([410.0], None, [410.0]),
+        ([0.0, 300.0, 900.0, 4000.0], [0.1, 0.2, 0.695, 0.005], [0.0, 900.0, 4000.0]),
+        ([0.0, 300.0, 4000.0], [0.9, 0.05, 0.05], [0.0, 4000.0]),
+        ([-300.0, 0.0, 300.0, 900.0], [0.3, 0.4, 0.3, 0.0], [0.0, 300.0]),
     ],
 )
-def test_speeds_that_are_shown(speeds, shown):
-    """The slowest, a middling and the fastest by size, each once, as the scene has them."""
-    assert shown_speeds(np.array(speeds)) == shown
+def test_speeds_that_are_shown(speeds, weights, shown):
+    """Of those that occur the slowest, the one that half of all do not exceed, and the fastest."""
+    scene = Scene(speeds, weights, photon_rate=1e5, read_noise=4.0)
+    assert shown_speeds(scene) == shown
 
 
 @pytest.mark.parametrize("every", [False, True])
@@ -223,7 +279,11 @@ def test_a_photograph_at_some_speeds_or_all(report, capsys, every):
     assert list(found.levels) == ["ensemble", "Wiener", "Richardson-Lucy"][: 3 if every else 1]
     for level in found.levels.values():
         assert level["Hann"].speeds.tolist() == speeds
-    assert found.shown["Hann"].speeds.tolist() == [310.0]
+    shown = found.shown["Hann"]
+    assert shown.speeds.tolist() == [-90.0, 310.0]
+    assert shown.captured.shape == shown.restored.shape == (2, *shown.reference.shape)
+    places = [speeds.index(speed) for speed in shown.speeds]
+    np.testing.assert_array_equal(shown.psnr, found.levels["ensemble"]["Hann"].psnr[places])
     print_report(replace(report, photographs=found))
     lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     (title,) = (i for i, cells in enumerate(lines) if cells[0].startswith("Photograph, restored"))

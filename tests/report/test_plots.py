@@ -4,7 +4,6 @@ import os
 from functools import cache
 from itertools import pairwise
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray
@@ -19,10 +18,13 @@ from mishutter import (
     ParabolicMotion,
     Picture,
     RectShutter,
+    Scene,
     SplineShutter,
     StillCamera,
     drive_table,
+    evaluate,
     gain_over,
+    gain_over_snapshot,
     pareto_front,
     sweep,
 )
@@ -48,9 +50,8 @@ FRONT = ("condition_number", "expected_psnr")
 FIGURES = {
     "profiles": lambda: plots.plot_profiles(DESIGNS),
     "kernels": lambda: plots.plot_kernels(DESIGNS, [0.0, 700.0]),
-    "transfer": lambda: plots.plot_transfer(DESIGNS, [0.0, 700.0]),
+    "transfer": lambda: plots.plot_transfer(SCENE, DESIGNS),
     "psnr": lambda: plots.plot_psnr({"rect": photograph(21), "Hann": photograph(24)}),
-    "history": lambda: plots.plot_history(jnp.array([0.7, 0.4, 0.3])),
     "drive": lambda: plots.plot_drive(drive_table(a_design(HannShutter()), num_levels=5)),
     "map": lambda: sweep_plots.plot_map(swept(), "gain"),
     "row": lambda: sweep_plots.plot_map(swept().isel(acceleration=[2])),
@@ -71,9 +72,7 @@ def test_axes_are_labelled(name, figures):
     numbered = [axes for axes in panels if axes.yaxis.get_tick_params().get("labelleft", True)]
     assert all(axes.get_ylabel() for axes in numbered)
     lowest = [axes for axes in panels if axes.get_label() != "<colorbar>"][-1]
-    assert lowest.get_xlabel()
-    if name != "history":
-        assert "/ " in lowest.get_xlabel()
+    assert "/ " in lowest.get_xlabel()
 
 
 @pytest.mark.parametrize("name", ["profiles", "transfer"])
@@ -88,7 +87,7 @@ NAMES = ["rect", "_design_" + 9 * "of_a_long_name_", "_own", "cost $5 to $\\frac
 NAMES += [f"tukey:{share}" for share in (0.1, 0.2, 0.3, 0.4)]
 MANY = {
     "profiles": lambda: plots.plot_profiles(dict.fromkeys(NAMES, DESIGNS["Hann"])),
-    "transfer": lambda: plots.plot_transfer(dict.fromkeys(NAMES, DESIGNS["Hann"]), [0.0, 700.0]),
+    "transfer": lambda: plots.plot_transfer(SCENE, dict.fromkeys(NAMES, DESIGNS["Hann"])),
     "psnr": lambda: plots.plot_psnr({name: photograph(21) for name in NAMES}),
 }
 
@@ -140,10 +139,45 @@ def test_profiles_span_their_own_exposures(figures):
         assert light.max() == pytest.approx(1)
 
 
-def test_transfer_is_through_the_pixel(figures):
-    """What a camera and an object at rest pass is a pixel's sinc."""
-    (line,) = (x for x in figures["transfer"].axes[0].get_lines() if x.get_label() == "snapshot")
-    np.testing.assert_allclose(line.get_ydata(), np.sinc(line.get_xdata()), rtol=1e-9)
+def test_the_error_of_a_transfer_ends_at_the_expected_psnr(figures):
+    """As the table has it, and in the legend, so that the better design ends below the other."""
+    ratios, errors = figures["transfer"].axes
+    lines = dict(zip(DESIGNS, errors.get_lines(), strict=True))
+    for name, (motion, shutter) in DESIGNS.items():
+        psnr = float(evaluate(SCENE, motion, shutter).expected_psnr)
+        error = lines[name].get_ydata() * 1e-3
+        assert -10 * np.log10(error[-1]) == pytest.approx(psnr, abs=1e-9)
+        assert lines[name].get_label() == f"{name}: {psnr:.2f} dB"
+        assert np.all(np.diff(error) >= 0)
+    begin = ratios.get_xlim()[0]
+    shares = [np.interp(begin, *line.get_data()) / line.get_ydata()[-1] for line in lines.values()]
+    assert max(shares) == pytest.approx(0.01, abs=0.01)
+
+
+def test_kernels_have_axes_of_their_own(figures):
+    """The first tap of one hides no other, and each stands beside its difference from its own."""
+    rows = np.reshape(figures["kernels"].axes, (len(DESIGNS), 2))
+    for (left, right), (motion, shutter) in zip(rows, DESIGNS.values(), strict=True):
+        still, moving = (patch.get_data() for patch in left.patches)
+        assert left.get_ylim()[1] < 1.1 * max(still.values.max(), moving.values.max())
+        (difference,) = (patch.get_data() for patch in right.patches)
+        np.testing.assert_allclose(difference.values, moving.values - still.values, atol=1e-15)
+        scene = Scene([700.0], photon_rate=2e5, read_noise=6.0)
+        relative = float(evaluate(scene, motion, shutter).relative_kernel_difference)
+        assert right.patches[0].get_label() == f"700 px/s: {relative:.0%}"
+
+
+def test_kernels_of_a_panning_sensor_differ_from_that_of_what_it_keeps_up_with():
+    """An object as fast as the sensor is the one at rest, and has no difference."""
+    panning = ParabolicMotion(acceleration=2.3e5, half_exposure=0.0061, velocity=700.0)
+    left, right = plots.plot_kernels({"pan": (panning, HannShutter())}, [300.0, 700.0]).axes
+    still = plots.plot_kernels({"rest": DESIGNS["Hann"]}, [-400.0, 0.0]).axes[0]
+    for one, other in zip(left.patches, still.patches, strict=True):
+        width = min(one.get_data().values.size, other.get_data().values.size)
+        pair = (patch.get_data().values[:width] for patch in (one, other))
+        np.testing.assert_allclose(*pair, atol=1e-12)
+    assert [patch.get_label()[:8] for patch in right.patches] == ["300 px/s"]
+    assert right.get_title() == "difference from the kernel at 700 px/s"
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -201,11 +235,66 @@ def test_lines_of_a_map_are_where_they_say():
     named = {"px": lambda a, T: a * T * T, "px/s": lambda a, T: 2 * a * T}
     seen = set()
     for text in axes.texts:
-        number, unit = text.get_text().split()
+        *name, number, unit = text.get_text().split()
+        assert {"px": "stroke", "px/s": "top speed"}[unit] == " ".join(name)
         time, acceleration = text.get_position()
         assert named[unit](acceleration, time * 1e-3) == pytest.approx(float(number), rel=0.2)
         seen.add(unit)
     assert seen == set(named)
+
+
+def test_a_gain_is_told_from_a_loss():
+    """The middle grey is 0 dB, all gains are lighter, all losses darker, and a line parts them."""
+    figure = sweep_plots.plot_map(swept(), "gain", shutter="rect")
+    axes, bar = figure.axes
+    mesh = axes.collections[0]
+    gain = np.ma.compressed(mesh.get_array())
+    assert gain.min() < 0 < gain.max()
+    np.testing.assert_array_equal(np.sign(mesh.norm(gain) - 0.5), np.sign(gain))
+    assert (mesh.norm(gain.min()), mesh.norm(gain.max())) == (0, 1)
+    ticks = bar.get_yticks()
+    assert min(np.sum(ticks > 0), np.sum(ticks < 0)) >= 2
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["0 dB: as good as Hann"]
+    places = axes.collections[-1].get_paths()[0].vertices
+    found = swept().gain.sel(shutter="rect").transpose("acceleration", "half_exposure")
+    for half, a in places:
+        row = np.searchsorted(found.acceleration, a * (1 - 1e-9))
+        column = np.searchsorted(found.half_exposure, half * 1e-3 * (1 - 1e-9))
+        corners = found.values[max(0, row - 1) : row + 1, max(0, column - 1) : column + 1]
+        assert np.nanmin(corners) < 0 < np.nanmax(corners)
+    assert len(places) >= 2
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_gain_that_is_0_nowhere_has_no_line(sign):
+    """Where all of it is a loss, or a gain, the greys still end at 0."""
+    changed = swept().assign(gain=(sign * (1 + abs(swept().gain))).assign_attrs(swept().gain.attrs))
+    figure = sweep_plots.plot_map(changed, "gain", shutter="rect")
+    assert not figure.legends
+    norm = figure.axes[0].collections[0].norm
+    assert norm(0.0) == (1 if sign < 0 else 0)
+
+
+def test_the_snapshot_is_named_where_a_gain_is_over_it():
+    """On a map, and beside the level of a single row of points."""
+    gain = swept().assign(gain=gain_over_snapshot(swept(), SCENE))
+    row = sweep_plots.plot_map(gain.isel(acceleration=[2]), "gain").axes[0]
+    (text,) = row.get_legend().get_texts()
+    assert text.get_text() == "0 dB: as good as the best snapshot"
+    assert not sweep_plots.plot_map(swept()).legends
+
+
+def test_shutters_of_a_front_are_told_apart_in_grey(figures):
+    """Each has its own front, in a marker and a dash of its own."""
+    lines = {line.get_label(): line for line in figures["front"].axes[0].get_lines()}
+    names = [str(name) for name in swept().shutter.values]
+    for name in names:
+        front = pareto_front(swept().sel(shutter=[name]), FRONT)
+        drawn = lines[name].get_data()
+        np.testing.assert_array_equal(drawn, [front[metric].values for metric in FRONT])
+    assert len({lines[name].get_marker() for name in names}) == len(names)
+    assert len({str(lines[name]._unscaled_dash_pattern) for name in names}) == len(names)
 
 
 def test_profiles_of_a_front():
@@ -284,9 +373,12 @@ def test_kernels_without_acceleration_lie_around_mid_exposure():
     """They are drawn where a camera at rest has them."""
     unmoved = ParabolicMotion(acceleration=0.0, half_exposure=0.0013)
     given = {"at rest": DESIGNS["snapshot"], "unmoved": (unmoved, RectShutter())}
-    drawn = [axes.patches[-1].get_data() for axes in plots.plot_kernels(given, [0.0, 2700.0]).axes]
-    for one, other in zip(*drawn, strict=True):
-        np.testing.assert_array_equal(one, other)
+    panels = np.reshape(plots.plot_kernels(given, [0.0, 2700.0]).axes, (2, 2))
+    for one, other in panels.T:
+        for pair in zip(one.patches, other.patches, strict=True):
+            first, second = (patch.get_data() for patch in pair)
+            np.testing.assert_array_equal(first.values, second.values)
+            np.testing.assert_array_equal(first.edges, second.edges)
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -305,8 +397,7 @@ def test_a_map_of_several_scenes():
 def test_a_front_is_legible_beside_an_outlier():
     """A condition number of 1,200 makes the axis logarithmic, and letters stay apart."""
     moving = swept().isel(acceleration=slice(1, None))
-    numbers = moving.condition_number
-    far = numbers.where(numbers != numbers.max(), 1.2e3)
+    far = _with_best_at(moving, 1.2e3)
     figure = sweep_plots.plot_front(moving.assign(condition_number=far), FRONT)
     axes = figure.axes[0]
     assert axes.get_xscale() == "log"
@@ -320,8 +411,7 @@ def test_a_front_is_legible_beside_an_outlier():
 def test_numbers_of_a_logarithmic_axis_stay_apart(largest):
     """Between decades they are written where there is room, over two decades at most."""
     moving = swept().isel(acceleration=slice(1, None))
-    numbers = moving.condition_number
-    far = numbers.where(numbers != numbers.max(), largest)
+    far = _with_best_at(moving, largest)
     figure = sweep_plots.plot_front(moving.assign(condition_number=far), FRONT)
     FigureCanvasAgg(figure).draw()
     axes = figure.axes[0]
@@ -330,6 +420,20 @@ def test_numbers_of_a_logarithmic_axis_stay_apart(largest):
     boxes = sorted((box for box in boxes if axes.bbox.x0 <= box.x0 <= axes.bbox.x1), key=_left)
     assert len(boxes) >= 3
     assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
+
+
+def _with_best_at(found, number):
+    """Condition numbers of a sweep, one of them for the best point, which is on the front."""
+    return found.condition_number.where(found.expected_psnr != found.expected_psnr.max(), number)
+
+
+def test_points_that_no_front_reaches_do_not_stretch_the_axes():
+    """The axes are those of the fronts; a condition number of 1,200 far below them is outside."""
+    moving = swept().isel(acceleration=slice(1, None))
+    worst = moving.expected_psnr == moving.expected_psnr.min()
+    far = moving.assign(condition_number=moving.condition_number.where(~worst, 1.2e3))
+    axes = sweep_plots.plot_front(far, FRONT).axes[0]
+    assert axes.get_xlim()[1] < 100
 
 
 def _left(box):
@@ -349,12 +453,25 @@ def test_a_capture_side_by_side():
     """Each picture says what it is; that of the scene is left out where there is none."""
     light = np.random.default_rng(3).uniform(0.1, 0.9, (23, 31, 1))
     seen = {"photograph": Picture(light), "layers": None}
+    words = {"camera": "by a Hann shutter, 9 ms", "decoder": "by Wiener, 27.31 dB"}
     titles = {
-        name: [axes.get_title() for axes in plots.plot_capture(picture, light, light).axes]
+        name: [axes.get_title() for axes in plots.plot_capture(picture, light, light, **words).axes]
         for name, picture in seen.items()
     }
-    assert titles["layers"] == ["captured", "restored"]
-    assert titles["photograph"] == ["the scene, at rest", "captured", "restored"]
+    both = ["captured\nby a Hann shutter, 9 ms", "restored\nby Wiener, 27.31 dB"]
+    assert titles["layers"] == both
+    assert titles["photograph"] == ["the scene, at rest\n", *both]
+
+
+@pytest.mark.parametrize("shape", [(23, 31, 1), (497, 741, 1), (60, 20, 1)])
+def test_titles_of_a_capture_are_within_the_picture(shape):
+    """Both lines, above a picture of any shape."""
+    light = np.full(shape, 0.5)
+    figure = plots.plot_capture(Picture(light), light, light, camera="a", decoder="b")
+    FigureCanvasAgg(figure).draw()
+    for axes in figure.axes:
+        box = axes.title.get_window_extent()
+        assert axes.get_window_extent().y1 < box.y0 < box.y1 <= figure.bbox.y1
 
 
 @pytest.mark.parametrize(
@@ -390,22 +507,70 @@ def test_a_drive_is_drawn_at_the_middle_of_its_steps():
     np.testing.assert_allclose(top.patches[0].get_data().edges, half * np.linspace(-1, 1, 5))
 
 
-def test_photograph_side_by_side(tmp_path):
-    """One column a design beside the scene, at the tried speed nearest to the one asked for."""
-    results = {"rect": photograph(21), "Hann": photograph(24)}
-    figure = plots.plot_photograph(results, 400.0, crop=(11, 17))
-    titles = [axes.get_title() for axes in figure.axes]
-    assert "450 px/s" in titles[1]
-    assert "restored, 24.7 dB\n(gamma put back)" in titles
-    linear = plots.plot_photograph(results, 400.0, crop=(11, 17), linear=True)
-    assert linear.axes[-1].get_title() == "restored, 26.7 dB\n(linear light)"
+def _rows(figure, across):
+    """Panels of a photograph beneath those of the scene."""
+    return np.reshape(figure.axes[2:-1], (-1, across))
+
+
+def test_photograph_of_several_designs(tmp_path):
+    """One row a design; at each speed, the nearest that was tried, what it has and what it errs."""
+    results = {"rect": photograph(21), "best snapshot": photograph(24)}
+    figure = plots.plot_photograph(results, [0.0, 400.0], detail=(11, 17))
+    titles = [[axes.get_title() for axes in row] for row in _rows(figure, 6)]
+    assert titles[1] == [
+        "best snapshot, captured\nat 0 px/s",
+        "restored,\n25.10 dB",
+        "error",
+        "best snapshot, captured\nat 450 px/s",
+        "restored,\n24.70 dB",
+        "error",
+    ]
+    assert all(axes.images for axes in figure.axes)
+    assert "gamma put back" in figure.axes[-1].get_title()
+    linear = plots.plot_photograph(results, [400.0], detail=(11, 17), linear=True)
+    assert _rows(linear, 3)[1][1].get_title() == "restored,\n26.70 dB"
+    assert "linear light" in linear.axes[-1].get_title()
     plots.save_figure(figure, tmp_path / "photograph.png")
+
+
+def test_a_detail_is_of_one_place():
+    """Also of designs that recorded other columns, as a camera at rest does beside a moving one."""
+    results = {"Hann": photograph(21), "best snapshot": photograph(21, columns=slice(5, 28))}
+    figure = plots.plot_photograph(results, [0.0], detail=(11, 9), linear=True)
+    scene = figure.axes[1].images[0].get_array()
+    assert scene.shape == (11, 9)
+    for panels in _rows(figure, 3):
+        np.testing.assert_allclose(panels[0].images[0].get_array(), scene)
+        np.testing.assert_allclose(panels[2].images[0].get_array(), 1 / 21)
+
+
+def test_a_detail_is_where_the_photograph_varies():
+    """Stripes in one part of an even picture are what is magnified."""
+    light = np.full((40, 90, 1), 0.4)
+    light[25:33, 50:60:2] = 0.9
+    found = photograph(21)
+    seen = np.stack(3 * [light])
+    found = found._replace(reference=light, captured=seen, restored=seen)
+    figure = plots.plot_photograph({"rect": found}, [0.0], detail=(10, 12))
+    scene = figure.axes[1].images[0].get_array()
+    assert np.sum(scene == scene.max()) == np.sum(light == 0.9)
+
+
+def test_errors_have_one_scale():
+    """The map of the worse design is darker, and the key spans the scale in % of white."""
+    results = {"good": photograph(50), "bad": photograph(5)}
+    figure = plots.plot_photograph(results, [0.0], detail=(11, 17), linear=True)
+    good, bad = (panels[2].images[0] for panels in _rows(figure, 3))
+    np.testing.assert_allclose(bad.norm(bad.get_array()), 1)
+    np.testing.assert_allclose(good.norm(good.get_array()), 0.1)
+    assert figure.axes[-1].get_xlim() == pytest.approx((0, 20))
+    assert figure.axes[-1].get_xlabel() == "error / % of white"
 
 
 def test_a_capture_is_shown_as_bright_as_its_scene():
     """However much light a shutter costs; the picture at rest is then the scene itself."""
-    panels = plots.plot_photograph({"rect": photograph(21)}, 0.0, crop=(11, 17)).axes
-    scene, captured = (panel.images[0].get_array() for panel in panels[:2])
+    figure = plots.plot_photograph({"rect": photograph(21)}, [0.0], detail=(11, 17))
+    scene, captured = (panel.images[0].get_array() for panel in figure.axes[1:3])
     np.testing.assert_allclose(captured, scene)
 
 
@@ -427,6 +592,12 @@ def test_one_seed_has_no_error_bar():
 
 
 def test_nothing_to_show_is_an_error():
-    """A photograph of no design is refused."""
+    """A photograph of no design, at no speed, or not of one scene, is refused."""
     with pytest.raises(ValueError, match="must hold a result; got 0"):
-        plots.plot_photograph({}, 0.0)
+        plots.plot_photograph({}, [0.0])
+    with pytest.raises(ValueError, match="must hold a speed; got 0"):
+        plots.plot_photograph({"rect": photograph(21)}, [])
+    other = photograph(21)
+    other = other._replace(reference=other.reference + 0.1)
+    with pytest.raises(ValueError, match="must be of one photograph; got several"):
+        plots.plot_photograph({"rect": photograph(21), "Hann": other}, [0.0])

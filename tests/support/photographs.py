@@ -5,10 +5,9 @@ import numpy as np
 from mishutter.restore.restoration import RestoredPhotograph
 
 
-def photograph(level, num_seeds=3):
-    """A made-up result of a restoration, of a picture wider than it is high."""
-    generator = np.random.default_rng(int(level))
-    light = generator.uniform(0.1, 0.9, (3, 23, 31, 1))
+def photograph(level, num_seeds=3, columns=slice(None)):
+    """A made-up result of a restoration, of some columns of a picture wider than it is high."""
+    light = np.random.default_rng(7).uniform(0.1, 0.9, (3, 23, 31, 1))[:, :, columns]
     error = np.full(3, np.nan if num_seeds == 1 else 0.04)
     return RestoredPhotograph(
         speeds=np.array([-310.0, 0.0, 450.0]),
@@ -20,5 +19,5 @@ def photograph(level, num_seeds=3):
         expected_psnr=level + 0.2,
         reference=light[1],
         captured=light * 0.6,
-        restored=light,
+        restored=light + 1 / level,
     )
