@@ -112,9 +112,14 @@ def _print_photographs(
     if len(photographs) == 1:
         columns = {f"{speed:g} px/s": index for index, speed in enumerate(speeds)}
         rows = [
-            [name, *(f"{found.linear_psnr[index]:.2f}" for index in columns.values())]
+            [
+                name,
+                *(f"{found.linear_psnr[index]:.2f}" for index in columns.values()),
+                *(f"{found.own_expected_psnr[index]:.2f}" for index in columns.values()),
+            ]
             for name, found in results.items()
         ]
+        columns |= {f"exp. {name.removesuffix(' px/s')}": index for name, index in columns.items()}
         title = f"Photograph, restored by the {next(iter(photographs))} filter"
     else:
         columns = photographs
@@ -124,7 +129,15 @@ def _print_photographs(
         ]
         title = f"Photograph, restored at {speeds.size} speeds"
     print_table(f"{title}: PSNR dB, linear light, own best motion", ["shutter", *columns], rows)
+    if len(photographs) == 1:
+        print_text(_OF_PHOTOGRAPH)
     print_text()
+
+
+_OF_PHOTOGRAPH = (
+    "exp.: expected of pictures with the detail and the mean light of this one where it\n"
+    "is judged. Other tables: of the scene's mean spectrum, over all of its speeds."
+)
 
 
 def _design_line(design: "Design") -> str:

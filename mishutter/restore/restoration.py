@@ -41,7 +41,7 @@ from mishutter.model import (
     settled,
 )
 from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
-from mishutter.restore.decoders.linear import expected_squared_error
+from mishutter.restore.decoders.linear import expected_squared_error, squared_error_of
 from mishutter.restore.image_quality import psnr
 
 _CAPTURES_AT_ONCE = 4
@@ -61,6 +61,9 @@ class RestoredPhotograph(NamedTuple):
         mean_psnr: Weighted over speeds: PSNR of the mean squared error, linear light; dB.
         expected_psnr: PSNR that the ensemble filter is expected to reach on captures of pictures
             with the scene's spectrum, over the scene's speeds; linear light, dB.
+        own_expected_psnr: The same of pictures with the spectrum and the mean of this one, where it
+            is judged, at each speed: what is left between it and `expected_psnr` is that one
+            photograph is not another; dB, shape `(s,)`.
         reference: The picture that a perfect decoder would find; `(rows, columns, channels)`.
         captured: Light as recorded, first seed; shape `(s, rows, columns, channels)`.
         restored: Light restored, first seed; the same shape.
@@ -73,6 +76,7 @@ class RestoredPhotograph(NamedTuple):
     linear_standard_error: np.ndarray
     mean_psnr: float
     expected_psnr: float
+    own_expected_psnr: np.ndarray
     reference: np.ndarray
     captured: np.ndarray
     restored: np.ndarray
@@ -94,6 +98,7 @@ _AT_EACH_SPEED = (
     "linear_psnr",
     "standard_error",
     "linear_standard_error",
+    "own_expected_psnr",
     "captured",
     "restored",
 )
@@ -262,10 +267,14 @@ def restore_by_each(
     trials = list(in_threads(tried, enumerate(on_sensor), count))
     with np.errstate(divide="ignore"):
         expected = float(-10 * np.log10(expected_squared_error(model)))
+        rows = np.moveaxis(reference[:, inner], 1, 2).astype(np.float64)
+        relative = chosen_speeds - float(motion.velocity)
+        own_expected = -10 * np.log10(squared_error_of(model, rows, relative))
     return {
         name: RestoredPhotograph(
             **_levels(chosen_speeds, weights, trials, index),
             expected_psnr=expected,
+            own_expected_psnr=own_expected,
             reference=reference,
             captured=captured,
             restored=restored[index],

@@ -328,11 +328,15 @@ def test_pictures_of_velocities():
             title = figure.axes[0].get_title().splitlines()[0]
             assert title.endswith(f"{shutter or 'the best shutter'} at its best velocity")
     front = pareto_front(panned, FRONT)
-    rect, hann, steps, *_ = sweep_plots.plot_front(panned, FRONT).axes[0].get_lines()
-    np.testing.assert_array_equal(steps.get_xdata(), front[FRONT[0]])
-    for line, name in ((rect, "rect"), (hann, "Hann")):
-        every = panned[FRONT[1]].sel(shutter=name).values.ravel()
-        np.testing.assert_array_equal(line.get_ydata(), every)
+    lines = sweep_plots.plot_front(panned, FRONT).axes[0].get_lines()
+    drawn = {str(line.get_label()): line for line in lines}
+    np.testing.assert_array_equal(drawn["front of all"].get_xdata(), front[FRONT[0]])
+    np.testing.assert_array_equal(
+        drawn["other points"].get_ydata(), panned[FRONT[1]].values.ravel()
+    )
+    for name in ("rect", "Hann"):
+        own = pareto_front(panned.sel(shutter=[name]), FRONT)
+        np.testing.assert_array_equal(drawn[name].get_ydata(), own[FRONT[1]])
 
 
 def test_a_map_leaves_out_what_is_wholly_outside():

@@ -31,20 +31,13 @@ def gaussian_rows(rows=96, columns=1200, seed=3):
 @pytest.mark.parametrize("shutter", [ms.RectShutter(), ms.HannShutter()], ids=["rect", "hann"])
 @pytest.mark.parametrize("photon_rate", [3e4, 3e5, 1e7])
 def test_measured_error_is_the_expected_one(shutter, photon_rate):
-    """The ensemble filter leaves the error of its closed form, within 0.1 dB and the noise."""
+    """The ensemble filter leaves the error of its closed form, which is that of `evaluate`."""
     known = scene(photon_rate=photon_rate)
     result = ms.restore_photograph(gaussian_rows(), known, camera(), shutter, num_seeds=2)
     spread = float(np.max(result.linear_standard_error))
     assert abs(result.mean_psnr - result.expected_psnr) < 0.1 + 2 * spread
-
-
-@pytest.mark.parametrize("photon_rate", [3e4, 1e5])
-def test_samples_come_out_as_a_continuous_picture(photon_rate):
-    """In moderate light `evaluate`'s expectation, without the samples' aliases, is as near."""
-    known = scene(photon_rate=photon_rate)
-    result = ms.restore_photograph(gaussian_rows(), known, camera(), ms.HannShutter(), num_seeds=2)
-    expected = float(ms.evaluate(known, camera(), ms.HannShutter()).expected_psnr)
-    assert abs(result.mean_psnr - expected) < 0.3
+    expected = float(ms.evaluate(known, camera(), shutter).expected_psnr)
+    assert result.expected_psnr == pytest.approx(expected, abs=0.02)
 
 
 DECODERS = {"ensemble": ms.EnsembleDecoder(), "wiener": ms.WienerDecoder()}
@@ -100,14 +93,23 @@ def continuous_rows(rows=64, columns=1024, seed=3):
 
 
 def continuous_captures(known, shutter):
-    """What pixels collect of the continuous picture at each speed of the scene, with noise."""
+    """What pixels collect of the continuous picture at each speed of the scene, with noise.
+
+    A pixel's middle is that of eight fine ones, three and a half beyond the first.
+    """
     fine = ms.ParabolicMotion(
         acceleration=FINE * float(camera().acceleration), half_exposure=HALF_EXPOSURE
     )
     picture = continuous_rows()
     for index, speed in enumerate(np.asarray(known.speeds)):
         light = ms.simulate_capture(
-            picture, known, fine, shutter, speed=FINE * float(speed), border="wrap"
+            picture,
+            known,
+            fine,
+            shutter,
+            speed=FINE * float(speed),
+            displacement=(FINE - 1) / 2,
+            border="wrap",
         )
         pixels = jnp.mean(light.reshape(len(picture), -1, FINE), axis=2)
         yield np.asarray(noisy(pixels, known, camera(), jax.random.key(index)))
@@ -120,7 +122,7 @@ def textbook_filter(known, shutter, columns):
     for speed in np.asarray(known.speeds):
         wave = ms.transfer_function(shutter, camera(), speed=speed, frequency=jnp.asarray(f))
         to_vertex = np.exp(-2j * np.pi * f * speed**2 / (4 * float(camera().acceleration)))
-        responses.append(np.asarray(wave) * to_vertex * np.sinc(f) * np.exp(1j * np.pi * f))
+        responses.append(np.asarray(wave) * to_vertex * np.sinc(f))
     grid = (np.arange(256) + 0.5) / 512
     power = 0.1**2 / (f**2 + 0.01**2) / np.mean(1 / (grid**2 + 0.01**2))
     noise = float(noise_variance(known, camera(), shutter.efficiency()))
@@ -132,7 +134,7 @@ def textbook_filter(known, shutter, columns):
 @pytest.mark.parametrize("shutter", [ms.RectShutter(), ms.HannShutter()], ids=["rect", "hann"])
 @pytest.mark.parametrize("photon_rate", [3e4, 1e6, 1e8])
 def test_a_continuous_picture_leaves_the_error_that_evaluate_expects(shutter, photon_rate):
-    """Within 0.15 dB from 600 to 2,000,000 electrons; `deconvolve` within 0.3 dB up to 20,000."""
+    """Within 0.15 dB from 600 to 2,000,000 electrons; `deconvolve` within 0.3 dB."""
     known = scene(photon_rate=photon_rate)
     expected = float(ms.evaluate(known, camera(), shutter).expected_psnr)
     truth, judged = continuous_rows()[:, ::FINE], slice(150, -150)
@@ -145,8 +147,7 @@ def test_a_continuous_picture_leaves_the_error_that_evaluate_expects(shutter, ph
             errors[name].append(np.mean((found - truth)[:, judged] ** 2))
     measured = {n: -10 * np.log10(known.weights @ np.array(e)) for n, e in errors.items()}
     assert abs(measured["textbook"] - expected) < 0.15
-    if photon_rate <= 1e6:
-        assert abs(measured["deconvolve"] - expected) < 0.3
+    assert abs(measured["deconvolve"] - expected) < 0.3
 
 
 def test_decoders_see_the_same_captures():

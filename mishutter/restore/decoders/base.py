@@ -67,13 +67,14 @@ class BlurModel(eqx.Module):
 
     def responses(self, length: int) -> np.ndarray:
         """Responses at the speeds that may occur, on the grid of a DFT; `(s, length // 2 + 1)`."""
-        return self._responses(self.speeds, length)
+        return self.responses_at(self.speeds, length)
 
     def assumed_response(self, length: int) -> np.ndarray:
         """The one that classical decoders take for all, of a still object as in the paper."""
-        return self._responses(np.zeros(1), length)[0]
+        return self.responses_at(np.zeros(1), length)[0]
 
-    def _responses(self, speeds: np.ndarray, length: int) -> np.ndarray:
+    def responses_at(self, speeds: np.ndarray, length: int) -> np.ndarray:
+        """Responses at speeds relative to the sensor, px/s, `(s,)`; `(s, length // 2 + 1)`."""
         with at_once():
             found = captured_response(self.motion, self.shutter, speeds.tolist(), length)
         return np.asarray(found) * passes(length, self.cutoff)

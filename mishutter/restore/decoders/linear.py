@@ -70,11 +70,9 @@ def share_left_unexplained(model: BlurModel, length: int) -> float:
 
 
 def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
-    r"""Error that the ensemble filter leaves, on the discrete kernels; white = 1.
+    r"""Error that the ensemble filter leaves of pictures with the scene's spectrum; white = 1.
 
-    $2\int_0^{1/2} [S \sum p_i |1 - G H_i|^2 + N |G|^2]\,df$. It differs from the
-    `expected_psnr` of a continuous picture by what the sampling of the picture folds
-    back, which counts where light is plentiful. Of a picture without detail it is 0.
+    $2\int_0^{1/2} [S \sum p_i |1 - G H_i|^2 + N |G|^2]\,df$. Of a picture without detail it is 0.
     """
     if not np.any(model.power > 0):
         return 0.0
@@ -82,6 +80,28 @@ def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
     missed = model.weights @ np.abs(1 - response * model.responses(length)) ** 2
     left = model.picture_spectrum(length) * missed + model.noise * np.abs(response) ** 2
     return float((left[0] + left[-1] + 2 * np.sum(left[1:-1])) / length)
+
+
+def squared_error_of(model: BlurModel, rows: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    r"""Error that the ensemble filter is expected to leave of one picture at some speeds; `(s,)`.
+
+    $2\int_0^{1/2} [P |1 - G H_s|^2 + N_P |G|^2]\,df$ with the spectrum $P$ of the picture's rows,
+    mirrored, about their means, and the noise $N_P$ of its mean level.
+
+    Args:
+        model: The scene that the filter is made for.
+        rows: Light of the picture, white = 1; columns on the last axis.
+        speeds: px/s relative to the sensor; shape `(s,)`.
+    """
+    length = 2 * rows.shape[-1]
+    deviation = rows - np.mean(rows, axis=-1, keepdims=True)
+    spectrum = np.fft.rfft(np.concatenate([deviation, deviation[..., ::-1]], axis=-1))
+    power = np.mean(np.abs(spectrum.reshape(-1, spectrum.shape[-1])) ** 2, axis=0) / length
+    response = ensemble_filter(model, length)
+    shot = model.efficiency * float(np.mean(rows)) / model.electrons
+    missed = np.abs(1 - response * model.responses_at(speeds, length)) ** 2
+    left = power * missed + (shot + model.read_variance) * np.abs(response) ** 2
+    return (left[:, 0] + left[:, -1] + 2 * np.sum(left[:, 1:-1], axis=1)) / length
 
 
 def filtered(
