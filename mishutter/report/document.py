@@ -3,7 +3,7 @@
 import itertools
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mishutter._core import strict_json, write_text
 from mishutter.design import (
@@ -20,8 +20,18 @@ from mishutter.design import (
 from mishutter.model import (
     Scene,
 )
-from mishutter.report.photographs import ENSEMBLE, Photographs, pictured_speeds, shown_speeds
+from mishutter.report.layered import layered_captures, layered_scene
+from mishutter.report.photographs import (
+    ENSEMBLE,
+    Photographs,
+    pictured_speeds,
+    scene_picture,
+    shown_speeds,
+)
 from mishutter.restore import RestoredPhotograph
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _SNAPSHOTS = (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT)
 _MOST_ROWS = 5
@@ -89,6 +99,16 @@ def document(report: Report) -> dict[str, Any]:
     return found | {"comparison": report.comparison.to_dict(), "photographs": photographs}
 
 
+def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
+    """The slowest of the scene's objects behind a typical one, by the design and the snapshot."""
+    from mishutter.report import plots
+
+    slowest, typical = shown_speeds(report.scene)[0], pictured_speeds(report.scene)[0]
+    seen = layered_scene(scene_picture(str(report.scene.picture)), slowest, typical)
+    few = {name: row for name, row in rows.items() if name in (*report.names[:1], *_SNAPSHOTS)}
+    return plots.plot_layers(seen, layered_captures(seen, report.scene, few))
+
+
 def _photograph_document(result: RestoredPhotograph) -> dict[str, Any]:
     return {
         "speeds_px_per_s": result.speeds,
@@ -124,13 +144,15 @@ def write_report(report: Report, folder: Path) -> list[str]:
         seen = {name: report.photographs.shown[name] for name in few}
         speeds = pictured_speeds(report.scene)
         figures["photograph.png"] = plots.plot_photograph(seen, speeds, linear=True)
+    if report.photographs is not None and report.design is not None:
+        figures = {"layers.png": _layered(report, rows)} | figures
     if report.design is not None:
         report.design.save(folder / "design.json")
         report.design.write_profile(folder / "profile.csv")
     for name, figure in figures.items():
         plots.save_figure(figure, folder / name)
     write_text(folder / "report.json", strict_json(document(report)) + "\n")
-    for name in {"psnr.png", "photograph.png"} - set(figures):
+    for name in {"psnr.png", "photograph.png", "layers.png"} - set(figures):
         (folder / name).unlink(missing_ok=True)
     written = ["report.json", *figures]
     return written if report.design is None else ["design.json", "profile.csv", *written]

@@ -35,6 +35,7 @@ from mishutter.model import (
     profile_of,
     to_display,
 )
+from mishutter.report.layered import LayeredCapture, LayeredScene
 from mishutter.restore import RestoredPhotograph
 
 Named = Mapping[str, tuple[AbstractMotion, AbstractShutter]]
@@ -49,6 +50,12 @@ _LEAST_RATIO = -30.0
 _FIRST_ERROR = 0.01
 """Share of the error that lies below the frequency at which an axis begins."""
 _DETAIL = (48, 64)
+_LAYERED_WIDTH = 3.3
+"""Of a panel of a layered scene, in inches."""
+_ONE_FILTER = (
+    "Restored by one filter a camera,\nwhich is told no speed and no place.\n\n"
+    "PSNR in linear light: behind, where\nthe object never was; before, where\nit alone is."
+)
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
 _DARKEST_SHARE = 99
@@ -220,6 +227,35 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False
 
 def _kind(linear: bool) -> str:
     return "linear light" if linear else "gamma put back"
+
+
+def plot_layers(seen: LayeredScene, captures: Mapping[str, LayeredCapture]) -> Figure:
+    """A background and an object before it, captured and restored by each of several cameras.
+
+    Args:
+        seen: The scene.
+        captures: What `layered_captures` gave.
+
+    Raises:
+        ValueError: if there is nothing to show.
+    """
+    require(len(captures) > 0, "plot_layers(captures=...)", "hold a capture", 0)
+    rows, columns = seen.truth.shape[:2]
+    height = _LAYERED_WIDTH * rows / columns + 1.1 * _TITLE
+    across = 1 + len(captures)
+    figure = Drawing(figsize=(across * _LAYERED_WIDTH, 2 * height), layout="constrained")
+    panels = figure.subplots(2, across, squeeze=False)
+    back, front = (layer.speed for layer in seen.layers.layers)
+    _show(panels[0, 0], seen.truth, f"the scene: {back:g} px/s behind,\n{front:g} px/s before")
+    panels[1, 0].axis("off")
+    panels[1, 0].text(0.5, 0.5, _ONE_FILTER, ha="center", va="center", fontsize="small")
+    for (name, found), (top, bottom) in zip(captures.items(), panels.T[1:], strict=True):
+        _show(
+            top, found.captured, f"{shown_name(name, 30)}, {found.exposure * 1e3:.3g} ms,\ncaptured"
+        )
+        levels = f"behind {found.background_psnr:.1f} dB, before {found.object_psnr:.1f} dB"
+        _show(bottom, found.restored, f"restored:\n{levels}")
+    return figure
 
 
 def plot_photograph(

@@ -1,0 +1,158 @@
+"""A background and an object that moves before it, in one exposure of each of several cameras."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from mishutter.camera import Layer, Layers, simulate_capture
+from mishutter.design import Row
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    Picture,
+    RectShutter,
+    Scene,
+    StillCamera,
+    shipped_picture,
+)
+from mishutter.restore import deconvolve
+
+OPEN_SHUTTER = "open shutter"
+_OBJECT = "astronaut.png"
+_ROWS, _COLUMNS, _HEIGHT = 128, 336, 104
+_OPAQUE = 0.999
+"""Opacity from which on a pixel belongs to the object alone."""
+_NUM_TIMES = 257
+_LEAST_EFFICIENCY = 1e-12
+
+
+class LayeredCapture(NamedTuple):
+    """One exposure of a background and an object, captured and restored by one filter.
+
+    Attributes:
+        exposure: s.
+        captured: Light as recorded, over the shutter's efficiency; `(rows, columns, channels)`.
+        restored: What the ensemble filter makes of it, which is told no speed and no place.
+        background_psnr: Where the object never is during the exposure; linear light, dB.
+        object_psnr: Where the object alone is, as the decoder places it; linear light, dB.
+    """
+
+    exposure: float
+    captured: np.ndarray
+    restored: np.ndarray
+    background_psnr: float
+    object_psnr: float
+
+
+class LayeredScene(NamedTuple):
+    """A background and an object before it, and their speeds.
+
+    Attributes:
+        layers: Background and object.
+        truth: The scene at mid-exposure; `(rows, columns, channels)`.
+    """
+
+    layers: Layers
+    truth: np.ndarray
+
+
+def layered_scene(picture: Picture, background_speed: float, object_speed: float) -> LayeredScene:
+    """A photograph, and an oval cut from another that moves before its middle.
+
+    Args:
+        picture: The background; its middle is taken.
+        background_speed: px/s.
+        object_speed: px/s.
+    """
+    height, width = picture.light.shape[:2]
+    top, left = max(0, (height - _ROWS) // 2), max(0, (width - _COLUMNS) // 2)
+    back = picture.light[top : top + _ROWS, left : left + _COLUMNS]
+    size = min(_HEIGHT, 3 * back.shape[0] // 4), min(4 * _HEIGHT // 3, back.shape[1] // 2)
+    light = shipped_picture(_OBJECT).light[40 : 40 + size[0], 155 : 155 + size[1]]
+    y, x = ((np.arange(n) + 0.5) / n * 2 - 1 for n in size)
+    matte = np.clip((1 - np.hypot(y[:, None], x[None])) * min(size) / 2, 0, 1).astype(np.float32)
+    place = {"left": (back.shape[1] - size[1]) // 2, "top": (back.shape[0] - size[0]) // 2}
+    layers = Layers(
+        (
+            Layer(Picture(back), speed=background_speed),
+            Layer(Picture(light, matte), speed=object_speed, **place),
+        )
+    )
+    return LayeredScene(layers, _placed(layers, [0.0, 0.0])[0])
+
+
+def layered_captures(
+    seen: LayeredScene, scene: Scene, rows: Mapping[str, Row]
+) -> dict[str, LayeredCapture]:
+    """A layered scene by each design, and by an open shutter at rest for the first's exposure."""
+    cameras: dict[str, tuple[AbstractMotion, AbstractShutter]] = {
+        name: (row.motion, row.shutter) for name, row in rows.items()
+    }
+    exposure = next(iter(rows.values())).motion.half_exposure
+    cameras[OPEN_SHUTTER] = StillCamera(half_exposure=exposure), RectShutter()
+    return {
+        name: _captured(seen.layers, scene, motion, shutter)
+        for name, (motion, shutter) in cameras.items()
+    }
+
+
+def _captured(
+    layers: Layers, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> LayeredCapture:
+    light = np.asarray(
+        simulate_capture(layers, scene, motion, shutter, key=jax.random.key(0)), np.float64
+    )
+    restored = np.asarray(deconvolve(light, scene, motion, shutter))
+    a, v = float(motion.acceleration), float(motion.velocity)
+    relative = [layer.speed - v for layer in layers.layers]
+    truth, matte = _placed(layers, [-(s**2) / (4 * a) if a > 0 else 0.0 for s in relative])
+    time = np.linspace(-1, 1, _NUM_TIMES) * float(motion.half_exposure)
+    way = (a * time - relative[1]) * time
+    swept = _swept(_placed(layers, [0.0, 0.0])[1], float(np.min(way)), float(np.max(way)))
+    gain = 1 / max(float(np.asarray(scene.light(shutter).efficiency())), _LEAST_EFFICIENCY)
+    error = np.mean((restored - truth) ** 2, axis=2)
+    return LayeredCapture(
+        exposure=float(motion.exposure),
+        captured=light * gain,
+        restored=restored,
+        background_psnr=_psnr(error[~swept]),
+        object_psnr=_psnr(error[matte > _OPAQUE]),
+    )
+
+
+def _psnr(squared_errors: np.ndarray) -> float:
+    return float(-10 * np.log10(np.mean(squared_errors))) if squared_errors.size else np.nan
+
+
+def _placed(layers: Layers, displacements: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Background and object, each displaced; and the object's matte, `(rows, columns)`."""
+    back, front = layers.layers
+    light = np.asarray(back.picture.light, np.float64)
+    rows = slice(front.top, front.top + front.matte.shape[0])
+    columns = slice(front.left, front.left + front.matte.shape[1])
+    matte, colour = np.zeros((*light.shape[:2], 1)), np.zeros_like(light)
+    matte[rows, columns] = front.matte[..., None]
+    colour[rows, columns] = front.picture.light * front.matte[..., None]
+    mirrored = np.concatenate([light, light[:, ::-1]], axis=1)
+    behind = _displaced(mirrored, displacements[0])[:, : light.shape[1]]
+    matte, colour = (_displaced(x, displacements[1]) for x in (matte, colour))
+    return behind * (1 - matte) + colour, matte[..., 0]
+
+
+def _displaced(picture: np.ndarray, distance: float) -> np.ndarray:
+    """A picture that repeats itself along its rows, displaced; `(rows, columns, channels)`."""
+    columns = picture.shape[1]
+    phase = np.exp(-2j * np.pi * np.fft.rfftfreq(columns) * distance)[None, :, None]
+    return np.fft.irfft(np.fft.rfft(picture, axis=1) * phase, columns, axis=1)
+
+
+def _swept(matte: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Where a matte is, wherever it is displaced to between two distances."""
+    swept = np.zeros(matte.shape, bool)
+    columns = matte.shape[1]
+    for shift in range(int(np.floor(low)) - 1, int(np.ceil(high)) + 2):
+        first, last = max(0, shift), min(columns, columns + shift)
+        swept[:, first:last] |= matte[:, first - shift : last - shift] > 0
+    return swept
