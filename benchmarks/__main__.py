@@ -18,6 +18,7 @@ ALL = (
     "borders",
     "monte_carlo",
     "restoration",
+    "restoration_over_speeds",
     "scenes",
     "independent",
     "long_kernels",
