@@ -19,6 +19,7 @@ ALL = (
     "borders",
     "monte_carlo",
     "restoration",
+    "restoration_over_speeds",
     "scenes",
     "independent",
     "long_kernels",

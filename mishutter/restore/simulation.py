@@ -50,8 +50,9 @@ def capture_and_restore(
 ) -> Simulation:
     """Capture a subject and restore it, within memory of a few times its own size.
 
-    Blur and noise are along rows, so that rows can be done in any portions. A decoder that
-    sets its strength by what a plane leaves unexplained does so for each portion.
+    Blur and noise are along rows, so that rows can be done in any portions; a decoder that knows
+    how rows go together is given a few more above and below (`rows_beyond`). One that sets its
+    strength by what a plane leaves unexplained does so for each portion.
 
     Args:
         subject: A photograph, a layered scene, or footage.
@@ -73,6 +74,7 @@ def capture_and_restore(
     """
     require_positive_int("capture_and_restore(rows_at_once=...)", rows_at_once)
     require_key("capture_and_restore(key=...)", key)
+    chosen = EnsembleDecoder() if decoder is None else decoder
     report = progress if progress is not None else lambda text, share: None
     options = {"speed": speed, "border": border, "plan": plan}
     options |= {"full_well": full_well, "adc_bits": adc_bits}
@@ -83,23 +85,26 @@ def capture_and_restore(
         light = np.asarray(exposed)
     else:
         light = subject.light if isinstance(subject, Picture) else np.asarray(subject)
-    chosen = EnsembleDecoder() if decoder is None else decoder
     model = blur_model(scene, motion, shutter, plan=plan)
-    captured = restored = None
-    for first in range(0, light.shape[0], rows_at_once):
-        report("capturing and restoring", first / light.shape[0])
+    captured = restored = np.zeros((0, 0, 1))
+    num_rows = light.shape[0]
+    portions = range(0, num_rows, rows_at_once)
+    for first in portions:
+        report("capturing", 0.5 * first / num_rows)
         part = jnp.asarray(light[first : first + rows_at_once])
         if not whole:
             own = None if key is None else jax.random.fold_in(key, first)
             part = simulate_capture(part, scene, motion, shutter, key=own, **options)
-        found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
-        if captured is None or restored is None:
-            shape = (light.shape[0], *part.shape[1:])
+        if first == 0:
+            shape = (num_rows, *part.shape[1:])
             captured, restored = np.empty(shape, part.dtype), np.empty(shape, part.dtype)
         captured[first : first + rows_at_once] = part
-        restored[first : first + rows_at_once] = found
+    beyond = chosen.rows_beyond
+    for first in portions:
+        report("restoring", 0.5 + 0.5 * first / num_rows)
+        above = min(first, beyond)
+        part = captured[first - above : first + rows_at_once + beyond]
+        found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
+        restored[first : first + rows_at_once] = found[above : above + rows_at_once]
     report("done", 1.0)
-    nothing = np.zeros((0, 0, 1))
-    return Simulation(
-        nothing if captured is None else captured, nothing if restored is None else restored
-    )
+    return Simulation(captured, restored)

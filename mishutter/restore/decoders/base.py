@@ -94,6 +94,11 @@ class AbstractDecoder(eqx.Module):
     keeps no state. Planes are independent of one another.
     """
 
+    @property
+    def rows_beyond(self) -> int:
+        """Rows above and below a portion of a picture that its own rows are restored from."""
+        return 0
+
     @abstractmethod
     def restore(self, captured: Array, model: BlurModel) -> Array:
         """Restore planes of captured rows.

@@ -48,6 +48,29 @@ def ensemble_filter(model: BlurModel, length: int) -> np.ndarray:
     return power * mean / (power * passed + model.noise)
 
 
+def mean_and_spread(model: BlurModel, length: int) -> tuple[np.ndarray, np.ndarray]:
+    r"""Mean response over the speeds, and how they differ from it, on the grid of a DFT.
+
+    $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$, each of shape `(length // 2 + 1,)`: a capture
+    is $m f$ and an error of power $N + S v$.
+    """
+    responses = model.responses(length)
+    mean = model.weights @ responses
+    return mean, model.weights @ np.abs(responses - mean) ** 2
+
+
+def expected_residual(model: BlurModel, length: int) -> float:
+    r"""Power that the mean response of the ensemble filter's estimate leaves of a capture.
+
+    $\overline{|1 - m G|^2 (S \sum p_i |H_i|^2 + N)}
+    = \overline{(N + S v)^2 / (S \sum p_i |H_i|^2 + N)}$ over the grid of a DFT.
+    """
+    _, spread = mean_and_spread(model, length)
+    missed = model.noise + model.picture_spectrum(length) * spread
+    left = missed**2 / captured_spectrum(model, length)
+    return float((left[0] + left[-1] + 2 * np.sum(left[1:-1])) / length)
+
+
 def wiener_filter(model: BlurModel, length: int) -> np.ndarray:
     """Wiener's filter on the grid of a DFT; shape `(length // 2 + 1,)`."""
     power, response = model.picture_spectrum(length), model.assumed_response(length)

@@ -1,4 +1,4 @@
-"""Least squares with a penalty on roughness, its strength set by the noise."""
+"""Least squares with a penalty on roughness, its strength set by what the blur leaves."""
 
 from collections.abc import Callable
 from typing import final
@@ -13,6 +13,7 @@ from mishutter._core import compiled
 from mishutter.camera import along_rows
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
 from mishutter.restore.decoders.borders import Continuation, continuation
+from mishutter.restore.decoders.linear import expected_residual, mean_and_spread
 
 _RANGE = (1e-9, 1e9)
 _NUM_HALVINGS = 40
@@ -20,22 +21,23 @@ _NUM_HALVINGS = 40
 
 @final
 class TikhonovDecoder(AbstractDecoder):
-    r"""Regularised deconvolution by the criterion of MATLAB's `deconvreg`.
+    r"""Regularised deconvolution as MATLAB's `deconvreg`, for all speeds of a scene.
 
-    $F = \bar H G / (|H|^2 + \gamma |L|^2)$ with the still object's kernel and $L$ the second
-    difference along the row. $\gamma$ in $[10^{-9}, 10^9]$ is such that what the estimate
-    leaves unexplained has the power of the noise, $\overline{(g - Hf)^2} = N$, in each
-    plane.
+    $F = \bar m G / (|m|^2 + \gamma |L|^2)$ with the mean response $m = \sum p_i H_i$ and $L$ the
+    second difference along the row. $\gamma$ in $[10^{-9}, 10^9]$ is such that the estimate
+    leaves as much of a plane unexplained as the ensemble filter is expected to,
+    $\overline{(g - mf)^2} = \overline{(N + S v)^2 / (S \sum p_i |H_i|^2 + N)}$ with
+    $v = \sum p_i |H_i - m|^2$. That is less than the noise $N$ where the noise hides detail,
+    and more where the speeds differ; at $N$ the picture is still soft.
     """
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
         extension = continuation(model, captured.shape[-1])
-        response = model.assumed_response(extension.length)
+        response, _ = mean_and_spread(model, extension.length)
+        left = expected_residual(model, extension.length)
         light = model.efficiency
         gain = 1 / light if light > 0 else 0.0
-        return _regularised(
-            captured, extension, response, np.asarray(model.noise), np.asarray(gain)
-        )
+        return _regularised(captured, extension, response, np.asarray(left), np.asarray(gain))
 
 
 @compiled
@@ -43,7 +45,7 @@ def _regularised(
     captured: Array,
     extension: Continuation,
     response: ArrayLike,
-    noise: ArrayLike,
+    left: ArrayLike,
     gain: ArrayLike,
 ):
     def restored(plane: Array) -> Array:
@@ -53,16 +55,16 @@ def _regularised(
         passed = transfer.real**2 + transfer.imag**2
         turns = np.fft.rfftfreq(extension.length)
         rough = along_rows(16 * np.sin(np.pi * turns) ** 4, rows)
-        variance, light = (jnp.asarray(v, rows.dtype) for v in (noise, gain))
+        expected, light = (jnp.asarray(v, rows.dtype) for v in (left, gain))
         columns = extension.columns
 
         def excess(logarithm: Array) -> Array:
-            """Power of the residual above that of the noise."""
+            """Power of the residual above what is expected of it."""
             penalty = jnp.exp(logarithm) * rough
             total = passed + penalty
             share = jnp.where(total > 0, penalty / jnp.where(total > 0, total, 1), 1)
             residual = jnp.fft.irfft(spectrum * share.astype(spectrum.dtype), extension.length)
-            return jnp.mean(residual[:, :columns] ** 2) - variance
+            return jnp.mean(residual[:, :columns] ** 2) - expected
 
         total = passed + jnp.exp(_root(excess, rows.dtype)) * rough
         scale = jnp.where(total > 0, 1 / jnp.where(total > 0, total, 1), 0)

@@ -1,0 +1,213 @@
+"""Decoders that know how speeds differ, and one that knows how rows go together.
+
+Total variation is pinned to the objective in its docstring, which a general minimiser is
+given here, and both decoders to how they stand to the best filter on a photograph.
+"""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from support.cameras import camera, scene
+
+import mishutter as ms
+from mishutter.model.images import shipped_picture
+from mishutter.restore.decoders.borders import continuation
+from mishutter.restore.decoders.linear import (
+    ensemble_filter,
+    expected_residual,
+    expected_squared_error,
+    mean_and_spread,
+)
+
+
+def portrait(rows=64):
+    return shipped_picture("astronaut.png").luminance[120 : 120 + rows, :400].astype(np.float64)
+
+
+def dim():
+    """Speeds that differ much, in little light, for pictures like the portrait."""
+    return scene(**ms.row_power_spectrum(ms.Picture(portrait()[..., None]), 256)._asdict())
+
+
+def model_of():
+    return ms.blur_model(dim(), camera(), ms.HannShutter())
+
+
+def captured_at(speed):
+    options = {"speed": speed, "key": jax.random.key(6)}
+    return ms.simulate_capture(portrait(), dim(), camera(), ms.HannShutter(), **options)
+
+
+def test_the_spread_is_what_the_mean_response_misses():
+    """The mean and the spread together pass as much light power as the speeds do in the mean."""
+    model, length = model_of(), 600
+    responses = model.responses(length)
+    mean, spread = mean_and_spread(model, length)
+    np.testing.assert_allclose(mean, model.weights @ responses, rtol=1e-13)
+    passed = model.weights @ np.abs(responses) ** 2
+    np.testing.assert_allclose(np.abs(mean) ** 2 + spread, passed, rtol=1e-9)
+    assert np.max(spread) > 1e-3
+
+
+def test_what_the_ensemble_filter_leaves_of_a_capture():
+    """The closed form is what the filter misses of a capture's spectrum, over all of a DFT."""
+    model, length = model_of(), 600
+    mean, _ = mean_and_spread(model, length)
+    captured = model.picture_spectrum(length) * (
+        model.weights @ np.abs(model.responses(length)) ** 2
+    )
+    left = np.abs(1 - mean * ensemble_filter(model, length)) ** 2 * (captured + model.noise)
+    whole = np.concatenate([left, left[1:-1][::-1]])
+    assert expected_residual(model, length) == pytest.approx(np.mean(whole), rel=1e-10)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1500.0])
+def test_tikhonov_leaves_what_is_expected(speed):
+    """What the estimate leaves unexplained by the mean response, not the noise."""
+    model = model_of()
+    captured = np.asarray(captured_at(speed))
+    estimate = np.asarray(ms.TikhonovDecoder().restore(jnp.asarray(captured), model))
+    length = continuation(model, captured.shape[1]).length
+    mean, _ = mean_and_spread(model, length)
+    level = captured.mean(axis=1, keepdims=True)
+    padded = np.pad(estimate - level / model.efficiency, ((0, 0), (0, length - 400)))
+    again = np.fft.irfft(np.fft.rfft(padded) * mean, length)[:, :400] + level
+    left = np.mean((again - captured)[:, 100:-100] ** 2)
+    wanted = expected_residual(model, length)
+    assert left == pytest.approx(wanted, rel=0.25)
+    assert abs(wanted / model.noise - 1) > 0.3
+
+
+def test_total_variation_finds_the_least_of_its_objective():
+    """On one plane, as a general minimiser of the written sum finds it, with edges rounded off.
+
+    The minimiser needs slopes, so that its total variation is that of a corner of 1e-5.
+    """
+    model = model_of()
+    captured = jnp.asarray(np.asarray(captured_at(700.0))[20:26, 100:112])
+    rows, columns = captured.shape
+    extension = continuation(model, columns)
+    length = extension.length
+    mean, spread = mean_and_spread(model, length)
+    power = model.picture_spectrum(length)
+    error = np.sqrt(expected_squared_error(model, length))
+    deviation, level = (np.asarray(x) for x in extension.deviations(captured))
+    centre = level.mean()
+    data = np.fft.rfft(deviation + level - centre)
+    twice = np.full(length // 2 + 1, 2.0) / length
+    twice[[0, -1]] = 1 / length
+    flat = np.where(np.arange(length // 2 + 1) > 0, 0.1 / power, 0)
+
+    def objective(values):
+        picture = values.reshape(rows, length)
+        waves = jnp.fft.rfft(picture)
+        noise = model.noise + power * spread
+        fit = jnp.sum(twice * (jnp.abs(data - mean * waves) ** 2 / noise + flat * abs2(waves)))
+        across = jnp.roll(picture, -1, axis=1) - picture
+        down = jnp.diff(picture, axis=0, append=picture[-1:])
+        return fit / 2 + 0.3 / error * jnp.sum(jnp.sqrt(across**2 + down**2 + 1e-10))
+
+    def abs2(waves):
+        return waves.real**2 + waves.imag**2
+
+    with jax.numpy_rank_promotion("allow"):
+        slope = jax.jit(jax.value_and_grad(objective))
+        best = minimize(
+            lambda x: tuple(np.asarray(v) for v in slope(x)),
+            np.zeros(rows * length),
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": 20000, "maxfun": 20000, "ftol": 1e-15, "gtol": 1e-7},
+        )
+    wanted = best.x.reshape(rows, length)[:, :columns] + centre / model.efficiency
+    found = np.asarray(ms.TotalVariationDecoder(2000).restore(captured, model))
+    assert np.std(wanted) > 0.01
+    np.testing.assert_allclose(found, wanted, atol=1e-3)
+    quick = np.asarray(ms.TotalVariationDecoder().restore(captured, model))
+    np.testing.assert_allclose(quick, wanted, atol=0.1 * error)
+
+
+def test_total_variation_takes_its_strength():
+    """The stronger, the fewer differences: within rows and between them."""
+    captured, model = captured_at(0.0), model_of()
+    pictures = [
+        np.asarray(ms.TotalVariationDecoder(strength=c).restore(captured, model))
+        for c in (0.3, 1.0, 5.0)
+    ]
+    for axis in (0, 1):
+        rough = [np.sum(np.abs(np.diff(picture, axis=axis))) for picture in pictures]
+        assert rough[0] > 1.05 * rough[1] > 1.1 * rough[2]
+
+
+@pytest.mark.parametrize("speed", [0.0, 1000.0, 2000.0])
+def test_rows_that_go_together_tell_more(speed):
+    """A prior in two dimensions gains over the best filter at each speed, and rows are needed."""
+    model, light = model_of(), portrait()
+    captured = captured_at(speed)
+    inner = np.s_[:, 60:-60]
+
+    def level(decoder, planes):
+        found = np.asarray(decoder.restore(planes, model)).reshape(light.shape)
+        return ms.psnr(light[inner], found[inner], gamma=False)
+
+    together = level(ms.TotalVariationDecoder(), captured)
+    assert together > level(ms.EnsembleDecoder(), captured) + 1
+    assert together > level(ms.TotalVariationDecoder(), captured[:, None]) + 0.5
+
+
+@pytest.mark.parametrize("speed", [0.0, 1000.0, 2000.0])
+def test_tikhonov_is_nearly_the_best_filter(speed):
+    """It knows the speeds, so that it is within 0.5 dB of the ensemble filter at each."""
+    model, light = model_of(), portrait()
+    captured = captured_at(speed)
+    levels = [
+        ms.psnr(light[:, 60:-60], np.asarray(d.restore(captured, model))[:, 60:-60], gamma=False)
+        for d in (ms.TikhonovDecoder(), ms.EnsembleDecoder())
+    ]
+    assert levels[0] > levels[1] - 0.5
+
+
+@pytest.mark.parametrize("rows", [1, 2, 5])
+def test_total_variation_of_few_rows(rows):
+    """As many as there are, and in single precision as in double."""
+    captured = jnp.asarray(captured_at(400.0)[:rows], jnp.float32)
+    restore = ms.TotalVariationDecoder().restore
+    found = restore(captured, model_of())
+    assert found.shape == captured.shape
+    assert found.dtype == jnp.float32
+    exact = restore(captured.astype(jnp.float64), model_of())
+    np.testing.assert_allclose(found, exact, atol=1e-4)
+
+
+def test_total_variation_without_detail():
+    """A picture that is known to have none comes back even."""
+    model = replace(model_of(), power=np.zeros(256))
+    level = 0.2 * model.efficiency
+    captured = level + 0.01 * np.random.default_rng(3).standard_normal((5, 90))
+    found = np.asarray(ms.TotalVariationDecoder().restore(jnp.asarray(captured), model))
+    np.testing.assert_allclose(found, np.mean(captured) / model.efficiency, atol=1e-3)
+
+
+def test_portions_know_the_rows_beside_them():
+    """A picture restored a few rows at a time is what it is at once, but for far rows' part."""
+    light, decoder = portrait(96)[..., None], ms.TotalVariationDecoder()
+    given = dim(), camera(), ms.HannShutter()
+    parts = ms.capture_and_restore(
+        light, *given, decoder=decoder, key=jax.random.key(2), rows_at_once=24
+    )
+    whole = np.asarray(ms.deconvolve(parts.captured, *given, decoder=decoder))
+    model = model_of()
+    apart = [
+        np.asarray(decoder.restore(jnp.moveaxis(jnp.asarray(rows), -1, 0), model))[0]
+        for rows in np.split(parts.captured, 4)
+    ]
+    off, off_apart = (
+        np.sqrt(np.mean((x - whole[..., 0]) ** 2))
+        for x in (parts.restored[..., 0], np.concatenate(apart))
+    )
+    assert off_apart > 1e-3
+    assert off < off_apart / 10
