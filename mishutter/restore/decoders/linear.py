@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import compiled
 from mishutter.camera import along_rows
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
-from mishutter.restore.decoders.borders import Continuation, continuation
+from mishutter.restore.decoders.borders import Continuation, captured_spectrum, continuation
 
 
 @final
