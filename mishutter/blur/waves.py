@@ -45,12 +45,12 @@ def waves_on_dft(
     num_low = math.isqrt(num_frequencies - 1) + 1
     num_high = -(-num_frequencies // num_low)
     dtype = np.result_type(position.dtype, np.complex64)
-    turns = position[:, None, :] * np.asarray(-2j * np.pi / length, dtype)
+    turns = position[:, None, :].astype(dtype) * np.asarray(-2j * np.pi / length, dtype)
     low, high = (
-        space.exp(turns * np.arange(count, dtype=position.dtype)[None, :, None] * step)
+        space.exp(turns * (step * np.arange(count)).astype(dtype)[None, :, None])
         for count, step in ((num_low, 1), (num_high, num_low))
     )
-    waves = space.matmul(high * light[:, None, :], space.swapaxes(low, 1, 2))
+    waves = space.matmul(high * light[:, None, :].astype(dtype), space.swapaxes(low, 1, 2))
     return waves.reshape(waves.shape[0], -1)[:, :num_frequencies]
 
 

@@ -172,21 +172,23 @@ def _hide(total: np.ndarray, seen: _Seen, front: Sequence[Layer], exposure: _Exp
     # So much further that no light and no matte comes round to the columns from `low` to `high`.
     left = low - way - seen.aside
     period = fast_length(high - low + 2 * (way + seen.aside))
-    light = _twice_as_fine(
+    finer = 1 + -(-len(front) // 2)
+    light = _finer(
         np.fft.rfft(seen.light[:, first - seen.rows.start : last - seen.rows.start]),
         seen.light.shape[-1],
+        finer,
     )
-    column = left + np.arange(2 * period) / 2
+    column = left + np.arange(finer * period) / finer
     within = (column >= -seen.aside) & (column < seen.num_columns + seen.aside)
-    light = light[..., (2 * left + np.arange(2 * period)) % light.shape[-1]] * within
+    light = light[..., (finer * left + np.arange(finer * period)) % light.shape[-1]] * within
     mattes = [np.fft.rfft(_placed(m, first, last, seen.left + left, period)) for m in front]
     turns = -2j * np.pi / period * np.arange(period // 2 + 1)
     hidden = np.zeros((*light.shape[:2], period // 2 + 1), complex)
     times, shares = _instants(exposure, fastest)
     for time, response in zip(times, _responses(seen, exposure, shares, period), strict=True):
         moved = [m * np.exp(turns * rate * time) for m, rate in zip(mattes, rates, strict=True)]
-        clear = np.prod([1 - _twice_as_fine(m, period) for m in moved], axis=0)
-        image = np.fft.rfft(light * (1 - clear))[..., : period // 2 + 1] / 2
+        clear = np.prod([1 - _finer(m, period, finer) for m in moved], axis=0)
+        image = np.fft.rfft(light * (1 - clear))[..., : period // 2 + 1] / finer
         hidden -= image * response
     _add(total[:, first:last], np.fft.irfft(hidden, period), seen, seen.left + left)
 
@@ -205,12 +207,12 @@ def _instants(exposure: _Exposure, fastest: float) -> tuple[np.ndarray, np.ndarr
     return times, exposure.light * np.sinc(apart) * window / np.i0(_SHARPNESS)
 
 
-def _twice_as_fine(spectrum: np.ndarray, period: int) -> np.ndarray:
-    """Periodic rows at twice as many columns, by the DFT of those at one."""
+def _finer(spectrum: np.ndarray, period: int, finer: int) -> np.ndarray:
+    """Periodic rows, of which the DFT is given, at a multiple of their columns."""
     whole = spectrum.copy()
     if period % 2 == 0:  # half of it belongs to the negative frequency
         whole[..., -1] /= 2
-    return 2 * np.fft.irfft(whole, 2 * period)
+    return finer * np.fft.irfft(whole, finer * period)
 
 
 def _placed(layer: Layer, first: int, last: int, left: int, period: int) -> np.ndarray:
@@ -250,35 +252,17 @@ def _in_one_colour(layers: Layers) -> Layers:
 
 
 def seen_layers(layers: Layers, motion: AbstractMotion) -> Layers:
-    """Layers without those that are clear, off the sensor or behind one that moves along."""
+    """Layers without those that are clear, or too far off the sensor."""
     first, *others = layers.layers
-    seen = [
-        layer
-        for index, layer in enumerate(others)
-        if not (_is_off(layers, layer, motion) or _is_covered(layer, others[index + 1 :]))
-    ]
+    seen = [layer for layer in others if not _is_off(layers, layer, motion)]
     return replace(layers, layers=(first, *seen))
 
 
 def _is_off(layers: Layers, layer: Layer, motion: AbstractMotion) -> bool:
     """Whether a layer is clear, or no displacement of the exposure brings it onto the sensor."""
     (rows, columns, _), (height, width) = layers.shape, layer.matte.shape
-    travel = 1 + abs(layer.speed - float(motion.velocity)) * float(motion.half_exposure)
+    travel = MARGIN + abs(layer.speed - float(motion.velocity)) * float(motion.half_exposure)
     below, above = layer.top >= rows, layer.top + height <= 0
     right = layer.left - travel >= columns
     left = layer.left + width + travel + float(motion.stroke) <= 0
     return below or above or bool(right or left) or not layer.matte.any()
-
-
-def _is_covered(layer: Layer, front: Sequence[Layer]) -> bool:
-    return any(other.speed == layer.speed and _covers(other, layer) for other in front)
-
-
-def _covers(front: Layer, layer: Layer) -> bool:
-    """Whether one layer is opaque wherever another, at the same speed, is not clear."""
-    top, left = layer.top - front.top, layer.left - front.left
-    height, width = layer.matte.shape
-    if top < 0 or left < 0:
-        return False
-    over = front.matte[top : top + height, left : left + width]
-    return over.shape == layer.matte.shape and bool(np.all(over[layer.matte > 0] == 1))

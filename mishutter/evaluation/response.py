@@ -257,13 +257,13 @@ def pixel_responses(
     """
     tau, light = light_in_time(shutter, motion, num_nodes)
     a, half = float(motion.acceleration), float(motion.half_exposure)
-    stroke, smear = a * half * half, np.asarray(speeds, np.float64)[:, None] * half
+    stroke, smear = a * half * half, (np.asarray(speeds)[:, None] * half).astype(tau.dtype)
     is_turning = bool(turns(np.asarray(stroke)))
     shape = (tau - smear / (2 * stroke)) ** 2 if is_turning else tau * smear
     position = shape * (stroke if is_turning else -1.0)
     count = length // 2 + 1
-    aperture = np.sinc(np.arange(count) / length)[None].astype(tau.dtype)
-    return waves_on_dft(position, light, length, count) * aperture
+    waves = waves_on_dft(position, light, length, count)
+    return waves * np.sinc(np.arange(count) / length)[None].astype(waves.dtype)
 
 
 def light_in_time(

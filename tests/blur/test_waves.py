@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter.blur.waves import sum_of_waves
+from mishutter.blur.waves import sum_of_waves, waves_on_dft
 from mishutter.model.frequencies import frequencies, on_steps
 
 COUNTS = [(256, 256), (384, 384), (1024, 96), (256, 33), (64, 1), (4096, 4096)]
@@ -60,6 +60,22 @@ def test_derivatives_are_those_of_the_sums(counts):
     by_position, by_light = slope(*given)
     reverse = np.sum(by_position * moved) + np.sum(by_light * lit)
     np.testing.assert_allclose(reverse, np.sum(weight * exact.real), rtol=1e-10)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize(("length", "count"), [(2, 2), (97, 49), (360, 181), (360, 5), (1, 1)])
+def test_waves_on_the_grid_of_a_dft(length, count, dtype):
+    """Of any length, with one light for all rows of positions; NumPy's arrays stay NumPy's."""
+    position, light = _points(180.0, dtype)
+    turns = np.arange(count)[None, :, None] / length * position.astype(np.float64)[:, None]
+    wanted = np.sum(light[:, None] * np.exp(-2j * np.pi * turns), axis=2)
+    allowed = np.finfo(dtype).eps * (40 + 180) * np.sum(np.abs(light))
+    known = waves_on_dft(position, light, length, count)
+    assert isinstance(known, np.ndarray)
+    traced = jax.jit(waves_on_dft, static_argnums=(2, 3))(position, light, length, count)
+    for found in (known, traced):
+        assert found.dtype == np.result_type(dtype, np.complex64)
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=allowed)
 
 
 def test_positions_past_all_numbers_stay_on_the_grid():
