@@ -98,8 +98,6 @@ def captured_footage(frames, motion, shutter, *, border="reflect", count=4_000, 
     for index, frame in enumerate(frames):
         wide = np.pad(frame, ((0, 0), (beyond, beyond), (0, 0)), mode=modes[border])
         spectrum = np.fft.rfft(np.moveaxis(wide, -1, 0))
-        for t, w in list(zip(time, light, strict=True))[
-            index * per_frame : (index + 1) * per_frame
-        ]:
+        for t, w in list(zip(time, light, strict=True))[index * per_frame : (index + 1) * per_frame]:
             total = total + w * shifted(spectrum, float(position(motion, t)), period)
     return np.moveaxis(through_pixels(total)[..., beyond : beyond + columns], 0, -1)
