@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mishutter._core import in_threads, num_processors
 from mishutter.blur import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
 from mishutter.camera.rows import MARGIN, continued, fast_length, passes, period_of
@@ -17,6 +18,8 @@ _STEP = 0.5
 _HALF_WIDTH = 8
 """Instants to either side of a time that an image then is interpolated from."""
 _SHARPNESS = 12.5
+_ROWS_AT_ONCE = 8
+"""Rows whose images stay in a processor's cache from one instant to the next."""
 
 
 class _Exposure(NamedTuple):
@@ -173,24 +176,29 @@ def _hide(total: np.ndarray, seen: _Seen, front: Sequence[Layer], exposure: _Exp
     left = low - way - seen.aside
     period = fast_length(high - low + 2 * (way + seen.aside))
     finer = 1 + -(-len(front) // 2)
-    light = _finer(
-        np.fft.rfft(seen.light[:, first - seen.rows.start : last - seen.rows.start]),
-        seen.light.shape[-1],
-        finer,
-    )
     column = left + np.arange(finer * period) / finer
     within = (column >= -seen.aside) & (column < seen.num_columns + seen.aside)
-    light = light[..., (finer * left + np.arange(finer * period)) % light.shape[-1]] * within
-    mattes = [np.fft.rfft(_placed(m, first, last, seen.left + left, period)) for m in front]
-    turns = -2j * np.pi / period * np.arange(period // 2 + 1)
-    hidden = np.zeros((*light.shape[:2], period // 2 + 1), complex)
     times, shares = _instants(exposure, fastest)
-    for time, response in zip(times, _responses(seen, exposure, shares, period), strict=True):
-        moved = [m * np.exp(turns * rate * time) for m, rate in zip(mattes, rates, strict=True)]
-        clear = np.prod([1 - _finer(m, period, finer) for m in moved], axis=0)
-        image = np.fft.rfft(light * (1 - clear))[..., : period // 2 + 1] / finer
-        hidden -= image * response
-    _add(total[:, first:last], np.fft.irfft(hidden, period), seen, seen.left + left)
+    turns = -2j * np.pi / period * np.arange(period // 2 + 1)
+    shifts = [np.exp(np.multiply.outer(times * rate, turns)) for rate in rates]
+    responses = _responses(seen, exposure, shares, period)
+
+    def hide(begin: int) -> None:
+        end = min(begin + _ROWS_AT_ONCE, last)
+        own = seen.light[:, begin - seen.rows.start : end - seen.rows.start]
+        light = _finer(np.fft.rfft(own), own.shape[-1], finer)
+        light = light[..., (finer * left + np.arange(finer * period)) % light.shape[-1]] * within
+        mattes = [np.fft.rfft(_placed(m, begin, end, seen.left + left, period)) for m in front]
+        hidden = np.zeros((*light.shape[:2], period // 2 + 1), complex)
+        for index, response in enumerate(responses):
+            moved = [m * shift[index] for m, shift in zip(mattes, shifts, strict=True)]
+            clear = np.prod([1 - _finer(m, period, finer) for m in moved], axis=0)
+            image = np.fft.rfft(light * (1 - clear))[..., : period // 2 + 1]
+            hidden -= image * (response / finer)
+        _add(total[:, begin:end], np.fft.irfft(hidden, period), seen, seen.left + left)
+
+    for _ in in_threads(hide, range(first, last, _ROWS_AT_ONCE), num_processors()):
+        pass
 
 
 def _instants(exposure: _Exposure, fastest: float) -> tuple[np.ndarray, np.ndarray]:
