@@ -69,8 +69,13 @@ def layered_scene(picture: Picture, background_speed: float, object_speed: float
     height, width = picture.light.shape[:2]
     top, left = max(0, (height - _ROWS) // 2), max(0, (width - _COLUMNS) // 2)
     back = picture.light[top : top + _ROWS, left : left + _COLUMNS]
-    size = min(_HEIGHT, 3 * back.shape[0] // 4), min(4 * _HEIGHT // 3, back.shape[1] // 2)
-    light = shipped_picture(_OBJECT).light[40 : 40 + size[0], 155 : 155 + size[1]]
+    size = (
+        min(_HEIGHT, max(1, 3 * back.shape[0] // 4)),
+        min(4 * _HEIGHT // 3, max(1, back.shape[1] // 2)),
+    )
+    cut = shipped_picture(_OBJECT)
+    light = cut.luminance[..., None] if back.shape[2] == 1 else cut.light
+    light = light[40 : 40 + size[0], 155 : 155 + size[1]]
     y, x = ((np.arange(n) + 0.5) / n * 2 - 1 for n in size)
     matte = np.clip((1 - np.hypot(y[:, None], x[None])) * min(size) / 2, 0, 1).astype(np.float32)
     place = {"left": (back.shape[1] - size[1]) // 2, "top": (back.shape[0] - size[0]) // 2}

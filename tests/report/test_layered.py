@@ -47,6 +47,15 @@ def test_one_filter_restores_what_stands_and_what_moves():
     assert found[OPEN_SHUTTER].object_psnr < found["Hann"].object_psnr - 4
 
 
+@pytest.mark.parametrize("shape", [(1, 40, 1), (9, 150, 1), (3, 7, 3)])
+def test_small_and_grey_pictures_make_a_scene(shape):
+    """The object is as grey as what is behind it, and no larger."""
+    made = layered_scene(ms.Picture(np.full(shape, 0.3)), 0.0, SPEED)
+    assert made.truth.shape == shape
+    assert made.layers.shape == shape
+    assert np.all(np.isfinite(made.truth))
+
+
 def test_light_decides():
     """The same capture in a thousandth of the light comes back worse, behind and before."""
     bright, dim = captures(3e8)["Hann"], captures(3e5)["Hann"]
