@@ -16,7 +16,7 @@ HALF = 0.009
 MOVING = ms.ParabolicMotion(acceleration=45 / HALF**2, half_exposure=HALF)
 SNAPSHOT = ms.StillCamera(half_exposure=0.0008)
 DIM, BRIGHT = 600 / 0.0016, 2e7
-WITHIN_DB = 0.3
+WITHIN_DB = 0.15
 
 
 @pytest.mark.parametrize("photon_rate", [DIM, BRIGHT])
