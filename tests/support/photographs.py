@@ -17,6 +17,7 @@ def photograph(level, num_seeds=3, columns=slice(None)):
         linear_standard_error=error,
         mean_psnr=level,
         expected_psnr=level + 0.2,
+        own_expected_psnr=np.full(len(light), level + 0.1),
         reference=light[1],
         captured=light * 0.6,
         restored=light + 1 / level,
