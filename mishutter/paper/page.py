@@ -51,6 +51,12 @@ def report_page(numbers: dict[str, Any]) -> str:
             "are given, `s/(aT)` and `s/(2aT)`; the first fits the paper's own kernel lengths (34 "
             "to 51 samples) and is the likelier.",
             "",
+            "Pictures here are continuous: light goes through the exact transfer function and "
+            "through a pixel, as in a camera. Samples that are convolved with the taps of a kernel "
+            "fold the finest detail back, which a decoder with the same taps undoes: with such "
+            "pictures earlier versions met 37 of these statements, the gain of 3 to 8 dB on all "
+            "three photographs among them. Of continuous ones Hann gains 1 to 4 dB.",
+            "",
             *_table(("published", "met", "found"), rows),
             "",
             f"{met} of {len(found)} met; by reading of the axis: {_by_reading(numbers)}.",
