@@ -11,14 +11,9 @@ jax.config.update("jax_enable_x64", True)
 import borders  # noqa: E402
 
 import mishutter as ms  # noqa: E402
-from benchmarks import harness  # noqa: E402
+from benchmarks import harness, restoration_over_speeds  # noqa: E402
 
-DECODERS = {
-    "ensemble": ms.EnsembleDecoder(),
-    "Wiener": ms.WienerDecoder(),
-    "Tikhonov": ms.TikhonovDecoder(),
-    "total variation": ms.TotalVariationDecoder(),
-    "Richardson-Lucy": ms.RichardsonLucyDecoder(),
+DECODERS = restoration_over_speeds.DECODERS | {
     "Richardson-Lucy, 30 plain steps": ms.RichardsonLucyDecoder(
         accelerated=False, until_noise=False, start="capture"
     ),

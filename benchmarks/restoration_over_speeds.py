@@ -8,10 +8,10 @@ are best for each capture, which only the truth can tell: no decoder of the pack
 import jax
 import numpy as np
 from skimage.restoration import richardson_lucy
-from support.borders import PHOTOGRAPHS
 
 import mishutter as ms
 from benchmarks import harness
+from benchmarks.photographs import PHOTOGRAPHS
 from benchmarks.scenes import scenes
 from mishutter.model.images import shipped_picture
 from mishutter.restore.decoders.base import BlurModel

@@ -60,6 +60,8 @@ MAX_REACH = 1 << 13
 """Furthest that light of a capture may be displaced; px."""
 _ROLL_OFF = 0.4
 """Frequency from which on the response of a kernel for other libraries falls off to 0 at 1/2."""
+_TAIL = 24
+"""Pixels beyond the geometric reach in which the taps of such a kernel die away."""
 
 
 def simulate_capture(
@@ -203,16 +205,10 @@ def captured_response(
 ) -> Array | np.ndarray:
     """Responses at some speeds as a capture has them, on the grid of a DFT; `(s, k)`, complex."""
     relative = np.asarray(speeds, np.float64) - float(motion.velocity)
-    num_nodes = num_nodes_for(motion, relative)
-    settled_motion = without_velocity(motion)
-    return pixel_responses(shutter, settled_motion, relative, period, num_nodes=num_nodes)
-
-
-def num_nodes_for(motion: AbstractMotion, speeds: np.ndarray) -> int:
-    """Quadrature nodes over the exposure for speeds relative to the sensor's velocity."""
-    half = float(motion.half_exposure)
-    fastest = float(np.max(np.abs(speeds), initial=0.0))
-    return sized_for(0.0, 2 * float(motion.acceleration) * half * half + fastest * half).num_nodes
+    a, half = float(motion.acceleration), float(motion.half_exposure)
+    fastest = float(np.max(np.abs(relative), initial=0.0))
+    num_nodes = sized_for(0.0, 2 * a * half * half + fastest * half).num_nodes
+    return pixel_responses(shutter, without_velocity(motion), relative, period, num_nodes=num_nodes)
 
 
 def centred_kernel(
@@ -241,31 +237,13 @@ def centred_kernel(
     require_scalar("centred_kernel(speed=...)", speed)
     require_finite("centred_kernel(speed=...)", speed)
     num_taps, origin = kernel_layout(motion, speed)
-    reach = max(origin, num_taps - 1 - origin)
-    length = fast_length(4 * reach + 8 * TAIL)
+    middle = max(origin, num_taps - 1 - origin) + _TAIL
+    length = fast_length(4 * (middle + _TAIL))
     response = np.asarray(captured_response(motion, shutter, [speed], length)[0])
-    before, taps = taps_of(response, length, -reach, reach)
-    middle = max(-before, before + taps.size - 1)
-    centred = np.zeros((1, 2 * middle + 1))
-    centred[0, middle + before : middle + before + taps.size] = taps
-    return centred
-
-
-TAIL = 24
-"""Pixels beyond the geometric reach in which the taps of a band-limited kernel die away."""
-
-
-def taps_of(response: np.ndarray, length: int, first: int, last: int) -> tuple[int, np.ndarray]:
-    """Taps of a response on the grid of a DFT, and the displacement of the first of them.
-
-    They reach 24 px further than the light between displacements `first` and `last`, where
-    a response that falls off from 0.4 to 0.5 cycles/px leaves nothing of note.
-    """
     frequency = np.arange(response.size) / length
     past = np.clip((frequency - _ROLL_OFF) / (NYQUIST_FREQUENCY - _ROLL_OFF), 0, 1)
     taps = np.fft.irfft(response * np.cos(np.pi / 2 * past) ** 2, length)
-    first, last = first - TAIL, last + TAIL
-    return first, np.roll(taps, -first)[: last - first + 1]
+    return np.roll(taps, middle)[None, : 2 * middle + 1]
 
 
 def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -> tuple[int, int]:

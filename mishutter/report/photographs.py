@@ -113,7 +113,9 @@ def photographs(
             least_taps=longest,
         )
         update(name)
-        shown[name] = _at(found[ENSEMBLE], pictured_speeds(scene))
+        tried = found[ENSEMBLE].speeds
+        places = (int(np.argmin(np.abs(tried - speed))) for speed in pictured_speeds(scene))
+        shown[name] = found[ENSEMBLE].at(*places)
         for decoder, result in found.items():
             levels[decoder][name] = result.without_pictures()
     return Photographs(levels, shown)
@@ -122,17 +124,6 @@ def photographs(
 def pictured_speeds(scene: Scene) -> list[float]:
     """A typical speed and the fastest, once where they are one; px/s."""
     return shown_speeds(scene)[-2:]
-
-
-def _at(result: RestoredPhotograph, speeds: list[float]) -> RestoredPhotograph:
-    """The figures and pictures at some of the speeds alone."""
-    places = [int(np.argmin(np.abs(result.speeds - speed))) for speed in speeds]
-    at_speeds = {
-        name: value[places]
-        for name, value in result._asdict().items()
-        if name != "reference" and np.ndim(value) > 0
-    }
-    return result._replace(**at_speeds)
 
 
 def _longest_kernel(scene: Scene, rows: Mapping[str, Row]) -> int:

@@ -81,10 +81,9 @@ class RestoredPhotograph(NamedTuple):
     captured: np.ndarray
     restored: np.ndarray
 
-    def at(self, index: int) -> "RestoredPhotograph":
-        """The figures and pictures of one of the speeds, alone."""
-        one = slice(index, index + 1)
-        each = {name: getattr(self, name)[one].copy() for name in _AT_EACH_SPEED}
+    def at(self, *indices: int) -> "RestoredPhotograph":
+        """The figures and pictures of one or some of the speeds, alone."""
+        each = {name: getattr(self, name)[list(indices)] for name in _AT_EACH_SPEED}
         return self._replace(**each)
 
     def without_pictures(self) -> "RestoredPhotograph":

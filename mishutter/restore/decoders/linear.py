@@ -67,8 +67,7 @@ def expected_residual(model: BlurModel, length: int) -> float:
     """
     _, spread = mean_and_spread(model, length)
     missed = model.noise + model.picture_spectrum(length) * spread
-    left = missed**2 / captured_spectrum(model, length)
-    return float((left[0] + left[-1] + 2 * np.sum(left[1:-1])) / length)
+    return float(_mean_over_dft(missed**2 / captured_spectrum(model, length), length))
 
 
 def wiener_filter(model: BlurModel, length: int) -> np.ndarray:
@@ -102,7 +101,7 @@ def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
     response = ensemble_filter(model, length)
     missed = model.weights @ np.abs(1 - response * model.responses(length)) ** 2
     left = model.picture_spectrum(length) * missed + model.noise * np.abs(response) ** 2
-    return float((left[0] + left[-1] + 2 * np.sum(left[1:-1])) / length)
+    return float(_mean_over_dft(left, length))
 
 
 def squared_error_of(model: BlurModel, rows: np.ndarray, speeds: np.ndarray) -> np.ndarray:
@@ -124,7 +123,13 @@ def squared_error_of(model: BlurModel, rows: np.ndarray, speeds: np.ndarray) -> 
     shot = model.efficiency * float(np.mean(rows)) / model.electrons
     missed = np.abs(1 - response * model.responses_at(speeds, length)) ** 2
     left = power * missed + (shot + model.read_variance) * np.abs(response) ** 2
-    return (left[:, 0] + left[:, -1] + 2 * np.sum(left[:, 1:-1], axis=1)) / length
+    return _mean_over_dft(left, length)
+
+
+def _mean_over_dft(spectrum: np.ndarray, length: int) -> np.ndarray:
+    """Mean over all frequencies of a DFT of even length, by those from 0 up; the last axis goes."""
+    ends = spectrum[..., 0] + spectrum[..., -1]
+    return np.asarray((ends + 2 * np.sum(spectrum[..., 1:-1], axis=-1)) / length)
 
 
 def filtered(
