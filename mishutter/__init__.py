@@ -15,14 +15,20 @@ from mishutter.camera import read_frames as read_frames
 from mishutter.camera import simulate_capture as simulate_capture
 from mishutter.design import Comparison as Comparison
 from mishutter.design import Design as Design
+from mishutter.design import Drive as Drive
 from mishutter.design import DriveTable as DriveTable
+from mishutter.design import MeasuredProfile as MeasuredProfile
 from mishutter.design import NonFiniteLossError as NonFiniteLossError
 from mishutter.design import Outcome as Outcome
 from mishutter.design import SearchFailedError as SearchFailedError
+from mishutter.design import Trace as Trace
 from mishutter.design import compare as compare
 from mishutter.design import drive_table as drive_table
+from mishutter.design import measured_profile as measured_profile
 from mishutter.design import optimise as optimise
 from mishutter.design import plan as plan
+from mishutter.design import read_drive as read_drive
+from mishutter.design import read_trace as read_trace
 from mishutter.design import starting_shutter as starting_shutter
 from mishutter.evaluation import AbstractLoss as AbstractLoss
 from mishutter.evaluation import DesignLoss as DesignLoss
@@ -102,6 +108,7 @@ __all__ = [
     "Comparison",
     "Design",
     "DesignLoss",
+    "Drive",
     "DriveTable",
     "EnsembleDecoder",
     "ExpectedErrorLoss",
@@ -113,6 +120,7 @@ __all__ = [
     "Layers",
     "Limits",
     "LinearMotion",
+    "MeasuredProfile",
     "Metrics",
     "NonFiniteLossError",
     "Outcome",
@@ -130,6 +138,7 @@ __all__ = [
     "StillCamera",
     "TikhonovDecoder",
     "TotalVariationDecoder",
+    "Trace",
     "TriangleShutter",
     "TukeyShutter",
     "WienerDecoder",
@@ -154,13 +163,16 @@ __all__ = [
     "ghost_energy",
     "light_map",
     "measure_quality",
+    "measured_profile",
     "optimise",
     "pareto_front",
     "plan",
     "psnr",
+    "read_drive",
     "read_frames",
     "read_picture",
     "read_scene",
+    "read_trace",
     "register_shutter",
     "restore_photograph",
     "richardson_lucy",

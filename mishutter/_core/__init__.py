@@ -17,6 +17,10 @@ from mishutter._core.checks import require_positive_int as require_positive_int
 from mishutter._core.checks import require_scalar as require_scalar
 from mishutter._core.checks import require_seed as require_seed
 from mishutter._core.checks import shape_of as shape_of
+from mishutter._core.columns import cells as cells
+from mishutter._core.columns import number_rows as number_rows
+from mishutter._core.columns import text_lines as text_lines
+from mishutter._core.columns import unit_columns as unit_columns
 from mishutter._core.compiling import at_once as at_once
 from mishutter._core.compiling import compiled as compiled
 from mishutter._core.double_double import DoubleWord as DoubleWord

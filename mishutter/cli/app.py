@@ -27,6 +27,19 @@ from mishutter.cli.console import (
     write_json,
 )
 from mishutter.cli.export import export
+from mishutter.cli.laboratory import (
+    CeilingOption,
+    ClosedOption,
+    DriveOption,
+    Files,
+    FloorOption,
+    HalfExposureOption,
+    MeasuredOption,
+    MiddleOption,
+    OpenOption,
+    PositionScaleOption,
+    cameras,
+)
 from mishutter.cli.options import (
     CoefficientsOption,
     EveryPhotographOption,
@@ -152,22 +165,41 @@ def compare(
         ),
     ] = None,
     shutters: ShuttersOption = None,
+    drive: DriveOption = None,
+    measured: MeasuredOption = None,
+    half_exposure_ms: HalfExposureOption = None,
+    position_scale_px: PositionScaleOption = None,
+    floor: FloorOption = 0.0,
+    ceiling: CeilingOption = 1.0,
+    middle_ms: MiddleOption = 0.0,
+    closed: ClosedOption = None,
+    opened: OpenOption = None,
     out: OutOption = None,
     json: JsonOption = False,
     loss: LossOption = LossName.EXPECTED_ERROR,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
 ) -> None:
-    """Show given shutters or saved designs beside the baselines, without a search for one."""
+    """Show given shutters, saved designs, drive tables or traces beside the baselines."""
     start_jax()
     from mishutter.design import Design, taken_names
     from mishutter.model import named_shutter
 
     scene = scene_of(scene_file)
     windows = {name: named_shutter(name) for name in shutters or []}
-    files = short_names(designs or [], {*taken_names(), *windows})
-    saved = {name: Design.load(path) for name, path in files.items()}
-    motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
+    told = half_exposure_ms, position_scale_px, floor, ceiling, middle_ms, closed, opened
+    if drive is not None or measured is not None:
+        if designs is not None and len(designs) > 1:
+            raise ValueError(
+                "`--design` must be given once at most with --drive or --measured, as that which "
+                f"they were made for; got {len(designs)}."
+            )
+        saved = cameras(scene, Files(designs[0] if designs else None, drive, measured, *told))
+        motion = next(iter(saved.values())).motion
+    else:
+        files = short_names(designs or [], {*taken_names(), *windows})
+        saved = {name: Design.load(path) for name, path in files.items()}
+        motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
     folder = None if out is None else writable_folder(out)
     tried = noise_seeds, every_photograph
     result = _compared(scene, motion, saved | windows, loss_of(loss), *tried)

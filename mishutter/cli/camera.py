@@ -8,6 +8,19 @@ import typer
 
 from mishutter._core import writable_folder
 from mishutter.cli.console import note, print_table, progress_bar, start_jax, write_json
+from mishutter.cli.laboratory import (
+    CeilingOption,
+    ClosedOption,
+    DriveOption,
+    Files,
+    FloorOption,
+    HalfExposureOption,
+    MeasuredOption,
+    MiddleOption,
+    OpenOption,
+    PositionScaleOption,
+    cameras,
+)
 from mishutter.cli.options import JsonOption, SceneArgument, as_path, scene_of
 
 if TYPE_CHECKING:
@@ -49,6 +62,15 @@ def simulate(
         str | None,
         typer.Option("--shutter", metavar="NAME[:VALUE]", help="Without a design; hann if not."),
     ] = None,
+    drive: DriveOption = None,
+    measured: MeasuredOption = None,
+    half_exposure_ms: HalfExposureOption = None,
+    position_scale_px: PositionScaleOption = None,
+    floor: FloorOption = 0.0,
+    ceiling: CeilingOption = 1.0,
+    middle_ms: MiddleOption = 0.0,
+    closed: ClosedOption = None,
+    opened: OpenOption = None,
     speed: Annotated[
         float, typer.Option("--speed", min=-1e7, max=1e7, help="Of a photograph, px/s.")
     ] = 0.0,
@@ -70,18 +92,21 @@ def simulate(
     json: JsonOption = False,
 ) -> None:
     """Capture a photograph, a layered scene or footage, and restore it."""
-    if design is not None and shutter is not None:
-        raise ValueError(f"`--shutter` must be left out with --design; got '{shutter}'.")
+    told = half_exposure_ms, position_scale_px, floor, ceiling, middle_ms, closed, opened
+    files_of_camera = Files(design, drive, measured, *told)
+    if shutter is not None and any((design, drive, measured)):
+        which = "--design" if design is not None else "--drive or --measured"
+        raise ValueError(f"`--shutter` must be left out with {which}; got '{shutter}'.")
     start_jax()
     import jax
 
-    from mishutter.design import Design
     from mishutter.model import Picture, named_shutter, write_picture
     from mishutter.report import motion_text, plot_capture, save_figure, shown_name
     from mishutter.restore import capture_and_restore
 
     scene = scene_of(scene_file)
-    chosen = None if design is None else Design.load(design)
+    known = cameras(scene, files_of_camera)
+    chosen = list(known.values())[-1] if known else None
     motion = scene.motion if chosen is None else chosen.motion
     window = "hann" if shutter is None else shutter
     profile = named_shutter(window) if chosen is None else chosen.shutter
@@ -105,7 +130,8 @@ def simulate(
     write_picture(folder / "captured.png", result.captured)
     write_picture(folder / "restored.png", result.restored)
     figures = _quality(seen, result.restored)
-    name = f"{window} shutter" if design is None else shown_name(design.name)
+    last = measured or drive or design
+    name = f"{window} shutter" if last is None else shown_name(last.name)
     moving = f", object at {speed:g} px/s" if isinstance(seen, Picture) else ""
     level = f", {figures[_LINEAR]:.2f} dB (linear light)" if figures else ""
     picture = plot_capture(
@@ -119,12 +145,20 @@ def simulate(
     files = ["captured.png", "restored.png", "side_by_side.png"]
     if not figures:
         note("no quality: each layer or frame moves on its own, and no one picture is the truth")
+    levels = {}
+    if drive is not None or measured is not None:
+        levels = {name: float(camera.metrics.expected_psnr) for name, camera in known.items()}
     if json:
-        measured = {"quality": figures} if figures else {}
-        write_json(measured | {"decoder": decoder.value, "files": files})
-    elif figures:
-        rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
-        print_table(f"Restored by {decoder.value}", ["figure", "value"], rows)
+        quality = {"quality": figures} if figures else {}
+        expected = {"expected_psnr_db": levels} if levels else {}
+        write_json(quality | expected | {"decoder": decoder.value, "files": files})
+    else:
+        if figures:
+            rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
+            print_table(f"Restored by {decoder.value}", ["figure", "value"], rows)
+        if levels:
+            rows = [[name, f"{value:.3f}"] for name, value in levels.items()]
+            print_table("Expected of the scene", ["camera", "PSNR / dB"], rows)
     note(f"{folder}: {', '.join(files)}")
 
 

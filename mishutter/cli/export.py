@@ -1,16 +1,42 @@
 """The command that hands a design to the electronics: `export`."""
 
+import sys
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from mishutter._core import writable_folder
-from mishutter.cli.console import note, print_table, print_text, start_jax, working, write_json
+from mishutter.cli.console import note, print_table, start_jax, working, write_json
+from mishutter.cli.laboratory import CeilingOption, FloorOption
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
 if TYPE_CHECKING:
     from mishutter.design import DriveTable
+
+
+class FormatName(Enum):
+    """Formats that `--format` names."""
+
+    CSV = "csv"
+    COLUMN = "column"
+    KEYSIGHT = "keysight"
+    RIGOL = "rigol"
+    NPY = "npy"
+    PULSES = "pulses"
+
+
+_BINARY = (FormatName.RIGOL, FormatName.NPY)
+_BY_CONTENT = {
+    FormatName.CSV: "",
+    FormatName.COLUMN: "the half exposure and the levels' transmittances",
+    FormatName.KEYSIGHT: "the scale of positions and the levels' transmittances",
+    FormatName.RIGOL: "the half exposure and the levels' transmittances",
+    FormatName.NPY: "the half exposure, the scale of positions and the levels' transmittances",
+    FormatName.PULSES: "the half exposure",
+}
+"""What a reader of each format must be told."""
 
 
 def export(
@@ -23,31 +49,49 @@ def export(
         int, typer.Option("--steps", min=1, max=100_000, help="Equal steps of the exposure.")
     ] = 256,
     num_levels: Annotated[
-        int, typer.Option("--levels", min=2, max=1 << 24, help="Drive levels.")
-    ] = 256,
-    floor: Annotated[
-        float, typer.Option("--floor", help="Transmittance of the lowest level.")
-    ] = 0.0,
-    ceiling: Annotated[
-        float, typer.Option("--ceiling", help="Transmittance of the highest level.")
-    ] = 1.0,
+        int | None,
+        typer.Option("--levels", min=2, max=1 << 24, help="Drive levels; 256, or 2 for pulses."),
+    ] = None,
+    floor: FloorOption = 0.0,
+    ceiling: CeilingOption = 1.0,
+    form: Annotated[
+        FormatName,
+        typer.Option(
+            "--format",
+            help="csv: names, units, one row a step. column: one of -1 to 1. keysight: CSV of "
+            "shutter, position, gate. rigol: .RAF. npy: (channels, samples). pulses: time closed "
+            "and open of each, us.",
+        ),
+    ] = FormatName.CSV,
 ) -> None:
     """Drive table of a saved design: the level of each step, and what is lost by it."""
+    pulses = form is FormatName.PULSES
+    levels = (2 if pulses else 256) if num_levels is None else num_levels
+    if pulses and (levels, floor, ceiling) != (2, 0.0, 1.0):
+        got = f"{levels} levels from {floor:g} to {ceiling:g}"
+        raise ValueError(f"`--format pulses` must have 2 levels from 0 to 1; got {got}.")
+    if form in _BINARY and out is None and not json:
+        raise ValueError(f"`--out` must be given for a file of bytes; got --format {form.value}.")
     start_jax()
-    from mishutter.design import Design, drive_table
+    from mishutter.design import Design, drive_bytes, drive_table
 
     saved = Design.load(design)
     folder = None if out is None else writable_folder(out)
     table = drive_table(
         saved,
         num_steps=num_steps,
-        num_levels=num_levels,
+        num_levels=levels,
         floor=floor,
         ceiling=ceiling,
+        carries_error=pulses,
     )
-    files = [] if folder is None else _write(table, folder)
+    files = [] if folder is None else _write(table, folder, form)
+    if _BY_CONTENT[form]:
+        T, scale = float(saved.motion.half_exposure) * 1e3, table.position_scale
+        numbers = f"T = {T!r} ms, 1 is {scale!r} px, levels from {floor:g} to {ceiling:g}"
+        note(f"not in the file: {_BY_CONTENT[form]} ({numbers})")
     if folder is None and not json:
-        print_text(table.to_csv().rstrip("\n"))
+        sys.stdout.write(drive_bytes(table, form.value).decode())
         return
     with working("measuring the shutter as driven"):
         document = table.to_dict() | {"files": files}
@@ -59,12 +103,14 @@ def export(
         note(f"{folder}: {', '.join(files)}")
 
 
-def _write(table: "DriveTable", folder: Path) -> list[str]:
+def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
+    from mishutter.design import DRIVE_FORMATS
     from mishutter.report import plot_drive, save_figure
 
-    table.save(folder / "drive.csv")
+    name = f"drive{DRIVE_FORMATS[form.value]}"
+    table.save(folder / name, form=form.value)
     save_figure(plot_drive(table), folder / "drive.png")
-    return ["drive.csv", "drive.png"]
+    return [name, "drive.png"]
 
 
 def _print_losses(document: dict[str, Any]) -> None:

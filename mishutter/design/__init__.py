@@ -12,8 +12,14 @@ from mishutter.design.comparison import compare as compare
 from mishutter.design.comparison import taken_names as taken_names
 from mishutter.design.drive import DriveTable as DriveTable
 from mishutter.design.drive import drive_table as drive_table
+from mishutter.design.drive_files import DRIVE_FORMATS as DRIVE_FORMATS
+from mishutter.design.drive_files import Drive as Drive
+from mishutter.design.drive_files import drive_bytes as drive_bytes
+from mishutter.design.drive_files import read_drive as read_drive
 from mishutter.design.planning import plan as plan
+from mishutter.design.result import GIVEN as GIVEN
 from mishutter.design.result import Design as Design
+from mishutter.design.result import given_design as given_design
 from mishutter.design.result import package_version as package_version
 from mishutter.design.result import scene_to_dict as scene_to_dict
 from mishutter.design.result import shutter_from_dict as shutter_from_dict
@@ -28,3 +34,7 @@ from mishutter.design.search import without_pan as without_pan
 from mishutter.design.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.design.space import fills as fills
 from mishutter.design.starts import window_fits as window_fits
+from mishutter.design.traces import MeasuredProfile as MeasuredProfile
+from mishutter.design.traces import Trace as Trace
+from mishutter.design.traces import measured_profile as measured_profile
+from mishutter.design.traces import read_trace as read_trace

@@ -12,13 +12,12 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter._core import require, require_finite, require_positive_int, write_text
+from mishutter._core import require, require_positive_int, write_bytes
 from mishutter.blur import binned_exposure
+from mishutter.design.drive_files import MAX_STEPS, drive_bytes, require_levels
 from mishutter.design.result import Design, metrics_to_dict, package_version
 from mishutter.evaluation import Metrics, evaluate
 from mishutter.model import AbstractShutter, ChippedShutter, StillCamera
-
-MAX_STEPS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +52,11 @@ class DriveTable:
         motion = self.design.motion
         return float(motion.velocity) + 2 * float(motion.acceleration) * self.begin
 
+    @property
+    def position_scale(self) -> float:
+        """Position that a value of 1 stands for in the formats of -1 to 1; px."""
+        return float(np.max(np.abs(self.position))) or 1.0
+
     def shutter(self) -> ChippedShutter:
         """The shutter that the levels make."""
         return ChippedShutter(self.transmittance)
@@ -72,19 +76,26 @@ class DriveTable:
         lines += [f"{t:.9g},{w:.9g},{n:d},{v:.9g},{x:.9g},{u:.9g}" for t, w, n, v, x, u in rows]
         return "\n".join(lines) + "\n"
 
-    def save(self, path: str | Path) -> None:
-        """Write the table as CSV, whole or not at all.
+    def save(self, path: str | Path, *, form: str = "csv") -> None:
+        """Write the table in a format that a laboratory loads, whole or not at all.
+
+        Args:
+            path: The file.
+            form: One of `DRIVE_FORMATS`; `read_drive` says what travels with each.
 
         Raises:
+            ValueError: if there is no such format, or pulses are asked for of more than two levels.
             OSError: if the file cannot be written.
         """
-        write_text(path, self.to_csv())
+        write_bytes(path, drive_bytes(self, form))
 
     def to_dict(self) -> dict[str, Any]:
         """The table and what is measured of it, as plain numbers."""
         return {
             "mishutter": package_version(),
             "num_levels": self.num_levels,
+            "half_exposure_ms": float(self.design.motion.half_exposure) * 1e3,
+            "position_scale_px": self.position_scale,
             "step_ms": float(self.design.motion.exposure) * 1e3 / self.begin.size,
             "begin_ms": (self.begin * 1e3).tolist(),
             "wanted_transmittance": self.wanted.tolist(),
@@ -104,12 +115,15 @@ def drive_table(
     num_levels: int = 256,
     floor: float = 0.0,
     ceiling: float = 1.0,
+    carries_error: bool = False,
 ) -> DriveTable:
     r"""Levels that come nearest to a design's profile.
 
     Step $k$ takes the level nearest to the mean of $c\,w(\tau)$ over it, with $c$ the
     ceiling: a profile that the hardware cannot open fully keeps its shape. Level $j$ of $n$
-    lets $\text{floor} + (\text{ceiling} - \text{floor})\,j/(n - 1)$ through.
+    lets $\text{floor} + (\text{ceiling} - \text{floor})\,j/(n - 1)$ through. Where errors are
+    carried, the sums of levels from the first step on are nearest instead, as one-dimensional
+    error diffusion makes them: two levels then make a profile of the right light.
 
     Args:
         design: The design to be driven.
@@ -117,6 +131,7 @@ def drive_table(
         num_levels: Drive levels, at least 2.
         floor: Transmittance of the lowest level.
         ceiling: Transmittance of the highest level, above `floor` and at most 1.
+        carries_error: Whether each step makes up for what those before it lack.
 
     Raises:
         ValueError: if there is no design, or a count or a transmittance is out of its range.
@@ -127,14 +142,14 @@ def drive_table(
     require(few, "drive_table(num_steps=...)", f"be at most {MAX_STEPS}", num_steps)
     require_positive_int("drive_table(num_levels=...)", num_levels)
     require(num_levels >= 2, "drive_table(num_levels=...)", "be at least 2", num_levels)
-    for name, value in (("floor", floor), ("ceiling", ceiling)):
-        require_finite(f"drive_table({name}=...)", value)
-    require(0 <= floor < 1, "drive_table(floor=...)", "lie in [0, 1)", floor)
-    subject = "drive_table(ceiling=...)"
-    require(floor < ceiling <= 1, subject, f"lie above the floor {floor:g} and up to 1", ceiling)
+    require_levels("drive_table", floor, ceiling)
     wanted = step_means(design.command, num_steps)
     steps = (np.clip(ceiling * wanted, floor, ceiling) - floor) / (ceiling - floor)
-    level = np.rint(steps * (num_levels - 1)).astype(int)
+    level = np.rint(steps * (num_levels - 1))
+    if carries_error:
+        sums = np.concatenate([[0.0], np.cumsum(steps * (num_levels - 1))])
+        level = np.clip(np.diff(np.floor(sums + 0.5)), 0, num_levels - 1)
+    level = level.astype(int)
     half = float(design.motion.half_exposure)
     return DriveTable(
         design=design,

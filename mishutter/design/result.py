@@ -11,6 +11,7 @@ import numpy as np
 
 from mishutter._core import contents, parsed, require, strict_json, validated, write_text
 from mishutter.design.design_schema import FORMAT, SavedDesign, SavedMotion, SavedScene
+from mishutter.design.drive_files import read_drive
 from mishutter.evaluation import Metrics, Plan, evaluate
 from mishutter.model import (
     AbstractMotion,
@@ -29,6 +30,8 @@ from mishutter.model import (
 )
 
 _PROFILE_POINTS = 1001
+GIVEN = "none: the camera is given"
+"""The name of the loss of a design that no search has found, and none tunes."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,42 @@ class Design:
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
 
+    @staticmethod
+    def from_drive(
+        path: str | Path,
+        scene: Scene,
+        motion: AbstractMotion | None = None,
+        *,
+        half_exposure: float | None = None,
+        position_scale: float | None = None,
+        floor: float = 0.0,
+        ceiling: float = 1.0,
+    ) -> "Design":
+        """The design that a drive table makes of a scene's camera; nothing is searched for.
+
+        Args:
+            path: A file of any of `DRIVE_FORMATS`.
+            scene: The scene that it is measured on.
+            motion: The motion that the table was made for; the scene's by default.
+            half_exposure: As in `read_drive`.
+            position_scale: As in `read_drive`.
+            floor: As in `read_drive`.
+            ceiling: As in `read_drive`.
+
+        Raises:
+            ValueError: as `read_drive`.
+            OSError: if the file cannot be read.
+        """
+        drive = read_drive(
+            path,
+            scene.motion if motion is None else motion,
+            half_exposure=half_exposure,
+            position_scale=position_scale,
+            floor=floor,
+            ceiling=ceiling,
+        )
+        return given_design(scene, drive.motion, drive.shutter, f"Read from {Path(path).name}.")
+
     def write_profile(self, path: str | Path) -> None:
         """Write the profile as CSV with a line of units: time, normalised time, transmittance.
 
@@ -130,6 +169,31 @@ class Design:
             f"{t:.9g},{x:.9g},{w:.9g}" for t, x, w in zip(time, tau, transmittance, strict=True)
         ]
         write_text(path, "\n".join(["time,tau,transmittance", "ms,1,1", *rows]) + "\n")
+
+
+def given_design(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, outcome: str
+) -> Design:
+    """A camera that is given, as hardware or as measurements, rather than searched for.
+
+    Args:
+        scene: The scene that it is measured on.
+        motion: Its motion.
+        shutter: The profile that it is sent.
+        outcome: Where it comes from, in a sentence.
+    """
+    return Design(
+        shutter=scene.light(shutter),
+        motion=motion,
+        scene=scene,
+        loss=np.nan,
+        history=np.zeros(0),
+        converged=False,
+        outcome=outcome,
+        certificate=np.nan,
+        loss_name=GIVEN,
+        best_start_loss=np.nan,
+    )
 
 
 def package_version() -> str:

@@ -171,7 +171,7 @@ def fitted_boxes(
     num_samples = _FIT_SAMPLES_PER_PIECE * (num_coefficients - _DEGREE)
     tau = (2 * np.arange(num_samples) + 1) / num_samples - 1
     targets = np.asarray(_transmittances(tuple(shutters), jnp.asarray(tau, common_dtype())))
-    each = [_fit_coefficients(tau, target, num_coefficients, symmetric) for target in targets]
+    each = [fitted_coefficients(tau, target, num_coefficients, symmetric) for target in targets]
     return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
 
 
@@ -192,9 +192,10 @@ def _fold(parameters: Array) -> Array:
     return jnp.where(inside, parameters, jnp.abs(jnp.mod(parameters + 1, 2.0) - 1))
 
 
-def _fit_coefficients(
+def fitted_coefficients(
     tau: np.ndarray, target: np.ndarray, count: int, symmetric: bool
 ) -> np.ndarray:
+    """Least-squares coefficients in [0, 1] of a profile's values at times; shape `(count,)`."""
     from scipy.interpolate import BSpline
     from scipy.optimize import lsq_linear
 

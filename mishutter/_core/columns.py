@@ -1,0 +1,102 @@
+"""Columns of numbers in text: a line of names, a line of units, then one line a row."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from mishutter._core.checks import Bare, describe, require
+
+Units = Mapping[str, float]
+"""Units that a column may have, each with the factor that makes its numbers SI or pixels."""
+
+
+def text_lines(content: bytes, name: str) -> list[str]:
+    """Lines of a text file, without those that are empty.
+
+    Raises:
+        ValueError: if it is not UTF-8, or has no line.
+    """
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{name} must be UTF-8 text; got byte {error.start} of it.") from None
+    lines = [line.strip() for line in text.splitlines()]
+    lines = [line for line in lines if line]
+    require(bool(lines), name, "hold at least one line", Bare("an empty file"))
+    return lines
+
+
+def cells(line: str) -> list[str]:
+    """The values of a line, between commas."""
+    return [cell.strip() for cell in line.split(",")]
+
+
+def number_rows(lines: Iterable[str], count: int, name: str) -> np.ndarray:
+    """Rows of finite numbers, `count` in each; shape `(rows, count)`.
+
+    Raises:
+        ValueError: if a row is shorter or longer, or holds something else.
+    """
+    rows = [cells(line) for line in lines]
+    require(bool(rows), name, "hold at least one row of numbers", Bare("none"))
+    odd = next((row for row in rows if len(row) != count), None)
+    if odd is not None:
+        got = Bare(f"{len(odd)} in '{describe(Bare(','.join(odd)))}'")
+        require(False, name, f"hold {count} {'value' if count == 1 else 'values'} a row", got)
+    try:
+        numbers = np.array(rows, dtype=np.float64)
+    except ValueError:
+        wrong = next(cell for row in rows for cell in row if not _is_number(cell))
+        require(False, name, "hold numbers alone below its heading", wrong)
+        raise
+    finite = np.isfinite(numbers).all(axis=1)
+    if not finite.all():
+        require(False, name, "hold finite numbers", Bare(",".join(rows[int(np.argmin(finite))])))
+    return numbers
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def unit_columns(
+    lines: Sequence[str], name: str, known: Mapping[str, Units | None], needed: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """Columns by their names, in SI units or pixels.
+
+    Args:
+        lines: A line of names, one of units, and the rows.
+        name: The file's name in an error.
+        known: Units of each column that may be there; None for any unit.
+        needed: Columns that must be there.
+
+    Raises:
+        ValueError: if a name, a unit or a number is not as it must be.
+    """
+    names = cells(lines[0])
+    for column in names:
+        require(column in known, name, f"have columns of {', '.join(known)}", column)
+        require(names.count(column) == 1, name, "have each column once", column)
+    for column in needed:
+        requirement = f"have a column of the name {column}"
+        require(column in names, name, requirement, Bare(lines[0]))
+    require(len(lines) > 1, name, "have a line of units below its names", Bare("one line"))
+    units, factors = cells(lines[1]), []
+    got = Bare(f"{len(units)} units of {len(names)} columns")
+    require(len(units) == len(names), name, "have a unit for each column in its second line", got)
+    for column, unit in zip(names, units, strict=True):
+        allowed = known[column]
+        right = allowed is None or unit in allowed
+        requirement = f"have `{column}` in {' or '.join(allowed or ())} by its second line"
+        require(right, name, requirement, unit)
+        factors.append(1.0 if allowed is None else allowed[unit])
+    numbers = number_rows(lines[2:], len(names), name)
+    # Divides by the reciprocal where that is whole: 1e-3 is not exact, 1000 is.
+    return {
+        column: numbers[:, k] / round(1 / factor) if factor < 1 else numbers[:, k] * factor
+        for k, (column, factor) in enumerate(zip(names, factors, strict=True))
+    }

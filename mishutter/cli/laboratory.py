@@ -1,0 +1,140 @@
+"""Options of files that come back from a laboratory: drive tables and photodiodes' traces."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from mishutter.cli.options import as_path
+
+if TYPE_CHECKING:
+    from mishutter.design import Design
+    from mishutter.model import AbstractMotion, Scene
+
+AS_DESIGNED = "as designed"
+AS_DRIVEN = "as driven"
+AS_MEASURED = "as measured"
+
+DriveOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--drive",
+        metavar="FILE",
+        parser=as_path,
+        help="Drive table, in any format of `export`; what it does not hold is the design's.",
+    ),
+]
+MeasuredOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--measured",
+        metavar="FILE",
+        parser=as_path,
+        help="Photodiode's trace in place of the shutter: columns time and level, a line of "
+        "names and one of units.",
+    ),
+]
+HalfExposureOption = Annotated[
+    float | None,
+    typer.Option(
+        "--half-exposure-ms", help="Of a table without time; the design's or scene's without it."
+    ),
+]
+PositionScaleOption = Annotated[
+    float | None,
+    typer.Option(
+        "--position-scale-px", help="Position at 1, of a table with positions in [-1, 1]."
+    ),
+]
+FloorOption = Annotated[float, typer.Option("--floor", help="Transmittance of the lowest level.")]
+CeilingOption = Annotated[
+    float, typer.Option("--ceiling", help="Transmittance of the highest level.")
+]
+MiddleOption = Annotated[
+    float, typer.Option("--mid-exposure-ms", help="Mid-exposure on the clock of the trace.")
+]
+ClosedOption = Annotated[
+    float | None,
+    typer.Option("--closed-level", help="Of the trace; the mean outside the exposure without it."),
+]
+OpenOption = Annotated[
+    float | None,
+    typer.Option("--open-level", help="Of the trace; the greatest of its fit without it."),
+]
+
+
+class Files(NamedTuple):
+    """Files of one camera, and what their readers were told.
+
+    Attributes:
+        design: Saved design.
+        drive: Drive table.
+        measured: Trace.
+        half_exposure_ms: Of a table without time.
+        position_scale_px: Of positions in [-1, 1].
+        floor: Transmittance of the lowest level.
+        ceiling: Transmittance of the highest level.
+        middle_ms: Mid-exposure on the clock of the trace.
+        closed: Level of the trace where the shutter is closed.
+        opened: Level of the trace where the shutter is open.
+    """
+
+    design: Path | None
+    drive: Path | None
+    measured: Path | None
+    half_exposure_ms: float | None
+    position_scale_px: float | None
+    floor: float
+    ceiling: float
+    middle_ms: float
+    closed: float | None
+    opened: float | None
+
+    @property
+    def is_from_laboratory(self) -> bool:
+        """Whether there is anything but a design."""
+        return self.drive is not None or self.measured is not None
+
+
+def cameras(scene: "Scene", files: Files) -> "dict[str, Design]":
+    """The camera as designed, as driven and as measured, as far as there is a file of each."""
+    from mishutter.design import GIVEN, Design
+
+    found: dict[str, Design] = {}
+    motion = scene.motion
+    if files.design is not None:
+        saved = Design.load(files.design)
+        motion = saved.motion
+        light = scene.light(saved.command)
+        found[AS_DESIGNED] = replace(saved, scene=scene, shutter=light, loss_name=GIVEN)
+    told = None if files.half_exposure_ms is None else files.half_exposure_ms * 1e-3
+    if files.drive is not None:
+        driven = Design.from_drive(
+            files.drive,
+            scene,
+            motion,
+            half_exposure=told,
+            position_scale=files.position_scale_px,
+            floor=files.floor,
+            ceiling=files.ceiling,
+        )
+        motion = driven.motion
+        found[AS_DRIVEN] = driven
+    if files.measured is not None:
+        found[AS_MEASURED] = _measured(scene, motion, files, files.measured)
+    return found
+
+
+def _measured(scene: "Scene", motion: "AbstractMotion", files: Files, path: Path) -> "Design":
+    from mishutter.design import given_design, measured_profile, read_trace
+
+    profile = measured_profile(
+        read_trace(path),
+        half_exposure=float(motion.half_exposure),
+        middle=files.middle_ms * 1e-3,
+        closed=files.closed,
+        opened=files.opened,
+        name=str(path),
+    )
+    return given_design(scene, motion, profile.shutter, f"Measured by {path.name}.")

@@ -1,0 +1,421 @@
+r"""Drive tables as files that laboratories load, written and read back.
+
+| format | file | travels with it | the reader must be told |
+|---|---|---|---|
+| `csv` | names, units, one row a step | half exposure, transmittance, position | nothing |
+| `column` | one column, -1 to 1 | drive | half exposure, levels |
+| `keysight` | `SampleRate=` and columns | half exposure, drive, position, gate | levels, scale |
+| `rigol` | 16-bit little-endian words, the low 14 bits | drive | half exposure, levels |
+| `npy` | (channels, samples): drive, position, gate | those | half exposure, levels, scale |
+| `pulses` | time closed and time open of each pulse, us | open and closed | half exposure |
+
+A drive of -1 is the lowest level, whose transmittance is the floor, and one of 1 the highest,
+whose transmittance is the ceiling: these are the levels. Positions are in [-1, 1], and the scale
+is how many pixels 1 stands for. `docs/drive_formats.md` quotes the makers' descriptions.
+"""
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from mishutter._core import (
+    Bare,
+    cells,
+    contents,
+    number_rows,
+    require,
+    require_finite,
+    text_lines,
+    unit_columns,
+)
+from mishutter.model import AbstractMotion, ChippedShutter, ParabolicMotion
+
+if TYPE_CHECKING:
+    from mishutter.design.drive import DriveTable
+
+MAX_STEPS = 100_000
+_WORDS = (1 << 14) - 1
+_MOST_PULSE_STEPS = 2048
+"""Equal steps that a list of pulses becomes where no fewer have its edges."""
+_SAME = 1e-8
+"""Relative difference of two times below which they are one, written to nine digits."""
+_STRAY = 1e-3
+"""Distance from a parabola, relative to the travel, below which a sensor follows it."""
+_RATES = {"": 1.0, "Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
+_HARDWARE = ("Y1", "Y2", "SampleMarker1", "SyncMarker1")
+_PULSES = {"wait": {"us": 1e-6}, "width": {"us": 1e-6}}
+_TABLE = {
+    "begin": {"ms": 1e-3},
+    "wanted_transmittance": {"1": 1.0},
+    "level": {"1": 1.0},
+    "transmittance": {"1": 1.0},
+    "sensor_position": {"px": 1.0},
+    "sensor_velocity": {"px/s": 1.0},
+}
+
+
+class Drive(NamedTuple):
+    """A drive table as it was read: the profile that is sent, and the sensor's motion.
+
+    Attributes:
+        shutter: Equal steps of the exposure.
+        motion: That which the file holds; of what it does not, the motion it was made for.
+    """
+
+    shutter: ChippedShutter
+    motion: AbstractMotion
+
+
+class _Samples(NamedTuple):
+    """What a file holds: transmittance or drive of equal steps, and what else there is."""
+
+    half_exposure: float | None = None
+    drive: np.ndarray | None = None
+    transmittance: np.ndarray | None = None
+    position: np.ndarray | None = None
+    share: np.ndarray | None = None
+    edges: np.ndarray | None = None
+
+
+# Writing
+
+
+def drive_bytes(table: "DriveTable", form: str) -> bytes:
+    """A drive table as a file of one of `DRIVE_FORMATS`.
+
+    Raises:
+        ValueError: if there is no such format, or the table is of more levels than two and pulses
+            are asked for.
+    """
+    require(form in _WRITERS, "DriveTable.save(form=...)", f"be one of {', '.join(_WRITERS)}", form)
+    return _WRITERS[form](table)
+
+
+def _column(table: "DriveTable") -> bytes:
+    return "".join(f"{value!r}\n" for value in _drive(table).tolist()).encode()
+
+
+def _keysight(table: "DriveTable") -> bytes:
+    rate = table.begin.size / float(table.design.motion.exposure)
+    rows = [f"{y1!r},{y2!r},{gate:.0f}" for y1, y2, gate in _channels(table).T.tolist()]
+    return "\n".join([f"SampleRate={rate!r}", "Y1,Y2,SampleMarker1", *rows, ""]).encode()
+
+
+def _rigol(table: "DriveTable") -> bytes:
+    return np.rint((_drive(table) + 1) / 2 * _WORDS).astype("<u2").tobytes()
+
+
+def _npy(table: "DriveTable") -> bytes:
+    file = io.BytesIO()
+    np.save(file, _channels(table), allow_pickle=False)
+    return file.getvalue()
+
+
+def _pulse_list(table: "DriveTable") -> bytes:
+    binary = bool(np.all((table.transmittance == 0) | (table.transmittance == 1)))
+    requirement = "be open or closed in each step for pulses: of 2 levels from 0 to 1"
+    got = Bare(f"{table.num_levels} levels")
+    require(binary, "DriveTable.save(form='pulses')", requirement, got)
+    step = float(table.design.motion.exposure) * 1e6 / table.begin.size
+    turns = np.flatnonzero(np.diff(np.pad(table.transmittance, 1))) * step
+    opens, closes = turns[::2], turns[1::2]
+    waits = opens - np.concatenate([[0.0], closes])[: opens.size]
+    rows = [f"{a!r},{b!r}" for a, b in np.transpose([waits, closes - opens]).tolist()]
+    return "\n".join(["wait,width", "us,us", *rows, ""]).encode()
+
+
+_WRITERS: dict[str, Callable[["DriveTable"], bytes]] = {
+    "csv": lambda table: table.to_csv().encode(),
+    "column": _column,
+    "keysight": _keysight,
+    "rigol": _rigol,
+    "npy": _npy,
+    "pulses": _pulse_list,
+}
+DRIVE_FORMATS = {
+    "csv": ".csv",
+    "column": ".csv",
+    "keysight": ".csv",
+    "rigol": ".RAF",
+    "npy": ".npy",
+    "pulses": ".csv",
+}
+"""Formats of a drive table, and how their files end."""
+
+
+def _drive(table: "DriveTable") -> np.ndarray:
+    return 2 * table.level / (table.num_levels - 1) - 1
+
+
+def _channels(table: "DriveTable") -> np.ndarray:
+    """Drive, position over its scale, and gate; the last sample closes; shape `(3, n + 1)`."""
+    position = table.position / table.position_scale
+    rows = [[*_drive(table), -1.0], [*position, position[-1]]]
+    return np.array([*rows, [1.0] * table.begin.size + [0.0]])
+
+
+# Reading
+
+
+def read_drive(
+    path: str | Path,
+    motion: AbstractMotion,
+    *,
+    half_exposure: float | None = None,
+    position_scale: float | None = None,
+    floor: float = 0.0,
+    ceiling: float = 1.0,
+) -> Drive:
+    """Read a drive table of any of `DRIVE_FORMATS`, also one that was edited, as it is.
+
+    The contents say which format it is.
+
+    Args:
+        path: The file.
+        motion: The motion that it was made for: a file without time, or without the sensor's
+            position, says nothing of it.
+        half_exposure: $T$, s, of a file that holds no time; that of `motion` by default.
+        position_scale: Position at a value of 1, px; without it positions on a scale are left out.
+        floor: Transmittance of the lowest level, of a file that holds drives alone.
+        ceiling: Transmittance of the highest level of such a file.
+
+    Raises:
+        ValueError: if the file is none of them, or an argument is out of its range; the line says
+            what must hold.
+        OSError: if it cannot be read.
+    """
+    require(isinstance(motion, AbstractMotion), "read_drive(motion=...)", "be a motion", motion)
+    for key, value in (("half_exposure", half_exposure), ("position_scale", position_scale)):
+        if value is not None:
+            require_finite(f"read_drive({key}=...)", value)
+            require(value > 0, f"read_drive({key}=...)", "be above 0", value)
+    require_levels("read_drive", floor, ceiling)
+    name = str(path)
+    found = _samples(contents(path), name)
+    half = _half_exposure(found, motion, half_exposure, name)
+    if found.edges is not None:
+        steps = _steps_of_pulses(found.edges, half, name)
+    elif found.drive is not None:
+        steps = floor + (ceiling - floor) * (found.drive + 1) / 2
+    else:
+        steps = np.asarray(found.transmittance)
+    require(len(steps) <= MAX_STEPS, name, f"hold at most {MAX_STEPS} steps", len(steps))
+    position = found.position
+    if found.share is not None and position_scale is not None:
+        position = found.share * position_scale
+    return Drive(ChippedShutter(steps), _motion(position, half, motion, name))
+
+
+def require_levels(function: str, floor: float, ceiling: float) -> None:
+    """Refuse transmittances of the lowest and the highest level that are none."""
+    for name, value in (("floor", floor), ("ceiling", ceiling)):
+        require_finite(f"{function}({name}=...)", value)
+    require(0 <= floor < 1, f"{function}(floor=...)", "lie in [0, 1)", floor)
+    subject = f"{function}(ceiling=...)"
+    require(floor < ceiling <= 1, subject, f"lie above the floor {floor:g} and up to 1", ceiling)
+
+
+def _samples(content: bytes, name: str) -> _Samples:
+    if content.startswith(b"\x93NUMPY"):
+        return _from_npy(content, name)
+    if name.lower().endswith(".raf"):
+        return _from_rigol(content, name)
+    lines = text_lines(content, name)
+    names = cells(lines[0])
+    if set(names) & {"begin", "transmittance"}:
+        return _from_table(lines, name)
+    if set(names) & {"wait", "width"}:
+        return _from_pulses(lines, name)
+    if "=" in lines[0] or names[0] in _HARDWARE:
+        return _from_keysight(lines, name)
+    kinds = ", ".join(DRIVE_FORMATS)
+    numeric = all(_is_value(cell) for cell in names)
+    require(numeric, name, f"be a drive table of a known format ({kinds})", lines[0])
+    return _Samples(drive=_within("a drive", number_rows(lines, 1, name)[:, 0], -1.0, name))
+
+
+def _is_value(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _within(what: str, values: np.ndarray, least: float, name: str) -> np.ndarray:
+    """Values that lie between `least` and 1."""
+    outside = (values < least) | (values > 1)
+    worst = values[np.argmax(outside)] if outside.any() else 0.0
+    require(not outside.any(), name, f"hold {what} in [{least:g}, 1] alone", worst)
+    return values
+
+
+def _from_table(lines: list[str], name: str) -> _Samples:
+    columns = unit_columns(lines, name, _TABLE, ("begin", "transmittance"))
+    light = _within("a transmittance", columns["transmittance"], 0.0, name)
+    half = _half_of(columns["begin"], name)
+    return _Samples(half, transmittance=light, position=columns.get("sensor_position"))
+
+
+def _half_of(begin: np.ndarray, name: str) -> float:
+    """Half exposure of equal steps from $-T$ on."""
+    count, half = begin.size, -float(begin[0])
+    requirement = "begin before mid-exposure, at a time below 0"
+    require(half > 0, name, requirement, Bare(f"{begin[0] * 1e3:g} ms"))
+    if count > 1:
+        later = np.diff(begin) > 0
+        fall = begin[1 + int(np.argmin(later))]
+        require(bool(later.all()), name, "have times that ascend", Bare(f"{fall * 1e3:g} ms"))
+    step = 2 * half / count
+    aside = np.abs(begin - (np.arange(count) * step - half)) > step / 1000 + _SAME * half
+    first = int(np.argmax(aside))
+    requirement = (
+        f"have equal steps without a gap, {count} from {-half * 1e3:g} to {half * 1e3:g} ms"
+    )
+    got = Bare(f"{begin[first] * 1e3:g} ms in row {first + 1}")
+    require(not aside.any(), name, requirement, got)
+    return half
+
+
+def _from_pulses(lines: list[str], name: str) -> _Samples:
+    columns = unit_columns(lines, name, _PULSES, tuple(_PULSES))
+    wait, width = columns["wait"], columns["width"]
+    least = float(wait.min()) * 1e6
+    require(least >= 0, name, "wait at least 0 us for each pulse", least)
+    least = float(width.min()) * 1e6
+    require(least > 0, name, "have pulses wider than 0 us", least)
+    return _Samples(edges=np.cumsum(np.ravel(np.transpose([wait, width]))))
+
+
+def _steps_of_pulses(edges: np.ndarray, half: float, name: str) -> np.ndarray:
+    """Mean of pulses over the fewest equal steps that have their edges, or over 2,048."""
+    shares = edges / (2 * half)
+    requirement = f"end its pulses within the exposure of {half * 2e6:g} us"
+    got = Bare(f"{edges[-1] * 1e6:g} us")
+    require(float(shares[-1]) <= 1 + _SAME, name, requirement, got)
+    counts = range(1, _MOST_PULSE_STEPS + 1)
+    whole = (n for n in counts if np.all(np.abs(shares * n - np.rint(shares * n)) < 1e-6))
+    count = next(whole, _MOST_PULSE_STEPS)
+    shares = np.minimum(shares * count, count)
+    shares = np.where(np.abs(shares - np.rint(shares)) < 1e-6, np.rint(shares), shares)
+    # Time open until the end of each step: open time grows over pulses and rests between them.
+    opened = np.concatenate([[0.0], np.cumsum(np.diff(shares)[::2])])
+    times = np.concatenate([[0.0], shares, [count]])
+    light = np.interp(np.arange(count + 1), times, np.repeat(opened, 2))
+    return np.clip(np.diff(light), 0, 1)
+
+
+def _from_keysight(lines: list[str], name: str) -> _Samples:
+    heading = next((k for k, line in enumerate(lines) if "=" not in line), len(lines))
+    parameters = dict(_parameter(line) for line in lines[:heading])
+    require(heading < len(lines), name, "have a line of columns, as Y1,Y2,SampleMarker1", lines[-1])
+    names = cells(lines[heading])
+    for column in names:
+        require(column in _HARDWARE, name, f"have columns of {', '.join(_HARDWARE)}", column)
+    require("Y1" in names, name, "have the shutter's column Y1", Bare(lines[heading]))
+    require(len(set(names)) == len(names), name, "have each column once", Bare(lines[heading]))
+    numbers = number_rows(lines[heading + 1 :], len(names), name)
+    columns = dict(zip(names, numbers.T, strict=True))
+    drive, share = _gated(columns["Y1"], columns.get("Y2"), columns.get("SampleMarker1"), name)
+    half = None
+    if "SampleRate" in parameters:
+        half = drive.size / _rate(parameters["SampleRate"], name) / 2
+    return _Samples(half, drive=drive, share=share)
+
+
+def _parameter(line: str) -> tuple[str, str]:
+    key, _, value = line.partition("=")
+    return key.strip(), value.strip()
+
+
+def _rate(text: str, name: str) -> float:
+    number = text.rstrip("GMkHz").rstrip()
+    unit = text[len(number) :].strip()
+    right = unit in _RATES and _is_value(number)
+    rate = float(number) * _RATES[unit] if right else np.nan
+    valid = bool(np.isfinite(rate)) and rate > 0
+    require(valid, name, "have a SampleRate above 0 in Hz, kHz, MHz or GHz", text)
+    return rate
+
+
+def _gated(
+    drive: np.ndarray, share: np.ndarray | None, gate: np.ndarray | None, name: str
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Drive and position while the gate is open, all in their range."""
+    if gate is not None:
+        binary = (gate == 0) | (gate == 1)
+        wrong = gate[np.argmin(binary)]
+        require(bool(binary.all()), name, "have a gate of 0 and 1", wrong)
+        edges = int(np.count_nonzero(np.diff(np.pad(gate, 1))))
+        requirement = "have its gate open once, without a gap"
+        require(edges == 2, name, requirement, Bare(f"{edges // 2} openings"))
+        drive = drive[gate == 1]
+        share = None if share is None else share[gate == 1]
+    drive = _within("a drive", drive, -1.0, name)
+    return drive, None if share is None else _within("a position", share, -1.0, name)
+
+
+def _from_rigol(content: bytes, name: str) -> _Samples:
+    even = len(content) > 0 and len(content) % 2 == 0
+    require(even, name, "hold 16-bit words, 2 bytes a step", Bare(f"{len(content)} bytes"))
+    words = np.frombuffer(content, "<u2")
+    highest = int(words.max())
+    require(highest <= _WORDS, name, f"hold words of 14 bits, up to {_WORDS}", highest)
+    return _Samples(drive=2 * words.astype(np.float64) / _WORDS - 1)
+
+
+def _from_npy(content: bytes, name: str) -> _Samples:
+    try:
+        array = np.load(io.BytesIO(content), allow_pickle=False)
+    except (ValueError, EOFError, OSError, SyntaxError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{name} must be a whole .npy file; got: {reason}.") from None
+    shape = getattr(array, "shape", ())
+    right = len(shape) == 2 and 1 <= shape[0] <= 3 and shape[1] >= 1
+    requirement = "be an array of (channels, samples) of 1 to 3 channels"
+    require(right, name, requirement, Bare(f"shape {shape}"))
+    require(array.dtype.kind in "fiu", name, "hold real numbers", Bare(array.dtype))
+    numbers = array.astype(np.float64)
+    finite = np.isfinite(numbers)
+    require(bool(finite.all()), name, "hold finite numbers", numbers[~finite][:1])
+    share, gate = (numbers[k] if len(numbers) > k else None for k in (1, 2))
+    drive, share = _gated(numbers[0], share, gate, name)
+    return _Samples(drive=drive, share=share)
+
+
+def _half_exposure(found: _Samples, motion: AbstractMotion, told: float | None, name: str) -> float:
+    """The half exposure of a file, or that which the reader was told, which may not differ."""
+    own = found.half_exposure
+    if own is None:
+        return float(motion.half_exposure) if told is None else told
+    same = told is None or abs(told - own) <= 1e-6 * own
+    requirement = f"have the half exposure that was given, {told or own:g} s"
+    require(same, name, requirement, Bare(f"{own:g} s"))
+    return own
+
+
+def _motion(
+    position: np.ndarray | None, half: float, motion: AbstractMotion, name: str
+) -> AbstractMotion:
+    """Motion of a sensor that follows positions at the beginning of each step."""
+    known = float(motion.half_exposure)
+    if position is None or position.size < 3:
+        if abs(half - known) <= _SAME * known:
+            return motion
+        numbers: dict[str, Any] = {"acceleration": motion.acceleration, "velocity": motion.velocity}
+        return ParabolicMotion(half_exposure=half, **numbers)
+    tau = np.arange(position.size) * (2 / position.size) - 1
+    powers = np.vander(tau, 3)
+    (stroke, drift, start), *_ = np.linalg.lstsq(powers, position, rcond=None)
+    stray = float(np.max(np.abs(powers @ (stroke, drift, start) - position)))
+    follows = stray <= _STRAY * (1 + float(np.ptp(position)))
+    requirement = "move the sensor along v t + a t^2"
+    require(follows, name, requirement, Bare(f"a path up to {stray:.3g} px aside"))
+    stroke, drift = (0.0 if abs(x) < 1e-6 else float(x) for x in (stroke, drift))
+    requirement = "accelerate the sensor towards positive positions, or not at all"
+    require(stroke >= 0, name, requirement, Bare(f"a stroke of {stroke:.3g} px"))
+    acceleration, velocity = stroke / half**2, drift / half
+    return ParabolicMotion(acceleration=acceleration, half_exposure=half, velocity=velocity)

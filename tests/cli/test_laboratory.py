@@ -1,0 +1,178 @@
+"""Files that go to a laboratory and come back, through the command line.
+
+Whatever is wrong with one is said in one line, before anything is computed or written.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.bad_drives import DRIVES, TRACES, trace
+from support.command_line import SMALL_SCENE, refused
+from support.designs import MOTION, SCENE
+from support.drive import a_design
+
+from mishutter import (
+    Design,
+    DesignLoss,
+    ExpectedErrorLoss,
+    HannShutter,
+    SplineShutter,
+    cli,
+    read_drive,
+)
+from mishutter.cli import app
+from mishutter.design import GIVEN, given_design
+from mishutter.design.comparison import _is_finished
+from mishutter.model import panned, seen_from
+
+LEVEL = (0.55 + 0.3 * np.sin(np.arange(11 * 90) * 0.37).reshape(11, 90)) * 255
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("laboratory")
+    Image.fromarray(LEVEL.astype(np.uint8)).save(place / "photo.png")
+    (place / "scene.toml").write_text(SMALL_SCENE)
+    a_design(SplineShutter([0.2, 0.7, 0.9, 1.0, 0.4])).save(place / "design.json")
+    return place
+
+
+def content(value):
+    return value if isinstance(value, bytes) else value.encode()
+
+
+@pytest.mark.parametrize("slug", DRIVES)
+def test_each_bad_table_is_one_line(slug, folder, tmp_path, capsys):
+    """Forty mistakes: the line names the file, what must hold, and what came."""
+    name, text, message = DRIVES[slug]
+    (tmp_path / name).write_bytes(content(text))
+    given = ["compare", folder / "scene.toml", "--design", folder / "design.json"]
+    line = refused(capsys, *given, "--drive", tmp_path / name)
+    assert message in line
+    assert str(tmp_path / name) in line
+
+
+@pytest.mark.parametrize("slug", TRACES)
+def test_each_bad_trace_is_one_line(slug, folder, tmp_path, capsys):
+    """Traces that are not of the exposure, or of no shutter, are refused as tables are."""
+    text, message = TRACES[slug]
+    (tmp_path / "trace.csv").write_text(text)
+    given = ["simulate", folder / "scene.toml", "--design", folder / "design.json"]
+    out = tmp_path / "out"
+    line = refused(capsys, *given, "--measured", tmp_path / "trace.csv", "--out", out)
+    assert message in line
+    assert not out.exists()
+
+
+OPTIONS = {
+    "no-file": (["compare", "--drive", "no.csv"], "'no.csv' must be readable"),
+    "a-folder": (["compare", "--drive", "."], "must be readable and writable as asked"),
+    "two-designs": (
+        ["compare", "--drive", "no.csv", "--design", "a", "--design", "b"],
+        "`--design` must be given once at most with --drive or --measured",
+    ),
+    "shutter-too": (
+        ["simulate", "--drive", "no.csv", "--shutter", "hann"],
+        "`--shutter` must be left out with --drive or --measured; got 'hann'",
+    ),
+    "half-exposure": (
+        ["compare", "--drive", "{d}", "--half-exposure-ms", "0"],
+        "`read_drive(half_exposure=...)` must be above 0; got 0.0",
+    ),
+    "floor": (["compare", "--drive", "{d}", "--floor", "2"], "must lie in [0, 1); got 2.0"),
+    "bytes-to-the-terminal": (
+        ["export", "{j}", "--format", "rigol"],
+        "`--out` must be given for a file of bytes; got --format rigol",
+    ),
+    "pulses-of-levels": (
+        ["export", "{j}", "--format", "pulses", "--levels", "9"],
+        "`--format pulses` must have 2 levels from 0 to 1; got 9 levels from 0 to 1",
+    ),
+    "no-such-format": (["export", "{j}", "--format", "wav"], "; got 'wav'"),
+}
+
+
+@pytest.mark.parametrize("slug", OPTIONS)
+def test_each_wrong_option_is_one_line(slug, folder, tmp_path, capsys):
+    """What a reader is told is checked before its file is measured."""
+    arguments, message = OPTIONS[slug]
+    (tmp_path / "d.csv").write_text("0.5\n-0.5\n")
+    places = {"d": tmp_path / "d.csv", "j": folder / "design.json"}
+    assert message in refused(capsys, *(a.format(**places) for a in arguments))
+
+
+@pytest.mark.parametrize("form", ["csv", "column", "keysight", "rigol", "npy", "pulses"])
+def test_export_writes_what_is_read_back(form, folder, tmp_path, capsys):
+    """Each format makes a file and a picture; what the reader must be told is said."""
+    given = ["export", folder / "design.json", "--format", form, "--steps", "24"]
+    assert cli.main([*map(str, given), "--json", "--out", str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert ("not in the file: " in err) == (form != "csv")
+    name, picture = document["files"]
+    assert picture == "drive.png"
+    design = Design.load(folder / "design.json")
+    found = read_drive(tmp_path / name, design.motion, position_scale=document["position_scale_px"])
+    steps = np.asarray(found.shutter.transmittances)
+    np.testing.assert_allclose(steps, document["transmittance"], atol=4e-5)
+
+
+def test_text_goes_to_the_terminal(folder, capsys):
+    """Without a folder the file itself is the result, and nothing else is on standard output."""
+    design = str(folder / "design.json")
+    assert cli.main(["export", design, "--format", "column", "--steps", "5"]) == 0
+    out, err = capsys.readouterr()
+    assert [-1 <= float(line) <= 1 for line in out.splitlines()] == [True] * 5
+    assert "T = 10.0 ms" in err
+
+
+def test_simulate_tells_designed_driven_and_measured(folder, tmp_path, capsys):
+    """The trace's camera is captured and restored; the PSNR of all three stands beside it."""
+    cli.main(["export", str(folder / "design.json"), "--out", str(tmp_path), "--levels", "2"])
+    (tmp_path / "trace.csv").write_text(trace())
+    capsys.readouterr()
+    given = ["simulate", folder / "scene.toml", "--design", folder / "design.json"]
+    files = ["--drive", tmp_path / "drive.csv", "--measured", tmp_path / "trace.csv"]
+    code = cli.main([str(x) for x in (*given, *files, "--json", "--out", tmp_path / "out")])
+    out, err = capsys.readouterr()
+    assert code == 0, err
+    levels = json.loads(out)["expected_psnr_db"]
+    assert list(levels) == ["as designed", "as driven", "as measured"]
+    assert levels["as driven"] < levels["as designed"] - 0.01
+    assert (tmp_path / "out" / "restored.png").exists()
+
+
+def test_compare_takes_designed_driven_and_measured(folder, tmp_path, capsys, monkeypatch):
+    """All three are compared as they are, the designed one on its own motion; none is tuned."""
+    given = ["compare", folder / "scene.toml", "--design", folder / "design.json"]
+    assert cli.main(["export", str(given[3]), "--out", str(tmp_path), "--levels", "3"]) == 0
+    (tmp_path / "trace.csv").write_text(trace())
+    seen = []
+    monkeypatch.setattr(app, "_compared", lambda *given: seen.append(given))
+    monkeypatch.setattr(app, "_deliver", lambda *given: None)
+    files = ["--drive", tmp_path / "drive.csv", "--measured", tmp_path / "trace.csv"]
+    assert cli.main([str(x) for x in (*given, *files)]) == 0, capsys.readouterr().err
+    scene, motion, cameras, *_ = seen[0]
+    assert list(cameras) == ["as designed", "as driven", "as measured"]
+    for camera in cameras.values():
+        assert camera.loss_name == GIVEN
+        assert camera.scene is scene
+        for name in ("acceleration", "half_exposure"):
+            assert float(getattr(camera.motion, name)) == pytest.approx(
+                float(getattr(motion, name))
+            )
+    levels = np.asarray(cameras["as driven"].command.transmittances)
+    assert set(np.rint(levels * 2)) == {0.0, 1.0, 2.0}
+    hann = np.asarray(HannShutter().transmittance(np.linspace(-1, 1, 99)))
+    found = np.asarray(cameras["as measured"].command.transmittance(np.linspace(-1, 1, 99)))
+    np.testing.assert_allclose(found, hann, atol=3e-3)
+
+
+def test_a_camera_that_is_given_is_not_tuned():
+    """A comparison leaves the motion of hardware as it is, whatever the scene and the loss."""
+    camera = given_design(SCENE, MOTION, HannShutter(), "Built.")
+    other = seen_from(SCENE, panned(MOTION, 100.0))[0]
+    for loss in (ExpectedErrorLoss(), DesignLoss()):
+        assert _is_finished(camera, other, loss)

@@ -1,0 +1,204 @@
+"""Drive tables and traces with one thing wrong each, and what is said of it."""
+
+import io
+
+import numpy as np
+
+STEPS = 12
+HALF_MS = 10.0
+"""Of the design that the tables are held against; ms."""
+
+
+def table(rows=None, names="begin,transmittance", units="ms,1"):
+    """The text of a table of equal steps, some of whose rows are changed."""
+    lines = [f"{-HALF_MS + 2 * HALF_MS * k / STEPS:.9g},0.5" for k in range(STEPS)]
+    for index, line in (rows or {}).items():
+        lines[index] = line
+    return "\n".join([names, units, *[line for line in lines if line is not None]]) + "\n"
+
+
+def trace(change=lambda time, level: (time, level), names="time,level", units="ms,V"):
+    """The text of a trace that reaches beyond the exposure, changed."""
+    time = np.linspace(-1.2 * HALF_MS, 1.2 * HALF_MS, 241)
+    level = 0.3 + 2 * np.cos(np.pi * np.clip(time / HALF_MS, -1, 1) / 2) ** 2
+    time, level = change(time, level)
+    rows = [f"{t:.6g},{v:.6g}" for t, v in zip(time, level, strict=True)]
+    return "\n".join([names, units, *rows]) + "\n"
+
+
+def npy(array):
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def keysight(rows, heading="Y1,Y2,SampleMarker1", rate="SampleRate=600"):
+    return "\n".join([rate, heading, *rows]) + "\n"
+
+
+def words(*values):
+    return np.array(values, "<u2").tobytes()
+
+
+DRIVES = {
+    "empty": ("d.csv", "", "must hold at least one line; got an empty file"),
+    "picture": ("d.csv", b"\x89PNG\r\n\x1a\n\x00\xff", "must be UTF-8 text; got byte 0"),
+    "prose": ("d.csv", "once upon a time\n", "must be a drive table of a known format (csv, "),
+    "wrong-unit": (
+        "d.csv",
+        table(units="s,1"),
+        "must have `begin` in ms by its second line; got 's'",
+    ),
+    "no-units": ("d.csv", "begin,transmittance\n", "must have a line of units below its names"),
+    "short-units": ("d.csv", table(units="ms"), "must have a unit for each column in its second "),
+    "unknown-column": (
+        "d.csv",
+        table(names="begin,transmittence"),
+        "must have columns of begin, wanted_transmittance",
+    ),
+    "column-missing": (
+        "d.csv",
+        table(names="begin,level"),
+        "must have a column of the name transmittance; got begin,level",
+    ),
+    "column-twice": (
+        "d.csv",
+        table(names="begin,begin"),
+        "must have each column once; got 'begin'",
+    ),
+    "unordered": ("d.csv", table({5: "-8,0.5"}), "must have times that ascend; got -8 ms"),
+    "gap": (
+        "d.csv",
+        table({7: None}),
+        "must have equal steps without a gap, 11 from -10 to 10 ms; got ",
+    ),
+    "from-its-start": (
+        "d.csv",
+        "begin,transmittance\nms,1\n0,0.5\n1,0.5\n",
+        "must begin before mid-exposure, at a time below 0; got 0 ms",
+    ),
+    "nan": ("d.csv", table({3: "-5,nan"}), "must hold finite numbers; got -5,nan"),
+    "word": ("d.csv", table({3: "-5,open"}), "must hold numbers alone below its heading; got 'op"),
+    "ragged": ("d.csv", table({3: "-5"}), "must hold 2 values a row; got 1 in '-5'"),
+    "decimal-comma": ("d.csv", table({3: "-5,0,5"}), "must hold 2 values a row; got 3 in"),
+    "above-one": (
+        "d.csv",
+        table({3: "-5,1.5"}),
+        "must hold a transmittance in [0, 1] alone; got 1.5",
+    ),
+    "heading-alone": ("d.csv", "begin,transmittance\nms,1\n", "at least one row of numbers; got n"),
+    "path-of-its-own": (
+        "d.csv",
+        table(
+            {k: f"{-HALF_MS + 20 * k / STEPS:.9g},0.5,{(-1) ** k}" for k in range(STEPS)},
+            names="begin,transmittance,sensor_position",
+            units="ms,1,px",
+        ),
+        "must move the sensor along v t + a t^2; got a path up to ",
+    ),
+    "backwards": (
+        "d.csv",
+        table(
+            {k: f"{-HALF_MS + 20 * k / STEPS:.9g},0.5,{-((k - 6) ** 2)}" for k in range(STEPS)},
+            names="begin,transmittance,sensor_position",
+            units="ms,1,px",
+        ),
+        "must accelerate the sensor towards positive positions, or not at all; got a stroke of -36",
+    ),
+    "volts": ("d.csv", "0.5\n4.2\n", "must hold a drive in [-1, 1] alone; got 4.2"),
+    "two-columns": ("d.csv", "0.5,0.5\n", "must hold 1 value a row; got 2 in '0.5,0.5'"),
+    "rate-of-nothing": (
+        "d.csv",
+        keysight(["0.5,0,1"], rate="SampleRate=0"),
+        "must have a SampleRate above 0 in Hz, kHz, MHz or GHz; got '0'",
+    ),
+    "rate-in-bauds": (
+        "d.csv",
+        keysight(["0.5,0,1"], rate="SampleRate=7 Bd"),
+        "must have a SampleRate above 0 in Hz, kHz, MHz or GHz; got '7 Bd'",
+    ),
+    "no-shutter": (
+        "d.csv",
+        keysight(["0.5"], heading="Y2"),
+        "must have the shutter's column Y1; got Y2",
+    ),
+    "gate-twice": (
+        "d.csv",
+        keysight(["0.5,0,1", "0.5,0,0", "0.5,0,1"]),
+        "must have its gate open once, without a gap; got 2 openings",
+    ),
+    "gate-half-open": (
+        "d.csv",
+        keysight(["0.5,0,0.5"]),
+        "must have a gate of 0 and 1; got 0.5",
+    ),
+    "odd-bytes": ("d.RAF", b"\x00\x01\x02", "must hold 16-bit words, 2 bytes a step; got 3 bytes"),
+    "high-bits": ("d.RAF", words(3, 16384), "must hold words of 14 bits, up to 16383; got 16384"),
+    "half-an-array": ("d.npy", npy(np.zeros((2, 9)))[:-9], "must be a whole .npy file; got: "),
+    "samples-first": (
+        "d.npy",
+        npy(np.zeros((9, 2))),
+        "must be an array of (channels, samples) of 1 to 3 channels; got shape (9, 2)",
+    ),
+    "complex": ("d.npy", npy(np.zeros((1, 9), complex)), "hold real numbers; got complex128"),
+    "npy-nan": ("d.npy", npy(np.full((1, 3), np.nan)), "must hold finite numbers; got nan"),
+    "pulse-of-nothing": (
+        "d.csv",
+        "wait,width\nus,us\n100,0\n",
+        "must have pulses wider than 0 us; got 0.0",
+    ),
+    "pulses-in-ms": (
+        "d.csv",
+        "wait,width\nms,ms\n1,2\n",
+        "must have `wait` in us by its second line; got 'ms'",
+    ),
+    "pulse-from-before": (
+        "d.csv",
+        "wait,width\nus,us\n100,7\n-3,4\n",
+        "must wait at least 0 us for each pulse; got -3.0",
+    ),
+    "pulse-too-late": (
+        "d.csv",
+        "wait,width\nus,us\n19000,5000\n",
+        "must end its pulses within the exposure of 20000 us; got 24000 us",
+    ),
+}
+
+TRACES = {
+    "trace-unordered": (
+        trace(lambda t, v: (t[::-1], v)),
+        "must have times that ascend; got",
+    ),
+    "trace-in-minutes": (
+        trace(units="min,V"),
+        "must have `time` in ms or s or us by its second line; got 'min'",
+    ),
+    "trace-in-seconds": (
+        trace(units="s,V"),
+        "must have at least 32 samples within the exposure of 20 ms; got 1",
+    ),
+    "trace-gap": (
+        trace(lambda t, v: (t[(t < 2) | (t > 5)], v[(t < 2) | (t > 5)])),
+        "must cover the exposure in steps of at most 1/16 of it; got 3.",
+    ),
+    "trace-cut-off": (
+        trace(lambda t, v: (t[t < 8], v[t < 8])),
+        "must cover the exposure in steps of at most 1/16 of it; got ",
+    ),
+    "trace-of-the-dark": (
+        trace(lambda t, v: (t, 0.01 * np.random.default_rng(5).standard_normal(t.size))),
+        "must tell the open shutter from the closed one by more than its noise; got levels",
+    ),
+    "trace-without-dark": (
+        trace(lambda t, v: (t[abs(t) <= 10], v[abs(t) <= 10])),
+        "must have 8 samples outside the exposure, or a level of the closed shutter; got 0",
+    ),
+    "trace-nan": (
+        trace(lambda t, v: (t, np.where(t > 3, np.nan, v))),
+        "must hold finite numbers; got 3.1,nan",
+    ),
+    "trace-without-level": (
+        trace(names="time,time"),
+        "must have each column once; got 'time'",
+    ),
+}
