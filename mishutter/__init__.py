@@ -35,8 +35,11 @@ from mishutter.evaluation import DesignLoss as DesignLoss
 from mishutter.evaluation import ExpectedErrorLoss as ExpectedErrorLoss
 from mishutter.evaluation import Metrics as Metrics
 from mishutter.evaluation import Plan as Plan
+from mishutter.evaluation import ToleranceCost as ToleranceCost
+from mishutter.evaluation import ToleranceCosts as ToleranceCosts
 from mishutter.evaluation import ceiling as ceiling
 from mishutter.evaluation import evaluate as evaluate
+from mishutter.evaluation import tolerance_costs as tolerance_costs
 from mishutter.model import RASKAR_CODE as RASKAR_CODE
 from mishutter.model import AbstractAdjustableShutter as AbstractAdjustableShutter
 from mishutter.model import AbstractMotion as AbstractMotion
@@ -55,6 +58,7 @@ from mishutter.model import RectShutter as RectShutter
 from mishutter.model import Scene as Scene
 from mishutter.model import SplineShutter as SplineShutter
 from mishutter.model import StillCamera as StillCamera
+from mishutter.model import Tolerances as Tolerances
 from mishutter.model import TriangleShutter as TriangleShutter
 from mishutter.model import TukeyShutter as TukeyShutter
 from mishutter.model import baselines as baselines
@@ -137,6 +141,9 @@ __all__ = [
     "SplineShutter",
     "StillCamera",
     "TikhonovDecoder",
+    "ToleranceCost",
+    "ToleranceCosts",
+    "Tolerances",
     "TotalVariationDecoder",
     "Trace",
     "TriangleShutter",
@@ -181,6 +188,7 @@ __all__ = [
     "ssim",
     "starting_shutter",
     "sweep",
+    "tolerance_costs",
     "transfer_function",
     "write_picture",
 ]

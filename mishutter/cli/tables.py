@@ -1,12 +1,13 @@
 """The comparison as a terminal shows it: tables, the photograph's, the verdict."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from mishutter.cli.console import print_table, print_text
 
 if TYPE_CHECKING:
     from mishutter.design import Comparison, Design, Row
+    from mishutter.evaluation import ToleranceCosts
     from mishutter.report import Report
     from mishutter.restore import RestoredPhotograph
 
@@ -21,13 +22,18 @@ def print_report(report: "Report") -> None:
     for reading in dict.fromkeys(row.reading for row in comparison.rows):
         rows = [row for row in comparison.rows if row.reading == reading]
         cells = [_cells(comparison, row) for row in rows]
+        columns = _columns(comparison)
         if reading == OWN_BEST_MOTION:
-            print_table(reading.capitalize(), _COLUMNS, [*cells, _ceiling(comparison)])
+            print_table(reading.capitalize(), columns, [*cells, _ceiling(comparison, columns)])
             print_text(_FOOT)
+            if comparison.costs is not None:
+                print_text("within dB  expected within the tolerances: what gain dB is of")
             print_text()
             _print_purchases(comparison)
+            if comparison.costs is not None:
+                _print_costs(comparison.costs)
         else:
-            print_table(reading.capitalize(), _COLUMNS, cells)
+            print_table(reading.capitalize(), columns, cells)
             print_table(f"Kernels, {reading}", _OF_KERNELS, [_kernel_cells(row) for row in rows])
             print_text(_condition_note(rows))
             full = [row.name for row in rows if fills(report.scene, row.motion, row.shutter)]
@@ -52,6 +58,10 @@ ceiling    nothing exceeds it"""
 _OF_KERNELS = ("shutter", "condition", "kernel diff", "relative", "bound")
 
 
+def _columns(comparison: "Comparison") -> tuple[str, ...]:
+    return _COLUMNS if comparison.costs is None else (*_COLUMNS, "within dB")
+
+
 def _print_purchases(comparison: "Comparison") -> None:
     """The best of each kind of apparatus, and what belongs at the foot of both tables."""
     rows = [
@@ -59,27 +69,40 @@ def _print_purchases(comparison: "Comparison") -> None:
         for takes, row in comparison.rivals.items()
         for name, *numbers in [_cells(comparison, row)]
     ]
-    columns = ("purchase: its best", *_COLUMNS[1:3], *_COLUMNS[4:])
+    columns = ("purchase: its best", *_columns(comparison)[1:3], *_columns(comparison)[4:])
     print_table("What each purchase brings", columns, rows)
     for line in comparison.notes:
         print_text(line)
 
 
-def _ceiling(comparison: "Comparison") -> list[str]:
+def _print_costs(costs: "ToleranceCosts") -> None:
+    """What each tolerance costs the best design, and the largest by name."""
+    rows = [
+        [row.name, row.size, f"{row.cost:.3f}", f"{row.unaware_cost:.3f}"] for row in costs.rows
+    ]
+    columns = ("tolerance", "1 sigma", "costs dB", "unaware dB")
+    print_table("What each tolerance costs the best design", columns, rows)
+    print_text(costs.verdict)
+    print_text("unaware dB  by a decoder that is made for a camera without errors")
+
+
+def _ceiling(comparison: "Comparison", columns: "Sequence[str]") -> list[str]:
     gain = comparison.over_snapshot(comparison.ceiling)
-    return ["ceiling", f"{comparison.ceiling:.2f}", f"{gain:+.2f}", *[""] * len(_COLUMNS[3:])]
+    return ["ceiling", f"{comparison.ceiling:.2f}", f"{gain:+.2f}", *[""] * len(columns[3:])]
 
 
 def _cells(comparison: "Comparison", row: "Row") -> list[str]:
-    level = float(row.metrics.expected_psnr)
+    within = row.metrics.toleranced_psnr
+    last = "" if within is None else f"{float(within):.2f}"
     return [
         row.name if row.num_frames == 1 else f"{row.name}, {row.num_frames} frames",
-        f"{level:.2f}",
-        f"{round(comparison.over_snapshot(level), 2) + 0.0:+.2f}",
+        f"{float(row.metrics.expected_psnr):.2f}",
+        f"{round(comparison.over_snapshot(row.level), 2) + 0.0:+.2f}",
         f"{float(row.metrics.efficiency):.3f}",
         f"{float(row.motion.stroke):.1f}",
         f"{round(float(row.motion.velocity)) + 0:d}",
         f"{float(row.motion.exposure) * 1e3:.2f}",
+        *([] if comparison.costs is None else [last]),
     ]
 
 

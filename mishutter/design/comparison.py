@@ -20,11 +20,13 @@ from mishutter.evaluation import (
     ExpectedErrorLoss,
     Metrics,
     Plan,
+    ToleranceCosts,
     as_loss,
     best_burst,
     ceiling,
     evaluate,
     in_equal_steps,
+    tolerance_costs,
 )
 from mishutter.model import (
     AbstractMotion,
@@ -88,6 +90,12 @@ class Row:
     metrics: Metrics
     num_frames: int = 1
 
+    @property
+    def level(self) -> float:
+        """Expected PSNR that it is judged by: within the tolerances of a scene with any; dB."""
+        within = self.metrics.toleranced_psnr
+        return float(self.metrics.expected_psnr if within is None else within)
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -97,12 +105,13 @@ class Comparison:
         rows: One a shutter and reading.
         verdict: Two lines: what to build for this scene or to use instead, and how far physics
             would let any camera go.
-        gain: Gain over the best snapshot, panned where that is allowed; dB, negative where the
-            snapshot is better.
+        gain: Gain over the best snapshot, panned where that is allowed, both within the scene's
+            tolerances; dB, negative where the snapshot is better.
         ceiling: Expected PSNR that no camera exceeds; dB. Speeds in equal steps stand for those
             between them, unless a design exceeds the ceiling of these by dwelling at the listed.
         notes: Sentences for the foot of the tables: the light that the shutter loses, and what a
             burst would reach.
+        costs: What each tolerance costs the best design; None for a scene without.
     """
 
     rows: tuple[Row, ...]
@@ -110,6 +119,7 @@ class Comparison:
     gain: float
     ceiling: float
     notes: tuple[str, ...] = ()
+    costs: ToleranceCosts | None = None
 
     @property
     def rivals(self) -> dict[str, Row]:
@@ -161,19 +171,21 @@ class Comparison:
         }
         numbers = {"gain_db": self.gain, "ceiling_db": self.ceiling}
         words = {"verdict": self.verdict, "notes": list(self.notes)}
-        return {"rows": rows, "rivals": rivals, **words, **numbers}
+        costs = {} if self.costs is None else {"tolerance_costs": self.costs.to_dict()}
+        return {"rows": rows, "rivals": rivals, **words, **numbers, **costs}
 
     def text(self) -> str:
         """The verdict, the tables and their notes as text."""
         lines = [self.verdict, ""]
         for reading in dict.fromkeys(row.reading for row in self.rows):
-            lines += [f"{reading}", _HEADER]
+            lines += [f"{reading}", _HEADER if self.costs is None else _HEADER + _WITHIN]
             lines += [_line(row) for row in self.rows if row.reading == reading]
             lines.append("")
             if reading == OWN_BEST_MOTION:
                 lines.append("what each purchase brings")
                 lines += [self._purchase(takes, row) for takes, row in self.rivals.items()]
                 lines += [*self.notes, ""]
+                lines += [] if self.costs is None else [self.costs.text(), ""]
         return "\n".join(lines[:-1])
 
     def _purchase(self, takes: str, row: Row) -> str:
@@ -464,7 +476,10 @@ def _with_verdict(rows: list[Row], given: tuple[str, ...], scene: Scene) -> Comp
             f"It is {below:.2f} dB below what any path and any shutter could reach "
             f"({most:.2f} dB).",
         )
-    return Comparison(tuple(rows), "\n".join(verdict), gain, most, notes)
+    costs = None
+    if scene.tolerances is not None:
+        costs = tolerance_costs(scene, best.motion, best.shutter)
+    return Comparison(tuple(rows), "\n".join(verdict), gain, most, notes, costs)
 
 
 _PURCHASES = {
@@ -517,7 +532,7 @@ def _best(rows: Sequence[Row]) -> Row:
 
 
 def _level(row: Row) -> float:
-    return float(row.metrics.expected_psnr)
+    return row.level
 
 
 def _pans(motion: AbstractMotion) -> bool:
@@ -542,15 +557,18 @@ _HEADER = (
     f"{'shutter':<21}{'PSNR dB':>9}{'cond.':>8}{'diff.':>8}{'rel.':>7}"
     f"{'light':>7}{'bound':>7}{'stroke px':>11}{'pan px/s':>10}{'exposure ms':>13}{'loss':>9}"
 )
+_WITHIN = f"{'within dB':>11}"
+"""Expected PSNR within the scene's tolerances."""
 
 
 def _line(row: Row) -> str:
     m = row.metrics
     loss = "" if row.loss is None else f"{row.loss:.4f}"
+    within = "" if m.toleranced_psnr is None else f"{float(m.toleranced_psnr):>11.2f}"
     return (
         f"{row.name:<21}{float(m.expected_psnr):>9.2f}{float(m.condition_number):>8.2f}"
         f"{float(m.kernel_difference):>8.4f}{float(m.relative_kernel_difference):>7.3f}"
         f"{float(m.efficiency):>7.3f}{float(m.bound_share):>7.3f}"
         f"{float(row.motion.stroke):>11.2f}{float(row.motion.velocity) + 0.0:>10.1f}"
-        f"{float(row.motion.exposure) * 1e3:>13.3f}{loss:>9}"
+        f"{float(row.motion.exposure) * 1e3:>13.3f}{loss:>9}{within}"
     )

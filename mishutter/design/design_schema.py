@@ -80,6 +80,18 @@ class SavedBurst(Part):
 
 
 @final
+class SavedTolerances(Part):
+    """The arguments of `Tolerances`."""
+
+    acceleration: float
+    velocity: float
+    delay: float
+    speed: float
+    transmittance: float
+    drive_step: float
+
+
+@final
 class SavedScene(Part):
     """The arguments of `Scene`, but for the motion."""
 
@@ -95,6 +107,7 @@ class SavedScene(Part):
     device: SavedDevice | None = None
     full_well: float | None = None
     burst: SavedBurst | None = None
+    tolerances: SavedTolerances | None = None
     picture: str | None = None
 
 

@@ -26,7 +26,6 @@ from mishutter.evaluation import (
     Plan,
     Records,
     Response,
-    aligned_spectra,
     assembled,
     folded,
     one_real_number,
@@ -34,6 +33,7 @@ from mishutter.evaluation import (
     records,
     require_sizes,
     size_class,
+    spectra_of,
     value_of,
 )
 from mishutter.model import (
@@ -164,7 +164,7 @@ class SpectralLoss(eqx.Module):
         nodes = exposure.nodes
         scene, motion = seen_from(self.scene, exposure.motion)
         grid = self.plan.num_frequencies, self.plan.num_kept
-        spectra = aligned_spectra(nodes, motion, scene.speeds, scene.weights, *grid)
+        spectra = spectra_of(scene, nodes, motion, *grid)
         recorded = Records(jnp.zeros(0), spectra, nodes.efficiency)
         response = assembled(scene, recorded, self.plan)
         value = self.loss.of_response(scene, motion, response, self.plan)
@@ -218,7 +218,7 @@ def objective_of(
 
 
 def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjective:
-    """The objective on fewer frequencies, where they take the time; itself where not.
+    """The objective on fewer frequencies and errors, where they take the time; itself where not.
 
     Good enough to descend on where the ends are finished on the whole.
     """
@@ -239,6 +239,8 @@ def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjecti
     power = np.asarray(picture_power(scene, plan.num_frequencies, dtype))
     bands = jax.device_put(power.reshape(count, _ROUGH_STEP).mean(axis=1))
     banded = eqx.tree_at(lambda s: s.power_spectrum, scene, bands, is_leaf=lambda x: x is None)
+    if banded.tolerances is not None:
+        banded = eqx.tree_at(lambda s: s.tolerances, banded, banded.tolerances.roughly)
     return objective_of(objective.loss, banded, space, rough)
 
 

@@ -23,6 +23,7 @@ from mishutter.model import (
     ParabolicMotion,
     Scene,
     StillCamera,
+    Tolerances,
     command_of,
     profile_of,
     shutter_from_dict,
@@ -209,6 +210,7 @@ def metrics_to_dict(metrics: Metrics) -> dict[str, float | int]:
     return {
         name: value if isinstance(value, int) else float(value)
         for name, value in vars(metrics).items()
+        if value is not None
     }
 
 
@@ -230,7 +232,7 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
 def _built(file: SavedDesign) -> Design:
     motion = _motion(file.motion)
     scene = file.scene.model_dump()
-    kinds = {"limits": Limits, "device": IdealShutter, "burst": Burst}
+    kinds = {"limits": Limits, "device": IdealShutter, "burst": Burst, "tolerances": Tolerances}
     made = {name: kind(**scene[name]) for name, kind in kinds.items() if scene[name] is not None}
     scene |= made | {"motion": motion}
     whole = Scene(**scene)

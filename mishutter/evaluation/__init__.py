@@ -13,6 +13,7 @@ from mishutter.evaluation.batch import sizes_of as sizes_of
 from mishutter.evaluation.bursts import best_burst as best_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ceilings import in_equal_steps as in_equal_steps
+from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
 from mishutter.evaluation.lengths import distinct_speeds as distinct_speeds
 from mishutter.evaluation.lengths import extent as extent
 from mishutter.evaluation.lengths import num_frequencies as num_frequencies
@@ -31,6 +32,7 @@ from mishutter.evaluation.metrics import Metrics as Metrics
 from mishutter.evaluation.metrics import evaluate as evaluate
 from mishutter.evaluation.metrics import picture_power as picture_power
 from mishutter.evaluation.metrics import signal_over_noise as signal_over_noise
+from mishutter.evaluation.metrics import squared_error_within as squared_error_within
 from mishutter.evaluation.needs import PLANNED as PLANNED
 from mishutter.evaluation.needs import Automatic as Automatic
 from mishutter.evaluation.needs import Item as Item
@@ -55,3 +57,7 @@ from mishutter.evaluation.response import kernels_at_speeds as kernels_at_speeds
 from mishutter.evaluation.response import light_in_time as light_in_time
 from mishutter.evaluation.response import pixel_responses as pixel_responses
 from mishutter.evaluation.response import records as records
+from mishutter.evaluation.response import spectra_of as spectra_of
+from mishutter.evaluation.tolerances import ToleranceCost as ToleranceCost
+from mishutter.evaluation.tolerances import ToleranceCosts as ToleranceCosts
+from mishutter.evaluation.tolerances import tolerance_costs as tolerance_costs

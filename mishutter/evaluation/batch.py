@@ -16,6 +16,7 @@ from jaxtyping import Array
 
 from mishutter._core import compiled, in_threads, num_threads
 from mishutter.blur import BLOCK, LitNodes, condition_number, lit_nodes
+from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.lengths import (
     extents,
     longest_within_limits,
@@ -172,7 +173,8 @@ def _whole_blocks(count: np.ndarray) -> np.ndarray:
 
 
 def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
-    """Scenes with only the speeds that a shutter asks for, as many in each."""
+    """Scenes with only the speeds that a shutter asks for, as many in each, and no tolerances."""
+    scenes = [without_tolerances(scene) for scene in scenes]
     plan = Plan(1, 1, 16, 1, skips=skips, folds=is_symmetric(shutter))
     needed = [reduced(scene, plan) for scene in scenes]
     most = max(scene.speeds.size for scene in needed)

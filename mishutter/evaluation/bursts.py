@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import compiled, require_known
+from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import known_speed_squared_error
 from mishutter.evaluation.needs import Plan, reduced, sizes
 from mishutter.evaluation.response import Response, respond
@@ -48,6 +49,7 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
     as it may. More frames are tried as long as they lower the error.
     """
     require_known("best_burst", scene=scene)
+    scene = without_tolerances(scene)
     if scene.burst is None:
         return None
     from scipy.optimize import minimize_scalar

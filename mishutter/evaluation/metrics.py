@@ -4,7 +4,7 @@
 """
 
 from dataclasses import replace
-from typing import final
+from typing import NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -14,6 +14,11 @@ from jaxtyping import Array
 
 from mishutter._core import compiled
 from mishutter.blur import condition_number, safe_sqrt, support
+from mishutter.evaluation.ensembles import (
+    drive_variance,
+    ensemble_weights,
+    without_tolerances,
+)
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced, sizes
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
 from mishutter.model import (
@@ -45,6 +50,10 @@ class Metrics(eqx.Module):
         phase: Offset of the first tap's edge from the point of alignment; px.
         dft_length: Points of the DFT.
         num_taps: Taps of the kernels.
+        toleranced_psnr: That of `expected_psnr` where the camera and the objects are as the
+            scene's tolerances say, by the best single linear decoder that knows how its errors
+            are distributed and not what they are; None for a scene without. All other metrics
+            are those of a camera without errors. dB.
     """
 
     condition_number: Array
@@ -57,10 +66,12 @@ class Metrics(eqx.Module):
     phase: Array
     dft_length: int = eqx.field(static=True)
     num_taps: int = eqx.field(static=True)
+    toleranced_psnr: Array | None = None
 
     def __repr__(self) -> str:
         """The values of the metrics; the `repr` of a module shows types alone."""
-        lines = (f"  {name}={getattr(self, name)}" for name in self.__dataclass_fields__)
+        known = {n: getattr(self, n) for n in self.__dataclass_fields__}
+        lines = (f"  {name}={value}" for name, value in known.items() if value is not None)
         return "\n".join(["Metrics(", *lines, ")"])
 
 
@@ -102,12 +113,39 @@ def evaluate(
             objects; under `jax.jit` JAX makes an error of its own of it.
     """
     everything = Parts(kernels=True, spectra=True, differences=True)
+    within = None
+    if scene.tolerances is not None:
+        within = squared_error_within(scene, motion, shutter, plan=plan)
+        scene = without_tolerances(scene)
     plan, scene, motion = chosen(plan, scene, motion, shutter, lambda _: everything)
     if plan.num_kept is not None:  # and as many nodes in time as all frequencies ask for
         num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
         plan = replace(plan, num_kept=None, num_nodes=num_nodes)
     kept = reduced(scene, plan)
-    return measured(kept, motion, records(kept, motion, shutter, plan), plan)
+    metrics = measured(kept, motion, records(kept, motion, shutter, plan), plan)
+    if within is None:
+        return metrics
+    return replace(metrics, toleranced_psnr=-10 * jnp.log10(within))
+
+
+def squared_error_within(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    plan: Plan | Automatic | None = PLANNED,
+) -> Array:
+    """The `expected_squared_error` of a design within the scene's tolerances; scalar."""
+    parts = Parts(kernels=False, spectra=True, differences=False)
+    plan, scene, motion = chosen(plan, scene, motion, shutter, lambda _: parts)
+    kept = reduced(scene, plan)
+    return _error_of_records(kept, motion, records(kept, motion, shutter, plan, *parts), plan)
+
+
+@compiled
+def _error_of_records(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Array:
+    response = assembled(scene, recorded, plan)
+    return expected_squared_error(scene, motion, response, plan.num_frequencies)
 
 
 @compiled
@@ -185,17 +223,80 @@ def _lost_share(
     scene: Scene, motion: AbstractMotion, response: Response, every_power: Array
 ) -> Array:
     """Share of the picture's power that `expected_squared_error` counts as lost; shape `(k,)`."""
+    seen = _moments(scene, motion, response, every_power)
+    total = seen.signal * (seen.coherent + seen.spread) + seen.noise
+    return _share(seen.signal * seen.spread + seen.noise, total)
+
+
+class _Moments(NamedTuple):
+    """A capture's picture and what disturbs it, in a common unit; shape `(k,)`.
+
+    Attributes:
+        mean: Mean response over speeds, without the pixel aperture; complex.
+        coherent: Power of that, with the aperture.
+        spread: Variance of the response, with the aperture.
+        signal: Power of the picture.
+        noise: Power of the noise; scalar.
+    """
+
+    mean: Array
+    coherent: Array
+    spread: Array
+    signal: Array
+    noise: Array
+
+
+def _moments(
+    scene: Scene, motion: AbstractMotion, response: Response, every_power: Array
+) -> _Moments:
     dtype = response.efficiency.dtype
     num_kept = response.spectra.shape[1]
     power = every_power[:num_kept]
     spectra, aperture = response.spectra, _aperture(every_power.size, np.dtype(dtype))[:num_kept]
-    weights = scene.weights.astype(dtype)[:, None]
+    weights = ensemble_weights(scene).astype(dtype)[:, None]
     mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
     deviation = spectra - mean[None]
     spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0) * aperture
+    if scene.tolerances is not None:
+        driven = drive_variance(scene, motion, response.efficiency, every_power.size)[:num_kept]
+        spread = spread + driven * aperture
     coherent = (mean.real**2 + mean.imag**2) * aperture
     signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
-    return _share(signal * spread + noise, signal * (coherent + spread) + noise)
+    return _Moments(mean, coherent, spread, signal, noise)
+
+
+def unaware_squared_error(
+    scene: Scene, motion: AbstractMotion, response: Response, nominal: Response
+) -> Array:
+    r"""Expected squared error of the best filter of a camera without tolerances; scalar.
+
+    A filter $G'$ leaves more than the best one $G$ of `expected_squared_error` by
+    $2\int_0^{1/2}|G' - G|^2\,(S(|m|^2 + v) + N)\,df$: the error is quadratic in the filter.
+
+    Args:
+        scene: Speeds, light, noise and tolerances.
+        motion: Motion of the sensor, without velocity.
+        response: Response at the errors within the tolerances, at every frequency.
+        nominal: Response of the same design without errors.
+    """
+    power = picture_power(scene, response.spectra.shape[1], np.dtype(response.efficiency.dtype))
+    seen = _moments(scene, motion, response, power)
+    without = _moments(without_tolerances(scene), motion, nominal, power)
+    (own, total), (other, _) = map(_filter, (seen, without))
+    lit = seen.signal > 0
+    difference = own - other
+    excess = difference.real**2 + difference.imag**2
+    excess = excess * _aperture(power.size, np.dtype(power.dtype)) * seen.signal * total
+    left = _share(seen.signal * seen.spread + seen.noise, total)
+    return jnp.mean(power * (left + jnp.where(lit, excess, 0.0)))
+
+
+def _filter(seen: _Moments) -> tuple[Array, Array]:
+    """The best filter over the picture's power and the aperture, and the power of a capture."""
+    total = seen.signal * (seen.coherent + seen.spread) + seen.noise
+    dark = total <= 0
+    divisor = jnp.where(dark, 1.0, total).astype(seen.mean.dtype)
+    return jnp.where(dark, 0.0, jnp.conj(seen.mean) / divisor), total
 
 
 def signal_over_noise(
@@ -203,9 +304,9 @@ def signal_over_noise(
 ) -> tuple[Array, Array]:
     r"""Power of the picture over that of what disturbs it in a capture, at each frequency.
 
-    $S|m|^2/(Sv + N)$ in the terms of `expected_squared_error`: at the exposure of the motion, and
-    with the spread between the scene's speeds as noise. The best single linear decoder leaves
-    $S$ over 1 more than this ratio.
+    $S|m|^2/(Sv + N)$ in the terms of `expected_squared_error`: at the exposure of the motion,
+    without tolerances, and with the spread between the scene's speeds as noise. The best single
+    linear decoder leaves $S$ over 1 more than this ratio.
 
     Args:
         scene: Speeds, light and noise.
@@ -219,6 +320,7 @@ def signal_over_noise(
         ValueError: as `evaluate`.
     """
     parts = Parts(kernels=False, spectra=True, differences=False)
+    scene = without_tolerances(scene)
     plan, scene, motion = chosen(PLANNED, scene, motion, shutter, lambda _: parts)
     kept = reduced(scene, plan)
     lost = _lost_of_records(kept, motion, records(kept, motion, shutter, plan, *parts), plan)
@@ -256,7 +358,7 @@ def freely_aligned(
     num_frequencies = num_kept if num_frequencies is None else num_frequencies
     power = picture_power(scene, num_frequencies, np.dtype(dtype))[:num_kept]
     aperture = _aperture(num_frequencies, np.dtype(dtype))[:num_kept]
-    weights = scene.weights.astype(dtype)[:, None]
+    weights = ensemble_weights(scene).astype(dtype)[:, None]
     signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
     passed = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0) * aperture
     weight = jax.lax.stop_gradient(power * aperture * _share(signal, signal * passed + noise))

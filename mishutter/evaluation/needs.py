@@ -18,6 +18,7 @@ from jaxtyping import Array
 
 from mishutter._core import all_concrete, is_concrete, numbers_of, require
 from mishutter.blur import default_num_frequencies, support
+from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.lengths import (
     MAX_COUNT,
     Extent,
@@ -34,6 +35,7 @@ from mishutter.model import (
     NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
+    ParabolicMotion,
     Scene,
     frequencies,
     on_steps,
@@ -140,12 +142,29 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     scene, motion = seen_from(*numbers_of((scene, motion)))
     longest = longest_within_limits(scene)
     known = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
-    found = extent(scene, motion) if known else Extent(longest, longest, longest)
+    found = furthest(scene, motion) if known else Extent(longest, longest, longest)
     return replace(
         sized_for(max(found.reach, longest), max(found.velocity, longest)),
         num_frequencies=int(num_frequencies(scene, found.spread)),
         loss_dft_length=sized_for(longest, longest).dft_length,
     )
+
+
+def furthest(scene: Scene, motion: AbstractMotion) -> Extent:
+    """How far light of a scene that is known travels on a motion, within its tolerances."""
+    if scene.tolerances is None:
+        return extent(scene, motion)
+    with jax.ensure_compile_time_eval():
+        dtype = np.dtype(scene.speeds.dtype)
+        every = ensemble_of(scene.speeds, scene.tolerances, motion, dtype)
+        weights = jnp.tile(scene.weights, scene.tolerances.num_speeds)
+        weights = weights / scene.tolerances.num_speeds
+        extents = []
+        for acceleration, speeds in zip(*every, strict=True):
+            half = motion.half_exposure
+            shifted = ParabolicMotion(acceleration=acceleration, half_exposure=half)
+            extents.append(extent(scene.bare(speeds=speeds, weights=weights), shifted))
+    return Extent(*map(max, zip(*extents, strict=True)))
 
 
 def larger(first: Plan, second: Plan) -> Plan:

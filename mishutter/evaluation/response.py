@@ -22,6 +22,7 @@ from mishutter.blur import (
     waves_of_blocks,
     waves_on_dft,
 )
+from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.lengths import aligned, require_sizes, size_class
 from mishutter.evaluation.needs import Plan
 from mishutter.model import (
@@ -29,6 +30,7 @@ from mishutter.model import (
     AbstractPiecewiseShutter,
     AbstractShutter,
     Scene,
+    Tolerances,
     as_parabolic,
     has_vertex,
     in_one_form,
@@ -116,8 +118,7 @@ def records(
     if spectra:
         nodes = lit_nodes(profile, plan.num_nodes, dtype)
         grid = plan.num_frequencies, plan.num_kept
-        speeds = scene.speeds, scene.weights
-        response = aligned_spectra(nodes, as_parabolic(motion), *speeds, *grid)
+        response = spectra_of(scene, nodes, as_parabolic(motion), *grid)
         light = nodes.efficiency
     light = _only_light(profile, motion, scene.speeds) if light is None else light
     nothing = np.zeros(0, dtype)
@@ -295,9 +296,48 @@ def aligned_spectra(
     """
     dtype = nodes.tau.dtype
     a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
-    stroke, smear = a * half * half, speeds.astype(dtype) * half
-    displacement = aligned(stroke[None], jnp.where(weights > 0, smear, 0)).displacement
-    tau = nodes.tau[None]
-    position = tau * (stroke * tau - smear[:, None]) + displacement[:, None]
+    position = _positions(nodes.tau, a * half * half, speeds.astype(dtype) * half, weights)
     waves = position, nodes.light[None], num_frequencies, num_kept or num_frequencies
     return sum_of_waves(*waves) if num_blocks is None else waves_of_blocks(*waves, num_blocks)
+
+
+def _positions(tau: Array, stroke: Array, smear: Array, weights: Array) -> Array:
+    """Positions of objects at some times, aligned; px, shape `(s, q)`."""
+    displacement = aligned(stroke[None], jnp.where(weights > 0, smear, 0)).displacement
+    tau = tau[None]
+    return tau * (stroke * tau - smear[:, None]) + displacement[:, None]
+
+
+def spectra_of(
+    scene: Scene,
+    nodes: LitNodes,
+    motion: AbstractMotion,
+    num_frequencies: int,
+    num_kept: int | None = None,
+) -> Array:
+    """The `aligned_spectra` of a scene; within its tolerances, in order of `ensemble_weights`."""
+    grid = num_frequencies, num_kept
+    if scene.tolerances is None:
+        return aligned_spectra(nodes, motion, scene.speeds, scene.weights, *grid)
+    return _scattered_spectra(nodes, motion, scene.speeds, scene.weights, scene.tolerances, *grid)
+
+
+@compiled
+def _scattered_spectra(
+    nodes: LitNodes,
+    motion: AbstractMotion,
+    speeds: Array,
+    weights: Array,
+    tolerances: Tolerances,
+    num_frequencies: int,
+    num_kept: int | None,
+) -> Array:
+    """Transfer functions of an ensemble, each acceleration aligned by itself; `(k * n, m)`."""
+    dtype = nodes.tau.dtype
+    half = motion.half_exposure.astype(dtype)
+    accelerations, scattered = ensemble_of(speeds, tolerances, motion, np.dtype(dtype))
+    occurs = jnp.tile(weights, tolerances.num_speeds)
+    each = jax.vmap(_positions, in_axes=(None, 0, 0, None))
+    position = each(nodes.tau, accelerations * half * half, scattered * half, occurs)
+    rows = position.reshape(-1, position.shape[-1])
+    return sum_of_waves(rows, nodes.light[None], num_frequencies, num_kept or num_frequencies)

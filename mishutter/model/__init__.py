@@ -67,3 +67,5 @@ from mishutter.model.shutters.polynomials import in_one_form as in_one_form
 from mishutter.model.shutters.spline import coefficient_times as coefficient_times
 from mishutter.model.shutters.spline import fitted_boxes as fitted_boxes
 from mishutter.model.shutters.spline import fitted_coefficients as fitted_coefficients
+from mishutter.model.tolerances import TOLERANCE_NAMES as TOLERANCE_NAMES
+from mishutter.model.tolerances import Tolerances as Tolerances

@@ -31,6 +31,7 @@ from mishutter.model.motion import (
     without_velocity,
 )
 from mishutter.model.shutters import AbstractShutter
+from mishutter.model.tolerances import Tolerances
 
 DEFAULT_MEAN = 0.25
 DEFAULT_DEVIATION = 0.2
@@ -163,6 +164,8 @@ class Scene(eqx.Module):
         full_well: Electrons at which a pixel is full: searches expose white to no more; no limit
             by default; e-.
         burst: Frames that a rival takes in place of one exposure; no such rival by default.
+        tolerances: How far a camera as it is built may be from its design; the expected error,
+            and a search by it, are over these. None by default.
         motion: Motion to start from or to compare at; by default the `fullest_motion` of the
             limits about the middle of the speeds.
         picture: Path of the photograph to show results on; None for none.
@@ -184,6 +187,7 @@ class Scene(eqx.Module):
     device: IdealShutter | None
     full_well: Array | None
     burst: Burst | None
+    tolerances: Tolerances | None
     given_motion: AbstractMotion | None
     picture: str | None = eqx.field(static=True)
 
@@ -202,6 +206,7 @@ class Scene(eqx.Module):
         device: IdealShutter | None = None,
         full_well: ArrayLike | None = None,
         burst: Burst | None = None,
+        tolerances: Tolerances | None = None,
         motion: AbstractMotion | None = None,
         picture: str | os.PathLike[str] | None = None,
     ):
@@ -223,6 +228,7 @@ class Scene(eqx.Module):
         if full_well is not None:
             self.full_well = as_float(full_well, "Scene(full_well=...)")
         self.burst = burst
+        self.tolerances = tolerances
         self.given_motion = motion
         self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
 
@@ -251,6 +257,7 @@ class Scene(eqx.Module):
             ("limits", Limits, "be `Limits`"),
             ("burst", Burst | None, "be a `Burst`"),
             ("device", IdealShutter | None, "be an `IdealShutter`"),
+            ("tolerances", Tolerances | None, "be `Tolerances`"),
             ("picture", str | None, "be a path"),
         ):
             value = getattr(self, name)
@@ -356,6 +363,7 @@ class Scene(eqx.Module):
             limits=self.limits,
             device=self.device,
             full_well=self.full_well,
+            tolerances=self.tolerances,
         )
 
     def light(self, shutter: AbstractShutter) -> AbstractShutter:
@@ -423,7 +431,11 @@ def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMoti
     if known:
         numbers = tuple(as_float(number) for number in numbers)
     places = lambda s: (s.speeds, s.limits.max_top_speed, s.limits.max_pan)  # noqa: E731
-    return eqx.tree_at(places, scene, numbers), without_velocity(motion)
+    scene = eqx.tree_at(places, scene, numbers)
+    if scene.tolerances is not None:
+        tolerances = scene.tolerances.seen_from(velocity)
+        scene = eqx.tree_at(lambda s: s.tolerances, scene, tolerances)
+    return scene, without_velocity(motion)
 
 
 def _normalised(weights: RowLike) -> Array:

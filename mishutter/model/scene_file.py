@@ -22,8 +22,10 @@ from mishutter.model.scene_schema import (
     PictureSection,
     SceneFile,
     Speeds,
+    TolerancesSection,
     Uniform,
 )
+from mishutter.model.tolerances import Tolerances
 
 EXAMPLE_PICTURE = "example"
 """What `[picture] path` says for the photograph that scikit-image ships."""
@@ -89,6 +91,7 @@ def _built(file: SceneFile, folder: Path) -> Scene:
         device=None if file.shutter is None else IdealShutter(**file.shutter.model_dump()),
         full_well=file.sensor.full_well_e,
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
+        tolerances=_tolerances(file.tolerances),
         motion=_motion(file.motion, file.limits),
         **_picture(file.picture, folder),
     )
@@ -142,6 +145,23 @@ def _limits(section: LimitsSection) -> Limits:
         min_half_exposure=shortest / 1000,
         max_half_exposure=longest / 1000,
         max_pan=section.max_pan_px_per_s,
+    )
+
+
+def _tolerances(section: TolerancesSection | None) -> Tolerances | None:
+    if section is None:
+        return None
+    step = section.drive_step_us
+    requirement = "be given where transmittance has an error"
+    lasts = section.transmittance == 0 or step is not None
+    require(lasts, "[tolerances] drive_step_us", requirement, Bare("nothing"))
+    return Tolerances(
+        acceleration=section.acceleration_share,
+        velocity=section.velocity_px_per_s,
+        delay=section.delay_us * 1e-6,
+        speed=section.speed_px_per_s,
+        transmittance=section.transmittance,
+        drive_step=0.0 if step is None else step * 1e-6,
     )
 
 

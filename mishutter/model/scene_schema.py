@@ -94,6 +94,18 @@ class LimitsSection(Section):
 
 
 @final
+class TolerancesSection(Section):
+    """Standard deviations of what a camera as it is built, or an object, is off by."""
+
+    acceleration_share: Annotated[float, Field(ge=0, le=0.3)] = 0.0
+    velocity_px_per_s: Annotated[float, Field(ge=0, le=1e7)] = 0.0
+    delay_us: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    speed_px_per_s: Annotated[float, Field(ge=0, le=1e7)] = 0.0
+    transmittance: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    drive_step_us: Annotated[float, Field(gt=0, le=1e6)] | None = None
+
+
+@final
 class MotionSection(Section):
     """A half exposure, the stroke or the acceleration, and a velocity."""
 
@@ -123,5 +135,6 @@ class SceneFile(Section):
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()
     rivals: RivalsSection | None = None
+    tolerances: TolerancesSection | None = None
     motion: MotionSection | None = None
     picture: PictureSection = PictureSection()

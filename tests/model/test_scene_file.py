@@ -151,6 +151,22 @@ def test_the_largest_pan_may_be_given(tmp_path):
             read_scene(written(tmp_path, pans))
 
 
+def test_tolerances_have_units(tmp_path):
+    """Shares, px/s and microseconds; what is left out is 0, and without a section there is none."""
+    section = "\n[tolerances]\nacceleration_share = 0.03\ndelay_us = 120\nspeed_px_per_s = 210\n"
+    driven = "transmittance = 0.02\ndrive_step_us = 50\n"
+    found = read_scene(written(tmp_path, EXAMPLE + section + driven)).tolerances
+    assert float(found.acceleration) == 0.03
+    assert float(found.delay) == pytest.approx(1.2e-4, rel=1e-14)
+    assert (float(found.speed), float(found.velocity)) == (210, 0)
+    assert float(found.transmittance) == 0.02
+    assert float(found.drive_step) == pytest.approx(5e-5, rel=1e-14)
+    assert example_scene().tolerances is None
+    message = "`[tolerances] drive_step_us` must be given where transmittance has an error"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        read_scene(written(tmp_path, EXAMPLE + section + "transmittance = 0.02\n"))
+
+
 def test_a_byte_order_mark_is_no_error(tmp_path):
     """Editors on Windows begin a file with one."""
     path = tmp_path / "scene.toml"

@@ -1,0 +1,161 @@
+"""What each tolerance of a scene costs a design: where an engineer's money is best spent."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from mishutter._core import compiled, require_known
+from mishutter.evaluation.ensembles import without_tolerances
+from mishutter.evaluation.metrics import expected_squared_error, unaware_squared_error
+from mishutter.evaluation.needs import PLANNED, Parts, Plan, chosen, reduced
+from mishutter.evaluation.response import Records, assembled, records
+from mishutter.model import TOLERANCE_NAMES, AbstractMotion, AbstractShutter, Scene
+
+_UNITS = {
+    "acceleration": ("%", 1e2),
+    "velocity": ("px/s", 1.0),
+    "delay": ("us", 1e6),
+    "speed": ("px/s", 1.0),
+    "transmittance": ("%", 1e2),
+}
+_ALL = "all"
+
+
+@dataclass(frozen=True)
+class ToleranceCost:
+    """One tolerance, and what it costs a design by itself.
+
+    Attributes:
+        name: The field of `Tolerances`; "all" for all of them together.
+        size: The tolerance in words, with its unit.
+        cost: Fall of the expected PSNR where the decoder knows how its errors are distributed; dB.
+        unaware_cost: The same where the decoder is made for a camera without errors; dB.
+    """
+
+    name: str
+    size: str
+    cost: float
+    unaware_cost: float
+
+
+@dataclass(frozen=True)
+class ToleranceCosts:
+    """What the tolerances of a scene cost a design.
+
+    Attributes:
+        expected_psnr: Of a camera without errors; dB.
+        rows: One a tolerance that is not 0, and all of them last.
+    """
+
+    expected_psnr: float
+    rows: tuple[ToleranceCost, ...]
+
+    @property
+    def largest(self) -> ToleranceCost | None:
+        """The tolerance that costs most by itself; None where none costs anything."""
+        single = [row for row in self.rows if row.name != _ALL]
+        return max(single, key=lambda row: row.cost, default=None)
+
+    @property
+    def verdict(self) -> str:
+        """What to spend money on, in a sentence."""
+        largest = self.largest
+        if largest is None:
+            return "No tolerance costs anything."
+        share = f"{largest.cost:.3f} of {self.rows[-1].cost:.3f} dB"
+        return f"The largest is the {largest.name}, {largest.size}: {share}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table as plain numbers and text."""
+        rows = [
+            {
+                "name": row.name,
+                "size": row.size,
+                "cost_db": row.cost,
+                "unaware_cost_db": row.unaware_cost,
+            }
+            for row in self.rows
+        ]
+        largest = None if self.largest is None else self.largest.name
+        return {"expected_psnr_db": self.expected_psnr, "rows": rows, "largest": largest}
+
+    def text(self) -> str:
+        """The table as text."""
+        lines = [f"{'tolerance':<15}{'1 sigma':>24}{'costs dB':>10}{'unaware dB':>12}"]
+        lines += [
+            f"{row.name:<15}{row.size:>24}{row.cost:>10.3f}{row.unaware_cost:>12.3f}"
+            for row in self.rows
+        ]
+        return "\n".join([*lines, self.verdict])
+
+
+def tolerance_costs(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> ToleranceCosts:
+    """Measure what each of a scene's tolerances costs a design by itself, and all together.
+
+    A decoder that knows how its errors are distributed is the best single linear filter for
+    them; one that is unaware is the best of a camera without errors.
+
+    Args:
+        scene: Speeds, light, noise and tolerances, whose numbers are known.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+
+    Raises:
+        ValueError: if the scene has no tolerances, or JAX traces anything.
+    """
+    require_known("tolerance_costs", scene=scene, motion=motion, shutter=shutter)
+    tolerances = scene.tolerances
+    if tolerances is None:
+        raise ValueError("`tolerance_costs(scene=...)` must have tolerances; got none.")
+    kept = {n: getattr(tolerances, n) for n in TOLERANCE_NAMES if float(getattr(tolerances, n)) > 0}
+    alone = {name: tolerances.alone(name) for name in kept}
+    sizes = {name: _size(scene, name) for name in kept}
+    nominal, rows = 0.0, []
+    for name, some in (alone | {_ALL: tolerances}).items():
+        within = eqx.tree_at(lambda s: s.tolerances, scene, some)
+        nominal, aware, unaware = _levels(within, motion, shutter)
+        cost, unaware_cost = nominal - aware, nominal - unaware
+        rows.append(ToleranceCost(name, sizes.get(name, ""), cost, unaware_cost))
+    return ToleranceCosts(nominal, tuple(rows))
+
+
+def _size(scene: Scene, name: str) -> str:
+    unit, factor = _UNITS[name]
+    size = f"{float(getattr(scene.tolerances, name)) * factor:.4g} {unit}"
+    if name != "transmittance":
+        return size
+    return f"{size} in {float(scene.tolerances.drive_step) * 1e6:.4g} us"  # type: ignore[union-attr]
+
+
+def _levels(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> tuple[float, float, float]:
+    """Expected PSNR without errors, with them, and with them by an unaware decoder; dB."""
+    parts = Parts(kernels=False, spectra=True, differences=False)
+    plan, scene, motion = chosen(PLANNED, scene, motion, shutter, lambda _: parts)
+    kept = reduced(scene, plan)
+    both = [
+        records(each, motion, shutter, plan, *parts) for each in (kept, without_tolerances(kept))
+    ]
+    errors = _errors(kept, motion, both[0], both[1], plan)
+    nominal, aware, unaware = (float(level) for level in -10 * jnp.log10(jnp.stack(errors)))
+    return nominal, aware, unaware
+
+
+@compiled
+def _errors(
+    scene: Scene, motion: AbstractMotion, recorded: Records, without: Records, plan: Plan
+) -> tuple[Array, Array, Array]:
+    nominal_scene = without_tolerances(scene)
+    response = assembled(scene, recorded, plan)
+    nominal = assembled(nominal_scene, without, plan)
+    return (
+        expected_squared_error(nominal_scene, motion, nominal),
+        expected_squared_error(scene, motion, response),
+        unaware_squared_error(scene, motion, response, nominal),
+    )
