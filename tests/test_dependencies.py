@@ -17,7 +17,9 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 REQUIRED = [Requirement(text) for text in PROJECT["dependencies"]]
 EXTRAS = [
-    Requirement(t) for name in ("cluster", "video") for t in PROJECT["optional-dependencies"][name]
+    Requirement(t)
+    for name in ("cluster", "explore", "video")
+    for t in PROJECT["optional-dependencies"][name]
 ]
 NEVER_IMPORTED = {"jaxlib", "imageio-ffmpeg"}
 """Packages that are declared for others: a build of jaxlib to avoid, and a plugin of imageio."""

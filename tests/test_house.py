@@ -11,7 +11,7 @@ PACKAGE = Path(mishutter.__file__).parent
 
 FLOORS = [
     {"cli"},
-    {"paper"},
+    {"paper", "explore"},
     {"report"},
     {"sweeps", "restore"},
     {"design", "camera"},

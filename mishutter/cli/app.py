@@ -26,6 +26,7 @@ from mishutter.cli.console import (
     write_error,
     write_json,
 )
+from mishutter.cli.explore import explore
 from mishutter.cli.export import export
 from mishutter.cli.laboratory import (
     CeilingOption,
@@ -211,6 +212,7 @@ app.command()(simulate)
 app.command()(reproduce)
 app.command()(export)
 app.command()(sweep)
+app.command()(explore)
 
 
 def _compared(

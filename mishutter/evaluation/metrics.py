@@ -334,6 +334,62 @@ def _lost_of_records(scene: Scene, motion: AbstractMotion, recorded: Records, pl
     return _lost_share(scene, motion, response, power)
 
 
+def psnr_at_speeds(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""PSNR at each speed of the best single linear decoder for all of them, in linear light.
+
+    $2\int_0^{1/2} [S|1 - G H_i|^2 + N|G|^2]\,df$ in the terms of `expected_squared_error`, which is
+    the mean of this over the speeds, weighted.
+
+    Args:
+        scene: Speeds, light and noise; concrete.
+        motion: Motion of the sensor; concrete.
+        shutter: Transmittance over the exposure.
+
+    Returns:
+        The speeds that occur, ascending, px/s, and the PSNR there, dB; each of shape `(n,)`.
+
+    Raises:
+        ValueError: as `evaluate`.
+    """
+    weights = np.asarray(scene.weights)
+    speeds = np.unique(np.asarray(scene.speeds)[weights > 0])
+    parts = Parts(kernels=False, spectra=True, differences=False)
+    plan, seen, moved = chosen(PLANNED, scene, motion, shutter, lambda _: parts)
+    kept = reduced(seen, plan)
+    recorded = records(kept, moved, shutter, plan, *parts)
+    errors = np.asarray(_errors_of_records(kept, moved, recorded, plan))
+    relative = speeds - float(motion.velocity)
+    known = np.asarray(kept.speeds)
+    relative, known = (np.abs(relative), np.abs(known)) if plan.folds else (relative, known)
+    places = np.argmin(np.abs(relative[:, None] - known[None]), axis=1)
+    with np.errstate(divide="ignore"):
+        return speeds, -10 * np.log10(errors[places])
+
+
+@compiled
+def _errors_of_records(
+    scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
+) -> Array:
+    response = assembled(scene, recorded, plan)
+    dtype = np.dtype(response.efficiency.dtype)
+    power = picture_power(scene, plan.num_frequencies, dtype)
+    aperture = jnp.sqrt(_aperture(plan.num_frequencies, dtype)).astype(response.spectra.dtype)
+    spectra = response.spectra * aperture
+    weights = scene.weights.astype(dtype)[:, None]
+    mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
+    passed = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0)
+    signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
+    # In units of the picture: the filter times the light that it is for.
+    share = _share(signal, signal * passed + noise).astype(spectra.dtype)
+    left = 1 - share[None] * jnp.conj(mean)[None] * spectra
+    gain = share * jnp.conj(mean)
+    per_power = jnp.where(signal > 0, noise / jnp.where(signal > 0, signal, 1.0), 0.0)
+    error = left.real**2 + left.imag**2 + (per_power * (gain.real**2 + gain.imag**2))[None]
+    return jnp.mean(power[None] * error, axis=1)
+
+
 _ALIGNING_STEPS = 20
 _LEAST_CURVATURE = 0.25
 """Of the bound on the curvature of each step; that of the bound itself is safe, and slower."""

@@ -37,7 +37,10 @@ from mishutter.model.scene import seen_from as seen_from
 from mishutter.model.scene_file import EXAMPLE_PICTURE as EXAMPLE_PICTURE
 from mishutter.model.scene_file import example_scene as example_scene
 from mishutter.model.scene_file import example_scene_text as example_scene_text
+from mishutter.model.scene_file import picture_arguments as picture_arguments
 from mishutter.model.scene_file import read_scene as read_scene
+from mishutter.model.scene_file import scene_of_tables as scene_of_tables
+from mishutter.model.scene_schema import SceneFile as SceneFile
 from mishutter.model.scene_schema import Speed as Speed
 from mishutter.model.shutters import RASKAR_CODE as RASKAR_CODE
 from mishutter.model.shutters import AbstractAdjustableShutter as AbstractAdjustableShutter

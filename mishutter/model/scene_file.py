@@ -5,9 +5,10 @@ is one line that names the key as `[section] key`.
 """
 
 import tomllib
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from mishutter.model.scene_schema import (
     Uniform,
 )
 from mishutter.model.tolerances import Tolerances
+
+if TYPE_CHECKING:
+    from mishutter.model.images import Picture
 
 EXAMPLE_PICTURE = "example"
 """What `[picture] path` says for the photograph that scikit-image ships."""
@@ -61,16 +65,34 @@ def example_scene_text() -> str:
 
 
 def _scene(data: bytes, name: str, folder: Path) -> Scene:
-    tables = parsed(tomllib.loads, data, name, "TOML")
+    return scene_of_tables(parsed(tomllib.loads, data, name, "TOML"), name, folder)
+
+
+def scene_of_tables(
+    tables: Any, name: str, folder: Path, picture: Mapping[str, Any] | None = None
+) -> Scene:
+    """The scene of a file's tables.
+
+    Args:
+        tables: The contents of the file.
+        name: The file's name in an error.
+        folder: Relative paths are taken from it.
+        picture: The `picture_arguments` of a photograph that has been read, in place of what the
+            file says of one.
+
+    Raises:
+        ValueError: as `read_scene`.
+        OSError: as `read_scene`.
+    """
     file = validated(SceneFile, tables, name, in_section)
     try:
-        return _built(file, folder)
+        return _built(file, folder, picture)
     except (ValueError, OSError) as error:
         kind = ValueError if isinstance(error, ValueError) else type(error)
         raise kind(f"{name}: {error}") from None
 
 
-def _built(file: SceneFile, folder: Path) -> Scene:
+def _built(file: SceneFile, folder: Path, picture: Mapping[str, Any] | None) -> Scene:
     speeds, weights = _speeds(file.speeds)
     limits = _limits(file.limits)
     travel = float(np.max(np.abs(speeds))) * 2 * file.limits.max_half_exposure_ms / 1000
@@ -93,7 +115,7 @@ def _built(file: SceneFile, folder: Path) -> Scene:
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
         tolerances=_tolerances(file.tolerances),
         motion=_motion(file.motion, file.limits),
-        **_picture(file.picture, folder),
+        **(_picture(file.picture, folder) if picture is None else picture),
     )
 
 
@@ -204,7 +226,7 @@ def _picture(section: PictureSection, folder: Path) -> dict[str, Any]:
     given = {name: value for name, value in levels.items() if value is not None}
     if section.path is None:
         return given
-    from mishutter.model.images import example_picture, read_picture, row_power_spectrum
+    from mishutter.model.images import example_picture, read_picture
 
     require(not given, f"[picture] {next(iter(given), '')}", "not stand beside path", section.path)
     if section.path == EXAMPLE_PICTURE:
@@ -212,4 +234,11 @@ def _picture(section: PictureSection, folder: Path) -> dict[str, Any]:
     else:
         place = str((folder / section.path).absolute())
         picture = read_picture(place)
+    return picture_arguments(place, picture)
+
+
+def picture_arguments(place: str, picture: "Picture") -> dict[str, Any]:
+    """Arguments of `Scene` that a photograph gives, named by the place that it came from."""
+    from mishutter.model.images import row_power_spectrum
+
     return {"picture": place, **row_power_spectrum(picture, _NUM_FREQUENCIES)._asdict()}

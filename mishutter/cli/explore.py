@@ -1,0 +1,43 @@
+"""The command that opens the live page: `explore`."""
+
+import webbrowser
+from typing import Annotated
+
+import typer
+
+from mishutter.cli.console import note, print_text, start_jax
+from mishutter.cli.options import SceneArgument
+
+
+def explore(
+    scene_file: SceneArgument = None,
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, help="To listen at; any that is free if 0.")
+    ] = 0,
+    host: Annotated[
+        str,
+        typer.Option("--host", help="Address to listen at; this machine alone by default."),
+    ] = "127.0.0.1",
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the page's address and open no browser.")
+    ] = False,
+) -> None:
+    """Open a page on which a design follows the scene while sliders move."""
+    try:
+        import tornado  # noqa: F401 - what only this command needs
+    except ImportError:
+        raise ValueError(
+            "`explore` must find the package tornado; got none: pip install 'mishutter[explore]'."
+        ) from None
+    start_jax()
+    from mishutter.explore import beginning, serve
+
+    def ready(address: str) -> None:
+        print_text(address)
+        if not no_browser:
+            webbrowser.open(address)
+
+    started = beginning(scene_file)
+    if host not in ("127.0.0.1", "localhost", "::1"):
+        note(f"anyone who reaches {host} can use this page")
+    serve(started, host=host, port=port, ready=ready, note=note)

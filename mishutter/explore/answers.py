@@ -1,0 +1,190 @@
+"""Designs that follow a scene while it changes, and the numbers that the page draws of them."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from mishutter.design import BEST_BURST, OWN_BEST_MOTION, Comparison, Design, Row, fills, optimise
+from mishutter.evaluation import (
+    ExpectedErrorLoss,
+    evaluate,
+    kernel_phase,
+    kernels_at_speeds,
+    psnr_at_speeds,
+    signal_over_noise,
+    sizes,
+)
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    ParabolicMotion,
+    Scene,
+    as_parabolic,
+    profile_of,
+    seen_from,
+    settled,
+)
+
+OPTIMISED = "optimised"
+_LOSS = ExpectedErrorLoss()
+_SHORTER = 0.8
+_EXPOSURES = (1.0, _SHORTER, 1 / _SHORTER)
+"""Of the exposure so far, those that a first answer tries."""
+_NUM_STARTS = 2
+"""Of a first answer: the profile so far, and one beside it."""
+_STEPS = 60
+_PROFILE_POINTS, _PATH_POINTS, _SPECTRUM_POINTS = 257, 97, 160
+_MOST_SPEEDS = 41
+
+
+def first_answer(scene: Scene, before: Design) -> Design:
+    """A design for a scene at once, from that of a scene not far from it.
+
+    The exposure so far, a shorter and a longer one are tried with the profile so far, the motion
+    taking the share of the stage's reach that it took before. On the best of them the profile is
+    searched by few starts: 0.05 s, where the whole search takes a second or more.
+    """
+    command = before.command
+    motions = _near(scene, before)
+    light = scene.light(command)
+    losses = [float(_LOSS(scene, motion, light)) for motion in motions]
+    motion = motions[int(np.argmin(losses))]
+    return optimise(
+        scene, motion, command, free="shutter", num_starts=_NUM_STARTS, max_steps=_STEPS
+    )
+
+
+def _near(scene: Scene, before: Design) -> list[ParabolicMotion]:
+    """Motions within the limits of a scene, near that of an earlier design."""
+    limits, motion = scene.limits, as_parabolic(settled(before.motion))
+    pan = min(float(limits.max_pan), 0.5 * float(limits.max_top_speed))
+    velocity = float(np.clip(float(motion.velocity), -pan, pan))
+    whole = _reach(before.scene, float(motion.half_exposure), float(motion.velocity))
+    share = min(1.0, float(motion.acceleration) / whole) if whole > 0 else 0.0
+    shortest, longest = float(limits.min_half_exposure), float(limits.max_half_exposure)
+
+    def near(half: float) -> ParabolicMotion:
+        """A motion of about that half exposure, at which white does not fill a pixel."""
+        half = min(max(half, shortest), longest)
+        reach = share * _reach(scene, half, velocity)
+        found = ParabolicMotion(acceleration=reach, half_exposure=half, velocity=velocity)
+        is_too_long = half > shortest and fills(scene, found, before.command)
+        return near(_SHORTER * half) if is_too_long else found
+
+    found = [near(factor * float(motion.half_exposure)) for factor in _EXPOSURES]
+    return list({float(each.half_exposure): each for each in found}.values())
+
+
+def _reach(scene: Scene, half_exposure: float, velocity: float) -> float:
+    """The largest acceleration within the stroke and the top speed; px/s^2."""
+    limits = scene.limits
+    left = max(float(limits.max_top_speed) - abs(velocity), 0.0)
+    return min(float(limits.max_stroke) / half_exposure**2, left / (2 * half_exposure))
+
+
+def curves(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> dict[str, Any]:
+    """The numbers that the page draws of a design.
+
+    Args:
+        scene: Speeds, light and noise.
+        motion: Motion of the sensor.
+        shutter: The transmittance that light sees.
+
+    Returns:
+        `profile` over `time` in ms; `path` in px over `path_time`; `kernels` in light per px at
+        `kernel_speeds` in px/s from `offset` px on; `signal` in dB over `frequency` in
+        cycles/px; `psnr` in dB over `speeds`; and `numbers`.
+    """
+    half = float(motion.half_exposure)
+    tau = np.linspace(-1, 1, _PROFILE_POINTS)
+    transmittance, _ = profile_of(shutter, tau)
+    time = np.linspace(-half, half, _PATH_POINTS)
+    return {
+        "time": _short(tau * half * 1e3),
+        "profile": _short(transmittance, 4),
+        "path_time": _short(time * 1e3),
+        "path": _short((float(motion.velocity) + float(motion.acceleration) * time) * time),
+        **_kernels(scene, motion, shutter),
+        **_signal(scene, motion, shutter),
+        **_over_speeds(scene, motion, shutter),
+        "numbers": _numbers(evaluate(scene, motion, shutter), motion),
+    }
+
+
+def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> dict[str, Any]:
+    """Kernels of the slowest, a middling and the fastest object, without what is dark in all."""
+    by_size = np.unique(np.abs(np.asarray(scene.speeds)))
+    speeds = np.unique(by_size[[0, by_size.size // 2, -1]])
+    num_taps = sizes(*seen_from(scene, settled(motion))).num_taps
+    taps = np.asarray(kernels_at_speeds(shutter, motion, speeds, num_taps))
+    lit = np.flatnonzero(np.max(taps, axis=0) > 1e-4 * max(float(np.max(taps)), 1e-12))
+    first, end = (int(lit[0]), int(lit[-1]) + 1) if lit.size else (0, 1)
+    return {
+        "kernel_speeds": _short(speeds),
+        "offset": first + float(kernel_phase(motion, num_taps)),
+        "kernels": [_short(row[first:end], 4) for row in taps],
+    }
+
+
+def _signal(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> dict[str, Any]:
+    """Signal over noise at frequencies in equal ratios."""
+    frequency, ratio = map(np.asarray, signal_over_noise(scene, motion, shutter))
+    wanted = np.geomspace(frequency[0], frequency[-1], _SPECTRUM_POINTS)
+    places = np.unique(np.searchsorted(frequency, wanted).clip(0, frequency.size - 1))
+    with np.errstate(divide="ignore"):
+        level = 10 * np.log10(ratio[places])
+    return {"frequency": _short(frequency[places]), "signal": _short(level, 4)}
+
+
+def _over_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> dict[str, Any]:
+    """PSNR at each speed, by one filter for all of them."""
+    speeds, levels = psnr_at_speeds(scene, motion, shutter)
+    count = min(speeds.size, _MOST_SPEEDS)
+    shown = np.linspace(0, speeds.size - 1, count).round().astype(int)
+    return {"speeds": _short(speeds[shown]), "psnr": _short(levels[shown])}
+
+
+def _numbers(metrics: Any, motion: AbstractMotion) -> dict[str, Any]:
+    """Numbers of a design that stand beside its curves and in its row of the table."""
+    return {
+        "psnr": float(metrics.expected_psnr),
+        "known_speed_psnr": float(metrics.known_speed_psnr),
+        "condition": float(metrics.condition_number),
+        "relative": float(metrics.relative_kernel_difference),
+        "light": float(metrics.efficiency),
+        "stroke_px": float(motion.stroke),
+        "pan_px_per_s": float(motion.velocity) + 0.0,
+        "open_ms": float(motion.exposure) * 1e3,
+    }
+
+
+def table(comparison: Comparison) -> dict[str, Any]:
+    """The rows of a comparison, each at its own best motion, the verdict and the ceiling."""
+    rows = [
+        _numbers(row.metrics, row.motion)
+        | {
+            "name": row.name,
+            "gain": comparison.over_snapshot(float(row.metrics.expected_psnr)),
+            "frames": row.num_frames,
+        }
+        for row in shown_rows(comparison).values()
+    ]
+    words = {"verdict": comparison.verdict, "notes": list(comparison.notes)}
+    return {"rows": rows, "ceiling": comparison.ceiling, **words}
+
+
+def shown_rows(comparison: Comparison) -> dict[str, Row]:
+    """Rows at their own best motion, by name."""
+    return {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
+
+
+def can_be_pictured(row: Row) -> bool:
+    """Whether one exposure takes the picture of a row: a burst takes several."""
+    return row.name != BEST_BURST
+
+
+def _short(values: Any, digits: int = 6) -> list[float | None]:
+    """Numbers with as many digits as a drawing shows; None for what is not finite."""
+    rows = np.asarray(values, np.float64)
+    return [float(f"{x:.{digits}g}") if math.isfinite(x) else None for x in rows.tolist()]

@@ -1,0 +1,155 @@
+"""Photographs of the page: what may be uploaded, and how some designs restore it."""
+
+import base64
+import io
+import tempfile
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mishutter._core import require
+from mishutter.camera import kernel_layout
+from mishutter.design import Row
+from mishutter.model import (
+    Picture,
+    Scene,
+    picture_arguments,
+    read_picture,
+    to_display,
+)
+from mishutter.restore import EnsembleDecoder, least_columns, restore_by_each
+
+MOST_BYTES = 32 << 20
+MOST_PIXELS = 30_000_000
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+_ROWS, _COLUMNS = 112, 400
+"""Of the part that is captured: as much as is restored in a second."""
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A part of a photograph, and what the whole says of the detail that there is to restore.
+
+    Attributes:
+        part: Rows from the middle.
+        arguments: Arguments of `Scene`.
+    """
+
+    part: Picture
+    arguments: Mapping[str, Any]
+
+
+def photograph(place: str, picture: Picture) -> Photograph:
+    """A photograph by the name that a scene file has for it."""
+    first = max(0, (picture.light.shape[0] - _ROWS) // 2)
+    part = Picture(light=picture.light[first : first + _ROWS].copy(), name=picture.name)
+    return Photograph(part, picture_arguments(place, picture))
+
+
+def uploaded(name: str, content: bytes) -> Photograph:
+    """A photograph from the bytes of a file, checked as files are.
+
+    Raises:
+        ValueError: if it is no PNG, JPEG or TIFF, damaged or too large.
+    """
+    suffix = Path(name).suffix.lower()
+    require(suffix in _SUFFIXES, "a photograph", "be a PNG, JPEG or TIFF file", name)
+    size = f"at most {MOST_BYTES >> 20} MiB"
+    require(0 < len(content) <= MOST_BYTES, "a photograph", f"hold {size}", len(content))
+    _require_few_pixels(name, content)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / f"photograph{suffix}"
+        place.write_bytes(content)
+        try:
+            picture = read_picture(place)
+        except (ValueError, OSError) as error:
+            raise ValueError(str(error).replace(str(place), name)) from None
+    return photograph(name, picture)
+
+
+def _require_few_pixels(name: str, content: bytes) -> None:
+    """Refuse a picture by its header, before it is decoded."""
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            with Image.open(io.BytesIO(content)) as file:
+                count = file.width * file.height
+        except Exception as error:  # of many kinds, by what is damaged
+            raise ValueError(
+                f"{name} must be a PNG, JPEG or TIFF picture; got: {type(error).__name__}."
+            ) from None
+    require(count <= MOST_PIXELS, name, f"have at most {MOST_PIXELS:,} pixels", count)
+
+
+def restored(
+    taken: Photograph,
+    scene: Scene,
+    rows: Mapping[str, Row],
+    speed: float,
+    check: Callable[[], None],
+) -> dict[str, Any]:
+    """A photograph captured and restored by each of some designs at one speed.
+
+    Args:
+        taken: The photograph.
+        scene: Light and noise, and the speeds that the decoder may know.
+        rows: The designs by name.
+        speed: Speed of the object; px/s.
+        check: Called before each design; it raises where nobody waits any longer.
+
+    Returns:
+        The `reference`, and for each design what was `captured` and `restored`, as PNG in base 64,
+        with its `psnr` in linear light, dB.
+
+    Raises:
+        ValueError: if the photograph is too narrow for the blur.
+    """
+    seen = [*np.asarray(scene.speeds).tolist(), speed]
+    longest = max(kernel_layout(row.motion, *seen, 0.0)[0] for row in rows.values())
+    enough, there = least_columns(longest), taken.part.light.shape[1]
+    requirement = f"have at least {enough} columns, to be restored from this blur"
+    require(there >= enough, "the photograph", requirement, there)
+    width = min(there, max(enough, _COLUMNS + longest))
+    first = (there - width) // 2
+    part = Picture(light=taken.part.light[:, first : first + width].copy())
+    found = []
+    reference = None
+    for name, row in rows.items():
+        check()
+        result = restore_by_each(
+            part,
+            scene,
+            row.motion,
+            row.shutter,
+            {name: EnsembleDecoder()},
+            speeds=[speed],
+            num_seeds=1,
+            least_taps=longest,
+        )[name]
+        captured = result.captured[0]
+        gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
+        reference = result.reference
+        level = float(result.linear_psnr[0])
+        pair = {"captured": _png(captured * gain), "restored": _png(result.restored[0])}
+        found.append({"name": name, "psnr": level, **pair})
+    return {
+        "speed": speed,
+        "reference": None if reference is None else _png(reference),
+        "designs": found,
+    }
+
+
+def _png(light: np.ndarray) -> str:
+    from PIL import Image
+
+    pixels = np.rint(to_display(light) * 255).astype(np.uint8)
+    pixels = pixels[..., 0] if pixels.shape[2] == 1 else pixels
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG", compress_level=1)
+    return base64.b64encode(buffer.getvalue()).decode("ascii")

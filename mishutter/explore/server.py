@@ -1,0 +1,399 @@
+"""The page's server: files of the page, and one connection a tab, on this machine alone."""
+
+import asyncio
+import ipaddress
+import json
+import logging
+import math
+import socket
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from importlib import resources
+from typing import Any
+from urllib.parse import urlsplit
+
+import tornado.httpserver
+import tornado.netutil
+import tornado.web
+import tornado.websocket
+
+from mishutter._core import validated
+from mishutter.explore.fields import page_fields
+from mishutter.explore.pictures import MOST_BYTES
+from mishutter.explore.session import (
+    MOST_PINS,
+    MOST_ROWS,
+    NUM_CHIPS,
+    Beginning,
+    Order,
+    Request,
+    Session,
+    SupersededError,
+    with_design,
+)
+
+MOST_TABS = 16
+_REST = 0.35
+"""Time without a change after which a hand rests; s."""
+_MOST_MESSAGE = 2 << 20
+"""Bytes of a message of text."""
+_PAGE = {
+    "/": ("index.html", "text/html"),
+    "/explore.js": ("explore.js", "text/javascript"),
+    "/charts.js": ("charts.js", "text/javascript"),
+    "/explore.css": ("explore.css", "text/css"),
+    "/icon.svg": ("icon.svg", "image/svg+xml"),
+}
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+
+
+def serve(
+    started: Beginning,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    ready: Callable[[str], None],
+    note: Callable[[str], None],
+) -> None:
+    """Serve the page until the process is interrupted.
+
+    Args:
+        started: The scene that every tab begins with.
+        host: The address to listen at; requests that name any other host are refused.
+        port: The port; 0 for any that is free.
+        ready: Called with the page's address once it answers.
+        note: Called with what happens meanwhile.
+
+    Raises:
+        OSError: if nothing can listen there.
+    """
+    asyncio.run(_serve(started, host, port, ready, note))
+
+
+async def _serve(
+    started: Beginning,
+    host: str,
+    port: int,
+    ready: Callable[[str], None],
+    note: Callable[[str], None],
+) -> None:
+    sockets = tornado.netutil.bind_sockets(port, host)
+    server = tornado.httpserver.HTTPServer(
+        application(Explorer(started, note), known_hosts(host)),
+        max_body_size=1 << 16,
+        max_header_size=1 << 14,
+    )
+    server.add_sockets(sockets)
+    number = sockets[0].getsockname()[1]
+    shown = f"[{host}]" if ":" in host else host
+    ready(f"http://{shown}:{number}/")
+    await server_explorer(server).warm()
+    await asyncio.Event().wait()
+
+
+def server_explorer(server: tornado.httpserver.HTTPServer) -> "Explorer":
+    """The state that an application of this module shares between its tabs."""
+    return server.request_callback.settings["explorer"]  # type: ignore[union-attr]
+
+
+def known_hosts(host: str) -> frozenset[str]:
+    """Names by which a browser may call this server, so that no other site's name leads to it."""
+    local = {"localhost", "127.0.0.1", "::1"}
+    try:
+        everywhere = ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        everywhere = False
+    return frozenset({host, *local} | ({socket.gethostname(), "*"} if everywhere else set()))
+
+
+def is_known(name: str | None, hosts: frozenset[str]) -> bool:
+    """Whether a host is one of those known; where all addresses are served, so is any address.
+
+    A name that another site has pointed to this machine is not.
+    """
+    if not name:
+        return False
+    if name.lower() in hosts:
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return "*" in hosts
+
+
+def application(explorer: "Explorer", hosts: frozenset[str]) -> tornado.web.Application:
+    """The page and its connections."""
+    routes: list[Any] = [(path, _File, {"file": file}) for path, file in _PAGE.items()]
+    return tornado.web.Application(
+        [*routes, ("/tab", _Tab)],
+        default_handler_class=_Missing,
+        explorer=explorer,
+        hosts=hosts,
+        websocket_max_message_size=MOST_BYTES + 1024,
+        log_function=lambda handler: None,
+    )
+
+
+class Explorer:
+    """The state of all tabs: where they begin, how many there are, and who computes."""
+
+    def __init__(self, started: Beginning, note: Callable[[str], None]):
+        self.started = started
+        self.note = note
+        self.tabs: set[_Tab] = set()
+        self.doing = "starting"
+        self.is_warm = asyncio.Event()
+        self.quick = ThreadPoolExecutor(1, "first")
+        self.slow = ThreadPoolExecutor(1, "rest")
+
+    async def warm(self) -> None:
+        """Find the design of the first scene, and compile what sliders will need."""
+        loop = asyncio.get_running_loop()
+        self._say("designing for the scene, and compiling: some seconds where it is the first time")
+        try:
+            self.started = await loop.run_in_executor(self.quick, self._designed)
+            self.is_warm.set()
+            self._say("compiling for changes")
+            await loop.run_in_executor(self.quick, self._moved)
+            self._say("")
+            self.note("ready: moving a slider designs anew")
+        finally:
+            self.is_warm.set()
+
+    def _designed(self) -> Beginning:
+        return with_design(self.started, lambda step, value: None)
+
+    def _moved(self) -> None:
+        """Make the answers to some changes, whose programs later ones share."""
+        session, tables = Session(self.started), self.started.tables
+        light = tables["light"]["photon_rate_per_s"]
+        drawn = [0.25 + 0.5 * (chip % 3) / 2 for chip in range(NUM_CHIPS)]
+        for factor in (1.02, 0.9):
+            scene = tables | {"light": {"photon_rate_per_s": light * factor}}
+            request = Request(kind="design", id=0, scene=scene, drawn=drawn)
+            session.first(request)
+
+    def _say(self, text: str) -> None:
+        self.doing = text
+        if text:
+            self.note(text)
+        for tab in tuple(self.tabs):
+            tab.tell({"kind": "doing", "text": text})
+
+
+class _File(tornado.web.RequestHandler):
+    """A file of the page."""
+
+    def initialize(self, file: tuple[str, str]) -> None:
+        self.name, self.kind = file
+
+    def set_default_headers(self) -> None:
+        _protect(self)
+
+    def prepare(self) -> None:
+        _refuse_others(self)
+
+    def get(self) -> None:
+        self.set_header("Content-Type", f"{self.kind}; charset=utf-8")
+        self.finish((resources.files("mishutter.explore") / "page" / self.name).read_bytes())
+
+
+class _Missing(tornado.web.RequestHandler):
+    """Any other path."""
+
+    def set_default_headers(self) -> None:
+        _protect(self)
+
+    def prepare(self) -> None:
+        _refuse_others(self)
+        raise tornado.web.HTTPError(404)
+
+
+def _protect(handler: tornado.web.RequestHandler) -> None:
+    for name, value in _HEADERS.items():
+        handler.set_header(name, value)
+
+
+def _refuse_others(handler: tornado.web.RequestHandler) -> None:
+    """Refuse a request that calls this server by another name: its page is not this one."""
+    if not is_known(_host(f"//{handler.request.host}"), handler.settings["hosts"]):
+        raise tornado.web.HTTPError(403)
+
+
+def _host(address: str) -> str | None:
+    try:
+        return urlsplit(address).hostname
+    except ValueError:
+        return None
+
+
+class _Tab(tornado.websocket.WebSocketHandler):
+    """The connection of one tab."""
+
+    def prepare(self) -> None:
+        _refuse_others(self)
+
+    def check_origin(self, origin: str) -> bool:
+        return urlsplit(origin).netloc.lower() == self.request.host.lower()
+
+    async def open(self, *args: str, **kwargs: str) -> None:
+        explorer: Explorer = self.settings["explorer"]
+        self._latest: Request | None = None
+        self._file = "photograph"
+        self._asked = asyncio.Event()
+        self._task: asyncio.Task[None] | None = None
+        if len(explorer.tabs) >= MOST_TABS:
+            await self._send({"kind": "closed", "text": f"at most {MOST_TABS} tabs at a time"})
+            self.close()
+            return
+        self.session = Session(explorer.started)
+        explorer.tabs.add(self)
+        await self._send(
+            {
+                "kind": "hello",
+                "fields": page_fields(),
+                "scene": explorer.started.tables,
+                "photographs": self.session.photographs,
+                "most": {"chips": NUM_CHIPS, "pins": MOST_PINS, "rows": MOST_ROWS},
+                "doing": explorer.doing,
+            }
+        )
+        self._task = asyncio.create_task(self._follow())
+
+    def on_close(self) -> None:
+        self.settings["explorer"].tabs.discard(self)
+        if task := getattr(self, "_task", None):
+            task.cancel()
+
+    async def on_message(self, message: str | bytes) -> None:
+        try:
+            if isinstance(message, bytes):
+                await self._take_file(message)
+            else:
+                await self._take(message)
+        except ValueError as error:
+            await self._send({"kind": "error", "text": _one_line(error)})
+        except Exception as error:  # a bug: the page goes on, and the terminal shows what it was
+            logging.getLogger("mishutter").exception("a message of the page")
+            await self._send({"kind": "error", "text": f"failed: {type(error).__name__}"})
+
+    async def _take(self, message: str) -> None:
+        if len(message) > _MOST_MESSAGE:
+            raise ValueError(f"`a message` must hold at most {_MOST_MESSAGE} letters; got more.")
+        try:
+            content = json.loads(message)
+        except (ValueError, RecursionError):
+            raise ValueError("`a message` must be JSON; got something else.") from None
+        if isinstance(content, dict) and content.get("kind") == "design":
+            self._latest = validated(Request, content, "the request")
+            self._asked.set()
+            return
+        order = validated(Order, content, "the message")
+        if order.kind == "upload":
+            self._file = order.name
+            return
+        await self._compute(lambda: self.session.answer(order))
+
+    async def _take_file(self, content: bytes) -> None:
+        await self._compute(lambda: self.session.upload(self._file, content))
+
+    async def _compute(self, function: Callable[[], dict[str, Any]]) -> None:
+        explorer: Explorer = self.settings["explorer"]
+        loop = asyncio.get_running_loop()
+        await self._send(await loop.run_in_executor(explorer.quick, function))
+
+    async def _follow(self) -> None:
+        """Answer the latest request again and again; a newer one supersedes all of an older."""
+        explorer: Explorer = self.settings["explorer"]
+        await explorer.is_warm.wait()
+        if explorer.started.design is not None:
+            self.session.begin(explorer.started.design)
+        while True:
+            await self._asked.wait()
+            self._asked.clear()
+            request = self._latest
+            if request is None:
+                continue
+            if await self._answer(explorer, request) and not await self._is_asked(_REST):
+                await self._finish(explorer, request)
+
+    async def _answer(self, explorer: Explorer, request: Request) -> bool:
+        """Send the first answer; whether there was one."""
+        loop = asyncio.get_running_loop()
+        return await self._guarded(
+            request, loop.run_in_executor(explorer.quick, self.session.first, request)
+        )
+
+    async def _finish(self, explorer: Explorer, request: Request) -> None:
+        """Send everything else, part by part, until a newer request comes."""
+        loop = asyncio.get_running_loop()
+
+        def check() -> None:
+            if self._asked.is_set() or self.ws_connection is None:
+                raise SupersededError
+
+        parts = self.session.rest(request, check)
+        while not self._asked.is_set():
+            part = loop.run_in_executor(explorer.slow, _next, parts)
+            if not await self._guarded(request, part):
+                return
+
+    async def _guarded(self, request: Request, part: "asyncio.Future[Any]") -> bool:
+        """Send what is computed, or in one line why it cannot be; whether there was anything."""
+        try:
+            found = await part
+        except SupersededError:
+            return False
+        except Exception as error:
+            is_bug = not isinstance(error, ValueError | RuntimeError)
+            if is_bug:
+                logging.getLogger("mishutter").exception("an answer of the page")
+            await self._send({"kind": "error", "id": request.id, "text": _one_line(error)})
+            return False
+        if found is None:
+            return False
+        await self._send(found | {"id": request.id})
+        return True
+
+    async def _is_asked(self, seconds: float) -> bool:
+        try:
+            await asyncio.wait_for(self._asked.wait(), seconds)
+        except TimeoutError:
+            return False
+        return True
+
+    def tell(self, message: dict[str, Any]) -> None:
+        """Send without waiting; what is told is short and seldom."""
+        if self.ws_connection is not None:
+            self.write_message(json.dumps(message))
+
+    async def _send(self, message: dict[str, Any]) -> None:
+        """Send and wait until it is on its way, so that nothing piles up for a tab that sleeps."""
+        try:
+            await self.write_message(json.dumps(_plain(message), separators=(",", ":")))
+        except tornado.websocket.WebSocketClosedError:
+            raise asyncio.CancelledError from None
+
+
+def _next(parts: Iterator[dict[str, Any]]) -> dict[str, Any] | None:
+    return next(parts, None)
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no infinity; the page shows what is not a number as such."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _one_line(error: BaseException) -> str:
+    text = str(error).rsplit("EquinoxRuntimeError: ", 1)[-1].split("\n\n---", 1)[0]
+    return " ".join(text.split())[:500] or type(error).__name__
