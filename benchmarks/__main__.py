@@ -21,6 +21,7 @@ ALL = (
     "restoration",
     "restoration_over_speeds",
     "scenes",
+    "devices",
     "independent",
     "long_kernels",
     "plan",
