@@ -22,6 +22,7 @@ ALL = (
     "restoration_over_speeds",
     "scenes",
     "tolerances",
+    "devices",
     "independent",
     "long_kernels",
     "plan",

@@ -42,11 +42,13 @@ from mishutter.evaluation import evaluate as evaluate
 from mishutter.evaluation import tolerance_costs as tolerance_costs
 from mishutter.model import RASKAR_CODE as RASKAR_CODE
 from mishutter.model import AbstractAdjustableShutter as AbstractAdjustableShutter
+from mishutter.model import AbstractDevice as AbstractDevice
 from mishutter.model import AbstractMotion as AbstractMotion
 from mishutter.model import AbstractPiecewiseShutter as AbstractPiecewiseShutter
 from mishutter.model import AbstractShutter as AbstractShutter
 from mishutter.model import Burst as Burst
 from mishutter.model import ChippedShutter as ChippedShutter
+from mishutter.model import FirstOrderShutter as FirstOrderShutter
 from mishutter.model import GaussianShutter as GaussianShutter
 from mishutter.model import HannShutter as HannShutter
 from mishutter.model import IdealShutter as IdealShutter
@@ -58,6 +60,7 @@ from mishutter.model import RectShutter as RectShutter
 from mishutter.model import Scene as Scene
 from mishutter.model import SplineShutter as SplineShutter
 from mishutter.model import StillCamera as StillCamera
+from mishutter.model import SwitchedShutter as SwitchedShutter
 from mishutter.model import Tolerances as Tolerances
 from mishutter.model import TriangleShutter as TriangleShutter
 from mishutter.model import TukeyShutter as TukeyShutter
@@ -102,6 +105,7 @@ __all__ = [
     "RASKAR_CODE",
     "AbstractAdjustableShutter",
     "AbstractDecoder",
+    "AbstractDevice",
     "AbstractLoss",
     "AbstractMotion",
     "AbstractPiecewiseShutter",
@@ -116,6 +120,7 @@ __all__ = [
     "DriveTable",
     "EnsembleDecoder",
     "ExpectedErrorLoss",
+    "FirstOrderShutter",
     "Frames",
     "GaussianShutter",
     "HannShutter",
@@ -140,6 +145,7 @@ __all__ = [
     "Simulation",
     "SplineShutter",
     "StillCamera",
+    "SwitchedShutter",
     "TikhonovDecoder",
     "ToleranceCost",
     "ToleranceCosts",

@@ -121,7 +121,7 @@ def simulate_capture(
     require_border("simulate_capture(border=...)", border)
     require_plan(plan)
     _check_noise(scene, key)
-    shutter = scene.light(shutter)
+    shutter = scene.light(shutter, motion)
     if isinstance(picture, Layers | Frames):
         alone = speed == 0 and displacement == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., displacement=..., border=...)"

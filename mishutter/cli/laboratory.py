@@ -106,7 +106,7 @@ def cameras(scene: "Scene", files: Files) -> "dict[str, Design]":
     if files.design is not None:
         saved = Design.load(files.design)
         motion = saved.motion
-        light = scene.light(saved.command)
+        light = scene.light(saved.command, motion)
         found[AS_DESIGNED] = replace(saved, scene=scene, shutter=light, loss_name=GIVEN)
     told = None if files.half_exposure_ms is None else files.half_exposure_ms * 1e-3
     if files.drive is not None:
@@ -127,7 +127,7 @@ def cameras(scene: "Scene", files: Files) -> "dict[str, Design]":
 
 
 def _measured(scene: "Scene", motion: "AbstractMotion", files: Files, path: Path) -> "Design":
-    from mishutter.design import given_design, measured_profile, read_trace
+    from mishutter.design import given_design, measured_profile, read_trace, with_device
 
     profile = measured_profile(
         read_trace(path),
@@ -137,4 +137,7 @@ def _measured(scene: "Scene", motion: "AbstractMotion", files: Files, path: Path
         opened=files.opened,
         name=str(path),
     )
-    return given_design(scene, motion, profile.shutter, f"Measured by {path.name}.")
+    # A trace is of light that has been through the device, whose lag it shows already.
+    follows = None if scene.device is None else scene.device.without_lag
+    seen = with_device(scene, follows).light(profile.shutter, motion)
+    return given_design(scene, motion, seen, f"Measured by {path.name}.")

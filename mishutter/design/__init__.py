@@ -30,6 +30,7 @@ from mishutter.design.search import best_profile as best_profile
 from mishutter.design.search import moved_by_default as moved_by_default
 from mishutter.design.search import optimise as optimise
 from mishutter.design.search import starting_shutter as starting_shutter
+from mishutter.design.search import with_device as with_device
 from mishutter.design.search import without_pan as without_pan
 from mishutter.design.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.design.space import fills as fills

@@ -31,6 +31,7 @@ from mishutter.evaluation import (
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    FirstOrderShutter,
     LinearMotion,
     RectShutter,
     Scene,
@@ -252,7 +253,7 @@ def compare(
         _require_own_name(name, entry)
     entries = given | {name: window for name, window in baselines().items() if name not in given}
     commands = {n: e.command if isinstance(e, Design) else e for n, e in entries.items()}
-    fixed = {name: scene.light(command) for name, command in commands.items()}
+    fixed = {name: scene.light(command, motion) for name, command in commands.items()}
     measured = partial(evaluate, scene, motion, plan=plan)
     rows = [
         Row(SAME_MOTION, name, shutter, motion, None, measured(shutter))
@@ -276,7 +277,7 @@ def compare(
         step(some[0].name)
         at_best |= {row.name: row for row in some}
     names = [name for name in (*fixed, *_RIVALS) if name in at_best]
-    return _with_verdict([at_best[name] for name in names] + rows, tuple(given), scene)
+    return _with_verdict([at_best[name] for name in names] + rows, given, scene)
 
 
 def _given(shutters: object) -> dict[str, Entry]:
@@ -441,12 +442,16 @@ def _row(name: str, design: Design) -> Row:
 _NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
 
 
-def _with_verdict(rows: list[Row], given: tuple[str, ...], scene: Scene) -> Comparison:
+def _with_verdict(rows: list[Row], given: Mapping[str, Entry], scene: Scene) -> Comparison:
     at_best = {row.name: row for row in rows if row.reading == OWN_BEST_MOTION}
     burst = at_best.pop(BEST_BURST, None)
     snapshots = [at_best[n] for n in (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT) if n in at_best]
     snapshot = _best(snapshots)
-    notes = (*_of_device(scene), *(() if burst is None else (_of_burst(burst),)))
+    notes = (
+        *_of_device(scene),
+        *_of_blind_drives(given),
+        *(() if burst is None else (_of_burst(burst),)),
+    )
     if np.isposinf(_level(snapshot)):
         return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf, notes)
     coded = [row for row in at_best.values() if row not in snapshots]
@@ -513,11 +518,30 @@ def _in_words(row: Row, best: Row) -> str:
 
 
 def _of_device(scene: Scene) -> tuple[str, ...]:
-    device = scene.device
-    if device is None or (float(device.transmission) == 1 and float(device.leakage) == 0):
+    device, notes = scene.device, []
+    if device is None:
         return ()
     t, closed = float(device.transmission), float(device.transmission * device.leakage)
-    return (f"The shutter passes {t:.1%} of the light when open, {closed:.2%} when closed.",)
+    if t != 1 or closed != 0:
+        notes.append(
+            f"The shutter passes {t:.1%} of the light when open, {closed:.2%} when closed."
+        )
+    if isinstance(device, FirstOrderShutter):
+        rise, fall = (float(x) * 1e3 for x in (device.rise_time, device.fall_time))
+        notes.append(f"It rises from 10 to 90 % in {rise:.3g} ms and falls in {fall:.3g} ms.")
+    if device.num_slots is not None:
+        levels = "any level" if device.levels is None else f"one of {device.levels} levels"
+        notes.append(f"It holds {levels} over each of {device.num_slots} slots.")
+    return tuple(notes)
+
+
+def _of_blind_drives(given: Mapping[str, Entry]) -> tuple[str, ...]:
+    levels = [entry.blind_psnr for entry in given.values() if isinstance(entry, Design)]
+    return tuple(
+        f"Sent blindly, the design for a device that follows at once has {level:.2f} dB."
+        for level in dict.fromkeys(levels)
+        if level is not None
+    )
 
 
 def _of_burst(row: Row) -> str:

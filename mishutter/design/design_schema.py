@@ -1,6 +1,7 @@
 """The keys of a saved design: what a file is checked by, and what it is written from."""
 
 import math
+from dataclasses import fields, is_dataclass
 from typing import Annotated, Any, Literal, final
 
 from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, field_validator
@@ -64,11 +65,50 @@ class SavedLimits(Part):
 
 
 @final
-class SavedDevice(Part):
+class SavedIdealShutter(Part):
     """The arguments of `IdealShutter`."""
 
     transmission: float
     leakage: float
+    levels: int | None = None
+    num_slots: int | None = None
+
+
+@final
+class SavedFirstOrderShutter(Part):
+    """The arguments of `FirstOrderShutter`."""
+
+    rise_time: float
+    fall_time: float
+    transmission: float
+    leakage: float
+    levels: int | None = None
+    num_slots: int
+    delay: float | None = None
+
+
+@final
+class SavedSwitchedShutter(Part):
+    """The arguments of `SwitchedShutter`."""
+
+    num_slots: int
+    min_open: int
+    min_closed: int
+    transmission: float
+    leakage: float
+
+
+def _as_arguments(value: Any) -> Any:
+    """A device as its arguments, which tell what it is."""
+    if not is_dataclass(value):
+        return value
+    return {field.name: getattr(value, field.name) for field in fields(value)}
+
+
+SavedDevice = Annotated[
+    SavedFirstOrderShutter | SavedIdealShutter | SavedSwitchedShutter,
+    BeforeValidator(_as_arguments),
+]
 
 
 @final
@@ -155,3 +195,4 @@ class SavedDesign(Part):
     outcome: str
     certificate: Result
     plan: SavedPlan | None = None
+    blind_psnr: Result | None = None

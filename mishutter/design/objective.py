@@ -202,6 +202,7 @@ def objective_of(
 ) -> AbstractObjective:
     """The cheapest exact form of the loss over the space."""
     linear = isinstance(space.shutter, AbstractAdjustableShutter) and space.shutter.linear
+    linear = linear and (scene.device is None or scene.device.is_linear)
     alone = plan.skips and space.free == ("shutter",) and linear
     if alone and isinstance(loss, AbstractResponseLoss):
         basis, layout = _basis(space, scene, plan, loss.parts(plan))
@@ -210,8 +211,9 @@ def objective_of(
         require_sizes(plan.num_taps, plan.num_frequencies, kernels=False, spectra=True)
         # Rounding to two numbers an octave lets scenes of other speeds share programs.
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
-        if "shutter" not in space.free:
-            nodes = lit_nodes(scene.light(space.shutter), plan.num_nodes, space.dtype)
+        if "shutter" not in space.free and not space.lags:
+            light = space.light(space.shutter, space.motion.half_exposure)
+            nodes = lit_nodes(light, plan.num_nodes, space.dtype)
             space = space.without_shutter()
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)

@@ -22,7 +22,7 @@ from mishutter.evaluation import (
     as_loss,
     distinct_speeds,
     extent,
-    is_symmetric,
+    folds_speeds,
     larger,
     nothing_moves,
     power_on_grid,
@@ -129,7 +129,9 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
 def design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
     shutter, motion = _design_at(space.without_shutter(), box)
-    return (shutter if "shutter" in space.free else space.light(space.shutter)), motion
+    return (
+        shutter if "shutter" in space.free else space.light(space.shutter, motion.half_exposure)
+    ), motion
 
 
 @compiled
@@ -154,7 +156,7 @@ def exact_plan(
     """The plan that leaves out all work that cannot change a result."""
     full = full_sizes(scene, motion, space)
     pans = space is not None and "velocity" in space.free
-    folds, still = is_symmetric(shutter) and not pans, not pans and nothing_moves(scene)
+    folds, still = folds_speeds(scene, shutter) and not pans, not pans and nothing_moves(scene)
     num_kept = _frequencies_with_power(scene, full) if needs.only_error else full.num_frequencies
     num_taps, num_nodes = full.num_taps, full.num_nodes
     if space is None or set(space.free) == {"shutter"}:

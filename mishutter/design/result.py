@@ -17,7 +17,6 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Burst,
-    IdealShutter,
     Limits,
     LinearMotion,
     ParabolicMotion,
@@ -25,6 +24,7 @@ from mishutter.model import (
     StillCamera,
     Tolerances,
     command_of,
+    device_of,
     profile_of,
     shutter_from_dict,
     shutter_to_dict,
@@ -55,6 +55,8 @@ class Design:
         plan: The plan of the search; None where that is not known.
         straight: The best design without acceleration, where the search has set one beside
             this; it is not written to a file.
+        blind_psnr: Expected PSNR where the best design of a device that follows every command is
+            sent to the scene's; dB. None where these are the same.
     """
 
     shutter: AbstractShutter
@@ -69,6 +71,7 @@ class Design:
     best_start_loss: float
     plan: Plan | None = None
     straight: "Design | None" = None
+    blind_psnr: float | None = None
 
     @property
     def command(self) -> AbstractShutter:
@@ -184,7 +187,7 @@ def given_design(
         outcome: Where it comes from, in a sentence.
     """
     return Design(
-        shutter=scene.light(shutter),
+        shutter=scene.light(shutter, motion),
         motion=motion,
         scene=scene,
         loss=np.nan,
@@ -232,12 +235,12 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
 def _built(file: SavedDesign) -> Design:
     motion = _motion(file.motion)
     scene = file.scene.model_dump()
-    kinds = {"limits": Limits, "device": IdealShutter, "burst": Burst, "tolerances": Tolerances}
+    kinds = {"limits": Limits, "device": device_of, "burst": Burst, "tolerances": Tolerances}
     made = {name: kind(**scene[name]) for name, kind in kinds.items() if scene[name] is not None}
     scene |= made | {"motion": motion}
     whole = Scene(**scene)
     parts = {
-        "shutter": whole.light(shutter_from_dict(file.shutter.model_dump())),
+        "shutter": whole.light(shutter_from_dict(file.shutter.model_dump()), motion),
         "motion": motion,
         "scene": whole,
         "history": np.array(file.history),

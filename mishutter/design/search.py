@@ -1,7 +1,7 @@
 """The design search: many starts, a polish, and an honest end."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
 from functools import partial
@@ -11,6 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from mishutter._core import (
     alone_in_blas,
@@ -24,6 +25,7 @@ from mishutter.design.objective import AbstractObjective, objective_of, roughly
 from mishutter.design.planning import design_at, full_sizes
 from mishutter.design.planning import plan as plan_of_scene
 from mishutter.design.result import Design
+from mishutter.design.slots import searched_slots
 from mishutter.design.solvers import certificate_at, finished, is_minimum, losses_at, polish
 from mishutter.design.space import DesignSpace, all_that_can_move, design_space, within_limits
 from mishutter.design.starts import GRID_COORDINATES, lowest_places, start_boxes
@@ -34,15 +36,19 @@ from mishutter.evaluation import (
     ExpectedErrorLoss,
     Plan,
     as_loss,
+    evaluate,
     reduced,
 )
 from mishutter.model import (
+    AbstractDevice,
     AbstractMotion,
     AbstractShutter,
+    ChippedShutter,
     Scene,
     SplineShutter,
     TukeyShutter,
     command_of,
+    is_adjustable,
     is_known_zero,
     panned,
     seen_from,
@@ -63,6 +69,8 @@ _NUM_GIVEN = 4
 """Starts at most, up to a quarter of them, that are the given design and baselines' profiles."""
 _AT_LIMIT = 1e-6
 """Share of the largest top speed by which a motion is below it that is free of it."""
+_ROUNDS_OF_LEVELS = 3
+"""How often slots and motion are searched by turns, at most."""
 _SEEN = 1e-4
 """Fall of a loss, as a share of it, that a history shows."""
 
@@ -77,6 +85,7 @@ class Outcome(Enum):
 
 _EXPECTED_ERROR = ExpectedErrorLoss()
 _NO_ACCELERATION = "Acceleration does not pay: at constant velocity the loss is no larger."
+_OF_SLOTS = "No other level of one slot, or of two near one another, lowers the loss."
 _OUTSIDE = "What was held of the motion is outside the scene's limits."
 
 
@@ -114,6 +123,11 @@ def optimise(
     steps, and every 10 from there, the worse half of the starts is given up, until four or an
     eighth are left. SciPy's box-constrained L-BFGS-B polishes the three best that differ, and
     the best of these to the end, on either side of where limits meet if it ends there.
+    Where the scene's device follows a command late, or at few levels, the search is by the light
+    that it makes of the command. The best design of a device that follows every command comes
+    first, and is among the starts as that device would be driven by it (`Design.blind_psnr`).
+    Levels are rounded by error diffusion, and searched slot by slot.
+
     Where at most four coordinates move, the starts are the given design and the best of a
     grid, and are polished directly. The result is never worse than the best start.
 
@@ -159,24 +173,165 @@ def optimise(
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
     loss = as_loss(loss, "optimise(loss=...)")
+    search = partial(
+        _optimised,
+        loss=loss,
+        free=free,
+        num_starts=num_starts,
+        seed=seed,
+        max_steps=max_steps,
+        progress=progress,
+        plan=plan,
+    )
+    device, given = scene.device, (free,) if isinstance(free, str) else free
+    moves = shutter is None or is_adjustable(shutter) if given is None else "shutter" in given
+    if moves and device is not None and (device.lags or device.levels is not None):
+        best = _through_device(scene, device, motion, shutter, search)
+    else:
+        best = search(scene, motion, shutter)
+    if throw and not best.converged:
+        raise SearchFailedError(best.outcome)
+    return best
+
+
+Known = tuple[tuple[AbstractShutter, AbstractMotion], ...]
+"""Commands and motions that a search starts from, beside its own."""
+
+
+def _optimised(
+    scene: Scene,
+    motion: AbstractMotion | None,
+    shutter: AbstractShutter | None,
+    *,
+    loss: AbstractLoss,
+    free: str | Iterable[str] | None,
+    progress: Progress | None,
+    plan: Plan | Automatic | None,
+    known: Known = (),
+    **rules: Any,
+) -> Design:
+    """The best design whose light can be differentiated by what moves."""
     names = free
     if names is None:
         motion, names = moved_by_default(scene, motion, shutter, loss)
     motion = settled(scene.motion if motion is None else motion)
-    rules = {"loss": loss, "num_starts": num_starts, "seed": seed, "max_steps": max_steps}
+    rules |= {"loss": loss, "known": known}
     searched = partial(_searched, scene, motion, shutter, progress=progress, **rules)
     ends = searched(names, plan=plan)
     if free is None and loss.sees_light and _is_held_up_by_pan(ends[0].motion, scene):
         plan = PLANNED if isinstance(plan, Plan) else plan
         ends = searched(all_that_can_move(scene, motion, shutter), plan=plan)
-    best, *straight = (_design(end, scene, loss, max_steps) for end in ends)
+    best, *straight = (_design(end, scene, loss, rules["max_steps"]) for end in ends)
     if straight:
         best = _better(best, straight[0])
         if "shutter" in names and "half_exposure" in names:
             best = replace(best, straight=straight[0])
-    if throw and not best.converged:
-        raise SearchFailedError(best.outcome)
     return best
+
+
+def _through_device(
+    scene: Scene,
+    device: AbstractDevice,
+    motion: AbstractMotion | None,
+    shutter: AbstractShutter | None,
+    search: partial[Design],
+) -> Design:
+    """The best design by the light that a device makes of its command.
+
+    The design for a device that follows every command is found first, and is among the starts, as
+    it is sent blindly. Levels are left out until the end, and then searched slot by slot.
+    """
+    ideal = with_device(scene, device.without_lag)
+    blind = found = search(ideal, motion, shutter)
+    relaxed = with_device(scene, device.relaxed)
+    if device.lags:
+        known = tuple((each.command, each.motion) for each in (blind, blind.straight) if each)
+        found = search(relaxed, motion, shutter, known=known)
+    if device.levels is not None:
+        found = _of_levels(scene, relaxed, (found, blind), search)
+    sent = scene.light(blind.command, blind.motion)
+    blind_psnr = float(evaluate(scene, blind.motion, sent).expected_psnr)
+    return replace(found, scene=scene, blind_psnr=blind_psnr)
+
+
+def _of_levels(
+    scene: Scene, relaxed: Scene, designs: Sequence[Design], search: partial[Design]
+) -> Design:
+    """The better of designs for a device without levels, as good as its levels allow.
+
+    A free-form command is rounded, and its slots and its motion are searched by turns.
+    """
+    loss, given = search.keywords["loss"], search.keywords["free"]
+    device: AbstractDevice = scene.device  # type: ignore[assignment]
+    sent = [_sent(scene, each.command, each.motion, each, loss) for each in designs]
+    place = int(np.argmin([each.loss for each in sent]))
+    found, best = designs[place], sent[place]
+    if not isinstance(found.command, SplineShutter | ChippedShutter):
+        return best
+    if given is None:
+        given = free_by_default(scene, found.motion, None) if loss.sees_light else ()
+    movable = set(all_that_can_move(scene, found.motion, None)) - {"shutter"}
+    names = tuple(movable & set((given,) if isinstance(given, str) else given))
+    for _ in range(_ROUNDS_OF_LEVELS):
+        command: ChippedShutter = best.command  # type: ignore[assignment]
+        slots = _slot_by_slot(relaxed, command, best.motion, device, search.keywords)
+        better = _sent(scene, ChippedShutter(slots), best.motion, best, loss)
+        if names:
+            tuned = search(relaxed, best.motion, better.command, free=names)
+            tuned = _sent(scene, better.command, tuned.motion, tuned, loss)
+            better = min(better, tuned, key=lambda each: each.loss)
+        worthwhile = better.loss < best.loss - _SAME * abs(best.loss)
+        best = min(best, better, key=lambda each: each.loss)
+        if not (worthwhile and names):
+            break
+    return replace(best, outcome=f"{found.outcome} {_OF_SLOTS}", converged=found.converged)
+
+
+def _slot_by_slot(
+    scene: Scene,
+    command: ChippedShutter,
+    motion: AbstractMotion,
+    device: AbstractDevice,
+    rules: dict[str, Any],
+) -> Array:
+    """Levels of the slots at which no change lowers the loss on a motion; shape `(n,)`."""
+    scene, motion = seen_from(scene, motion)
+    space = design_space(scene, motion, command, "shutter")
+    plan = _plan(scene, space, rules["loss"], rules["plan"])
+    objective = objective_of(rules["loss"], reduced(scene, plan), space, plan)
+    levels = np.asarray(command.transmittances)
+    return jax.device_put(searched_slots(objective, levels, device).levels)
+
+
+def _sent(
+    scene: Scene,
+    command: AbstractShutter,
+    motion: AbstractMotion,
+    design: Design,
+    loss: AbstractLoss,
+) -> Design:
+    """A design with the light that the scene's device makes of a command."""
+    light = scene.light(command, motion)
+    value = float(loss(scene, motion, light))
+    history = np.append(design.history, value)
+    return replace(
+        design,
+        shutter=light,
+        motion=motion,
+        scene=scene,
+        loss=value,
+        history=history,
+        straight=None,
+    )
+
+
+def with_device(scene: Scene, device: AbstractDevice | None) -> Scene:
+    """A scene whose shutters are made with another device."""
+    return eqx.tree_at(lambda s: s.device, scene, device, is_leaf=_is_device)
+
+
+def _is_device(part: Any) -> bool:
+    return part is None or isinstance(part, AbstractDevice)
 
 
 def _better(design: Design, straight: Design) -> Design:
@@ -299,15 +454,21 @@ def _best_of_space(
     seed: int,
     max_steps: int,
     progress: Progress | None,
+    known: Known,
 ) -> _End:
     needed = reduced(scene, plan)
     objective = objective_of(loss, needed, space, plan)
     num_speeds = needed.speeds.size
     starts = start_boxes(space, num_starts or _NUM_STARTS * max(1, _FEW_SPEEDS // num_speeds), seed)
+    before = np.array([_box_of(space, *each) for each in known], starts.dtype)
     if space.size > GRID_COORDINATES:
         starts = _with_valleys(objective, space, scene, starts, seed)
+        starts = np.concatenate([before, starts]) if known else starts
         found = _descended(objective, space, starts, max_steps, progress)
     else:
+        if known:  # the best of what is known takes the place of the given design
+            before = np.concatenate([before, starts[:1]])
+            starts[0] = before[np.argmin(losses_at(objective, before))]
         found = _from_grid(objective, starts)
     best = np.argsort(found.losses, kind="stable")[: found.num_polished]
     steps_to_tell = min(_STEPS_TO_TELL, max_steps)
@@ -329,6 +490,15 @@ def _best_of_space(
         best_start_loss=found.best_start_loss,
         plan=plan,
     )
+
+
+def _box_of(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion) -> np.ndarray:
+    """The point of a box that is nearest to a design; shape `(size,)`."""
+    own = space.shutter
+    if isinstance(shutter, SplineShutter) and isinstance(own, SplineShutter):
+        if shutter.symmetric and not own.symmetric:
+            shutter = SplineShutter(shutter.coefficients)
+    return np.asarray(space.box(shutter, motion))
 
 
 def best_profile(
@@ -449,13 +619,15 @@ def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
 def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:
     """The free-form profile a search starts from: symmetric if the scene's speeds are.
 
-    Where the sensor may pan, that is about the velocity in their middle. Its precision is that
-    of the speeds.
+    Where the sensor may pan, that is about the velocity in their middle. Through a device that
+    lags it is not: the command has to be ahead of a symmetric light. Its precision is that of the
+    speeds.
     """
     require_known("starting_shutter", scene=(scene.speeds, scene.weights, scene.limits))
     slowest, fastest = (float(speed) for speed in scene.speed_range)
     middle = (slowest + fastest) / 2
     symmetric = _mirrors(scene, middle if abs(middle) <= float(scene.limits.max_pan) else 0.0)
+    symmetric &= scene.device is None or not scene.device.lags
     taper = np.asarray(0.5, scene.speeds.dtype)
     return SplineShutter.fit(TukeyShutter(taper), num_coefficients, symmetric=symmetric)
 

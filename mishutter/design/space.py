@@ -26,9 +26,9 @@ from jaxtyping import Array
 
 from mishutter._core import common_dtype, require
 from mishutter.model import (
+    AbstractDevice,
     AbstractMotion,
     AbstractShutter,
-    IdealShutter,
     Limits,
     LinearMotion,
     ParabolicMotion,
@@ -45,6 +45,9 @@ from mishutter.model import (
 
 FREE_NAMES = ("shutter", "half_exposure", "velocity", "acceleration")
 _ROUNDING = 1e-6
+_ROUNDS_TO_FILL = 8
+"""Rounds that find the exposure which fills a pixel through a device whose light depends on it:
+each leaves less than a quarter of the error."""
 _SLOWEST = 1e-2
 """Share of the largest acceleration that is explored where every object is at rest."""
 
@@ -82,7 +85,7 @@ class DesignSpace(eqx.Module):
     shutter: AbstractShutter
     motion: AbstractMotion
     limits: Limits
-    device: IdealShutter | None
+    device: AbstractDevice | None
     filling: Array | None
     slowest: Array
     fastest: Array
@@ -101,7 +104,6 @@ class DesignSpace(eqx.Module):
         shutter = self.shutter
         if count:
             shutter = at_coordinates(shutter, box[:count])
-        shutter = self.light(shutter)
         share = dict(zip(self.free_of_motion, box[count:], strict=True))
         half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
         acceleration = self.motion.acceleration
@@ -114,6 +116,7 @@ class DesignSpace(eqx.Module):
         if "velocity" in share:
             low, high = self._velocity_bounds(2 * acceleration * half_exposure)
             velocity = low + share["velocity"] * (high - low)
+        shutter = self.light(shutter, half_exposure)
         if isinstance(self.motion, StillCamera):
             return shutter, StillCamera(half_exposure=half_exposure)
         if isinstance(self.motion, LinearMotion):
@@ -141,7 +144,13 @@ class DesignSpace(eqx.Module):
 
         Prevents a program of its own for each kind of shutter where only motions count.
         """
-        return self if "shutter" in self.free else replace(self, shutter=RectShutter())
+        held = "shutter" not in self.free and not self.lags
+        return replace(self, shutter=RectShutter()) if held else self
+
+    @property
+    def lags(self) -> bool:
+        """Whether the light of a profile depends on the exposure that it is sent over."""
+        return self.device is not None and self.device.lags
 
     @property
     def bends(self) -> Bends:
@@ -153,7 +162,7 @@ class DesignSpace(eqx.Module):
         index = self.num_profile_coordinates
         if not {"acceleration", "half_exposure"} <= set(self.free):
             return Bends(index, np.zeros(0))
-        if self.filling is not None and self.num_profile_coordinates:
+        if self.filling is not None and (self.num_profile_coordinates or self.lags):
             return Bends(index, np.zeros(0))  # the exposures there are others for each profile
         low, high = (float(bound) for bound in self._half_exposure_bounds(self.shutter))
         kept_up = float(self.demand), float(self.motion.speed_gain)
@@ -170,7 +179,7 @@ class DesignSpace(eqx.Module):
             parts.append(jnp.clip(box_of(shutter), 0, 1).astype(dtype))
         half_exposure = motion.half_exposure
         if "half_exposure" in self.free:
-            bounds = self._half_exposure_bounds(self.light(shutter))
+            bounds = self._half_exposure_bounds(shutter)
             share = _share(*bounds, half_exposure)
             parts.append(share.astype(dtype)[None])
             half_exposure = _between(*bounds, share)
@@ -193,20 +202,26 @@ class DesignSpace(eqx.Module):
         most = jnp.minimum(left, self.limits.max_pan)
         return jnp.clip(self.slowest, -most, most), jnp.clip(self.fastest, -most, most)
 
-    def light(self, shutter: AbstractShutter) -> AbstractShutter:
-        """The transmittance that light sees where a profile is sent to the device."""
+    def light(self, shutter: AbstractShutter, half_exposure: Array) -> AbstractShutter:
+        """The transmittance that light sees where a profile is sent to the device.
+
+        Args:
+            shutter: The profile.
+            half_exposure: Half of the exposure that it is sent over; s.
+        """
         if self.device is None:
             return shutter
-        return self.device.light(shutter, self.dtype)
+        return self.device.light(shutter, half_exposure, self.dtype)
 
-    def _half_exposure_bounds(self, light: AbstractShutter) -> tuple[Array, Array]:
+    def _half_exposure_bounds(self, shutter: AbstractShutter) -> tuple[Array, Array]:
         low, high = self.limits.min_half_exposure, self.limits.max_half_exposure
         if self.filling is not None:
-            filling = self.filling
-            if self.num_profile_coordinates:
-                efficiency = light.efficiency().astype(filling.dtype)
-                filling = filling / jnp.maximum(efficiency, filling / high)
-            high = jnp.clip(filling, low, high)
+            filling = longest = self.filling
+            for _ in range(_ROUNDS_TO_FILL if self.lags else 1):
+                if self.num_profile_coordinates or self.lags:
+                    efficiency = self.light(shutter, longest).efficiency().astype(filling.dtype)
+                    longest = filling / jnp.maximum(efficiency, filling / high)
+            high = jnp.clip(longest, low, high)
         if "acceleration" not in self.free and isinstance(self.motion, ParabolicMotion):
             a = self.motion.acceleration
             safe = jnp.where(a > 0, a, 1.0)
@@ -254,7 +269,8 @@ def design_space(
     velocity = motion.velocity.astype(dtype)
     bounds = jnp.minimum(slowest, velocity), jnp.maximum(fastest, velocity)
     device = jax.tree.map(lambda x: x.astype(dtype), scene.device)
-    filling = _filling(scene, None if count else shutter)
+    lags = scene.device is not None and scene.device.lags
+    filling = _filling(scene, None if count or lags else shutter)
     filling = None if filling is None else jnp.asarray(filling, dtype)
     return DesignSpace(shutter, motion, limits, device, filling, *bounds, demand, ordered, count)
 
@@ -275,7 +291,9 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
         f"hold what an open shutter lets through in the shortest exposure, {shortest:g} e-"
     )
     require(shortest <= full_well, "Scene(full_well=...)", requirement, full_well)
-    light = 1.0 if shutter is None else float(scene.light(shutter).efficiency())
+    light = 1.0
+    if shutter is not None:
+        light = float(scene.light(shutter, scene.limits.max_half_exposure).efficiency())
     longest = 2 * rate * light * float(scene.limits.max_half_exposure)
     return full_well / (2 * rate * light) if longest > full_well else None
 
@@ -324,7 +342,7 @@ def fills(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> boo
     r"""Whether white, $2RT\eta$ electrons, is more than a pixel holds, to rounding."""
     if scene.full_well is None:
         return False
-    light = float(scene.light(shutter).efficiency()) * float(motion.exposure)
+    light = float(scene.light(shutter, motion).efficiency()) * float(motion.exposure)
     return float(scene.photon_rate) * light > float(scene.full_well) * (1 + _ROUNDING)
 
 

@@ -25,7 +25,7 @@ from mishutter.evaluation.lengths import (
     spread_of,
 )
 from mishutter.evaluation.metrics import bound_share, differences_from, expected_squared_error
-from mishutter.evaluation.needs import Plan, is_symmetric, reduced, sized_for
+from mishutter.evaluation.needs import Plan, folds_speeds, reduced, sized_for
 from mishutter.evaluation.response import (
     Records,
     Response,
@@ -175,7 +175,7 @@ def _whole_blocks(count: np.ndarray) -> np.ndarray:
 def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
     """Scenes with only the speeds that a shutter asks for, as many in each, and no tolerances."""
     scenes = [without_tolerances(scene) for scene in scenes]
-    plan = Plan(1, 1, 16, 1, skips=skips, folds=is_symmetric(shutter))
+    plan = Plan(1, 1, 16, 1, skips=skips, folds=folds_speeds(scenes[0], shutter))
     needed = [reduced(scene, plan) for scene in scenes]
     most = max(scene.speeds.size for scene in needed)
     spare = [(0, most - scene.speeds.size) for scene in needed]
@@ -310,7 +310,7 @@ def _kernel_numbers(
     def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
         motion, need, box = design
         own = shutter.at(box[1:]) if is_own else shutter  # type: ignore[attr-defined]
-        profile = piecewise(scene.light(own))
+        profile = piecewise(scene.light(own, motion))
         speeds = scene.speeds if set(metrics) & set(KERNEL_METRICS[1:]) else scene.speeds[:0]
         speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
         plan = Plan(_TAPS, _TAPS, 1, 1)

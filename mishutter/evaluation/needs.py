@@ -200,7 +200,7 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
     serves all of them. It is for the scene as it is `seen_from` the motion.
     """
     scene, motion = seen_from(scene, motion)
-    folds, still = is_symmetric(shutter), nothing_moves(scene)
+    folds, still = folds_speeds(scene, shutter), nothing_moves(scene)
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
 
@@ -313,6 +313,12 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
 def is_symmetric(shutter: AbstractShutter) -> bool:
     """Whether a shutter is known to satisfy `w(-tau) = w(tau)`."""
     return bool(getattr(shutter, "symmetric", False))
+
+
+def folds_speeds(scene: Scene, shutter: AbstractShutter) -> bool:
+    """Whether the light of a command is known to do the same to speeds of either sign."""
+    at_once = scene.device is None or scene.device.follows_at_once
+    return at_once and is_symmetric(shutter)
 
 
 def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:

@@ -110,7 +110,7 @@ def records(
     """
     require_sizes(plan.num_taps, plan.num_frequencies, kernels=kernels, spectra=spectra)
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
-    profile = piecewise(scene.light(shutter))
+    profile = piecewise(scene.light(shutter, motion))
     taps = response = light = None
     if kernels:
         moving = scene.speeds if differences and not plan.still else scene.speeds[:0]

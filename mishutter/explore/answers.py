@@ -47,8 +47,7 @@ def first_answer(scene: Scene, before: Design) -> Design:
     """
     command = before.command
     motions = _near(scene, before)
-    light = scene.light(command)
-    losses = [float(_LOSS(scene, motion, light)) for motion in motions]
+    losses = [float(_LOSS(scene, motion, scene.light(command, motion))) for motion in motions]
     motion = motions[int(np.argmin(losses))]
     return optimise(
         scene, motion, command, free="shutter", num_starts=_NUM_STARTS, max_steps=_STEPS

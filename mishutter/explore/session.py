@@ -227,7 +227,7 @@ class Session:
         design = self._found
         found = {OPTIMISED: curves(scene, design.motion, design.shutter)}
         if request.drawn is not None:
-            drawn = scene.light(_chips(request.drawn))
+            drawn = scene.light(_chips(request.drawn), design.motion)
             found[DRAWN] = curves(scene, design.motion, drawn)
         return {"curves": found, "outcome": design.outcome}
 

@@ -1,8 +1,12 @@
 """The problem of a design: motions, scenes and their files, images, shutters."""
 
+from mishutter.model.devices import AbstractDevice as AbstractDevice
+from mishutter.model.devices import FirstOrderShutter as FirstOrderShutter
 from mishutter.model.devices import IdealShutter as IdealShutter
+from mishutter.model.devices import SwitchedShutter as SwitchedShutter
 from mishutter.model.devices import TransmittedShutter as TransmittedShutter
 from mishutter.model.devices import command_of as command_of
+from mishutter.model.devices import device_of as device_of
 from mishutter.model.frequencies import frequencies as frequencies
 from mishutter.model.frequencies import frequency_grid as frequency_grid
 from mishutter.model.frequencies import on_steps as on_steps
@@ -70,5 +74,8 @@ from mishutter.model.shutters.polynomials import in_one_form as in_one_form
 from mishutter.model.shutters.spline import coefficient_times as coefficient_times
 from mishutter.model.shutters.spline import fitted_boxes as fitted_boxes
 from mishutter.model.shutters.spline import fitted_coefficients as fitted_coefficients
+from mishutter.model.slots import diffused as diffused
+from mishutter.model.slots import runs_are_long_enough as runs_are_long_enough
+from mishutter.model.slots import slot_means as slot_means
 from mishutter.model.tolerances import TOLERANCE_NAMES as TOLERANCE_NAMES
 from mishutter.model.tolerances import Tolerances as Tolerances

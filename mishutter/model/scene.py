@@ -22,7 +22,7 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
-from mishutter.model.devices import IdealShutter
+from mishutter.model.devices import AbstractDevice
 from mishutter.model.frequencies import frequencies, on_steps
 from mishutter.model.motion import (
     AbstractMotion,
@@ -159,8 +159,8 @@ class Scene(eqx.Module):
         cutoff_frequency: Highest frequency that the optics pass: the picture on the
             sensor holds none above it, and below it some; cycles/px, at most 0.5.
         limits: The furthest that the mechanism and the exposure may reach.
-        device: What shutters other than an open one are made with, whose losses they have; by
-            default one that loses no light.
+        device: What shutters other than an open one are made with: it makes of a command the light
+            that is seen; by default one that follows every command and loses no light.
         full_well: Electrons at which a pixel is full: searches expose white to no more; no limit
             by default; e-.
         burst: Frames that a rival takes in place of one exposure; no such rival by default.
@@ -184,7 +184,7 @@ class Scene(eqx.Module):
     power_spectrum: Array | None
     cutoff_frequency: Array
     limits: Limits
-    device: IdealShutter | None
+    device: AbstractDevice | None
     full_well: Array | None
     burst: Burst | None
     tolerances: Tolerances | None
@@ -203,7 +203,7 @@ class Scene(eqx.Module):
         power_spectrum: RowLike | None = None,
         cutoff_frequency: ArrayLike = NYQUIST_FREQUENCY,
         limits: Limits | None = None,
-        device: IdealShutter | None = None,
+        device: AbstractDevice | None = None,
         full_well: ArrayLike | None = None,
         burst: Burst | None = None,
         tolerances: Tolerances | None = None,
@@ -256,8 +256,8 @@ class Scene(eqx.Module):
         for name, kind, requirement in (
             ("limits", Limits, "be `Limits`"),
             ("burst", Burst | None, "be a `Burst`"),
-            ("device", IdealShutter | None, "be an `IdealShutter`"),
             ("tolerances", Tolerances | None, "be `Tolerances`"),
+            ("device", AbstractDevice | None, "be a device, as an `IdealShutter`"),
             ("picture", str | None, "be a path"),
         ):
             value = getattr(self, name)
@@ -366,15 +366,23 @@ class Scene(eqx.Module):
             tolerances=self.tolerances,
         )
 
-    def light(self, shutter: AbstractShutter) -> AbstractShutter:
+    def light(
+        self, shutter: AbstractShutter, motion: AbstractMotion | ArrayLike
+    ) -> AbstractShutter:
         """The transmittance that light sees where a profile is sent to the scene's device.
 
         An open shutter needs none. What a device has made of a profile stays as it is, so that
         profiles and designs may be measured alike.
+
+        Args:
+            shutter: The profile.
+            motion: Motion of the sensor, or its half exposure, s: how much of a profile a device
+                can follow depends on that.
         """
         if self.device is None:
             return shutter
-        return self.device.light(shutter, np.dtype(self.speeds.dtype))
+        half = motion.half_exposure if isinstance(motion, AbstractMotion) else motion
+        return self.device.light(shutter, half, np.dtype(self.speeds.dtype))
 
     @property
     def motion(self) -> AbstractMotion:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mishutter._core import Bare, contents, in_section, parsed, require, validated
-from mishutter.model.devices import IdealShutter
+from mishutter.model.devices import AbstractDevice, device_of
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.scene import Burst, Limits, Scene
 from mishutter.model.scene_schema import (
@@ -22,6 +22,7 @@ from mishutter.model.scene_schema import (
     Normal,
     PictureSection,
     SceneFile,
+    ShutterSection,
     Speeds,
     TolerancesSection,
     Uniform,
@@ -110,7 +111,7 @@ def _built(file: SceneFile, folder: Path, picture: Mapping[str, Any] | None) -> 
         read_noise=file.sensor.read_noise_e,
         cutoff_frequency=file.optics.cutoff_cycles_per_px,
         limits=limits,
-        device=None if file.shutter is None else IdealShutter(**file.shutter.model_dump()),
+        device=None if file.shutter is None else _device(file.shutter),
         full_well=file.sensor.full_well_e,
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
         tolerances=_tolerances(file.tolerances),
@@ -155,6 +156,34 @@ def _listed(speeds: list[float], weights: list[float] | None) -> tuple[np.ndarra
     require(len(weights) == count, subject, f"be {count}, one a speed", len(weights))
     require(sum(weights) > 0, subject, "hold one above 0", weights)
     return np.array(speeds), np.array(weights)
+
+
+def _device(section: ShutterSection) -> AbstractDevice:
+    """The device that the keys stand for; times of either edge are that of the other if missing."""
+    rise, fall = section.rise_ms, section.fall_ms
+    lags = rise is not None or fall is not None
+    runs = {"min_open_slots": section.min_open_slots, "min_closed_slots": section.min_closed_slots}
+    for key, value in ({"delay_ms": section.delay_ms} if not lags else {}).items():
+        requirement = "stand beside rise_ms or fall_ms"
+        require(value is None, f"[shutter] {key}", requirement, value)
+    for key, value in runs.items():
+        requirement = "be left to shutters that are open or closed, without times and levels"
+        is_switched = not lags and section.levels is None
+        require(value is None or is_switched, f"[shutter] {key}", requirement, value)
+    times = {
+        "rise_time": fall if rise is None else rise,
+        "fall_time": rise if fall is None else fall,
+    }
+    times["delay"] = section.delay_ms
+    return device_of(
+        transmission=section.transmission,
+        leakage=section.leakage,
+        levels=section.levels,
+        num_slots=section.num_slots,
+        min_open=section.min_open_slots,
+        min_closed=section.min_closed_slots,
+        **{name: None if ms is None else ms / 1000 for name, ms in times.items()},
+    )
 
 
 def _limits(section: LimitsSection) -> Limits:

@@ -61,10 +61,17 @@ class Sensor(Section):
 
 @final
 class ShutterSection(Section):
-    """What the shutter is made with: shares of light that pass."""
+    """What the shutter is made with: light that passes, how fast it follows, at which levels."""
 
     transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
     leakage: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    rise_ms: Annotated[float, Field(ge=0, le=1e5)] | None = None
+    fall_ms: Annotated[float, Field(ge=0, le=1e5)] | None = None
+    delay_ms: Annotated[float, Field(ge=0, le=1e5)] | None = None
+    levels: Annotated[int, Field(ge=2, le=65536)] | None = None
+    num_slots: Annotated[int, Field(ge=2, le=4096)] | None = None
+    min_open_slots: Annotated[int, Field(ge=1, le=4096)] | None = None
+    min_closed_slots: Annotated[int, Field(ge=1, le=4096)] | None = None
 
 
 @final

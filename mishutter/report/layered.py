@@ -116,7 +116,7 @@ def _captured(
     time = np.linspace(-1, 1, _NUM_TIMES) * float(motion.half_exposure)
     way = (a * time - relative[1]) * time
     swept = _swept(_placed(layers, [0.0, 0.0])[1], float(np.min(way)), float(np.max(way)))
-    gain = 1 / max(float(np.asarray(scene.light(shutter).efficiency())), _LEAST_EFFICIENCY)
+    gain = 1 / max(float(np.asarray(scene.light(shutter, motion).efficiency())), _LEAST_EFFICIENCY)
     error = np.mean((restored - truth) ** 2, axis=2)
     return LayeredCapture(
         exposure=float(motion.exposure),

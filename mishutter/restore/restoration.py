@@ -226,7 +226,7 @@ def restore_by_each(
     require(row, "restore_photograph(speeds=...)", "be one row of at least one speed", got)
     weights = np.asarray(scene.weights) if speeds is None else None
     key = jax.random.key(0) if key is None else key
-    shutter = scene.light(shutter)
+    shutter = scene.light(shutter, motion)
     window, inner = _common_columns(light.shape[-2], motion, chosen_speeds, least_taps)
     reference = _seen_by_optics(np.asarray(light), scene)[:, window]
     model = blur_model(scene, motion, shutter, plan=plan, least_taps=least_taps)

@@ -81,7 +81,8 @@ class Engine:
 
     def _kit(self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]) -> Kit:
         scenes = scenes_for(self.scenes, shutter, skips=self.grid.skips)
-        lights = [self.scenes[0].light(each) for each in coordinates]
+        longest = self.grid.half_exposures[-1]  # of no matter to a device without a lag
+        lights = [self.scenes[0].light(each, longest) for each in coordinates]
         return Kit(shutter, rules_of(lights, self.shapes, self.grid.dtype), scenes)
 
     def computed(self, blocks: Iterable[Block]) -> Iterator[Arrays]:

@@ -6,14 +6,18 @@ from support.designs import LIMITS, MOTION, SCENE, SMALL
 
 from mishutter import (
     Burst,
+    ChippedShutter,
     Design,
     DesignLoss,
     ExpectedErrorLoss,
+    FirstOrderShutter,
     HannShutter,
     IdealShutter,
     RectShutter,
     Scene,
+    SplineShutter,
     StillCamera,
+    SwitchedShutter,
     best_snapshots,
     compare,
     drive_table,
@@ -21,6 +25,7 @@ from mishutter import (
     optimise,
     sweep,
 )
+from mishutter.model import diffused, runs_are_long_enough, slot_means
 
 LEAKY = IdealShutter(transmission=0.8, leakage=0.2)
 
@@ -143,3 +148,103 @@ def test_a_shutter_that_loses_light_is_not_built():
     assert found.row("rect").metrics.efficiency == 1
     assert float(found.row("Hann").metrics.efficiency) == pytest.approx(0.15)
     assert burst.num_frames >= 2
+
+
+SLOW = FirstOrderShutter(rise_time=4e-3, fall_time=7e-3, transmission=0.9, num_slots=24)
+FEW = {"num_starts": 2, "max_steps": 30}
+
+
+@pytest.mark.parametrize("loss", [ExpectedErrorLoss(), DesignLoss()])
+def test_a_design_through_a_lag_beats_one_that_is_sent_blindly(loss, tmp_path):
+    """By the loss of its light, at the same motion, and it comes back from its file."""
+    scene = _scene(device=SLOW)
+    found = optimise(scene, MOTION, free="shutter", loss=loss, **FEW)
+    ideal = optimise(_scene(device=SLOW.without_lag), MOTION, free="shutter", loss=loss, **FEW)
+    blind = float(loss(scene, MOTION, ideal.command))
+    assert found.loss < blind
+    assert float(loss(scene, found.motion, found.command)) == pytest.approx(found.loss, rel=1e-5)
+    level = float(evaluate(scene, MOTION, ideal.command).expected_psnr)
+    assert found.blind_psnr == pytest.approx(level, abs=1e-4)
+    assert isinstance(found.command, SplineShutter)
+    assert not found.command.symmetric
+    if isinstance(loss, ExpectedErrorLoss):
+        found.save(tmp_path / "design.json")
+        read = Design.load(tmp_path / "design.json")
+        assert str(read.metrics) == str(found.metrics)
+        assert read.blind_psnr == found.blind_psnr
+        assert read.scene.device.num_slots == 24
+
+
+def test_a_free_exposure_knows_how_much_a_device_can_follow():
+    """The loss that the search reports is that of the light at the exposure that it found."""
+    scene = _scene(device=SLOW, full_well=900.0)
+    found = optimise(scene, MOTION, HannShutter(), free=("half_exposure", "acceleration"))
+    light = scene.light(HannShutter(), found.motion)
+    level = float(ExpectedErrorLoss()(scene, found.motion, light))
+    assert level == pytest.approx(found.loss, rel=1e-5)
+    electrons = 1e5 * float(found.motion.exposure) * float(light.efficiency())
+    assert electrons <= 900.0 * (1 + 1e-5)
+
+
+DISCRETE = {
+    "switched": SwitchedShutter(num_slots=40, min_open=2, min_closed=3),
+    "levels": IdealShutter(levels=4, num_slots=24, transmission=0.9),
+    "lagging levels": FirstOrderShutter(rise_time=1e-3, fall_time=1e-3, num_slots=24, levels=3),
+}
+
+
+@pytest.mark.parametrize("name", DISCRETE)
+def test_levels_are_part_of_the_search(name, tmp_path):
+    """Only those of the device, better than rounding blindly, and no change of one slot helps."""
+    device = DISCRETE[name]
+    scene = _scene(device=device)
+    found = optimise(scene, MOTION, free="shutter", **FEW)
+    slots = np.asarray(found.command.transmittances)
+    steps = device.levels - 1
+    whole = np.rint(slots * steps).astype(int)
+    np.testing.assert_allclose(slots * steps, whole, atol=1e-5)
+    assert runs_are_long_enough(whole[None], device.min_open, device.min_closed).all()
+    ideal = optimise(_scene(device=device.without_lag), MOTION, free="shutter", **FEW)
+    means = slot_means(ideal.command, device.num_slots, np.dtype(float))
+    rounded = diffused(means, device.levels, device.min_open, device.min_closed)
+    loss = ExpectedErrorLoss()
+    blind = float(loss(scene, MOTION, ChippedShutter(rounded)))
+    assert found.loss < blind
+    assert float(loss(scene, MOTION, found.command)) == pytest.approx(found.loss, rel=1e-5)
+    for place in (3, 11, 17):
+        changed = whole.copy()
+        changed[place] += 1 if changed[place] < steps else -1
+        if runs_are_long_enough(changed[None], device.min_open, device.min_closed).all():
+            near = ChippedShutter(changed / steps)
+            assert float(loss(scene, MOTION, near)) >= found.loss * (1 - 1e-6)
+    found.save(tmp_path / "design.json")
+    device_read = Design.load(tmp_path / "design.json").scene.device
+    assert str(vars(device_read)) == str(vars(device))
+
+
+def test_a_sweep_has_one_light_at_every_exposure():
+    """A device that lags is refused, and where profiles are searched one of few levels."""
+    axes = {"accelerations": [0.0], "half_exposures": [1e-3]}
+    with pytest.raises(ValueError, match="have a device that can follow its command at once"):
+        sweep(_scene(device=SLOW), **axes)
+    with pytest.raises(ValueError, match="be False where a device has levels"):
+        sweep(_scene(device=SwitchedShutter()), optimise=True, **axes)
+
+
+@pytest.mark.slow
+def test_a_comparison_is_of_light_and_names_the_blind_drive():
+    """Windows go through the device, the open shutter does not, and the notes say what it does."""
+    scene = _scene(device=SLOW)
+    found = optimise(scene, MOTION, num_starts=4)
+    table = compare(scene, found)
+    losses, times, slots, blind = table.notes
+    assert losses.startswith("The shutter passes 90.0% of the light when open")
+    assert times == "It rises from 10 to 90 % in 4 ms and falls in 7 ms."
+    assert slots == "It holds any level over each of 24 slots."
+    assert f"{found.blind_psnr:.2f} dB" in blind
+    assert max(map(len, table.notes)) <= 80
+    assert table.row("rect").metrics.efficiency == 1
+    hann = table.row("Hann")
+    light = scene.light(HannShutter(), hann.motion)
+    assert float(hann.metrics.efficiency) == pytest.approx(float(light.efficiency()), abs=1e-6)
+    assert float(table.row("optimised").metrics.expected_psnr) >= found.blind_psnr

@@ -2,25 +2,33 @@
 
 import jax
 import jax.numpy as jnp
+import mpmath as mp
 import numpy as np
 import pytest
-from support.cases import SHUTTERS
+from support.cases import DEVICES, SHUTTERS
+from support.classes import final_classes
 
+import mishutter
 from mishutter import (
+    AbstractDevice,
     AbstractShutter,
+    ChippedShutter,
+    FirstOrderShutter,
     HannShutter,
     IdealShutter,
     ParabolicMotion,
     RectShutter,
     Scene,
     StillCamera,
+    SwitchedShutter,
+    TriangleShutter,
     blur_kernel,
     blur_model,
     evaluate,
     simulate_capture,
     transfer_function,
 )
-from mishutter.model import command_of
+from mishutter.model import command_of, diffused, runs_are_long_enough, slot_means
 
 T, LEAKAGE = 0.83, 0.07
 DEVICE = IdealShutter(transmission=T, leakage=LEAKAGE)
@@ -31,7 +39,7 @@ TAU = np.linspace(-1.2, 1.2, 241)
 
 
 def _light(shutter):
-    return DEVICE.light(shutter, np.dtype(float))
+    return DEVICE.light(shutter, 1e-2, np.dtype(float))
 
 
 @pytest.mark.parametrize("slug", [slug for slug in SHUTTERS if slug != "rect"])
@@ -66,15 +74,15 @@ def test_kernels_are_a_mixture(slug, speed):
 
 def test_an_open_shutter_needs_no_device():
     """It loses nothing, and what has been through a device is not sent again."""
-    opened, light = RectShutter(), SCENE.light(HannShutter())
-    assert SCENE.light(opened) is opened
-    assert SCENE.light(light) is light
+    opened, light = RectShutter(), SCENE.light(HannShutter(), MOTION)
+    assert SCENE.light(opened, MOTION) is opened
+    assert SCENE.light(light, MOTION) is light
     assert float(evaluate(SCENE, MOTION, opened).efficiency) == 1
 
 
 def test_whatever_is_measured_is_of_the_light():
     """Metrics, decoders and captures of a profile are those of its transmittance."""
-    command, light = HannShutter(), SCENE.light(HannShutter())
+    command, light = HannShutter(), SCENE.light(HannShutter(), MOTION)
     first, second = (evaluate(SCENE, MOTION, shutter) for shutter in (command, light))
     assert str(first) == str(second)
     assert float(first.efficiency) == pytest.approx(T * (LEAKAGE + (1 - LEAKAGE) / 2))
@@ -133,6 +141,241 @@ class Ramp(AbstractShutter):
 def test_a_shutter_of_ones_own_comes_back_as_itself():
     """Interpolated on its way through a device."""
     ramp = Ramp()
-    light = SCENE.light(ramp)
+    light = SCENE.light(ramp, MOTION)
     assert command_of(light) is ramp
     assert float(light.efficiency()) == pytest.approx(T * (LEAKAGE + (1 - LEAKAGE) / 2))
+
+
+HALF = float(MOTION.half_exposure)
+LEVELS = np.array([0.31, 0.9, 0.0, 0.0, 0.62, 1.0, 0.17])
+TIMES = {
+    "usual": (1.9e-3, 4.3e-3, 0.0),
+    "late": (1.9e-3, 0.6e-3, 3.1e-3),
+    "later-than-all": (1.9e-3, 0.6e-3, 0.05),
+    "fast": (3.3e-6, 1.7e-5, 0.0),
+    "at-once": (0.0, 0.0, 1.2e-3),
+    "one-way": (0.0, 2.7e-3, 0.0),
+    "slow": (310.0, 4.1e3, 0.0),
+}
+
+
+def _lagged(times, **others):
+    rise, fall, delay = times
+    return FirstOrderShutter(rise_time=rise, fall_time=fall, num_slots=7, delay=delay, **others)
+
+
+def _events(times):
+    """States at the ends of slots at 50 digits: `(begin, end, level, state, constant)`."""
+    rise, fall, delay = (mp.mpf(x) for x in times)
+    half, count = mp.mpf(HALF), len(LEVELS)
+    ends = [-half + delay + 2 * half * k / count for k in range(1, count)]
+    inner = [max(-half, min(half, end)) for end in ends]
+    state, found = mp.mpf(float(LEVELS[0])), []
+    for begin, end, level in zip([-half, *inner], [*inner, half], LEVELS, strict=True):
+        constant = (rise if level > state else fall) / mp.log(9)
+        found.append((begin, end, mp.mpf(float(level)), state, constant))
+        state = _state(found[-1], end)
+    return found
+
+
+def _state(event, time):
+    begin, _, level, start, constant = event
+    if time == begin:
+        return start
+    return level + (start - level) * (mp.exp(-(time - begin) / constant) if constant else 0)
+
+
+def _integral(event):
+    begin, end, level, start, constant = event
+    way = (1 - mp.exp(-(end - begin) / constant)) * constant if constant and end > begin else 0
+    return level * (end - begin) + (start - level) * way
+
+
+def test_every_device_is_a_case():
+    """No final class of a device is left out of the contract tests."""
+    classes = final_classes(mishutter, AbstractDevice)
+    assert classes == {type(make()) for make in DEVICES.values()}
+
+
+@pytest.mark.parametrize("slug", DEVICES)
+def test_what_a_device_makes_of_a_command(slug):
+    """Lies between leakage and transmission, is not sent again, and leaves an open one open."""
+    device = DEVICES[slug]()
+    light = device.light(HannShutter(), HALF, np.dtype(float))
+    found = np.asarray(light.transmittance(np.linspace(-1, 1, 173)))
+    t, closed = float(device.transmission), float(device.transmission * device.leakage)
+    assert closed - 1e-9 <= found.min() < found.max() <= t + 1e-9
+    assert device.light(light, HALF, np.dtype(float)) is light
+    opened = RectShutter()
+    assert device.light(opened, HALF, np.dtype(float)) is opened
+    again = device.light(command_of(light), HALF, np.dtype(float))
+    np.testing.assert_allclose(np.asarray(again.transmittance(TAU)), light.transmittance(TAU))
+
+
+@pytest.mark.parametrize("slug", TIMES)
+def test_the_state_of_a_first_order_device_is_exact(slug):
+    """Its values and its light against 50 digits, of times from none to for ever."""
+    times = TIMES[slug]
+    with mp.workdps(50):
+        events = _events(times)
+        tau = np.array([-1.0, -0.93, -0.72, -0.713, -0.4285, -0.2, 0.01, 0.33, 0.7143, 0.9, 1.0])
+        exact = []
+        for x in tau:
+            time = mp.mpf(float(x)) * mp.mpf(HALF)
+            event = [e for e in events if e[0] <= time <= e[1] and e[0] < e[1]][-1]
+            exact.append(float(_state(event, time)))
+        efficiency = float(sum(map(_integral, events)) / (2 * mp.mpf(HALF)))
+    light = _lagged(times).light(ChippedShutter(LEVELS), HALF, np.dtype(float))
+    tight = np.finfo(np.asarray(light.transmittance(0.0)).dtype).bits == 64
+    atol = 2e-12 if tight else 2e-5
+    np.testing.assert_allclose(np.asarray(light.transmittance(tau)), exact, rtol=0, atol=atol)
+    assert float(light.efficiency()) == pytest.approx(efficiency, abs=atol)
+
+
+def test_a_mean_from_closed_keeps_its_digits():
+    """Light that has just begun to rise is exact relative to itself, not to full light."""
+    with mp.workdps(40):
+        constant = mp.mpf("1.9e-3") / mp.log(9)
+        width = mp.mpf("1e-9")  # of the slot after the second closed one begins
+        exact = float(1 - (1 - mp.exp(-width / constant)) * constant / width)
+    device = FirstOrderShutter(rise_time=1.9e-3, fall_time=0.0, num_slots=2)
+    profile = device.light(ChippedShutter([0.0, 1.0]), HALF, np.dtype(float)).profile
+    tau = width / mp.mpf(HALF)
+    wide = jnp.asarray([float(tau)])
+    piece = jnp.asarray([2])
+    found = profile.piece_mean(piece, piece > 0, wide / 2, wide)
+    precise = found.dtype == np.float64
+    assert float(found[0]) == pytest.approx(exact, rel=1e-13 if precise else 1e-5)
+
+
+@pytest.mark.parametrize("slug", ["late", "fast"])
+def test_responses_are_those_of_a_simulation_in_time(slug):
+    """Kernels and transfer functions against sums over times between which little changes."""
+    light = _lagged(TIMES[slug]).light(ChippedShutter(LEVELS), HALF, np.dtype(float))
+    ends = np.linspace(-1, 1, 400_001)
+    tau = (ends[1:] + ends[:-1]) / 2
+    opened, speed, a = np.asarray(light.transmittance(tau)), 430.0, float(MOTION.acceleration)
+    x = a * (tau * HALF) ** 2 - speed * tau * HALF
+    taps = np.histogram(x + speed**2 / (4 * a), np.arange(49), weights=opened)[0] / tau.size
+    kernel = np.asarray(blur_kernel(light, MOTION, speed=speed, num_taps=48))
+    np.testing.assert_allclose(kernel, taps, atol=1e-5)
+    frequency = np.array([0.013, 0.11, 0.47])
+    waves = np.exp(-2j * np.pi * np.outer(frequency, x)) @ opened / tau.size
+    found = np.asarray(transfer_function(light, MOTION, speed=speed, frequency=frequency))
+    np.testing.assert_allclose(found, waves, atol=1e-5)
+
+
+def test_a_level_that_is_held_is_at_rest():
+    """A constant command is its own light: the first level has been held since long before."""
+    light = _lagged(TIMES["late"]).light(ChippedShutter(np.full(7, 0.37)), HALF, np.dtype(float))
+    np.testing.assert_allclose(np.asarray(light.transmittance(np.linspace(-1, 1, 9))), 0.37)
+
+
+@jax.jit
+def _number(times, half, levels):
+    """Efficiency and taps, in one number, of levels through a device."""
+    device = FirstOrderShutter(rise_time=times[0], fall_time=times[1], num_slots=7, delay=times[2])
+    motion = ParabolicMotion(acceleration=2e5, half_exposure=half)
+    light = device.light(ChippedShutter(levels), half, np.dtype(levels.dtype))
+    kernel = blur_kernel(light, motion, speed=430.0, num_taps=32)
+    return light.efficiency() + kernel @ jnp.asarray(np.cos(np.arange(32)), kernel.dtype)
+
+
+def test_gradients_of_a_first_order_device():
+    """By its times, the exposure and each level, against central differences."""
+    wide = jnp.zeros(()).dtype == jnp.float64
+    start = [1.9e-3, 4.3e-3, 1.7e-3], HALF, np.clip(LEVELS, 0.05, 0.95)
+    arguments = tuple(jnp.asarray(x, float) for x in start)
+    gradient = jax.jit(jax.grad(_number, argnums=(0, 1, 2)))(*arguments)
+    for index, (slopes, argument) in enumerate(zip(gradient, arguments, strict=True)):
+        scale = np.abs(np.asarray(slopes)).max()
+        for place in np.ndindex(argument.shape):
+            step = (1e-6 if wide else 1e-2) * float(argument[place])
+            ends = []
+            for sign in (1, -1):
+                moved = list(arguments)
+                moved[index] = argument.at[place].add(sign * step)
+                ends.append(float(_number(*moved)))
+            found, difference = float(slopes[place]), (ends[0] - ends[1]) / (2 * step)
+            assert found == pytest.approx(difference, abs=(2e-6 if wide else 5e-2) * scale)
+
+
+def test_a_symmetric_command_is_no_symmetric_light():
+    """Speeds of either sign are told apart, as by a plan that folds none."""
+    device = FirstOrderShutter(rise_time=3e-3, fall_time=8e-3)
+    scene = Scene([-900.0, 0.0, 900.0], **LIGHT, device=device)
+    planned, whole = (
+        evaluate(scene, MOTION, HannShutter(), plan=p)
+        for p in (mishutter.plan(scene, MOTION, HannShutter()), None)
+    )
+    assert float(planned.expected_psnr) == pytest.approx(float(whole.expected_psnr), abs=1e-5)
+    assert float(planned.kernel_difference) == pytest.approx(float(whole.kernel_difference))
+
+
+@pytest.mark.parametrize("slug", ["hann", "tukey", "flutter", "spline", "triangle"])
+def test_slots_hold_means(slug):
+    """Of any profile: over all of them they are its efficiency, and each that of fine samples."""
+    shutter = SHUTTERS[slug].shutter()
+    light = IdealShutter(num_slots=13).light(shutter, HALF, np.dtype(float))
+    assert float(light.efficiency()) == pytest.approx(float(shutter.efficiency()), abs=1e-6)
+    fine = np.asarray(shutter.transmittance((np.arange(13 * 4096) + 0.5) / (13 * 2048) - 1))
+    middles = np.arange(13) * (2 / 13) - 1 + 1 / 13
+    means = fine.reshape(13, -1).mean(axis=1)
+    np.testing.assert_allclose(np.asarray(light.transmittance(middles)), means, atol=1e-4)
+
+
+def test_error_diffusion_keeps_light():
+    """To half a level over the whole, and levels that are there already stay."""
+    means = np.clip(0.5 + 0.5 * np.sin(np.arange(97) / 11), 0, 1)
+    for levels in (2, 3, 7):
+        found = np.asarray(diffused(jnp.asarray(means), levels))
+        assert abs(found.sum() - means.sum()) <= 0.51 / (levels - 1)
+        np.testing.assert_allclose(found * (levels - 1) % 1, 0, atol=1e-5)
+        np.testing.assert_array_equal(np.asarray(diffused(jnp.asarray(found), levels)), found)
+
+
+def test_runs_of_a_switched_shutter_are_long_enough():
+    """As many slots in a row are open and closed as the device needs, ends aside."""
+    means = np.clip(0.5 + 0.6 * np.sin(np.arange(97) / 7), 0, 1)
+    found = np.asarray(diffused(jnp.asarray(means), 2, min_open=3, min_closed=4))
+    assert runs_are_long_enough(np.rint(found).astype(int)[None], 3, 4).all()
+    assert abs(found.sum() - means.sum()) <= 4
+    rows = np.array([[1, 0, 0, 1, 1, 0], [0, 1, 0, 0, 1, 1], [0, 1, 1, 0, 1, 1]])
+    assert runs_are_long_enough(rows, 2, 2).tolist() == [True, False, False]
+
+
+def test_slots_of_a_profile_of_ones_own():
+    """Whose pieces are interpolants: the mean of a ramp over each slot."""
+    light = SwitchedShutter(num_slots=8).light(Ramp(), HALF, np.dtype(float))
+    assert isinstance(command_of(light), ChippedShutter)
+    assert float(light.efficiency()) == pytest.approx(0.5, abs=1 / 16 + 1e-6)
+    profile = TriangleShutter()
+    means = slot_means(profile, 4, np.dtype(float))
+    np.testing.assert_allclose(np.asarray(means), [0.25, 0.75, 0.75, 0.25], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: FirstOrderShutter(rise_time=-1e-3, fall_time=1.0), r"rise_time=...\)` must"),
+        (
+            lambda: FirstOrderShutter(rise_time=1.0, fall_time=np.nan),
+            r"fall_time=...\)` must",
+        ),
+        (
+            lambda: FirstOrderShutter(rise_time=1.0, fall_time=1.0, delay=-1.0),
+            r"delay=...\)` must be at least 0",
+        ),
+        (lambda: SwitchedShutter(num_slots=1), r"num_slots=...\)` must be 2 to 4096; got 1"),
+        (lambda: SwitchedShutter(min_open=0), r"min_open=...\)` must be a positive integer"),
+        (lambda: IdealShutter(levels=1), r"levels=...\)` must be 2 to 65536; got 1"),
+        (
+            lambda: SwitchedShutter(leakage=1.0),
+            r"`SwitchedShutter\(leakage=...\)` must be at",
+        ),
+    ],
+)
+def test_numbers_that_no_device_has(make, text):
+    """Are refused in one line."""
+    with pytest.raises(ValueError, match=text):
+        make()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.bad_scenes import EXAMPLE, LINES, edited
 
-from mishutter import Scene
+from mishutter import FirstOrderShutter, IdealShutter, Scene, SwitchedShutter
 from mishutter.model.images import example_picture, row_power_spectrum, write_picture
 from mishutter.model.scene_file import example_scene, read_scene
 
@@ -198,3 +198,42 @@ def test_a_picture_that_is_missing_is_told_with_the_scene_that_names_it(tmp_path
     path.write_text(edited("path = ", 'path = "no.png"'))
     with pytest.raises(FileNotFoundError, match=r"scene\.toml: .*no\.png', not found"):
         read_scene(path)
+
+
+@pytest.mark.parametrize(
+    ("keys", "device"),
+    [
+        ("transmission = 0.4", IdealShutter(transmission=0.4)),
+        (
+            "rise_ms = 2.5\nleakage = 0.1\nlevels = 16",
+            FirstOrderShutter(rise_time=2.5e-3, fall_time=2.5e-3, leakage=0.1, levels=16),
+        ),
+        (
+            "rise_ms = 2.0\nfall_ms = 7.0\ndelay_ms = 0.5\nnum_slots = 32",
+            FirstOrderShutter(rise_time=2e-3, fall_time=7e-3, delay=5e-4, num_slots=32),
+        ),
+        ("num_slots = 96", SwitchedShutter(num_slots=96)),
+        ("min_open_slots = 3", SwitchedShutter(min_open=3)),
+        ("levels = 5\nnum_slots = 96", IdealShutter(levels=5, num_slots=96)),
+    ],
+)
+def test_what_a_shutter_is_made_with(tmp_path, keys, device):
+    """Keys tell the kind of device, and milliseconds become seconds."""
+    scene = Scene.load(str(written(tmp_path, f"{EXAMPLE}\n[shutter]\n{keys}\n")))
+    assert type(scene.device) is type(device)
+    assert str(vars(scene.device)) == str(vars(device))
+
+
+@pytest.mark.parametrize(
+    ("keys", "text"),
+    [
+        ("delay_ms = 1.0", r"\[shutter\] delay_ms` must stand beside rise_ms or fall_ms"),
+        ("rise_ms = 1.0\nmin_open_slots = 2", r"\[shutter\] min_open_slots` must be left to"),
+        ("rise_ms = -1.0", r"\[shutter\] rise_ms"),
+        ("num_slots = 1", r"\[shutter\] num_slots"),
+    ],
+)
+def test_keys_that_no_shutter_has_together(tmp_path, keys, text):
+    """Are named in one line."""
+    with pytest.raises(ValueError, match=text):
+        Scene.load(str(written(tmp_path, f"{EXAMPLE}\n[shutter]\n{keys}\n")))

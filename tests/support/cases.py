@@ -12,13 +12,16 @@ from mishutter import (
     RASKAR_CODE,
     AbstractShutter,
     ChippedShutter,
+    FirstOrderShutter,
     GaussianShutter,
     HannShutter,
+    IdealShutter,
     LinearMotion,
     ParabolicMotion,
     RectShutter,
     SplineShutter,
     StillCamera,
+    SwitchedShutter,
     TriangleShutter,
     TukeyShutter,
 )
@@ -90,6 +93,21 @@ SHUTTERS = {
         lambda p: SplineShutter(p, symmetric=True, num_coefficients=11),
         _mirrored(11),
     ),
+}
+
+DEVICES = {
+    "ideal": lambda: IdealShutter(transmission=0.83, leakage=0.07),
+    "ideal-of-levels": lambda: IdealShutter(leakage=0.02, levels=5, num_slots=23),
+    "first-order": lambda: FirstOrderShutter(
+        rise_time=1.7e-3, fall_time=4.1e-3, transmission=0.9, leakage=0.03, num_slots=11
+    ),
+    "first-order-late": lambda: FirstOrderShutter(
+        rise_time=2.9e-3, fall_time=1.3e-3, num_slots=13, delay=1.1e-3
+    ),
+    "first-order-of-levels": lambda: FirstOrderShutter(
+        rise_time=0.4e-3, fall_time=0.7e-3, num_slots=19, levels=3
+    ),
+    "switched": lambda: SwitchedShutter(num_slots=29, min_open=2, min_closed=3, transmission=0.7),
 }
 
 MOTIONS = {

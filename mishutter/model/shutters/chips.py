@@ -50,7 +50,8 @@ class ChippedShutter(AbstractAdjustableShutter):
         one_row = chips.ndim == 1 and chips.size >= 1
         require(one_row, subject, "be one row of at least one chip", shape_of(chips))
         if is_concrete(chips):
-            require(bool(jnp.all((chips >= 0) & (chips <= 1))), subject, "lie in [0, 1]", chips)
+            known = np.asarray(chips)
+            require(bool(np.all((known >= 0) & (known <= 1))), subject, "lie in [0, 1]", chips)
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = jnp.asarray(tau, common_dtype(self.transmittances, tau))

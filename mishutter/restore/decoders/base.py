@@ -149,7 +149,7 @@ def _known_blur(
     least_taps: int,
 ) -> BlurModel:
     scene, motion = seen_from(scene, motion)
-    shutter = scene.light(shutter)
+    shutter = scene.light(shutter, motion)
     speeds = np.asarray(scene.speeds)
     num_taps, _ = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     weights = np.asarray(scene.weights, np.float64)

@@ -1,0 +1,154 @@
+r"""The transmittance of a first-order device, exactly, where its command is held over slots.
+
+Over a slot of level $c$ the state $x$ of a device of time constant $\sigma$ (in units of $\tau$)
+follows $\dot x = (c - x)/\sigma$, so that $x = c + (x_0 - c)\,e^{-o/\sigma}$ at an offset $o$. It
+never reaches $c$: the sign of $c - x_0$ tells whether it rises or falls over the whole slot.
+"""
+
+from typing import ClassVar, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import DoubleWord, compiled, two_sum
+from mishutter.model.shutters import AbstractPiecewiseShutter
+from mishutter.model.shutters.base import uniform_breakpoints
+from mishutter.model.shutters.bernstein import polynomial
+
+_TRANSIENT = 28.0
+"""Time constants after which a slot is taken to be at its level: 7e-13 of the way is left."""
+_SERIES = [(-1.0) ** (k + 1) / float(np.prod(np.arange(1.0, k + 2))) for k in range(16, 0, -1)]
+
+
+@final
+class LaggedShutter(AbstractPiecewiseShutter):
+    r"""State of a first-order device over an exposure.
+
+    Each slot is two pieces, the transient and the rest at its level, of which either may have no
+    length: what is left of the way after 28 time constants, 7e-13, is left out.
+
+    Args:
+        begins: Ends of the slots, ascending from -1 to 1; shape `(n + 1,)`.
+        levels: Level that each slot drives the device to; shape `(n,)`.
+        starts: State at the beginning of each slot; shape `(n,)`.
+        constants: Time constant of each slot, $\sigma$; shape `(n,)`.
+    """
+
+    begins: DoubleWord
+    levels: Array
+    starts: Array
+    constants: Array
+    panels_per_piece: ClassVar[int] = 1
+    smooth_length: ClassVar[float] = 2.0
+    equal_pieces: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        tau = jnp.asarray(tau, self.levels.dtype)
+        begins = self.begins.high
+        slot = jnp.clip(jnp.searchsorted(begins, tau, side="right") - 1, 0, self.levels.size - 1)
+        share = jnp.maximum(tau - begins[slot], 0) / self.constants[slot]
+        kept, gone = jnp.exp(-share), -jnp.expm1(-share)
+        state = self.starts[slot] * kept + self.levels[slot] * gone
+        return jnp.where(jnp.abs(tau) <= 1, state, jnp.zeros_like(state))
+
+    def dtype(self) -> np.dtype | None:
+        return np.dtype(self.levels.dtype)
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        high, low = (x.astype(dtype) for x in self.begins)
+        length = jnp.diff(high) + jnp.diff(low)
+        transient = _TRANSIENT * self.constants.astype(dtype)
+        short = transient < length
+        cut = two_sum(high[:-1], jnp.where(short, transient, 0.0))
+        cut = (jnp.where(short, cut.high, high[1:]), jnp.where(short, cut.low + low[:-1], low[1:]))
+        pairs = (
+            jnp.stack([begin[:-1], middle], axis=1).ravel()
+            for begin, middle in zip((high, low), cut, strict=True)
+        )
+        return DoubleWord(*(jnp.append(x, y[-1]) for x, y in zip(pairs, (high, low), strict=True)))
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        shape = (-1,) + (1,) * (offset.ndim - 1)
+        levels, starts, constants = (
+            jnp.repeat(x, 2).reshape(shape).astype(offset.dtype)
+            for x in (self.levels, self.starts, self.constants)
+        )
+        rests = (np.arange(offset.shape[0]) % 2 == 1).reshape(shape)
+        share = jnp.where(rests, jnp.zeros_like(offset), offset) / constants
+        state = starts * jnp.exp(-share) - levels * jnp.expm1(-share)
+        return jnp.where(rests, levels, state)
+
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+        dtype = np.dtype(width.dtype)
+        ends = self.breakpoints(dtype)
+        length = (jnp.diff(ends.high) + jnp.diff(ends.low))[piece]
+        levels, starts, constants = (
+            x.astype(dtype)[piece // 2] for x in (self.levels, self.starts, self.constants)
+        )
+        begin = jnp.where(from_left, distance, length - distance) - width / 2
+        # A clip would have no slope, or half of it, where an interval begins with its slot.
+        begin = begin + jax.lax.stop_gradient(jnp.maximum(begin, 0) - begin)
+        rests = piece % 2 == 1
+        begin, width = (jnp.where(rests, 0.0, x) / constants for x in (begin, width))
+        kept = jnp.exp(-begin)
+        deficit, mean = _means(width)
+        gone = kept * deficit - jnp.expm1(-begin)
+        return jnp.where(rests, levels, starts * (kept * mean) + levels * gone)
+
+
+def _means(width: Array) -> tuple[Array, Array]:
+    r"""Means of $1 - e^{-y}$ and of $e^{-y}$ over `[0, width]`, neither by cancellation."""
+    narrow = width < 0.5
+    small, large = jnp.where(narrow, width, 0.0), jnp.where(narrow, 1.0, width)
+    mean = -jnp.expm1(-large) / large
+    series = small * polynomial(_SERIES, small)
+    return jnp.where(narrow, series, 1 - mean), jnp.where(narrow, 1 - series, mean)
+
+
+@compiled
+def lagged(levels: Array, rise: Array, fall: Array, delay: Array | None = None) -> LaggedShutter:
+    r"""The state of a first-order device that is driven to a level in each of equal slots.
+
+    The first level is held long before the exposure, so that the state at $\tau = -1$ is that.
+
+    Args:
+        levels: Level of each slot, in `[0, 1]`; shape `(n,)`.
+        rise: Time constant where the state rises, in units of $\tau$.
+        fall: Time constant where it falls.
+        delay: Time, in units of $\tau$, by which the device follows late; None for none.
+    """
+    dtype, count = np.dtype(levels.dtype), levels.size
+    begins = uniform_breakpoints(count, dtype)
+    if delay is not None:
+        slot = 2 / count
+        late = jnp.floor(jax.lax.stop_gradient(delay) / slot)
+        past = jnp.clip(delay - late * slot, 0, slot)
+        inner = two_sum(begins.high[:-1], jnp.broadcast_to(past, (count,)))
+        begins = DoubleWord(
+            jnp.concatenate([begins.high[:1], inner.high, begins.high[-1:]]),
+            jnp.concatenate([begins.low[:1], inner.low + begins.low[:-1], begins.low[-1:]]),
+        )
+        sent = (
+            jnp.arange(count + 1, dtype=jnp.int32) - 1 - jnp.minimum(late, count).astype(jnp.int32)
+        )
+        levels = levels[jnp.clip(sent, 0, count - 1)]
+    lengths = jnp.diff(begins.high) + jnp.diff(begins.low)
+    rise, fall = _some(rise), _some(fall)
+
+    def step(state: Array, slot: tuple[Array, Array]):
+        level, length = slot
+        constant = jnp.where(level > state, rise, fall)
+        gone = -jnp.expm1(-length / constant)
+        return state + (level - state) * gone, (state, constant)
+
+    _, (starts, constants) = jax.lax.scan(step, levels[0], (levels, lengths))
+    return LaggedShutter(begins, levels, starts, constants)
+
+
+def _some(constant: Array) -> Array:
+    """A time constant of which there is some, with the derivative of that which is given."""
+    least = float(np.finfo(np.dtype(constant.dtype)).tiny) ** 0.25
+    return constant + jax.lax.stop_gradient(jnp.maximum(constant, least) - constant)

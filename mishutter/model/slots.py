@@ -1,0 +1,77 @@
+r"""Commands as drive electronics send them: one level held over each of equal slots.
+
+A slot holds the mean of the profile over it. Where a device shows few levels, each slot takes the
+level nearest to its mean and to what the slots before it left over (error diffusion, after Floyd
+and Steinberg, 1976): the light is that of the profile in the mean over a few slots.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import compiled
+from mishutter.model.shutters import AbstractPiecewiseShutter
+from mishutter.model.shutters.base import uniform_breakpoints
+
+_TIE = 1e-5
+"""Share of a level by which the upper of two equally near ones is preferred, so that no rounding
+decides."""
+_LONG = 1 << 30
+
+
+@compiled
+def slot_means(profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtype) -> Array:
+    """Mean transmittance over equal slots of the exposure; shape `(num_slots,)`."""
+    slots, ends = (
+        x.high for x in (uniform_breakpoints(num_slots, dtype), profile.breakpoints(dtype))
+    )
+    begin = jnp.maximum(slots[:-1, None], ends[None, :-1])
+    width = jnp.minimum(slots[1:, None], ends[None, 1:]) - begin
+    shared = width > 0
+    width = jnp.where(shared, width, 0.0)
+    middle = jnp.where(shared, begin, ends[None, :-1]) + width / 2
+    before, after = middle - ends[None, :-1], ends[None, 1:] - middle
+    from_left = before <= after
+    piece = jnp.broadcast_to(jnp.arange(ends.size - 1), width.shape)
+    mean = profile.piece_mean(piece, from_left, jnp.where(from_left, before, after), width)
+    return jnp.sum(width * jnp.where(shared, mean, 0.0), axis=1) / jnp.sum(width, axis=1)
+
+
+@compiled
+def diffused(means: Array, levels: int, min_open: int = 1, min_closed: int = 1) -> Array:
+    """The levels that slots take, as transmittances; shape `(n,)`, without a derivative.
+
+    Args:
+        means: Mean of the profile over each slot, in `[0, 1]`; shape `(n,)`.
+        levels: How many levels there are, in equal steps from 0 to 1.
+        min_open: Fewest slots in a row at 1, for a device of two levels; runs that reach over an
+            end of the exposure may be as long as it takes outside.
+        min_closed: The same at 0.
+    """
+    steps = levels - 1
+
+    def step(carry: tuple[Array, Array, Array], mean: Array):
+        left_over, last, run = carry
+        wanted = mean + left_over
+        level = jnp.clip(jnp.floor(wanted * steps + (0.5 + _TIE)) / steps, 0, 1)
+        shortest = jnp.where(last > 0.5, min_open, min_closed)
+        level = jnp.where((level != last) & (run < shortest), last, level)
+        run = jnp.where(level == last, run + 1, 1)
+        return (wanted - level, level, run), level
+
+    means = jax.lax.stop_gradient(means)
+    first = jnp.zeros_like(means[0]), jnp.full_like(means[0], -1.0), jnp.asarray(_LONG, jnp.int32)
+    return jax.lax.scan(step, first, means)[1]
+
+
+def runs_are_long_enough(slots: np.ndarray, min_open: int, min_closed: int) -> np.ndarray:
+    """Whether rows of 0 and 1 have no run that is too short, ends aside; `(k, n)` to `(k,)`."""
+    holds = np.ones(len(slots), bool)
+    for level, shortest in ((1, min_open), (0, min_closed)):
+        for length in range(1, shortest):
+            run = np.concatenate([[1 - level], np.full(length, level), [1 - level]])
+            if run.size <= slots.shape[1]:
+                windows = np.lib.stride_tricks.sliding_window_view(slots, run.size, axis=1)
+                holds &= ~np.any(np.all(windows == run, axis=2), axis=1)
+    return holds
