@@ -103,7 +103,7 @@ def _moving_jvp(primals, tangents, *, from_vertex, taps):
     scalars = enumerate((*(by_motion or (None,) * 3), by_shift))
     steps = {i: step for i, step in scalars if step is not None}
     if not steps and by_edges is None:
-        return light, _first_derivative(change, primals[1:])
+        return light, first_derivative(change, primals[1:])
     units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(light.dtype)
     rates = _rates(from_vertex, motion, taps, units)
     changes = [] if change is None else [change]
@@ -113,10 +113,10 @@ def _moving_jvp(primals, tangents, *, from_vertex, taps):
     if by_edges is not None:
         begin, end = by_edges[: light.size], by_edges[1 : light.size + 1]
         changes += [rates[-2] * ((begin + end) / 2), rates[-1] * (end - begin)]
-    return light, _first_derivative(sum(changes[1:], changes[0]), primals)
+    return light, first_derivative(sum(changes[1:], changes[0]), primals)
 
 
-def _first_derivative(change: Array, moved_by: Any) -> Array:
+def first_derivative(change: Array, moved_by: Any) -> Array:
     """A change of exposure whose own derivative by `moved_by` raises, where it would be 0."""
     known = _differentiated(moved_by)
     # Adds 0. JAX drops values that nothing uses, and would drop the error with them.
@@ -145,7 +145,7 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) ->
     """
     a, T, _ = motion
     # Stores them in memory, because every row of `units` reads them.
-    transmittance, rise = once(_transmittance_and_rise, taps)
+    transmittance, rise = once(transmittance_and_rise, taps)
     lit = jnp.where(taps.is_held, 0.0, transmittance)
     begin, end = (lit[k] for k in taps.parts)
     u, v = (taps.x.velocity[1:][k] for k in taps.parts)
@@ -183,7 +183,7 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) ->
     return jax.vmap(rate)(units)
 
 
-def _transmittance_and_rise(taps: Taps) -> tuple[Array, Array]:
+def transmittance_and_rise(taps: Taps) -> tuple[Array, Array]:
     """Transmittance at crossings, and its rise over each tap in the direction of time."""
     begin = taps.x.part(taps.parts[0])
     rise = _rise(taps.profile, begin, AFTER, taps.width)
@@ -287,4 +287,4 @@ def _moving_breakpoints_jvp(primals, tangents, *, profile, moves):
     changes = [] if change is None else [change]
     if by_tau is not None:
         changes.append(-jnp.where(moves, _steps(profile, light) * by_tau, 0.0))
-    return light, _first_derivative(sum(changes[1:], changes[0]), tau)
+    return light, first_derivative(sum(changes[1:], changes[0]), tau)

@@ -3,6 +3,9 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
+from abc import abstractmethod
+from fractions import Fraction
+from functools import lru_cache
 from typing import Any, final
 
 import equinox as eqx
@@ -11,25 +14,83 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import as_float, is_concrete, require, require_finite, require_scalar
+from mishutter._core import (
+    DoubleWord,
+    RowLike,
+    as_float,
+    fractions_as_words,
+    is_concrete,
+    require,
+    require_finite,
+    require_positive_int,
+    require_scalar,
+    shape_of,
+)
 
 
 class AbstractMotion(eqx.Module):
-    r"""A sensor on the path $x(t) = v t + a t^2$, $t \in [-T, T]$.
+    r"""A sensor on a path $x(t)$, $t \in [-T, T]$, which counts from mid-exposure.
 
-    Equation (5) of the paper with a velocity $v$ at mid-exposure, by which the sensor pans. A
-    point that moves at speed $s$ then passes over the sensor along $x(t) = a t^2 - (s - v) t$:
-    panning shifts every speed, and changes nothing else.
+    $v$ is its velocity at mid-exposure, by which it pans. A point that moves at speed $s$ then
+    passes over the sensor along $x(t) - s t$: panning shifts every speed, and changes nothing else.
     """
 
-    acceleration: eqx.AbstractVar[Array]
     half_exposure: eqx.AbstractVar[Array]
     velocity: eqx.AbstractVar[Array]
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
-        numbers = (f"{field}={getattr(self, field)}" for field in self.__dataclass_fields__)
+        numbers = (f"{name}={_shown(getattr(self, name))}" for name in self.__dataclass_fields__)
         return f"{type(self).__name__}({', '.join(numbers)})"
+
+    @property
+    def exposure(self) -> Array:
+        """Time from first to last light, $2T$; s."""
+        return 2 * self.half_exposure
+
+    @abstractmethod
+    def position(self, time: RowLike) -> Array:
+        """Position of the sensor, from where it is at mid-exposure; px, shape of `time`.
+
+        Args:
+            time: Time from mid-exposure, s; any shape. Outside of the exposure the sensor
+                accelerates as at its end.
+        """
+
+    @property
+    @abstractmethod
+    def stroke(self) -> Array:
+        """Travel of the sensor over the exposure beside that of its pan; px."""
+
+    @property
+    @abstractmethod
+    def speed_gain(self) -> Array:
+        """Greatest speed that the sensor gains or loses from mid-exposure; px/s."""
+
+    @property
+    @abstractmethod
+    def top_speed(self) -> Array:
+        """Greatest speed of the sensor during the exposure; px/s."""
+
+    @property
+    @abstractmethod
+    def greatest_acceleration(self) -> Array:
+        """Greatest rate at which the velocity changes, twice the parameter $a$; px/s^2."""
+
+
+class AbstractSteadyMotion(AbstractMotion):
+    r"""A sensor of constant acceleration, on the path $x(t) = v t + a t^2$.
+
+    Equation (5) of the paper with a velocity $v$ at mid-exposure. A point that moves at speed $s$
+    passes over the sensor along $x(t) = a t^2 - (s - v) t$.
+    """
+
+    acceleration: eqx.AbstractVar[Array]
+
+    def position(self, time: RowLike) -> Array:
+        """$v t + a t^2$; px, shape of `time`."""
+        time = jnp.asarray(time, self.half_exposure.dtype)
+        return (self.velocity + self.acceleration * time) * time
 
     @property
     def stroke(self) -> Array:
@@ -47,13 +108,13 @@ class AbstractMotion(eqx.Module):
         return self.speed_gain + jnp.abs(self.velocity)
 
     @property
-    def exposure(self) -> Array:
-        """Time from first to last light, $2T$; s."""
-        return 2 * self.half_exposure
+    def greatest_acceleration(self) -> Array:
+        """Rate at which the velocity changes, $2a$; px/s^2."""
+        return 2 * self.acceleration
 
 
 @final
-class ParabolicMotion(AbstractMotion):
+class ParabolicMotion(AbstractSteadyMotion):
     r"""Constant acceleration: the motion-invariant camera.
 
     Args:
@@ -83,7 +144,172 @@ class ParabolicMotion(AbstractMotion):
         _check_velocity("ParabolicMotion(velocity=...)", self.velocity)
 
 
-class AbstractStraightMotion(AbstractMotion):
+@final
+class FreeMotion(AbstractMotion):
+    r"""A path of piecewise constant acceleration, without a jump in position or velocity.
+
+    $x(t) = v t + 2\int_0^t (t - t')\,a(t')\,dt'$, where $a(t)$ is `accelerations[j]` on the
+    $j$-th of $K$ pieces of $[-T, T]$. With all of them equal it is the path of a `ParabolicMotion`.
+
+    Objects are aligned at the lowest position that they reach on the sensor during the exposure,
+    $\min_t x(t) - s t$. On a path whose accelerations are at least 0 that is where the sensor keeps
+    pace with the object, or the end of the exposure at which it all but does; of several turning
+    points it is the lowest. A path without any acceleration is aligned at mid-exposure.
+
+    Args:
+        accelerations: The parameter $a$ of each piece, half the mechanical acceleration; px/s^2,
+            either sign, shape `(K,)`.
+        half_exposure: $T$; s, above 0.
+        velocity: $v$, that at mid-exposure; px/s, either sign.
+        durations: How long the pieces are, on any scale; equally by default. They are at least 0,
+            and known; shape `(K,)`.
+
+    Raises:
+        ValueError: if a value is not finite, of another shape, or out of its range, or the
+            durations are all 0.
+    """
+
+    accelerations: Array
+    half_exposure: Array
+    velocity: Array
+    durations: tuple[float, ...] | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        *,
+        accelerations: RowLike,
+        half_exposure: ArrayLike,
+        velocity: ArrayLike = 0.0,
+        durations: RowLike | None = None,
+    ):
+        self.accelerations = as_float(accelerations, "FreeMotion(accelerations=...)")
+        self.half_exposure = as_float(half_exposure, "FreeMotion(half_exposure=...)")
+        self.velocity = _as_velocity(velocity, self.half_exposure, "FreeMotion")
+        self.durations = None if durations is None else _as_durations(durations)
+
+    def __check_init__(self) -> None:
+        subject, row = "FreeMotion(accelerations=...)", self.accelerations
+        one_row = row.ndim == 1 and row.size >= 1
+        require(one_row, subject, "be one row of at least one number", shape_of(row))
+        require_finite(subject, row)
+        _check_half_exposure("FreeMotion(half_exposure=...)", self.half_exposure)
+        _check_velocity("FreeMotion(velocity=...)", self.velocity)
+        if self.durations is not None:
+            requirement = f"be as many as the {row.size} accelerations"
+            got = len(self.durations)
+            require(got == row.size, "FreeMotion(durations=...)", requirement, got)
+
+    @classmethod
+    def fit(cls, motion: AbstractMotion, *, num_pieces: int = 12) -> "FreeMotion":
+        """The motion of equal pieces that has the velocity of another where pieces meet.
+
+        That of a parabola, and of a path whose pieces meet nowhere else, is the same path.
+
+        Args:
+            motion: The motion to follow.
+            num_pieces: Number of pieces $K$.
+
+        Raises:
+            ValueError: if `num_pieces` is not a positive integer.
+        """
+        count = require_positive_int("FreeMotion.fit(num_pieces=...)", num_pieces)
+        require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
+        if isinstance(motion, AbstractSteadyMotion):
+            return cls(
+                accelerations=jnp.broadcast_to(motion.acceleration, (count,)),
+                half_exposure=motion.half_exposure,
+                velocity=motion.velocity,
+            )
+        half = motion.half_exposure
+        ends = fractions_as_words(exact_ends(None, count), np.dtype(half.dtype)).high
+        velocity = motion.velocity_at(ends * half)
+        pan = jnp.interp(jnp.zeros_like(half), ends, velocity)
+        rates = jnp.diff(velocity) / (jnp.diff(ends) * (2 * half))
+        return cls(accelerations=rates, half_exposure=half, velocity=pan)
+
+    def position(self, time: RowLike) -> Array:
+        r"""$v t + 2\int_0^t (t - t')\,a(t')\,dt'$; px, shape of `time`."""
+        tau, begin, end = self._passed(time)
+        T = self.half_exposure
+        a = self.accelerations.astype(tau.dtype)
+        moved = jnp.sum(a * (end - begin) * jnp.abs(2 * tau[..., None] - begin - end), axis=-1)
+        return (self.velocity * T) * tau + (moved * T) * T
+
+    def velocity_at(self, time: RowLike) -> Array:
+        r"""$v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`."""
+        tau, begin, end = self._passed(time)
+        gained = jnp.sum(self.accelerations.astype(tau.dtype) * (end - begin), axis=-1)
+        return self.velocity + 2 * self.half_exposure * jnp.sign(tau) * gained
+
+    def _passed(self, time: RowLike) -> tuple[Array, Array, Array]:
+        r"""Times in units of $T$, and between which of them each piece is passed from 0 to there."""
+        tau = jnp.asarray(time, self.half_exposure.dtype) / self.half_exposure
+        ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
+        ends[[0, -1]] = -np.inf, np.inf
+        row = ends.astype(tau.dtype).reshape((1,) * tau.ndim + (-1,))
+        first, last = jnp.minimum(tau, 0)[..., None], jnp.maximum(tau, 0)[..., None]
+        places = jnp.clip(row, first, last)
+        return tau, places[..., :-1], places[..., 1:]
+
+    def lowest(self, speed: RowLike) -> Array:
+        r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`."""
+        return self._extreme(jnp.asarray(speed, self.half_exposure.dtype), 1.0)
+
+    def highest(self, speed: RowLike) -> Array:
+        r"""Highest position of objects on the sensor, $\max_t x(t) - s t$; px, shape of `speed`."""
+        return -self._extreme(jnp.asarray(speed, self.half_exposure.dtype), -1.0)
+
+    def _extreme(self, speed: Array, sign: float) -> Array:
+        """The lowest position on a path that is mirrored where `sign` is -1."""
+        T = self.half_exposure
+        ends = self.ends(np.dtype(T.dtype)).high
+        smear = speed[..., None] * T
+        position = sign * (self.position(ends * T) - smear * ends)
+        velocity = sign * (self.velocity_at(ends * T) * T - smear)
+        before, after = velocity[..., :-1], velocity[..., 1:]
+        stroke = sign * (self.accelerations * T * T)
+        turns = (before < 0) & (after > 0) & (stroke > 0)
+        rise = before * before / (4 * jnp.where(turns, stroke, 1.0))
+        turned = jnp.where(turns, position[..., :-1] - rise, position[..., :-1])
+        return jnp.minimum(jnp.min(turned, axis=-1), position[..., -1])
+
+    @property
+    def stroke(self) -> Array:
+        r"""Travel beside that of the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
+        return self.highest(self.velocity) - self.lowest(self.velocity)
+
+    @property
+    def speed_gain(self) -> Array:
+        r"""Greatest speed gained or lost from mid-exposure, $\max_t |x'(t) - v|$; px/s."""
+        ends = self.ends(np.dtype(self.half_exposure.dtype)).high * self.half_exposure
+        return jnp.max(jnp.abs(self.velocity_at(ends) - self.velocity))
+
+    @property
+    def top_speed(self) -> Array:
+        r"""Greatest speed of the sensor during the exposure, $\max_t |x'(t)|$; px/s."""
+        ends = self.ends(np.dtype(self.half_exposure.dtype)).high * self.half_exposure
+        return jnp.max(jnp.abs(self.velocity_at(ends)))
+
+    @property
+    def greatest_acceleration(self) -> Array:
+        """Greatest rate at which the velocity changes, twice that of $|a|$; px/s^2."""
+        return 2 * jnp.max(jnp.abs(self.accelerations))
+
+    def ends(self, dtype: np.dtype) -> DoubleWord:
+        r"""Where pieces begin and end, $\tau$ from -1 to 1; shape `(K + 1,)`."""
+        return fractions_as_words(exact_ends(self.durations, self.accelerations.size), dtype)
+
+
+@lru_cache
+def exact_ends(durations: tuple[float, ...] | None, num_pieces: int) -> tuple[Fraction, ...]:
+    r"""Where pieces of a `FreeMotion` begin and end, $\tau$ from -1 to 1."""
+    passed = [Fraction(0)]
+    for duration in durations or (1.0,) * num_pieces:
+        passed.append(passed[-1] + Fraction(duration))
+    return tuple(2 * time / passed[-1] - 1 for time in passed)
+
+
+class AbstractStraightMotion(AbstractSteadyMotion):
     """A sensor whose path is straight."""
 
     @property
@@ -145,8 +371,11 @@ def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
     """Whether objects are aligned at the vertex of their path; on the host where that is known.
 
     On a sensor without a stroke to speak of, whose powers leave the range of its precision,
-    they are aligned at mid-exposure.
+    they are aligned at mid-exposure; and so on a free path without acceleration.
     """
+    if isinstance(motion, FreeMotion):
+        known = is_concrete(motion.accelerations)
+        return np.any(np.asarray(motion.accelerations)) if known else jnp.any(motion.accelerations)
     a, half = (
         np.asarray(x) if is_concrete(x) else x for x in (motion.acceleration, motion.half_exposure)
     )
@@ -170,7 +399,8 @@ def settled(motion: AbstractMotion) -> AbstractMotion:
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
     if isinstance(motion, StillCamera):
         return motion
-    signs = motion.acceleration, has_vertex(motion)
+    free = isinstance(motion, FreeMotion)
+    signs = motion.accelerations if free else motion.acceleration, has_vertex(motion)
     if not any(is_known_zero(sign) for sign in signs):
         return motion
     if is_known_zero(motion.velocity):
@@ -183,27 +413,34 @@ def is_known_zero(value: Any) -> bool:
     return is_concrete(value) and not np.any(np.asarray(value))
 
 
-def as_parabolic(motion: AbstractMotion) -> ParabolicMotion:
-    """The same motion as the one kind that holds all, for programs that serve all."""
+def as_parabolic(motion: AbstractMotion) -> AbstractMotion:
+    """The same motion as the one kind that holds all but free ones, for programs that serve all."""
+    if isinstance(motion, FreeMotion):
+        return motion
     numbers = ("acceleration", "half_exposure", "velocity")
     return ParabolicMotion(**{name: getattr(motion, name) for name in numbers})
 
 
 def panned(motion: AbstractMotion, velocity: ArrayLike) -> AbstractMotion:
     """The motion at another velocity."""
-    half_exposure = motion.half_exposure
+    half = motion.half_exposure
+    if isinstance(motion, FreeMotion):
+        return FreeMotion(
+            accelerations=motion.accelerations,
+            half_exposure=half,
+            velocity=velocity,
+            durations=motion.durations,
+        )
     if isinstance(motion, AbstractStraightMotion):
-        return LinearMotion(half_exposure=half_exposure, velocity=velocity)
-    return ParabolicMotion(
-        acceleration=motion.acceleration, half_exposure=half_exposure, velocity=velocity
-    )
+        return LinearMotion(half_exposure=half, velocity=velocity)
+    return ParabolicMotion(acceleration=motion.acceleration, half_exposure=half, velocity=velocity)
 
 
 def without_velocity(motion: AbstractMotion) -> AbstractMotion:
     """The motion in a frame that pans with it."""
     if isinstance(motion, AbstractStraightMotion):
         return StillCamera(half_exposure=motion.half_exposure)
-    return ParabolicMotion(acceleration=motion.acceleration, half_exposure=motion.half_exposure)
+    return panned(motion, 0.0)
 
 
 def is_straight(motion: AbstractMotion) -> bool:
@@ -221,6 +458,19 @@ def _as_velocity(velocity: ArrayLike, half_exposure: Array, kind: str) -> Array:
     if isinstance(velocity, float | int) and velocity == 0:
         return _zero_like(half_exposure)
     return as_float(velocity, f"{kind}(velocity=...)")
+
+
+def _as_durations(durations: RowLike) -> tuple[float, ...]:
+    subject = "FreeMotion(durations=...)"
+    require(np.ndim(durations) == 1, subject, "be one row", shape_of(durations))  # type: ignore[arg-type]
+    require_finite(subject, durations)
+    row = tuple(float(x) for x in np.asarray(durations))
+    require(min(row) >= 0 and sum(row) > 0, subject, "be at least 0, and not all of them 0", row)
+    return row
+
+
+def _shown(value: object) -> object:
+    return value.tolist() if getattr(value, "ndim", 0) and is_concrete(value) else value
 
 
 def _check_acceleration(value: Array) -> None:
