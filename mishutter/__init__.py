@@ -38,6 +38,7 @@ from mishutter.model import AbstractPiecewiseShutter as AbstractPiecewiseShutter
 from mishutter.model import AbstractShutter as AbstractShutter
 from mishutter.model import Burst as Burst
 from mishutter.model import ChippedShutter as ChippedShutter
+from mishutter.model import FreeMotion as FreeMotion
 from mishutter.model import GaussianShutter as GaussianShutter
 from mishutter.model import HannShutter as HannShutter
 from mishutter.model import IdealShutter as IdealShutter
@@ -106,6 +107,7 @@ __all__ = [
     "EnsembleDecoder",
     "ExpectedErrorLoss",
     "Frames",
+    "FreeMotion",
     "GaussianShutter",
     "HannShutter",
     "IdealShutter",

@@ -13,8 +13,10 @@ $4A\,\Delta x$ from the vertex, are sums in which nothing cancels.
 """
 
 import itertools
+import math
+from bisect import bisect_right
 from fractions import Fraction
-from typing import NamedTuple, final
+from typing import ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -37,6 +39,7 @@ from mishutter._core import (
 from mishutter.blur.crossings import AFTER, Crossings, at, distance, time_between
 from mishutter.blur.trajectory import once
 from mishutter.model import (
+    AbstractMotion,
     AbstractPiecewiseShutter,
     FreeMotion,
     exact_ends,
@@ -52,10 +55,12 @@ class RefinedShutter(AbstractPiecewiseShutter):
         profile: The shutter.
         ends: Ends of the pieces, ascending from -1 to 1; shape `(m + 1,)`.
         owner: Piece of the shutter that holds each piece; shape `(m,)`.
+        known_owner: The same where it is known, as of equal pieces; none otherwise.
         lead: Time from the left end of the shutter's piece to that of the piece; shape `(m,)`.
         trail: Time from the right end of the piece to that of the shutter's; shape `(m,)`.
         longest: Length that no piece exceeds, in units of $\tau$.
         panels_per_piece: Equal parts of a piece on each of which `w` is a low polynomial.
+        smooth_length: Time over which each piece's function is all but a low polynomial.
     """
 
     profile: AbstractPiecewiseShutter
@@ -63,23 +68,12 @@ class RefinedShutter(AbstractPiecewiseShutter):
     owner: Array
     lead: Array
     trail: Array
+    known_owner: tuple[int, ...] | None = eqx.field(static=True)
     longest: float = eqx.field(static=True)
     panels_per_piece: int = eqx.field(static=True)
-
-    @property
-    def smooth_length(self) -> float | Array:  # type: ignore[override]
-        """Time over which each piece's function is all but a low polynomial."""
-        return self.profile.smooth_length
-
-    @property
-    def equal_pieces(self) -> bool:  # type: ignore[override]
-        """No: even equal pieces are looked at by their positions."""
-        return False
-
-    @property
-    def symmetric(self) -> bool:  # type: ignore[override]
-        """Nothing is taken from a symmetry, which the path need not share."""
-        return False
+    smooth_length: float | Array
+    equal_pieces: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
 
     def transmittance(self, tau: ArrayLike) -> Array:
         return self.profile.transmittance(tau)
@@ -93,11 +87,16 @@ class RefinedShutter(AbstractPiecewiseShutter):
     def piece_transmittance(self, offset: Array) -> Array:
         rest = (None,) * (offset.ndim - 1)
         from_left = offset + self.lead[(slice(None), *rest)].astype(offset.dtype)
-        num_pieces = self.profile.breakpoints(np.dtype(self.lead.dtype)).high.size - 1
-        every = jnp.broadcast_to(from_left[None], (num_pieces, *from_left.shape))
-        values = self.profile.piece_transmittance(every)
-        owner = self.owner[(None, slice(None), *rest)]
-        return jnp.take_along_axis(values, owner, axis=0, mode="promise_in_bounds")[0]
+        count = self.profile.breakpoints(np.dtype(self.lead.dtype)).high.size - 1
+        if self.known_owner is None:
+            every = jnp.broadcast_to(from_left[None], (count, *from_left.shape))
+            values, owner = self.profile.piece_transmittance(every), self.owner[(None, ..., *rest)]
+            return jnp.take_along_axis(values, owner, axis=0, mode="promise_in_bounds")[0]
+        owner = np.array(self.known_owner)
+        first = np.searchsorted(owner, np.arange(count))
+        place = np.arange(owner.size) - first[owner]
+        row = np.minimum(first[:, None] + np.arange(np.max(place) + 1), owner.size - 1)
+        return self.profile.piece_transmittance(from_left[row])[owner, place]
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         length = looked_up(jnp.diff(self.ends.high) + jnp.diff(self.ends.low), piece)
@@ -110,43 +109,52 @@ class RefinedShutter(AbstractPiecewiseShutter):
 
 
 def refined(
-    profile: AbstractPiecewiseShutter, motion: FreeMotion, dtype: np.dtype
-) -> tuple[RefinedShutter, Array | np.ndarray]:
-    """A profile with the breakpoints of a path, and the piece of the path that holds each piece.
-
-    Pieces of the path without a length are left out.
-    """
-    inner = path_ends(motion)[1:-1]
-    ends = profile.breakpoints(dtype)
-    num_pieces, count = ends.high.size - 1, profile.panels_per_piece
-    longest = float(max(np.diff([Fraction(-1), *inner, Fraction(1)])))
+    profile: AbstractPiecewiseShutter, ends: tuple[Fraction, ...], dtype: np.dtype
+) -> tuple[RefinedShutter, Array]:
+    """A profile with the `path_ends`, and the piece of the path that holds each of its pieces."""
+    inner, own = ends[1:-1], profile.breakpoints(dtype)
+    num_pieces, count = own.high.size - 1, profile.panels_per_piece
+    longest = float(max(after - before for before, after in itertools.pairwise(ends)))
+    known = None
     if profile.equal_pieces:
         longest = min(longest, 2 / num_pieces)
-        count = -int(-count * longest * num_pieces // 2)
-        own = uniform_fractions(num_pieces)
-        both = sorted({*own, *inner})
+        count = math.ceil(count * longest * num_pieces / 2)
+        equal = uniform_fractions(num_pieces)
+        both = sorted({*equal, *inner})
         cuts = fractions_as_words(both, dtype)
-        owner = np.cumsum([end in set(own) for end in both])[:-1] - 1
-        place = np.cumsum([end in set(inner) for end in both])[:-1]
+        known = tuple(bisect_right(equal, x) - 1 for x in both[:-1])
+        place = np.array([bisect_right(ends, x) - 1 for x in both[:-1]], np.int32)
+        owner = jnp.array(known, jnp.int32)
     else:
         added = fractions_as_words(inner, dtype)
-        high, low = (jnp.concatenate(pair) for pair in zip(ends, added, strict=True))
+        high, low = (jnp.concatenate(pair) for pair in zip(own, added, strict=True))
         index = jnp.arange(high.size, dtype=jnp.int32)
-        fixed = jax.lax.stop_gradient((high, low))
-        index = jax.lax.sort((*fixed, index), num_keys=2)[2]
+        index = jax.lax.sort((*jax.lax.stop_gradient((high, low)), index), num_keys=2)[2]
         cuts = DoubleWord(high[index], low[index])
-        is_own = (index <= num_pieces)[:-1]
+        is_own = index[:-1] <= num_pieces
         owner = jnp.clip(jnp.cumsum(is_own, dtype=jnp.int32) - 1, 0, num_pieces - 1)
         place = jnp.cumsum(~is_own, dtype=jnp.int32)
     begin, end = (DoubleWord(*(x[part] for x in cuts)) for part in (slice(-1), slice(1, None)))
-    left, right = (DoubleWord(*(x[owner + side] for x in ends)) for side in (0, 1))
+    left, right = (DoubleWord(*(x[owner + side] for x in own)) for side in (0, 1))
     lead, trail = distance(begin, left), distance(right, end)
-    owner = jnp.asarray(owner, jnp.int32)
-    return RefinedShutter(profile, cuts, owner, lead, trail, longest, max(1, count)), place
+    whole = RefinedShutter(
+        profile=profile,
+        ends=cuts,
+        owner=owner,
+        lead=lead,
+        trail=trail,
+        known_owner=known,
+        longest=longest,
+        panels_per_piece=count,
+        smooth_length=profile.smooth_length,
+    )
+    return whole, jnp.asarray(place, jnp.int32)
 
 
-def path_ends(motion: FreeMotion) -> tuple[Fraction, ...]:
-    r"""Where the pieces of a path meet that have a length, $\tau$ from -1 to 1."""
+def path_ends(motion: AbstractMotion) -> tuple[Fraction, ...]:
+    r"""Where pieces of a path that have a length meet, $\tau$ from -1 to 1; none without pieces."""
+    if not isinstance(motion, FreeMotion):
+        return ()
     return tuple(dict.fromkeys(exact_ends(motion.durations, motion.accelerations.size)))
 
 
@@ -156,8 +164,10 @@ def _lasting(motion: FreeMotion) -> np.ndarray:
     return np.flatnonzero([after > before for before, after in itertools.pairwise(ends)])
 
 
-def num_runs(motion: FreeMotion) -> int:
+def num_runs(motion: AbstractMotion) -> int:
     """Number of runs of a path; as many as pieces where the accelerations are not known."""
+    if not isinstance(motion, FreeMotion):
+        return 1
     a = numbers_of(motion.accelerations)
     lasting = _lasting(motion)
     if not is_concrete(a):
@@ -216,7 +226,7 @@ def free_path(
     speed_low: Array,
     ends: tuple[Fraction, ...],
     tau: DoubleWord,
-    place: Array | np.ndarray,
+    place: Array,
     *,
     from_lowest: Array | bool,
 ) -> FreePath:
@@ -230,7 +240,7 @@ def free_path(
 
 def _exact_path(
     ends: tuple[Fraction, ...],
-    place: Array | np.ndarray,
+    place: Array,
     given: Numbers,
     speed_low: Array,
     tau: DoubleWord,
@@ -293,10 +303,9 @@ def _exact_path(
     return FreePath(rates.high, paces.high, at_tau, vertex, turns, lowest, index, from_lowest)
 
 
-def path_bases(place: Array | np.ndarray) -> Array:
+def path_bases(place: Array) -> Array:
     """The piece of the path that each breakpoint's position counts from; shape `(m + 1,)`."""
-    index = jnp.asarray(place, jnp.int32)
-    return jnp.append(index, index[-1:])
+    return jnp.append(place, place[-1:])
 
 
 def _twice(x: DoubleWord) -> DoubleWord:
@@ -381,6 +390,7 @@ def _located(
     offset = jnp.where(is_held, 0.0, jnp.where(from_left, from_start, -to_end))
     nearest = piece + (~from_left).astype(jnp.int32)
     moment = looked_up(tau.high, nearest) + offset
+    speed = jnp.where(is_held, jnp.abs(looked_up(track.velocity, nearest)), speed)
     return Crossings(piece, from_left, offset, nearest, moment, speed), is_held
 
 

@@ -64,6 +64,7 @@ from mishutter.model import (
     FreeMotion,
     has_vertex,
     piecewise,
+    steady,
     within_unit,
 )
 
@@ -144,7 +145,7 @@ def aligned_kernel(
     index = jnp.arange(num_taps + 1 + (num_taps + 1) % 2, dtype=dtype)
     edges = two_sum(index, jnp.broadcast_to(jax.lax.stop_gradient(first), index.shape))
     point, profile = (motion, jnp.asarray(speed, dtype)), piecewise(shutter)
-    rule = {"from_vertex": from_vertex, "count": count or _num_runs(motion)}
+    rule = {"from_vertex": from_vertex, "count": count or num_runs(motion)}
     return _exposure(num_taps, profile, point, edges, first, **rule)
 
 
@@ -187,7 +188,7 @@ def binned_exposure(
     row = jnp.pad(row, (0, row.size % 2), mode="edge")
     ends, nothing = DoubleWord(row, jnp.zeros(1, dtype)), jnp.zeros((), dtype)
     point, profile = (motion, jnp.asarray(speed, dtype)), piecewise(shutter)
-    rule = {"from_vertex": False, "count": _num_runs(motion)}
+    rule = {"from_vertex": False, "count": num_runs(motion)}
     return _exposure(num_taps, profile, point, ends, nothing, **rule)
 
 
@@ -196,9 +197,16 @@ def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
     r"""Length of an aligned kernel; px, shape of `speed`.
 
     From the vertex it is $aT^2 (1 + |\nu|)^2$; of a camera at rest $2|s|T$, about mid-exposure.
+    On a free path it is the way from the lowest position to the highest, of objects that pass
+    over the sensor at that speed in either direction the longer.
     """
+    if isinstance(motion, FreeMotion):
+        relative = jnp.asarray(speed) - motion.velocity
+        both = (motion.velocity + relative, motion.velocity - relative)
+        return jnp.maximum(*(motion.highest(s) - motion.lowest(s) for s in both))
     fastest, turns = jnp.abs(jnp.asarray(speed) - motion.velocity), has_vertex(motion)
-    far = (motion.speed_gain + fastest) ** 2 / (4 * jnp.where(turns, motion.acceleration, 1.0))
+    a = steady(motion).acceleration
+    far = (motion.speed_gain + fastest) ** 2 / (4 * jnp.where(turns, a, 1.0))
     return jnp.where(turns, far, 2 * fastest * motion.half_exposure)
 
 
@@ -214,10 +222,6 @@ def _check_edges(edges: RowLike) -> None:
 
 def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: RowLike) -> np.dtype:
     return common_dtype(*jax.tree.leaves((shutter, motion)), *values)
-
-
-def _num_runs(motion: AbstractMotion) -> int:
-    return num_runs(motion) if isinstance(motion, FreeMotion) else 1
 
 
 @eqx.filter_jit
@@ -239,7 +243,7 @@ def _exposure(
     if isinstance(motion, FreeMotion):
         given = num_taps, profile, motion, speed, edges, shift, from_vertex
         return _free_exposure(count, *given) / 2
-    a = motion.acceleration.astype(speed.dtype)
+    a = steady(motion).acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
     s, low = speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
     tau = profile.breakpoints(np.dtype(speed.dtype))
@@ -342,12 +346,13 @@ def _free_exposure(
     from_vertex: Array | bool,
 ) -> Array:
     """Exposure between edges, in units of tau, on a free path of so many runs; shape `(n,)`."""
-    whole, place = refined(profile, motion, np.dtype(speed.dtype))
+    ends = path_ends(motion)
+    whole, place = refined(profile, ends, np.dtype(speed.dtype))
     s, low = speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
-    given, ends = numbers(motion, s), path_ends(motion)
+    given = numbers(motion, s)
     tau = jax.lax.stop_gradient(whole.ends)
     track = free_path(given, low, ends, tau, place, from_lowest=from_vertex)
-    course = course_of(given, np.array(ends, float), track, tau, place, from_vertex)
+    course = course_of(given, ends, track, tau, place, from_vertex)
     rows = DoubleWord(*(jnp.broadcast_to(x, edges.high.shape)[: num_taps + 1] for x in edges))
     fixed = add(jax.lax.stop_gradient(rows), track.lowest)
 
@@ -375,7 +380,8 @@ def _free_exposure(
             track=seen,
             taps=taps,
         )
-        return jnp.where(upside_down, light[::-1], light)
+        light = jnp.where(upside_down, light[::-1], light)
+        return jnp.where(run.past > run.first, light, 0.0)
 
     every = runs(given.accelerations, place, count)
     if count == 1:

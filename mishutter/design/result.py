@@ -10,12 +10,18 @@ from typing import Any
 import numpy as np
 
 from mishutter._core import contents, parsed, require, strict_json, validated, write_text
-from mishutter.design.design_schema import FORMAT, SavedDesign, SavedMotion, SavedScene
+from mishutter.design.design_schema import (
+    FORMAT,
+    SavedDesign,
+    SavedMotion,
+    SavedScene,
+)
 from mishutter.evaluation import Metrics, Plan, evaluate
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Burst,
+    FreeMotion,
     IdealShutter,
     Limits,
     LinearMotion,
@@ -26,6 +32,7 @@ from mishutter.model import (
     profile_of,
     shutter_from_dict,
     shutter_to_dict,
+    steady,
 )
 
 _PROFILE_POINTS = 1001
@@ -150,12 +157,16 @@ def metrics_to_dict(metrics: Metrics) -> dict[str, float | int]:
 
 def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
     """Kind and numbers of a motion."""
-    return {
-        "kind": type(motion).__name__,
-        "acceleration": float(motion.acceleration),
+    numbers = {
         "half_exposure": float(motion.half_exposure),
         "velocity": float(motion.velocity),
     }
+    if isinstance(motion, FreeMotion):
+        durations = motion.durations and list(motion.durations)
+        path = {"accelerations": motion.accelerations.tolist(), "durations": durations}
+        return {"kind": "FreeMotion"} | path | numbers
+    steady_part = {"acceleration": float(steady(motion).acceleration)}
+    return {"kind": type(motion).__name__} | steady_part | numbers
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
@@ -182,10 +193,12 @@ def _built(file: SavedDesign) -> Design:
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:
-    numbers = saved.model_dump(exclude={"kind"})
+    numbers = {"half_exposure": saved.half_exposure, "velocity": saved.velocity}
+    if saved.kind == "FreeMotion":
+        path = saved.model_dump(include={"accelerations", "durations"})
+        return FreeMotion(**path, **numbers)
     if saved.kind == "ParabolicMotion":
-        return ParabolicMotion(**numbers)
-    del numbers["acceleration"]
+        return ParabolicMotion(acceleration=saved.acceleration, **numbers)
     if saved.kind == "LinearMotion":
         return LinearMotion(**numbers)
     return StillCamera(half_exposure=saved.half_exposure)

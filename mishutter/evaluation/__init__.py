@@ -36,7 +36,7 @@ from mishutter.evaluation.needs import Automatic as Automatic
 from mishutter.evaluation.needs import Item as Item
 from mishutter.evaluation.needs import Plan as Plan
 from mishutter.evaluation.needs import automatic as automatic
-from mishutter.evaluation.needs import is_symmetric as is_symmetric
+from mishutter.evaluation.needs import is_same_both_ways as is_same_both_ways
 from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds
 from mishutter.evaluation.needs import nothing_moves as nothing_moves

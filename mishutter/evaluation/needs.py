@@ -34,6 +34,7 @@ from mishutter.model import (
     NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
+    FreeMotion,
     Scene,
     frequencies,
     on_steps,
@@ -181,7 +182,7 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
     serves all of them. It is for the scene as it is `seen_from` the motion.
     """
     scene, motion = seen_from(scene, motion)
-    folds, still = is_symmetric(shutter), nothing_moves(scene)
+    folds, still = is_same_both_ways(motion, shutter), nothing_moves(scene)
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
 
@@ -279,7 +280,7 @@ def nothing_moves(scene: Scene) -> bool:
     return not np.any(np.asarray(scene.speeds)[np.asarray(scene.weights) > 0])
 
 
-def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
+def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Scene:
     """The scene with every speed once, none that never occurs, and no picture or motion.
 
     A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Results
@@ -287,13 +288,18 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
     """
     if not scene.speeds_known:
         return scene.bare()
-    speeds, weights = distinct_speeds(scene, folds=is_symmetric(shutter))
+    speeds, weights = distinct_speeds(scene, folds=is_same_both_ways(motion, shutter))
     return scene.bare(speeds=speeds, weights=weights)
 
 
 def is_symmetric(shutter: AbstractShutter) -> bool:
     """Whether a shutter is known to satisfy `w(-tau) = w(tau)`."""
     return bool(getattr(shutter, "symmetric", False))
+
+
+def is_same_both_ways(motion: AbstractMotion, shutter: AbstractShutter) -> bool:
+    """Whether the kernels of `+s` and `-s` are known to be one on a motion without velocity."""
+    return is_symmetric(shutter) and (not isinstance(motion, FreeMotion) or motion.mirrors)
 
 
 def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:

@@ -28,6 +28,7 @@ from mishutter.model.motion import is_known_zero as is_known_zero
 from mishutter.model.motion import is_straight as is_straight
 from mishutter.model.motion import panned as panned
 from mishutter.model.motion import settled as settled
+from mishutter.model.motion import steady as steady
 from mishutter.model.motion import turns as turns
 from mishutter.model.motion import without_velocity as without_velocity
 from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY

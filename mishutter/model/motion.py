@@ -6,7 +6,7 @@
 from abc import abstractmethod
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, final
+from typing import Any, cast, final
 
 import equinox as eqx
 import jax
@@ -17,7 +17,9 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import (
     DoubleWord,
     RowLike,
+    all_concrete,
     as_float,
+    common_dtype,
     fractions_as_words,
     is_concrete,
     require,
@@ -49,12 +51,24 @@ class AbstractMotion(eqx.Module):
         return 2 * self.half_exposure
 
     @abstractmethod
-    def position(self, time: RowLike) -> Array:
+    def position(self, time: RowLike) -> Array | np.ndarray:
         """Position of the sensor, from where it is at mid-exposure; px, shape of `time`.
 
         Args:
             time: Time from mid-exposure, s; any shape. Outside of the exposure the sensor
-                accelerates as at its end.
+                accelerates as at its end. A NumPy array gives one, where the motion is known.
+        """
+
+    @abstractmethod
+    def velocity_at(self, time: RowLike) -> Array | np.ndarray:
+        """Velocity of the sensor; px/s, shape of `time`, which is as in `position`."""
+
+    @abstractmethod
+    def alignment(self, speed: RowLike) -> Array | np.ndarray:
+        """Position on the sensor that objects of a speed are aligned at; px, shape of `speed`.
+
+        It counts from where they are at mid-exposure. A NumPy array gives one, where the motion
+        is known.
         """
 
     @property
@@ -89,8 +103,20 @@ class AbstractSteadyMotion(AbstractMotion):
 
     def position(self, time: RowLike) -> Array:
         """$v t + a t^2$; px, shape of `time`."""
-        time = jnp.asarray(time, self.half_exposure.dtype)
-        return (self.velocity + self.acceleration * time) * time
+        time, v, a = _together(time, self.velocity, self.acceleration)
+        return (v + a * time) * time
+
+    def velocity_at(self, time: RowLike) -> Array:
+        """$v + 2 a t$; px/s, shape of `time`."""
+        time, v, a = _together(time, self.velocity, self.acceleration)
+        return v + 2 * a * time
+
+    def alignment(self, speed: RowLike) -> Array | np.ndarray:
+        """The vertex, $-(s - v)^2/4a$, or where the object is at mid-exposure; px."""
+        moves = has_vertex(self)
+        speed, v, a = _together(speed, self.velocity, self.acceleration)
+        space: Any = np if isinstance(speed, np.ndarray) else jnp
+        return space.where(moves, -((speed - v) ** 2) / (4 * space.where(moves, a, 1.0)), 0.0)
 
     @property
     def stroke(self) -> Array:
@@ -227,56 +253,67 @@ class FreeMotion(AbstractMotion):
         rates = jnp.diff(velocity) / (jnp.diff(ends) * (2 * half))
         return cls(accelerations=rates, half_exposure=half, velocity=pan)
 
-    def position(self, time: RowLike) -> Array:
+    def position(self, time: RowLike) -> Array | np.ndarray:
         r"""$v t + 2\int_0^t (t - t')\,a(t')\,dt'$; px, shape of `time`."""
-        tau, begin, end = self._passed(time)
-        T = self.half_exposure
-        a = self.accelerations.astype(tau.dtype)
-        moved = jnp.sum(a * (end - begin) * jnp.abs(2 * tau[..., None] - begin - end), axis=-1)
-        return (self.velocity * T) * tau + (moved * T) * T
+        time, v, a, T = _together(time, self.velocity, self.accelerations, self.half_exposure)
+        begin, end = self._passed(time / T)
+        a = a.reshape((1,) * time.ndim + (-1,))
+        moved = (a * (end - begin) * abs(2 * (time / T)[..., None] - begin - end)).sum(axis=-1)
+        return v * time + (moved * T) * T
 
-    def velocity_at(self, time: RowLike) -> Array:
+    def velocity_at(self, time: RowLike) -> Array | np.ndarray:
         r"""$v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`."""
-        tau, begin, end = self._passed(time)
-        gained = jnp.sum(self.accelerations.astype(tau.dtype) * (end - begin), axis=-1)
-        return self.velocity + 2 * self.half_exposure * jnp.sign(tau) * gained
+        time, v, a, T = _together(time, self.velocity, self.accelerations, self.half_exposure)
+        begin, end = self._passed(time / T)
+        space: Any = np if isinstance(time, np.ndarray) else jnp
+        backwards = space.sign(time)
+        a = a.reshape((1,) * time.ndim + (-1,))
+        return v + 2 * T * backwards * (a * (end - begin)).sum(axis=-1)
 
-    def _passed(self, time: RowLike) -> tuple[Array, Array, Array]:
-        r"""Times in units of $T$, and between which of them each piece is passed from 0 to there."""
-        tau = jnp.asarray(time, self.half_exposure.dtype) / self.half_exposure
+    def _passed(self, tau: Any) -> tuple[Any, Any]:
+        r"""Between which times, in units of $T$, each piece is passed from 0 to `tau`."""
+        space: Any = np if isinstance(tau, np.ndarray) else jnp
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
         ends[[0, -1]] = -np.inf, np.inf
         row = ends.astype(tau.dtype).reshape((1,) * tau.ndim + (-1,))
-        first, last = jnp.minimum(tau, 0)[..., None], jnp.maximum(tau, 0)[..., None]
-        places = jnp.clip(row, first, last)
-        return tau, places[..., :-1], places[..., 1:]
+        first, last = space.minimum(tau, 0)[..., None], space.maximum(tau, 0)[..., None]
+        places = space.minimum(space.maximum(row, first), last)
+        return places[..., :-1], places[..., 1:]
 
-    def lowest(self, speed: RowLike) -> Array:
+    def alignment(self, speed: RowLike) -> Array | np.ndarray:
+        """The lowest position, or where the object is at mid-exposure on a straight path; px."""
+        moves, lowest = has_vertex(self), self.lowest(speed)
+        if isinstance(lowest, np.ndarray):
+            return lowest if moves else np.zeros_like(lowest)
+        return jnp.where(moves, lowest, 0.0)
+
+    def lowest(self, speed: RowLike) -> Array | np.ndarray:
         r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`."""
-        return self._extreme(jnp.asarray(speed, self.half_exposure.dtype), 1.0)
+        return self._extreme(speed, 1.0)
 
-    def highest(self, speed: RowLike) -> Array:
+    def highest(self, speed: RowLike) -> Array | np.ndarray:
         r"""Highest position of objects on the sensor, $\max_t x(t) - s t$; px, shape of `speed`."""
-        return -self._extreme(jnp.asarray(speed, self.half_exposure.dtype), -1.0)
+        return -self._extreme(speed, -1.0)
 
-    def _extreme(self, speed: Array, sign: float) -> Array:
+    def _extreme(self, speed: RowLike, sign: float) -> Array | np.ndarray:
         """The lowest position on a path that is mirrored where `sign` is -1."""
-        T = self.half_exposure
-        ends = self.ends(np.dtype(T.dtype)).high
-        smear = speed[..., None] * T
-        position = sign * (self.position(ends * T) - smear * ends)
-        velocity = sign * (self.velocity_at(ends * T) * T - smear)
-        before, after = velocity[..., :-1], velocity[..., 1:]
-        stroke = sign * (self.accelerations * T * T)
-        turns = (before < 0) & (after > 0) & (stroke > 0)
-        rise = before * before / (4 * jnp.where(turns, stroke, 1.0))
-        turned = jnp.where(turns, position[..., :-1] - rise, position[..., :-1])
-        return jnp.minimum(jnp.min(turned, axis=-1), position[..., -1])
+        s, a, T = _together(speed, self.accelerations, self.half_exposure)
+        space: Any = np if isinstance(s, np.ndarray) else jnp
+        across = (1,) * s.ndim + (-1,)
+        times = np.array(exact_ends(self.durations, a.size), float).astype(s.dtype) * T
+        x, u = self.position(times).reshape(across), self.velocity_at(times).reshape(across)
+        times, a = times.reshape(across), a.reshape(across)
+        position, velocity = sign * (x - s[..., None] * times), sign * (u - s[..., None])
+        before, after, rate = velocity[..., :-1], velocity[..., 1:], sign * a
+        turns = (before < 0) & (after > 0) & (rate > 0)
+        rise = before * before / (4 * space.where(turns, rate, 1.0))
+        turned = space.where(turns, position[..., :-1] - rise, position[..., :-1])
+        return space.minimum(space.min(turned, axis=-1), position[..., -1])
 
     @property
     def stroke(self) -> Array:
         r"""Travel beside that of the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
-        return self.highest(self.velocity) - self.lowest(self.velocity)
+        return jnp.asarray(self.highest(self.velocity) - self.lowest(self.velocity))
 
     @property
     def speed_gain(self) -> Array:
@@ -294,6 +331,15 @@ class FreeMotion(AbstractMotion):
     def greatest_acceleration(self) -> Array:
         """Greatest rate at which the velocity changes, twice that of $|a|$; px/s^2."""
         return 2 * jnp.max(jnp.abs(self.accelerations))
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether the path beside its pan is known to be the same forwards and backwards."""
+        if not is_concrete(self.accelerations):
+            return False
+        a = np.asarray(self.accelerations)
+        same = self.durations is None or self.durations == self.durations[::-1]
+        return same and np.array_equal(a, a[::-1])
 
     def ends(self, dtype: np.dtype) -> DoubleWord:
         r"""Where pieces begin and end, $\tau$ from -1 to 1; shape `(K + 1,)`."""
@@ -376,9 +422,8 @@ def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
     if isinstance(motion, FreeMotion):
         known = is_concrete(motion.accelerations)
         return np.any(np.asarray(motion.accelerations)) if known else jnp.any(motion.accelerations)
-    a, half = (
-        np.asarray(x) if is_concrete(x) else x for x in (motion.acceleration, motion.half_exposure)
-    )
+    numbers = steady(motion).acceleration, motion.half_exposure
+    a, half = (np.asarray(x) if is_concrete(x) else x for x in numbers)
     with np.errstate(over="ignore"):
         return turns(a * half * half)
 
@@ -386,6 +431,14 @@ def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
 def turns(stroke: Array | np.ndarray | np.floating) -> Any:
     """Whether the sensor's path has a vertex within what its precision can tell."""
     return stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
+
+
+def _together(*values: Any) -> tuple[Any, ...]:
+    """Numbers as arrays of one kind: of NumPy where the first is and all are known."""
+    if isinstance(values[0], np.ndarray) and all_concrete(values):
+        return tuple(np.asarray(x, np.result_type(values[0], np.float32)) for x in values)
+    dtype = common_dtype(*values)
+    return tuple(jnp.asarray(x, dtype) for x in values)
 
 
 def settled(motion: AbstractMotion) -> AbstractMotion:
@@ -400,12 +453,22 @@ def settled(motion: AbstractMotion) -> AbstractMotion:
     if isinstance(motion, StillCamera):
         return motion
     free = isinstance(motion, FreeMotion)
-    signs = motion.accelerations if free else motion.acceleration, has_vertex(motion)
+    signs = motion.accelerations if free else steady(motion).acceleration, has_vertex(motion)
     if not any(is_known_zero(sign) for sign in signs):
         return motion
     if is_known_zero(motion.velocity):
         return StillCamera(half_exposure=motion.half_exposure)
     return LinearMotion(half_exposure=motion.half_exposure, velocity=motion.velocity)
+
+
+def steady(motion: AbstractMotion) -> AbstractSteadyMotion:
+    """A motion that must be of constant acceleration.
+
+    Raises:
+        ValueError: if it is not.
+    """
+    require(isinstance(motion, AbstractSteadyMotion), "motion", "accelerate constantly", motion)
+    return cast(AbstractSteadyMotion, motion)
 
 
 def is_known_zero(value: Any) -> bool:
@@ -433,7 +496,8 @@ def panned(motion: AbstractMotion, velocity: ArrayLike) -> AbstractMotion:
         )
     if isinstance(motion, AbstractStraightMotion):
         return LinearMotion(half_exposure=half, velocity=velocity)
-    return ParabolicMotion(acceleration=motion.acceleration, half_exposure=half, velocity=velocity)
+    a = steady(motion).acceleration
+    return ParabolicMotion(acceleration=a, half_exposure=half, velocity=velocity)
 
 
 def without_velocity(motion: AbstractMotion) -> AbstractMotion:
@@ -469,7 +533,7 @@ def _as_durations(durations: RowLike) -> tuple[float, ...]:
     return row
 
 
-def _shown(value: object) -> object:
+def _shown(value: Any) -> Any:
     return value.tolist() if getattr(value, "ndim", 0) and is_concrete(value) else value
 
 

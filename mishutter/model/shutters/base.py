@@ -184,6 +184,7 @@ def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Array:
 
 @lru_cache
 def uniform_fractions(num_pieces: int) -> tuple[Fraction, ...]:
+    """Ends of equal pieces, from -1 to 1."""
     return tuple(Fraction(2 * j - num_pieces, num_pieces) for j in range(num_pieces + 1))
 
 
