@@ -15,12 +15,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
-    DoubleWord,
     RowLike,
     all_concrete,
     as_float,
     common_dtype,
-    fractions_as_words,
     is_concrete,
     require,
     require_finite,
@@ -28,6 +26,9 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
+
+Positions = Array | np.ndarray | np.floating
+"""Numbers of NumPy where everything is known and NumPy asks, and of JAX elsewhere."""
 
 
 class AbstractMotion(eqx.Module):
@@ -51,7 +52,7 @@ class AbstractMotion(eqx.Module):
         return 2 * self.half_exposure
 
     @abstractmethod
-    def position(self, time: RowLike) -> Array | np.ndarray:
+    def position(self, time: RowLike) -> Positions:
         """Position of the sensor, from where it is at mid-exposure; px, shape of `time`.
 
         Args:
@@ -60,11 +61,11 @@ class AbstractMotion(eqx.Module):
         """
 
     @abstractmethod
-    def velocity_at(self, time: RowLike) -> Array | np.ndarray:
+    def velocity_at(self, time: RowLike) -> Positions:
         """Velocity of the sensor; px/s, shape of `time`, which is as in `position`."""
 
     @abstractmethod
-    def alignment(self, speed: RowLike) -> Array | np.ndarray:
+    def alignment(self, speed: RowLike) -> Positions:
         """Position on the sensor that objects of a speed are aligned at; px, shape of `speed`.
 
         It counts from where they are at mid-exposure. A NumPy array gives one, where the motion
@@ -101,17 +102,17 @@ class AbstractSteadyMotion(AbstractMotion):
 
     acceleration: eqx.AbstractVar[Array]
 
-    def position(self, time: RowLike) -> Array:
+    def position(self, time: RowLike) -> Positions:
         """$v t + a t^2$; px, shape of `time`."""
         time, v, a = _together(time, self.velocity, self.acceleration)
         return (v + a * time) * time
 
-    def velocity_at(self, time: RowLike) -> Array:
+    def velocity_at(self, time: RowLike) -> Positions:
         """$v + 2 a t$; px/s, shape of `time`."""
         time, v, a = _together(time, self.velocity, self.acceleration)
         return v + 2 * a * time
 
-    def alignment(self, speed: RowLike) -> Array | np.ndarray:
+    def alignment(self, speed: RowLike) -> Positions:
         """The vertex, $-(s - v)^2/4a$, or where the object is at mid-exposure; px."""
         moves = has_vertex(self)
         speed, v, a = _together(speed, self.velocity, self.acceleration)
@@ -239,7 +240,6 @@ class FreeMotion(AbstractMotion):
             ValueError: if `num_pieces` is not a positive integer.
         """
         count = require_positive_int("FreeMotion.fit(num_pieces=...)", num_pieces)
-        require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
         if isinstance(motion, AbstractSteadyMotion):
             return cls(
                 accelerations=jnp.broadcast_to(motion.acceleration, (count,)),
@@ -247,13 +247,13 @@ class FreeMotion(AbstractMotion):
                 velocity=motion.velocity,
             )
         half = motion.half_exposure
-        ends = fractions_as_words(exact_ends(None, count), np.dtype(half.dtype)).high
-        velocity = motion.velocity_at(ends * half)
+        ends = np.array(exact_ends(None, count), float).astype(half.dtype)
+        velocity = jnp.asarray(motion.velocity_at(ends * _on_host(half)))
         pan = jnp.interp(jnp.zeros_like(half), ends, velocity)
-        rates = jnp.diff(velocity) / (jnp.diff(ends) * (2 * half))
+        rates = jnp.diff(velocity) / (np.diff(ends) * (2 * half))
         return cls(accelerations=rates, half_exposure=half, velocity=pan)
 
-    def position(self, time: RowLike) -> Array | np.ndarray:
+    def position(self, time: RowLike) -> Positions:
         r"""$v t + 2\int_0^t (t - t')\,a(t')\,dt'$; px, shape of `time`."""
         time, v, a, T = _together(time, self.velocity, self.accelerations, self.half_exposure)
         begin, end = self._passed(time / T)
@@ -261,7 +261,7 @@ class FreeMotion(AbstractMotion):
         moved = (a * (end - begin) * abs(2 * (time / T)[..., None] - begin - end)).sum(axis=-1)
         return v * time + (moved * T) * T
 
-    def velocity_at(self, time: RowLike) -> Array | np.ndarray:
+    def velocity_at(self, time: RowLike) -> Positions:
         r"""$v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`."""
         time, v, a, T = _together(time, self.velocity, self.accelerations, self.half_exposure)
         begin, end = self._passed(time / T)
@@ -280,22 +280,22 @@ class FreeMotion(AbstractMotion):
         places = space.minimum(space.maximum(row, first), last)
         return places[..., :-1], places[..., 1:]
 
-    def alignment(self, speed: RowLike) -> Array | np.ndarray:
+    def alignment(self, speed: RowLike) -> Positions:
         """The lowest position, or where the object is at mid-exposure on a straight path; px."""
         moves, lowest = has_vertex(self), self.lowest(speed)
-        if isinstance(lowest, np.ndarray):
-            return lowest if moves else np.zeros_like(lowest)
-        return jnp.where(moves, lowest, 0.0)
+        if isinstance(lowest, Array):
+            return jnp.where(moves, lowest, 0.0)
+        return lowest if moves else np.zeros_like(lowest)
 
-    def lowest(self, speed: RowLike) -> Array | np.ndarray:
+    def lowest(self, speed: RowLike) -> Positions:
         r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`."""
         return self._extreme(speed, 1.0)
 
-    def highest(self, speed: RowLike) -> Array | np.ndarray:
+    def highest(self, speed: RowLike) -> Positions:
         r"""Highest position of objects on the sensor, $\max_t x(t) - s t$; px, shape of `speed`."""
         return -self._extreme(speed, -1.0)
 
-    def _extreme(self, speed: RowLike, sign: float) -> Array | np.ndarray:
+    def _extreme(self, speed: RowLike, sign: float) -> Positions:
         """The lowest position on a path that is mirrored where `sign` is -1."""
         s, a, T = _together(speed, self.accelerations, self.half_exposure)
         space: Any = np if isinstance(s, np.ndarray) else jnp
@@ -313,19 +313,18 @@ class FreeMotion(AbstractMotion):
     @property
     def stroke(self) -> Array:
         r"""Travel beside that of the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
-        return jnp.asarray(self.highest(self.velocity) - self.lowest(self.velocity))
+        velocity = _on_host(self.velocity)
+        return jnp.asarray(self.highest(velocity) - self.lowest(velocity))
 
     @property
     def speed_gain(self) -> Array:
         r"""Greatest speed gained or lost from mid-exposure, $\max_t |x'(t) - v|$; px/s."""
-        ends = self.ends(np.dtype(self.half_exposure.dtype)).high * self.half_exposure
-        return jnp.max(jnp.abs(self.velocity_at(ends) - self.velocity))
+        return jnp.max(jnp.abs(self._velocities() - _on_host(self.velocity)))
 
     @property
     def top_speed(self) -> Array:
         r"""Greatest speed of the sensor during the exposure, $\max_t |x'(t)|$; px/s."""
-        ends = self.ends(np.dtype(self.half_exposure.dtype)).high * self.half_exposure
-        return jnp.max(jnp.abs(self.velocity_at(ends)))
+        return jnp.max(jnp.abs(self._velocities()))
 
     @property
     def greatest_acceleration(self) -> Array:
@@ -341,9 +340,11 @@ class FreeMotion(AbstractMotion):
         same = self.durations is None or self.durations == self.durations[::-1]
         return same and np.array_equal(a, a[::-1])
 
-    def ends(self, dtype: np.dtype) -> DoubleWord:
-        r"""Where pieces begin and end, $\tau$ from -1 to 1; shape `(K + 1,)`."""
-        return fractions_as_words(exact_ends(self.durations, self.accelerations.size), dtype)
+    def _velocities(self) -> Positions:
+        """Velocity where pieces begin and end; px/s, shape `(K + 1,)`."""
+        ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
+        half = _on_host(self.half_exposure)
+        return self.velocity_at(ends.astype(half.dtype) * half)
 
 
 @lru_cache
@@ -439,6 +440,11 @@ def _together(*values: Any) -> tuple[Any, ...]:
         return tuple(np.asarray(x, np.result_type(values[0], np.float32)) for x in values)
     dtype = common_dtype(*values)
     return tuple(jnp.asarray(x, dtype) for x in values)
+
+
+def _on_host(value: Any) -> Any:
+    """A number as NumPy has it where it is known."""
+    return np.asarray(value) if is_concrete(value) else value
 
 
 def settled(motion: AbstractMotion) -> AbstractMotion:
