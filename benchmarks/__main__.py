@@ -8,6 +8,7 @@ from benchmarks import harness
 ALL = (
     "accuracy",
     "kernel",
+    "free_path",
     "gradient",
     "design",
     "command",

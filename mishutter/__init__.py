@@ -49,6 +49,7 @@ from mishutter.model import AbstractShutter as AbstractShutter
 from mishutter.model import Burst as Burst
 from mishutter.model import ChippedShutter as ChippedShutter
 from mishutter.model import FirstOrderShutter as FirstOrderShutter
+from mishutter.model import FreeMotion as FreeMotion
 from mishutter.model import GaussianShutter as GaussianShutter
 from mishutter.model import HannShutter as HannShutter
 from mishutter.model import IdealShutter as IdealShutter
@@ -122,6 +123,7 @@ __all__ = [
     "ExpectedErrorLoss",
     "FirstOrderShutter",
     "Frames",
+    "FreeMotion",
     "GaussianShutter",
     "HannShutter",
     "IdealShutter",

@@ -25,6 +25,7 @@ from mishutter._core.compiling import at_once as at_once
 from mishutter._core.compiling import compiled as compiled
 from mishutter._core.double_double import DoubleWord as DoubleWord
 from mishutter._core.double_double import add as add
+from mishutter._core.double_double import fractions_as_words as fractions_as_words
 from mishutter._core.double_double import multiply as multiply
 from mishutter._core.double_double import negate as negate
 from mishutter._core.double_double import reciprocal as reciprocal

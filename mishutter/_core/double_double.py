@@ -9,10 +9,13 @@ and a compiler that contracts `a * b + c` into one operation changes nothing.
 The sums are Knuth's (The Art of Computer Programming 2, 4.2.2, theorem B).
 """
 
+from collections.abc import Sequence
+from fractions import Fraction
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 
@@ -94,3 +97,10 @@ def word(a: Array) -> DoubleWord:
 def scale(x: DoubleWord, factor: float) -> DoubleWord:
     """`x` times a power of two, exactly."""
     return DoubleWord(x.high * factor, x.low * factor)
+
+
+def fractions_as_words(exact: Sequence[Fraction], dtype: np.dtype) -> DoubleWord:
+    """Fractions to twice a precision; shape `(n,)`."""
+    high = np.array([float(x) for x in exact]).astype(dtype)
+    low = [float(x - Fraction(float(h))) for x, h in zip(exact, high, strict=True)]
+    return DoubleWord(jnp.asarray(high), jnp.asarray(np.array(low, dtype)))

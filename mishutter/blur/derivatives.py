@@ -103,7 +103,7 @@ def _moving_jvp(primals, tangents, *, from_vertex, taps):
     scalars = enumerate((*(by_motion or (None,) * 3), by_shift))
     steps = {i: step for i, step in scalars if step is not None}
     if not steps and by_edges is None:
-        return light, _first_derivative(change, primals[1:])
+        return light, first_derivative(change, primals[1:])
     units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(light.dtype)
     rates = _rates(from_vertex, motion, taps, units)
     changes = [] if change is None else [change]
@@ -113,10 +113,10 @@ def _moving_jvp(primals, tangents, *, from_vertex, taps):
     if by_edges is not None:
         begin, end = by_edges[: light.size], by_edges[1 : light.size + 1]
         changes += [rates[-2] * ((begin + end) / 2), rates[-1] * (end - begin)]
-    return light, _first_derivative(sum(changes[1:], changes[0]), primals)
+    return light, first_derivative(sum(changes[1:], changes[0]), primals)
 
 
-def _first_derivative(change: Array, moved_by: Any) -> Array:
+def first_derivative(change: Array, moved_by: Any) -> Array:
     """A change of exposure whose own derivative by `moved_by` raises, where it would be 0."""
     known = _differentiated(moved_by)
     # Adds 0. JAX drops values that nothing uses, and would drop the error with them.
@@ -184,17 +184,25 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) ->
 
 
 def _transmittance_and_rise(taps: Taps) -> tuple[Array, Array]:
-    """Transmittance at crossings, and its rise over each tap in the direction of time."""
+    return transmittance_at(taps.profile, taps.x), rise_over(taps)
+
+
+def transmittance_at(profile: AbstractPiecewiseShutter, x: Crossings) -> Array:
+    """Transmittance at crossings."""
+    return mean_about(profile, x, x.offset, jnp.zeros_like(x.offset))
+
+
+def rise_over(taps: Taps) -> Array:
+    """Rise of the transmittance over each tap in the direction of time; shape `(2, n)`."""
     begin = taps.x.part(taps.parts[0])
     rise = _rise(taps.profile, begin, AFTER, taps.width)
     if taps.cut is not None:
         place, exists, start, is_after, width = taps.cut
-        more = _rise(taps.profile, start, is_after, width) + _steps(taps.profile, width)
+        more = _rise(taps.profile, start, is_after, width) + steps(taps.profile, width)
         rise = rise.at[place].add(
             jnp.where(exists, more, 0.0), mode="promise_in_bounds", wrap_negative_indices=False
         )
-    nothing = jnp.zeros_like(taps.x.offset)
-    return mean_about(taps.profile, taps.x, taps.x.offset, nothing), rise
+    return rise
 
 
 def _rise(
@@ -256,7 +264,7 @@ def mean_about(
     return profile.piece_mean(x.piece, x.from_left, distance, width)
 
 
-def _steps(profile: AbstractPiecewiseShutter, like: Array) -> Array:
+def steps(profile: AbstractPiecewiseShutter, like: Array) -> Array:
     """Steps of the transmittance at the inner breakpoints; steps of a few roundings count as 0."""
     piece = jnp.arange(like.size + 1, dtype=jnp.int32)
     nothing = jnp.zeros(like.size + 1, like.dtype)
@@ -286,5 +294,5 @@ def _moving_breakpoints_jvp(primals, tangents, *, profile, moves):
     change, by_tau = tangents
     changes = [] if change is None else [change]
     if by_tau is not None:
-        changes.append(-jnp.where(moves, _steps(profile, light) * by_tau, 0.0))
-    return light, _first_derivative(sum(changes[1:], changes[0]), tau)
+        changes.append(-jnp.where(moves, steps(profile, light) * by_tau, 0.0))
+    return light, first_derivative(sum(changes[1:], changes[0]), tau)

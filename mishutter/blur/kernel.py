@@ -21,6 +21,7 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import (
     DoubleWord,
     RowLike,
+    add,
     common_dtype,
     compiled,
     is_concrete,
@@ -43,13 +44,27 @@ from mishutter.blur.crossings import (
     time_between,
 )
 from mishutter.blur.derivatives import Cells, Taps, mean_about, moving, moving_breakpoints, parts
-from mishutter.blur.trajectory import Motion, Path, kept, passing, path_of_light, speed_on_sensor
+from mishutter.blur.free_derivatives import course_of, moving_freely
+from mishutter.blur.free_path import (
+    Run,
+    free_crossings,
+    free_path,
+    looked_up,
+    num_runs,
+    numbers,
+    path_ends,
+    refined,
+    runs,
+)
+from mishutter.blur.trajectory import Motion, kept, passing, path_of_light, speed_on_sensor
 from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
     AbstractShutter,
+    FreeMotion,
     has_vertex,
     piecewise,
+    steady,
     within_unit,
 )
 
@@ -119,14 +134,19 @@ def aligned_kernel(
     phase: ArrayLike,
     *,
     from_vertex: Array | bool,
+    count: int | None = None,
 ) -> Array:
-    """The `blur_kernel`, or one aligned at mid-exposure where not `from_vertex`."""
+    """The `blur_kernel`, or one aligned at mid-exposure where not `from_vertex`.
+
+    `count` is the number of runs of a free path that is traced.
+    """
     dtype = _dtype(shutter, motion, speed, phase)
     first = jnp.asarray(phase, dtype)
     index = jnp.arange(num_taps + 1 + (num_taps + 1) % 2, dtype=dtype)
     edges = two_sum(index, jnp.broadcast_to(jax.lax.stop_gradient(first), index.shape))
-    point = motion, jnp.asarray(speed, dtype)
-    return _exposure(num_taps, piecewise(shutter), point, edges, first, from_vertex=from_vertex)
+    point, profile = (motion, jnp.asarray(speed, dtype)), piecewise(shutter)
+    rule = {"from_vertex": from_vertex, "count": count or num_runs(motion)}
+    return _exposure(num_taps, profile, point, edges, first, **rule)
 
 
 def binned_exposure(
@@ -167,8 +187,9 @@ def binned_exposure(
     num_taps = row.size - 1
     row = jnp.pad(row, (0, row.size % 2), mode="edge")
     ends, nothing = DoubleWord(row, jnp.zeros(1, dtype)), jnp.zeros((), dtype)
-    point = motion, jnp.asarray(speed, dtype)
-    return _exposure(num_taps, piecewise(shutter), point, ends, nothing, from_vertex=False)
+    point, profile = (motion, jnp.asarray(speed, dtype)), piecewise(shutter)
+    rule = {"from_vertex": False, "count": num_runs(motion)}
+    return _exposure(num_taps, profile, point, ends, nothing, **rule)
 
 
 @compiled
@@ -176,9 +197,16 @@ def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
     r"""Length of an aligned kernel; px, shape of `speed`.
 
     From the vertex it is $aT^2 (1 + |\nu|)^2$; of a camera at rest $2|s|T$, about mid-exposure.
+    On a free path it is the way from the lowest position to the highest, of objects that pass
+    over the sensor at that speed in either direction the longer.
     """
+    if isinstance(motion, FreeMotion):
+        relative = jnp.asarray(speed) - motion.velocity
+        both = (motion.velocity + relative, motion.velocity - relative)
+        return jnp.maximum(*(motion.highest(s) - motion.lowest(s) for s in both))
     fastest, turns = jnp.abs(jnp.asarray(speed) - motion.velocity), has_vertex(motion)
-    far = (motion.speed_gain + fastest) ** 2 / (4 * jnp.where(turns, motion.acceleration, 1.0))
+    a = steady(motion).acceleration
+    far = (motion.speed_gain + fastest) ** 2 / (4 * jnp.where(turns, a, 1.0))
     return jnp.where(turns, far, 2 * fastest * motion.half_exposure)
 
 
@@ -205,10 +233,17 @@ def _exposure(
     shift: Array,
     *,
     from_vertex: Array | bool,
+    count: int,
 ) -> Array:
-    """Share of a full exposure between `edges`, which also move with a `shift`; shape `(n,)`."""
+    """Share of a full exposure between `edges`, which also move with a `shift`; shape `(n,)`.
+
+    `count` is the number of runs of a free path, and 1 for any other.
+    """
     motion, speed = point
-    a = motion.acceleration.astype(speed.dtype)
+    if isinstance(motion, FreeMotion):
+        given = num_taps, profile, motion, speed, edges, shift, from_vertex
+        return _free_exposure(count, *given) / 2
+    a = steady(motion).acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
     s, low = speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
     tau = profile.breakpoints(np.dtype(speed.dtype))
@@ -236,10 +271,50 @@ def _light(
     given, fixed = jax.lax.stop_gradient((motion, tau))
     track = path_of_light(given, speed_low, fixed, from_vertex=from_vertex)
     x, speed, near = crossings(profile.equal_pieces, track, at_rest, fixed, edges)
-    begin, end = (DoubleWord(near.high[k], near.low[k]) for k in parts(num_taps))
-    gap, (u, v) = distance(end, begin), (speed[k] for k in parts(num_taps))
+    gap, (u, v) = _gaps(num_taps, near), (speed[k] for k in parts(num_taps))
     within = time_between(gap, u, v, track.stroke)
     is_held = x.is_held(tau.high.size - 1)
+    cells = profile, tau, track.velocity, x, within, is_held
+    light, width, cut = _light_of_cells(num_taps, *cells)
+    taps = Taps(profile, tau, x, near.high, gap, width, is_held, cut)
+    return moving(
+        of_both_arms(light),
+        motion,
+        edges.high,
+        shift,
+        from_vertex=from_vertex,
+        taps=jax.lax.stop_gradient(taps),
+    )
+
+
+def _gaps(num_taps: int, edges: DoubleWord) -> Array:
+    """Distances between the edges of each tap, which are `(1, n + 1)`; shape `(1, n)`."""
+    begin, end = (DoubleWord(edges.high[k], edges.low[k]) for k in parts(num_taps))
+    return distance(end, begin)
+
+
+def _light_of_cells(
+    num_taps: int,
+    profile: AbstractPiecewiseShutter,
+    tau: DoubleWord,
+    velocity: Array,
+    x: Crossings,
+    within: Array,
+    is_held: Array,
+    run: Run | None = None,
+) -> tuple[Array, Array, Cells | None]:
+    """Exposure of each branch, `(2, n)`; duration of cells at inner edges; and all other cells.
+
+    Args:
+        num_taps: Number of taps $n$.
+        profile: The shutter.
+        tau: Its breakpoints.
+        velocity: Velocity at breakpoints.
+        x: Crossings of the edges.
+        within: Time between the crossings of a tap's edges; shape `(2, n)`.
+        is_held: Whether crossings are held at an end of the exposure; shape `(2, n + 1)`.
+        run: The pieces that are looked at; all by default.
+    """
     held_here, held_there = (is_held[k] for k in parts(num_taps))
     is_free = ~(held_here | held_there)
 
@@ -255,34 +330,83 @@ def _light(
     width = kept(width) if in_pieces else width
     light, cut = _cell_light(profile, here, AFTER, width), None
     if in_pieces:
-        cut, more = _from_breakpoints(num_taps, profile, tau, track, x, is_free)
+        cut, more = _from_breakpoints(num_taps, profile, tau, velocity, x, is_free, run)
         light = light.at[cut.place].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
-    taps = Taps(profile, tau, x, near.high, gap, width, is_held, cut)
-    return moving(
-        of_both_arms(light),
-        motion,
-        edges.high,
-        shift,
-        from_vertex=from_vertex,
-        taps=jax.lax.stop_gradient(taps),
-    )
+    return light, width, cut
+
+
+def _free_exposure(
+    count: int,
+    num_taps: int,
+    profile: AbstractPiecewiseShutter,
+    motion: FreeMotion,
+    speed: Array,
+    edges: DoubleWord,
+    shift: Array,
+    from_vertex: Array | bool,
+) -> Array:
+    """Exposure between edges, in units of tau, on a free path of so many runs; shape `(n,)`."""
+    ends = path_ends(motion)
+    whole, place = refined(profile, ends, np.dtype(speed.dtype))
+    s, low = speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
+    given = numbers(motion, s)
+    tau = jax.lax.stop_gradient(whole.ends)
+    track = free_path(given, low, ends, tau, place, from_lowest=from_vertex)
+    course = course_of(given, ends, track, tau, place, from_vertex)
+    rows = DoubleWord(*(jnp.broadcast_to(x, edges.high.shape)[: num_taps + 1] for x in edges))
+    fixed = add(jax.lax.stop_gradient(rows), track.lowest)
+
+    def of_run(run: Run) -> Array:
+        """Light of a run, which is looked at in a mirror where its path is bent downwards."""
+        upside_down = run.sign < 0
+
+        def turned(x: Array) -> Array:
+            return jnp.where(upside_down, -x[::-1], x)
+
+        seen, moved = track.mirrored(run.sign), jax.tree.map(lambda x: run.sign * x, course)
+        near = DoubleWord(*(turned(x)[None] for x in fixed))
+        x, pace, is_held = free_crossings(seen, run, tau, near)
+        gap, (u, v) = _gaps(num_taps, near), (pace[k] for k in parts(num_taps))
+        rate = looked_up(seen.stroke, x.piece)[parts(num_taps)[1]]
+        within = time_between(gap, u, v, rate)
+        cells = whole, whole.ends, seen.velocity, x, within, is_held, run
+        light, width, cut = _light_of_cells(num_taps, *cells)
+        taps = jax.lax.stop_gradient(Taps(whole, tau, x, near.high, gap, width, is_held, cut))
+        light = moving_freely(
+            of_both_arms(light),
+            moved,
+            turned(rows.high),
+            run.sign * shift,
+            track=seen,
+            taps=taps,
+        )
+        light = jnp.where(upside_down, light[::-1], light)
+        return jnp.where(run.past > run.first, light, 0.0)
+
+    every = runs(given.accelerations, place, count)
+    if count == 1:
+        return of_run(jax.tree.map(lambda x: x[0], every))
+    return jnp.sum(jax.vmap(of_run)(every), axis=0)
 
 
 def _from_breakpoints(
     num_taps: int,
     profile: AbstractPiecewiseShutter,
     tau: DoubleWord,
-    track: Path,
+    velocity: Array,
     x: Crossings,
     is_free: Array,
+    run: Run | None,
 ) -> tuple[Cells, Array]:
     """Cells that start at breakpoints, and their exposure."""
     breakpoint = jnp.arange(1, tau.high.size - 1, dtype=jnp.int32)
-    is_after = track.velocity[1:-1] >= 0
+    is_after = velocity[1:-1] >= 0
     arm = is_after.astype(jnp.int32)
     outwards = jnp.where(AFTER, x.piece, -x.piece)
     edge = _num_below(outwards, is_after, jnp.where(is_after, breakpoint, 1 - breakpoint))
     exists = (edge > 0) & (edge <= num_taps)
+    if run is not None:
+        exists &= (breakpoint > run.first) & (breakpoint < run.past)
     end = arm, jnp.clip(edge, 1, num_taps)
     place = arm, end[1] - 1
     there, moves = x.part(end).by_breakpoints(tau.high), is_free[place]

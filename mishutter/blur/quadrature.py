@@ -1,6 +1,7 @@
 """Quadrature nodes over the exposure of a shutter of any kind."""
 
 import math
+from fractions import Fraction
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import DoubleWord, compiled
+from mishutter.blur.free_path import RefinedShutter, refined
 from mishutter.model import (
     FEW_PIECES,
     AbstractPiecewiseShutter,
@@ -38,15 +40,21 @@ class LitNodes(NamedTuple):
 
 
 @compiled
-def lit_nodes(shutter: AbstractShutter, num_nodes: int, dtype: np.dtype) -> LitNodes:
+def lit_nodes(
+    shutter: AbstractShutter,
+    num_nodes: int,
+    dtype: np.dtype,
+    path_ends: tuple[Fraction, ...] = (),
+) -> LitNodes:
     """About `num_nodes` quadrature nodes over the exposure of a shutter.
 
     Nodes without light fill their number up to one that does for most kinds of shutters, which
-    so share the programs that take them.
+    so share the programs that take them. No panel goes over an end of a piece of a free path.
     """
     profile = piecewise(shutter)
+    profile = refined(profile, path_ends, dtype)[0] if path_ends else profile
     ends = profile.breakpoints(dtype)
-    few = ends.high.size <= FEW_PIECES + 1 and not profile.equal_pieces
+    few = ends.high.size <= FEW_PIECES + 1 and not profile.equal_pieces and not path_ends
     rule = _shared_panels if few else _own_panels
     tau, light = rule(profile, ends, num_nodes)
     room = (math.ceil(num_nodes / _SHARED_PANEL_NODES) + 2) * _SHARED_PANEL_NODES
@@ -67,6 +75,7 @@ def _own_panels(
     ends = exact_ends.high
     num_panels = profile.panels_per_piece
     longest = (1 if profile.equal_pieces else 2) / (ends.size - 1)
+    longest = profile.longest / 2 if isinstance(profile, RefinedShutter) else longest
     per_panel = math.ceil(num_nodes * longest / num_panels)
     nodes, weights = _panel_rule(num_panels, per_panel)
     length = jnp.diff(ends)[:, None]

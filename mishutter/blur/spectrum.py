@@ -18,9 +18,24 @@ from mishutter._core import (
     require_positive_int,
     shape_of,
 )
-from mishutter.blur.steepest_descent import along_panel, along_rays, panels, turns_far
+from mishutter.blur.free_path import path_ends, refined
+from mishutter.blur.steepest_descent import (
+    Panels,
+    along_panel,
+    along_rays,
+    free_panels,
+    panels,
+    turns_far,
+)
 from mishutter.blur.trajectory import speed_on_sensor
-from mishutter.model import AbstractMotion, AbstractPiecewiseShutter, AbstractShutter, piecewise
+from mishutter.model import (
+    AbstractMotion,
+    AbstractPiecewiseShutter,
+    AbstractShutter,
+    FreeMotion,
+    piecewise,
+    steady,
+)
 
 _MIN_FREQUENCIES = 1024
 _ZERO_RESPONSE_ULP = 8
@@ -128,11 +143,21 @@ def _transfer(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -
 
 
 def _at_positive(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
-    numbers = motion.acceleration, motion.half_exposure, motion.velocity
-    a, T, v = (x.astype(f.dtype) for x in numbers)
+    dtype = np.dtype(f.dtype)
+    T, v = (x.astype(dtype) for x in (motion.half_exposure, motion.velocity))
+    if isinstance(motion, FreeMotion):
+        profile, place = refined(profile, path_ends(motion), dtype)
+
+        def divided(s: Array, f: Array) -> tuple[Panels, Array | None]:
+            return free_panels(profile, place, motion, speed_on_sensor(s, v), f)
+    else:
+        a = steady(motion).acceleration.astype(dtype)
+
+        def divided(s: Array, f: Array) -> tuple[Panels, Array | None]:
+            return panels(profile, a, T, speed_on_sensor(s, v), f), None
 
     def block(points: tuple[Array, Array]) -> Array:
-        panel = jax.vmap(lambda s, f: panels(profile, a, T, speed_on_sensor(s, v), f))(*points)
+        panel, mirrored = jax.vmap(divided)(*points)
         plain = jax.vmap(lambda p: along_panel(profile, p))(panel)
         far = turns_far(panel)
         bent = jax.lax.cond(
@@ -141,9 +166,11 @@ def _at_positive(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f
             lambda _: jnp.zeros_like(plain),
             panel,
         )
-        return jnp.sum(jnp.where(far, bent, plain), axis=(1, 2)) / 2
+        each = jnp.where(far, bent, plain)
+        each = each if mirrored is None else jnp.where(mirrored, jnp.conj(each), each)
+        return jnp.sum(each, axis=(1, 2)) / 2
 
-    num_pieces = profile.breakpoints(np.dtype(f.dtype)).high.size - 1
+    num_pieces = profile.breakpoints(dtype).high.size - 1
     length = max(1, _BLOCK_SIZE // (num_pieces * profile.panels_per_piece))
     if f.size <= length:
         return block((s, f))

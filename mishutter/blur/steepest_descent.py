@@ -19,8 +19,10 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import DoubleWord, multiply, two_sum, word
-from mishutter.blur.trajectory import path
-from mishutter.model import AbstractPiecewiseShutter
+from mishutter.blur.free_derivatives import course_of
+from mishutter.blur.free_path import RefinedShutter, free_path, numbers, path_ends
+from mishutter.blur.trajectory import path, valued
+from mishutter.model import AbstractPiecewiseShutter, FreeMotion
 
 _ROOT_HALF = float(np.sqrt(0.5))
 _DIRECTION = complex(_ROOT_HALF, -_ROOT_HALF)
@@ -66,26 +68,72 @@ def panels(
     profile: AbstractPiecewiseShutter, a: Array, T: Array, s: DoubleWord, frequency: Array
 ) -> Panels:
     """Panels of `profile` for a point of speed `s` at a `frequency` of at least 0."""
-    ends = profile.breakpoints(np.dtype(frequency.dtype))
+    offset, length, ends = _divided(profile, np.dtype(frequency.dtype))
+    flat = DoubleWord(*(x.reshape(-1) for x in ends))
+    track = path(a, T, s, flat, from_vertex=False)
+    turn = 2 * jnp.pi * frequency
+    slope = (turn * track.velocity).reshape(offset.shape)
+    cycles = _cycles(frequency, *track.position).reshape(offset.shape)
+    return Panels(
+        offset[:, :-1],
+        length,
+        jnp.broadcast_to(turn * track.stroke, length.shape),
+        (slope[:, :-1], slope[:, 1:]),
+        (cycles[:, :-1], cycles[:, 1:]),
+        _cycles(frequency, *track.vertex),
+    )
+
+
+def free_panels(
+    profile: RefinedShutter,
+    place: Array,
+    motion: FreeMotion,
+    s: DoubleWord,
+    frequency: Array,
+) -> tuple[Panels, Array]:
+    """Panels on a free path; and which are in a mirror, as the curvature of all is at least 0.
+
+    The integral over a panel in a mirror is the conjugate of that over the panel.
+    """
+    offset, length, ends = _divided(profile, np.dtype(frequency.dtype))
+    tau = DoubleWord(*(jnp.append(x[:, :-1], x[-1:, -1]) for x in ends))
+    where = jnp.repeat(place, length.shape[1])
+    given, cuts = numbers(motion, s.high), path_ends(motion)
+    exact = free_path(given, s.low, cuts, tau, where, from_lowest=False)
+    course = course_of(given, cuts, exact, tau, where, False)
+    sign = jnp.where(exact.stroke < 0, -1.0, 1.0).astype(length.dtype)
+    turn = 2 * jnp.pi * frequency
+
+    def cycles(plain: Array, place: DoubleWord) -> Array:
+        return _cycles(frequency, valued(plain, place.high), place.low)
+
+    def shaped(row: Array) -> Array:
+        return (sign * row).reshape(length.shape)
+
+    slope = turn * valued(course.velocity, exact.velocity)
+    phase = cycles(course.position, exact.position)
+    panel = Panels(
+        offset[:, :-1],
+        length,
+        shaped(turn * course.stroke),
+        (shaped(slope[:-1]), shaped(slope[1:])),
+        (shaped(phase[:-1]), shaped(phase[1:])),
+        shaped(cycles(course.vertex, exact.vertex)),
+    )
+    return panel, (sign < 0).reshape(length.shape)
+
+
+def _divided(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> tuple[Array, Array, DoubleWord]:
+    """Where panels begin and end, from that of their piece and in all; and their lengths."""
+    ends = profile.breakpoints(dtype)
     length = jnp.diff(ends.high) + jnp.diff(ends.low)
     count = profile.panels_per_piece
     offset = length[:, None] * jnp.asarray(np.arange(count + 1)[None] / count, length.dtype)
     left = two_sum(jnp.broadcast_to(ends.high[:-1, None], offset.shape), offset)
     high = left.high.at[:, -1].set(ends.high[1:])
     low = (left.low + ends.low[:-1, None]).at[:, -1].set(ends.low[1:])
-
-    track = path(a, T, s, DoubleWord(high.reshape(-1), low.reshape(-1)), from_vertex=False)
-    turn = 2 * jnp.pi * frequency
-    slope = (turn * track.velocity).reshape(offset.shape)
-    cycles = _cycles(frequency, *track.position).reshape(offset.shape)
-    return Panels(
-        offset[:, :-1],
-        jnp.broadcast_to(length[:, None] / count, slope[:, 1:].shape),
-        turn * track.stroke,
-        (slope[:, :-1], slope[:, 1:]),
-        (cycles[:, :-1], cycles[:, 1:]),
-        _cycles(frequency, *track.vertex),
-    )
+    each = jnp.broadcast_to(length[:, None] / count, offset[:, 1:].shape)
+    return offset, each, DoubleWord(high, low)
 
 
 def turns_far(panel: Panels) -> Array:
@@ -98,7 +146,7 @@ def along_panel(profile: AbstractPiecewiseShutter, panel: Panels) -> Array:
     """Integral over each panel by the plain rule; shape `(n, m)`."""
     rule = _rule(np.dtype(panel.length.dtype))
     h = panel.length[..., None] * rule.nodes
-    phase = h * (panel.slopes[0][..., None] + panel.curvature * h)
+    phase = h * (panel.slopes[0][..., None] + panel.curvature[..., None] * h)
     light = rule.weights * profile.piece_transmittance(panel.offset[..., None] + h)
     integral = jax.lax.complex(
         jnp.sum(light * jnp.cos(phase), -1), -jnp.sum(light * jnp.sin(phase), -1)
@@ -127,7 +175,7 @@ def _ray(profile: AbstractPiecewiseShutter, panel: Panels, end: int, far: Array)
     reach = jax.lax.stop_gradient(reach)
     step = reach[..., None] * rule.nodes
     turn = quarter[..., None] * step
-    decay = turn + curvature * step * step
+    decay = turn + curvature[..., None] * step * step
     size = jnp.exp(-decay)
     fall = jax.lax.complex(size * jnp.cos(turn), -size * jnp.sin(turn))
     start = panel.offset if end == 0 else panel.offset + panel.length

@@ -243,7 +243,7 @@ def _table_jvp(from_vertex, primals, tangents):
 
     def plain(a, T, s, _, tau, __):
         stroke, smear = a * T * T, s * T
-        velocity = _valued(2 * stroke * tau - smear, exact[0])
+        velocity = valued(2 * stroke * tau - smear, exact[0])
         exists = (stroke > 0) if from_vertex else _turns(stroke, smear)
         rise = jnp.broadcast_to(_plain_vertex_distance(smear, stroke, exists), tau.shape)
         if from_vertex:
@@ -256,7 +256,7 @@ def _table_jvp(from_vertex, primals, tangents):
     return exact, jax.jvp(plain, primals, tangents)[1]
 
 
-def _valued(formula: Array, value: Array) -> Array:
+def valued(formula: Array, value: Array) -> Array:
     """`value` with the derivative of `formula`, which itself cancels near the vertex."""
     return value + (formula - jax.lax.stop_gradient(formula))
 

@@ -205,9 +205,9 @@ def captured_response(
 ) -> Array | np.ndarray:
     """Responses at some speeds as a capture has them, on the grid of a DFT; `(s, k)`, complex."""
     relative = np.asarray(speeds, np.float64) - float(motion.velocity)
-    a, half = float(motion.acceleration), float(motion.half_exposure)
     fastest = float(np.max(np.abs(relative), initial=0.0))
-    num_nodes = sized_for(0.0, 2 * a * half * half + fastest * half).num_nodes
+    velocity = (float(motion.speed_gain) + fastest) * float(motion.half_exposure)
+    num_nodes = sized_for(0.0, velocity).num_nodes
     return pixel_responses(shutter, without_velocity(motion), relative, period, num_nodes=num_nodes)
 
 
@@ -253,10 +253,9 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
         ValueError: if light would be displaced by more than 8,192 px.
     """
     fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
-    a, half = float(motion.acceleration), float(motion.half_exposure)
     with at_once():
-        reach, stroke = float(support(without_velocity(motion), fastest)), a * half * half
-    smear = 2 * fastest * half
+        reach, stroke = float(support(without_velocity(motion), fastest)), float(motion.stroke)
+    smear = 2 * fastest * float(motion.half_exposure)
     longest = max(reach, smear) + 1
     held = math.isfinite(longest) and longest <= MAX_REACH
     require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_REACH} px", longest)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mishutter._core import Bare, common_dtype, require, require_positive_int, shape_of
-from mishutter.blur import waves_on_dft
+from mishutter.blur import path_ends, waves_on_dft
 from mishutter.camera.rows import PAD_MODES, continued, passes, period_of
 from mishutter.model import (
     GAMMA,
@@ -140,11 +140,12 @@ def _nodes(
     shutter: AbstractShutter, motion: AbstractMotion, num_frames: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions of the sensor, px, the light there, and the frame that shows; shape `(q,)` each."""
-    half, a, v = (float(getattr(motion, x)) for x in ("half_exposure", "acceleration", "velocity"))
+    half = float(motion.half_exposure)
     profile = piecewise(shutter)
     dtype = np.dtype(profile.dtype() or common_dtype())
     breaks = np.asarray(profile.breakpoints(dtype).high, np.float64)
-    fastest = 2 * a * half * half + abs(v) * half
+    breaks = np.append(breaks, np.array(path_ends(motion), float))
+    fastest = float(motion.top_speed) * half
     count = _NUM_PANELS + int(np.ceil(2 * fastest / _PX_A_PANEL))
     shown = np.linspace(-1, 1, num_frames + 1)
     ends = np.unique(np.concatenate([np.linspace(-1, 1, count + 1), shown, np.clip(breaks, -1, 1)]))
@@ -153,7 +154,7 @@ def _nodes(
     light = width / 4 * _WEIGHTS * np.asarray(shutter.transmittance(tau.astype(dtype)), np.float64)
     number = np.clip(np.searchsorted(shown, tau) - 1, 0, num_frames - 1)
     time = tau * half
-    return ((a * time + v) * time).ravel(), light.ravel(), number.ravel()
+    return np.asarray(motion.position(time)).ravel(), light.ravel(), number.ravel()
 
 
 def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:

@@ -113,13 +113,13 @@ def expose_layers(
 def _exposure_of(
     layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, cutoff: float
 ) -> _Exposure:
-    half, a, v = (float(getattr(motion, x)) for x in ("half_exposure", "acceleration", "velocity"))
+    half, v = float(motion.half_exposure), float(motion.velocity)
     fastest = max(abs(layer.speed - v) for layer in layers.layers)
     # Images that change while they are displaced ask for as many nodes once more.
-    plan = sized_for(0.0, 2 * (2 * a * half * half + fastest * half))
+    plan = sized_for(0.0, 2 * (float(motion.speed_gain) + fastest) * half)
     tau, light = (np.asarray(x)[0] for x in light_in_time(shutter, motion, plan.num_nodes))
     time = tau * half
-    return _Exposure(time, light, (a * time + v) * time, cutoff)
+    return _Exposure(time, light, np.asarray(motion.position(time)), cutoff)
 
 
 def _seen(layers: Layers, index: int, exposure: _Exposure) -> _Seen:

@@ -168,7 +168,7 @@ def _design_line(design: "Design") -> str:
         f"{design.outcome}\n"
         f"Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best start, "
         f"{len(design.history)} in history), gradient {design.certificate:.1e}.\n"
-        f"a = {float(design.motion.acceleration):.6g} px/s^2, "
+        f"a = {float(design.motion.greatest_acceleration) / 2:.6g} px/s^2, "
         f"v = {float(design.motion.velocity) + 0.0:.6g} px/s, "
         f"T = {float(design.motion.half_exposure) * 1e3:.4g} ms."
     )

@@ -4,7 +4,14 @@ import math
 from dataclasses import fields, is_dataclass
 from typing import Annotated, Any, Literal, final
 
-from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, field_validator
+from pydantic import (
+    AllowInfNan,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    field_validator,
+    model_validator,
+)
 
 from mishutter._core import Section
 
@@ -47,10 +54,19 @@ class SavedShutter(BaseModel):
 class SavedMotion(Part):
     """A motion, of which a kind may have no acceleration, or no velocity."""
 
-    kind: Literal["ParabolicMotion", "LinearMotion", "StillCamera"]
-    acceleration: float
+    kind: Literal["ParabolicMotion", "LinearMotion", "StillCamera", "FreeMotion"]
+    acceleration: float | None = None
+    accelerations: list[float] | None = None
+    durations: list[float] | None = None
     half_exposure: float
     velocity: float = 0.0
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> "SavedMotion":
+        name = "accelerations" if self.kind == "FreeMotion" else "acceleration"
+        if getattr(self, name) is None:
+            raise ValueError(f"a {self.kind} has a number for {name}")
+        return self
 
 
 @final

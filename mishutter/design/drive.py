@@ -42,15 +42,13 @@ class DriveTable:
 
     @property
     def position(self) -> np.ndarray:
-        """Position of the sensor at the beginning of each step, $vt + at^2$; px."""
-        motion = self.design.motion
-        return (float(motion.velocity) + float(motion.acceleration) * self.begin) * self.begin
+        """Position of the sensor at the beginning of each step; px."""
+        return np.asarray(self.design.motion.position(self.begin))
 
     @property
     def velocity(self) -> np.ndarray:
-        """Velocity of the sensor there, $v + 2at$; px/s."""
-        motion = self.design.motion
-        return float(motion.velocity) + 2 * float(motion.acceleration) * self.begin
+        """Velocity of the sensor there; px/s."""
+        return np.asarray(self.design.motion.velocity_at(self.begin))
 
     @property
     def position_scale(self) -> float:

@@ -31,7 +31,7 @@ from mishutter._core import (
     text_lines,
     unit_columns,
 )
-from mishutter.model import AbstractMotion, ChippedShutter, ParabolicMotion
+from mishutter.model import AbstractMotion, ChippedShutter, ParabolicMotion, steady
 
 if TYPE_CHECKING:
     from mishutter.design.drive import DriveTable
@@ -405,8 +405,8 @@ def _motion(
     if position is None or position.size < 3:
         if abs(half - known) <= _SAME * known:
             return motion
-        numbers: dict[str, Any] = {"acceleration": motion.acceleration, "velocity": motion.velocity}
-        return ParabolicMotion(half_exposure=half, **numbers)
+        numbers: dict[str, Any] = {"acceleration": steady(motion).acceleration}
+        return ParabolicMotion(half_exposure=half, velocity=motion.velocity, **numbers)
     tau = np.arange(position.size) * (2 / position.size) - 1
     powers = np.vander(tau, 3)
     (stroke, drift, start), *_ = np.linalg.lstsq(powers, position, rcond=None)

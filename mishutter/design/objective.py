@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import common_dtype, compiled
-from mishutter.blur import LitNodes, lit_nodes
+from mishutter.blur import LitNodes, lit_nodes, path_ends
 from mishutter.design.space import DesignSpace
 from mishutter.evaluation import (
     AbstractLoss,
@@ -40,7 +40,6 @@ from mishutter.model import (
     NUM_FREQUENCIES,
     AbstractAdjustableShutter,
     AbstractMotion,
-    ParabolicMotion,
     Scene,
     as_parabolic,
     seen_from,
@@ -97,7 +96,7 @@ class Exposure(NamedTuple):
     """
 
     nodes: LitNodes
-    motion: ParabolicMotion
+    motion: AbstractMotion
 
 
 @final
@@ -147,7 +146,7 @@ class Exposures(eqx.Module):
         shutter, motion = self.space.at(box)
         nodes = self.nodes
         if nodes is None:
-            nodes = lit_nodes(shutter, self.num_nodes, np.dtype(box.dtype))
+            nodes = lit_nodes(shutter, self.num_nodes, np.dtype(box.dtype), path_ends(motion))
         return Exposure(nodes, as_parabolic(motion))
 
 
@@ -213,7 +212,7 @@ def objective_of(
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free and not space.lags:
             light = space.light(space.shutter, space.motion.half_exposure)
-            nodes = lit_nodes(light, plan.num_nodes, space.dtype)
+            nodes = lit_nodes(light, plan.num_nodes, space.dtype, path_ends(space.motion))
             space = space.without_shutter()
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)

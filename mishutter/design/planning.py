@@ -156,7 +156,8 @@ def exact_plan(
     """The plan that leaves out all work that cannot change a result."""
     full = full_sizes(scene, motion, space)
     pans = space is not None and "velocity" in space.free
-    folds, still = folds_speeds(scene, shutter) and not pans, not pans and nothing_moves(scene)
+    folds = folds_speeds(scene, motion, shutter) and not pans
+    still = not pans and nothing_moves(scene)
     num_kept = _frequencies_with_power(scene, full) if needs.only_error else full.num_frequencies
     num_taps, num_nodes = full.num_taps, full.num_nodes
     if space is None or set(space.free) == {"shutter"}:
@@ -182,8 +183,7 @@ def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: 
     scenes of other speeds share its program too.
     """
     reach, velocity, _ = extent(scene, motion)
-    a, half = float(motion.acceleration), float(motion.half_exposure)
-    longest = 0.0 if alone else 4 * a * half * half
+    longest = 0.0 if alone else 4 * float(motion.stroke)
     tight = sized_for(max(reach, longest), share * max(velocity, longest))
     return replace(
         tight, num_taps=size_class(tight.num_taps), num_nodes=size_class(tight.num_nodes)

@@ -17,6 +17,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Burst,
+    FreeMotion,
     Limits,
     LinearMotion,
     ParabolicMotion,
@@ -28,6 +29,7 @@ from mishutter.model import (
     profile_of,
     shutter_from_dict,
     shutter_to_dict,
+    steady,
 )
 
 _PROFILE_POINTS = 1001
@@ -219,12 +221,16 @@ def metrics_to_dict(metrics: Metrics) -> dict[str, float | int]:
 
 def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
     """Kind and numbers of a motion."""
-    return {
-        "kind": type(motion).__name__,
-        "acceleration": float(motion.acceleration),
+    numbers = {
         "half_exposure": float(motion.half_exposure),
         "velocity": float(motion.velocity),
     }
+    if isinstance(motion, FreeMotion):
+        durations = motion.durations and list(motion.durations)
+        path = {"accelerations": motion.accelerations.tolist(), "durations": durations}
+        return {"kind": "FreeMotion"} | path | numbers
+    steady_part = {"acceleration": float(steady(motion).acceleration)}
+    return {"kind": type(motion).__name__} | steady_part | numbers
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
@@ -251,10 +257,12 @@ def _built(file: SavedDesign) -> Design:
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:
-    numbers = saved.model_dump(exclude={"kind"})
+    numbers = {"half_exposure": saved.half_exposure, "velocity": saved.velocity}
+    if saved.kind == "FreeMotion":
+        path = saved.model_dump(include={"accelerations", "durations"})
+        return FreeMotion(**path, **numbers)
     if saved.kind == "ParabolicMotion":
-        return ParabolicMotion(**numbers)
-    del numbers["acceleration"]
+        return ParabolicMotion(acceleration=saved.acceleration, **numbers)  # type: ignore[arg-type]
     if saved.kind == "LinearMotion":
         return LinearMotion(**numbers)
     return StillCamera(half_exposure=saved.half_exposure)

@@ -29,6 +29,7 @@ from mishutter.model import (
     AbstractDevice,
     AbstractMotion,
     AbstractShutter,
+    FreeMotion,
     Limits,
     LinearMotion,
     ParabolicMotion,
@@ -41,6 +42,7 @@ from mishutter.model import (
     is_known_zero,
     is_straight,
     settled,
+    steady,
 )
 
 FREE_NAMES = ("shutter", "half_exposure", "velocity", "acceleration")
@@ -105,8 +107,10 @@ class DesignSpace(eqx.Module):
         if count:
             shutter = at_coordinates(shutter, box[:count])
         share = dict(zip(self.free_of_motion, box[count:], strict=True))
+        if not share:
+            return self.light(shutter, self.motion.half_exposure), self.motion
         half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
-        acceleration = self.motion.acceleration
+        acceleration = steady(self.motion).acceleration
         if "half_exposure" in share:
             bounds = self._half_exposure_bounds(shutter)
             half_exposure = _between(*bounds, share["half_exposure"])
@@ -183,7 +187,9 @@ class DesignSpace(eqx.Module):
             share = _share(*bounds, half_exposure)
             parts.append(share.astype(dtype)[None])
             half_exposure = _between(*bounds, share)
-        acceleration, share = motion.acceleration, None
+        if not self.free_of_motion:
+            return jnp.concatenate(parts)
+        acceleration, share = steady(motion).acceleration, None
         if "acceleration" in self.free:
             bounds = self._acceleration_bounds(half_exposure)
             share = _share(*bounds, acceleration)
@@ -259,6 +265,8 @@ def design_space(
     held = _held_by_kind(motion) & set(names)
     at_rest = isinstance(motion, StillCamera)
     requirement = "leave a still camera at rest" if at_rest else "leave a pan its constant velocity"
+    if isinstance(motion, FreeMotion):
+        requirement = "leave a free path as it is"
     require(not held, subject, requirement, free)
     dtype = common_dtype(motion.half_exposure, scene.speeds)
     limits = jax.tree.map(lambda x: x.astype(dtype), scene.limits)
@@ -303,6 +311,8 @@ def _held_by_kind(motion: AbstractMotion) -> set[str]:
     motion = settled(motion)
     if isinstance(motion, StillCamera):
         return {"acceleration", "velocity"}
+    if isinstance(motion, FreeMotion):
+        return {"half_exposure", "acceleration", "velocity"}
     return {"acceleration"} if is_straight(motion) else set()
 
 

@@ -40,6 +40,7 @@ from mishutter.model import (
     Scene,
     has_vertex,
     piecewise,
+    steady,
 )
 
 KERNEL_METRICS = ("condition_number", "kernel_difference", "relative_kernel_difference")
@@ -133,7 +134,8 @@ def motions_at(accelerations: np.ndarray, half_exposures: np.ndarray) -> Parabol
 def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
     """Sizes of a scene on many motions; where everything is computed, enough is all."""
     longest, turns = longest_within_limits(scene), np.asarray(has_vertex(motions))
-    a, half = (np.asarray(x, np.float64) for x in (motions.acceleration, motions.half_exposure))
+    half = np.asarray(motions.half_exposure, np.float64)
+    a = np.asarray(steady(motions).acceleration, np.float64)
     stroke = np.where(turns, a * half * half, 0.0)
     reach, velocity = extents(float(scene.max_speed), stroke, half)
     held = _by_whole(np.minimum(np.maximum(reach, longest), _FURTHEST), lambda x: sized_for(x, 0.0))
@@ -175,7 +177,8 @@ def _whole_blocks(count: np.ndarray) -> np.ndarray:
 def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
     """Scenes with only the speeds that a shutter asks for, as many in each, and no tolerances."""
     scenes = [without_tolerances(scene) for scene in scenes]
-    plan = Plan(1, 1, 16, 1, skips=skips, folds=folds_speeds(scenes[0], shutter))
+    folds = folds_speeds(scenes[0], scenes[0].fullest_motion, shutter)
+    plan = Plan(1, 1, 16, 1, skips=skips, folds=folds)
     needed = [reduced(scene, plan) for scene in scenes]
     most = max(scene.speeds.size for scene in needed)
     spare = [(0, most - scene.speeds.size) for scene in needed]
@@ -317,7 +320,7 @@ def _kernel_numbers(
 
         def add(block: Array, sums: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
             first = need.first + (block * _TAPS).astype(box.dtype)
-            kernels, light = kernels_and_light(profile, motion, speeds, first, _TAPS)
+            kernels, light = kernels_and_light(profile, motion, speeds, first, _TAPS, 1)
             some = assembled(scene, Records(kernels, jnp.zeros(0), light), plan)
             # A block without light of an object at rest goes to the room that is left for it.
             start = ((block - need.still_block) * _TAPS,)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter.blur import safe_sqrt
-from mishutter.model import AbstractMotion, Scene, Tolerances, frequency_grid
+from mishutter.model import AbstractMotion, Scene, Tolerances, frequency_grid, steady
 
 _NUM_VELOCITIES = 32
 """Velocities over an exposure at which the noise of a drive is taken: to 1e-6 of it where light
@@ -52,7 +52,7 @@ def ensemble_of(
     Returns:
         Accelerations, px/s^2, shape `(k,)`, and speeds at each of them, px/s, shape `(k, n)`.
     """
-    a = motion.acceleration.astype(dtype)
+    a = steady(motion).acceleration.astype(dtype)
     of = {name: getattr(tolerances, name).astype(dtype) for name in ("acceleration", "delay")}
     epsilon, error = (
         jnp.asarray(_normal(count)[0], dtype)
@@ -61,8 +61,8 @@ def ensemble_of(
     # No sensor runs backwards: an error beyond the acceleration itself leaves it at rest.
     accelerations = a * jnp.maximum(1 + of["acceleration"] * epsilon, 0)
     of_sensor = jnp.where(a > 0, tolerances.velocity.astype(dtype), 0.0)
-    steady = tolerances.speed.astype(dtype) ** 2 + of_sensor**2
-    deviation = safe_sqrt(steady + (2 * accelerations * of["delay"]) ** 2)
+    constant = tolerances.speed.astype(dtype) ** 2 + of_sensor**2
+    deviation = safe_sqrt(constant + (2 * accelerations * of["delay"]) ** 2)
     offsets = deviation[:, None] * error[None]
     shifted = offsets[:, :, None] + speeds.astype(dtype)[None, None]
     return accelerations, shifted.reshape(offsets.shape[0], -1)

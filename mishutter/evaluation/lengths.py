@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import Bare, is_concrete, require
-from mishutter.model import NUM_FREQUENCIES, AbstractMotion, Scene, turns
+from mishutter.model import NUM_FREQUENCIES, AbstractMotion, FreeMotion, Scene, steady, turns
 
 _MAX_LENGTH = 1 << 16
 """Length over which light may fall; px. Longer kernels and responses are refused."""
@@ -114,7 +114,14 @@ class Extent(NamedTuple):
 
 def extent(scene: Scene, motion: AbstractMotion) -> Extent:
     """How far light of a scene that is known travels on a motion."""
-    a, half = (np.asarray(x, np.float64) for x in (motion.acceleration, motion.half_exposure))
+    half = np.asarray(motion.half_exposure, np.float64)
+    if isinstance(motion, FreeMotion):
+        fastest = float(scene.max_speed)
+        speeds = np.array([-fastest, 0.0, fastest])
+        reach = float(np.max(motion.highest(speeds) - motion.lowest(speeds)))
+        velocity = (float(motion.speed_gain) + fastest) * float(half)
+        return Extent(max(reach, 2 * fastest * float(half)), velocity, reach)
+    a = np.asarray(steady(motion).acceleration, np.float64)
     stroke = np.asarray(a * half * half)
     reach, velocity = extents(float(scene.max_speed), stroke, half)
     spread = spread_of(occurring_speeds(scene), stroke, half)
@@ -219,9 +226,11 @@ def require_sizes(
 
 def spread_of_traced(scene: Scene, motion: AbstractMotion) -> Array:
     """Length over which light of all speeds falls, of which some or the motion are traced; px."""
-    half = motion.half_exposure
-    smear = jnp.where(scene.weights > 0, scene.speeds, 0) * half
-    return aligned(jnp.asarray(motion.acceleration * half * half)[None], smear).extent[0]
+    speeds, half = jnp.where(scene.weights > 0, scene.speeds, 0), motion.half_exposure
+    if isinstance(motion, FreeMotion):
+        return jnp.max(jnp.asarray(motion.highest(speeds) - motion.lowest(speeds)))
+    stroke = jnp.asarray(steady(motion).acceleration * half * half)
+    return aligned(stroke[None], speeds * half).extent[0]
 
 
 def most_spread(num_frequencies: int) -> float:

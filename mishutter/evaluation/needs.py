@@ -35,6 +35,7 @@ from mishutter.model import (
     NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
+    FreeMotion,
     ParabolicMotion,
     Scene,
     frequencies,
@@ -200,7 +201,7 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
     serves all of them. It is for the scene as it is `seen_from` the motion.
     """
     scene, motion = seen_from(scene, motion)
-    folds, still = folds_speeds(scene, shutter), nothing_moves(scene)
+    folds, still = folds_speeds(scene, motion, shutter), nothing_moves(scene)
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
 
@@ -298,7 +299,7 @@ def nothing_moves(scene: Scene) -> bool:
     return not np.any(np.asarray(scene.speeds)[np.asarray(scene.weights) > 0])
 
 
-def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
+def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Scene:
     """The scene with every speed once, none that never occurs, and no picture or motion.
 
     A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Results
@@ -306,7 +307,7 @@ def needed_speeds(scene: Scene, shutter: AbstractShutter) -> Scene:
     """
     if not scene.speeds_known:
         return scene.bare()
-    speeds, weights = distinct_speeds(scene, folds=is_symmetric(shutter))
+    speeds, weights = distinct_speeds(scene, folds=folds_speeds(scene, motion, shutter))
     return scene.bare(speeds=speeds, weights=weights)
 
 
@@ -315,10 +316,11 @@ def is_symmetric(shutter: AbstractShutter) -> bool:
     return bool(getattr(shutter, "symmetric", False))
 
 
-def folds_speeds(scene: Scene, shutter: AbstractShutter) -> bool:
-    """Whether the light of a command is known to do the same to speeds of either sign."""
+def folds_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
+    """Whether the kernels of `+s` and `-s` are known to be one on a motion without velocity."""
     at_once = scene.device is None or scene.device.follows_at_once
-    return at_once and is_symmetric(shutter)
+    mirrors = not isinstance(motion, FreeMotion) or motion.mirrors
+    return at_once and mirrors and is_symmetric(shutter)
 
 
 def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:

@@ -18,6 +18,8 @@ from mishutter.blur import (
     aligned_kernel,
     light_let_through,
     lit_nodes,
+    num_runs,
+    path_ends,
     sum_of_waves,
     waves_of_blocks,
     waves_on_dft,
@@ -29,6 +31,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
     AbstractShutter,
+    FreeMotion,
     Scene,
     Tolerances,
     as_parabolic,
@@ -36,6 +39,7 @@ from mishutter.model import (
     in_one_form,
     piecewise,
     settled,
+    steady,
     turns,
 )
 
@@ -116,7 +120,7 @@ def records(
         moving = scene.speeds if differences and not plan.still else scene.speeds[:0]
         taps, light = _known_kernels(profile, motion, _with_rest(moving), plan.num_taps)
     if spectra:
-        nodes = lit_nodes(profile, plan.num_nodes, dtype)
+        nodes = lit_nodes(profile, plan.num_nodes, dtype, path_ends(motion))
         grid = plan.num_frequencies, plan.num_kept
         response = spectra_of(scene, nodes, as_parabolic(motion), *grid)
         light = nodes.efficiency
@@ -205,12 +209,12 @@ def _known_kernels(
     first = kernel_phase(motion, num_taps)
     if not all_concrete((shutter, motion, speeds)):
         speeds, first = (jnp.asarray(x, dtype) for x in (speeds, first))
-        return kernels_and_light(shutter, motion, speeds, first, num_taps)
+        return kernels_and_light(shutter, motion, speeds, first, num_taps, num_runs(motion))
     shutter = in_one_form(shutter, dtype)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
     some = [
-        kernels_and_light(shutter, motion, part, np.asarray(first, dtype), length)
+        kernels_and_light(shutter, motion, part, np.asarray(first, dtype), length, num_runs(motion))
         for part in padded.reshape(-1, _SPEEDS_AT_ONCE)
     ]
     kernels = np.concatenate([np.asarray(kernels) for kernels, _ in some])
@@ -224,12 +228,14 @@ def kernels_and_light(
     speeds: Array | np.ndarray,
     first: Array | np.ndarray,
     num_taps: int,
+    runs: int,
 ) -> tuple[Array, Array]:
     """Kernels whose first tap begins at `first`, px from the point of alignment; efficiency."""
 
     def one(speed: Array) -> Array:
         turns = jnp.asarray(has_vertex(motion))
-        return aligned_kernel(shutter, motion, speed, num_taps, first, from_vertex=turns)
+        rule = {"from_vertex": turns, "count": runs}
+        return aligned_kernel(shutter, motion, speed, num_taps, first, **rule)
 
     light = light_let_through(piecewise(shutter), np.dtype(speeds.dtype))
     return jax.vmap(one)(jnp.asarray(speeds)), light
@@ -257,14 +263,21 @@ def pixel_responses(
         num_nodes: Quadrature nodes over the exposure, about.
     """
     tau, light = light_in_time(shutter, motion, num_nodes)
-    a, half = float(motion.acceleration), float(motion.half_exposure)
+    half = float(motion.half_exposure)
+    count = length // 2 + 1
+    aperture = np.sinc(np.arange(count) / length)[None]
+    if isinstance(motion, FreeMotion):
+        start = np.asarray(motion.alignment(np.asarray(speeds)))[:, None]
+        rest = (np.asarray(speeds)[:, None] * half).astype(tau.dtype) * tau
+        position = motion.position(tau * half) - rest - start.astype(tau.dtype)
+        return waves_on_dft(position, light, length, count) * aperture.astype(light.dtype)
+    a = float(steady(motion).acceleration)
     stroke, smear = a * half * half, (np.asarray(speeds)[:, None] * half).astype(tau.dtype)
     is_turning = bool(turns(np.asarray(stroke)))
     shape = (tau - smear / (2 * stroke)) ** 2 if is_turning else tau * smear
     position = shape * (stroke if is_turning else -1.0)
-    count = length // 2 + 1
     waves = waves_on_dft(position, light, length, count)
-    return waves * np.sinc(np.arange(count) / length)[None].astype(waves.dtype)
+    return waves * aperture.astype(waves.dtype)
 
 
 def light_in_time(
@@ -272,7 +285,7 @@ def light_in_time(
 ) -> tuple[Array | np.ndarray, Array | np.ndarray]:
     """Normalised times and the light at them, of shape `(1, q)`; NumPy arrays where known."""
     dtype = common_dtype(*jax.tree.leaves((motion, shutter)))
-    nodes = lit_nodes(piecewise(shutter), num_nodes, dtype)
+    nodes = lit_nodes(piecewise(shutter), num_nodes, dtype, path_ends(motion))
     tau, light = nodes.tau[None], nodes.light[None]
     if all_concrete((tau, light)):
         return np.asarray(tau, np.float64), np.asarray(light, np.float64)
@@ -295,8 +308,15 @@ def aligned_spectra(
     `num_blocks` from so many first blocks of nodes, and without a derivative.
     """
     dtype = nodes.tau.dtype
-    a, half = motion.acceleration.astype(dtype), motion.half_exposure.astype(dtype)
-    position = _positions(nodes.tau, a * half * half, speeds.astype(dtype) * half, weights)
+    half = motion.half_exposure.astype(dtype)
+    smear = speeds.astype(dtype) * half
+    if isinstance(motion, FreeMotion):
+        start = jnp.asarray(motion.alignment(speeds), dtype)[:, None]
+        path = jnp.asarray(motion.position(nodes.tau * half))
+        position = path[None] - (smear[:, None] * nodes.tau[None] + start)
+    else:
+        stroke = steady(motion).acceleration.astype(dtype) * half * half
+        position = _positions(nodes.tau, stroke, smear, weights)
     waves = position, nodes.light[None], num_frequencies, num_kept or num_frequencies
     return sum_of_waves(*waves) if num_blocks is None else waves_of_blocks(*waves, num_blocks)
 

@@ -20,10 +20,10 @@ from mishutter.model import (
     AbstractShutter,
     ParabolicMotion,
     Scene,
-    as_parabolic,
     profile_of,
     seen_from,
     settled,
+    steady,
 )
 
 OPTIMISED = "optimised"
@@ -56,7 +56,7 @@ def first_answer(scene: Scene, before: Design) -> Design:
 
 def _near(scene: Scene, before: Design) -> list[ParabolicMotion]:
     """Motions within the limits of a scene, near that of an earlier design."""
-    limits, motion = scene.limits, as_parabolic(settled(before.motion))
+    limits, motion = scene.limits, steady(before.motion)
     pan = min(float(limits.max_pan), 0.5 * float(limits.max_top_speed))
     velocity = float(np.clip(float(motion.velocity), -pan, pan))
     whole = _reach(before.scene, float(motion.half_exposure), float(motion.velocity))
@@ -103,7 +103,7 @@ def curves(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> di
         "time": _short(tau * half * 1e3),
         "profile": _short(transmittance, 4),
         "path_time": _short(time * 1e3),
-        "path": _short((float(motion.velocity) + float(motion.acceleration) * time) * time),
+        "path": _short(motion.position(time)),
         **_kernels(scene, motion, shutter),
         **_signal(scene, motion, shutter),
         **_over_speeds(scene, motion, shutter),

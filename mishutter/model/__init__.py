@@ -20,15 +20,19 @@ from mishutter.model.images import shipped_picture as shipped_picture
 from mishutter.model.images import to_display as to_display
 from mishutter.model.images import write_picture as write_picture
 from mishutter.model.motion import AbstractMotion as AbstractMotion
+from mishutter.model.motion import AbstractSteadyMotion as AbstractSteadyMotion
+from mishutter.model.motion import FreeMotion as FreeMotion
 from mishutter.model.motion import LinearMotion as LinearMotion
 from mishutter.model.motion import ParabolicMotion as ParabolicMotion
 from mishutter.model.motion import StillCamera as StillCamera
 from mishutter.model.motion import as_parabolic as as_parabolic
+from mishutter.model.motion import exact_ends as exact_ends
 from mishutter.model.motion import has_vertex as has_vertex
 from mishutter.model.motion import is_known_zero as is_known_zero
 from mishutter.model.motion import is_straight as is_straight
 from mishutter.model.motion import panned as panned
 from mishutter.model.motion import settled as settled
+from mishutter.model.motion import steady as steady
 from mishutter.model.motion import turns as turns
 from mishutter.model.motion import without_velocity as without_velocity
 from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY
@@ -68,6 +72,7 @@ from mishutter.model.shutters.base import coordinates as coordinates
 from mishutter.model.shutters.base import integrated_transmittance as integrated_transmittance
 from mishutter.model.shutters.base import is_adjustable as is_adjustable
 from mishutter.model.shutters.base import profile_of as profile_of
+from mishutter.model.shutters.base import uniform_fractions as uniform_fractions
 from mishutter.model.shutters.base import within_unit as within_unit
 from mishutter.model.shutters.interpolated import piecewise as piecewise
 from mishutter.model.shutters.polynomials import in_one_form as in_one_form

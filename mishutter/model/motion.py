@@ -3,7 +3,10 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-from typing import Any, final
+from abc import abstractmethod
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any, cast, final
 
 import equinox as eqx
 import jax
@@ -11,25 +14,110 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import as_float, is_concrete, require, require_finite, require_scalar
+from mishutter._core import (
+    RowLike,
+    all_concrete,
+    as_float,
+    common_dtype,
+    is_concrete,
+    require,
+    require_finite,
+    require_positive_int,
+    require_scalar,
+    shape_of,
+)
+
+Positions = Array | np.ndarray | np.floating
+"""Numbers of NumPy where everything is known and NumPy asks, and of JAX elsewhere."""
 
 
 class AbstractMotion(eqx.Module):
-    r"""A sensor on the path $x(t) = v t + a t^2$, $t \in [-T, T]$.
+    r"""A sensor on a path $x(t)$, $t \in [-T, T]$, which counts from mid-exposure.
 
-    Equation (5) of the paper with a velocity $v$ at mid-exposure, by which the sensor pans. A
-    point that moves at speed $s$ then passes over the sensor along $x(t) = a t^2 - (s - v) t$:
-    panning shifts every speed, and changes nothing else.
+    $v$ is its velocity at mid-exposure, by which it pans. A point that moves at speed $s$ then
+    passes over the sensor along $x(t) - s t$: panning shifts every speed, and changes nothing else.
     """
 
-    acceleration: eqx.AbstractVar[Array]
     half_exposure: eqx.AbstractVar[Array]
     velocity: eqx.AbstractVar[Array]
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
-        numbers = (f"{field}={getattr(self, field)}" for field in self.__dataclass_fields__)
+        numbers = (f"{name}={_shown(getattr(self, name))}" for name in self.__dataclass_fields__)
         return f"{type(self).__name__}({', '.join(numbers)})"
+
+    @property
+    def exposure(self) -> Array:
+        """Time from first to last light, $2T$; s."""
+        return 2 * self.half_exposure
+
+    @abstractmethod
+    def position(self, time: RowLike) -> Positions:
+        """Position of the sensor, from where it is at mid-exposure; px, shape of `time`.
+
+        Args:
+            time: Time from mid-exposure, s; any shape. Outside of the exposure the sensor
+                accelerates as at its end. A NumPy array gives one, where the motion is known.
+        """
+
+    @abstractmethod
+    def velocity_at(self, time: RowLike) -> Positions:
+        """Velocity of the sensor; px/s, shape of `time`, which is as in `position`."""
+
+    @abstractmethod
+    def alignment(self, speed: RowLike) -> Positions:
+        """Position on the sensor that objects of a speed are aligned at; px, shape of `speed`.
+
+        It counts from where they are at mid-exposure. A NumPy array gives one, where the motion
+        is known.
+        """
+
+    @property
+    @abstractmethod
+    def stroke(self) -> Array:
+        """Travel of the sensor over the exposure beside that of its pan; px."""
+
+    @property
+    @abstractmethod
+    def speed_gain(self) -> Array:
+        """Greatest speed that the sensor gains or loses from mid-exposure; px/s."""
+
+    @property
+    @abstractmethod
+    def top_speed(self) -> Array:
+        """Greatest speed of the sensor during the exposure; px/s."""
+
+    @property
+    @abstractmethod
+    def greatest_acceleration(self) -> Array:
+        """Greatest rate at which the velocity changes, twice the parameter $a$; px/s^2."""
+
+
+class AbstractSteadyMotion(AbstractMotion):
+    r"""A sensor of constant acceleration, on the path $x(t) = v t + a t^2$.
+
+    Equation (5) of the paper with a velocity $v$ at mid-exposure. A point that moves at speed $s$
+    passes over the sensor along $x(t) = a t^2 - (s - v) t$.
+    """
+
+    acceleration: eqx.AbstractVar[Array]
+
+    def position(self, time: RowLike) -> Positions:
+        """$v t + a t^2$; px, shape of `time`."""
+        time, v, a = _together(time, self.velocity, self.acceleration)
+        return (v + a * time) * time
+
+    def velocity_at(self, time: RowLike) -> Positions:
+        """$v + 2 a t$; px/s, shape of `time`."""
+        time, v, a = _together(time, self.velocity, self.acceleration)
+        return v + 2 * a * time
+
+    def alignment(self, speed: RowLike) -> Positions:
+        """The vertex, $-(s - v)^2/4a$, or where the object is at mid-exposure; px."""
+        moves = has_vertex(self)
+        speed, v, a = _together(speed, self.velocity, self.acceleration)
+        space: Any = np if isinstance(speed, np.ndarray) else jnp
+        return space.where(moves, -((speed - v) ** 2) / (4 * space.where(moves, a, 1.0)), 0.0)
 
     @property
     def stroke(self) -> Array:
@@ -47,13 +135,13 @@ class AbstractMotion(eqx.Module):
         return self.speed_gain + jnp.abs(self.velocity)
 
     @property
-    def exposure(self) -> Array:
-        """Time from first to last light, $2T$; s."""
-        return 2 * self.half_exposure
+    def greatest_acceleration(self) -> Array:
+        """Rate at which the velocity changes, $2a$; px/s^2."""
+        return 2 * self.acceleration
 
 
 @final
-class ParabolicMotion(AbstractMotion):
+class ParabolicMotion(AbstractSteadyMotion):
     r"""Constant acceleration: the motion-invariant camera.
 
     Args:
@@ -83,7 +171,192 @@ class ParabolicMotion(AbstractMotion):
         _check_velocity("ParabolicMotion(velocity=...)", self.velocity)
 
 
-class AbstractStraightMotion(AbstractMotion):
+@final
+class FreeMotion(AbstractMotion):
+    r"""A path of piecewise constant acceleration, without a jump in position or velocity.
+
+    $x(t) = v t + 2\int_0^t (t - t')\,a(t')\,dt'$, where $a(t)$ is `accelerations[j]` on the
+    $j$-th of $K$ pieces of $[-T, T]$. With all of them equal it is the path of a `ParabolicMotion`.
+
+    Objects are aligned at the lowest position that they reach on the sensor during the exposure,
+    $\min_t x(t) - s t$. On a path whose accelerations are at least 0 that is where the sensor keeps
+    pace with the object, or the end of the exposure at which it all but does; of several turning
+    points it is the lowest. A path without any acceleration is aligned at mid-exposure.
+
+    Args:
+        accelerations: The parameter $a$ of each piece, half the mechanical acceleration; px/s^2,
+            either sign, shape `(K,)`.
+        half_exposure: $T$; s, above 0.
+        velocity: $v$, that at mid-exposure; px/s, either sign.
+        durations: How long the pieces are, on any scale; equally by default. They are at least 0,
+            and known; shape `(K,)`.
+
+    Raises:
+        ValueError: if a value is not finite, of another shape, or out of its range, or the
+            durations are all 0.
+    """
+
+    accelerations: Array
+    half_exposure: Array
+    velocity: Array
+    durations: tuple[float, ...] | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        *,
+        accelerations: RowLike,
+        half_exposure: ArrayLike,
+        velocity: ArrayLike = 0.0,
+        durations: RowLike | None = None,
+    ):
+        self.accelerations = as_float(accelerations, "FreeMotion(accelerations=...)")
+        self.half_exposure = as_float(half_exposure, "FreeMotion(half_exposure=...)")
+        self.velocity = _as_velocity(velocity, self.half_exposure, "FreeMotion")
+        self.durations = None if durations is None else _as_durations(durations)
+
+    def __check_init__(self) -> None:
+        subject, row = "FreeMotion(accelerations=...)", self.accelerations
+        one_row = row.ndim == 1 and row.size >= 1
+        require(one_row, subject, "be one row of at least one number", shape_of(row))
+        require_finite(subject, row)
+        _check_half_exposure("FreeMotion(half_exposure=...)", self.half_exposure)
+        _check_velocity("FreeMotion(velocity=...)", self.velocity)
+        if self.durations is not None:
+            requirement = f"be as many as the {row.size} accelerations"
+            got = len(self.durations)
+            require(got == row.size, "FreeMotion(durations=...)", requirement, got)
+
+    @classmethod
+    def fit(cls, motion: AbstractMotion, *, num_pieces: int = 12) -> "FreeMotion":
+        """The motion of equal pieces that has the velocity of another where pieces meet.
+
+        That of a parabola, and of a path whose pieces meet nowhere else, is the same path.
+
+        Args:
+            motion: The motion to follow.
+            num_pieces: Number of pieces $K$.
+
+        Raises:
+            ValueError: if `num_pieces` is not a positive integer.
+        """
+        count = require_positive_int("FreeMotion.fit(num_pieces=...)", num_pieces)
+        if isinstance(motion, AbstractSteadyMotion):
+            return cls(
+                accelerations=jnp.broadcast_to(motion.acceleration, (count,)),
+                half_exposure=motion.half_exposure,
+                velocity=motion.velocity,
+            )
+        half = motion.half_exposure
+        ends = np.array(exact_ends(None, count), float).astype(half.dtype)
+        velocity = jnp.asarray(motion.velocity_at(ends * _on_host(half)))
+        pan = jnp.interp(jnp.zeros_like(half), ends, velocity)
+        rates = jnp.diff(velocity) / (np.diff(ends) * (2 * half))
+        return cls(accelerations=rates, half_exposure=half, velocity=pan)
+
+    def position(self, time: RowLike) -> Positions:
+        r"""$v t + 2\int_0^t (t - t')\,a(t')\,dt'$; px, shape of `time`."""
+        t, v, a, T = _together(time, self.velocity, self.accelerations, self.half_exposure)
+        begin, end = self._passed(t / T)
+        a = a.reshape((1,) * t.ndim + (-1,))
+        moved = (a * (end - begin) * abs(2 * (t / T)[..., None] - begin - end)).sum(axis=-1)
+        return v * t + (moved * T) * T
+
+    def velocity_at(self, time: RowLike) -> Positions:
+        r"""$v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`."""
+        t, v, a, T = _together(time, self.velocity, self.accelerations, self.half_exposure)
+        begin, end = self._passed(t / T)
+        space: Any = np if isinstance(t, np.ndarray) else jnp
+        backwards = space.sign(t)
+        a = a.reshape((1,) * t.ndim + (-1,))
+        return v + 2 * T * backwards * (a * (end - begin)).sum(axis=-1)
+
+    def _passed(self, tau: Any) -> tuple[Any, Any]:
+        r"""Between which times, in units of $T$, each piece is passed from 0 to `tau`."""
+        space: Any = np if isinstance(tau, np.ndarray) else jnp
+        ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
+        ends[[0, -1]] = -np.inf, np.inf
+        row = ends.astype(tau.dtype).reshape((1,) * tau.ndim + (-1,))
+        first, last = space.minimum(tau, 0)[..., None], space.maximum(tau, 0)[..., None]
+        places = space.minimum(space.maximum(row, first), last)
+        return places[..., :-1], places[..., 1:]
+
+    def alignment(self, speed: RowLike) -> Positions:
+        """The lowest position, or where the object is at mid-exposure on a straight path; px."""
+        moves, lowest = has_vertex(self), self.lowest(speed)
+        if isinstance(lowest, Array):
+            return jnp.where(moves, lowest, 0.0)
+        return lowest if moves else np.zeros_like(lowest)
+
+    def lowest(self, speed: RowLike) -> Positions:
+        r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`."""
+        return self._extreme(speed, 1.0)
+
+    def highest(self, speed: RowLike) -> Positions:
+        r"""Highest position of objects on the sensor, $\max_t x(t) - s t$; px, shape of `speed`."""
+        return -self._extreme(speed, -1.0)
+
+    def _extreme(self, speed: RowLike, sign: float) -> Positions:
+        """The lowest position on a path that is mirrored where `sign` is -1."""
+        s, a, T = _together(speed, self.accelerations, self.half_exposure)
+        space: Any = np if isinstance(s, np.ndarray) else jnp
+        across = (1,) * s.ndim + (-1,)
+        times = np.array(exact_ends(self.durations, a.size), float).astype(s.dtype) * T
+        x, u = self.position(times).reshape(across), self.velocity_at(times).reshape(across)
+        times, a = times.reshape(across), a.reshape(across)
+        position, velocity = sign * (x - s[..., None] * times), sign * (u - s[..., None])
+        before, after, rate = velocity[..., :-1], velocity[..., 1:], sign * a
+        turns = (before < 0) & (after > 0) & (rate > 0)
+        rise = before * before / (4 * space.where(turns, rate, 1.0))
+        turned = space.where(turns, position[..., :-1] - rise, position[..., :-1])
+        return space.minimum(space.min(turned, axis=-1), position[..., -1])
+
+    @property
+    def stroke(self) -> Array:
+        r"""Travel beside that of the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
+        velocity = _on_host(self.velocity)
+        return jnp.asarray(self.highest(velocity) - self.lowest(velocity))
+
+    @property
+    def speed_gain(self) -> Array:
+        r"""Greatest speed gained or lost from mid-exposure, $\max_t |x'(t) - v|$; px/s."""
+        return jnp.max(jnp.abs(self._velocities() - _on_host(self.velocity)))
+
+    @property
+    def top_speed(self) -> Array:
+        r"""Greatest speed of the sensor during the exposure, $\max_t |x'(t)|$; px/s."""
+        return jnp.max(jnp.abs(self._velocities()))
+
+    @property
+    def greatest_acceleration(self) -> Array:
+        """Greatest rate at which the velocity changes, twice that of $|a|$; px/s^2."""
+        return 2 * jnp.max(jnp.abs(self.accelerations))
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether the path beside its pan is known to be the same forwards and backwards."""
+        if not is_concrete(self.accelerations):
+            return False
+        a = np.asarray(self.accelerations)
+        same = self.durations is None or self.durations == self.durations[::-1]
+        return same and np.array_equal(a, a[::-1])
+
+    def _velocities(self) -> Positions:
+        """Velocity where pieces begin and end; px/s, shape `(K + 1,)`."""
+        ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
+        half = _on_host(self.half_exposure)
+        return self.velocity_at(ends.astype(half.dtype) * half)
+
+
+@lru_cache
+def exact_ends(durations: tuple[float, ...] | None, num_pieces: int) -> tuple[Fraction, ...]:
+    r"""Where pieces of a `FreeMotion` begin and end, $\tau$ from -1 to 1."""
+    passed = [Fraction(0)]
+    for duration in durations or (1.0,) * num_pieces:
+        passed.append(passed[-1] + Fraction(duration))
+    return tuple(2 * time / passed[-1] - 1 for time in passed)
+
+
+class AbstractStraightMotion(AbstractSteadyMotion):
     """A sensor whose path is straight."""
 
     @property
@@ -145,11 +418,13 @@ def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
     """Whether objects are aligned at the vertex of their path; on the host where that is known.
 
     On a sensor without a stroke to speak of, whose powers leave the range of its precision,
-    they are aligned at mid-exposure.
+    they are aligned at mid-exposure; and so on a free path without acceleration.
     """
-    a, half = (
-        np.asarray(x) if is_concrete(x) else x for x in (motion.acceleration, motion.half_exposure)
-    )
+    if isinstance(motion, FreeMotion):
+        known = is_concrete(motion.accelerations)
+        return np.any(np.asarray(motion.accelerations)) if known else jnp.any(motion.accelerations)
+    numbers = steady(motion).acceleration, motion.half_exposure
+    a, half = (np.asarray(x) if is_concrete(x) else x for x in numbers)
     with np.errstate(over="ignore"):
         return turns(a * half * half)
 
@@ -157,6 +432,19 @@ def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
 def turns(stroke: Array | np.ndarray | np.floating) -> Any:
     """Whether the sensor's path has a vertex within what its precision can tell."""
     return stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
+
+
+def _together(*values: Any) -> tuple[Any, ...]:
+    """Numbers as arrays of one kind: of NumPy where the first is and all are known."""
+    if isinstance(values[0], np.ndarray) and all_concrete(values):
+        return tuple(np.asarray(x, np.result_type(values[0], np.float32)) for x in values)
+    dtype = common_dtype(*values)
+    return tuple(jnp.asarray(x, dtype) for x in values)
+
+
+def _on_host(value: Any) -> Any:
+    """A number as NumPy has it where it is known."""
+    return np.asarray(value) if is_concrete(value) else value
 
 
 def settled(motion: AbstractMotion) -> AbstractMotion:
@@ -170,7 +458,8 @@ def settled(motion: AbstractMotion) -> AbstractMotion:
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
     if isinstance(motion, StillCamera):
         return motion
-    signs = motion.acceleration, has_vertex(motion)
+    free = isinstance(motion, FreeMotion)
+    signs = motion.accelerations if free else steady(motion).acceleration, has_vertex(motion)
     if not any(is_known_zero(sign) for sign in signs):
         return motion
     if is_known_zero(motion.velocity):
@@ -178,32 +467,50 @@ def settled(motion: AbstractMotion) -> AbstractMotion:
     return LinearMotion(half_exposure=motion.half_exposure, velocity=motion.velocity)
 
 
+def steady(motion: AbstractMotion) -> AbstractSteadyMotion:
+    """A motion that must be of constant acceleration.
+
+    Raises:
+        ValueError: if it is not.
+    """
+    require(isinstance(motion, AbstractSteadyMotion), "motion", "accelerate constantly", motion)
+    return cast(AbstractSteadyMotion, motion)
+
+
 def is_known_zero(value: Any) -> bool:
     """Whether a number, or all of an array, can be looked at and is 0."""
     return is_concrete(value) and not np.any(np.asarray(value))
 
 
-def as_parabolic(motion: AbstractMotion) -> ParabolicMotion:
-    """The same motion as the one kind that holds all, for programs that serve all."""
+def as_parabolic(motion: AbstractMotion) -> AbstractMotion:
+    """The same motion as the one kind that holds all but free ones, for programs that serve all."""
+    if isinstance(motion, FreeMotion):
+        return motion
     numbers = ("acceleration", "half_exposure", "velocity")
     return ParabolicMotion(**{name: getattr(motion, name) for name in numbers})
 
 
 def panned(motion: AbstractMotion, velocity: ArrayLike) -> AbstractMotion:
     """The motion at another velocity."""
-    half_exposure = motion.half_exposure
+    half = motion.half_exposure
+    if isinstance(motion, FreeMotion):
+        return FreeMotion(
+            accelerations=motion.accelerations,
+            half_exposure=half,
+            velocity=velocity,
+            durations=motion.durations,
+        )
     if isinstance(motion, AbstractStraightMotion):
-        return LinearMotion(half_exposure=half_exposure, velocity=velocity)
-    return ParabolicMotion(
-        acceleration=motion.acceleration, half_exposure=half_exposure, velocity=velocity
-    )
+        return LinearMotion(half_exposure=half, velocity=velocity)
+    a = steady(motion).acceleration
+    return ParabolicMotion(acceleration=a, half_exposure=half, velocity=velocity)
 
 
 def without_velocity(motion: AbstractMotion) -> AbstractMotion:
     """The motion in a frame that pans with it."""
     if isinstance(motion, AbstractStraightMotion):
         return StillCamera(half_exposure=motion.half_exposure)
-    return ParabolicMotion(acceleration=motion.acceleration, half_exposure=motion.half_exposure)
+    return panned(motion, 0.0)
 
 
 def is_straight(motion: AbstractMotion) -> bool:
@@ -221,6 +528,19 @@ def _as_velocity(velocity: ArrayLike, half_exposure: Array, kind: str) -> Array:
     if isinstance(velocity, float | int) and velocity == 0:
         return _zero_like(half_exposure)
     return as_float(velocity, f"{kind}(velocity=...)")
+
+
+def _as_durations(durations: RowLike) -> tuple[float, ...]:
+    subject = "FreeMotion(durations=...)"
+    require(np.ndim(durations) == 1, subject, "be one row", shape_of(durations))  # type: ignore[arg-type]
+    require_finite(subject, durations)
+    row = tuple(float(x) for x in np.asarray(durations))
+    require(min(row) >= 0 and sum(row) > 0, subject, "be at least 0, and not all of them 0", row)
+    return row
+
+
+def _shown(value: Any) -> Any:
+    return value.tolist() if getattr(value, "ndim", 0) and is_concrete(value) else value
 
 
 def _check_acceleration(value: Array) -> None:

@@ -110,11 +110,10 @@ def _captured(
         simulate_capture(layers, scene, motion, shutter, key=jax.random.key(0)), np.float64
     )
     restored = np.asarray(deconvolve(light, scene, motion, shutter))
-    a, v = float(motion.acceleration), float(motion.velocity)
-    relative = [layer.speed - v for layer in layers.layers]
-    truth, matte = _placed(layers, [-(s**2) / (4 * a) if a > 0 else 0.0 for s in relative])
+    speeds = np.array([layer.speed for layer in layers.layers], float)
+    truth, matte = _placed(layers, np.asarray(motion.alignment(speeds)).tolist())
     time = np.linspace(-1, 1, _NUM_TIMES) * float(motion.half_exposure)
-    way = (a * time - relative[1]) * time
+    way = np.asarray(motion.position(time)) - speeds[1] * time
     swept = _swept(_placed(layers, [0.0, 0.0])[1], float(np.min(way)), float(np.max(way)))
     gain = 1 / max(float(np.asarray(scene.light(shutter, motion).efficiency())), _LEAST_EFFICIENCY)
     error = np.mean((restored - truth) ** 2, axis=2)

@@ -123,8 +123,7 @@ def plot_drive(table: DriveTable) -> Figure:
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
     top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     time, motion = np.linspace(edges[0], edges[-1], _NUM_POINTS), table.design.motion
-    path = (float(motion.velocity) + float(motion.acceleration) * time * 1e-3) * time * 1e-3
-    bottom.plot(time, path, **first)
+    bottom.plot(time, np.asarray(motion.position(time * 1e-3)), **first)
     bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
     return figure
 

@@ -13,7 +13,7 @@ import numpy as np
 from mishutter._core import alone_in_blas
 from mishutter.design import best_profile, window_fits
 from mishutter.evaluation import automatic
-from mishutter.model import AbstractMotion, ParabolicMotion, Scene, SplineShutter
+from mishutter.model import AbstractMotion, ParabolicMotion, Scene, SplineShutter, steady
 from mishutter.sweeps.grid import Search
 
 _NUM_WINDOWS = 3
@@ -55,7 +55,8 @@ def search(
     for index in np.lexsort((rows, columns)):
         row, column = int(rows[index]), int(columns[index])
         motion = ParabolicMotion(
-            acceleration=motions.acceleration[index], half_exposure=motions.half_exposure[index]
+            acceleration=steady(motions).acceleration[index],
+            half_exposure=motions.half_exposure[index],
         )
         boxes[row, column], losses[row, column] = best_profile(
             scene,

@@ -49,7 +49,7 @@ LOSSES = {"design": DesignLoss(), "expected_error": ExpectedErrorLoss()}
 
 def _objective(loss, free, shutter=PROFILE):
     space = design_space(SCENE, MOTION, shutter, free)
-    return space, objective_of(loss, needed_speeds(SCENE, shutter), space, SMALL)
+    return space, objective_of(loss, needed_speeds(SCENE, MOTION, shutter), space, SMALL)
 
 
 @pytest.mark.parametrize("slug", LOSSES)
@@ -184,7 +184,7 @@ def test_a_grid_leads_to_the_lowest_of_its_minima(shutter, free):
     loss = ExpectedErrorLoss()
     design = optimise(SCENE, MOTION, shutter, loss=loss, free=free)
     space = design_space(SCENE, MOTION, shutter, free or free_by_default(SCENE, MOTION, shutter))
-    objective = objective_of(loss, needed_speeds(SCENE, shutter), space, design.plan)
+    objective = objective_of(loss, needed_speeds(SCENE, MOTION, shutter), space, design.plan)
     ends = [polish(objective, box, max_steps=300).loss for box in start_boxes(space, 1, 0)]
     assert design.converged, design.outcome
     assert design.loss <= min(ends) * (1 + 1e-7)

@@ -36,7 +36,7 @@ def _objectives(name):
     """The objective of a search and the loss of the design itself; size of their box."""
     motion, shutter = DESIGNS[name]
     space = design_space(SCENE, motion, shutter, free_by_default(SCENE, motion, shutter))
-    scene, loss = needed_speeds(SCENE, shutter), ExpectedErrorLoss()
+    scene, loss = needed_speeds(SCENE, MOTION, shutter), ExpectedErrorLoss()
     by_parts = objective_of(loss, scene, space, SMALL)
     assert isinstance(by_parts, SpectralObjective)
     return by_parts, DesignObjective(loss, scene, space, SMALL), space.size

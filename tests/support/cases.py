@@ -13,6 +13,7 @@ from mishutter import (
     AbstractShutter,
     ChippedShutter,
     FirstOrderShutter,
+    FreeMotion,
     GaussianShutter,
     HannShutter,
     IdealShutter,
@@ -114,4 +115,10 @@ MOTIONS = {
     "parabolic": lambda: ParabolicMotion(acceleration=310.0, half_exposure=0.31),
     "still": lambda: StillCamera(half_exposure=0.013),
     "pan": lambda: LinearMotion(half_exposure=0.013, velocity=70.0),
+    "free": lambda: FreeMotion(
+        accelerations=[410.0, 0.0, -130.0, 280.0],
+        half_exposure=0.31,
+        velocity=-12.0,
+        durations=[1.0, 0.5, 0.0, 2.5],
+    ),
 }

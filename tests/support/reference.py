@@ -187,7 +187,7 @@ def transfer(window, a, T, s, frequency, *, power=0):
         a, T, s = mp.mpf(a), mp.mpf(T), mp.mpf(s)
         kappa, mu = (2 * mp.pi * mp.mpf(frequency) * q for q in (a * T * T, s * T))
         each = [
-            _term(_times_time(term, power), kappa, mu, mp.mpf(lo), mp.mpf(hi))
+            wave(_times_time(term, power), kappa, mu, mp.mpf(lo), mp.mpf(hi))
             for lo, hi, terms in window.pieces
             for term in terms
         ]
@@ -215,7 +215,7 @@ def _times_time(term, power):
     return replace(term, coefficients=(0,) * power + tuple(term.coefficients))
 
 
-def _term(term, kappa, mu, lo, hi):
+def wave(term, kappa, mu, lo, hi):
     """Moments of `exp(-i (k t^2 - m t))` by the recursion that parts gives."""
     k, m = kappa - IMAGINARY * term.rate, mu + term.frequency
     if hi <= lo:

@@ -28,6 +28,8 @@ def instants(motion, shutter, count, *, breaks=()):
 
 def position(motion, time):
     """Where the sensor is, px from mid-exposure."""
+    if not hasattr(motion, "acceleration"):
+        return np.asarray(motion.position(time))
     a, v = float(motion.acceleration), float(motion.velocity)
     return (a * time + v) * time
 
@@ -50,9 +52,13 @@ def captured_row(
 ):
     """Light on the sensor from periodic rows `(..., period)`; aligned at a vertex, if there is."""
     time, light = instants(motion, shutter, count, breaks=breaks)
-    a, relative = float(motion.acceleration), speed - float(motion.velocity)
-    vertex = relative**2 / (4 * a) if a > 0 else 0.0
-    place = position(motion, time) - speed * time + vertex + displacement
+    place = position(motion, time) - speed * time + displacement
+    if hasattr(motion, "acceleration"):
+        a, relative = float(motion.acceleration), speed - float(motion.velocity)
+        place += relative**2 / (4 * a) if a > 0 else 0.0
+    else:
+        steps = np.linspace(-1, 1, 200_001) * float(motion.half_exposure)
+        place -= np.min(position(motion, steps) - speed * steps)
     period = rows.shape[-1]
     spectrum = np.fft.rfft(rows)
     # The sum over instants is done for each frequency: the same as adding the shifted rows.

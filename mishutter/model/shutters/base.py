@@ -11,7 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import DoubleWord, as_float, common_dtype, compiled, require, require_finite
+from mishutter._core import (
+    DoubleWord,
+    as_float,
+    common_dtype,
+    compiled,
+    fractions_as_words,
+    require,
+    require_finite,
+)
 
 
 class AbstractShutter(eqx.Module):
@@ -175,16 +183,14 @@ def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Array:
 
 
 @lru_cache
-def _uniform_fractions(num_pieces: int) -> tuple[Fraction, ...]:
+def uniform_fractions(num_pieces: int) -> tuple[Fraction, ...]:
+    """Ends of equal pieces, from -1 to 1."""
     return tuple(Fraction(2 * j - num_pieces, num_pieces) for j in range(num_pieces + 1))
 
 
 def uniform_breakpoints(num_pieces: int, dtype: np.dtype) -> DoubleWord:
     """Ends of equal pieces, exact to twice the precision: an edge of a chip is a jump."""
-    exact = _uniform_fractions(num_pieces)
-    high = np.array([float(x) for x in exact]).astype(dtype)
-    low = [float(x - Fraction(float(h))) for x, h in zip(exact, high, strict=True)]
-    return DoubleWord(jnp.asarray(high), jnp.asarray(np.array(low, dtype)))
+    return fractions_as_words(uniform_fractions(num_pieces), dtype)
 
 
 @jax.custom_jvp

@@ -154,7 +154,7 @@ def _known_blur(
     num_taps, _ = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     weights = np.asarray(scene.weights, np.float64)
     if skips(plan):
-        kept = needed_speeds(scene, shutter)
+        kept = needed_speeds(scene, motion, shutter)
         speeds, weights = np.asarray(kept.speeds), np.asarray(kept.weights, np.float64)
     electrons = float(white_electrons(scene, motion))
     light = float(np.asarray(captured_response(motion, shutter, [0.0], 2))[0, 0].real)

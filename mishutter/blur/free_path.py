@@ -1,0 +1,415 @@
+r"""The trajectory of a point on a free path: refined breakpoints, positions, runs and crossings.
+
+The breakpoints of the shutter and those of the path together cut the exposure into pieces, on each
+of which the trajectory is one parabola $x = X + U h + A h^2$. Consecutive pieces whose $A$ have one
+sign are a run: over a run the velocity is a monotone function of time, so that the trajectory has
+two branches there, as a parabola has over the whole exposure. A run of negative $A$ is looked at
+in a mirror. A path whose accelerations are all at least 0 is a single run.
+
+The breakpoint on the branch behind which an edge is crossed is found by a binary search among
+exact positions, and the crossing is timed from the nearer end of its piece by the formulae of
+`crossings`, of which it takes the velocity from the slower end: $u^2 = U^2 + 4A\,\Delta x$, or
+$4A\,\Delta x$ from the vertex, are sums in which nothing cancels.
+"""
+
+import itertools
+import math
+from bisect import bisect_right
+from fractions import Fraction
+from typing import ClassVar, NamedTuple, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import (
+    DoubleWord,
+    add,
+    fractions_as_words,
+    is_concrete,
+    multiply,
+    negate,
+    numbers_of,
+    reciprocal,
+    two_product,
+    word,
+)
+from mishutter.blur.crossings import AFTER, Crossings, at, distance, time_between
+from mishutter.blur.trajectory import once
+from mishutter.model import (
+    AbstractMotion,
+    AbstractPiecewiseShutter,
+    FreeMotion,
+    exact_ends,
+    uniform_fractions,
+)
+
+
+@final
+class RefinedShutter(AbstractPiecewiseShutter):
+    r"""A profile with more breakpoints, where the acceleration of a free path changes too.
+
+    Args:
+        profile: The shutter.
+        ends: Ends of the pieces, ascending from -1 to 1; shape `(m + 1,)`.
+        owner: Piece of the shutter that holds each piece; shape `(m,)`.
+        known_owner: The same where it is known, as of equal pieces; none otherwise.
+        lead: Time from the left end of the shutter's piece to that of the piece; shape `(m,)`.
+        trail: Time from the right end of the piece to that of the shutter's; shape `(m,)`.
+        longest: Length that no piece exceeds, in units of $\tau$.
+        panels_per_piece: Equal parts of a piece on each of which `w` is a low polynomial.
+        smooth_length: Time over which each piece's function is all but a low polynomial.
+    """
+
+    profile: AbstractPiecewiseShutter
+    ends: DoubleWord
+    owner: Array
+    lead: Array
+    trail: Array
+    known_owner: tuple[int, ...] | None = eqx.field(static=True)
+    longest: float = eqx.field(static=True)
+    panels_per_piece: int = eqx.field(static=True)
+    smooth_length: float | Array
+    equal_pieces: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
+
+    def transmittance(self, tau: ArrayLike) -> Array:
+        return self.profile.transmittance(tau)
+
+    def dtype(self) -> np.dtype | None:
+        return self.profile.dtype()
+
+    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+        return DoubleWord(*(end.astype(dtype) for end in self.ends))
+
+    def piece_transmittance(self, offset: Array) -> Array:
+        rest = (None,) * (offset.ndim - 1)
+        from_left = offset + self.lead[(slice(None), *rest)].astype(offset.dtype)
+        count = self.profile.breakpoints(np.dtype(self.lead.dtype)).high.size - 1
+        if self.known_owner is None:
+            every = jnp.broadcast_to(from_left[None], (count, *from_left.shape))
+            values, owner = self.profile.piece_transmittance(every), self.owner[(None, ..., *rest)]
+            return jnp.take_along_axis(values, owner, axis=0, mode="promise_in_bounds")[0]
+        owner = np.array(self.known_owner)
+        first = np.searchsorted(owner, np.arange(count))
+        place = np.arange(owner.size) - first[owner]
+        row = np.minimum(first[:, None] + np.arange(np.max(place) + 1), owner.size - 1)
+        return self.profile.piece_transmittance(from_left[row])[owner, place]
+
+    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+        length = looked_up(jnp.diff(self.ends.high) + jnp.diff(self.ends.low), piece)
+        other = length - distance
+        left = looked_up(self.lead, piece) + jnp.where(from_left, distance, other)
+        right = looked_up(self.trail, piece) + jnp.where(from_left, other, distance)
+        is_left = left <= right
+        nearer = jnp.where(is_left, left, right)
+        return self.profile.piece_mean(looked_up(self.owner, piece), is_left, nearer, width)
+
+
+def refined(
+    profile: AbstractPiecewiseShutter, ends: tuple[Fraction, ...], dtype: np.dtype
+) -> tuple[RefinedShutter, Array]:
+    """A profile with the `path_ends`, and the piece of the path that holds each of its pieces."""
+    inner, own = ends[1:-1], profile.breakpoints(dtype)
+    num_pieces, count = own.high.size - 1, profile.panels_per_piece
+    longest = float(max(after - before for before, after in itertools.pairwise(ends)))
+    known = None
+    if profile.equal_pieces:
+        longest = min(longest, 2 / num_pieces)
+        count = math.ceil(count * longest * num_pieces / 2)
+        equal = uniform_fractions(num_pieces)
+        both = sorted({*equal, *inner})
+        cuts = fractions_as_words(both, dtype)
+        known = tuple(bisect_right(equal, x) - 1 for x in both[:-1])
+        place = np.array([bisect_right(ends, x) - 1 for x in both[:-1]], np.int32)
+        owner = jnp.array(known, jnp.int32)
+    else:
+        added = fractions_as_words(inner, dtype)
+        high, low = (jnp.concatenate(pair) for pair in zip(own, added, strict=True))
+        index = jnp.arange(high.size, dtype=jnp.int32)
+        index = jax.lax.sort((*jax.lax.stop_gradient((high, low)), index), num_keys=2)[2]
+        cuts = DoubleWord(high[index], low[index])
+        is_own = index[:-1] <= num_pieces
+        owner = jnp.clip(jnp.cumsum(is_own, dtype=jnp.int32) - 1, 0, num_pieces - 1)
+        place = jnp.cumsum(~is_own, dtype=jnp.int32)
+    begin, end = (DoubleWord(*(x[part] for x in cuts)) for part in (slice(-1), slice(1, None)))
+    left, right = (DoubleWord(*(x[owner + side] for x in own)) for side in (0, 1))
+    lead, trail = distance(begin, left), distance(right, end)
+    whole = RefinedShutter(
+        profile=profile,
+        ends=cuts,
+        owner=owner,
+        lead=lead,
+        trail=trail,
+        known_owner=known,
+        longest=longest,
+        panels_per_piece=count,
+        smooth_length=profile.smooth_length,
+    )
+    return whole, jnp.asarray(place, jnp.int32)
+
+
+def path_ends(motion: AbstractMotion) -> tuple[Fraction, ...]:
+    r"""Where pieces of a path that have a length meet, $\tau$ from -1 to 1; none without pieces."""
+    if not isinstance(motion, FreeMotion):
+        return ()
+    return tuple(dict.fromkeys(exact_ends(motion.durations, motion.accelerations.size)))
+
+
+def _lasting(motion: FreeMotion) -> np.ndarray:
+    """Indices of the pieces that have a length."""
+    ends = exact_ends(motion.durations, motion.accelerations.size)
+    return np.flatnonzero([after > before for before, after in itertools.pairwise(ends)])
+
+
+def num_runs(motion: AbstractMotion) -> int:
+    """Number of runs of a path; as many as pieces where the accelerations are not known."""
+    if not isinstance(motion, FreeMotion):
+        return 1
+    a = numbers_of(motion.accelerations)
+    lasting = _lasting(motion)
+    if not is_concrete(a):
+        return lasting.size
+    signs = np.sign(np.asarray(a)[lasting])
+    signs = signs[signs != 0]
+    return 1 + int(np.sum(signs[1:] != signs[:-1]))
+
+
+class Numbers(NamedTuple):
+    """The motion of a point: accelerations of lasting pieces, half exposure, and its speed."""
+
+    accelerations: Array
+    half_exposure: Array
+    speed: Array
+
+
+def numbers(motion: FreeMotion, speed: Array) -> Numbers:
+    """Numbers of a motion in the precision of the speed, that of the object over the sensor."""
+    a, T = (x.astype(speed.dtype) for x in (motion.accelerations, motion.half_exposure))
+    return Numbers(a[_lasting(motion)], T, speed)
+
+
+class FreePath(NamedTuple):
+    """Position and velocity of a point at breakpoints, and each piece's parabola; in px.
+
+    Attributes:
+        stroke: Of each piece, $A$; shape `(m,)`.
+        velocity: At breakpoints, px per half exposure; shape `(m + 1,)`.
+        position: At breakpoints; shape `(m + 1,)`.
+        vertex: Turning point of each piece that holds one, or where it begins; shape `(m,)`.
+        turns: Whether each piece holds a turning point; shape `(m,)`.
+        lowest: The lowest position of all, where edges count from it, or 0; shape `(1,)`.
+        lowest_index: Which of the vertices it is, or the end, after them all; scalar.
+        from_lowest: Whether edges count from there; scalar.
+    """
+
+    stroke: Array
+    velocity: Array
+    position: DoubleWord
+    vertex: DoubleWord
+    turns: Array
+    lowest: DoubleWord
+    lowest_index: Array
+    from_lowest: Array
+
+    def mirrored(self, sign: Array) -> "FreePath":
+        """The path as it is, or upside down where `sign` is -1."""
+        names = "stroke", "velocity", "position", "vertex"
+        parts = {name: jax.tree.map(lambda x: sign * x, getattr(self, name)) for name in names}
+        return self._replace(**parts)
+
+
+def free_path(
+    given: Numbers,
+    speed_low: Array,
+    ends: tuple[Fraction, ...],
+    tau: DoubleWord,
+    place: Array,
+    *,
+    from_lowest: Array | bool,
+) -> FreePath:
+    """The path at breakpoints `tau`, of whose pieces `place` are the path's; a value alone.
+
+    `speed_low` is what its speed has beyond the precision of a word.
+    """
+    known = jax.lax.stop_gradient((given, speed_low, tau, jnp.asarray(from_lowest)))
+    return once(lambda *x: _exact_path(ends, place, *x), *known)
+
+
+def _exact_path(
+    ends: tuple[Fraction, ...],
+    place: Array,
+    given: Numbers,
+    speed_low: Array,
+    tau: DoubleWord,
+    from_lowest: Array,
+) -> FreePath:
+    a, T, speed = given
+    dtype, half = np.dtype(speed.dtype), word(T)
+    spread = DoubleWord(*(jnp.broadcast_to(x, a.shape) for x in half))
+    stroke = multiply(two_product(a, spread.high), spread)
+    smear = multiply(DoubleWord(speed, speed_low), half)
+    cuts = fractions_as_words(ends, dtype)
+    length = fractions_as_words([y - x for x, y in itertools.pairwise(ends)], dtype)
+
+    def passed(state: tuple[DoubleWord, DoubleWord], piece: tuple[DoubleWord, DoubleWord]):
+        velocity, position = state
+        stroke, length = piece
+        gained = multiply(stroke, length)
+        moved = add(position, multiply(length, add(velocity, gained)))
+        return (add(velocity, _twice(gained)), moved), state
+
+    nothing = DoubleWord(jnp.zeros_like(T), jnp.zeros_like(T))
+    _, (velocity, position) = jax.lax.scan(passed, (nothing, nothing), (stroke, length))
+
+    # All counts from mid-exposure, where the path has no velocity but that of the object.
+    middle = max(j for j, end in enumerate(ends[:-1]) if end <= 0)
+    before = fractions_as_words([-ends[middle]], dtype)
+    start, pace, rate = (
+        DoubleWord(*(x[middle : middle + 1] for x in row)) for row in (position, velocity, stroke)
+    )
+    gained = multiply(rate, before)
+    there = add(start, multiply(before, add(pace, gained)))
+    drift = add(add(pace, _twice(gained)), DoubleWord(*(x[None] for x in smear)))
+    there, drift = (
+        DoubleWord(*(jnp.broadcast_to(x, a.shape) for x in row)) for row in (there, drift)
+    )
+    begins = DoubleWord(cuts.high[:-1], cuts.low[:-1])
+    velocity = add(velocity, negate(drift))
+    position = add(position, negate(add(there, multiply(drift, begins))))
+
+    base = path_bases(place)
+    offset = add(tau, negate(_some(begins, base)))
+    gained = multiply(_some(stroke, base), offset)
+    pace = _some(velocity, base)
+    at_tau = add(_some(position, base), multiply(offset, add(pace, gained)))
+    paces = add(pace, _twice(gained))
+
+    # A turning point lies $U^2/4A$ below the end of its piece, or above it.
+    left, right = (DoubleWord(*(x[part] for x in paces)) for part in (slice(-1), slice(1, None)))
+    rates = _some(stroke, base[:-1])
+    sign = jnp.sign(rates.high)
+    turns = (sign * left.high < 0) & (sign * right.high >= 0)
+    quarter = (4 * jnp.where(turns, *pair) for pair in zip(rates, (0.25, 0.0), strict=True))
+    rise = multiply(multiply(left, left), reciprocal(DoubleWord(*quarter)))
+    begin = DoubleWord(at_tau.high[:-1], at_tau.low[:-1])
+    turned = add(begin, negate(rise))
+    vertex = DoubleWord(*(jnp.where(turns, *pair) for pair in zip(turned, begin, strict=True)))
+    high, low = (jnp.append(x, y[-1:]) for x, y in zip(vertex, at_tau, strict=True))
+    index = jnp.argmin(jnp.where(high == jnp.min(high), low, jnp.inf))
+    lowest = DoubleWord(*(jnp.where(from_lowest, x[index][None], 0.0) for x in (high, low)))
+    return FreePath(rates.high, paces.high, at_tau, vertex, turns, lowest, index, from_lowest)
+
+
+def path_bases(place: Array) -> Array:
+    """The piece of the path that each breakpoint's position counts from; shape `(m + 1,)`."""
+    return jnp.append(place, place[-1:])
+
+
+def _twice(x: DoubleWord) -> DoubleWord:
+    return DoubleWord(2 * x.high, 2 * x.low)
+
+
+def _some(x: DoubleWord, index: Array) -> DoubleWord:
+    return DoubleWord(x.high[index], x.low[index])
+
+
+def looked_up(values: Array, index: Array) -> Array:
+    """Values at indices known to be in range, in the shape of these also where there is one."""
+    return jnp.broadcast_to(at(values, index), index.shape)
+
+
+class Run(NamedTuple):
+    """Pieces whose accelerations have one sign, from `first` to before `past`; scalars."""
+
+    first: Array
+    past: Array
+    sign: Array
+
+
+def runs(accelerations: Array, place: Array, count: int) -> Run:
+    """The runs of a path, `(r,)`, of whose pieces `place` are those of the accelerations."""
+    signs = jnp.sign(accelerations)
+    index = jnp.arange(signs.size, dtype=jnp.int32)
+    last = jax.lax.cummax(jnp.where(signs != 0, index, -1))
+    sign = jnp.where(last >= 0, signs[last], 0.0)
+    turns = (sign[1:] != sign[:-1]) & (sign[:-1] != 0)
+    number = jnp.append(jnp.zeros(1, jnp.int32), jnp.cumsum(turns, dtype=jnp.int32))
+    which = np.arange(count, dtype=np.int32)[:, None]
+    first = jnp.sum(number[place][None] < which, axis=1, dtype=jnp.int32)
+    past = jnp.sum(number[place][None] <= which, axis=1, dtype=jnp.int32)
+    way = jnp.sum(jnp.where(number[None] == which, sign[None], 0.0), axis=1)
+    return Run(first, past, jnp.where(way < 0, -1.0, 1.0).astype(signs.dtype))
+
+
+def free_crossings(
+    track: FreePath, run: Run, tau: DoubleWord, edges: DoubleWord
+) -> tuple[Crossings, Array, Array]:
+    """Crossings of ascending `edges`, `(1, n + 1)`, on both branches of a run of the path.
+
+    Their speeds and whether each is held come beside them: an edge that a branch does not reach
+    is held at the end of the run on its side.
+    """
+    x, is_held = once(_located, *jax.lax.stop_gradient((track, run, tau, edges)))
+    speed = x.velocity
+    return x._replace(velocity=jnp.where(AFTER, speed, -speed)), speed, is_held
+
+
+def _located(
+    track: FreePath, run: Run, tau: DoubleWord, edge: DoubleWord
+) -> tuple[Crossings, Array]:
+    """Crossings whose `velocity` is the speed, and whether they are held."""
+    index = jnp.arange(track.velocity.size, dtype=jnp.int32)
+    falls = (track.velocity < 0) & (index >= run.first) & (index <= run.past)
+    turn = run.first + jnp.sum(falls, dtype=jnp.int32)
+    piece = _last_passed(track, run, turn, edge)
+    is_early, is_late = piece < run.first, piece >= run.past
+    holds_vertex = (piece == turn - 1) & ~is_early & ~is_late
+    piece = jnp.clip(piece, run.first, run.past - 1)
+    inner = jnp.where(AFTER, piece, piece + 1)
+    rate, passed = looked_up(track.stroke, piece), jnp.abs(looked_up(track.velocity, inner))
+    pairs = zip(track.vertex, track.position, strict=True)
+    origin = [jnp.where(holds_vertex, looked_up(v, piece), looked_up(x, inner)) for v, x in pairs]
+    slowest = jnp.where(holds_vertex, 0.0, passed)
+    beyond = jnp.maximum(distance(edge, DoubleWord(*origin)), 0)
+    speed = jnp.maximum(jnp.sqrt(slowest * slowest + 4 * rate * beyond), slowest)
+    velocity = jnp.where(AFTER, speed, -speed)
+
+    def since(end: Array) -> Array:
+        there = DoubleWord(*(looked_up(x, end) for x in track.position))
+        passed, least = looked_up(track.velocity, end), float(jnp.finfo(speed.dtype).tiny)
+        return time_between(distance(edge, there), passed, velocity, rate, without_stroke=least)
+
+    length = looked_up(jnp.diff(tau.high) + jnp.diff(tau.low), piece)
+    from_start = jnp.clip(since(piece), 0, length)
+    to_end = jnp.clip(-since(piece + 1), 0, length)
+    is_held = is_early | is_late
+    from_left = is_early | (~is_late & (from_start <= to_end))
+    offset = jnp.where(is_held, 0.0, jnp.where(from_left, from_start, -to_end))
+    nearest = piece + (~from_left).astype(jnp.int32)
+    moment = looked_up(tau.high, nearest) + offset
+    speed = jnp.where(is_held, jnp.abs(looked_up(track.velocity, nearest)), speed)
+    return Crossings(piece, from_left, offset, nearest, moment, speed), is_held
+
+
+def _last_passed(track: FreePath, run: Run, turn: Array, edge: DoubleWord) -> Array:
+    """The piece in which each branch passes an edge, or the one outside of the run; `(2, n + 1)`.
+
+    From `turn` on, breakpoints lie on the branch after the vertex. A binary search finds the first
+    that lies beyond the edge there, or on the other branch no longer does.
+    """
+    first = jnp.where(AFTER, turn, run.first)
+    past = jnp.where(AFTER, run.past + 1, turn)
+    count = jnp.broadcast_to(first, (2, edge.high.size)).astype(jnp.int32)
+    bits = track.velocity.size.bit_length()
+
+    def halve(index: Array, count: Array) -> Array:
+        probe = count + jnp.left_shift(jnp.int32(1), bits - 1 - index)
+        some = jnp.clip(probe - 1, 0, track.velocity.size - 1)
+        beyond = distance(edge, DoubleWord(*(looked_up(x, some) for x in track.position)))
+        passes = jnp.where(AFTER, beyond > 0, beyond < 0)
+        return jnp.where((probe <= past) & passes, probe, count)
+
+    return jax.lax.fori_loop(0, bits, halve, count) - 1
