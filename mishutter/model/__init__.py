@@ -66,5 +66,8 @@ from mishutter.model.shutters.interpolated import piecewise as piecewise
 from mishutter.model.shutters.polynomials import in_one_form as in_one_form
 from mishutter.model.shutters.spline import coefficient_times as coefficient_times
 from mishutter.model.shutters.spline import fitted_boxes as fitted_boxes
+from mishutter.model.stages import StagePath as StagePath
+from mishutter.model.stages import stage_path as stage_path
+from mishutter.model.stages import stage_use as stage_use
 from mishutter.model.tolerances import TOLERANCE_NAMES as TOLERANCE_NAMES
 from mishutter.model.tolerances import Tolerances as Tolerances
