@@ -60,6 +60,7 @@ from mishutter.model import Picture as Picture
 from mishutter.model import RectShutter as RectShutter
 from mishutter.model import Scene as Scene
 from mishutter.model import SplineShutter as SplineShutter
+from mishutter.model import StagePath as StagePath
 from mishutter.model import StillCamera as StillCamera
 from mishutter.model import SwitchedShutter as SwitchedShutter
 from mishutter.model import Tolerances as Tolerances
@@ -72,6 +73,7 @@ from mishutter.model import read_picture as read_picture
 from mishutter.model import read_scene as read_scene
 from mishutter.model import register_shutter as register_shutter
 from mishutter.model import row_power_spectrum as row_power_spectrum
+from mishutter.model import stage_path as stage_path
 from mishutter.model import write_picture as write_picture
 from mishutter.restore import AbstractDecoder as AbstractDecoder
 from mishutter.restore import BlurModel as BlurModel
@@ -146,6 +148,7 @@ __all__ = [
     "SearchFailedError",
     "Simulation",
     "SplineShutter",
+    "StagePath",
     "StillCamera",
     "SwitchedShutter",
     "TikhonovDecoder",
@@ -194,6 +197,7 @@ __all__ = [
     "row_power_spectrum",
     "simulate_capture",
     "ssim",
+    "stage_path",
     "starting_shutter",
     "sweep",
     "tolerance_costs",

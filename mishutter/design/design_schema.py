@@ -78,6 +78,9 @@ class SavedLimits(Part):
     min_half_exposure: float
     max_half_exposure: float
     max_pan: float | None = None
+    max_travel: float | None = None
+    max_acceleration: float | None = None
+    max_jerk: float | None = None
 
 
 @final

@@ -1,14 +1,16 @@
 r"""The designs a solver may reach, as a unit box.
 
-A point of the box is a shutter's coordinates, then half exposure, velocity and acceleration,
-each only if it is free. The half exposure and the acceleration are logarithmic between bounds
-that hold stroke, top speed and exposure at every point: the half exposure between its limits,
-and the acceleration between the slowest that keeps up with what the given motion keeps up
-with, or with all objects at the best velocity, if that is less, and the largest that
-$aT^2 \le$ stroke and $2aT \le$ top speed allow. The velocity lies between the slowest and the
-fastest object, as far as that acceleration leaves it any of the top speed. Where a pixel holds
-so many electrons and no more, a half exposure ends where white fills it, sooner the more light
-the shutter lets through. So a given motion within the limits is a point of the box.
+A point of the box is a shutter's coordinates, then half exposure, velocity and acceleration, each
+only if it is free. The half exposure and the acceleration are logarithmic between bounds that hold
+stroke, top speed and exposure at every point: the half exposure between its limits, and the
+acceleration between the slowest that keeps up with what the given motion keeps up with, or with
+all objects at the best velocity, if that is less, and the largest that $aT^2 \le$ stroke and $2aT
+\le$ top speed allow. The velocity lies between the slowest and the fastest object, as far as that
+acceleration leaves it any of the top speed. A stage that begins and ends at rest travels further
+than the exposure (`mishutter.model.stages`), which bounds all three where its travel, its
+acceleration or its jerk is limited. Where a pixel holds so many electrons and no more, a half
+exposure ends where white fills it, sooner the more light the shutter lets through. So a given
+motion within the limits is a point of the box.
 
 Coordinates are those of the profile that is sent to the scene's device. The shutter of a design
 is the transmittance that light sees.
@@ -50,6 +52,8 @@ _ROUNDING = 1e-6
 _ROUNDS_TO_FILL = 8
 """Rounds that find the exposure which fills a pixel through a device whose light depends on it:
 each leaves less than a quarter of the error."""
+_NUM_TRIED, _HALVINGS = 256, 40
+"""Half exposures between which a limit of the stage may begin to hold, and halvings of one step."""
 _SLOWEST = 1e-2
 """Share of the largest acceleration that is explored where every object is at rest."""
 
@@ -118,7 +122,7 @@ class DesignSpace(eqx.Module):
             bounds = self._acceleration_bounds(half_exposure)
             acceleration = _between(*bounds, share["acceleration"])
         if "velocity" in share:
-            low, high = self._velocity_bounds(2 * acceleration * half_exposure)
+            low, high = self._velocity_bounds(acceleration, half_exposure)
             velocity = low + share["velocity"] * (high - low)
         shutter = self.light(shutter, half_exposure)
         if isinstance(self.motion, StillCamera):
@@ -172,8 +176,40 @@ class DesignSpace(eqx.Module):
         kept_up = float(self.demand), float(self.motion.speed_gain)
         speeds = [float(self.limits.max_top_speed), *kept_up, *(v / _SLOWEST for v in kept_up)]
         times = np.array([2 * float(self.limits.max_stroke) / v for v in speeds if v > 0])
-        inside = times[(low < times) & (times < high)]
+        if self.limits.has_stage:
+            times = np.concatenate([times, self._bends_of_stage(low, high)])
+        inside = np.sort(times[(low < times) & (times < high)])
         return Bends(index, np.log(inside / low) / np.log(high / low) if inside.size else inside)
+
+    def _bends_of_stage(self, low: float, high: float) -> np.ndarray:
+        """Half exposures at which another limit on the acceleration begins to hold; s."""
+
+        @jax.jit
+        def binding(times: Array) -> Array:
+            a, half = jax.vmap(self._acceleration_bounds)(times)[1], times
+            most, rest = self.limits.max_acceleration, jnp.zeros_like(half)
+            shares = [
+                a * half * half / self.limits.max_stroke,
+                2 * a * half / self.limits.max_top_speed,
+                self.limits.stage_share(a, half, rest),
+                rest if most is None else 2 * a / most,
+            ]
+            least = jax.vmap(self._acceleration_bounds)(times)[0]
+            floors = jnp.stack([jnp.full_like(a, self.demand), _SLOWEST * 2 * a * half])
+            own = least * 2 * half / jnp.maximum(self.motion.speed_gain, 1e-30)
+            course = jnp.argmax(jnp.stack(shares), axis=0) * 8
+            course += jnp.argmax(floors, axis=0) * 4 + jnp.where(own < 1 - 1e-9, 2, 0)
+            return course + jnp.where(least >= a, 1, 0)
+
+        times = np.geomspace(low, high, _NUM_TRIED)
+        courses = np.asarray(binding(jnp.asarray(times, self.dtype)))
+        at = np.flatnonzero(np.diff(courses))
+        before, after = times[at], times[at + 1]
+        for _ in range(_HALVINGS if at.size else 0):
+            middle = np.sqrt(before * after)
+            same = np.asarray(binding(jnp.asarray(middle, self.dtype))) == courses[at]
+            before, after = np.where(same, middle, before), np.where(same, after, middle)
+        return after
 
     def box(self, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
         """The point of the box nearest to a design; shape `(size,)`."""
@@ -195,7 +231,7 @@ class DesignSpace(eqx.Module):
             share = _share(*bounds, acceleration)
             acceleration = _between(*bounds, share)
         if "velocity" in self.free:
-            low, high = self._velocity_bounds(2 * acceleration * half_exposure)
+            low, high = self._velocity_bounds(acceleration, half_exposure)
             width = jnp.where(high > low, high - low, 1.0)
             place = jnp.where(high > low, (motion.velocity - low) / width, 0.5)
             parts.append(jnp.clip(place, 0, 1).astype(dtype)[None])
@@ -203,9 +239,13 @@ class DesignSpace(eqx.Module):
             parts.append(share.astype(dtype)[None])
         return jnp.concatenate(parts)
 
-    def _velocity_bounds(self, speed_gain: Array) -> tuple[Array, Array]:
-        left = jnp.maximum(self.limits.max_top_speed - speed_gain, 0)
+    def _velocity_bounds(self, acceleration: Array, half: Array) -> tuple[Array, Array]:
+        left = jnp.maximum(self.limits.max_top_speed - 2 * acceleration * half, 0)
         most = jnp.minimum(left, self.limits.max_pan)
+        if self.limits.has_stage:
+            rest = jnp.zeros_like(most)
+            numbers = {"acceleration": acceleration, "half_exposure": half, "velocity": rest}
+            most = self.limits.largest("velocity", rest, most, numbers)
         return jnp.clip(self.slowest, -most, most), jnp.clip(self.fastest, -most, most)
 
     def light(self, shutter: AbstractShutter, half_exposure: Array) -> AbstractShutter:
@@ -235,12 +275,24 @@ class DesignSpace(eqx.Module):
                 jnp.sqrt(self.limits.max_stroke / safe), self.limits.max_top_speed / (2 * safe)
             )
             high = jnp.where(a > 0, jnp.clip(longest, low, high), high)
+        if self.limits.has_stage:
+            held = steady(self.motion).acceleration
+            a = jnp.zeros_like(held) if "acceleration" in self.free else held
+            rest = jnp.zeros_like(a)
+            numbers = {"acceleration": a, "half_exposure": low, "velocity": rest}
+            high = self.limits.largest("half_exposure", low, high, numbers)
         return low, high
 
     def _acceleration_bounds(self, half_exposure: Array) -> tuple[Array, Array]:
         by_stroke = self.limits.max_stroke / half_exposure / half_exposure
         by_speed = self.limits.max_top_speed / (2 * half_exposure)
         high = jnp.minimum(by_stroke, by_speed)
+        if self.limits.max_acceleration is not None:
+            high = jnp.minimum(high, self.limits.max_acceleration / 2)
+        if self.limits.has_stage:
+            rest = jnp.zeros_like(high)
+            numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": rest}
+            high = self.limits.largest("acceleration", rest, high, numbers)
         keeping_up = jnp.clip(self.demand / (2 * half_exposure), _SLOWEST * high, high)
         return jnp.minimum(keeping_up, self.motion.speed_gain / (2 * half_exposure)), high
 
@@ -344,6 +396,12 @@ def within_limits(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
         half / float(limits.max_half_exposure),
         float(limits.min_half_exposure) / half,
     )
+    if limits.has_stage:
+        acceleration = steady(motion).acceleration
+        numbers = acceleration, motion.half_exposure, motion.velocity
+        shares = (*shares, float(limits.stage_share(*map(jnp.asarray, numbers))))
+        if limits.max_acceleration is not None:
+            shares = (*shares, 2 * float(acceleration) / float(limits.max_acceleration))
     pans = abs(float(motion.velocity)) <= float(limits.max_pan) * (1 + _ROUNDING)
     return pans and max(shares) <= 1 + _ROUNDING and not fills(scene, motion, shutter)
 

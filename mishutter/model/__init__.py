@@ -82,5 +82,8 @@ from mishutter.model.shutters.spline import fitted_coefficients as fitted_coeffi
 from mishutter.model.slots import diffused as diffused
 from mishutter.model.slots import runs_are_long_enough as runs_are_long_enough
 from mishutter.model.slots import slot_means as slot_means
+from mishutter.model.stages import StagePath as StagePath
+from mishutter.model.stages import stage_path as stage_path
+from mishutter.model.stages import stage_use as stage_use
 from mishutter.model.tolerances import TOLERANCE_NAMES as TOLERANCE_NAMES
 from mishutter.model.tolerances import Tolerances as Tolerances

@@ -38,6 +38,8 @@ EXAMPLE_PICTURE = "example"
 _NUM_FREQUENCIES = 256
 _DEVIATIONS = 3.0
 _MAX_TRAVEL = 1e4
+_GRAVITY = 9.80665e6
+"""Standard gravity; um/s^2."""
 
 
 def read_scene(path: str | Path) -> Scene:
@@ -95,7 +97,7 @@ def scene_of_tables(
 
 def _built(file: SceneFile, folder: Path, picture: Mapping[str, Any] | None) -> Scene:
     speeds, weights = _speeds(file.speeds)
-    limits = _limits(file.limits)
+    limits = _limits(file.limits, file.sensor.pixel_pitch_um)
     travel = float(np.max(np.abs(speeds))) * 2 * file.limits.max_half_exposure_ms / 1000
     requirement = f"let the fastest object travel at most {_MAX_TRAVEL:g} px"
     require(
@@ -115,7 +117,7 @@ def _built(file: SceneFile, folder: Path, picture: Mapping[str, Any] | None) -> 
         full_well=file.sensor.full_well_e,
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
         tolerances=_tolerances(file.tolerances),
-        motion=_motion(file.motion, file.limits),
+        motion=_motion(file.motion, file.limits, limits),
         **(_picture(file.picture, folder) if picture is None else picture),
     )
 
@@ -186,7 +188,7 @@ def _device(section: ShutterSection) -> AbstractDevice:
     )
 
 
-def _limits(section: LimitsSection) -> Limits:
+def _limits(section: LimitsSection, pitch: float | None) -> Limits:
     shortest, longest = section.min_half_exposure_ms, section.max_half_exposure_ms
     requirement = f"be at least min_half_exposure_ms = {shortest:g}"
     require(longest >= shortest, "[limits] max_half_exposure_ms", requirement, longest)
@@ -196,7 +198,28 @@ def _limits(section: LimitsSection) -> Limits:
         min_half_exposure=shortest / 1000,
         max_half_exposure=longest / 1000,
         max_pan=section.max_pan_px_per_s,
+        max_travel=_in_px(section, "max_travel", ("px", "mm"), 1e3, pitch),
+        max_acceleration=_in_px(section, "max_acceleration", ("px_per_s2", "g"), _GRAVITY, pitch),
+        max_jerk=_in_px(section, "max_jerk", ("px_per_s3", "g_per_s"), _GRAVITY, pitch),
     )
+
+
+def _in_px(
+    section: LimitsSection,
+    name: str,
+    units: tuple[str, str],
+    micrometres: float,
+    pitch: float | None,
+) -> float | None:
+    """A limit of the stage in px, given in these or in a unit of so many micrometres."""
+    own, other = (f"{name}_{unit}" for unit in units)
+    in_own, in_other = getattr(section, own), getattr(section, other)
+    if in_other is None:
+        return in_own
+    require(in_own is None, f"[limits] {other}", f"not stand beside {own}", in_own)
+    requirement = f"be given where {other} is"
+    require(pitch is not None, "[sensor] pixel_pitch_um", requirement, Bare("nothing"))
+    return in_other * micrometres / pitch  # type: ignore[operator]
 
 
 def _tolerances(section: TolerancesSection | None) -> Tolerances | None:
@@ -210,13 +233,15 @@ def _tolerances(section: TolerancesSection | None) -> Tolerances | None:
         acceleration=section.acceleration_share,
         velocity=section.velocity_px_per_s,
         delay=section.delay_us * 1e-6,
-        speed=section.speed_px_per_s,
+        speed=section.object_speed_px_per_s,
         transmittance=section.transmittance,
         drive_step=0.0 if step is None else step * 1e-6,
     )
 
 
-def _motion(section: MotionSection | None, limits: LimitsSection) -> ParabolicMotion | None:
+def _motion(
+    section: MotionSection | None, limits: LimitsSection, reach: Limits
+) -> ParabolicMotion | None:
     if section is None:
         return None
     subject = "[motion] half_exposure_ms"
@@ -246,7 +271,17 @@ def _motion(section: MotionSection | None, limits: LimitsSection) -> ParabolicMo
     most = most if limits.max_pan_px_per_s is None else limits.max_pan_px_per_s
     requirement = f"keep within max_pan_px_per_s = {most:g}"
     require(abs(v) <= most * margin, "[motion] velocity_px_per_s", requirement, v)
-    return ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
+    motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
+    if reach.has_stage:
+        use = reach.stage_share(motion.acceleration, motion.half_exposure, motion.velocity)
+        requirement = "leave the stage room to run up and out within its travel and top speed"
+        require(float(use) <= margin, key, requirement, Bare(f"{float(use):.3g} times as much"))
+    most = reach.max_acceleration
+    if most is not None:
+        requirement = f"keep within max_acceleration, {float(most):g} px/s^2"
+        got = Bare(f"{2 * a:g} px/s^2")
+        require(2 * a <= float(most) * margin, key, requirement, got)
+    return motion
 
 
 def _picture(section: PictureSection, folder: Path) -> dict[str, Any]:

@@ -57,6 +57,7 @@ class Sensor(Section):
 
     read_noise_e: Annotated[float, Field(ge=0, le=1e6)]
     full_well_e: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    pixel_pitch_um: Annotated[float, Field(ge=0.1, le=1000)] | None = None
 
 
 @final
@@ -98,6 +99,12 @@ class LimitsSection(Section):
     min_half_exposure_ms: Milliseconds = 0.1
     max_half_exposure_ms: Milliseconds = 500.0
     max_pan_px_per_s: Annotated[float, Field(ge=0, le=1e7)] | None = None
+    max_travel_px: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
+    max_travel_mm: Annotated[float, Field(ge=1e-6, le=1e3)] | None = None
+    max_acceleration_px_per_s2: Annotated[float, Field(gt=0, le=1e14)] | None = None
+    max_acceleration_g: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    max_jerk_px_per_s3: Annotated[float, Field(gt=0, le=1e18)] | None = None
+    max_jerk_g_per_s: Annotated[float, Field(gt=0, le=1e9)] | None = None
 
 
 @final
@@ -107,7 +114,7 @@ class TolerancesSection(Section):
     acceleration_share: Annotated[float, Field(ge=0, le=0.3)] = 0.0
     velocity_px_per_s: Annotated[float, Field(ge=0, le=1e7)] = 0.0
     delay_us: Annotated[float, Field(ge=0, le=1e6)] = 0.0
-    speed_px_per_s: Annotated[float, Field(ge=0, le=1e7)] = 0.0
+    object_speed_px_per_s: Annotated[float, Field(ge=0, le=1e7)] = 0.0
     transmittance: Annotated[float, Field(ge=0, le=0.5)] = 0.0
     drive_step_us: Annotated[float, Field(gt=0, le=1e6)] | None = None
 

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from mishutter._core import common_dtype, describe, require, shape_of
@@ -26,7 +27,16 @@ METRICS = {
 }
 """Metrics of a design, what they are and their units."""
 
-REASONS = ("stroke", "top_speed", "exposure_too_short", "exposure_too_long", "full_well", "pan")
+REASONS = (
+    "stroke",
+    "top_speed",
+    "exposure_too_short",
+    "exposure_too_long",
+    "full_well",
+    "pan",
+    "travel",
+    "acceleration",
+)
 """Why a point is left out, in the order of the bits of `outside`."""
 
 OPTIMISED = "optimised"
@@ -265,6 +275,11 @@ def outside_limits(frame: Frame, accelerations: np.ndarray, half_exposures: np.n
         "exposure_too_long": half > float(limits.max_half_exposure) * (1 + _SLACK),
         "pan": np.asarray(pan > float(limits.max_pan) * (1 + _SLACK)),
     }
+    if limits.has_stage:
+        share = limits.stage_share(*map(jnp.asarray, np.broadcast_arrays(a, half, frame.velocity)))
+        beyond["travel"] = np.asarray(share) > 1 + _SLACK
+    if limits.max_acceleration is not None:
+        beyond["acceleration"] = 2 * a > float(limits.max_acceleration) * (1 + _SLACK)
     bits = np.zeros((a.size, half.size), np.uint8)
     for reason, flag in beyond.items():
         bits |= flag.astype(np.uint8) << REASONS.index(reason)

@@ -151,9 +151,34 @@ def test_the_largest_pan_may_be_given(tmp_path):
             read_scene(written(tmp_path, pans))
 
 
+def test_stages_have_units(tmp_path):
+    """Travel in px or mm, acceleration and jerk in px or g, by the pitch of the pixels."""
+    assert example_scene().limits.max_travel is None
+    metric = (
+        "max_stroke_px = 45\nmax_travel_mm = 0.5\nmax_acceleration_g = 0.4\nmax_jerk_g_per_s = 900"
+    )
+    text = edited("max_stroke_px", metric)
+    with pytest.raises(ValueError, match=r"`\[sensor\] pixel_pitch_um` must be given where max_tr"):
+        read_scene(written(tmp_path, text))
+    pitched = text.replace("read_noise_e = 8.0", "read_noise_e = 8.0\npixel_pitch_um = 3.45")
+    limits = read_scene(written(tmp_path, pitched)).limits
+    assert float(limits.max_travel) == pytest.approx(500 / 3.45, rel=1e-14)
+    assert float(limits.max_acceleration) == pytest.approx(0.4 * 9.80665e6 / 3.45, rel=1e-14)
+    assert float(limits.max_jerk) == pytest.approx(900 * 9.80665e6 / 3.45, rel=1e-14)
+    with pytest.raises(ValueError, match="must leave the stage room to run up and out"):
+        read_scene(
+            written(tmp_path, edited("max_stroke_px", "max_stroke_px = 45\nmax_travel_px = 44"))
+        )
+    both = edited("max_stroke_px", "max_stroke_px = 45\nmax_travel_px = 300\nmax_travel_mm = 1")
+    with pytest.raises(ValueError, match="max_travel_mm` must not stand beside max_travel_px"):
+        read_scene(written(tmp_path, both))
+
+
 def test_tolerances_have_units(tmp_path):
     """Shares, px/s and microseconds; what is left out is 0, and without a section there is none."""
-    section = "\n[tolerances]\nacceleration_share = 0.03\ndelay_us = 120\nspeed_px_per_s = 210\n"
+    section = (
+        "\n[tolerances]\nacceleration_share = 0.03\ndelay_us = 120\nobject_speed_px_per_s = 210\n"
+    )
     driven = "transmittance = 0.02\ndrive_step_us = 50\n"
     found = read_scene(written(tmp_path, EXAMPLE + section + driven)).tolerances
     assert float(found.acceleration) == 0.03

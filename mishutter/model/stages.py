@@ -1,0 +1,217 @@
+r"""How a stage comes to the parabola of an exposure from rest, and back to rest.
+
+The sensor's own acceleration is $2a$ (px/s^2) on $x(t) = v t + a t^2$. At the ends of the exposure
+its velocities are $u_0 = v - 2aT$ and $u_1 = v + 2aT$. Reached from rest at the greatest
+acceleration $A$, the first takes $u_0^2/2A$ of travel, and a stop from the second $u_1^2/2A$.
+Above the vertex the sensor is at $u^2/4a$, so that a path that turns within the exposure,
+$|v| \le 2aT$, travels
+
+$$(2aT + |v|)^2 \left(\frac1{4a} + \frac1{2A}\right)$$
+
+in all: twice the stroke, $2aT^2$, where $v = 0$ and $A = 2a$. One that does not turn travels
+$2|v|T + (v^2 + (2aT)^2)/A$.
+
+Where the jerk is at most $J$ the acceleration must rise to $2a$ before the exposure, over the time
+$t_2 = 2a/J$, in which the velocity changes by $2a^2/J$: the sensor has $U_0 = u_0 - 2a^2/J$ without
+any acceleration before that, and after the exposure $U_1 = u_1 + 2a^2/J$. To such a velocity from
+rest, and from it, takes $t_1 = |U|/A + A/J$, or $2\sqrt{|U|/J}$ where $A$ is not reached
+($|U| J < A^2$), and half as far as at $|U|$ throughout.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import require, require_finite, require_known, require_scalar
+from mishutter.model.motion import AbstractMotion, steady
+
+
+class StageUse(NamedTuple):
+    """What an exposure asks of a stage that begins and ends at rest.
+
+    Attributes:
+        travel: From the lowest to the highest position; px.
+        top_speed: Greatest speed, of the run-up and the run-out too; px/s.
+    """
+
+    travel: Array
+    top_speed: Array
+
+
+def stage_use(
+    acceleration: ArrayLike,
+    half_exposure: ArrayLike,
+    velocity: ArrayLike,
+    max_acceleration: ArrayLike | None = None,
+    max_jerk: ArrayLike | None = None,
+) -> StageUse:
+    r"""Travel and top speed of $x(t) = v t + a t^2$, $t \in [-T, T]$, from rest to rest.
+
+    Args:
+        acceleration: $a$; px/s^2, any shape.
+        half_exposure: $T$; s.
+        velocity: $v$; px/s.
+        max_acceleration: Greatest acceleration of the sensor, $A \ge 2a$; px/s^2. None for one
+            that reaches any velocity at once.
+        max_jerk: Greatest jerk, $J$; px/s^3. None for any.
+    """
+    a, half, v = (jnp.asarray(x) for x in (acceleration, half_exposure, velocity))
+    v = jnp.abs(v)  # the path that is run backwards
+    gain = 2 * a * half
+    ramp = jnp.zeros_like(a * half * v) if max_jerk is None else 2 * a / max_jerk * jnp.ones_like(v)
+    before, after = v - gain - a * ramp, v + gain + a * ramp
+    stops = [_stopping(u, max_acceleration, max_jerk) for u in (-before, after)]
+    # Displacements from mid-exposure: along the ramp the velocity is the mean of its ends, but
+    # for a third of the ramp's own share.
+    aside = a * ramp * ramp / 3
+    begin = a * half * half - v * half - (before * ramp + aside) + stops[0]
+    end = a * half * half + v * half + (after * ramp - aside) + stops[1]
+    safe = jnp.where(a > 0, a, 1.0)
+    in_exposure = -v * v / (4 * safe)
+    early = jnp.maximum(-before, 0)
+    share = safe * jnp.where(ramp > 0, ramp, 1.0)
+    in_ramp = a * half * half - v * half - (before * ramp + aside)
+    in_ramp = in_ramp - (2 / 3) * early * ramp * safe_root(early / share)
+    lowest = jnp.where(v <= gain, jnp.where(gain > 0, in_exposure, 0.0), in_ramp)
+    turning = (before < 0) & (gain > 0)
+    travel = jnp.where(turning, jnp.maximum(begin, end) - lowest, end - begin)
+    return StageUse(travel, after)
+
+
+def _stopping(
+    velocity: Array, max_acceleration: ArrayLike | None, max_jerk: ArrayLike | None
+) -> Array:
+    """Displacement from a velocity to rest, without acceleration at either end; px."""
+    speed = jnp.abs(velocity)
+    if max_jerk is None:
+        if max_acceleration is None:
+            return jnp.zeros_like(velocity)
+        return velocity * speed / (2 * max_acceleration)
+    time = 2 * safe_root(speed / max_jerk)
+    if max_acceleration is not None:
+        full = speed * max_jerk >= jnp.square(max_acceleration)
+        time = jnp.where(full, speed / max_acceleration + max_acceleration / max_jerk, time)
+    return velocity * time / 2
+
+
+def safe_root(square: Array) -> Array:
+    """Square root whose derivative at 0 is 0."""
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
+class StagePath(NamedTuple):
+    """A stage from rest through an exposure to rest: pieces of constant jerk.
+
+    Attributes:
+        times: Beginnings of the pieces and the end of the last, from mid-exposure; s, `(n + 1,)`.
+        positions: Positions there; px, `(n + 1,)`.
+        velocities: Velocities there; px/s, `(n + 1,)`.
+        accelerations: Accelerations at the beginnings of the pieces; px/s^2, `(n,)`.
+        jerks: Jerks; px/s^3, `(n,)`.
+        exposure: Beginning and end of the exposure; s.
+    """
+
+    times: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    accelerations: np.ndarray
+    jerks: np.ndarray
+    exposure: tuple[float, float]
+
+    @property
+    def travel(self) -> float:
+        """From the lowest to the highest position, that of every turning point too; px."""
+        times = np.concatenate([self.times, *map(self._turns, range(self.jerks.size))])
+        return float(np.ptp(self.at(times)[0]))
+
+    def _turns(self, piece: int) -> np.ndarray:
+        """Times within a piece at which the stage turns; s."""
+        powers = self.jerks[piece] / 2, self.accelerations[piece], self.velocities[piece]
+        roots = np.roots(powers)
+        length = self.times[piece + 1] - self.times[piece]
+        return self.times[piece] + np.clip(np.real(roots), 0, length)
+
+    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions, px, and velocities, px/s, at some times, s, of any shape; at rest outside."""
+        count = self.jerks.size
+        piece = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, count - 1)
+        elapsed = np.clip(times, self.times[0], self.times[-1]) - self.times[piece]
+        start = self.positions[piece], self.velocities[piece], self.accelerations[piece]
+        jerk = self.jerks[piece]
+        position = start[0] + elapsed * (start[1] + elapsed * (start[2] / 2 + elapsed * (jerk / 6)))
+        velocity = start[1] + elapsed * (start[2] + elapsed * (jerk / 2))
+        rests = (times <= self.times[0]) | (times >= self.times[-1])
+        return position, np.where(rests, 0.0, velocity)
+
+
+def stage_path(
+    motion: AbstractMotion, *, max_acceleration: ArrayLike, max_jerk: ArrayLike | None = None
+) -> StagePath:
+    """The whole path of a stage: rest, run-up, exposure, run-out, rest.
+
+    The run-up and the run-out reach the velocity, and with a `max_jerk` the acceleration, of the
+    exposure's ends at the greatest acceleration; `mishutter.model.stages` derives them.
+
+    Args:
+        motion: Motion of the sensor over the exposure.
+        max_acceleration: Greatest acceleration, at least the exposure's own $2a$; px/s^2.
+        max_jerk: Greatest jerk; px/s^3. None for any.
+
+    Raises:
+        ValueError: if a limit is not a finite scalar above 0, is exceeded within the exposure, or
+            JAX traces anything.
+    """
+    require_known("stage_path", motion=motion, limits=(max_acceleration, max_jerk))
+    most = _above_zero("stage_path(max_acceleration=...)", max_acceleration)
+    jerk = None if max_jerk is None else _above_zero("stage_path(max_jerk=...)", max_jerk)
+    numbers = steady(motion).acceleration, motion.half_exposure, motion.velocity
+    a, half, v = (float(x) for x in numbers)
+    requirement = f"be at least the {2 * a:g} px/s^2 of the exposure"
+    require(most >= 2 * a * (1 - 1e-9), "stage_path(max_acceleration=...)", requirement, most)
+    ramp = 0.0 if jerk is None else 2 * a / jerk
+    begin, end = v - 2 * a * half - a * ramp, v + 2 * a * half + a * ramp
+    rise = [(ramp, 0.0, jerk)] if jerk is not None and ramp else []
+    fall = [(ramp, 2 * a, -jerk)] if jerk is not None and ramp else []
+    pieces = [
+        *_between_rest_and(begin, most, jerk),
+        *rise,
+        (2 * half, 2 * a, 0.0),
+        *fall,
+        *_between_rest_and(-end, most, jerk),
+    ]
+    durations, accelerations, jerks = (np.array(x) for x in zip(*pieces, strict=True))
+    gains = accelerations * durations + jerks * durations**2 / 2
+    velocities = np.concatenate([[0.0], np.cumsum(gains)])
+    each = durations * (velocities[:-1] + durations * (accelerations / 2 + durations * jerks / 6))
+    positions, times = (np.concatenate([[0.0], np.cumsum(x)]) for x in (each, durations))
+    first = len(pieces) - len(fall) - len(_between_rest_and(-end, most, jerk)) - 1
+    times = times - times[first] - half
+    positions = positions - positions[first] + (a * half * half - v * half)
+    velocities = np.append(velocities[:-1], 0.0)
+    return StagePath(times, positions, velocities, accelerations, jerks, (-half, half))
+
+
+def _above_zero(subject: str, value: ArrayLike) -> float:
+    require_scalar(subject, value)
+    require_finite(subject, value)
+    number = float(np.asarray(value))
+    require(number > 0, subject, "be above 0", value)
+    return number
+
+
+def _between_rest_and(
+    change: float, most: float, jerk: float | None
+) -> list[tuple[float, float, float]]:
+    """Durations, first accelerations and jerks of pieces that change the velocity; none for 0."""
+    sign, speed = np.sign(change), abs(change)
+    if speed == 0:
+        return []
+    if jerk is None:
+        return [(speed / most, sign * most, 0.0)]
+    reached = min(most, float(np.sqrt(speed * jerk)))
+    rise, hold = reached / jerk, max(speed / reached - reached / jerk, 0.0)
+    held = [(hold, sign * reached, 0.0)] if hold else []
+    return [(rise, 0.0, sign * jerk), *held, (rise, sign * reached, -sign * jerk)]

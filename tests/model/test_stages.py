@@ -1,0 +1,123 @@
+"""Stages: run-up and run-out from rest, against the path added up in time."""
+
+import numpy as np
+import pytest
+
+from mishutter import Limits, ParabolicMotion, StillCamera, stage_path
+from mishutter.model import stage_use
+
+CASES = {
+    "turns": (4.1e5, 0.01, 700.0, 1.1e6, None),
+    "does-not-turn": (3.2e4, 0.013, -2100.0, 2.5e5, None),
+    "jerk": (4.1e5, 0.01, 700.0, 1.1e6, 3e8),
+    "turns-in-the-ramp": (5e4, 0.01, 1040.0, 1.3e5, 4e7),
+    "jerk-alone": (1.3e4, 0.02, 900.0, 3e4, 2e7),
+    "pan": (0.0, 0.015, 1300.0, 9e4, 6e6),
+}
+
+
+def _motion(case):
+    a, half, v = case[:3]
+    return ParabolicMotion(acceleration=a, half_exposure=half, velocity=v)
+
+
+def _driven(path, num_steps=200_000):
+    """Positions and velocities by adding up the accelerations of a path; times `(n,)`."""
+    times = np.linspace(path.times[0], path.times[-1], num_steps + 1)
+    middle = (times[1:] + times[:-1]) / 2
+    piece = np.searchsorted(path.times, middle, side="right") - 1
+    pulled = path.accelerations[piece] + path.jerks[piece] * (middle - path.times[piece])
+    step = times[1] - times[0]
+    velocity = np.concatenate([[0.0], np.cumsum(pulled) * step])
+    travelled = np.cumsum((velocity[1:] + velocity[:-1]) / 2) * step
+    return times, np.concatenate([[0.0], travelled]), velocity, pulled
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_travel_and_top_speed_are_those_of_the_path(case):
+    """The closed forms are the range and the greatest speed of a path that is added up in time."""
+    path = stage_path(_motion(case), max_acceleration=case[3], max_jerk=case[4])
+    _, position, velocity, pulled = _driven(path)
+    use = stage_use(*case)
+    assert float(use.travel) == pytest.approx(np.ptp(position), rel=1e-4)
+    assert float(use.top_speed) == pytest.approx(np.abs(velocity).max(), rel=1e-4)
+    assert abs(velocity[-1]) < 1e-4 * np.abs(velocity).max()
+    assert path.travel == pytest.approx(float(use.travel), rel=1e-12)
+    assert np.abs(pulled).max() <= case[3] * (1 + 1e-9)
+    if case[4] is not None:
+        jumps = np.abs(np.diff(pulled)) / np.diff(path.times[[0, -1]]) * pulled.size
+        assert jumps.max() <= case[4] * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_the_exposure_is_the_parabola(case):
+    """In the exposure the stage is at v t + a t^2, and before and after everything at rest."""
+    a, half, v = case[:3]
+    path = stage_path(_motion(case), max_acceleration=case[3], max_jerk=case[4])
+    times = np.linspace(-1, 1, 13) * half
+    position, velocity = path.at(times)
+    np.testing.assert_allclose(position, v * times + a * times**2, atol=1e-10 * path.travel)
+    np.testing.assert_allclose(
+        velocity, v + 2 * a * times, atol=1e-9 * float(abs(v) + 2 * a * half)
+    )
+    outside = np.array([path.times[0] - 1.0, path.times[-1] + 1.0])
+    np.testing.assert_allclose(path.at(outside)[0], path.positions[[0, -1]], rtol=1e-14)
+    assert not path.at(outside)[1].any()
+
+
+def test_a_run_up_at_the_same_acceleration_doubles_the_travel():
+    """A stroke of 45 px takes 90 px from rest to rest."""
+    assert float(stage_use(4.5e5, 0.01, 0.0, 9e5).travel) == pytest.approx(90, rel=1e-14)
+
+
+def test_a_still_camera_has_a_stage_at_rest():
+    """It travels nowhere."""
+    path = stage_path(StillCamera(half_exposure=0.02), max_acceleration=1.0, max_jerk=1.0)
+    assert path.travel == 0
+    assert path.exposure == (-0.02, 0.02)
+
+
+def test_more_motion_never_takes_less():
+    """Travel and top speed rise with acceleration, exposure and velocity, as bounds rely on."""
+    rising = np.linspace(0, 1, 301)
+    for most, jerk in ((1e6, None), (1e6, 3e8), (None, None), (None, 1e8)):
+        for numbers in (
+            (5e5 * rising, 0.01, 1500.0),
+            (2e5, 1e-4 + 0.02 * rising, 1500.0),
+            (2e5, 0.01, 2e4 * rising),
+        ):
+            for values in map(np.asarray, stage_use(*numbers, most, jerk)):
+                assert np.all(np.diff(values) >= -1e-12 * values.max())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "requirement"),
+    [
+        ({"max_acceleration": 1e5}, "be at least the 820000 px/s\\^2 of the exposure; got 100000"),
+        ({"max_acceleration": -1.0}, "be above 0"),
+        ({"max_acceleration": 1e6, "max_jerk": 0.0}, "be above 0"),
+    ],
+)
+def test_a_stage_that_cannot(arguments, requirement):
+    """One line says which limit is none, or is exceeded."""
+    with pytest.raises(ValueError, match=requirement):
+        stage_path(_motion(CASES["turns"]), **arguments)
+
+
+def test_the_fullest_motion_is_within_the_stage():
+    """Its share of travel is at most 1, and a stage that limits nothing leaves it as it is."""
+    given = {"max_stroke": 45.0, "max_top_speed": 2e4, "max_half_exposure": 0.04}
+    for pan in (0.0, 900.0):
+        limits = Limits(**given, max_travel=38.0, max_acceleration=1.1e6, max_jerk=5e9)
+        motion = limits.fullest_motion(pan)
+        numbers = motion.acceleration, motion.half_exposure, motion.velocity
+        assert 0.5 < float(limits.stage_share(*numbers)) <= 1 + 1e-9
+    roomy = Limits(**given, max_travel=1e9).fullest_motion(900.0)
+    assert float(roomy.stroke) == pytest.approx(float(Limits(**given).fullest_motion(900.0).stroke))
+
+
+@pytest.mark.parametrize("name", ["max_travel", "max_acceleration", "max_jerk"])
+def test_limits_of_nothing(name):
+    """They are above 0."""
+    with pytest.raises(ValueError, match=rf"`Limits\({name}=...\)` must be above 0"):
+        Limits(**{name: 0.0})
