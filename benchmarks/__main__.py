@@ -23,6 +23,7 @@ ALL = (
     "scenes",
     "independent",
     "long_kernels",
+    "fit",
     "plan",
     "sweep",
 )

@@ -27,6 +27,7 @@ from mishutter.cli.console import (
     write_json,
 )
 from mishutter.cli.export import export
+from mishutter.cli.fit_command import fit
 from mishutter.cli.laboratory import (
     CeilingOption,
     ClosedOption,
@@ -210,6 +211,7 @@ app.command()(plan)
 app.command()(simulate)
 app.command()(reproduce)
 app.command()(export)
+app.command()(fit)
 app.command()(sweep)
 
 
