@@ -33,7 +33,7 @@ from mishutter.model import (
 )
 
 _ROUNDS = 2
-_MAX_STEPS = 40
+_MAX_STEPS = 30
 _PIN = 1e3
 _SPEEDS = (0.0, 0.3, -0.3, 0.6, -0.6)
 """Normalised speeds from which a fit of an unknown one starts."""
@@ -435,7 +435,7 @@ def _least_squares(start: Array, arrays: _Arrays, num_taps: int) -> tuple[Array,
     """Parameters, the residuals and their Jacobian where the minimiser ends."""
     import optimistix as optx
 
-    solver = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-5)
+    solver = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-4)
     residuals = partial(_residuals, num_taps=num_taps)
     solution = optx.least_squares(
         residuals, solver, start, arrays, max_steps=_MAX_STEPS, throw=False

@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
 
 
 def test_a_camera_is_fitted_and_kept(folder, tmp_path, capsys):
-    """Numbers with error bars, a picture, and a design that loads; the lens is part of its scene."""
+    """Numbers with error bars, a picture, and a design that loads, on a scene through its lens."""
     given = [folder / "bench.toml", "--design", folder / "design.json", "--coefficients", "9"]
     assert cli.main(["fit", *map(str, given), "--json", "--out", str(tmp_path)]) == 0
     document = json.loads(capsys.readouterr().out)
