@@ -20,7 +20,7 @@ from support.laboratory import (
     recorded,
 )
 
-from mishutter import SensorLevels, StillCamera, TargetPicture, fit
+from mishutter import SensorLevels, StillCamera, TargetPicture, Trace, fit
 from mishutter.calibration.response import FINE, collected, kernels
 from mishutter.design import GIVEN
 
@@ -147,3 +147,17 @@ def test_arguments_of_a_fit_are_checked():
         fit([], SENT, COMMAND)
     with pytest.raises(ValueError, match=r"TargetPicture\(target=...\)` must be point or edge"):
         TargetPicture(np.zeros(99), "line")
+
+
+def test_a_trace_and_one_speed_show_what_the_speed_alone_does_not():
+    """With a photodiode's trace a single picture at rest leaves nothing of the profile open."""
+    light = expected(0.0, "point", position=40.0)
+    rng = np.random.default_rng(8)
+    time = np.sort(rng.uniform(-1.2, 1.2, 240)) * HALF
+    level = 0.3 + 2.1 * np.asarray(PROFILE.transmittance(time / HALF))
+    trace = Trace(time, level + 0.02 * rng.standard_normal(time.size))
+    picture = TargetPicture(recorded(light, ELECTRONS, rng))
+    camera = fit([picture], SENT, COMMAND, sensor=SENSOR, trace=trace, num_coefficients=COUNT)
+    assert len(camera.not_identifiable) == 2
+    assert np.all(np.abs(scores(camera)) < 4)
+    assert np.max(camera.coefficient_errors) < 0.03
