@@ -26,6 +26,7 @@ ALL = (
     "devices",
     "independent",
     "long_kernels",
+    "fit",
     "plan",
     "sweep",
 )

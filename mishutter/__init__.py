@@ -7,6 +7,11 @@ from mishutter.blur import binned_exposure as binned_exposure
 from mishutter.blur import blur_kernel as blur_kernel
 from mishutter.blur import condition_number as condition_number
 from mishutter.blur import transfer_function as transfer_function
+from mishutter.calibration import FittedCamera as FittedCamera
+from mishutter.calibration import SensorLevels as SensorLevels
+from mishutter.calibration import TargetPicture as TargetPicture
+from mishutter.calibration import fit as fit
+from mishutter.calibration import read_measurements as read_measurements
 from mishutter.camera import Frames as Frames
 from mishutter.camera import Layer as Layer
 from mishutter.camera import Layers as Layers
@@ -124,6 +129,7 @@ __all__ = [
     "EnsembleDecoder",
     "ExpectedErrorLoss",
     "FirstOrderShutter",
+    "FittedCamera",
     "Frames",
     "FreeMotion",
     "GaussianShutter",
@@ -146,11 +152,13 @@ __all__ = [
     "RichardsonLucyDecoder",
     "Scene",
     "SearchFailedError",
+    "SensorLevels",
     "Simulation",
     "SplineShutter",
     "StagePath",
     "StillCamera",
     "SwitchedShutter",
+    "TargetPicture",
     "TikhonovDecoder",
     "ToleranceCost",
     "ToleranceCosts",
@@ -176,6 +184,7 @@ __all__ = [
     "evaluate",
     "example_picture",
     "example_scene",
+    "fit",
     "gain_over",
     "gain_over_snapshot",
     "ghost_energy",
@@ -188,6 +197,7 @@ __all__ = [
     "psnr",
     "read_drive",
     "read_frames",
+    "read_measurements",
     "read_picture",
     "read_scene",
     "read_trace",

@@ -13,7 +13,7 @@ FLOORS = [
     {"cli"},
     {"paper", "explore"},
     {"report"},
-    {"sweeps", "restore"},
+    {"sweeps", "restore", "calibration"},
     {"design", "camera"},
     {"evaluation"},
     {"blur"},

@@ -28,6 +28,7 @@ from mishutter.cli.console import (
 )
 from mishutter.cli.explore import explore
 from mishutter.cli.export import export
+from mishutter.cli.fit_command import fit
 from mishutter.cli.laboratory import (
     CeilingOption,
     ClosedOption,
@@ -211,6 +212,7 @@ app.command()(plan)
 app.command()(simulate)
 app.command()(reproduce)
 app.command()(export)
+app.command()(fit)
 app.command()(sweep)
 app.command()(explore)
 

@@ -4,6 +4,7 @@ from mishutter.report.document import Report as Report
 from mishutter.report.document import document as document
 from mishutter.report.document import shown_rows as shown_rows
 from mishutter.report.document import write_report as write_report
+from mishutter.report.fit_plots import plot_fit as plot_fit
 from mishutter.report.photographs import photograph_of as photograph_of
 from mishutter.report.photographs import photographs as photographs
 from mishutter.report.photographs import scene_picture as scene_picture

@@ -1,0 +1,542 @@
+r"""A camera as it was built, by weighted least squares through the exact kernel.
+
+The likelihood is Poisson-Gaussian: each pixel has the variance of its own expected level, and
+is fitted anew with what the last fit expects (iterated reweighting). Optimistix's
+Levenberg-Marquardt minimises. The information matrix of the last step gives the error bars, and
+its directions of almost no information say what the measurements do not see.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import Bare, require, require_positive_int
+from mishutter.blur import support
+from mishutter.calibration.measurements import END, Measurements, SensorLevels, TargetPicture
+from mishutter.calibration.response import FINE, collected, kernels
+from mishutter.design import Design, Trace, given_design, measured_profile
+from mishutter.model import (
+    CORNER_FREQUENCY,
+    NUM_FREQUENCIES,
+    AbstractMotion,
+    AbstractShutter,
+    ParabolicMotion,
+    Scene,
+    SplineShutter,
+    frequencies,
+)
+
+_ROUNDS = 2
+_MAX_STEPS = 30
+_PIN = 1e3
+_SPEEDS = (0.0, 0.3, -0.3, 0.6, -0.6)
+"""Normalised speeds from which a fit of an unknown one starts."""
+_LEAST_STROKE = 1.0
+_MARGIN = 1.3
+
+
+class Estimate(NamedTuple):
+    """A number with its error bar.
+
+    Attributes:
+        value: The number.
+        error: Standard deviation by the Fisher information; infinite of what is not seen.
+    """
+
+    value: float
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class FittedCamera:
+    """A camera as built.
+
+    Attributes:
+        motion: The stage's motion, on the camera's clock.
+        shutter: The transmittance.
+        coefficients: Its B-spline coefficients before they are held to [0, 1]; shape `(n,)`.
+        coefficient_errors: Their error bars; shape `(n,)`.
+        estimates: The other numbers by name, with their units in the name.
+        not_identifiable: What the measurements do not see, in sentences.
+        levels: Rows' means of each picture.
+        expected: The levels that the fitted camera gives.
+        noise: Standard deviations of the levels.
+        chi_squared: Sum of squares over noise, of `num_levels` levels.
+        num_free: How many parameters the measurements determine.
+    """
+
+    motion: ParabolicMotion
+    shutter: SplineShutter
+    coefficients: np.ndarray
+    coefficient_errors: np.ndarray
+    estimates: dict[str, Estimate]
+    not_identifiable: tuple[str, ...]
+    names: tuple[str, ...]
+    levels: tuple[np.ndarray, ...]
+    expected: tuple[np.ndarray, ...]
+    noise: tuple[np.ndarray, ...]
+    chi_squared: float
+    num_free: int
+
+    @property
+    def lens_blur(self) -> float:
+        """Standard deviation of the lens's Gaussian; px."""
+        return self.estimates["lens_blur_px"].value
+
+    @property
+    def reduced_chi_squared(self) -> float:
+        """Sum of squares over noise for each level that is free; near 1 of a model that holds."""
+        count = sum(row.size for row in self.levels)
+        return self.chi_squared / max(count - self.num_free, 1)
+
+    def band(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The profile less and plus two error bars, which are at most 1; shapes of `tau`."""
+        from scipy.interpolate import BSpline
+
+        count = self.coefficients.size
+        basis = BSpline.design_matrix(np.asarray(tau), _knots(count), 3).toarray()
+        errors = np.minimum(self.coefficient_errors, 1.0)
+        middle, reach = basis @ self.coefficients, 2 * (basis @ errors)
+        return middle - reach, middle + reach
+
+    def seen_through_lens(self, scene: Scene) -> Scene:
+        r"""The scene as the lens passes it: its spectrum times $e^{-4\pi^2\sigma^2 f^2}$."""
+        return through_lens(scene, self.lens_blur)
+
+    def design(self, scene: Scene) -> Design:
+        """The camera as built, as a design like any other, on a scene through its lens."""
+        seen = self.seen_through_lens(scene)
+        return given_design(seen, self.motion, self.shutter, "Fitted to measurements.")
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was found, as plain numbers and text."""
+        return {
+            "estimates": {name: each._asdict() for name, each in self.estimates.items()},
+            "transmittance": self.coefficients.tolist(),
+            "transmittance_errors": self.coefficient_errors.tolist(),
+            "not_identifiable": list(self.not_identifiable),
+            "reduced_chi_squared": self.reduced_chi_squared,
+        }
+
+
+def through_lens(scene: Scene, blur: float) -> Scene:
+    r"""A scene as a Gaussian lens passes it: its spectrum times $e^{-4\pi^2\sigma^2 f^2}$.
+
+    The scene's photograph, which is sharp, is left out.
+    """
+    known = scene.power_spectrum
+    f = frequencies(NUM_FREQUENCIES if known is None else known.size)
+    power = 1 / (f**2 + CORNER_FREQUENCY**2) if known is None else np.asarray(known, np.float64)
+    passed = power * np.exp(-4 * np.pi**2 * blur**2 * f**2)
+    seen = scene.bare(power_spectrum=passed)
+    deviation = scene.deviation * float(np.sqrt(np.sum(passed) / np.sum(power)))
+    seen = eqx.tree_at(lambda s: s.deviation, seen, deviation)
+    others = (scene.burst, scene.given_motion)
+    nothing = {"is_leaf": lambda leaf: leaf is None}
+    return eqx.tree_at(lambda s: (s.burst, s.given_motion), seen, others, **nothing)
+
+
+def fit(
+    measurements: Measurements | Sequence[TargetPicture],
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    sensor: SensorLevels | None = None,
+    trace: Trace | None = None,
+    num_coefficients: int = 12,
+) -> FittedCamera:
+    r"""The camera as built, from pictures of points or edges and a trace of its shutter.
+
+    Found are $a$ and $v$ of the stage on the camera's clock, the transmittance as a spline on the
+    exposure, the Gaussian blur of the lens, and the position, gain and background of each
+    picture. A stage that follows late by $d$ has $v - 2 a d$ for its velocity: a delay is that
+    of a stage whose velocity is as sent. Gains and the profile's scale are seen as a product, and
+    the profile is given the light of `shutter`, unless the trace is of known levels.
+
+    Args:
+        measurements: Pictures, or what `read_measurements` gives.
+        motion: The motion as sent, from which the fit starts, of a stroke of 1 px at least.
+        shutter: The profile as sent, as light would see it.
+        sensor: How levels come from electrons; electrons without noise of reading by default.
+        trace: A photodiode's levels, on the camera's clock.
+        num_coefficients: Coefficients of the profile.
+
+    Returns:
+        The camera, error bars, what is not identifiable, and residuals.
+
+    Raises:
+        ValueError: if a picture is saturated or shows no target, speeds are not told, or an
+            argument is out of its range.
+    """
+    given = _measurements(measurements, sensor, trace)
+    require_positive_int("fit(num_coefficients=...)", num_coefficients)
+    require(num_coefficients >= 4, "fit(num_coefficients=...)", "be at least 4", num_coefficients)
+    stroke = float(motion.stroke)
+    requirement = f"have a stroke of at least {_LEAST_STROKE:g} px"
+    require(stroke >= _LEAST_STROKE, "fit(motion=...)", requirement, Bare(f"{stroke:g} px"))
+    setting = _Setting.of(given, motion, shutter, num_coefficients)
+    unknown = any(picture.speed is None for picture in given.pictures)
+    starts = [setting.start(share) for share in (_SPEEDS if unknown else _SPEEDS[:1])]
+    return min((_solved(setting, start) for start in starts), key=lambda c: c[0])[1]
+
+
+def _measurements(
+    given: Measurements | Sequence[TargetPicture], sensor: SensorLevels | None, trace: Trace | None
+) -> Measurements:
+    if isinstance(given, Measurements):
+        return given
+    pictures = tuple(given)
+    right = bool(pictures) and all(isinstance(p, TargetPicture) for p in pictures)
+    require(right, "fit(measurements=...)", "hold at least one `TargetPicture`", given)
+    return Measurements(pictures, sensor or SensorLevels(), trace)
+
+
+class _Arrays(NamedTuple):
+    """What the residuals depend on beside the parameters; one program serves all of a shape."""
+
+    levels: Array
+    deviation: Array
+    speeds: Array
+    is_unknown: Array
+    is_edge: Array
+    half_exposure: Array
+    scales: Array
+    pins: Array
+    pinned: Array
+    trace: Array
+    trace_basis: Array
+    trace_deviation: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Setting:
+    """Everything of a fit but its start: data, natural units of the parameters, what is pinned."""
+
+    names: tuple[str, ...]
+    arrays: _Arrays
+    profiles: tuple[np.ndarray, ...]
+    rounded: tuple[bool, ...]
+    rows: tuple[int, ...]
+    picture_names: tuple[str, ...]
+    sensor: SensorLevels
+    sent: ParabolicMotion
+    coefficients: np.ndarray
+    efficiency: float
+    num_taps: int
+    notes: tuple[str, ...]
+
+    @staticmethod
+    def of(
+        given: Measurements, motion: AbstractMotion, shutter: AbstractShutter, count: int
+    ) -> "_Setting":
+        pictures = given.pictures
+        profiles = tuple(picture.profile(given.sensor) for picture in pictures)
+        a, T, v = (float(getattr(motion, n)) for n in ("acceleration", "half_exposure", "velocity"))
+        columns = {profile.size for profile in profiles}
+        requirement = "have pictures of equally many columns"
+        require(len(columns) == 1, "fit(measurements=...)", requirement, sorted(columns))
+        unknown = np.array([picture.speed is None for picture in pictures])
+        speeds = np.array([picture.speed or 0.0 for picture in pictures])
+        fitted = SplineShutter.fit(shutter, count)
+        coefficients = np.asarray(fitted.coefficients, np.float64)
+        knots = _knots(count)
+        integrals = (knots[4:] - knots[:-4]) / 8  # means of the B-splines over the exposure
+        names = ["acceleration", "velocity", "speed", "lens blur"]
+        names += [f"transmittance {k}" for k in range(count)]
+        for k in range(len(pictures)):
+            names += [f"position {k}", f"gain {k}", f"background {k}"]
+        names += ["swing of the trace", "dark of the trace"]
+        notes, pins, values = [], [], []
+
+        def pin(name: str, value: float) -> None:
+            pins.append(np.array([float(name == each) for each in names]))
+            values.append(value)
+
+        if not unknown.any():
+            pin("speed", 0.0)
+        elif unknown.all():
+            pin("velocity", v / (2 * a * T))
+            notes.append(
+                "velocity and speed apart: only the speed over the sensor is seen where none is "
+                "known (the velocity is taken as sent)"
+            )
+        sample, basis, noise = _trace_samples(given.trace, T, count)
+        if given.trace is None:
+            pin("swing of the trace", 0.0)
+            pin("dark of the trace", 0.0)
+        light = np.zeros(len(names))
+        light[4 : 4 + count] = integrals
+        pins.append(light)
+        values.append(float(integrals @ coefficients))
+        notes.append(
+            "gain and transmittance apart: only their product is seen (the profile has the light "
+            "that was sent)"
+        )
+        notes.append(
+            "velocity and delay apart: only v - 2 a d is seen (the delay is that of a stage whose "
+            "velocity is as sent)"
+        )
+        fastest = 2 * a * T + max(np.abs(speeds - v).max(), (0.7 * 2 * a * T) * unknown.any())
+        sent = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
+        longest = float(support(sent, fastest - 2 * a * T + abs(v)))
+        num_taps = int(np.ceil(_MARGIN * longest)) * FINE + 2 * FINE
+        top = 2 * a * T
+        scales = np.array([a, top, top, 1.0, *[1.0] * count])
+        for picture, profile in zip(pictures, profiles, strict=True):
+            gain = _gain(picture, profile) / float(integrals @ coefficients)
+            unit = max(float(np.ptp(profile)), 1e-9)
+            scales = np.append(scales, [1.0, gain, unit])
+        swing = float(np.ptp(sample)) if sample.size else 1.0
+        scales = np.append(scales, [swing, swing])
+        arrays = _Arrays(
+            levels=jnp.asarray(np.array(profiles)),
+            deviation=jnp.ones((len(pictures), profiles[0].size)),
+            speeds=jnp.asarray(speeds),
+            is_unknown=jnp.asarray(unknown),
+            is_edge=jnp.asarray([picture.target == "edge" for picture in pictures]),
+            half_exposure=jnp.asarray(T),
+            scales=jnp.asarray(scales),
+            pins=jnp.asarray(np.array(pins)),
+            pinned=jnp.asarray(np.array(values)),
+            trace=jnp.asarray(sample),
+            trace_basis=jnp.asarray(basis),
+            trace_deviation=jnp.asarray(noise),
+        )
+        return _Setting(
+            tuple(names),
+            arrays,
+            profiles,
+            tuple(picture.is_rounded for picture in pictures),
+            tuple(len(picture.levels) for picture in pictures),
+            tuple(picture.name for picture in pictures),
+            given.sensor,
+            sent,
+            coefficients,
+            float(integrals @ coefficients),
+            num_taps,
+            tuple(notes),
+        )
+
+    def noise(self, expected: np.ndarray) -> np.ndarray:
+        """Standard deviation of rows' means about expected levels; shape `(pictures, columns)`."""
+        each = zip(expected, self.rounded, self.rows, strict=True)
+        variances = [self.sensor.variance(row, known) / count for row, known, count in each]
+        return np.sqrt(variances)
+
+    def start(self, share: float) -> np.ndarray:
+        """Parameters as sent, with positions that bring the light where it was recorded."""
+        count = len(self.coefficients)
+        velocity = float(self.sent.velocity) / float(self.arrays.scales[1])
+        start = np.concatenate([[1.0, velocity, share, 0.5], self.coefficients])
+        for k, profile in enumerate(self.profiles):
+            unit = float(self.arrays.scales[4 + count + 3 * k + 2])
+            start = np.append(start, [0.0, 1.0, float(np.mean(profile[:END])) / unit])
+        trace = np.asarray(self.arrays.trace)
+        swing = float(self.arrays.scales[-1])
+        low = float(np.min(trace)) / swing if trace.size else 0.0
+        start = np.append(start, [1.0, low] if trace.size else [0.0, 0.0])
+        if not np.asarray(self.arrays.is_unknown).any():
+            start[2] = 0.0
+        x = start * np.asarray(self.arrays.scales)
+        unknown = np.asarray(self.arrays.is_unknown)
+        relative = np.where(unknown, x[2], np.asarray(self.arrays.speeds)) - x[1]
+        drift, stretch = _moments(self.coefficients) * float(self.sent.half_exposure) ** np.arange(
+            1, 3
+        )
+        for k, profile in enumerate(self.profiles):
+            path = x[0] * stretch - relative[k] * drift
+            start[4 + count + 3 * k] = _middle(profile, bool(self.arrays.is_edge[k])) - path
+        return start
+
+
+def _middle(profile: np.ndarray, is_edge: bool) -> float:
+    """Centroid of a point's light, or the position of an edge that has as much; px."""
+    left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
+    if is_edge:
+        return float(np.sum((right - profile) / (right - left)))
+    light = profile - (left + right) / 2
+    return float(np.sum(light * (np.arange(light.size) + 0.5)) / np.sum(light))
+
+
+def _gain(picture: TargetPicture, profile: np.ndarray) -> float:
+    """Light of a target in a picture: the sum of a point's, the step of an edge; levels."""
+    left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
+    return right - left if picture.target == "edge" else float(np.sum(profile - (left + right) / 2))
+
+
+def _knots(count: int) -> np.ndarray:
+    return np.concatenate([[-1.0] * 3, np.linspace(-1, 1, count - 2), [1.0] * 3])
+
+
+def _moments(coefficients: np.ndarray) -> np.ndarray:
+    r"""Means of $\tau$ and $\tau^2$ over the light of a profile; shape `(2,)`."""
+    from scipy.interpolate import BSpline
+
+    tau = (np.arange(2000) + 0.5) / 1000 - 1
+    weight = BSpline(_knots(coefficients.size), coefficients, 3)(tau)
+    return np.array([np.sum(weight * tau), np.sum(weight * tau**2)]) / np.sum(weight)
+
+
+def _trace_samples(
+    trace: Trace | None, half: float, count: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Samples of a trace within the exposure, B-splines there, and their noise."""
+    from scipy.interpolate import BSpline
+
+    if trace is None:
+        return np.zeros(0), np.zeros((0, count)), 1.0
+    found = measured_profile(trace, half_exposure=half, closed=float(np.min(trace.level)))
+    tau = np.asarray(trace.time) / half
+    inside = np.abs(tau) <= 1
+    basis = BSpline.design_matrix(tau[inside], _knots(count), 3).toarray()
+    dark = np.asarray(trace.level)[~inside]
+    rows = np.concatenate([basis, np.zeros((dark.size, count))])
+    noise = found.noise * (found.opened - found.closed)
+    return np.concatenate([np.asarray(trace.level)[inside], dark]), rows, noise
+
+
+def _expected(values: Array, arrays: _Arrays, num_taps: int) -> Array:
+    """Levels that parameters, in their natural units, give; shape `(pictures, columns)`."""
+    x = values * arrays.scales
+    a, v, speed, blur = x[:4]
+    num_pictures, num_columns = arrays.levels.shape
+    count = x.size - 6 - 3 * num_pictures
+    coefficients = x[4 : 4 + count]
+    position, gain, background = x[4 + count : -2].reshape(num_pictures, 3).T
+    relative = jnp.where(arrays.is_unknown, speed, arrays.speeds) - v
+    taps = kernels(coefficients, a, arrays.half_exposure, relative, num_taps)
+    begin = position - relative**2 / (4 * a) - 1 / FINE
+    light = collected(taps, begin, blur, arrays.is_edge, num_columns)
+    return background[:, None] + gain[:, None] * light
+
+
+def _residuals(values: Array, arrays: _Arrays, num_taps: int) -> Array:
+    expected = _expected(values, arrays, num_taps)
+    x = values * arrays.scales
+    count = arrays.trace_basis.shape[1]
+    shown = x[-2] * (arrays.trace_basis @ x[4 : 4 + count]) + x[-1]
+    return jnp.concatenate(
+        [
+            jnp.ravel((expected - arrays.levels) / arrays.deviation),
+            (shown - arrays.trace) / arrays.trace_deviation,
+            _PIN * (arrays.pins @ values - arrays.pinned),
+        ]
+    )
+
+
+@eqx.filter_jit
+def _least_squares(start: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, Array, Array]:
+    """Parameters, the residuals and their Jacobian where the minimiser ends."""
+    import optimistix as optx
+
+    solver = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-4)
+    residuals = partial(_residuals, num_taps=num_taps)
+    solution = optx.least_squares(
+        residuals, solver, start, arrays, max_steps=_MAX_STEPS, throw=False
+    )
+    known = solution.state.f_info
+    return solution.value, known.residual, known.jac.as_matrix()
+
+
+def _solved(setting: _Setting, start: np.ndarray) -> tuple[float, FittedCamera]:
+    """The camera found from a start, and its sum of squares."""
+    arrays, values, matrix = setting.arrays, jnp.asarray(start), None
+    levels = np.asarray(arrays.levels)
+    expected, noise = levels, np.ones_like(levels)
+    for _ in range(_ROUNDS):
+        noise = setting.noise(expected)
+        arrays = arrays._replace(deviation=jnp.asarray(noise))
+        values, residual, matrix = _least_squares(values, arrays, setting.num_taps)
+        expected = levels + np.asarray(residual)[: levels.size].reshape(levels.shape) * noise
+    camera = _camera(setting, np.asarray(values), np.asarray(matrix), expected, noise)
+    return camera.chi_squared, camera
+
+
+def _camera(
+    setting: _Setting,
+    values: np.ndarray,
+    matrix: np.ndarray,
+    expected: np.ndarray,
+    noise: np.ndarray,
+) -> FittedCamera:
+    count = len(setting.coefficients)
+    scales = np.asarray(setting.arrays.scales)
+    covariance, unseen = _information(matrix)
+    errors = np.sqrt(np.diag(covariance)) * scales
+    errors[unseen.any(axis=0)] = np.inf
+    found = values * scales
+    a, v = found[0], found[1]
+    estimates = {
+        "acceleration_px_per_s2": Estimate(a, errors[0]),
+        "velocity_px_per_s": Estimate(v, errors[1]),
+        "lens_blur_px": Estimate(abs(found[3]), errors[3]),
+    }
+    late = (float(setting.sent.velocity) - v) / (2 * a)
+    by_motion = np.array([-late / a, -1 / (2 * a)]) * scales[:2]
+    blind = unseen[:, :2].any()
+    own = float(np.sqrt(by_motion @ covariance[:2, :2] @ by_motion))
+    estimates["delay_ms"] = Estimate(late * 1e3, np.inf if blind else own * 1e3)
+    if np.asarray(setting.arrays.is_unknown).any():
+        estimates["speed_px_per_s"] = Estimate(found[2], errors[2])
+    for k in range(len(setting.profiles)):
+        for j, what in enumerate(("position_px", "gain", "background")):
+            place = 4 + count + 3 * k + j
+            estimates[f"{what}_{k}"] = Estimate(found[place], errors[place])
+    levels = tuple(setting.profiles)
+    chi = float(np.sum(((expected - np.array(levels)) / noise) ** 2))
+    num_pins = len(np.asarray(setting.arrays.pins))
+    coefficients = found[4 : 4 + count]
+    half = setting.sent.half_exposure
+    return FittedCamera(
+        motion=ParabolicMotion(acceleration=a, half_exposure=half, velocity=v),
+        shutter=SplineShutter(np.clip(coefficients, 0, 1)),
+        coefficients=coefficients,
+        coefficient_errors=errors[4 : 4 + count],
+        estimates={name: Estimate(float(e.value), float(e.error)) for name, e in estimates.items()},
+        not_identifiable=(*setting.notes, *_said(unseen, setting.names, count)),
+        names=setting.picture_names,
+        levels=levels,
+        expected=tuple(expected),
+        noise=tuple(noise),
+        chi_squared=chi,
+        num_free=values.size - num_pins,
+    )
+
+
+def _information(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance by what the Fisher information sees, and which parameters each blind one moves.
+
+    A direction in which the error bar exceeds the parameters' own scale is not seen.
+    """
+    _, singular, directions = np.linalg.svd(matrix, full_matrices=False)
+    seen = singular > 1.0
+    kept = directions[seen] / singular[seen, None]
+    return kept.T @ kept, np.abs(directions[~seen]) > _TAKES_PART
+
+
+_TAKES_PART = 0.05
+"""Share of a blind direction above which a parameter takes part in it."""
+
+
+def _said(unseen: np.ndarray, names: tuple[str, ...], count: int) -> list[str]:
+    """Sentences for directions that are not seen, by the parameters that take part."""
+    if not len(unseen):
+        return []
+    parts = np.atleast_1d(unseen.any(axis=0))
+    profile = parts[4 : 4 + count]
+    said = [name for k, name in enumerate(names) if parts[k] and not 4 <= k < 4 + count]
+    sentences = [f"{name}: moves nothing that was recorded" for name in said]
+    if profile.any():
+        mirrored = bool(np.array_equal(profile, profile[::-1]))
+        which = ", ".join(str(k) for k in np.flatnonzero(profile))
+        sentences.append(
+            f"transmittance: {len(unseen)} combinations of the coefficients {which}"
+            + (", only w(t) + w(-t) is seen" if mirrored else "")
+        )
+    return sentences

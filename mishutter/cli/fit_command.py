@@ -1,0 +1,108 @@
+"""The command that finds a camera in what it recorded: `fit`."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mishutter._core import writable_folder
+from mishutter.cli.console import note, print_table, print_text, start_jax, working, write_json
+from mishutter.cli.laboratory import AS_DESIGNED, AS_DRIVEN
+from mishutter.cli.options import JsonOption, OutOption, as_path
+
+if TYPE_CHECKING:
+    from mishutter.calibration import FittedCamera
+    from mishutter.design import Design
+
+AS_BUILT = "as built"
+REDESIGNED = "re-designed for what was built"
+
+
+def fit(
+    measurements: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MEASUREMENTS.toml",
+            parser=as_path,
+            help="Pictures of a point or an edge, how the sensor counts, and a trace.",
+        ),
+    ],
+    design: Annotated[
+        Path,
+        typer.Option("--design", metavar="FILE", parser=as_path, help="Design that was built."),
+    ],
+    drive: Annotated[
+        Path | None,
+        typer.Option("--drive", metavar="FILE", parser=as_path, help="CSV table that was sent."),
+    ] = None,
+    num_coefficients: Annotated[
+        int, typer.Option("--coefficients", min=4, max=64, help="Coefficients of the profile.")
+    ] = 12,
+    redesign: Annotated[
+        bool, typer.Option("--redesign", help="Find the best profile for what was built too.")
+    ] = False,
+    out: OutOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Find a camera as it was built, with error bars, and what it is worth."""
+    start_jax()
+    from mishutter.calibration import fit as fitted
+    from mishutter.calibration import read_measurements
+    from mishutter.design import Design
+
+    saved = Design.load(design)
+    found = read_measurements(measurements)
+    folder = None if out is None else writable_folder(out)
+    with working("fitting"):
+        camera = fitted(found, saved.motion, saved.shutter, num_coefficients=num_coefficients)
+    with working("measuring each camera"):
+        cameras = _cameras(camera, saved, drive, redesign)
+        levels = {name: float(each.metrics.expected_psnr) for name, each in cameras.items()}
+    files = [] if folder is None else _write(camera, cameras, folder)
+    if json:
+        write_json(camera.to_dict() | {"expected_psnr_db": levels, "files": files})
+    else:
+        _print(camera, levels)
+    if files:
+        note(f"{folder}: {', '.join(files)}")
+
+
+def _cameras(
+    camera: "FittedCamera", saved: "Design", drive: Path | None, redesign: bool
+) -> "dict[str, Design]":
+    """Cameras on the scene through the lens that was found, which all of them have."""
+    from mishutter.design import GIVEN, Design, optimise
+
+    seen = camera.seen_through_lens(saved.scene)
+    found = {AS_DESIGNED: replace(saved, scene=seen, loss_name=GIVEN)}
+    if drive is not None:
+        found[AS_DRIVEN] = Design.from_drive(drive, seen, saved.motion)
+    found[AS_BUILT] = camera.design(saved.scene)
+    if redesign:
+        found[REDESIGNED] = optimise(seen, camera.motion, free="shutter")
+    return found
+
+
+def _write(camera: "FittedCamera", cameras: "dict[str, Design]", folder: Path) -> list[str]:
+    from mishutter.report import plot_fit, save_figure
+
+    save_figure(plot_fit(camera, cameras[AS_DESIGNED].shutter), folder / "fit.png")
+    cameras[AS_BUILT].save(folder / "as_built.json")
+    files = ["fit.png", "as_built.json"]
+    if REDESIGNED in cameras:
+        cameras[REDESIGNED].save(folder / "redesigned.json")
+        files.append("redesigned.json")
+    return files
+
+
+def _print(camera: "FittedCamera", levels: dict[str, Any]) -> None:
+    rows = [[n, f"{e.value:.6g}", f"{e.error:.2g}"] for n, e in camera.estimates.items()]
+    each = zip(camera.coefficients, camera.coefficient_errors, strict=True)
+    rows += [[f"transmittance {k}", f"{c:.4f}", f"{e:.2g}"] for k, (c, e) in enumerate(each)]
+    print_table("The camera as built", ["number", "value", "error bar"], rows)
+    for line in camera.not_identifiable:
+        print_text(f"Not identifiable: {line}.")
+    print_text(f"Chi squared for each free level: {camera.reduced_chi_squared:.3f}.")
+    rows = [[name, f"{level:.2f}"] for name, level in levels.items()]
+    print_table("Expected of the scene through this lens", ["camera", "PSNR / dB"], rows)

@@ -1,0 +1,44 @@
+"""Pictures of a camera that was fitted to measurements: residuals, and the profile found."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mishutter.calibration import FittedCamera
+from mishutter.model import AbstractShutter
+from mishutter.report.plots import line_styles
+
+_NUM_POINTS = 401
+
+
+def plot_fit(camera: FittedCamera, sent: AbstractShutter) -> Figure:
+    """Levels and residuals of each picture, and the profile beside the one that was sent."""
+    count = len(camera.levels)
+    figure = Figure(figsize=(9.0, 1.5 * count + 3.0), layout="constrained")
+    grid = figure.add_gridspec(count + 1, 2, height_ratios=[1.0] * count + [2.0])
+    first, second, *_ = (style for style, _ in zip(line_styles(), range(2), strict=False))
+    each = zip(camera.levels, camera.expected, camera.noise, strict=True)
+    for index, (levels, expected, noise) in enumerate(each):
+        left, right = (figure.add_subplot(grid[index, column]) for column in (0, 1))
+        left.plot(levels, ".", color="0.55", markersize=3, label="recorded")
+        left.plot(expected, label="fitted", **first)
+        left.set_ylabel(f"{index}: level")
+        right.plot((levels - expected) / noise, ".", color="0.2", markersize=3)
+        right.axhline(0, color="0.6", linewidth=0.8)
+        right.set(ylabel="residual / noise", ylim=(-5, 5))
+        if index == 0:
+            left.legend(fontsize=8)
+            left.set_title("rows of each picture", fontsize=9)
+            right.set_title("what the fit leaves", fontsize=9)
+        if index == count - 1:
+            left.set_xlabel("column / px")
+            right.set_xlabel("column / px")
+    bottom = figure.add_subplot(grid[count, :])
+    tau = np.linspace(-1, 1, _NUM_POINTS)
+    time = tau * float(camera.motion.half_exposure) * 1e3
+    bottom.plot(time, np.asarray(camera.shutter.transmittance(tau)), label="as built", **first)
+    bottom.plot(time, np.asarray(sent.transmittance(tau)), label="as sent", **second)
+    low, high = camera.band(tau)
+    bottom.fill_between(time, low, high, color="0.8", label="two error bars")
+    bottom.set(xlabel="time from mid-exposure / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
+    bottom.legend(fontsize=8)
+    return figure

@@ -1,0 +1,163 @@
+"""A camera that was built with errors is found again from what it records.
+
+Pictures are made without the package's kernel, by a sum over instants. The coverage of the error
+bars over many trials is the benchmark's; here one draw lies where the error bars say.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.designs import SCENE
+from support.laboratory import (
+    BLUR,
+    BUILT,
+    COMMAND,
+    HALF,
+    PROFILE,
+    SENT,
+    SPEEDS,
+    expected,
+    recorded,
+)
+
+from mishutter import SensorLevels, StillCamera, TargetPicture, Trace, fit
+from mishutter.calibration.response import FINE, collected, kernels
+from mishutter.design import GIVEN
+
+ELECTRONS = 1e5
+SENSOR = SensorLevels(read_noise=3.0)
+COUNT = 9
+SCALE = float(COMMAND.efficiency()) / float(PROFILE.efficiency())
+"""The profile is given the light that was sent."""
+
+
+def pictures(seed, speeds=SPEEDS, target="point", told=True, sensor=SENSOR):
+    rng = np.random.default_rng(seed)
+    found = []
+    for k, speed in enumerate(speeds):
+        light = expected(speed, target, position=35.2 + 3 * k)
+        gain = ELECTRONS / (10 if target == "edge" else 1)
+        level = recorded(light, gain, rng, per_level=sensor.electrons_per_level)
+        found.append(TargetPicture(level, target, speed if told else None, f"picture {k}"))
+    return found
+
+
+@pytest.mark.parametrize("target", ["point", "edge"])
+def test_expected_levels_are_those_of_a_sum_over_instants(target):
+    """Points and edges of the exact kernel are what 20,000 instants add up to, at each speed."""
+    relative = jnp.asarray(SPEEDS) - BUILT.velocity
+    a = float(BUILT.acceleration)
+    coefficients = PROFILE.coefficients
+    taps = kernels(coefficients, BUILT.acceleration, BUILT.half_exposure, relative, 800)
+    begin = 41.3 - relative**2 / (4 * a) - 1 / FINE
+    edge = jnp.full(len(SPEEDS), target == "edge")
+    found = np.asarray(collected(taps, begin, jnp.asarray(BLUR), edge, 112))
+    for row, speed in zip(found, SPEEDS, strict=True):
+        truth = expected(speed, target, position=41.3)
+        np.testing.assert_allclose(row, truth, rtol=0, atol=5e-5 * (2 if target == "edge" else 1))
+
+
+def scores(camera):
+    """Distances from the truth in error bars."""
+    truth = {
+        "acceleration_px_per_s2": float(BUILT.acceleration),
+        "velocity_px_per_s": float(BUILT.velocity),
+        "lens_blur_px": BLUR,
+        "delay_ms": -float(BUILT.velocity) / (2 * float(BUILT.acceleration)) * 1e3,
+    }
+    own = [
+        (camera.estimates[n].value - value) / camera.estimates[n].error
+        for n, value in truth.items()
+    ]
+    profile = np.asarray(PROFILE.coefficients) * SCALE
+    return np.array([*own, *((camera.coefficients - profile) / camera.coefficient_errors)])
+
+
+def test_points_at_known_speeds_show_the_camera():
+    """Motion, delay, lens and profile lie within their error bars, and the residuals are noise."""
+    camera = fit(pictures(4), SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
+    assert np.all(np.abs(scores(camera)) < 4)
+    assert np.mean(np.abs(scores(camera)) < 2) > 0.75
+    assert abs(camera.reduced_chi_squared - 1) < 0.25
+    assert camera.estimates["acceleration_px_per_s2"].error < 0.01 * float(BUILT.acceleration)
+    assert camera.estimates["lens_blur_px"].error < 0.01
+    assert len(camera.not_identifiable) == 2
+    assert "only v - 2 a d is seen" in camera.not_identifiable[1]
+    built = camera.design(SCENE)
+    assert built.loss_name == GIVEN
+    assert built.scene.deviation < SCENE.deviation
+    assert np.isfinite(float(built.metrics.expected_psnr))
+
+
+def test_one_speed_at_rest_sees_only_the_sum_of_both_branches():
+    """What a single picture of an object that the sensor does not pan with leaves open is named."""
+    light = expected(0.0, "point", position=40.0, motion=SENT, shutter=COMMAND)
+    level = recorded(light, ELECTRONS, np.random.default_rng(8))
+    camera = fit([TargetPicture(level)], SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
+    said = " ".join(camera.not_identifiable)
+    assert "only w(t) + w(-t) is seen" in said
+    assert "velocity: moves nothing that was recorded" in said
+    assert np.all(np.isinf(camera.coefficient_errors[:4]))
+    assert np.isinf(camera.estimates["velocity_px_per_s"].error)
+    assert np.isfinite(camera.estimates["lens_blur_px"].error)
+
+
+BAD = {
+    "saturated": (
+        lambda row: TargetPicture(np.minimum(row, 4095), name="x"),
+        r"`x` must stay below the full level 4095 in every pixel; got 4095",
+    ),
+    "no-edge": (
+        lambda row: TargetPicture(np.full(112, 100.0), "edge", name="x"),
+        r"`x` must hold an edge: levels at its ends that differ by more than the noise; got 100 a",
+    ),
+    "no-point": (
+        lambda row: TargetPicture(np.full(112, 100.0), name="x"),
+        r"`x` must hold a point: light above the level of its ends; got 0 above",
+    ),
+    "edge-as-a-point": (
+        lambda row: TargetPicture(np.cumsum(row) / 100, name="x"),
+        r"`x` must hold a point: the same level at both ends; got",
+    ),
+    "cut-off": (
+        lambda row: TargetPicture(row[37:], name="x"),
+        r"`x` must end in 4 columns that the blur does not reach; got levels that change by",
+    ),
+}
+
+
+@pytest.mark.parametrize("slug", BAD)
+def test_pictures_of_no_use_are_refused(slug):
+    """One line says what must hold."""
+    row = recorded(expected(0.0, "point", position=35.0), ELECTRONS, np.random.default_rng(1))
+    made, message = BAD[slug]
+    sensor = SensorLevels(read_noise=3.0, full_level=4095.0 if slug == "saturated" else np.inf)
+    with pytest.raises(ValueError, match=message):
+        fit([made(row)], SENT, COMMAND, sensor=sensor)
+
+
+def test_arguments_of_a_fit_are_checked():
+    """A camera at rest has no kernel from its vertex, and a profile has four coefficients."""
+    picture = pictures(2, SPEEDS[:1])
+    with pytest.raises(ValueError, match=r"fit\(motion=...\)` must have a stroke of at least 1 px"):
+        fit(picture, StillCamera(half_exposure=HALF), COMMAND, sensor=SENSOR)
+    with pytest.raises(ValueError, match=r"fit\(num_coefficients=...\)` must be at least 4; got 3"):
+        fit(picture, SENT, COMMAND, sensor=SENSOR, num_coefficients=3)
+    with pytest.raises(ValueError, match=r"must hold at least one `TargetPicture`; got \[\]"):
+        fit([], SENT, COMMAND)
+    with pytest.raises(ValueError, match=r"TargetPicture\(target=...\)` must be point or edge"):
+        TargetPicture(np.zeros(99), "line")
+
+
+def test_a_trace_and_one_speed_show_what_the_speed_alone_does_not():
+    """With a photodiode's trace a single picture at rest leaves nothing of the profile open."""
+    light = expected(0.0, "point", position=40.0)
+    rng = np.random.default_rng(8)
+    time = np.sort(rng.uniform(-1.2, 1.2, 240)) * HALF
+    level = 0.3 + 2.1 * np.asarray(PROFILE.transmittance(time / HALF))
+    trace = Trace(time, level + 0.02 * rng.standard_normal(time.size))
+    picture = TargetPicture(recorded(light, ELECTRONS, rng))
+    camera = fit([picture], SENT, COMMAND, sensor=SENSOR, trace=trace, num_coefficients=COUNT)
+    assert len(camera.not_identifiable) == 2
+    assert np.all(np.abs(scores(camera)) < 4)
+    assert np.max(camera.coefficient_errors) < 0.03
