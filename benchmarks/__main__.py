@@ -25,6 +25,7 @@ ALL = (
     "long_kernels",
     "plan",
     "sweep",
+    "explore",
 )
 
 
