@@ -29,6 +29,7 @@ ALL = (
     "fit",
     "plan",
     "sweep",
+    "explore",
 )
 
 

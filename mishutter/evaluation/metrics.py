@@ -375,19 +375,18 @@ def _errors_of_records(
     response = assembled(scene, recorded, plan)
     dtype = np.dtype(response.efficiency.dtype)
     power = picture_power(scene, plan.num_frequencies, dtype)
-    aperture = jnp.sqrt(_aperture(plan.num_frequencies, dtype)).astype(response.spectra.dtype)
-    spectra = response.spectra * aperture
+    aperture = jnp.sqrt(_aperture(plan.num_frequencies, dtype))[None]
+    spectra = response.spectra * aperture.astype(response.spectra.dtype)
     weights = scene.weights.astype(dtype)[:, None]
     mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
     passed = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0)
     signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
-    # In units of the picture: the filter times the light that it is for.
-    share = _share(signal, signal * passed + noise).astype(spectra.dtype)
-    left = 1 - share[None] * jnp.conj(mean)[None] * spectra
-    gain = share * jnp.conj(mean)
-    per_power = jnp.where(signal > 0, noise / jnp.where(signal > 0, signal, 1.0), 0.0)
-    error = left.real**2 + left.imag**2 + (per_power * (gain.real**2 + gain.imag**2))[None]
-    return jnp.mean(power[None] * error, axis=1)
+    share = _share(signal, signal * passed + noise)
+    gain = share.astype(spectra.dtype) * jnp.conj(mean)
+    left = 1 - gain[None] * spectra
+    # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.
+    kept = share * (mean.real**2 + mean.imag**2) * _share(noise, signal * passed + noise)
+    return jnp.mean(power[None] * (left.real**2 + left.imag**2 + kept[None]), axis=1)
 
 
 _ALIGNING_STEPS = 20

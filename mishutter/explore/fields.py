@@ -6,6 +6,7 @@ out in the annotated example: a key that is added there is a field here.
 
 import json
 import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import Any
@@ -15,9 +16,8 @@ from mishutter.model import SceneFile, example_scene_text
 _UNITS = {"e": "e⁻", "s2": "s²", "us": "µs", "um": "µm", "db": "dB", "hz": "Hz"}
 """Units that are written otherwise in the name of a key."""
 _OWN_UNITS = {*_UNITS, "px", "s", "ms", "mm", "cycles", "deg"}
-_SECTION = re.compile(r"(?:# )?\[(\w+)\]")
-_KEY = re.compile(r"(?:#\s*)?(\w+) = (.+)")
-_INLINE = re.compile(r"(\w+) = (-?[\d.e+]+)")
+_SECTION = re.compile(r"^(?:# )?\[(\w+)\]", re.MULTILINE)
+_KEY = re.compile(r"^(?:#\s*)?(\w+) = (\{.*?\}|\[.*?\]|\S+)", re.MULTILINE)
 
 
 def page_fields() -> list[dict[str, Any]]:
@@ -109,9 +109,7 @@ def label_and_unit(key: str) -> tuple[str, str]:
     return " ".join(words[:first]), f"1{unit}" if unit.startswith("/") else unit
 
 
-def _begin(
-    place: tuple[str, ...], kind: str, default: Any, bounds: Mapping[str, Any]
-) -> float | str | bool | list[Any] | None:
+def _begin(place: tuple[str, ...], kind: str, default: Any, bounds: Mapping[str, Any]) -> Any:
     """The value of a key that is put into a scene: the example's, the default, or one in range."""
     if place in _examples():
         return _examples()[place]
@@ -127,30 +125,21 @@ def _begin(
 @lru_cache
 def _examples() -> dict[tuple[str, ...], Any]:
     """Values in the annotated example, those that are commented out among them."""
+    text = example_scene_text()
+    headings = [(match.start(), match[1]) for match in _SECTION.finditer(text)]
     found: dict[tuple[str, ...], Any] = {}
-    section = ""
-    for line in example_scene_text().splitlines():
-        text = line.strip()
-        if heading := _SECTION.match(text):
-            section = heading[1]
-        elif key := _KEY.match(text):
-            name, value = key[1], key[2]
-            for inner, number in _INLINE.findall(value):
-                found.setdefault((section, name, inner), _number(number))
-            if re.fullmatch(r"-?[\d.e+]+", value.split("#")[0].strip()):
-                found.setdefault((section, name), _number(value.split("#")[0].strip()))
-    forms = re.findall(r"#   (\w+) = \{(.*?)\}", example_scene_text())
-    for name, inside in forms:  # forms of [speeds], which stand before its heading
-        for inner, number in _INLINE.findall(inside):
-            found.setdefault(("speeds", name, inner), _number(number))
-    listed = re.search(r"list_px_per_s = \[(.*?)\]", example_scene_text())
-    if listed:
-        found["speeds", "list_px_per_s"] = [float(text) for text in listed[1].split(",")]
+    for match in _KEY.finditer(text):
+        before = [name for start, name in headings if start < match.start()]
+        section = before[-1] if before else headings[0][1]  # its keys may be explained before it
+        try:
+            value = tomllib.loads(f"value = {match[2]}")["value"]
+        except tomllib.TOMLDecodeError:
+            continue
+        parts = value if isinstance(value, dict) else {}
+        found.setdefault((section, match[1]), value)
+        for key, number in parts.items():
+            found.setdefault((section, match[1], key), number)
     return found
-
-
-def _number(text: str) -> float:
-    return int(text) if re.fullmatch(r"-?\d+", text) else float(text)
 
 
 def scene_text(tables: Mapping[str, Any]) -> str:

@@ -238,9 +238,12 @@ class _Tab(tornado.websocket.WebSocketHandler):
 
     def prepare(self) -> None:
         _refuse_others(self)
+        if not self.check_origin(self.request.headers.get("Origin", "")):
+            raise tornado.web.HTTPError(403)
 
     def check_origin(self, origin: str) -> bool:
-        return urlsplit(origin).netloc.lower() == self.request.host.lower()
+        """Whether a connection comes from this page and no other; Tornado asks once more."""
+        return origin.lower() == f"{self.request.protocol}://{self.request.host}".lower()
 
     async def open(self, *args: str, **kwargs: str) -> None:
         explorer: Explorer = self.settings["explorer"]

@@ -28,6 +28,7 @@ from mishutter import (
 from mishutter.evaluation.metrics import (
     expected_squared_error,
     picture_power,
+    psnr_at_speeds,
     signal_over_noise,
 )
 from mishutter.evaluation.needs import PLANNED, Plan, sizes
@@ -441,3 +442,42 @@ def test_signal_over_noise_of_a_still_object():
     power = picture_power(scene, ratio.size, ratio.dtype) * np.sinc(frequency) ** 2
     expected = power * electrons**2 / (0.25 * electrons + 36)
     np.testing.assert_allclose(ratio, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("velocity", [0.0, 240.0])
+@pytest.mark.parametrize("speeds", [SPEEDS, np.array([-900.0, 0.0, 900.0, 900.0])])
+def test_the_mean_error_over_speeds_is_the_expected_one(speeds, velocity):
+    """One filter's errors at each speed, weighted, are its expected error, however speeds fold."""
+    scene = Scene(speeds, WEIGHTS, photon_rate=7e4, read_noise=6.0)
+    motion = ParabolicMotion(
+        acceleration=MOTION.acceleration, half_exposure=HALF_EXPOSURE, velocity=velocity
+    )
+    found, levels = psnr_at_speeds(scene, motion, SHUTTER)
+    assert np.array_equal(found, np.unique(speeds))
+    weights = np.array([WEIGHTS[speeds == speed].sum() for speed in found])
+    mean = -10 * np.log10(weights @ 10 ** (-levels / 10))
+    np.testing.assert_allclose(mean, evaluate(scene, motion, SHUTTER).expected_psnr, rtol=1e-12)
+    assert np.ptp(levels) > 0.1
+
+
+def test_the_error_at_a_speed_is_that_of_the_filter_written_out():
+    """At each speed the filter of all of them misses what its formula says, noise included."""
+    _, levels = psnr_at_speeds(SCENE, MOTION, SHUTTER)
+    num = sizes(SCENE, MOTION).num_frequencies
+    frequency = np.asarray(frequency_grid(num, np.dtype(float)))
+    vertex = SPEEDS**2 / (4 * float(MOTION.acceleration))
+    response = [
+        np.asarray(transfer_function(SHUTTER, MOTION, speed=s, frequency=jnp.asarray(frequency)))
+        * np.exp(2j * np.pi * frequency * -v)
+        * np.sinc(frequency)
+        for s, v in zip(SPEEDS, vertex, strict=True)
+    ]
+    power = np.asarray(picture_power(SCENE, num, np.dtype(float)))
+    electrons = 7e4 * 2 * HALF_EXPOSURE
+    light = float(SHUTTER.efficiency())
+    noise = light * float(SCENE.mean_level) / electrons + (6.0 / electrons) ** 2
+    mean = sum(p * h for p, h in zip(WEIGHTS, response, strict=True))
+    square = sum(p * abs(h) ** 2 for p, h in zip(WEIGHTS, response, strict=True))
+    gain = power * np.conj(mean) / (power * square + noise)
+    errors = [np.mean(power * abs(1 - gain * h) ** 2 + noise * abs(gain) ** 2) for h in response]
+    np.testing.assert_allclose(levels, -10 * np.log10(errors), rtol=1e-6)

@@ -22,7 +22,7 @@ const charts = (() => {
 
   function ticks(low, high, count) {
     const rough = (high - low) / count, power = 10 ** Math.floor(Math.log10(rough));
-    const step = [1, 2, 5, 10].find((s) => s * power >= rough) * power;
+    const step = [1, 2, 2.5, 5, 10].find((s) => s * power >= rough) * power;
     const found = [];
     for (let x = Math.ceil(low / step - 1e-9) * step; x <= high + step * 1e-9; x += step) found.push(Math.abs(x) < step * 1e-9 ? 0 : x);
     return found;

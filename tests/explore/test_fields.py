@@ -1,0 +1,97 @@
+"""Fields of the page come from the schema of the scene file, and give scene files back."""
+
+import tomllib
+
+import pytest
+from support.command_line import SMALL_SCENE
+
+from mishutter._core import in_section, validated
+from mishutter.explore.fields import label_and_unit, page_fields, scene_text
+from mishutter.model import SceneFile, example_scene_text
+
+SECTIONS = {section["key"]: section for section in page_fields()}
+
+
+def places(table, *before):
+    """Every key of a table, and of the tables in it."""
+    for field in table["fields"]:
+        yield (*before, field["key"]), field
+        if field["kind"] == "table":
+            yield from places(field, *before, field["key"])
+
+
+FIELDS = {
+    place: field for name, section in SECTIONS.items() for place, field in places(section, name)
+}
+
+
+def schema_places(model, *before):
+    for name, field in model.model_fields.items():
+        yield (*before, name)
+        options = [field.annotation, *getattr(field.annotation, "__args__", ())]
+        for option in options:
+            if hasattr(option, "model_fields"):
+                yield from schema_places(option, *before, name)
+
+
+def test_every_key_of_the_schema_is_a_field():
+    """A key that is added to the schema appears by itself, at its place."""
+    assert {(name,) for name in SECTIONS} | set(FIELDS) == set(schema_places(SceneFile))
+
+
+@pytest.mark.parametrize(
+    ("key", "label", "unit"),
+    [
+        ("photon_rate_per_s", "photon rate", "1/s"),
+        ("max_top_speed_px_per_s", "max top speed", "px/s"),
+        ("acceleration_px_per_s2", "acceleration", "px/s²"),
+        ("cutoff_cycles_per_px", "cutoff", "cycles/px"),
+        ("read_noise_e", "read noise", "e⁻"),
+        ("rise_ms", "rise", "ms"),
+        ("count", "count", ""),
+        ("e", "e", ""),
+    ],
+)
+def test_a_key_ends_in_its_unit(key, label, unit):
+    """The unit is read off the key's name, and is no part of the label."""
+    assert label_and_unit(key) == (label, unit)
+
+
+@pytest.mark.parametrize("place", FIELDS, ids=".".join)
+def test_a_key_that_is_put_in_begins_with_a_value_that_the_schema_takes(place):
+    """No tick of a box leads to a value that is out of the range shown beside it."""
+    field = FIELDS[place]
+    if field["kind"] in ("number", "integer"):
+        low, high = field["minimum"], field["maximum"]
+        begin = field["begin"]
+        assert low < begin if field["above"] else low <= begin
+        assert begin < high if field["below"] else begin <= high
+    if field["kind"] == "integer":
+        assert isinstance(field["begin"], int)
+
+
+@pytest.mark.parametrize("name", [name for name in SECTIONS if SECTIONS[name]["optional"]])
+def test_a_section_that_is_put_in_is_a_section_of_a_scene_file(name):
+    """Ticking a section gives one that a scene may have."""
+    tables = tomllib.loads(example_scene_text()) | {name: SECTIONS[name]["begin"]}
+    validated(SceneFile, tables, "a scene", in_section)
+
+
+def test_what_the_example_leaves_out_begins_with_what_it_says_in_comments():
+    """Values of devices stand in the example alone."""
+    assert FIELDS["sensor", "full_well_e"]["begin"] == 5900
+    assert SECTIONS["shutter"]["begin"] == {"transmission": 0.85, "leakage": 0.001}
+    assert FIELDS["speeds", "normal"]["begin"]["deviation_px_per_s"] == 2000
+
+
+@pytest.mark.parametrize("text", [SMALL_SCENE, example_scene_text()], ids=["small", "example"])
+def test_a_scene_file_is_written_as_it_was_read(text):
+    """Saving a scene changes none of its numbers."""
+    tables = tomllib.loads(text)
+    assert tomllib.loads(scene_text(tables)) == tables
+
+
+def test_names_in_any_letters_are_written():
+    """The path of a photograph may hold quotes, backslashes, controls and letters of any kind."""
+    tables = {"picture": {"path": 'a "b" \\ \n \x7f é 😀.png'}, "light": {"x": 1e22, "y": -3e-7}}
+    assert tomllib.loads(scene_text(tables)) == tables

@@ -1,0 +1,232 @@
+"""The server of the page: for this machine alone, one state a tab, the latest request wins."""
+
+import asyncio
+import json
+import tomllib
+
+import pytest
+import tornado.httpclient
+import tornado.httpserver
+import tornado.netutil
+import tornado.websocket
+from support.command_line import SMALL_SCENE
+
+from mishutter.explore import server
+from mishutter.explore.session import Beginning, with_design
+
+TABLES = tomllib.loads(SMALL_SCENE.replace('path = "photo.png"', "mean_level = 0.23"))
+del TABLES["motion"]
+KINDS = ("pin", "unpin")
+_PATIENCE = 240
+"""For an answer of a machine that is busy; s."""
+TABS = []
+"""Connections to be closed."""
+
+
+@pytest.fixture(scope="module")
+def started():
+    return with_design(Beginning(TABLES, {}), lambda step, value: None)
+
+
+def served(started, talk, host="127.0.0.1", **options):
+    """What `talk` returns, called with the port of a server that is warm."""
+
+    async def run():
+        explorer = server.Explorer(started, lambda text: None)
+        explorer.is_warm.set()
+        application = server.application(explorer, server.known_hosts(host))
+        http = tornado.httpserver.HTTPServer(application)
+        sockets = tornado.netutil.bind_sockets(0, "127.0.0.1")
+        http.add_sockets(sockets)
+        try:
+            return await asyncio.wait_for(talk(sockets[0].getsockname()[1]), _PATIENCE)
+        finally:
+            http.stop()
+            while TABS:
+                TABS.pop().close()
+            await asyncio.sleep(0.1)
+            await http.close_all_connections()
+            explorer.quick.shutdown()
+            explorer.slow.shutdown()
+
+    return asyncio.run(run())
+
+
+async def fetched(port, path="/", **headers):
+    client = tornado.httpclient.AsyncHTTPClient()
+    return await client.fetch(f"http://127.0.0.1:{port}{path}", headers=headers, raise_error=False)
+
+
+async def connected(port, **headers):
+    origin = {"Origin": f"http://127.0.0.1:{port}"}
+    request = tornado.httpclient.HTTPRequest(f"ws://127.0.0.1:{port}/tab", headers=origin | headers)
+    TABS.append(await tornado.websocket.websocket_connect(request))
+    return TABS[-1]
+
+
+async def received(tab, kind):
+    while (text := await tab.read_message()) is not None:
+        message = json.loads(text)
+        if message["kind"] == kind:
+            return message
+        assert message["kind"] != "error", message["text"]
+    return None
+
+
+def asked(number, light=2.3e5):
+    scene = TABLES | {"light": {"photon_rate_per_s": light}}
+    return json.dumps({"kind": "design", "id": number, "scene": scene})
+
+
+@pytest.mark.parametrize("path", ["/", "/explore.js", "/charts.js", "/explore.css", "/icon.svg"])
+def test_the_page_loads_from_this_machine_alone(started, path):
+    """Every file is served, may load from its own server only, and names no other."""
+    answer = served(started, lambda port: fetched(port, path))
+    assert answer.code == 200
+    assert answer.headers["Content-Security-Policy"].startswith("default-src 'self';")
+    text = answer.body.decode().replace("http://www.w3.org/2000/svg", "")
+    assert "http://" not in text
+    assert "https://" not in text
+
+
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [("127.0.0.1", 200), ("localhost:80", 200), ("evil.example", 403), ("10.0.0.7", 403)],
+)
+@pytest.mark.parametrize("path", ["/", "/other"])
+def test_a_request_by_another_name_is_refused(started, name, code, path):
+    """A site that points its name to this machine gets nothing."""
+    answer = served(started, lambda port: fetched(port, path, Host=name))
+    allowed = {"/": 200, "/other": 404}[path]
+    assert answer.code == (allowed if code == 200 else 403)
+
+
+@pytest.mark.parametrize(
+    ("host", "name", "known"),
+    [
+        ("127.0.0.1", "127.0.0.1", True),
+        ("127.0.0.1", "LOCALHOST", True),
+        ("127.0.0.1", "192.168.1.5", False),
+        ("192.168.1.5", "192.168.1.5", True),
+        ("0.0.0.0", "192.168.1.5", True),
+        ("0.0.0.0", "evil.example", False),
+        ("::", "fe80::1", True),
+        ("127.0.0.1", "*", False),
+        ("127.0.0.1", None, False),
+    ],
+)
+def test_hosts_are_those_that_the_option_names(host, name, known):
+    """Where all addresses are served any address is known, but no name of another site."""
+    assert server.is_known(name, server.known_hosts(host)) == known
+
+
+def test_a_connection_from_another_site_is_refused(started):
+    """The origin of a connection is the page itself."""
+
+    async def talk(port):
+        codes = []
+        other = {"Origin": "http://evil.example", "Host": "evil.example"}
+        origins = ("http://evil.example", f"http://localhost:{port}", "null", "http://[x", "")
+        for headers in (other, *({"Origin": origin} for origin in origins)):
+            try:
+                await connected(port, **headers)
+            except tornado.httpclient.HTTPClientError as error:
+                codes.append(error.code)
+        return codes
+
+    assert served(started, talk) == [403] * 6
+
+
+def test_the_latest_request_wins(started):
+    """Of many requests at once the last is answered, and most of the others never."""
+
+    async def talk(port):
+        tab = await connected(port)
+        await received(tab, "hello")
+        for number in range(1, 40):
+            await tab.write_message(asked(number, light=2.3e5 - 1e3 * number))
+        ids = []
+        while not ids or ids[-1] < 39:
+            ids.append((await received(tab, "first"))["id"])
+        return ids
+
+    ids = served(started, talk)
+    assert ids == sorted(ids)
+    assert len(ids) < 10
+
+
+def test_tabs_do_not_share_state(started):
+    """A pin of one tab is none of another, and each is answered for its own scene."""
+
+    async def talk(port):
+        tabs = [await connected(port) for _ in range(2)]
+        await tabs[0].write_message(json.dumps({"kind": "pin", "name": "mine"}))
+        await tabs[1].write_message(json.dumps({"kind": "unpin", "name": "x"}))
+        pins = [(await received(tab, kind))["pins"] for tab, kind in zip(tabs, KINDS, strict=True)]
+        for number, tab in enumerate(tabs):
+            await tab.write_message(asked(7, light=2.3e5 / (1 + number)))
+        answers = [await received(tab, "first") for tab in tabs]
+        return pins, [a["curves"]["optimised"]["numbers"]["psnr"] for a in answers]
+
+    pins, levels = served(started, talk)
+    assert pins == [["mine"], []]
+    assert levels[0] > levels[1] + 0.1
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "no JSON",
+        "[" * 50_000,
+        "[]",
+        "7",
+        '{"kind": "design"}',
+        '{"kind": "design", "id": -1, "scene": {}}',
+        '{"kind": "design", "id": 1, "scene": {}, "drawn": [1]}',
+        '{"kind": "design", "id": 1, "scene": {"light": {"photon_rate_per_s": 1e999}}}',
+        '{"kind": "design", "id": 1, "scene": {"light": NaN}}',
+        '{"kind": "nothing"}',
+        '{"kind": "pin", "name": ""}',
+        '{"kind": "pin", "more": 1}',
+        '{"kind": "design", "id": ' + "9" * 5000 + "}",
+        "x" * ((2 << 20) + 1),
+        b"no picture",
+    ],
+    ids=lambda message: str(message)[:24],
+)
+def test_a_bad_message_is_answered_in_a_line(started, message):
+    """The line is one, the connection stays, and the next request is answered."""
+
+    async def talk(port):
+        tab = await connected(port)
+        await tab.write_message(message, binary=isinstance(message, bytes))
+        error = await received(tab, "error")
+        await tab.write_message(asked(3))
+        return error["text"], (await received(tab, "first"))["id"]
+
+    text, number = served(started, talk)
+    assert "\n" not in text
+    assert "Traceback" not in text
+    assert "; got" in text
+    assert number == 3
+
+
+def test_tabs_are_bounded(started):
+    """One tab too many is told so and closed; a closed one makes room."""
+
+    async def talk(port):
+        tabs = [await connected(port) for _ in range(server.MOST_TABS)]
+        for tab in tabs:
+            await received(tab, "hello")
+        refused = await connected(port)
+        told = await received(refused, "closed")
+        rest = await refused.read_message()
+        tabs[0].close()
+        await asyncio.sleep(0.2)
+        again = await received(await connected(port), "hello")
+        return told["text"], rest, again["kind"]
+
+    text, rest, again = served(started, talk)
+    assert text == f"at most {server.MOST_TABS} tabs at a time"
+    assert rest is None
+    assert again == "hello"

@@ -1,0 +1,234 @@
+"""One tab: its answers are the library's numbers, and nothing that it is sent grows or escapes."""
+
+import base64
+import io
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.command_line import SMALL_SCENE
+
+from mishutter import ChippedShutter, compare, evaluate, optimise
+from mishutter.explore import pictures
+from mishutter.explore import session as sessions
+from mishutter.explore.session import Order, Request, Session, SupersededError
+
+TABLES = tomllib.loads(SMALL_SCENE.replace('path = "photo.png"', "mean_level = 0.23"))
+del TABLES["motion"]
+ROWS = ("optimised", "best snapshot")
+DRAWN = [round(0.2 + 0.6 * (chip % 5) / 4, 3) for chip in range(sessions.NUM_CHIPS)]
+
+
+@pytest.fixture(scope="module")
+def started():
+    """A small scene and its finished design."""
+    tables = tomllib.loads(sessions.scene_text(TABLES))
+    photographs = sessions.beginning(None).photographs
+    return sessions.with_design(sessions.Beginning(tables, photographs), lambda step, value: None)
+
+
+def request(number=1, *, light=2.3e5, **others):
+    scene = TABLES | {"light": {"photon_rate_per_s": light}}
+    return Request(kind="design", id=number, scene=scene, rows=ROWS, **others)
+
+
+def psnr(answer, name="optimised"):
+    return answer["curves"][name]["numbers"]["psnr"]
+
+
+def library_scene(light=2.3e5):
+    return sessions.built(TABLES | {"light": {"photon_rate_per_s": light}}, {})
+
+
+def parts(session, asked):
+    return {part["kind"]: part for part in session.rest(asked, lambda: None)}
+
+
+def test_the_first_answer_is_a_design_for_the_new_scene(started):
+    """It is no worse than the design before it, measured on the new scene."""
+    answer = Session(started).first(request(light=1.1e5))
+    before = evaluate(library_scene(1.1e5), started.design.motion, started.design.shutter)
+    assert psnr(answer) >= float(before.expected_psnr) - 1e-9
+    assert psnr(answer) < float(started.design.metrics.expected_psnr)
+
+
+def test_the_finished_design_and_the_table_are_the_librarys(started):
+    """`optimise` and `compare` give the numbers of the page, to the last digit."""
+    session = Session(started)
+    asked = request(light=1.4e5, drawn=DRAWN)
+    drawn = psnr(session.first(asked), "drawn")
+    found = parts(session, asked)
+    scene = library_scene(1.4e5)
+    design = optimise(scene)
+    assert psnr(found["finished"]) == float(design.metrics.expected_psnr)
+    own = ChippedShutter(np.array(DRAWN))
+    level = float(evaluate(scene, design.motion, own).expected_psnr)
+    assert psnr(found["finished"], "drawn") == level
+    assert drawn != level  # on the motion of the first answer
+    rows = compare(scene, design.motion, {"optimised": design, "drawn": own})
+    shown = {row["name"]: row for row in found["table"]["rows"]}
+    assert found["table"]["verdict"] == rows.verdict
+    assert found["table"]["ceiling"] == rows.ceiling
+    for name in ("optimised", "drawn", "Hann", "best snapshot"):
+        assert shown[name]["psnr"] == float(rows.row(name).metrics.expected_psnr)
+    assert set(found["table"]["curves"]) == {"best snapshot"}
+
+
+def test_a_photograph_is_captured_and_restored(started):
+    """Every chosen row has a capture and a restored picture of one size, with the PSNR."""
+    session = Session(started)
+    content = picture_file(rows=30, columns=260)
+    session.upload("mine.png", content)
+    scene = TABLES | {"picture": {"path": "mine.png"}}
+    asked = Request(kind="design", id=1, scene=scene, rows=ROWS, speed=310.0)
+    session.first(asked)
+    shown = parts(session, asked)["photograph"]
+    assert [each["name"] for each in shown["designs"]] == list(ROWS)
+    sizes = {opened(each[k]).size for each in shown["designs"] for k in ("captured", "restored")}
+    assert sizes == {opened(shown["reference"]).size}
+    assert all(10 < each["psnr"] < 60 for each in shown["designs"])
+
+
+def opened(text):
+    return Image.open(io.BytesIO(base64.b64decode(text)))
+
+
+def picture_file(rows, columns, form="PNG"):
+    noise = np.random.default_rng(3).integers(30, 220, (rows, columns // 4 + 1), dtype=np.uint8)
+    buffer = io.BytesIO()
+    Image.fromarray(np.repeat(noise, 4, axis=1)[:, :columns]).save(buffer, form)
+    return buffer.getvalue()
+
+
+def test_work_that_nobody_waits_for_ends(started):
+    """The check that a newer request makes fail ends the search in its middle."""
+    session = Session(started)
+    asked = request(light=1.7e5)
+    session.first(asked)
+    calls = []
+
+    def check():
+        calls.append(1)
+        raise SupersededError
+
+    with pytest.raises(SupersededError):
+        next(session.rest(asked, check))
+    assert len(calls) == 1
+
+
+def test_pins_are_bounded_and_are_rows_of_the_table(started):
+    """A pin is a design as it was; one too many is refused, and a name is taken once."""
+    session = Session(started)
+    names = [session.answer(Order(kind="pin", name="Hann"))["pins"][-1] for _ in range(2)]
+    assert names == ["Hann 2", "Hann 3"]
+    text = session.answer(Order(kind="save_design"))["text"]
+    loaded = session.answer(Order(kind="load_design", name="mine.json", text=text))["pins"]
+    assert loaded[-1] == "mine"
+    asked = request(light=1.9e5)
+    session.first(asked)
+    rows = {row["name"]: row for row in parts(session, asked)["table"]["rows"]}
+    assert rows["mine"]["psnr"] == rows["Hann 2"]["psnr"] < rows["optimised"]["psnr"] + 1e-9
+    for _ in range(sessions.MOST_PINS - 3):
+        session.answer(Order(kind="load_design", name="x.json", text=text))
+    with pytest.raises(ValueError, match="`pins` must be at most 6"):
+        session.answer(Order(kind="pin"))
+    assert "mine" not in session.answer(Order(kind="unpin", name="mine"))["pins"]
+
+
+def test_a_scene_is_saved_loaded_and_written_as_commands(started):
+    """A saved scene loads to the same tables; the commands hold it and what was drawn."""
+    session = Session(started)
+    text = session.answer(Order(kind="save_scene", scene=TABLES))["text"]
+    assert session.answer(Order(kind="load_scene", text=text))["scene"] == TABLES
+    recipe = session.answer(Order(kind="recipe", scene=TABLES, drawn=DRAWN))
+    assert text in recipe["command"]
+    assert recipe["command"].endswith("mishutter optimise scene.toml\n")
+    compile(recipe["python"], "recipe", "exec")
+    assert f"ChippedShutter({DRAWN})" in recipe["python"]
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"light": {"photon_rate_per_s": -1.0}}, r"\[light\] photon_rate_per_s"),
+        ({"light": {"photon_rate_per_s": float("nan")}}, "photon_rate_per_s"),
+        ({"light": {"photon_rate_per_s": "1e5"}}, "be a number"),
+        ({"light": 3}, "be a table"),
+        ({"lamp": {}}, "known keys only"),
+        ({"speeds": {"list_px_per_s": [1e6] * 5}}, "travel at most"),
+        ({"speeds": {"list_px_per_s": [1.0] * 1001}}, "at most 1000"),
+        ({"picture": {"path": "/etc/hostname"}}, "be one of example"),
+        ({"picture": {"path": "example", "mean_level": 0.2}}, "stand alone"),
+        ({"picture": {"path": "../../../etc/passwd"}}, "be one of example"),
+    ],
+)
+def test_a_scene_that_is_none_is_refused_in_a_line(started, change, line):
+    """What a page sends is checked as a file is, and reads no file of this machine."""
+    asked = Request(kind="design", id=1, scene=TABLES | change)
+    with pytest.raises(ValueError, match=line):
+        Session(started).first(asked)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "line"),
+    [
+        ("notes.txt", b"text", "be a PNG, JPEG or TIFF file"),
+        ("broken.png", b"\x89PNG\r\n\x1a\n" + b"x" * 40, "broken.png must be a PNG"),
+        ("half.png", picture_file(40, 300)[:-400], "half.png"),
+        ("empty.png", b"", "hold at most 32 MiB"),
+        ("large.png", b"x" * ((32 << 20) + 1), "hold at most 32 MiB"),
+        ("example", b"x", "not be called as another is"),
+        ("thin.png", picture_file(9, 5), "at least 8 px"),
+    ],
+)
+def test_an_upload_that_is_no_photograph_is_refused(started, name, content, line):
+    """The line names the user's file, and an earlier photograph stays."""
+    session = Session(started)
+    session.upload("mine.png", picture_file(20, 80))
+    with pytest.raises(ValueError, match=line):
+        session.upload(name, content)
+    assert session.photographs == ["example", "mine.png"]
+
+
+def test_a_picture_of_too_many_pixels_is_refused_by_its_header(started, monkeypatch):
+    """It is not decoded: a small file may hold a picture that fills the memory."""
+    monkeypatch.setattr(pictures, "MOST_PIXELS", 500)
+    monkeypatch.setattr(pictures, "read_picture", None)
+    with pytest.raises(ValueError, match="at most 500 pixels"):
+        Session(started).upload("bomb.png", picture_file(40, 300))
+
+
+def test_an_upload_takes_the_place_of_the_one_before(started):
+    """One photograph a tab is kept, by its name without folders."""
+    session = Session(started)
+    session.upload("first.png", picture_file(20, 80))
+    answer = session.upload("../folder/second.jpg", picture_file(20, 80, "JPEG"))
+    assert answer["photographs"] == ["example", "second.jpg"]
+
+
+@pytest.mark.parametrize(
+    ("order", "line"),
+    [
+        (Order(kind="halt"), "a message"),
+        (Order(kind="load_scene", text="[light"), "TOML file"),
+        (Order(kind="load_scene", text="[light]\nx = 1"), "known keys"),
+        (Order(kind="load_design", text="{}", name="d.json"), "d.json"),
+        (Order(kind="load_design", text="[" * 100_000, name="d.json"), "d.json"),
+        (Order(kind="save_scene", scene={"light": {}}), "must be given"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else value.kind,
+)
+def test_an_order_that_cannot_be_met_is_refused_in_a_line(started, order, line):
+    """Each line says what must hold and what came."""
+    with pytest.raises(ValueError, match=line) as refusal:
+        Session(started).answer(order)
+    assert "; got" in str(refusal.value)
+
+
+def test_a_dark_drawing_is_measured(started):
+    """A profile that is closed throughout loses the whole picture, and nothing fails."""
+    answer = Session(started).first(request(drawn=[0.0] * sessions.NUM_CHIPS))
+    assert psnr(answer, "drawn") < psnr(answer) - 3
+    json.dumps(answer["curves"]["drawn"]["profile"], allow_nan=False)
