@@ -22,12 +22,12 @@ def print_report(report: "Report") -> None:
         rows = [row for row in comparison.rows if row.reading == reading]
         cells = [_cells(comparison, row) for row in rows]
         if reading == OWN_BEST_MOTION:
-            print_table(reading.capitalize(), _COLUMNS, [*cells, _ceiling(comparison)])
+            print_table(reading.capitalize(), COLUMNS, [*cells, _ceiling(comparison)])
             print_text(_FOOT)
             print_text()
             _print_purchases(comparison)
         else:
-            print_table(reading.capitalize(), _COLUMNS, cells)
+            print_table(reading.capitalize(), COLUMNS, cells)
             print_table(f"Kernels, {reading}", _OF_KERNELS, [_kernel_cells(row) for row in rows])
             print_text(_condition_note(rows))
             full = [row.name for row in rows if fills(report.scene, row.motion, row.shutter)]
@@ -40,7 +40,8 @@ def print_report(report: "Report") -> None:
         print_text(_design_line(report.design))
 
 
-_COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
+COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
+"""Columns of a comparison's rows."""
 _FOOT = """\
 PSNR dB    expected of one linear filter
 gain dB    over the best snapshot at rest
@@ -59,7 +60,7 @@ def _print_purchases(comparison: "Comparison") -> None:
         for takes, row in comparison.rivals.items()
         for name, *numbers in [_cells(comparison, row)]
     ]
-    columns = ("purchase: its best", *_COLUMNS[1:3], *_COLUMNS[4:])
+    columns = ("purchase: its best", *COLUMNS[1:3], *COLUMNS[4:])
     print_table("What each purchase brings", columns, rows)
     for line in comparison.notes:
         print_text(line)
@@ -67,7 +68,7 @@ def _print_purchases(comparison: "Comparison") -> None:
 
 def _ceiling(comparison: "Comparison") -> list[str]:
     gain = comparison.over_snapshot(comparison.ceiling)
-    return ["ceiling", f"{comparison.ceiling:.2f}", f"{gain:+.2f}", *[""] * len(_COLUMNS[3:])]
+    return ["ceiling", f"{comparison.ceiling:.2f}", f"{gain:+.2f}", *[""] * len(COLUMNS[3:])]
 
 
 def _cells(comparison: "Comparison", row: "Row") -> list[str]:
@@ -135,8 +136,8 @@ def _print_photographs(
 
 
 _OF_PHOTOGRAPH = (
-    "exp.: expected of pictures with the detail and the mean light of this one where it\n"
-    "is judged. Other tables: of the scene's mean spectrum, over all of its speeds."
+    "exp.: expected of pictures with the detail and the mean light of this one where\n"
+    "it is judged. Other tables: of the scene's mean spectrum, over all of its speeds."
 )
 
 
