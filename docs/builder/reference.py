@@ -19,14 +19,19 @@ from mishutter.model import example_scene_text
 from mishutter.model.scene_schema import SceneFile
 
 UNITS = {
+    "_px_per_s3": "px/s³",
     "_px_per_s2": "px/s²",
     "_px_per_s": "px/s",
+    "_g_per_s": "g/s",
     "_per_s": "1/s",
     "_cycles_per_px": "cycles/px",
-    "cycles_per_px": "cycles/px",
     "_px": "px",
     "_ms": "ms",
+    "_us": "µs",
+    "_s": "s",
+    "_mm": "mm",
     "_um": "µm",
+    "_g": "g",
     "_hz": "Hz",
     "_e": "e-",
     "_db": "dB",
@@ -138,7 +143,7 @@ def section_of(field: FieldInfo) -> type[BaseModel] | None:
 
 
 def unit(key: str) -> str:
-    """The unit that the end of a key names; `1` for a plain number, nothing for other things."""
+    """The unit that the end of a key names; nothing for a plain number or other things."""
     return next((unit for end, unit in UNITS.items() if key.endswith(end)), "")
 
 
