@@ -1,14 +1,19 @@
-"""Pages for people name files and functions that exist, and modules the paper that they cite."""
+"""Pages for people name what exists, and their code runs and shows what they say.
+
+Modules name the paper that they cite.
+"""
 
 import ast
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
+from support.pages import Reader, blocks, here_documents, is_shown
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
-    [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / ".pre-commit-config.yaml"]
+    [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / ".pre-commit-config.yaml"]
 )
 
 TITLE = "Improved motion invariant imaging with time varying shutter functions"
@@ -19,7 +24,9 @@ FUNCTION = re.compile(r"`([\w/]+\.py)` → ((?:`\w+`(?:, | and )?)+)")
 
 
 def every_page(test):
-    return pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)(test)
+    return pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))(
+        test
+    )
 
 
 def located(name: str, page: Path) -> Path | None:
@@ -48,6 +55,64 @@ def test_functions_are_where_a_page_says(page):
         kinds = ast.FunctionDef | ast.ClassDef
         defined = {node.name for node in ast.walk(tree) if isinstance(node, kinds)}
         assert set(re.findall(r"`(\w+)`", functions)) <= defined, name
+
+
+RUNNABLE = {"python", "sh"}
+OTHER_LANGUAGES = {"text", "console", "math", "toml", "yaml"}
+CODE = [page for page in PAGES if page.name != "CONTRIBUTING.md"]
+TUTORIAL = ROOT / "docs" / "tutorial.md"
+NEEDS = [
+    pytest.param(page, package, id=f"{page.relative_to(ROOT)}-{package or 'all'}")
+    for page in CODE
+    for package in sorted({n for b in blocks(page) for n in b.needs}, key=str)
+]
+
+
+@every_page
+def test_blocks_are_of_a_kind_that_is_checked(page):
+    """No block escapes by a language that nothing runs; commands that are only shown are few."""
+    for block in blocks(page):
+        assert block.language in RUNNABLE | OTHER_LANGUAGES
+        if block.language == "toml":
+            tomllib.loads(block.text)
+        if block.language == "console":
+            assert all(line.startswith("$ ") for line in block.text.splitlines())
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    """The folder that the pages' commands work in, and what those that ran there wrote."""
+    folder = tmp_path_factory.mktemp("desk")
+    (folder / "slides.toml").write_text(here_documents(TUTORIAL)["slides.toml"])
+    return folder, {}
+
+
+def read_through(page, packages, desk, monkeypatch):
+    """Run the blocks of a page in turn, without those that need other packages."""
+    folder, remembered = desk
+    monkeypatch.chdir(folder)
+    reader = Reader(remembered)
+    for block in blocks(page):
+        if block.needs - packages:
+            continue
+        if block.language in RUNNABLE:
+            reader.run(block)
+        elif block.language == "text":
+            assert is_shown(block.text, reader.output), f"{block.text}\n\n{reader.output}"
+
+
+@pytest.mark.parametrize("page", [p for p in CODE if blocks(p)], ids=lambda p: p.stem)
+def test_code_runs_and_shows_what_the_page_says(page, desk, monkeypatch):
+    """A reader who types a page's blocks in turn sees what it shows."""
+    read_through(page, frozenset(), desk, monkeypatch)
+
+
+@pytest.mark.parametrize(("page", "package"), NEEDS)
+def test_code_for_other_packages_runs(page, package, desk, monkeypatch):
+    """Where a package is installed that the tests do not ask for, blocks that import it run."""
+    pytest.importorskip(package, reason=f"{package} is not installed")
+    others = frozenset({"torch", package})
+    read_through(page, others, desk, monkeypatch)
 
 
 MODULES = [*sorted((ROOT / "mishutter").rglob("*.py")), ROOT / "benchmarks" / "rivals.py"]

@@ -5,6 +5,7 @@ Modules that take seconds to import are imported inside the commands.
 
 import itertools
 import os
+import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -16,8 +17,11 @@ import typer
 from mishutter._core import short_names, writable_folder
 from mishutter.cli.camera import reproduce, simulate
 from mishutter.cli.console import (
+    AGAIN,
+    InterruptedWorkError,
     ends_when_asked,
     error_line,
+    kept,
     note,
     print_text,
     progress_bar,
@@ -66,6 +70,9 @@ if TYPE_CHECKING:
     from mishutter.evaluation import AbstractLoss
     from mishutter.model import AbstractMotion, AbstractShutter, Scene
     from mishutter.report import Report
+
+_INTERRUPTED = 130
+"""The exit code of an interrupt, which the parser of the command line returns too."""
 
 app = typer.Typer(
     name="mishutter",
@@ -139,7 +146,7 @@ def optimise(
     found = planned(scene, motion, start, loss=chosen, free=names)
     if verbose:
         note(plan_text(found))
-    with progress_bar("searching", max_steps) as update:
+    with kept(lambda: AGAIN), progress_bar("searching", max_steps) as update:
         design = search(
             scene,
             motion,
@@ -153,8 +160,20 @@ def optimise(
             progress=lambda step, value: update(step, f"loss {value:.6g}"),
         )
     tried = noise_seeds, every_photograph
-    result = _compared(scene, design.motion, {"optimised": design}, chosen, *tried)
-    _deliver(replace(result, design=design), folder, json)
+    with kept(lambda: _saved(scene_file, folder)):
+        if folder is not None:
+            design.save(folder / "design.json")
+        result = _compared(scene, design.motion, {"optimised": design}, chosen, *tried)
+        _deliver(replace(result, design=design), folder, json)
+
+
+def _saved(scene_file: Path | None, folder: Path | None) -> str:
+    """What is kept of a search that is done, before all of it is shown."""
+    if folder is None:
+        return f"{AGAIN}; with --out DIR the design is kept as soon as it is found"
+    design = shlex.join(["--design", str(folder / "design.json")])
+    scene = "" if scene_file is None else f" {shlex.quote(str(scene_file))}"
+    return f"the design is kept; `mishutter compare{scene} {design}` goes on from it"
 
 
 @app.command()
@@ -204,8 +223,9 @@ def compare(
         motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
     folder = None if out is None else writable_folder(out)
     tried = noise_seeds, every_photograph
-    result = _compared(scene, motion, saved | windows, loss_of(loss), *tried)
-    _deliver(result, folder, json)
+    with kept(lambda: AGAIN):
+        result = _compared(scene, motion, saved | windows, loss_of(loss), *tried)
+        _deliver(result, folder, json)
 
 
 app.command()(plan)
@@ -269,8 +289,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with ends_when_asked():
             code = command.main(given, prog_name="mishutter", standalone_mode=False)
+        if code == _INTERRUPTED:  # before there was anything to say of it
+            note(f"mishutter: interrupted: {AGAIN}")
+    except InterruptedWorkError as error:
+        note(f"mishutter: interrupted: {error}")
+        code = _INTERRUPTED
     except (KeyboardInterrupt, typer.Abort):
-        code = 130
+        code = _INTERRUPTED
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 0

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mishutter._core import writable_folder
-from mishutter.cli.console import note, print_table, progress_bar, start_jax, write_json
+from mishutter.cli.console import (
+    AGAIN,
+    kept,
+    note,
+    print_table,
+    progress_bar,
+    start_jax,
+    write_json,
+)
 from mishutter.cli.laboratory import (
     CeilingOption,
     ClosedOption,
@@ -114,7 +122,7 @@ def simulate(
     if speed and not isinstance(seen, Picture):
         raise ValueError(f"`--speed` must be left out but for a photograph; got {speed:g}.")
     folder = writable_folder(out)
-    with progress_bar("capturing and restoring", _NUM_TICKS) as update:
+    with kept(lambda: AGAIN), progress_bar("capturing and restoring", _NUM_TICKS) as update:
         result = capture_and_restore(
             seen,
             scene,
@@ -177,7 +185,7 @@ def reproduce(
     start_jax()
     from mishutter.paper import reproduce as redo
 
-    with progress_bar("reproducing", _NUM_TICKS) as update:
+    with kept(lambda: AGAIN), progress_bar("reproducing", _NUM_TICKS) as update:
         numbers = redo(
             folder,
             quick=quick,

@@ -7,8 +7,9 @@ import shutil
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any
 
@@ -17,17 +18,23 @@ from pydantic import ValidationError
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from mishutter._core import describe, is_own_folder, requirement, strict_json
 
+AGAIN = "no result was kept; the same command begins again, with the programs compiled so far"
+"""What is said of work that keeps nothing until it is done."""
 _WIDTH = 132
-"""Columns of a table where standard output is no terminal."""
+"""Columns of a table where standard output is no terminal and `COLUMNS` is not set."""
 _LEAST_TEXT = 16
 """Columns of a table's first column, however narrow the terminal."""
 _MOMENT = 0.05
 """Time for garbage to be collected; s."""
+_PATIENCE = 2.0
+"""Time after which work that goes on says so where standard error is no terminal; s."""
+_PAUSE = 10.0
+"""Time between two such lines; s."""
 
 _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The errors of the command line parser, whichever Click it was built on."""
@@ -125,7 +132,13 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     for part in _parts(least, console.width):
         room = max(console.width, _across(least, part))
         widths = full if _across(full, part) <= room else least
-        table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+        table = Table(
+            title=title,
+            title_justify="left",
+            title_style="bold",
+            box=box.SIMPLE_HEAD,
+            padding=(0, 1, 0, 0),
+        )
         for index in part:
             justify = "right" if index else "left"
             table.add_column(columns[index], justify=justify, width=widths[index])
@@ -148,7 +161,7 @@ def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
 
 def _across(widths: Sequence[int], part: Sequence[int]) -> int:
     """Width of a table of some columns, with what stands between them."""
-    return 1 + sum(widths[index] + 3 for index in part)
+    return 1 + sum(widths[index] + 2 for index in part)
 
 
 def print_text(text: str = "") -> None:
@@ -159,7 +172,8 @@ def print_text(text: str = "") -> None:
 def _console() -> Console:
     """Of text as it is: the name of a design may hold brackets and colons."""
     columns, height = shutil.get_terminal_size()
-    width = columns if sys.stdout.isatty() else _WIDTH
+    is_known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    width = columns if is_known else _WIDTH
     # Rich takes a terminal without control codes to be 80 wide unless it is told both.
     return Console(
         file=sys.stdout, width=width, height=height, markup=False, emoji=False, highlight=False
@@ -168,7 +182,11 @@ def _console() -> Console:
 
 @contextmanager
 def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
-    """A bar on standard error while work goes on: `update(done, message)`."""
+    """Progress on standard error while work goes on: `update(done, message)`.
+
+    A terminal shows a bar, with the time gone and the time to go; elsewhere a line is written
+    now and then.
+    """
     console = Console(file=sys.stderr)
     columns = (
         TextColumn("{task.description}"),
@@ -176,12 +194,64 @@ def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]
         TextColumn("{task.completed:.0f}/{task.total:.0f}"),
         TextColumn("{task.fields[message]}"),
         TimeElapsedColumn(),
+        TextColumn("gone,"),
+        TimeRemainingColumn(),
+        TextColumn("to go"),
     )
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as progress:
-        task = progress.add_task(label, total=total, message="")
-        yield lambda done, message="": progress.update(task, completed=done, message=message)
+    if console.is_terminal:
+        with Progress(*columns, console=console, transient=True) as progress:
+            task = progress.add_task(label, total=total, message="")
+            yield lambda done, message="": progress.update(task, completed=done, message=message)
+        return
+    state = _State(total)
+    with _lines(lambda: f"{label}: {state}"):
+        yield state.update
+
+
+class _State:
+    """How far some work has come."""
+
+    def __init__(self, total: int):
+        self._total = total
+        self._done = 0
+        self._first: tuple[int, float] | None = None
+        self._begin = time.monotonic()
+
+    def update(self, done: int, message: str = "") -> None:
+        """Take note of what is done; the first time stands for work that was done before."""
+        del message
+        self._done = done
+        if self._first is None:
+            self._first = done, time.monotonic()
+
+    def __str__(self) -> str:
+        now = time.monotonic()
+        words = f"{self._done} of {self._total} after {now - self._begin:.0f} s"
+        done, since = self._first or (0, now)
+        if self._done > done:
+            left = (self._total - self._done) * (now - since) / (self._done - done)
+            words += f", about {left:.0f} s to go"
+        return words
+
+
+@contextmanager
+def _lines(text: Callable[[], str]) -> Iterator[None]:
+    """A line on standard error after a while, and now and then from there on."""
+    ended = threading.Event()
+
+    def write() -> None:
+        pause = _PATIENCE
+        while not ended.wait(pause):
+            note(text())
+            pause = _PAUSE
+
+    writer = threading.Thread(target=write, daemon=True)
+    writer.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        writer.join()
 
 
 def take_any_text() -> None:
@@ -201,8 +271,25 @@ def take_any_text() -> None:
 def working(label: str) -> Iterator[None]:
     """A sign of life on standard error while something goes on that has no steps to count."""
     console = Console(file=sys.stderr)
-    with console.status(label) if console.is_terminal else nullcontext():
+    with console.status(label) if console.is_terminal else _lines(lambda: f"{label} ..."):
         yield
+
+
+class InterruptedWorkError(Exception):
+    """An interrupt of the user's, with what was kept and how to go on."""
+
+
+@contextmanager
+def kept(text: Callable[[], str]) -> Iterator[None]:
+    """Work that keeps something, or nothing, where the user interrupts it.
+
+    Raises:
+        InterruptedWorkError: in place of `KeyboardInterrupt`, with what is said of that.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise InterruptedWorkError(text()) from None
 
 
 @contextmanager

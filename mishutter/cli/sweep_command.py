@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mishutter._core import writable_folder
-from mishutter.cli.console import note, print_table, progress_bar, start_jax, write_json
+from mishutter.cli.console import (
+    AGAIN,
+    kept,
+    note,
+    print_table,
+    progress_bar,
+    start_jax,
+    write_json,
+)
 from mishutter.cli.options import (
     JsonOption,
     OutOption,
@@ -106,13 +114,17 @@ def sweep(
     _require_few(f"{_RANGES} together", total)
     require_within(_RANGES, frames, accelerations, half_exposures)
     folder = None if out is None else writable_folder(out)
-    with _notes(), progress_bar("sweeping", total) as update:
+    points: list[int] = []
+    with (
+        kept(lambda: _stored(points, total, store)),
+        _notes(),
+        progress_bar("sweeping", total) as update,
+    ):
         begin = time.perf_counter()
-        first: list[int] = []
 
         def progress(done: int, total: int) -> None:
-            first.append(done)
-            update(done, _speed(done - first[0], total - done, time.perf_counter() - begin))
+            points.append(done)
+            update(done, _speed(done - points[0], time.perf_counter() - begin))
 
         dataset = run(
             scene,
@@ -129,11 +141,16 @@ def sweep(
     _deliver(dataset, scene, folder, json)
 
 
-def _speed(done: int, left: int, seconds: float) -> str:
-    if not done or seconds <= 0:
-        return ""
-    rate = done / seconds
-    return f"{rate:.0f} points/s, {left / rate:.0f} s left"
+def _speed(done: int, seconds: float) -> str:
+    return f"{done / seconds:.0f} points/s" if done and seconds > 0 else ""
+
+
+def _stored(points: list[int], total: int, store: Path | None) -> str:
+    """What an interrupted sweep keeps, and how to go on."""
+    if store is None:
+        return f"{AGAIN}; with --store PATH a sweep goes on where it was ended"
+    done = points[-1] if points else 0
+    return f"{done} of {total} points are kept in {store}; the same command computes the others"
 
 
 def _values(

@@ -46,7 +46,8 @@ def print_report(report: "Report") -> None:
         print_text(_design_line(report.design))
 
 
-_COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
+COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
+"""Columns of a comparison's rows."""
 _FOOT = """\
 PSNR dB    expected of one linear filter
 gain dB    over the best snapshot at rest
@@ -59,7 +60,7 @@ _OF_KERNELS = ("shutter", "condition", "kernel diff", "relative", "bound")
 
 
 def _columns(comparison: "Comparison") -> tuple[str, ...]:
-    return _COLUMNS if comparison.costs is None else (*_COLUMNS, "within dB")
+    return COLUMNS if comparison.costs is None else (*COLUMNS, "within dB")
 
 
 def _print_purchases(comparison: "Comparison") -> None:
@@ -158,8 +159,8 @@ def _print_photographs(
 
 
 _OF_PHOTOGRAPH = (
-    "exp.: expected of pictures with the detail and the mean light of this one where it\n"
-    "is judged. Other tables: of the scene's mean spectrum, over all of its speeds."
+    "exp.: expected of pictures with the detail and the mean light of this one where\n"
+    "it is judged. Other tables: of the scene's mean spectrum, over all of its speeds."
 )
 
 

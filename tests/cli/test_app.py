@@ -7,6 +7,8 @@ see that nothing else reaches the terminal.
 import io
 import json
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,7 +20,14 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.bad_scenes import LINES, edited
-from support.command_line import SMALL_SCENE, SMALL_SEARCH, environment, no_constant, refused
+from support.command_line import (
+    SMALL_SCENE,
+    SMALL_SEARCH,
+    environment,
+    messages,
+    no_constant,
+    refused,
+)
 
 from mishutter import cli, example_scene, read_scene
 from mishutter.cli.console import working
@@ -215,7 +224,61 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
 
     monkeypatch.setattr("mishutter.model.example_scene", interrupt)
     assert cli.main(["compare"]) == 130
-    assert "Traceback" not in capsys.readouterr().err
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("mishutter: interrupted: no result was kept; the same command")
+
+
+@pytest.mark.parametrize(
+    ("place", "arguments", "told"),
+    [
+        ("design.optimise", ["optimise"], "the same command begins again"),
+        ("design.compare", ["compare"], "the same command begins again"),
+        ("restore.capture_and_restore", ["simulate", "--out", "x"], "the same command begins"),
+        ("paper.reproduce", ["reproduce", "--out", "x"], "the same command begins again"),
+        ("sweeps.sweep", ["sweep"], "with --store PATH a sweep goes on where it was ended"),
+        (
+            "sweeps.sweep",
+            ["sweep", "--store", "s.zarr"],
+            "3 of 1600 points are kept in s.zarr; the same command computes the others",
+        ),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, list) else "",
+)
+def test_an_interrupt_says_what_was_kept_and_how_to_go_on(
+    place, arguments, told, monkeypatch, capsys, tmp_path
+):
+    """One line, whatever was under way."""
+
+    def interrupt(*_, progress=None, **__):
+        if place == "sweeps.sweep":
+            progress(3, 1600)
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(f"mishutter.{place}", interrupt)
+    assert cli.main(arguments) == 130
+    out, err = capsys.readouterr()
+    assert out == ""
+    (line,) = err.splitlines()
+    assert re.fullmatch(rf"mishutter: interrupted: .*{re.escape(told)}.*", line)
+
+
+def test_an_interrupt_after_the_search_keeps_the_design(small_scene, monkeypatch, capsys, tmp_path):
+    """What took longest is in the folder, and the line holds the command that goes on from it."""
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mishutter.cli.app._compared", interrupt)
+    out = tmp_path / "a folder"
+    arguments = ["optimise", str(small_scene), "--out", str(out), *SMALL_SEARCH]
+    assert cli.main(arguments) == 130
+    told = capsys.readouterr().err
+    command = shlex.split(told.split("`")[1])
+    assert command[:3] == ["mishutter", "compare", str(small_scene)]
+    monkeypatch.undo()
+    assert cli.main([*command[1:], "--noise-seeds", "0"]) == 0
+    assert "design" in capsys.readouterr().out
 
 
 def test_a_termination_is_143(monkeypatch):
@@ -262,7 +325,7 @@ def test_without_a_cache_folder(small_scene, tmp_path):
     elsewhere = environment(XDG_CACHE_HOME=str(tmp_path / "file"))
     done = subprocess.run(command, capture_output=True, text=True, env=elsewhere, check=False)
     assert done.returncode == 0
-    assert done.stderr == ""
+    assert not messages(done.stderr)
     assert "num_taps" in json.loads(done.stdout)
 
 
@@ -278,7 +341,7 @@ def test_programs_are_found_again(small_scene, tmp_path, named):
     kept = []
     for _ in range(2):
         done = subprocess.run(command, capture_output=True, text=True, env=variables, check=True)
-        assert done.stderr == ""
+        assert not messages(done.stderr)
         kept.append(sorted(path.name for path in tmp_path.rglob("*-cache")))
     assert kept[0] == kept[1] != []
     assert (chosen if named else own / "mishutter" / "jax").is_dir()
@@ -406,7 +469,7 @@ def test_compare_reads_designs_back(optimised, small_scene, cached):
     options += ["--noise-seeds", "0"]
     command = [sys.executable, "-m", "mishutter", "compare", str(small_scene), *options]
     done = subprocess.run(command, capture_output=True, text=True, env=cached, check=True)
-    assert done.stderr == ""
+    assert not messages(done.stderr)
     verdict, tables = done.stdout.split("Own best motion")
     own_best, _ = tables.split("Same motion")
     lines = {line.split()[0]: line for line in own_best.splitlines() if line.split()}

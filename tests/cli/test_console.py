@@ -12,7 +12,16 @@ import time
 
 import pytest
 
-from mishutter.cli.console import ends_when_asked, print_table, take_any_text, write_error
+from mishutter.cli import console
+from mishutter.cli.console import (
+    ends_when_asked,
+    print_table,
+    progress_bar,
+    take_any_text,
+    working,
+    write_error,
+)
+from mishutter.cli.tables import COLUMNS as OF_COMPARISON
 
 COLUMNS = ("shutter", "PSNR dB", "snapshot +dB", "kernel diff", "relative", "light", "open ms")
 ROWS = [
@@ -106,3 +115,35 @@ def test_a_signal_among_garbage_is_not_lost(number, raised):
     """It ends what is under way a moment later, and prints nothing."""
     with pytest.raises(raised), ends_when_asked():
         work_after(Sending(number))
+
+
+def test_the_comparison_fits_a_terminal_of_80_columns(monkeypatch, capsys):
+    """One table, each row on one line, with the longest name and wide numbers; in a pipe too."""
+    monkeypatch.setenv("COLUMNS", "80")
+    row = ["best panned snapshot", "126.87", "-11.55", "0.758", "1045.0", "-12345", "1018.35"]
+    print_table("Own best motion", OF_COMPARISON, [row, ["rect", *row[1:]]])
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.split()[-1] for line in lines if line.strip()[-1:].isdigit()] == [row[-1]] * 2
+
+
+def test_work_in_a_pipe_says_now_and_then_how_long_it_takes(monkeypatch, capsys):
+    """Lines on standard error, none while it is quick, with a time to go once one is known."""
+    monkeypatch.setattr(console, "_PATIENCE", 0.15)
+    monkeypatch.setattr(console, "_PAUSE", 0.15)
+    with progress_bar("searching", 40) as update:
+        update(7, "loss 1")
+        time.sleep(0.02)
+        assert capsys.readouterr().err == ""
+        time.sleep(0.28)
+        update(9, "loss 0.9")
+        time.sleep(0.3)
+    with working("planning"):
+        time.sleep(0.3)
+    out, err = capsys.readouterr()
+    assert out == ""
+    first, *others = err.splitlines()
+    assert re.fullmatch(r"searching: 7 of 40 after \d+ s", first)
+    told = re.compile(r"searching: 9 of 40 after \d+ s, about \d+ s to go")
+    assert any(map(told.fullmatch, others))
+    assert others[-1] == "planning ..."

@@ -29,6 +29,8 @@ path = "photo.png"
 """
 
 
+_SIGN_OF_LIFE = re.compile(r"[a-z ]+( \.\.\.|: \d+ of \d+ after \d+ s.*)")
+
 SMALL_SEARCH = ["--starts", "2", "--steps", "3", "--coefficients", "6", "--noise-seeds", "1"]
 
 
@@ -48,6 +50,11 @@ def refused(capsys, *arguments):
     assert len(lines) == 1, err
     assert re.fullmatch(r"mishutter: error: .+; got.*", lines[0])
     return lines[0]
+
+
+def messages(errors):
+    """Lines on standard error other than signs of life, which come where a machine is slow."""
+    return [line for line in errors.splitlines() if not _SIGN_OF_LIFE.fullmatch(line)]
 
 
 def no_constant(token):

@@ -1,0 +1,221 @@
+"""Pages that are generated from the package: scene keys, commands, functions and classes."""
+
+import ast
+import re
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+
+import annotated_types
+import typer
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from docs.builder.pages import ROOT
+from mishutter.cli.app import app
+from mishutter.model import example_scene_text
+from mishutter.model.scene_schema import SceneFile
+
+UNITS = {
+    "_px_per_s3": "px/s³",
+    "_px_per_s2": "px/s²",
+    "_px_per_s": "px/s",
+    "_g_per_s": "g/s",
+    "_per_s": "1/s",
+    "_cycles_per_px": "cycles/px",
+    "_px": "px",
+    "_ms": "ms",
+    "_us": "µs",
+    "_s": "s",
+    "_mm": "mm",
+    "_um": "µm",
+    "_g": "g",
+    "_hz": "Hz",
+    "_e": "e-",
+    "_db": "dB",
+}
+"""What the end of a key says of its unit."""
+_FOLDERS = {
+    "model": "Scenes, shutters and motions",
+    "blur": "Kernels and transfer functions",
+    "evaluation": "Metrics, losses and ceilings",
+    "design": "Search and comparison",
+    "camera": "Captures",
+    "restore": "Restoration",
+    "sweeps": "Maps",
+    "report": "Pictures",
+}
+_PICTURES = ("plot_", "save_figure")
+
+
+def write_reference(folder: Path) -> None:
+    """Write every generated page of the reference into a folder of the site's pages."""
+    place = folder / "reference"
+    place.mkdir(parents=True, exist_ok=True)
+    (place / "scene.md").write_text(scene_page())
+    (place / "commands.md").write_text(commands_page())
+    names = public_names()
+    lists = []
+    for module, title in _FOLDERS.items():
+        owner = "mishutter.report" if module == "report" else "mishutter"
+        text = "".join(f"::: {owner}.{name}\n\n" for name in names[module])
+        (place / f"{module}.md").write_text(f"# {title}\n\n{text}")
+        found = ", ".join(f"[`{name}`]({module}.md#{owner}.{name})" for name in names[module])
+        lists.append(f"**[{title}]({module}.md)**: {found}\n")
+    head = (
+        "# Functions and classes\n\nEverything is imported from `mishutter`, and the pictures "
+        "from `mishutter.report`. Functions take and return JAX arrays, work under `jax.jit`, "
+        "`jax.vmap` and `jax.grad`, and follow the precision of their inputs.\n\n"
+    )
+    (place / "index.md").write_text(head + "\n".join(lists))
+
+
+def public_names() -> dict[str, list[str]]:
+    """Names that a user may import, by the folder that they are from."""
+    found: dict[str, list[str]] = {module: [] for module in _FOLDERS}
+    for module, name in _exported(ROOT / "mishutter" / "__init__.py"):
+        found[module.split(".")[1]].append(name)
+    drawn = (name for _, name in _exported(ROOT / "mishutter" / "report" / "__init__.py"))
+    found["report"] = [name for name in drawn if name.startswith(_PICTURES)]
+    return found
+
+
+def _exported(path: Path) -> Iterator[tuple[str, str]]:
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module, node.names[0].name
+
+
+def scene_page() -> str:
+    """Every key of a scene file: unit, default and range, and each section of the example."""
+    parts = [
+        "# Keys of a scene file\n\nA scene file is TOML. Each key ends in its unit; a key that is "
+        "not listed here is refused, with the nearest right one named. Files are read by "
+        "`Scene.load(path)` and by every command. This page is made from the schema that they are "
+        "checked by; the examples are from the built-in scene, which `mishutter example > "
+        "mine.toml` writes whole.\n"
+    ]
+    for key, field in SceneFile.model_fields.items():
+        section = section_of(field)
+        needed = "must be given" if field.is_required() else "may be left out"
+        text = f"{_summary(section)} This section {needed}."
+        parts.append(f"## `[{key}]`\n\n{text}\n\n{_table(section)}\n{_example_of(key)}")
+    return "\n".join(parts)
+
+
+def _example_of(key: str) -> str:
+    """The section as the built-in scene has it, with its comments."""
+    header = re.compile(rf"^(# )?\[{key}\]$", re.MULTILINE)
+    paragraphs = example_scene_text().split("\n\n")
+    found = [text.rstrip() for text in paragraphs if header.search(text)]
+    return f"In the built-in scene:\n\n```toml\n{found[0]}\n```\n" if found else ""
+
+
+def _table(section: type[BaseModel]) -> str:
+    rows = ["| key | unit | default | allowed |", "|---|---|---|---|"]
+    inner = []
+    for key, field in section.model_fields.items():
+        nested = section_of(field)
+        if nested is None:
+            cells = (f"`{key}`", unit(key), _default(field), allowed(field))
+        else:
+            cells = (f"`{key}`", "", _default(field), "the keys below")
+            inner.append(f"\n`{key} = {{ ... }}`: {_summary(nested)}\n\n{_table(nested)}")
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*rows, *inner, ""])
+
+
+def _summary(section: type[BaseModel] | None) -> str:
+    return " ".join((getattr(section, "__doc__", None) or "").split())
+
+
+def section_of(field: FieldInfo) -> type[BaseModel] | None:
+    """The section that a field holds, or each of its items, or may hold."""
+    kinds = [field.annotation]
+    while kinds:
+        kind = kinds.pop()
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+        kinds += typing.get_args(kind)
+    return None
+
+
+def unit(key: str) -> str:
+    """The unit that the end of a key names; nothing for a plain number or other things."""
+    return next((unit for end, unit in UNITS.items() if key.endswith(end)), "")
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required() or field.default is PydanticUndefined:
+        return "must be given"
+    if field.default is None:
+        return "none"
+    return "" if isinstance(field.default, BaseModel) else f"`{_number(field.default)}`"
+
+
+def allowed(field: FieldInfo) -> str:
+    """The kind of value that a field takes, and its range."""
+    kind, metadata = _unwrapped(field.annotation, list(field.metadata))
+    limits = {type(m): m for m in metadata}
+    low = _limit(limits, annotated_types.Ge, "ge", "≥ ") or _limit(
+        limits, annotated_types.Gt, "gt", "> "
+    )
+    high = _limit(limits, annotated_types.Le, "le", "≤ ") or _limit(
+        limits, annotated_types.Lt, "lt", "< "
+    )
+    text = ", ".join(part for part in (kind, low, high) if part)
+    least, most = limits.get(annotated_types.MinLen), limits.get(annotated_types.MaxLen)
+    if kind.startswith("list") and least and most:
+        text += f", {least.min_length} to {most.max_length:,} of them"
+    return text
+
+
+def _limit(limits: dict[type, typing.Any], kind: type, name: str, sign: str) -> str:
+    return f"{sign}{_number(getattr(limits[kind], name))}" if kind in limits else ""
+
+
+def _number(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.0e}".replace("e+0", "e") if abs(value) >= 1e5 else f"{value:g}"
+    return str(value)
+
+
+def _unwrapped(kind: typing.Any, metadata: list[typing.Any]) -> tuple[str, list[typing.Any]]:
+    """The word for a type, and all metadata on the way to it."""
+    metadata = [m for item in metadata for m in getattr(item, "metadata", [item])]
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        kind = next(arg for arg in typing.get_args(kind) if arg is not type(None))
+        return _unwrapped(kind, metadata)
+    if typing.get_origin(kind) is typing.Annotated:
+        inner, *more = typing.get_args(kind)
+        return _unwrapped(inner, metadata + more)
+    if typing.get_origin(kind) is list:
+        word, more = _unwrapped(typing.get_args(kind)[0], [])
+        return f"list of: {word}", metadata + more
+    if typing.get_origin(kind) is typing.Literal:
+        return " or ".join(f"`{value}`" for value in typing.get_args(kind)), metadata
+    words = {float: "number", int: "whole number", str: "text", bool: "`true` or `false`"}
+    return words.get(kind, str(kind)), metadata
+
+
+def commands_page() -> str:
+    """What `--help` says of every command."""
+    group = typer.main.get_command(app)
+    names = getattr(group, "commands", {})
+    head = (
+        "# Commands\n\nEvery command runs on the built-in scene where no file is given. Results go "
+        "to standard output and all else to standard error; `--json` prints one strict JSON "
+        "document. Files appear whole or not at all.\n\n"
+        "| exit code | meaning |\n|---|---|\n| 0 | done |\n| 2 | bad input: one line "
+        "`mishutter: error: <what must hold>; got <what came>` |\n| 130 | interrupted |\n"
+        "| 143 | terminated |\n"
+    )
+    context = typer.Context(group, info_name="mishutter", **group.context_settings)
+    parts = [head]
+    for name, command in names.items():
+        inner = typer.Context(command, info_name=name, parent=context)
+        text = re.sub(r"\x1b\[[\d;]*m", "", command.get_help(inner)).strip()
+        parts.append(f"## `mishutter {name}`\n\n```text\n{text}\n```\n")
+    return "\n".join(parts)

@@ -1,0 +1,123 @@
+"""Blocks of code in pages for people, and a small shell that runs their commands here."""
+
+import contextlib
+import io
+import math
+import re
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+
+from mishutter import cli
+
+_FENCE = re.compile(r"^```([\w.]*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_HERE = re.compile(r"^cat > (\S+) <<'END'\n(.*?)^END\n", re.MULTILINE | re.DOTALL)
+_IMPORT = re.compile(r"^(?:from|import) (torch|deepinv|scico)\b", re.MULTILINE)
+
+NOT_RUN = {
+    "pip": "what it installs is here already",
+    "pytest": "it would run itself",
+    "pre-commit": "it changes the checkout",
+    "python": "it makes an environment, the site or all benchmarks",
+    ".": "it enters an environment",
+    ".ci/run": "it would run itself",
+}
+"""Programs on pages that tests do not run, nor what stands behind them in a line, and why."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of code: its language, its text, and the optional packages that it imports."""
+
+    language: str
+    text: str
+    needs: frozenset[str]
+
+
+def blocks(page: Path) -> list[Block]:
+    """The blocks of a page, from top to bottom."""
+    return [
+        Block(language, text, frozenset(_IMPORT.findall(text)))
+        for language, text in _FENCE.findall(page.read_text())
+    ]
+
+
+def here_documents(page: Path) -> dict[str, str]:
+    """The files that the commands of a page write, by name."""
+    return {name: text for b in blocks(page) for name, text in _HERE.findall(b.text)}
+
+
+class Reader:
+    """Someone who runs a page's blocks in turn, in one folder and one Python.
+
+    A command that another page has run in the same folder is remembered by what it wrote.
+    """
+
+    def __init__(self, remembered: dict[str, str]):
+        self.names = {"__name__": "page"}
+        self.output = ""
+        self._remembered = remembered
+
+    def run(self, block: Block) -> None:
+        """Run a block, and keep what it writes."""
+        stream = io.StringIO()
+        as_users = jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard")
+        with contextlib.redirect_stdout(stream), as_users[0], as_users[1]:
+            if block.language == "python":
+                exec(compile(block.text, "page", "exec"), self.names)
+            else:
+                self._run_commands(block.text)
+        self.output = stream.getvalue()
+
+    def _run_commands(self, text: str) -> None:
+        for name, content in _HERE.findall(text):
+            Path(name).write_text(content)
+        lines = _HERE.sub("", text).replace("\\\n", " ").splitlines()
+        for line in lines:
+            commands = [shlex.split(c, comments=True) for c in line.split(" && ")]
+            if not any(words[:1] and words[0] in NOT_RUN for words in commands):
+                for words in filter(None, commands):
+                    self._run_command(words)
+
+    def _run_command(self, words: list[str]) -> None:
+        assert words[0] == "mishutter", words
+        arguments, target = (words[1:-2], words[-1]) if words[-2:-1] == [">"] else (words[1:], None)
+        command = shlex.join(arguments)
+        if command not in self._remembered:
+            stream = io.StringIO()
+            with contextlib.redirect_stdout(stream):
+                assert cli.main(arguments) == 0
+            self._remembered[command] = stream.getvalue()
+        if target is None:
+            sys.stdout.write(self._remembered[command])
+        else:
+            Path(target).write_text(self._remembered[command])
+
+
+def is_shown(shown: str, output: str) -> bool:
+    """Whether each line that a page shows was written, in that order, numbers to their digits."""
+    written = iter(output.splitlines())
+    return all(any(_alike(line, other) for other in written) for line in shown.splitlines())
+
+
+def _alike(line: str, other: str) -> bool:
+    words, others = line.split(), other.split()
+    return len(words) == len(others) and all(map(_same, words, others))
+
+
+def _same(word: str, other: str) -> bool:
+    """Whether two words are one, or numbers that differ as two machines' do."""
+    if word == other:
+        return True
+    parts, others = (re.findall(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?|[^\d+-]+", x) for x in (word, other))
+    return len(parts) == len(others) and all(map(_close, parts, others))
+
+
+def _close(part: str, other: str) -> bool:
+    try:
+        return math.isclose(float(part), float(other), rel_tol=1e-3, abs_tol=0.012)
+    except ValueError:
+        return part == other

@@ -1,0 +1,112 @@
+"""What builds the documentation site: its generated pages are whole, and no broken link passes."""
+
+import re
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+import mishutter
+from docs.builder.links import broken_links
+from docs.builder.pages import ROOT, generated, write_pages, written
+from docs.builder.reference import public_names, scene_page, section_of, unit
+from mishutter.model.scene_schema import SceneFile
+
+
+def keys(section: type[BaseModel]):
+    """The keys of a section and of all sections in it, each with what it holds."""
+    for key, field in section.model_fields.items():
+        yield key, field
+        if section_of(field) is not None:
+            yield from keys(section_of(field))
+
+
+def test_every_scene_key_stands_on_its_page_with_unit_default_and_range():
+    """The page is made from the schema: a key that is added there is on it."""
+    page = scene_page()
+    for key, field in keys(SceneFile):
+        if key in SceneFile.model_fields:
+            assert f"## `[{key}]`" in page
+        else:
+            row = re.search(rf"^\| `{key}` \| (.*) \| (.*) \| (.+) \|$", page, re.MULTILINE)
+            assert row, key
+            assert row[1] == unit(key)
+            assert (row[2] == "must be given") == field.is_required()
+    numbers = [
+        key for key, field in keys(SceneFile) if "_per_" in key or key.endswith(("_ms", "_e"))
+    ]
+    assert len(numbers) > 15
+    assert all(map(unit, numbers))
+
+
+def test_every_public_name_is_on_a_page_of_the_reference():
+    """A name that is added to the package is documented."""
+    named = {name for names in public_names().values() for name in names}
+    assert set(mishutter.__all__) <= named
+
+
+def test_every_page_can_be_reached_from_the_site_s_menu():
+    """The menu names each page that is written or generated, and no other."""
+    menu = set(re.findall(r"[\w/]+\.md$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE))
+    reference = {f"reference/{module}.md" for module in public_names()}
+    assert menu == {*written().values(), *generated().values(), *reference}
+
+
+def test_links_lead_to_the_site_s_pages(tmp_path):
+    """A page links to pages, to generated ones for sources, and to copies of other files."""
+    write_pages(tmp_path)
+    page = (tmp_path / "index.md").read_text()
+    assert "](tutorial.md)" in page
+    assert "](citing.md)" in page
+    assert "](files/LICENSE)" in page
+    assert (tmp_path / "files" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+    below = (tmp_path / "researchers" / "maps.md").read_text()
+    assert "](../notebooks/03_acceleration_and_exposure.md)" in below
+
+
+PAGE = '<html><body><h1 id="a">A</h1>{}</body></html>'
+WRONG = {
+    "a page that is not there": ('<a href="gone.html">x</a>', "links to gone.html"),
+    "an anchor that is not there": ('<a href="b.html#c">x</a>', "no such anchor"),
+    "an anchor on the page itself": ('<a href="#c">x</a>', "no such anchor"),
+    "a picture that is not there": ('<img src="gone.png">', "links to gone.png"),
+    "a script from elsewhere": ('<script src="https://x.org/a.js"></script>', "loads https"),
+    "a font from elsewhere": ('<link rel="stylesheet" href="//x.org/a.css">', "loads //x.org"),
+}
+
+
+@pytest.mark.parametrize("slug", WRONG)
+def test_a_broken_link_is_found(slug, tmp_path):
+    """So is what would be loaded from elsewhere."""
+    html, problem = WRONG[slug]
+    (tmp_path / "b.html").write_text(PAGE.format(""))
+    (tmp_path / "index.html").write_text(PAGE.format(html))
+    (line,) = broken_links(tmp_path)
+    assert line.startswith("index.html: ")
+    assert problem in line
+
+
+def test_a_link_that_holds_is_none(tmp_path):
+    """Neither are pages elsewhere that a reader may choose to open."""
+    (tmp_path / "b.html").write_text(PAGE.format(""))
+    links = '<a href="b.html#a">x</a> <a href="#a">x</a> <a href="https://x.org">x</a>'
+    (tmp_path / "index.html").write_text(PAGE.format(links))
+    assert not broken_links(tmp_path)
+
+
+def test_formulae_become_mathml():
+    """Between single dollars and in fences, but neither in code nor where a price is meant."""
+    pytest.importorskip("latex2mathml", reason="the docs extra is not installed")
+    markdown = pytest.importorskip("markdown", reason="the docs extra is not installed")
+    from docs.builder import mathematics
+
+    text = "Of $\\frac12\\int w$ and $x_v$, not `$x$`; 3 $ and 4 $."
+    html = markdown.markdown(text, extensions=[mathematics.makeExtension()])
+    assert html.count("<math") == 2
+    assert "<mfrac>" in html
+    assert "<code>$x$</code>" in html
+    assert "3 $ and 4 $." in html
+    assert 'display="block"' in mathematics.fence("x(t) = a t^2\n", "math")
+    for page in (ROOT / "docs").rglob("*.md"):
+        for formula in re.findall(r"^```math\n(.*?)^```", page.read_text(), re.M | re.S):
+            assert "merror" not in mathematics.fence(formula, "math"), Path(page).name
