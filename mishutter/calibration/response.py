@@ -1,10 +1,11 @@
 r"""Levels that a camera gives of a point or an edge, by the exact blur kernel.
 
 The kernel is taken aligned at the vertex of the path, in taps of 1/8 px: there it is a smooth
-function of the motion. Light is spread evenly over a tap, blurred by the lens, a Gaussian, and
-collected by pixels, all in closed form: with $q'' = $ the Gaussian, a point's tap of width
-$\delta$ gives a pixel $[q(x + 1) - q(x) - q(x + 1 - \delta) + q(x - \delta)]/\delta$ at distance
-$x$ from the tap's beginning to the pixel's; an edge gives the same of $r$, $r' = q$.
+function of the motion, and light is placed to 0.1 % of the brightest pixel. Light is spread
+evenly over a tap, blurred by the lens, a Gaussian, and collected by pixels, all in closed form:
+with $q'' = $ the Gaussian, a point's tap of width $\delta$ gives a pixel
+$[q(x + 1) - q(x) - q(x + 1 - \delta) + q(x - \delta)]/\delta$ at distance $x$ from the tap's
+beginning to the pixel's; an edge gives the same of $r$, $r' = q$.
 """
 
 import jax
