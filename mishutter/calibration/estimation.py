@@ -112,7 +112,8 @@ class FittedCamera:
     def design(self, scene: Scene) -> Design:
         """The camera as built, as a design like any other, on a scene through its lens."""
         seen = self.seen_through_lens(scene)
-        return given_design(seen, self.motion, self.shutter, "Fitted to measurements.")
+        outcome = "Fitted to measurements."
+        return given_design(seen, self.motion, self.shutter, outcome, is_measured=True)
 
     def to_dict(self) -> dict[str, Any]:
         """What was found, as plain numbers and text."""

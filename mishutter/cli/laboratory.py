@@ -127,7 +127,7 @@ def cameras(scene: "Scene", files: Files) -> "dict[str, Design]":
 
 
 def _measured(scene: "Scene", motion: "AbstractMotion", files: Files, path: Path) -> "Design":
-    from mishutter.design import given_design, measured_profile, read_trace, with_device
+    from mishutter.design import given_design, measured_profile, read_trace
 
     profile = measured_profile(
         read_trace(path),
@@ -137,7 +137,5 @@ def _measured(scene: "Scene", motion: "AbstractMotion", files: Files, path: Path
         opened=files.opened,
         name=str(path),
     )
-    # A trace is of light that has been through the device, whose lag it shows already.
-    follows = None if scene.device is None else scene.device.without_lag
-    seen = with_device(scene, follows).light(profile.shutter, motion)
-    return given_design(scene, motion, seen, f"Measured by {path.name}.")
+    outcome = f"Measured by {path.name}."
+    return given_design(scene, motion, profile.shutter, outcome, is_measured=True)

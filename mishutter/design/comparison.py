@@ -32,6 +32,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     FirstOrderShutter,
+    FreeMotion,
     LinearMotion,
     RectShutter,
     Scene,
@@ -260,7 +261,7 @@ def compare(
         for name, shutter in fixed.items()
     ]
     # The longest search is begun first, and the others go on beside it.
-    start = scene.motion if is_straight(motion) else motion
+    start = _searchable(motion, scene)
     searches = [
         lambda: _coded_stills(scene, entries, loss, plan),
         lambda: [_row(BEST_TUKEY, tuned(scene, start, TukeyShutter(0.5), None))],
@@ -278,6 +279,14 @@ def compare(
         at_best |= {row.name: row for row in some}
     names = [name for name in (*fixed, *_RIVALS) if name in at_best]
     return _with_verdict([at_best[name] for name in names] + rows, given, scene)
+
+
+def _searchable(motion: AbstractMotion, scene: Scene) -> AbstractMotion:
+    """The motion that others are found from: given, of the scene, or the fullest parabola."""
+    for start in (motion, scene.motion):
+        if not isinstance(start, FreeMotion) and not is_straight(start):
+            return start
+    return scene.fullest_motion if isinstance(scene.motion, FreeMotion) else scene.motion
 
 
 def _given(shutters: object) -> dict[str, Entry]:
@@ -402,6 +411,7 @@ def _own_best(
     if isinstance(entry, Design) and _is_finished(entry, scene, loss):
         return [_row(name, entry)]
     shutter, start = (entry.shutter, entry.motion) if isinstance(entry, Design) else (entry, motion)
+    start = motion if isinstance(start, FreeMotion) else start
     free = free_by_default(scene, start, shutter)
     return [_row(name, tuned(scene, start, shutter, [n for n in free if n != "shutter"]))]
 

@@ -178,7 +178,12 @@ class Design:
 
 
 def given_design(
-    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, outcome: str
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    outcome: str,
+    *,
+    is_measured: bool = False,
 ) -> Design:
     """A camera that is given, as hardware or as measurements, rather than searched for.
 
@@ -187,9 +192,16 @@ def given_design(
         motion: Its motion.
         shutter: The profile that it is sent.
         outcome: Where it comes from, in a sentence.
+        is_measured: Whether the profile is that of light, which has been through the device: its
+            lag is in the profile already, and its transmission and leakage are not.
     """
+    if is_measured and scene.device is not None:
+        dtype = np.dtype(scene.speeds.dtype)
+        light = scene.device.without_lag.light(shutter, motion.half_exposure, dtype)
+    else:
+        light = scene.light(shutter, motion)
     return Design(
-        shutter=scene.light(shutter, motion),
+        shutter=light,
         motion=motion,
         scene=scene,
         loss=np.nan,

@@ -35,12 +35,12 @@ LARGEST = {np.float64: 8.0, np.float32: 6.0}
 
 @pytest.mark.parametrize(
     ("slug", "dtype", "seed"),
-    [("flutter", np.float32, 12), ("tukey", np.float64, 3), ("spline", np.float64, 4)],
+    [("flutter", np.float32, 12), ("tukey", np.float64, 3)],
 )
 def test_taps_and_derivatives(slug, dtype, seed):
-    """By every acceleration, the exposure, speed, velocity and position, at 12 points."""
+    """By every acceleration, the exposure, speed, velocity and position, at 8 points."""
     rng = np.random.default_rng(seed)
-    for _ in range(12):
+    for _ in range(8):
         point = random_path(rng, dtype, slug, largest=LARGEST[dtype])
         of_taps, of_slopes = errors(point)
         assert of_taps <= 1, point
@@ -58,7 +58,10 @@ def test_taps_and_derivatives_over_the_domain(slug, dtype):
         assert max(errors(point)) <= 1, point
 
 
-@pytest.mark.parametrize(("slug", "dtype"), [("hann", np.float64), ("chips", np.float32)])
+@pytest.mark.parametrize(
+    ("slug", "dtype"),
+    [("hann", np.float64), pytest.param("chips", np.float32, marks=pytest.mark.slow)],
+)
 def test_transfer_function(slug, dtype):
     """And its derivatives, at frequencies from far below to far above a cycle a path."""
     rng = np.random.default_rng(5)
