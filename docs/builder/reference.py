@@ -44,6 +44,7 @@ _FOLDERS = {
     "design": "Search and comparison",
     "camera": "Captures",
     "restore": "Restoration",
+    "calibration": "A camera as it was built",
     "sweeps": "Maps",
     "report": "Pictures",
 }
