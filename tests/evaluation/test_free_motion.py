@@ -28,7 +28,8 @@ def test_a_fitted_path_measures_as_its_parabola():
     """Every metric, to rounding, and the sizes that they are taken at."""
     found = evaluate(SCENE, FreeMotion.fit(PARABOLA, num_pieces=5), SHUTTER)
     expected = evaluate(SCENE, PARABOLA, SHUTTER)
-    for name, value in vars(expected).items():
+    figures = {name: value for name, value in vars(expected).items() if value is not None}
+    for name, value in figures.items():
         np.testing.assert_allclose(getattr(found, name), value, rtol=1e-10, err_msg=name)
 
 
