@@ -94,7 +94,7 @@ def made_up(levels):
 
 
 def verdict(levels, *given):
-    return _with_verdict(made_up(levels), given, SCENE)
+    return _with_verdict(made_up(levels), dict.fromkeys(given, RectShutter()), SCENE)
 
 
 def test_the_verdict_is_of_the_best_that_was_given():

@@ -126,7 +126,7 @@ MISTAKES = {
     "other-motion": (
         ("motion", "kind"),
         "Foo",
-        "'ParabolicMotion', 'LinearMotion' or 'StillCamera'",
+        "'ParabolicMotion', 'LinearMotion', 'StillCamera' or 'FreeMotion'",
     ),
     "no-exposure": (("motion", "half_exposure"), None, "must be a number; got None"),
     "exposure-before-it-began": (("motion", "half_exposure"), -1.0, "must be above 0 s; got -1"),
