@@ -53,10 +53,11 @@ def test_limits_are_masks_with_a_reason(swept):
     """A point is NaN where a limit is broken, and only there; the bits name every limit."""
     a, half = ACCELERATIONS[:, None], HALF_EXPOSURES[None]
     bits = swept.outside.values
-    assert list(swept.outside.attrs["flag_masks"]) == [1, 2, 4, 8, 16, 32]
+    assert list(swept.outside.attrs["flag_masks"]) == [1 << bit for bit in range(8)]
     names = swept.outside.attrs["flag_meanings"].split()
     exposures = ["exposure_too_short", "exposure_too_long"]
-    assert names == ["stroke", "top_speed", *exposures, "full_well", "pan"]
+    of_stage = ["travel", "acceleration"]
+    assert names == ["stroke", "top_speed", *exposures, "full_well", "pan", *of_stage]
     broken = {
         "stroke": a * half**2 > float(LIMITS.max_stroke),
         "top_speed": 2 * a * half + 135.0 > float(LIMITS.max_top_speed),
