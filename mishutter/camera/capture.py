@@ -206,7 +206,9 @@ def captured_response(
     """Responses at some speeds as a capture has them, on the grid of a DFT; `(s, k)`, complex."""
     relative = np.asarray(speeds, np.float64) - float(motion.velocity)
     fastest = float(np.max(np.abs(relative), initial=0.0))
-    velocity = (float(motion.speed_gain) + fastest) * float(motion.half_exposure)
+    with at_once():
+        speed_gain = float(motion.speed_gain)
+    velocity = (speed_gain + fastest) * float(motion.half_exposure)
     num_nodes = sized_for(0.0, velocity).num_nodes
     return pixel_responses(shutter, without_velocity(motion), relative, period, num_nodes=num_nodes)
 

@@ -95,7 +95,9 @@ class Design:
             "metrics": metrics_to_dict(self.metrics),
         }
         own = {name: value for name, value in vars(self).items() if name != "straight"}
-        return SavedDesign.model_validate(own | parts, from_attributes=True).model_dump()
+        saved = SavedDesign.model_validate(own | parts, from_attributes=True).model_dump()
+        # Without the numbers of other kinds of motion.
+        return saved | {"motion": parts["motion"]}
 
     def save(self, path: str | Path) -> None:
         """Write the design to one JSON file, whole or not at all.
