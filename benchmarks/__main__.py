@@ -22,6 +22,7 @@ ALL = (
     "restoration",
     "restoration_over_speeds",
     "scenes",
+    "free_motion",
     "tolerances",
     "devices",
     "independent",

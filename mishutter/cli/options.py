@@ -25,6 +25,7 @@ class FreeName(Enum):
     ACCELERATION = "acceleration"
     HALF_EXPOSURE = "half_exposure"
     VELOCITY = "velocity"
+    PATH = "path"
 
 
 def as_path(text: str | Path) -> Path:

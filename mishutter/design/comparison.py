@@ -52,8 +52,10 @@ BEST_PANNED_SNAPSHOT = "best panned snapshot"
 BEST_CODED_STILL = "best coded still"
 CODED_AT_REST = "best coded at rest"
 BEST_BURST = "best burst"
+OPEN_ON_FREE_PATH = "open on a free path"
 _RIVALS = (
     BEST_TUKEY,
+    OPEN_ON_FREE_PATH,
     BEST_SNAPSHOT,
     BEST_PANNED_SNAPSHOT,
     BEST_CODED_STILL,
@@ -215,8 +217,9 @@ def compare(
 
     Rivals beside the windows, tuned alike: the best Tukey, its taper too; the best snapshot, an
     open shutter at rest, and where the sensor may pan the best panned snapshot; the best coded
-    still, a free profile without acceleration, and where that pans the best at rest; and the best
-    burst of a scene that has a `Burst`.
+    still, a free profile without acceleration, and where that pans the best at rest; an open
+    shutter on the best free path, which takes no special shutter, unless the scene has tolerances
+    or limits the jerk of its stage; and the best burst of a scene that has a `Burst`.
 
     Args:
         scene: Speeds, light, noise and limits.
@@ -264,6 +267,7 @@ def compare(
     start = _searchable(motion, scene)
     searches = [
         lambda: _coded_stills(scene, entries, loss, plan),
+        lambda: _on_free_path(scene, start, tuned),
         lambda: [_row(BEST_TUKEY, tuned(scene, start, TukeyShutter(0.5), None))],
         *(
             partial(_own_best, name, entry, scene, start, loss, tuned)
@@ -338,6 +342,16 @@ def _snapshots(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None) 
         return [at_rest, replace(at_rest, name=BEST_PANNED_SNAPSHOT)]
     found = optimise(scene, pan, RectShutter(), loss=loss, plan=plan)
     return [at_rest, _row(BEST_PANNED_SNAPSHOT, found)]
+
+
+def _on_free_path(scene: Scene, motion: AbstractMotion, tuned: Callable[..., Design]) -> list[Row]:
+    """An open shutter on the best free path, where the stage may take one."""
+    shutter = RectShutter()
+    free = free_by_default(scene, motion, shutter)
+    jumps = scene.limits.max_jerk is None and scene.tolerances is None
+    if "acceleration" not in free or not jumps:
+        return []
+    return [_row(OPEN_ON_FREE_PATH, tuned(scene, motion, shutter, (*free, "path")))]
 
 
 def _bursts(scene: Scene) -> list[Row]:

@@ -94,8 +94,8 @@ def plan(
         motion: Motion of the sensor; where it is free, that to start from.
         shutter: Transmittance over the exposure; where it is free, that to start from.
         loss: The loss whose value is planned; by default all that `evaluate` measures.
-        free: Parts that a search may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
-            `"acceleration"`.
+        free: Parts that a search may move: `"shutter"`, `"path"`, `"half_exposure"`,
+            `"velocity"`, `"acceleration"`.
 
     Returns:
         The plan. It prints as a table, and every `plan=` takes it.
@@ -120,7 +120,7 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     dtype = space.dtype
     corners = [jax.device_put(corner.astype(dtype)) for corner in _corners(space)]
     spaces = [space]
-    if "acceleration" in space.free:
+    if "acceleration" in space.free and "path" not in space.free:
         spaces.append(space.without_acceleration())
     motions = [design_at(each, corner)[1] for each in spaces for corner in corners]
     return reduce(larger, [sizes(scene, motion) for motion in motions])
@@ -140,10 +140,18 @@ def _design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, Abstrac
 
 
 def _corners(space: DesignSpace) -> list[np.ndarray]:
-    """Ends of the motion's coordinates; of two speeds, the middle velocity makes one."""
+    """Ends of the motion's coordinates; of two speeds, the middle velocity makes one.
+
+    A path travels furthest where all of its acceleration is in one piece of each half.
+    """
     profile = np.full(space.num_profile_coordinates, 0.5)
+    paths = np.eye(space.num_path_coordinates // (1 if space.path_mirrors else 2))
+    if paths.size and not space.path_mirrors:
+        ends = paths[0], paths[-1]
+        paths = np.array([[*first, *last] for first, last in product(ends, ends)])
+    shapes = [np.concatenate([profile, path]) for path in paths] or [profile]
     ends = [(0, 0.5, 1) if name == "velocity" else (0, 1) for name in space.free_of_motion]
-    return [np.concatenate([profile, corner]) for corner in product(*ends)]
+    return [np.concatenate(corner) for corner in product(shapes, product(*ends))]
 
 
 def exact_plan(
@@ -156,7 +164,8 @@ def exact_plan(
     """The plan that leaves out all work that cannot change a result."""
     full = full_sizes(scene, motion, space)
     pans = space is not None and "velocity" in space.free
-    folds = folds_speeds(scene, motion, shutter) and not pans
+    one_sided = space is not None and "path" in space.free and not space.path_mirrors
+    folds = folds_speeds(scene, motion, shutter) and not (pans or one_sided)
     still = not pans and nothing_moves(scene)
     num_kept = _frequencies_with_power(scene, full) if needs.only_error else full.num_frequencies
     num_taps, num_nodes = full.num_taps, full.num_nodes
@@ -297,9 +306,10 @@ def _terms_items(needs: Needs) -> list[Item]:
 def _search_items(shutter: AbstractShutter, space: DesignSpace | None) -> list[Item]:
     if space is None:
         return []
-    fixed = [name for name in FREE_NAMES if name not in space.free]
+    every = [name for name in FREE_NAMES if name != "path" or name in space.free]
+    fixed = [name for name in every if name not in space.free]
     why = f"{', '.join(fixed)} not free" if fixed else "all are free"
-    items = [Item("free parameters", str(len(FREE_NAMES)), str(len(space.free)), why)]
+    items = [Item("free parameters", str(len(every)), str(len(space.free)), why)]
     linear = isinstance(shutter, AbstractAdjustableShutter) and shutter.linear
     if linear and set(space.free) == {"shutter"}:
         why = "each coordinate's response is computed once, before the search"

@@ -27,8 +27,16 @@ from mishutter.design.planning import plan as plan_of_scene
 from mishutter.design.result import Design
 from mishutter.design.slots import searched_slots
 from mishutter.design.solvers import certificate_at, finished, is_minimum, losses_at, polish
-from mishutter.design.space import DesignSpace, all_that_can_move, design_space, within_limits
-from mishutter.design.starts import GRID_COORDINATES, lowest_places, start_boxes
+from mishutter.design.space import (
+    FREE_NAMES,
+    DesignSpace,
+    all_that_can_move,
+    design_space,
+    mirrors,
+    num_free_pieces,
+    within_limits,
+)
+from mishutter.design.starts import GRID_COORDINATES, lowest_places, path_boxes, start_boxes
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
@@ -44,12 +52,14 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     ChippedShutter,
+    FreeMotion,
     Scene,
     SplineShutter,
     TukeyShutter,
     command_of,
     is_adjustable,
     is_known_zero,
+    is_straight,
     panned,
     seen_from,
     settled,
@@ -85,6 +95,7 @@ class Outcome(Enum):
 
 _EXPECTED_ERROR = ExpectedErrorLoss()
 _NO_ACCELERATION = "Acceleration does not pay: at constant velocity the loss is no larger."
+_NO_PATH = "A free path does not pay: at constant acceleration the loss is no larger."
 _OF_SLOTS = "No other level of one slot, or of two near one another, lowers the loss."
 _OUTSIDE = "What was held of the motion is outside the scene's limits."
 
@@ -128,6 +139,9 @@ def optimise(
     first, and is among the starts as that device would be driven by it (`Design.blind_psnr`).
     Levels are rounded by error diffusion, and searched slot by slot.
 
+    A free path begins at the best design of constant acceleration, and at paths that turn faster
+    or slower than it towards their ends; without `progress` beyond that design.
+
     Where at most four coordinates move, the starts are the given design and the best of a
     grid, and are polished directly. The result is never worse than the best start.
 
@@ -145,7 +159,8 @@ def optimise(
         loss: The loss to be minimised, or a function of scene, motion and shutter; the
             expected error by default.
         free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
-            `"acceleration"`; all that can by default, by a loss that sees light.
+            `"acceleration"`; all that can by default, by a loss that sees light. And `"path"`,
+            with the acceleration: a `FreeMotion`.
         num_starts: How many descents; by default 16, and more where speeds are few.
         seed: Of the starts.
         max_steps: Steps of the descent, and of the polish, at most.
@@ -211,7 +226,10 @@ def _optimised(
     **rules: Any,
 ) -> Design:
     """The best design whose light can be differentiated by what moves."""
-    names = free
+    names = (free,) if isinstance(free, str) else free
+    if names is not None and "path" in names:
+        rules |= {"loss": loss, "progress": progress, "plan": plan, "known": known}
+        return _on_free_path(scene, motion, shutter, {*names, "acceleration"}, **rules)
     if names is None:
         motion, names = moved_by_default(scene, motion, shutter, loss)
     motion = settled(scene.motion if motion is None else motion)
@@ -227,6 +245,36 @@ def _optimised(
         if "shutter" in names and "half_exposure" in names:
             best = replace(best, straight=straight[0])
     return best
+
+
+def _on_free_path(
+    scene: Scene,
+    motion: AbstractMotion | None,
+    shutter: AbstractShutter | None,
+    names: set[str],
+    *,
+    known: Known,
+    **rules: Any,
+) -> Design:
+    """The better of the best design whose acceleration is constant, and of one from there on.
+
+    Without a free path among the motions given, it begins with that of the first.
+    """
+    start = scene.motion if motion is None else motion
+    given = start if isinstance(start, FreeMotion) else None
+    start = settled(start) if given is None else scene.fullest_motion
+    num_free_pieces(scene, given or FreeMotion.fit(start))
+    steady_names = tuple(name for name in FREE_NAMES if name in names - {"path"})
+    design = _optimised(scene, start, shutter, free=steady_names, known=known, **rules)
+    path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
+    known = (*known, (design.command, design.motion))
+    rules |= {"known": known}
+    ends = _searched(scene, path, design.command, {*names}, **rules)
+    found = _design(ends[0], scene, rules["loss"], rules["max_steps"])
+    if found.loss >= design.loss * (1 - _SAME):
+        return replace(design, outcome=f"{design.outcome} {_NO_PATH}")
+    history = np.append(design.history, np.minimum(found.history, design.history[-1]))
+    return replace(found, history=history, best_start_loss=design.best_start_loss)
 
 
 def _through_device(
@@ -390,7 +438,7 @@ def free_by_default(
     No shutter stands for a free-form profile.
     """
     names = all_that_can_move(scene, motion, shutter)
-    if _mirrors(scene, float(motion.velocity)):
+    if mirrors(scene, float(motion.velocity)):
         return tuple(name for name in names if name != "velocity")
     return names
 
@@ -398,7 +446,7 @@ def free_by_default(
 def _is_held_up_by_pan(motion: AbstractMotion, scene: Scene) -> bool:
     """Whether a sensor that panned slower could gain more speed."""
     at_top = float(motion.top_speed) > float(scene.limits.max_top_speed) * (1 - _AT_LIMIT)
-    return at_top and float(motion.velocity) != 0 and _mirrors(scene, float(motion.velocity))
+    return at_top and float(motion.velocity) != 0 and mirrors(scene, float(motion.velocity))
 
 
 def _searched(
@@ -423,7 +471,7 @@ def _searched(
     space = design_space(scene, motion, shutter, names)
     plan = _plan(scene, space, rules["loss"], plan)
     ends = [_best_of_space(scene, space, plan=plan, **rules)]
-    if "acceleration" in space.free:
+    if "acceleration" in space.free and "path" not in space.free:
         rules["progress"] = None
         ends.append(_best_of_space(scene, space.without_acceleration(), plan=plan, **rules))
     if "velocity" in names or is_known_zero(frame.velocity):
@@ -461,7 +509,11 @@ def _best_of_space(
     num_speeds = needed.speeds.size
     starts = start_boxes(space, num_starts or _NUM_STARTS * max(1, _FEW_SPEEDS // num_speeds), seed)
     before = np.array([_box_of(space, *each) for each in known], starts.dtype)
-    if space.size > GRID_COORDINATES:
+    if space.num_path_coordinates:
+        starts = np.concatenate([before, path_boxes(space)])
+        num_polished = _NUM_POLISHED if space.num_profile_coordinates else 1
+        found = _polishable(objective, starts, num_polished)
+    elif space.size > GRID_COORDINATES:
         starts = _with_valleys(objective, space, scene, starts, seed)
         starts = np.concatenate([before, starts]) if known else starts
         found = _descended(objective, space, starts, max_steps, progress)
@@ -610,6 +662,13 @@ def _from_grid(objective: AbstractObjective, starts: np.ndarray) -> _Found:
     return _Found(starts[chosen], losses, history, float(history[-1]), _NUM_POLISHED)
 
 
+def _polishable(objective: AbstractObjective, starts: np.ndarray, num_polished: int) -> _Found:
+    """Few starts, which are polished as they are: the lowest alone where no profile moves."""
+    losses = losses_at(objective, starts)
+    history = np.minimum.accumulate(losses)
+    return _Found(starts, losses, history, float(history[-1]), num_polished)
+
+
 def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
     if is_minimum(certificate, loss):
         return Outcome.CONVERGED
@@ -626,21 +685,10 @@ def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:
     require_known("starting_shutter", scene=(scene.speeds, scene.weights, scene.limits))
     slowest, fastest = (float(speed) for speed in scene.speed_range)
     middle = (slowest + fastest) / 2
-    symmetric = _mirrors(scene, middle if abs(middle) <= float(scene.limits.max_pan) else 0.0)
+    symmetric = mirrors(scene, middle if abs(middle) <= float(scene.limits.max_pan) else 0.0)
     symmetric &= scene.device is None or not scene.device.lags
     taper = np.asarray(0.5, scene.speeds.dtype)
     return SplineShutter.fit(TukeyShutter(taper), num_coefficients, symmetric=symmetric)
-
-
-def _mirrors(scene: Scene, velocity: float) -> bool:
-    """Whether speeds and weights are the same in both directions from a velocity."""
-    speeds, weights = np.asarray(scene.speeds, np.float64) - velocity, np.asarray(scene.weights)
-    forward = np.lexsort((weights, speeds))
-    backward = np.lexsort((weights, -speeds))
-    equal = partial(np.allclose, atol=_SAME * float(np.max(np.abs(speeds))))
-    return equal(speeds[forward], -speeds[backward]) and np.allclose(
-        weights[forward], weights[backward]
-    )
 
 
 def without_pan(scene: Scene) -> Scene:

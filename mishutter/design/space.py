@@ -1,23 +1,30 @@
 r"""The designs a solver may reach, as a unit box.
 
-A point of the box is a shutter's coordinates, then half exposure, velocity and acceleration, each
-only if it is free. The half exposure and the acceleration are logarithmic between bounds that hold
-stroke, top speed and exposure at every point: the half exposure between its limits, and the
-acceleration between the slowest that keeps up with what the given motion keeps up with, or with
-all objects at the best velocity, if that is less, and the largest that $aT^2 \le$ stroke and $2aT
-\le$ top speed allow. The velocity lies between the slowest and the fastest object, as far as that
-acceleration leaves it any of the top speed. A stage that begins and ends at rest travels further
-than the exposure (`mishutter.model.stages`), which bounds all three where its travel, its
-acceleration or its jerk is limited. Where a pixel holds so many electrons and no more, a half
-exposure ends where white fills it, sooner the more light the shutter lets through. So a given
-motion within the limits is a point of the box.
+A point of the box is a shutter's coordinates, then those of a free path, then half exposure,
+velocity and acceleration, each only if it is free. The half exposure and the acceleration are
+logarithmic between bounds that hold stroke, top speed and exposure at every point: the half
+exposure between its limits, and the acceleration between the slowest that keeps up with what the
+given motion keeps up with, or with all objects at the best velocity, if that is less, and the
+largest that $aT^2 \le$ stroke and $2aT \le$ top speed allow. The velocity lies between the slowest
+and the fastest object, as far as that acceleration leaves it any of the top speed. A stage that
+begins and ends at rest travels further than the exposure (`mishutter.model.stages`), which bounds
+all three where its travel, its acceleration or its jerk is limited. Where a pixel holds so many
+electrons and no more, a half exposure ends where white fills it, sooner the more light the shutter
+lets through. So a given motion within the limits is a point of the box.
+
+A free path has equal pieces. Coordinates of it are the logarithms of the shares that they have in
+the acceleration, which is their mean before mid-exposure and after it: so the speed gained to
+either end stays $2aT$, and in the middle of the box the path is a parabola. Where the sensor sees
+as many objects to either side, it is the same forwards and backwards.
 
 Coordinates are those of the profile that is sent to the scene's device. The shutter of a design
 is the transmittance that light sees.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple, final
 
 import equinox as eqx
@@ -26,7 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import common_dtype, require
+from mishutter._core import Bare, common_dtype, require
 from mishutter.model import (
     AbstractDevice,
     AbstractMotion,
@@ -47,13 +54,20 @@ from mishutter.model import (
     steady,
 )
 
-FREE_NAMES = ("shutter", "half_exposure", "velocity", "acceleration")
+FREE_NAMES = ("shutter", "path", "half_exposure", "velocity", "acceleration")
 _ROUNDING = 1e-6
 _ROUNDS_TO_FILL = 8
 """Rounds that find the exposure which fills a pixel through a device whose light depends on it:
 each leaves less than a quarter of the error."""
 _NUM_TRIED, _HALVINGS = 256, 40
 """Half exposures between which a limit of the stage may begin to hold, and halvings of one step."""
+_MOST_PIECES_DIFFER = 20.0
+"""How many times more, or less, than the mean the acceleration of a piece of a free path may be."""
+_MEETING = 0.5
+"""Where along the half exposure a free path comes to its stroke and its top speed together: a
+kink whose place in the box is the same for every path."""
+_SAME = 1e-5
+"""Difference of speeds, as a share of the fastest, and of weights, within which they mirror."""
 _SLOWEST = 1e-2
 """Share of the largest acceleration that is explored where every object is at rest."""
 
@@ -86,6 +100,8 @@ class DesignSpace(eqx.Module):
         demand: Speed that a sensor gains as it keeps up with every object; px/s.
         free: Parts that may move.
         num_profile_coordinates: How many of the coordinates belong to the shutter.
+        num_path_coordinates: How many of them after these belong to a free path.
+        path_mirrors: Whether these are of one half of the path, and of the other mirrored.
     """
 
     shutter: AbstractShutter
@@ -98,11 +114,18 @@ class DesignSpace(eqx.Module):
     demand: Array
     free: tuple[str, ...] = eqx.field(static=True)
     num_profile_coordinates: int = eqx.field(static=True)
+    num_path_coordinates: int = eqx.field(static=True)
+    path_mirrors: bool = eqx.field(static=True)
 
     @property
     def size(self) -> int:
         """Number of coordinates."""
-        return self.num_profile_coordinates + len(set(self.free) - {"shutter"})
+        return self.num_shape_coordinates + len(self.free_of_motion)
+
+    @property
+    def num_shape_coordinates(self) -> int:
+        """How many of the coordinates are of a profile or a path, before the motion's numbers."""
+        return self.num_profile_coordinates + self.num_path_coordinates
 
     def at(self, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
         """The design at a point of the box; shape `(size,)`."""
@@ -110,33 +133,54 @@ class DesignSpace(eqx.Module):
         shutter = self.shutter
         if count:
             shutter = at_coordinates(shutter, box[:count])
-        share = dict(zip(self.free_of_motion, box[count:], strict=True))
+        share = dict(zip(self.free_of_motion, box[self.num_shape_coordinates :], strict=True))
         if not share:
             return self.light(shutter, self.motion.half_exposure), self.motion
         half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
-        acceleration = steady(self.motion).acceleration
+        pieces = self._pieces(box)
+        acceleration = self._acceleration_of(self.motion)
         if "half_exposure" in share:
             bounds = self._half_exposure_bounds(shutter)
-            half_exposure = _between(*bounds, share["half_exposure"])
+            half_exposure = self._half_exposure_at(bounds, pieces, share["half_exposure"])
         if "acceleration" in share:
-            bounds = self._acceleration_bounds(half_exposure)
+            bounds = self._acceleration_bounds(half_exposure, pieces)
             acceleration = _between(*bounds, share["acceleration"])
         if "velocity" in share:
-            low, high = self._velocity_bounds(acceleration, half_exposure)
+            low, high = self._velocity_bounds(acceleration, half_exposure, pieces)
             velocity = low + share["velocity"] * (high - low)
         shutter = self.light(shutter, half_exposure)
         if isinstance(self.motion, StillCamera):
             return shutter, StillCamera(half_exposure=half_exposure)
         if isinstance(self.motion, LinearMotion):
             return shutter, LinearMotion(half_exposure=half_exposure, velocity=velocity)
-        return shutter, ParabolicMotion(
-            acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
-        )
+        numbers = {"half_exposure": half_exposure, "velocity": velocity}
+        if pieces is not None:
+            return shutter, FreeMotion(accelerations=acceleration * pieces, **numbers)
+        return shutter, ParabolicMotion(acceleration=acceleration, **numbers)
+
+    def _pieces(self, box: Array) -> Array | None:
+        """Accelerations of a free path's pieces, of mean 1 before mid-exposure and after it."""
+        if not self.num_path_coordinates:
+            return None
+        shape = box[self.num_profile_coordinates : self.num_shape_coordinates]
+        shares = jnp.exp((2 * shape - 1) * math.log(_MOST_PIECES_DIFFER))
+        return self._of_both_halves(shares)
+
+    def _of_both_halves(self, shares: Array) -> Array:
+        halves = [shares] if self.path_mirrors else jnp.split(shares, 2)
+        halves = [half / jnp.mean(half) for half in halves]
+        return jnp.concatenate([halves[0][::-1], halves[0]] if self.path_mirrors else halves)
+
+    def _acceleration_of(self, motion: AbstractMotion) -> Array:
+        """$a$, or by how much on the mean a free path accelerates; px/s^2."""
+        if isinstance(motion, FreeMotion):
+            return jnp.mean(motion.accelerations)
+        return steady(motion).acceleration
 
     @property
     def free_of_motion(self) -> tuple[str, ...]:
-        """Parts of the motion that may move, in the order of their coordinates."""
-        return tuple(name for name in FREE_NAMES[1:] if name in self.free)
+        """Numbers of the motion that may move, in the order of their coordinates."""
+        return tuple(name for name in FREE_NAMES[2:] if name in self.free)
 
     @property
     def dtype(self) -> np.dtype:
@@ -165,11 +209,14 @@ class DesignSpace(eqx.Module):
         """Where along the half exposure the bounds of a free acceleration change their course.
 
         Stroke, top speed, the demand of the objects and the given motion, and the least
-        acceleration that is explored give way to one another where two of them meet.
+        acceleration that is explored give way to one another where two of them meet. Of a free
+        path only the place where stroke and top speed do is known.
         """
-        index = self.num_profile_coordinates
+        index = self.num_shape_coordinates
         if not {"acceleration", "half_exposure"} <= set(self.free):
             return Bends(index, np.zeros(0))
+        if self.num_path_coordinates:
+            return Bends(index, np.array([_MEETING]))
         if self.filling is not None and (self.num_profile_coordinates or self.lags):
             return Bends(index, np.zeros(0))  # the exposures there are others for each profile
         low, high = (float(bound) for bound in self._half_exposure_bounds(self.shutter))
@@ -217,21 +264,26 @@ class DesignSpace(eqx.Module):
         parts = []
         if "shutter" in self.free:
             parts.append(jnp.clip(box_of(shutter), 0, 1).astype(dtype))
+        pieces = None
+        if "path" in self.free:
+            shape = self._shape_of(motion).astype(dtype)
+            parts.append(shape)
+            pieces = self._of_both_halves(jnp.exp((2 * shape - 1) * math.log(_MOST_PIECES_DIFFER)))
         half_exposure = motion.half_exposure
         if "half_exposure" in self.free:
             bounds = self._half_exposure_bounds(shutter)
-            share = _share(*bounds, half_exposure)
+            share = self._half_exposure_share(bounds, pieces, half_exposure)
             parts.append(share.astype(dtype)[None])
-            half_exposure = _between(*bounds, share)
+            half_exposure = self._half_exposure_at(bounds, pieces, share)
         if not self.free_of_motion:
             return jnp.concatenate(parts)
-        acceleration, share = steady(motion).acceleration, None
+        acceleration, share = self._acceleration_of(motion), None
         if "acceleration" in self.free:
-            bounds = self._acceleration_bounds(half_exposure)
+            bounds = self._acceleration_bounds(half_exposure, pieces)
             share = _share(*bounds, acceleration)
             acceleration = _between(*bounds, share)
         if "velocity" in self.free:
-            low, high = self._velocity_bounds(acceleration, half_exposure)
+            low, high = self._velocity_bounds(acceleration, half_exposure, pieces)
             width = jnp.where(high > low, high - low, 1.0)
             place = jnp.where(high > low, (motion.velocity - low) / width, 0.5)
             parts.append(jnp.clip(place, 0, 1).astype(dtype)[None])
@@ -239,13 +291,63 @@ class DesignSpace(eqx.Module):
             parts.append(share.astype(dtype)[None])
         return jnp.concatenate(parts)
 
-    def _velocity_bounds(self, acceleration: Array, half: Array) -> tuple[Array, Array]:
+    def _half_exposure_at(
+        self, bounds: tuple[Array, Array], pieces: Array | None, share: Array
+    ) -> Array:
+        if pieces is None:
+            return _between(*bounds, share)
+        (low, high), middle = bounds, self._meeting(bounds, pieces)
+        before = share < _MEETING
+        begin, end = jnp.where(before, low, middle), jnp.where(before, middle, high)
+        inside = jnp.where(before, share / _MEETING, (share - _MEETING) / (1 - _MEETING))
+        return _between(begin, end, inside)
+
+    def _half_exposure_share(
+        self, bounds: tuple[Array, Array], pieces: Array | None, half_exposure: Array
+    ) -> Array:
+        if pieces is None:
+            return _share(*bounds, half_exposure)
+        (low, high), middle = bounds, self._meeting(bounds, pieces)
+        before = _MEETING * _share(low, middle, half_exposure)
+        after = _MEETING + (1 - _MEETING) * _share(middle, high, half_exposure)
+        return jnp.where(half_exposure < middle, before, after)
+
+    def _meeting(self, bounds: tuple[Array, Array], pieces: Array) -> Array:
+        """Half exposure at which a path comes to its stroke and its top speed together; s."""
+        speed = self._longest(pieces) * self.limits.max_top_speed
+        return jnp.clip(2 * self.limits.max_stroke / speed, *bounds)
+
+    def _longest(self, pieces: Array) -> Array:
+        """How many times as far a path takes the sensor as the parabola of its mean."""
+        return FreeMotion(accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype)).stroke
+
+    def _shape_of(self, motion: AbstractMotion) -> Array:
+        """Coordinates of a path: the middle of the box for a parabola."""
+        count = self.num_path_coordinates
+        if not isinstance(motion, FreeMotion):
+            return jnp.full(count, 0.5)
+        a = motion.accelerations
+        halves = [jnp.maximum(half, 0) for half in jnp.split(a, 2)]
+        shares = [half / jnp.where(jnp.any(half > 0), jnp.mean(half), 1.0) for half in halves]
+        mirrored = (shares[0][::-1] + shares[1]) / 2
+        shares = mirrored if self.path_mirrors else jnp.concatenate(shares)
+        least = jnp.asarray(1 / _MOST_PIECES_DIFFER, shares.dtype)
+        logarithm = jnp.log(jnp.maximum(shares, least)) / math.log(_MOST_PIECES_DIFFER)
+        return jnp.clip((1 + logarithm) / 2, 0, 1)
+
+    def _velocity_bounds(
+        self, acceleration: Array, half: Array, pieces: Array | None
+    ) -> tuple[Array, Array]:
         left = jnp.maximum(self.limits.max_top_speed - 2 * acceleration * half, 0)
         most = jnp.minimum(left, self.limits.max_pan)
         if self.limits.has_stage:
             rest = jnp.zeros_like(most)
             numbers = {"acceleration": acceleration, "half_exposure": half, "velocity": rest}
-            most = self.limits.largest("velocity", rest, most, numbers)
+            # A pan to the left on a path is one to the right on the path that is run backwards.
+            backwards = None if pieces is None else pieces[::-1]
+            least = -self.limits.largest("velocity", rest, most, numbers, backwards)
+            most = self.limits.largest("velocity", rest, most, numbers, pieces)
+            return jnp.clip(self.slowest, least, most), jnp.clip(self.fastest, least, most)
         return jnp.clip(self.slowest, -most, most), jnp.clip(self.fastest, -most, most)
 
     def light(self, shutter: AbstractShutter, half_exposure: Array) -> AbstractShutter:
@@ -276,25 +378,32 @@ class DesignSpace(eqx.Module):
             )
             high = jnp.where(a > 0, jnp.clip(longest, low, high), high)
         if self.limits.has_stage:
-            held = steady(self.motion).acceleration
+            held = self._acceleration_of(self.motion)
             a = jnp.zeros_like(held) if "acceleration" in self.free else held
             rest = jnp.zeros_like(a)
             numbers = {"acceleration": a, "half_exposure": low, "velocity": rest}
             high = self.limits.largest("half_exposure", low, high, numbers)
         return low, high
 
-    def _acceleration_bounds(self, half_exposure: Array) -> tuple[Array, Array]:
-        by_stroke = self.limits.max_stroke / half_exposure / half_exposure
+    def _acceleration_bounds(
+        self, half_exposure: Array, pieces: Array | None = None
+    ) -> tuple[Array, Array]:
+        longest = strongest = jnp.ones_like(half_exposure)
+        if pieces is not None:
+            longest = self._longest(pieces)
+            strongest = jnp.max(pieces)
+        by_stroke = self.limits.max_stroke / longest / half_exposure / half_exposure
         by_speed = self.limits.max_top_speed / (2 * half_exposure)
         high = jnp.minimum(by_stroke, by_speed)
         if self.limits.max_acceleration is not None:
-            high = jnp.minimum(high, self.limits.max_acceleration / 2)
+            high = jnp.minimum(high, self.limits.max_acceleration / (2 * strongest))
         if self.limits.has_stage:
             rest = jnp.zeros_like(high)
             numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": rest}
-            high = self.limits.largest("acceleration", rest, high, numbers)
+            high = self.limits.largest("acceleration", rest, high, numbers, pieces)
         keeping_up = jnp.clip(self.demand / (2 * half_exposure), _SLOWEST * high, high)
-        return jnp.minimum(keeping_up, self.motion.speed_gain / (2 * half_exposure)), high
+        kept_up = jnp.abs(self._acceleration_of(self.motion)) * self.motion.half_exposure
+        return jnp.minimum(keeping_up, kept_up / half_exposure), high
 
 
 def design_space(
@@ -314,12 +423,18 @@ def design_space(
     require(known, subject, f"name some of {', '.join(FREE_NAMES)}", free)
     if "shutter" in names:
         require_adjustable(shutter)
-    held = _held_by_kind(motion) & set(names)
+    frees_path = "path" in names
+    held = (set() if frees_path else _held_by_kind(motion)) & set(names)
     at_rest = isinstance(motion, StillCamera)
     requirement = "leave a still camera at rest" if at_rest else "leave a pan its constant velocity"
     if isinstance(motion, FreeMotion):
-        requirement = "leave a free path as it is"
+        requirement = "name path, or leave a free path as it is"
     require(not held, subject, requirement, free)
+    path_mirrors = frees_path and "velocity" not in names and mirrors(scene, 0.0)
+    num_path = 0
+    if frees_path:
+        require("acceleration" in names, subject, "name acceleration where it names path", free)
+        num_path = num_free_pieces(scene, motion) // (2 if path_mirrors else 1)
     dtype = common_dtype(motion.half_exposure, scene.speeds)
     limits = jax.tree.map(lambda x: x.astype(dtype), scene.limits)
     ordered = tuple(name for name in FREE_NAMES if name in names)
@@ -332,7 +447,39 @@ def design_space(
     lags = scene.device is not None and scene.device.lags
     filling = _filling(scene, None if count or lags else shutter)
     filling = None if filling is None else jnp.asarray(filling, dtype)
-    return DesignSpace(shutter, motion, limits, device, filling, *bounds, demand, ordered, count)
+    counts = count, num_path, path_mirrors
+    return DesignSpace(shutter, motion, limits, device, filling, *bounds, demand, ordered, *counts)
+
+
+def num_free_pieces(scene: Scene, motion: AbstractMotion) -> int:
+    """Pieces of a path that may move.
+
+    Raises:
+        ValueError: if it has no even number of equal ones, or the scene has no free path.
+    """
+    subject, named = "optimise(free=...)", Bare("path")
+    requirement = "be a path of an even number of equal pieces, as FreeMotion.fit makes it, to move"
+    count = 0
+    if isinstance(motion, FreeMotion) and len(set(motion.durations or ())) <= 1:
+        count = motion.accelerations.size
+    is_even = count > 0 and count % 2 == 0
+    require(is_even, "optimise(motion=...)", requirement, type(motion).__name__)
+    requirement = "leave the path where the jerk of the stage is limited: between pieces it jumps"
+    require(scene.limits.max_jerk is None, subject, requirement, named)
+    requirement = "leave the path where the scene has tolerances, which are of a parabola"
+    require(scene.tolerances is None, subject, requirement, named)
+    return count
+
+
+def mirrors(scene: Scene, velocity: float) -> bool:
+    """Whether speeds and weights are the same in both directions from a velocity."""
+    speeds, weights = np.asarray(scene.speeds, np.float64) - velocity, np.asarray(scene.weights)
+    forward = np.lexsort((weights, speeds))
+    backward = np.lexsort((weights, -speeds))
+    equal = partial(np.allclose, atol=_SAME * float(np.max(np.abs(speeds))))
+    return equal(speeds[forward], -speeds[backward]) and np.allclose(
+        weights[forward], weights[backward]
+    )
 
 
 def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
@@ -373,6 +520,8 @@ def all_that_can_move(
 ) -> tuple[str, ...]:
     """Parts that a search moves by default: a camera at rest stays, so does a fixed window.
 
+    A path becomes a free one only where that is asked for.
+
     No shutter stands for a free-form profile.
     """
     held = _held_by_kind(motion)
@@ -380,7 +529,7 @@ def all_that_can_move(
         held.add("velocity")
     if shutter is not None and not is_adjustable(shutter):
         held.add("shutter")
-    return tuple(name for name in FREE_NAMES if name not in held)
+    return tuple(name for name in FREE_NAMES if name not in held | {"path"})
 
 
 def within_limits(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
@@ -397,11 +546,10 @@ def within_limits(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
         float(limits.min_half_exposure) / half,
     )
     if limits.has_stage:
-        acceleration = steady(motion).acceleration
-        numbers = acceleration, motion.half_exposure, motion.velocity
-        shares = (*shares, float(limits.stage_share(*map(jnp.asarray, numbers))))
+        shares = (*shares, float(limits.stage_share_of(motion)))
         if limits.max_acceleration is not None:
-            shares = (*shares, 2 * float(acceleration) / float(limits.max_acceleration))
+            greatest = float(motion.greatest_acceleration)
+            shares = (*shares, greatest / float(limits.max_acceleration))
     pans = abs(float(motion.velocity)) <= float(limits.max_pan) * (1 + _ROUNDING)
     return pans and max(shares) <= 1 + _ROUNDING and not fills(scene, motion, shutter)
 

@@ -25,6 +25,9 @@ _GRID_POINTS = {1: (17,), 2: (5, 9), 3: (4, 5, 7), 4: (4, 4, 3, 7)}
 """Points along each coordinate, ends included, as many a best design lies at one: most along
 the last, the acceleration, over which a condition number rises and falls with every pixel."""
 
+_TILTS = (0.1, -0.1, 0.3, -0.3)
+"""How far from the given path others are at either end of it, in the unit box."""
+
 
 def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
     """Points to descend from; shape `(n, size)`, `n = num_starts` above three coordinates.
@@ -52,6 +55,19 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
 @compiled
 def _given_box(space: DesignSpace) -> Array:
     return space.box(space.shutter, space.motion)
+
+
+def path_boxes(space: DesignSpace) -> np.ndarray:
+    """The given design, and others whose paths turn faster or slower towards their ends."""
+    given = np.asarray(_given_box(space.without_shutter()))
+    first = space.num_profile_coordinates
+    boxes = np.tile(given, (1 + len(_TILTS), 1))
+    outwards = np.linspace(-1, 1, space.num_path_coordinates, dtype=given.dtype)
+    if not space.path_mirrors:
+        outwards = 2 * np.abs(outwards) - 1
+    path = slice(first, first + outwards.size)
+    boxes[1:, path] = np.clip(given[path] + np.array(_TILTS, given.dtype)[:, None] * outwards, 0, 1)
+    return boxes
 
 
 def _grid(num_coordinates: int) -> np.ndarray:

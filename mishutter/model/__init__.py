@@ -85,5 +85,6 @@ from mishutter.model.slots import slot_means as slot_means
 from mishutter.model.stages import StagePath as StagePath
 from mishutter.model.stages import stage_path as stage_path
 from mishutter.model.stages import stage_use as stage_use
+from mishutter.model.stages import stage_use_of_path as stage_use_of_path
 from mishutter.model.tolerances import TOLERANCE_NAMES as TOLERANCE_NAMES
 from mishutter.model.tolerances import Tolerances as Tolerances

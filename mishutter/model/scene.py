@@ -3,6 +3,7 @@
 import os
 from collections.abc import Mapping
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any, final
 
 import equinox as eqx
@@ -28,12 +29,14 @@ from mishutter.model.devices import AbstractDevice
 from mishutter.model.frequencies import frequencies, on_steps
 from mishutter.model.motion import (
     AbstractMotion,
+    FreeMotion,
     ParabolicMotion,
     is_known_zero,
+    steady,
     without_velocity,
 )
 from mishutter.model.shutters import AbstractShutter
-from mishutter.model.stages import stage_use
+from mishutter.model.stages import StageUse, stage_use, stage_use_of_path
 from mishutter.model.tolerances import Tolerances
 
 _BISECTIONS = 60
@@ -133,17 +136,52 @@ class Limits(eqx.Module):
         """Whether travel, acceleration or jerk of the stage is limited."""
         return any(getattr(self, name) is not None for name in _OF_STAGE)
 
-    def stage_share(self, acceleration: Array, half_exposure: Array, velocity: Array) -> Array:
+    def stage_share(
+        self,
+        acceleration: Array,
+        half_exposure: Array,
+        velocity: Array,
+        pieces: Array | None = None,
+    ) -> Array:
         """Share of the stage's travel, and of its top speed where its jerk is limited, in use.
 
         It never falls with the acceleration, px/s^2, the half exposure, s, or the size of the
         velocity, px/s, in the frame of the stage. Of any shape.
+
+        With `pieces` it is that of a free path of so many equal ones, `(K,)`, whose accelerations
+        are multiples of the one given; of scalars then, and where no jerk is limited.
         """
+        if pieces is not None:
+            return self.stage_share_of(
+                FreeMotion(
+                    accelerations=acceleration * pieces,
+                    half_exposure=half_exposure,
+                    velocity=velocity,
+                )
+            )
+        frame = self._frame(velocity)
+        limits = self.max_acceleration, self.max_jerk
+        use = stage_use(acceleration, half_exposure, velocity + frame, *limits)
+        return self._share_of(use, frame)
+
+    def stage_share_of(self, motion: AbstractMotion) -> Array:
+        """The `stage_share` of a motion; scalar."""
+        velocity = jnp.asarray(motion.velocity)
+        frame = self._frame(velocity)
+        if isinstance(motion, FreeMotion):
+            path = replace(motion, velocity=velocity + frame)
+            return self._share_of(stage_use_of_path(path, self.max_acceleration), frame)
+        acceleration, half = steady(motion).acceleration, motion.half_exposure
+        return self.stage_share(jnp.asarray(acceleration), jnp.asarray(half), velocity)
+
+    def _frame(self, velocity: Array) -> Array:
+        """Velocity of the frame that motions are in; px/s, the shape and precision given."""
         frame = jnp.zeros_like(velocity)
         if self.frame_velocity is not None:
             frame = frame + self.frame_velocity.astype(frame.dtype)
-        most = None if self.max_acceleration is None else self.max_acceleration
-        use = stage_use(acceleration, half_exposure, velocity + frame, most, self.max_jerk)
+        return frame
+
+    def _share_of(self, use: StageUse, frame: Array) -> Array:
         share = jnp.zeros_like(use.travel)
         if self.max_travel is not None:
             share = jnp.maximum(share, use.travel / self.max_travel)
@@ -152,7 +190,14 @@ class Limits(eqx.Module):
             share = jnp.maximum(share, (use.top_speed - jnp.abs(frame)) / left)
         return share
 
-    def largest(self, name: str, low: Array, high: Array, numbers: Mapping[str, Array]) -> Array:
+    def largest(
+        self,
+        name: str,
+        low: Array,
+        high: Array,
+        numbers: Mapping[str, Array],
+        pieces: Array | None = None,
+    ) -> Array:
         """Largest value of a number of a motion that the stage reaches; scalar.
 
         It is bracketed by bisection, on the side that keeps the limits, and has the derivative of
@@ -163,8 +208,9 @@ class Limits(eqx.Module):
             low: Least value.
             high: Greatest value.
             numbers: The numbers of a motion in which it takes its place.
+            pieces: Those of a free path, as `stage_share` takes them.
         """
-        return _largest(self, name, low, high, dict(numbers))
+        return _largest(self, name, low, high, {**numbers, "pieces": pieces})
 
     def fullest_motion(self, velocity: ArrayLike = 0.0) -> ParabolicMotion:
         """The longest stroke at the highest top speed that the limits allow.

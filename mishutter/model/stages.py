@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import require, require_finite, require_known, require_scalar
-from mishutter.model.motion import AbstractMotion, steady
+from mishutter.model.motion import AbstractMotion, FreeMotion, steady
 
 
 class StageUse(NamedTuple):
@@ -78,6 +78,18 @@ def stage_use(
     turning = (before < 0) & (gain > 0)
     travel = jnp.where(turning, jnp.maximum(begin, end) - lowest, end - begin)
     return StageUse(travel, after)
+
+
+def stage_use_of_path(path: FreeMotion, max_acceleration: ArrayLike | None = None) -> StageUse:
+    """Travel and top speed of a free path, from rest to rest, as `stage_use` has them."""
+    half = jnp.asarray(path.half_exposure)
+    ends = jnp.stack([-half, half])
+    outwards = jnp.asarray(path.velocity_at(ends)) * np.array([-1, 1], ends.dtype)
+    rests = jnp.asarray(path.position(ends)) + _stopping(outwards, max_acceleration, None)
+    at_rest = jnp.zeros_like(half)
+    highest = jnp.maximum(jnp.max(rests), jnp.asarray(path.highest(at_rest)))
+    lowest = jnp.minimum(jnp.min(rests), jnp.asarray(path.lowest(at_rest)))
+    return StageUse(highest - lowest, path.top_speed)
 
 
 def _stopping(

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array
-from support.designs import LIMITS, MOTION
+from support.designs import FREE_NAMES, LIMITS, MOTION
 
 from mishutter import (
     ExpectedErrorLoss,
@@ -22,7 +22,7 @@ from mishutter import (
 )
 from mishutter.design.objective import AbstractObjective
 from mishutter.design.solvers import Polished, certificate_at, finished, is_minimum, polish
-from mishutter.design.space import FREE_NAMES, Bends, design_space
+from mishutter.design.space import Bends, design_space
 
 FAST = Scene.uniform(
     max_speed=15000.0, num_speeds=9, photon_rate=1e5, read_noise=10.0, limits=LIMITS

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.designs import LIMITS, MOTION, OUTLIER, SCENE, SLOW, SMALL
+from support.designs import FREE_NAMES, LIMITS, MOTION, OUTLIER, SCENE, SLOW, SMALL
 from support.helpers import ROUNDING
 
 from mishutter import (
@@ -39,7 +39,7 @@ from mishutter.design.solvers import (
     polish,
     projected_gradient_norm,
 )
-from mishutter.design.space import FREE_NAMES, all_that_can_move, design_space, within_limits
+from mishutter.design.space import all_that_can_move, design_space, within_limits
 from mishutter.design.starts import lowest_places, start_boxes
 from mishutter.evaluation.needs import needed_speeds, reduced
 

@@ -3,6 +3,8 @@
 from mishutter import Limits, ParabolicMotion, Scene
 from mishutter.evaluation.needs import Plan
 
+FREE_NAMES = ("shutter", "half_exposure", "velocity", "acceleration")
+"""All that moves on a sensor of constant acceleration."""
 MOTION = ParabolicMotion(acceleration=22.0 / 1e-4, half_exposure=1e-2)
 LIMITS = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03)
 SCENE = Scene.uniform(

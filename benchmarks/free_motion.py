@@ -1,0 +1,98 @@
+"""What do a free path and a shaped shutter bring, alone and together, on five scenes and stages?
+
+Expected PSNR of the best design of each, in dB: a parabola or a free path of 12 pieces, under an
+open or a shaped shutter. Each is measured once more on speeds four times as fine as those it was
+designed on.
+"""
+
+import time
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from benchmarks import harness
+from benchmarks.scenes import scenes
+from mishutter import Design, Limits, RectShutter, Scene, evaluate, optimise
+
+PIXEL = 1.1e-6
+"""Pitch of the pixels, m."""
+_GRAVITY = 9.81
+STAGES = {
+    "any": None,
+    "phone": {"max_travel": 100e-6 / PIXEL, "max_acceleration": 0.1 * _GRAVITY / PIXEL},
+    "piezo": {"max_travel": 100e-6 / PIXEL, "max_acceleration": 1.0 * _GRAVITY / PIXEL},
+}
+_FINER = 4
+NOTE = (
+    "*Phone*: an optical stabiliser, 100 µm of travel from rest to rest, 0.1 g. *Piezo*: a flexure "
+    "stage, 100 µm, 1 g. Pixels of 1.1 µm; run-up and run-out are included. The second table has "
+    "the same designs on a grid of speeds four times as fine. Where every shutter and path may "
+    "stand still, a scene whose best camera does has four equal numbers."
+)
+
+
+def with_stage(scene: Scene, stage: dict[str, float] | None) -> Scene:
+    """The scene where the sensor is moved by such a stage."""
+    if stage is None:
+        return scene
+    names = ("max_stroke", "max_top_speed", "min_half_exposure", "max_half_exposure", "max_pan")
+    limits = Limits(**{name: getattr(scene.limits, name) for name in names}, **stage)
+    return eqx.tree_at(
+        lambda s: (s.limits, s.given_motion), scene, (limits, None), is_leaf=_is_none
+    )
+
+
+def _is_none(part: object) -> bool:
+    return part is None
+
+
+def finer(scene: Scene) -> Scene:
+    """The scene with more speeds between those it has, which are in equal steps."""
+    speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
+    order = np.argsort(speeds)
+    places = np.linspace(0, speeds.size - 1, _FINER * (speeds.size - 1) + 1)
+    weights = np.interp(places, np.arange(speeds.size), weights[order])
+    speeds = np.interp(places, np.arange(speeds.size), speeds[order])
+    return eqx.tree_at(lambda s: (s.speeds, s.weights), scene, (speeds, weights / weights.sum()))
+
+
+def designs(scene: Scene) -> dict[str, Design]:
+    """The best design of each kind."""
+    moves = {"half_exposure", "velocity"} if float(scene.limits.max_pan) else {"half_exposure"}
+    shaped = optimise(scene)
+    moves = {"half_exposure"} if float(shaped.motion.velocity) == 0 else moves
+    return {
+        "parabola, open": optimise(scene, shutter=RectShutter()),
+        "parabola, shaped": shaped,
+        "free, open": optimise(scene, shutter=RectShutter(), free={"path", *moves}),
+        "free, shaped": optimise(scene, free={"path", "shutter", *moves}),
+    }
+
+
+def main() -> None:
+    """Measure, store and print."""
+    jax.config.update("jax_enable_x64", True)
+    rows, again = [], []
+    for name, scene in list(scenes().items())[:5]:
+        for stage, limits in STAGES.items():
+            start = time.perf_counter()
+            limited = with_stage(scene, limits)
+            found = designs(limited)
+            fine = finer(limited)
+            head = {"scene": name.split(":")[0], "stage": stage}
+            levels = {k: float(d.metrics.expected_psnr) for k, d in found.items()}
+            rows.append(head | {k: f"{level:.3f}" for k, level in levels.items()})
+            on_fine = {k: evaluate(fine, d.motion, d.shutter) for k, d in found.items()}
+            again.append(head | {k: f"{float(m.expected_psnr):.3f}" for k, m in on_fine.items()})
+            print(rows[-1], again[-1], f"{time.perf_counter() - start:.0f} s", flush=True)
+    harness.write("free_motion", rows, finer=again)
+    text = "## Free paths: what a path and a shutter bring, expected PSNR in dB"
+    text += (
+        f"{harness.table(rows, list(rows[0]))}\n\n{harness.table(again, list(again[0]))}\n\n{NOTE}"
+    )
+    harness.section("free_motion", text)
+
+
+if __name__ == "__main__":
+    main()
