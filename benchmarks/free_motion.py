@@ -27,8 +27,8 @@ _FINER = 4
 NOTE = (
     "*Phone*: an optical stabiliser, 100 µm of travel from rest to rest, 0.1 g. *Piezo*: a flexure "
     "stage, 100 µm, 1 g. Pixels of 1.1 µm; run-up and run-out are included. The second table has "
-    "the same designs on a grid of speeds four times as fine. Where every shutter and path may "
-    "stand still, a scene whose best camera does has four equal numbers."
+    "the same designs on a grid of speeds four times as fine. The shaped designs of daylight stand "
+    "still, and those of the street pan at constant velocity, but for the one on a free path."
 )
 
 
@@ -88,10 +88,8 @@ def main() -> None:
             print(rows[-1], again[-1], f"{time.perf_counter() - start:.0f} s", flush=True)
     harness.write("free_motion", rows, finer=again)
     text = "## Free paths: what a path and a shutter bring, expected PSNR in dB"
-    text += (
-        f"{harness.table(rows, list(rows[0]))}\n\n{harness.table(again, list(again[0]))}\n\n{NOTE}"
-    )
-    harness.section("free_motion", text)
+    tables = [harness.table(some, list(some[0])) for some in (rows, again)]
+    harness.section("free_motion", "\n\n".join([text, *tables, NOTE]))
 
 
 if __name__ == "__main__":

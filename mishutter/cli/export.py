@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mishutter._core import writable_folder
+from mishutter._core import writable_folder, write_text
 from mishutter.cli.console import note, print_table, start_jax, working, write_json
 from mishutter.cli.laboratory import CeilingOption, FloorOption
 from mishutter.cli.options import JsonOption, OutOption, as_path
@@ -46,11 +46,19 @@ def export(
     out: OutOption = None,
     json: JsonOption = False,
     num_steps: Annotated[
-        int, typer.Option("--steps", min=1, max=100_000, help="Equal steps of the exposure.")
-    ] = 256,
+        int | None,
+        typer.Option(
+            "--steps",
+            min=1,
+            max=100_000,
+            help="Equal steps of the exposure; the device's slots, or 256.",
+        ),
+    ] = None,
     num_levels: Annotated[
         int | None,
-        typer.Option("--levels", min=2, max=1 << 24, help="Drive levels; 256, or 2 for pulses."),
+        typer.Option(
+            "--levels", min=2, max=1 << 24, help="Drive levels; 2 for pulses, the device's, or 256."
+        ),
     ] = None,
     floor: FloorOption = 0.0,
     ceiling: CeilingOption = 1.0,
@@ -64,9 +72,12 @@ def export(
         ),
     ] = FormatName.CSV,
 ) -> None:
-    """Drive table of a saved design: the level of each step, and what is lost by it."""
+    """Drive table of a saved design: the level of each step, and what is lost by it.
+
+    With --out also the path of the stage, from rest to rest.
+    """
     pulses = form is FormatName.PULSES
-    levels = (2 if pulses else 256) if num_levels is None else num_levels
+    levels = 2 if pulses and num_levels is None else num_levels
     if pulses and (levels, floor, ceiling) != (2, 0.0, 1.0):
         got = f"{levels} levels from {floor:g} to {ceiling:g}"
         raise ValueError(f"`--format pulses` must have 2 levels from 0 to 1; got {got}.")
@@ -110,7 +121,11 @@ def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
     name = f"drive{DRIVE_FORMATS[form.value]}"
     table.save(folder / name, form=form.value)
     save_figure(plot_drive(table), folder / "drive.png")
-    return [name, "drive.png"]
+    path = table.stage_csv()
+    if path is None:
+        return [name, "drive.png"]
+    write_text(folder / "stage.csv", path)
+    return [name, "drive.png", "stage.csv"]
 
 
 def _print_losses(document: dict[str, Any]) -> None:

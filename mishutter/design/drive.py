@@ -17,7 +17,10 @@ from mishutter.blur import binned_exposure
 from mishutter.design.drive_files import MAX_STEPS, drive_bytes, require_levels
 from mishutter.design.result import Design, metrics_to_dict, package_version
 from mishutter.evaluation import Metrics, evaluate
-from mishutter.model import AbstractShutter, ChippedShutter, StillCamera
+from mishutter.model import AbstractShutter, ChippedShutter, StillCamera, stage_path
+
+_NUM_STEPS, _NUM_LEVELS = 256, 256
+"""Of a table for a device that asks for no number of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,40 @@ class DriveTable:
         lines += [f"{t:.9g},{w:.9g},{n:d},{v:.9g},{x:.9g},{u:.9g}" for t, w, n, v, x, u in rows]
         return "\n".join(lines) + "\n"
 
+    def stage_csv(self) -> str | None:
+        """The sensor's path from rest to rest as text, a row a step before and after the exposure.
+
+        The run-up and the run-out take the greatest acceleration and jerk of the scene's limits,
+        or the greatest acceleration of the exposure where none is limited. None of a design
+        whose sensor stays at rest, or pans and no acceleration is known.
+        """
+        limits, motion = self.design.scene.limits, self.design.motion
+        most, jerk = limits.max_acceleration, limits.max_jerk
+        most = float(motion.greatest_acceleration if most is None else most)
+        if most == 0 or isinstance(motion, StillCamera):
+            return None
+        path = stage_path(motion, max_acceleration=most, max_jerk=jerk)
+        step = float(motion.exposure) / self.begin.size
+        before, after = (
+            int(np.ceil(length / step * (1 - 1e-9)))
+            for length in (self.begin[0] - path.times[0], path.times[-1] + self.begin[0])
+        )
+        requirement = f"have a run-up and a run-out of at most {MAX_STEPS} steps"
+        require(max(before, after) <= MAX_STEPS, "design", requirement, max(before, after))
+        times = self.begin[0] + step * np.arange(-before, self.begin.size + after + 1)
+        position, velocity = path.at(times)
+        index = np.arange(times.size) - before
+        parts = np.select(
+            [index < 0, index < self.begin.size, times < path.times[-1]],
+            ["run-up", "exposure", "run-out"],
+            "rest",
+        )
+        parts[times <= path.times[0]] = "rest"
+        lines = ["time,part,sensor_position,sensor_velocity", "ms,,px,px/s"]
+        rows = zip(times * 1e3, parts, position, velocity, strict=True)
+        lines += [f"{t:.9g},{part},{x:.9g},{u:.9g}" for t, part, x, u in rows]
+        return "\n".join(lines) + "\n"
+
     def save(self, path: str | Path, *, form: str = "csv") -> None:
         """Write the table in a format that a laboratory loads, whole or not at all.
 
@@ -109,8 +146,8 @@ class DriveTable:
 def drive_table(
     design: Design,
     *,
-    num_steps: int = 256,
-    num_levels: int = 256,
+    num_steps: int | None = None,
+    num_levels: int | None = None,
     floor: float = 0.0,
     ceiling: float = 1.0,
     carries_error: bool = False,
@@ -125,8 +162,9 @@ def drive_table(
 
     Args:
         design: The design to be driven.
-        num_steps: Steps of the exposure, at most 100,000.
-        num_levels: Drive levels, at least 2.
+        num_steps: Steps of the exposure, at most 100,000; by default the slots of the scene's
+            device, or 256.
+        num_levels: Drive levels, at least 2; by default those of the device, or 256.
         floor: Transmittance of the lowest level.
         ceiling: Transmittance of the highest level, above `floor` and at most 1.
         carries_error: Whether each step makes up for what those before it lack.
@@ -135,6 +173,11 @@ def drive_table(
         ValueError: if there is no design, or a count or a transmittance is out of its range.
     """
     require(isinstance(design, Design), "drive_table(design=...)", "be a `Design`", design)
+    device = design.scene.device
+    if num_steps is None:
+        num_steps = (device and device.num_slots) or _NUM_STEPS
+    if num_levels is None:
+        num_levels = (device and device.levels) or _NUM_LEVELS
     require_positive_int("drive_table(num_steps=...)", num_steps)
     few = num_steps <= MAX_STEPS
     require(few, "drive_table(num_steps=...)", f"be at most {MAX_STEPS}", num_steps)

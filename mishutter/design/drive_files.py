@@ -31,7 +31,7 @@ from mishutter._core import (
     text_lines,
     unit_columns,
 )
-from mishutter.model import AbstractMotion, ChippedShutter, ParabolicMotion, steady
+from mishutter.model import AbstractMotion, ChippedShutter, FreeMotion, ParabolicMotion, steady
 
 if TYPE_CHECKING:
     from mishutter.design.drive import DriveTable
@@ -402,7 +402,13 @@ def _motion(
 ) -> AbstractMotion:
     """Motion of a sensor that follows positions at the beginning of each step."""
     known = float(motion.half_exposure)
-    if position is None or position.size < 3:
+    if isinstance(motion, FreeMotion) and position is not None:
+        times = (np.arange(position.size) * (2 / position.size) - 1) * half
+        stray = np.max(np.abs(np.asarray(motion.position(times)) - position))
+        follows = stray <= _STRAY * (1 + float(np.ptp(position)))
+        requirement = "move the sensor on the free path that was given"
+        require(follows, name, requirement, Bare(f"a path up to {stray:.3g} px aside"))
+    if position is None or position.size < 3 or isinstance(motion, FreeMotion):
         if abs(half - known) <= _SAME * known:
             return motion
         numbers: dict[str, Any] = {"acceleration": steady(motion).acceleration}

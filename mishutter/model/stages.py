@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import require, require_finite, require_known, require_scalar
-from mishutter.model.motion import AbstractMotion, FreeMotion, steady
+from mishutter.model.motion import AbstractMotion, FreeMotion, exact_ends
 
 
 class StageUse(NamedTuple):
@@ -170,7 +170,7 @@ def stage_path(
     Args:
         motion: Motion of the sensor over the exposure.
         max_acceleration: Greatest acceleration, at least the exposure's own $2a$; px/s^2.
-        max_jerk: Greatest jerk; px/s^3. None for any.
+        max_jerk: Greatest jerk; px/s^3. None for any, as a free path needs.
 
     Raises:
         ValueError: if a limit is not a finite scalar above 0, is exceeded within the exposure, or
@@ -179,18 +179,27 @@ def stage_path(
     require_known("stage_path", motion=motion, limits=(max_acceleration, max_jerk))
     most = _above_zero("stage_path(max_acceleration=...)", max_acceleration)
     jerk = None if max_jerk is None else _above_zero("stage_path(max_jerk=...)", max_jerk)
-    numbers = steady(motion).acceleration, motion.half_exposure, motion.velocity
-    a, half, v = (float(x) for x in numbers)
-    requirement = f"be at least the {2 * a:g} px/s^2 of the exposure"
-    require(most >= 2 * a * (1 - 1e-9), "stage_path(max_acceleration=...)", requirement, most)
-    ramp = 0.0 if jerk is None else 2 * a / jerk
-    begin, end = v - 2 * a * half - a * ramp, v + 2 * a * half + a * ramp
+    half, own = float(motion.half_exposure), float(motion.greatest_acceleration)
+    requirement = f"be at least the {own:g} px/s^2 of the exposure"
+    require(most >= own * (1 - 1e-9), "stage_path(max_acceleration=...)", requirement, most)
+    ends = np.array([-half, half])
+    begin, end = (float(x) for x in np.asarray(motion.velocity_at(ends)))
+    if isinstance(motion, FreeMotion):
+        requirement = "be left out for a free path, whose acceleration jumps between pieces"
+        require(jerk is None, "stage_path(max_jerk=...)", requirement, max_jerk)
+        rates = 2 * np.asarray(motion.accelerations, float)
+        lengths = half * np.diff(np.array(exact_ends(motion.durations, rates.size), float))
+        exposure = [(length, rate, 0.0) for length, rate in zip(lengths, rates, strict=True)]
+    else:
+        exposure = [(2 * half, own, 0.0)]
+    a, ramp = own / 2, 0.0 if jerk is None else own / jerk
+    begin, end = begin - a * ramp, end + a * ramp
     rise = [(ramp, 0.0, jerk)] if jerk is not None and ramp else []
     fall = [(ramp, 2 * a, -jerk)] if jerk is not None and ramp else []
     pieces = [
         *_between_rest_and(begin, most, jerk),
         *rise,
-        (2 * half, 2 * a, 0.0),
+        *exposure,
         *fall,
         *_between_rest_and(-end, most, jerk),
     ]
@@ -199,9 +208,9 @@ def stage_path(
     velocities = np.concatenate([[0.0], np.cumsum(gains)])
     each = durations * (velocities[:-1] + durations * (accelerations / 2 + durations * jerks / 6))
     positions, times = (np.concatenate([[0.0], np.cumsum(x)]) for x in (each, durations))
-    first = len(pieces) - len(fall) - len(_between_rest_and(-end, most, jerk)) - 1
+    first = len(_between_rest_and(begin, most, jerk)) + len(rise)
     times = times - times[first] - half
-    positions = positions - positions[first] + (a * half * half - v * half)
+    positions = positions - positions[first] + float(np.asarray(motion.position(ends))[0])
     velocities = np.append(velocities[:-1], 0.0)
     return StagePath(times, positions, velocities, accelerations, jerks, (-half, half))
 

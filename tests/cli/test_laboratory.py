@@ -111,8 +111,8 @@ def test_export_writes_what_is_read_back(form, folder, tmp_path, capsys):
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert ("not in the file: " in err) == (form != "csv")
-    name, picture = document["files"]
-    assert picture == "drive.png"
+    name, picture, path = document["files"]
+    assert (picture, path) == ("drive.png", "stage.csv")
     design = Design.load(folder / "design.json")
     found = read_drive(tmp_path / name, design.motion, position_scale=document["position_scale_px"])
     steps = np.asarray(found.shutter.transmittances)

@@ -5,6 +5,7 @@ import inspect
 import io
 import json
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -13,9 +14,14 @@ from support.drive import a_design
 
 from mishutter import (
     ChippedShutter,
+    FreeMotion,
     HannShutter,
+    Limits,
     LinearMotion,
+    Scene,
     SplineShutter,
+    StillCamera,
+    SwitchedShutter,
     cli,
     drive_table,
     evaluate,
@@ -38,6 +44,64 @@ def test_step_means_are_the_integral_of_the_profile():
     means = np.diff(antiderivative) / np.diff(edges)
     assert np.allclose(step_means(HannShutter(), 7), means, rtol=1e-12)
     assert np.allclose(step_means(ChippedShutter([0.1, 0.7, 0.4]), 3), [0.1, 0.7, 0.4], rtol=1e-12)
+
+
+def _scene(**parts):
+    return Scene([-900.0, 900.0], photon_rate=1e5, read_noise=4.0, **parts)
+
+
+STAGED = {
+    "parabola": MOTION,
+    "panned": panned(MOTION, 700.0),
+    "free": FreeMotion(accelerations=[3e5, 1e5, 2e5], half_exposure=0.008, velocity=-90.0),
+}
+
+
+@pytest.mark.parametrize("motion", STAGED.values(), ids=STAGED)
+@pytest.mark.parametrize("most", [None, 1.3e6])
+def test_the_path_of_the_stage_leads_from_rest_through_the_exposure_to_rest(motion, most):
+    """Its steps are those of the table, its slopes its velocities, its bends the limit's."""
+    scene = _scene(limits=Limits(max_acceleration=most))
+    table = drive_table(replace(a_design(HannShutter()), motion=motion, scene=scene), num_steps=50)
+    names, units, *rows = csv.reader(io.StringIO(table.stage_csv()))
+    assert names == ["time", "part", "sensor_position", "sensor_velocity"]
+    assert units == ["ms", "", "px", "px/s"]
+    parts = [row[1] for row in rows]
+    assert [part for part, _ in groupby(parts)] == ["rest", "run-up", "exposure", "run-out", "rest"]
+    time, position, velocity = (np.array([float(row[i]) for row in rows]) for i in (0, 2, 3))
+    exposed = np.array(parts) == "exposure"
+    np.testing.assert_allclose(time[exposed], table.begin * 1e3, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(position[exposed], table.position, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(velocity[exposed], table.velocity, rtol=1e-7, atol=1e-4)
+    assert velocity[0] == velocity[-1] == 0
+    step = (time[1] - time[0]) * 1e-3
+    greatest = float(motion.greatest_acceleration) if most is None else most
+    rates = np.abs(np.diff(velocity)) / step
+    assert greatest * 0.9 < np.max(rates) < greatest * (1 + 1e-5)
+    moved = np.cumsum((velocity[1:] + velocity[:-1]) / 2) * step
+    np.testing.assert_allclose(position[1:] - position[0], moved, atol=2 * greatest * step**2)
+
+
+def test_a_sensor_without_acceleration_has_no_run_up():
+    """At rest there is no path, and a pan's has the acceleration that the stage is given."""
+    resting = replace(a_design(HannShutter()), motion=StillCamera(half_exposure=0.01))
+    assert drive_table(resting, num_steps=5).stage_csv() is None
+    panning = replace(resting, motion=LinearMotion(half_exposure=0.01, velocity=300.0))
+    assert drive_table(panning, num_steps=5).stage_csv() is None
+    limited = replace(panning, scene=_scene(limits=Limits(max_acceleration=1e5)))
+    path = drive_table(limited, num_steps=50).stage_csv()
+    assert path is not None
+    assert "run-up" in path
+
+
+def test_a_table_has_the_steps_and_levels_of_its_device():
+    """Unless others are asked for."""
+    scene = _scene(device=SwitchedShutter(num_slots=48))
+    design = replace(a_design(HannShutter()), scene=scene)
+    table = drive_table(design)
+    assert (table.begin.size, table.num_levels) == (48, 2)
+    table = drive_table(design, num_steps=7, num_levels=5)
+    assert (table.begin.size, table.num_levels) == (7, 5)
 
 
 def test_levels_are_the_nearest_between_floor_and_ceiling():
@@ -132,7 +196,7 @@ def test_the_command_writes_table_and_picture(saved, tmp_path, capsys):
     code = cli.main(["export", str(saved), "--steps", "9", "--json", "--out", str(tmp_path)])
     document = json.loads(capsys.readouterr().out)
     assert code == 0
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["drive.csv", "drive.png"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["drive.csv", "drive.png", "stage.csv"]
     assert len(document["level"]) == 9
     assert document["metrics"]["efficiency"] == pytest.approx(
         document["metrics_of_design"]["efficiency"], rel=0.01

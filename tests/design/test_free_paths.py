@@ -21,7 +21,7 @@ from mishutter import (
 )
 from mishutter.design.space import design_space, within_limits
 from mishutter.evaluation import ExpectedErrorLoss
-from mishutter.model import stage_use_of_path
+from mishutter.model import stage_path, stage_use_of_path
 
 NUMBERS = {
     "max_stroke": 45.0,
@@ -127,6 +127,7 @@ def test_travel_of_a_path_is_that_of_its_steps():
     after = x[-1] + np.sign(u[-1]) * u[-1] ** 2 / (2 * most)
     wanted = max(*x, before, after) - min(*x, before, after)
     use = stage_use_of_path(path, most)
+    assert stage_path(path, max_acceleration=most).travel == pytest.approx(wanted, rel=1e-9)
     assert float(use.travel) == pytest.approx(wanted, rel=1e-9)
     assert float(use.top_speed) == pytest.approx(np.max(np.abs(u)), rel=1e-12)
 
