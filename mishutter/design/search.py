@@ -28,7 +28,6 @@ from mishutter.design.result import Design
 from mishutter.design.slots import searched_slots
 from mishutter.design.solvers import certificate_at, finished, is_minimum, losses_at, polish
 from mishutter.design.space import (
-    FREE_NAMES,
     DesignSpace,
     all_that_can_move,
     design_space,
@@ -229,7 +228,7 @@ def _optimised(
     names = (free,) if isinstance(free, str) else free
     if names is not None and "path" in names:
         rules |= {"loss": loss, "progress": progress, "plan": plan, "known": known}
-        return _on_free_path(scene, motion, shutter, {*names, "acceleration"}, **rules)
+        return _on_free_path(scene, motion, shutter, tuple(names), **rules)
     if names is None:
         motion, names = moved_by_default(scene, motion, shutter, loss)
     motion = settled(scene.motion if motion is None else motion)
@@ -251,8 +250,9 @@ def _on_free_path(
     scene: Scene,
     motion: AbstractMotion | None,
     shutter: AbstractShutter | None,
-    names: set[str],
+    names: tuple[str, ...],
     *,
+    plan: Plan | Automatic | None,
     known: Known,
     **rules: Any,
 ) -> Design:
@@ -264,12 +264,13 @@ def _on_free_path(
     given = start if isinstance(start, FreeMotion) else None
     start = settled(start) if given is None else scene.fullest_motion
     num_free_pieces(scene, given or FreeMotion.fit(start))
-    steady_names = tuple(name for name in FREE_NAMES if name in names - {"path"})
-    design = _optimised(scene, start, shutter, free=steady_names, known=known, **rules)
-    path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
-    known = (*known, (design.command, design.motion))
+    steady_names = [name for name in (*names, "acceleration") if name != "path"]
+    steady_plan = PLANNED if isinstance(plan, Plan) else plan
     rules |= {"known": known}
-    ends = _searched(scene, path, design.command, {*names}, **rules)
+    design = _optimised(scene, start, shutter, free=steady_names, plan=steady_plan, **rules)
+    path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
+    rules |= {"known": (*known, (design.command, design.motion))}
+    ends = _searched(scene, path, design.command, names, plan=plan, **rules)
     found = _design(ends[0], scene, rules["loss"], rules["max_steps"])
     if found.loss >= design.loss * (1 - _SAME):
         return replace(design, outcome=f"{design.outcome} {_NO_PATH}")

@@ -412,6 +412,7 @@ def design_space(
     """The space of what `free` names, within the scene's limits.
 
     A velocity that is held is that of the frame: the scene is as it is `seen_from` the motion.
+    A path that is free has an acceleration that is, and begins as that of the motion.
 
     Raises:
         ValueError: if `free` is empty or names something that cannot move.
@@ -424,7 +425,8 @@ def design_space(
     if "shutter" in names:
         require_adjustable(shutter)
     frees_path = "path" in names
-    held = (set() if frees_path else _held_by_kind(motion)) & set(names)
+    is_free = isinstance(motion, FreeMotion)
+    held = (set() if frees_path and is_free else _held_by_kind(motion)) & set(names)
     at_rest = isinstance(motion, StillCamera)
     requirement = "leave a still camera at rest" if at_rest else "leave a pan its constant velocity"
     if isinstance(motion, FreeMotion):
@@ -433,7 +435,8 @@ def design_space(
     path_mirrors = frees_path and "velocity" not in names and mirrors(scene, 0.0)
     num_path = 0
     if frees_path:
-        require("acceleration" in names, subject, "name acceleration where it names path", free)
+        names = (*names, "acceleration")
+        motion = motion if is_free else FreeMotion.fit(motion)
         num_path = num_free_pieces(scene, motion) // (2 if path_mirrors else 1)
     dtype = common_dtype(motion.half_exposure, scene.speeds)
     limits = jax.tree.map(lambda x: x.astype(dtype), scene.limits)
@@ -509,10 +512,10 @@ def _held_by_kind(motion: AbstractMotion) -> set[str]:
     """Parts of a motion that its kind holds at 0."""
     motion = settled(motion)
     if isinstance(motion, StillCamera):
-        return {"acceleration", "velocity"}
+        return {"path", "acceleration", "velocity"}
     if isinstance(motion, FreeMotion):
         return {"half_exposure", "acceleration", "velocity"}
-    return {"acceleration"} if is_straight(motion) else set()
+    return {"path", "acceleration"} if is_straight(motion) else set()
 
 
 def all_that_can_move(
