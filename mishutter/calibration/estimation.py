@@ -12,11 +12,12 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, require, require_positive_int
+from mishutter._core import Bare, compiled, require, require_positive_int
 from mishutter.blur import support
 from mishutter.calibration.measurements import END, Measurements, SensorLevels, TargetPicture
 from mishutter.calibration.response import FINE, collected, kernels
@@ -32,8 +33,14 @@ from mishutter.model import (
     frequencies,
 )
 
-_ROUNDS = 2
+_ROUNDS = 3
+"""How often noise is taken anew from what the last fit expects, at first from the levels."""
 _MAX_STEPS = 30
+_CHANGE = 1e-3
+"""Change of every residual, in its noise, at which the minimiser ends.
+
+It ends well above the rounding of the sum of squares, which would have steps refused in vain.
+"""
 _PIN = 1e3
 _SPEEDS = (0.0, 0.3, -0.3, 0.6, -0.6)
 """Normalised speeds from which a fit of an unknown one starts."""
@@ -199,20 +206,23 @@ def _measurements(
 
 
 class _Arrays(NamedTuple):
-    """What the residuals depend on beside the parameters; one program serves all of a shape."""
+    """What the residuals depend on beside the parameters; one program serves all of a shape.
 
-    levels: Array
-    deviation: Array
-    speeds: Array
-    is_unknown: Array
-    is_edge: Array
-    half_exposure: Array
-    scales: Array
-    pins: Array
-    pinned: Array
-    trace: Array
-    trace_basis: Array
-    trace_deviation: Array
+    Arrays of NumPy, which become those of the program.
+    """
+
+    levels: Any
+    deviation: Any
+    speeds: Any
+    is_unknown: Any
+    is_edge: Any
+    half_exposure: Any
+    scales: Any
+    pins: Any
+    pinned: Any
+    trace: Any
+    trace_basis: Any
+    trace_deviation: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,18 +306,18 @@ class _Setting:
         swing = float(np.ptp(sample)) if sample.size else 1.0
         scales = np.append(scales, [swing, swing])
         arrays = _Arrays(
-            levels=jnp.asarray(np.array(profiles)),
-            deviation=jnp.ones((len(pictures), profiles[0].size)),
-            speeds=jnp.asarray(speeds),
-            is_unknown=jnp.asarray(unknown),
-            is_edge=jnp.asarray([picture.target == "edge" for picture in pictures]),
-            half_exposure=jnp.asarray(T),
-            scales=jnp.asarray(scales),
-            pins=jnp.asarray(np.array(pins)),
-            pinned=jnp.asarray(np.array(values)),
-            trace=jnp.asarray(sample),
-            trace_basis=jnp.asarray(basis),
-            trace_deviation=jnp.asarray(noise),
+            levels=np.array(profiles),
+            deviation=np.ones((len(pictures), profiles[0].size)),
+            speeds=speeds,
+            is_unknown=unknown,
+            is_edge=np.array([picture.target == "edge" for picture in pictures]),
+            half_exposure=np.asarray(T),
+            scales=scales,
+            pins=np.array(pins),
+            pinned=np.array(values),
+            trace=sample,
+            trace_basis=basis,
+            trace_deviation=np.asarray(noise),
         )
         return _Setting(
             tuple(names),
@@ -432,12 +442,39 @@ def _residuals(values: Array, arrays: _Arrays, num_taps: int) -> Array:
 
 
 @eqx.filter_jit
-def _least_squares(start: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, Array, Array]:
+def _linearised(values: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, Array]:
+    """Residuals and their Jacobian."""
+    own = partial(_residuals, arrays=arrays, num_taps=num_taps)
+    residual, derivative = jax.linearize(own, values)
+    return residual, jax.vmap(derivative, out_axes=1)(jnp.eye(values.size, dtype=values.dtype))
+
+
+@eqx.filter_custom_jvp
+def _known_by_matrix(values: Array, *, arrays: _Arrays, num_taps: int) -> Array:
+    """Residuals whose derivative is a product with their Jacobian.
+
+    The minimiser asks for it in three places, and would compile the kernel's derivative in each.
+    """
+    return _residuals(values, arrays, num_taps)
+
+
+@_known_by_matrix.def_jvp
+def _by_matrix(
+    primals: tuple[Array], tangents: tuple[Array], *, arrays: _Arrays, num_taps: int
+) -> tuple[Array, Array]:
+    residual, matrix = _linearised(*primals, arrays, num_taps)
+    return residual, matrix @ tangents[0]
+
+
+@compiled
+def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, Array, Array]:
     """Parameters, the residuals and their Jacobian where the minimiser ends."""
     import optimistix as optx
 
-    solver = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-4)
-    residuals = partial(_residuals, num_taps=num_taps)
+    def residuals(values: Array, arrays: _Arrays) -> Array:
+        return _known_by_matrix(values, arrays=arrays, num_taps=num_taps)
+
+    solver = optx.LevenbergMarquardt(rtol=_CHANGE, atol=_CHANGE)
     solution = optx.least_squares(
         residuals, solver, start, arrays, max_steps=_MAX_STEPS, throw=False
     )
@@ -447,12 +484,12 @@ def _least_squares(start: Array, arrays: _Arrays, num_taps: int) -> tuple[Array,
 
 def _solved(setting: _Setting, start: np.ndarray) -> tuple[float, FittedCamera]:
     """The camera found from a start, and its sum of squares."""
-    arrays, values, matrix = setting.arrays, jnp.asarray(start), None
+    arrays, values, matrix = setting.arrays, start, None
     levels = np.asarray(arrays.levels)
     expected, noise = levels, np.ones_like(levels)
     for _ in range(_ROUNDS):
         noise = setting.noise(expected)
-        arrays = arrays._replace(deviation=jnp.asarray(noise))
+        arrays = arrays._replace(deviation=noise)
         values, residual, matrix = _least_squares(values, arrays, setting.num_taps)
         expected = levels + np.asarray(residual)[: levels.size].reshape(levels.shape) * noise
     camera = _camera(setting, np.asarray(values), np.asarray(matrix), expected, noise)
