@@ -7,7 +7,7 @@ its directions of almost no information say what the measurements do not see.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,14 +27,20 @@ from mishutter.model import (
     NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
+    Limits,
     ParabolicMotion,
     Scene,
     SplineShutter,
     frequencies,
+    scene_text,
 )
 
-_ROUNDS = 3
-"""How often noise is taken anew from what the last fit expects, at first from the levels."""
+_HOLDS = (0.1, 1.0, 1.0)
+"""Standard deviation of the coefficients about what was sent, in each round.
+
+In the first the motion comes near to that of a shutter like the one that was sent. Then it is
+wide beside an error bar, and has no part in one: it holds what is not seen.
+"""
 _MAX_STEPS = 30
 _CHANGE = 1e-3
 """Change of every residual, in its noise, at which the minimiser ends.
@@ -42,7 +48,7 @@ _CHANGE = 1e-3
 It ends well above the rounding of the sum of squares, which would have steps refused in vain.
 """
 _PIN = 1e3
-_SPEEDS = (0.0, 0.3, -0.3, 0.6, -0.6)
+_SPEEDS = tuple(0.1 * k for k in range(-6, 7))
 """Normalised speeds from which a fit of an unknown one starts."""
 _LEAST_STROKE = 1.0
 _MARGIN = 1.3
@@ -122,6 +128,39 @@ class FittedCamera:
         outcome = "Fitted to measurements."
         return given_design(seen, self.motion, self.shutter, outcome, is_measured=True)
 
+    def scene_text(self, scene: Scene) -> str:
+        """The text of a scene file with the motion that was found, ready for `optimise`.
+
+        Limits are widened to hold it. Comments say each error bar, and what no key says: the
+        lens, of which a scene with a photograph knows nothing, and the profile.
+        """
+        limits, wider = _limits_with(scene.limits, self.motion)
+        built = eqx.tree_at(lambda s: s.limits, scene, limits)
+        nothing = {"is_leaf": lambda leaf: leaf is None}
+        built = eqx.tree_at(lambda s: s.given_motion, built, self.motion, **nothing)
+        said = {
+            name: f"{name} = {each.value:.6g} +- {each.error:.2g}"
+            for name, each in self.estimates.items()
+            if not name.rpartition("_")[2].isdigit()  # numbers of a single picture
+        }
+        notes = {
+            "": [
+                "A camera as it was built: [motion], from measurements; numbers with error bars.",
+                *(f"Not identifiable: {line}." for line in self.not_identifiable),
+            ],
+            "optics": [
+                said.pop("lens_blur_px"),
+                "That Gaussian blur has no key; pictures lack it.",
+            ],
+            "shutter": [
+                "As in the scene: what was built of it is a profile, in the design's file."
+            ],
+            "limits": [f"Wider than the scene's, as the camera was: {', '.join(wider)}."]
+            * any(wider),
+            "motion": list(said.values()),
+        }
+        return scene_text(built, notes)
+
     def to_dict(self) -> dict[str, Any]:
         """What was found, as plain numbers and text."""
         return {
@@ -131,6 +170,31 @@ class FittedCamera:
             "not_identifiable": list(self.not_identifiable),
             "reduced_chi_squared": self.reduced_chi_squared,
         }
+
+
+def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[str]]:
+    """Limits that hold a motion, and the names of those that are wider for it."""
+    a, half, v = motion.acceleration, motion.half_exposure, motion.velocity
+    margin = 1 + 8 * float(np.finfo(a.dtype).eps)
+    own = {field.name: getattr(limits, field.name) for field in fields(limits)}
+    own.pop("frame_velocity")
+
+    def widened(own: dict[str, Any], **least: Any) -> dict[str, Any]:
+        known = {name: each for name, each in least.items() if own[name] is not None}
+        return own | {n: each * margin for n, each in known.items() if float(each) > float(own[n])}
+
+    pan, top = jnp.abs(v), motion.top_speed
+    wide = widened(
+        own, max_stroke=motion.stroke, max_top_speed=top, max_pan=pan, max_acceleration=2 * a
+    )
+    if limits.has_stage:
+        share = float(Limits(**wide).stage_share(a, half, v))
+        grown = {"max_travel": limits.max_travel}
+        if limits.max_jerk is not None:
+            grown["max_top_speed"] = wide["max_top_speed"]
+        known = {name: each * share for name, each in grown.items() if each is not None}
+        wide = widened(wide, **known)
+    return Limits(**wide), [name for name in own if wide[name] is not own[name]]
 
 
 def through_lens(scene: Scene, blur: float) -> Scene:
@@ -179,8 +243,8 @@ def fit(
         The camera, error bars, what is not identifiable, and residuals.
 
     Raises:
-        ValueError: if a picture is saturated or shows no target, speeds are not told, or an
-            argument is out of its range.
+        ValueError: if a picture is saturated or shows no target, the acceleration comes out at
+            less than half or more than twice that sent, or an argument is out of its range.
     """
     given = _measurements(measurements, sensor, trace)
     require_positive_int("fit(num_coefficients=...)", num_coefficients)
@@ -190,8 +254,13 @@ def fit(
     require(stroke >= _LEAST_STROKE, "fit(motion=...)", requirement, Bare(f"{stroke:g} px"))
     setting = _Setting.of(given, motion, shutter, num_coefficients)
     unknown = any(picture.speed is None for picture in given.pictures)
-    starts = [setting.start(share) for share in (_SPEEDS if unknown else _SPEEDS[:1])]
-    return min((_solved(setting, start) for start in starts), key=lambda c: c[0])[1]
+    starts = [setting.start(share) for share in (_SPEEDS if unknown else (0.0,))]
+    best = min((_solved(setting, start) for start in starts), key=lambda each: each.loss)
+    share = float(best.values[0])
+    requirement = "show a camera like the one that was sent"
+    got = Bare(f"{share:.3g} times its acceleration")
+    require(0.5 < share < 2, "fit(measurements=...)", requirement, got)
+    return _camera(setting, best)
 
 
 def _measurements(
@@ -220,6 +289,8 @@ class _Arrays(NamedTuple):
     scales: Any
     pins: Any
     pinned: Any
+    sent: Any
+    hold: Any
     trace: Any
     trace_basis: Any
     trace_deviation: Any
@@ -277,6 +348,10 @@ class _Setting:
                 "velocity and speed apart: only the speed over the sensor is seen where none is "
                 "known (the velocity is taken as sent)"
             )
+            if given.trace is None:
+                notes.append(
+                    "sign of the speed: the mirrored profile at the opposite speed gives the same"
+                )
         sample, basis, noise = _trace_samples(given.trace, T, count)
         if given.trace is None:
             pin("swing of the trace", 0.0)
@@ -315,6 +390,8 @@ class _Setting:
             scales=scales,
             pins=np.array(pins),
             pinned=np.array(values),
+            sent=coefficients,
+            hold=np.ones(()),
             trace=sample,
             trace_basis=basis,
             trace_deviation=np.asarray(noise),
@@ -437,6 +514,7 @@ def _residuals(values: Array, arrays: _Arrays, num_taps: int) -> Array:
             jnp.ravel((expected - arrays.levels) / arrays.deviation),
             (shown - arrays.trace) / arrays.trace_deviation,
             _PIN * (arrays.pins @ values - arrays.pinned),
+            (x[4 : 4 + count] - arrays.sent) / arrays.hold,
         ]
     )
 
@@ -482,32 +560,41 @@ def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, A
     return solution.value, known.residual, known.jac.as_matrix()
 
 
-def _solved(setting: _Setting, start: np.ndarray) -> tuple[float, FittedCamera]:
-    """The camera found from a start, and its sum of squares."""
-    arrays, values, matrix = setting.arrays, start, None
+class _Solution(NamedTuple):
+    """Where a fit ends: parameters, derivatives of the residuals that data give, and noise."""
+
+    loss: float
+    values: np.ndarray
+    matrix: np.ndarray
+    expected: np.ndarray
+    noise: np.ndarray
+
+
+def _solved(setting: _Setting, start: np.ndarray) -> _Solution:
+    """The solution from a start."""
+    arrays, values = setting.arrays, start
     levels = np.asarray(arrays.levels)
     expected, noise = levels, np.ones_like(levels)
-    for _ in range(_ROUNDS):
+    residual = matrix = np.zeros(0)
+    for hold in _HOLDS:
         noise = setting.noise(expected)
-        arrays = arrays._replace(deviation=noise)
-        values, residual, matrix = _least_squares(values, arrays, setting.num_taps)
-        expected = levels + np.asarray(residual)[: levels.size].reshape(levels.shape) * noise
-    camera = _camera(setting, np.asarray(values), np.asarray(matrix), expected, noise)
-    return camera.chi_squared, camera
+        arrays = arrays._replace(deviation=noise, hold=np.asarray(hold))
+        ended = _least_squares(values, arrays, setting.num_taps)
+        values, residual, matrix = (np.asarray(each) for each in ended)
+        expected = levels + residual[: levels.size].reshape(levels.shape) * noise
+    of_data = matrix[: -len(setting.coefficients)]
+    return _Solution(float(np.sum(residual**2)), values, of_data, expected, noise)
 
 
-def _camera(
-    setting: _Setting,
-    values: np.ndarray,
-    matrix: np.ndarray,
-    expected: np.ndarray,
-    noise: np.ndarray,
-) -> FittedCamera:
+def _camera(setting: _Setting, solution: _Solution) -> FittedCamera:
+    _, values, matrix, expected, noise = solution
     count = len(setting.coefficients)
     scales = np.asarray(setting.arrays.scales)
-    covariance, unseen = _information(matrix)
-    errors = np.sqrt(np.diag(covariance)) * scales
-    errors[unseen.any(axis=0)] = np.inf
+    covariance, blind = _information(matrix)
+    is_blind = np.diag(covariance) > 1
+    errors = np.where(is_blind, np.inf, np.sqrt(np.diag(covariance)) * scales)
+    if np.all(setting.arrays.is_unknown):
+        errors[1] = np.inf  # the velocity is taken as sent
     found = values * scales
     a, v = found[0], found[1]
     estimates = {
@@ -517,9 +604,10 @@ def _camera(
     }
     late = (float(setting.sent.velocity) - v) / (2 * a)
     by_motion = np.array([-late / a, -1 / (2 * a)]) * scales[:2]
-    blind = unseen[:, :2].any()
     own = float(np.sqrt(by_motion @ covariance[:2, :2] @ by_motion))
-    estimates["delay_ms"] = Estimate(late * 1e3, np.inf if blind else own * 1e3)
+    estimates["delay_ms"] = Estimate(
+        late * 1e3, own * 1e3 if np.isfinite(errors[:2]).all() else np.inf
+    )
     if np.asarray(setting.arrays.is_unknown).any():
         estimates["speed_px_per_s"] = Estimate(found[2], errors[2])
     for k in range(len(setting.profiles)):
@@ -537,7 +625,7 @@ def _camera(
         coefficients=coefficients,
         coefficient_errors=errors[4 : 4 + count],
         estimates={name: Estimate(float(e.value), float(e.error)) for name, e in estimates.items()},
-        not_identifiable=(*setting.notes, *_said(unseen, setting.names, count)),
+        not_identifiable=(*setting.notes, *_said(is_blind, blind, setting.names, count)),
         names=setting.picture_names,
         levels=levels,
         expected=tuple(expected),
@@ -548,33 +636,32 @@ def _camera(
 
 
 def _information(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance by what the Fisher information sees, and which parameters each blind one moves.
+    """Covariance by the Fisher information, in the parameters' own scales, and blind directions.
 
-    A direction in which the error bar exceeds the parameters' own scale is not seen.
+    A direction in which the error bar exceeds that scale is blind. What is not seen at all is given
+    a thousand of it, so that rounding does not spread to what is seen.
     """
     _, singular, directions = np.linalg.svd(matrix, full_matrices=False)
-    seen = singular > 1.0
-    kept = directions[seen] / singular[seen, None]
-    return kept.T @ kept, np.abs(directions[~seen]) > _TAKES_PART
+    bars = directions / np.maximum(singular, _LEAST_SEEN)[:, None]
+    return bars.T @ bars, directions[singular <= 1.0]
 
 
+_LEAST_SEEN = 1e-3
 _TAKES_PART = 0.05
-"""Share of a blind direction above which a parameter takes part in it."""
+"""Share of a blind direction above which a coefficient takes part in it."""
 
 
-def _said(unseen: np.ndarray, names: tuple[str, ...], count: int) -> list[str]:
-    """Sentences for directions that are not seen, by the parameters that take part."""
-    if not len(unseen):
-        return []
-    parts = np.atleast_1d(unseen.any(axis=0))
-    profile = parts[4 : 4 + count]
-    said = [name for k, name in enumerate(names) if parts[k] and not 4 <= k < 4 + count]
-    sentences = [f"{name}: moves nothing that was recorded" for name in said]
+def _said(is_blind: np.ndarray, blind: np.ndarray, names: tuple[str, ...], count: int) -> list[str]:
+    """Sentences for the parameters whose error bars exceed their own scale."""
+    profile = is_blind[4 : 4 + count]
+    said = [name for k, name in enumerate(names) if is_blind[k] and not 4 <= k < 4 + count]
+    sentences = [f"{name}: not told by what was recorded" for name in said]
     if profile.any():
         mirrored = bool(np.array_equal(profile, profile[::-1]))
         which = ", ".join(str(k) for k in np.flatnonzero(profile))
+        parts = np.abs(blind[:, 4 : 4 + count]) > _TAKES_PART
         sentences.append(
-            f"transmittance: {len(unseen)} combinations of the coefficients {which}"
-            + (", only w(t) + w(-t) is seen" if mirrored else "")
+            f"transmittance: {int(np.sum(parts.any(axis=1)))} combinations of the coefficients "
+            f"{which}" + (", only w(t) + w(-t) is seen" if mirrored else "")
         )
     return sentences

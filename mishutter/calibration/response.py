@@ -22,6 +22,8 @@ FINE = 8
 """Taps of a pixel."""
 _SHARPEST = 1e-3
 """Standard deviation of the lens's Gaussian that stands for none; px."""
+_REACH = 15.5
+"""How far coefficients may leave [0, 1] and light is still linear in them."""
 
 
 def kernels(
@@ -31,7 +33,8 @@ def kernels(
 
     The first is one before the vertex.
 
-    A profile $w$ that noise takes out of [0, 1] is $2 w' - 1/2$ of one, $w'$, inside.
+    A profile $w$ that noise, or a step of the minimiser, takes out of [0, 1] is
+    $(1 + 2r) w' - r$ of one, $w'$, inside.
 
     Args:
         coefficients: B-spline coefficients; shape `(n,)`.
@@ -40,7 +43,8 @@ def kernels(
         relative: Speeds relative to the sensor at mid-exposure, $s - v$; px/s.
         num_taps: How many taps.
     """
-    both = jnp.stack([(coefficients + 0.5) / 2, jnp.ones_like(coefficients)])
+    span = 1 + 2 * _REACH
+    both = jnp.stack([(coefficients + _REACH) / span, jnp.ones_like(coefficients)])
     motion = ParabolicMotion(acceleration=acceleration * FINE, half_exposure=half_exposure)
 
     def one(parameters: Array, speed: Array) -> Array:
@@ -48,7 +52,7 @@ def kernels(
 
     of_shutters = jax.vmap(one, in_axes=(0, None))
     inside, opened = jnp.moveaxis(jax.vmap(of_shutters, in_axes=(None, 0))(both, relative), 1, 0)
-    return _about_their_centroids(2 * inside - opened / 2)
+    return _about_their_centroids(span * inside - _REACH * opened)
 
 
 def _about_their_centroids(taps: Array) -> Array:
