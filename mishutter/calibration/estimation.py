@@ -254,8 +254,12 @@ def fit(
     require(stroke >= _LEAST_STROKE, "fit(motion=...)", requirement, Bare(f"{stroke:g} px"))
     setting = _Setting.of(given, motion, shutter, num_coefficients)
     unknown = any(picture.speed is None for picture in given.pictures)
-    starts = [setting.start(share) for share in (_SPEEDS if unknown else (0.0,))]
-    best = min((_solved(setting, start) for start in starts), key=lambda each: each.loss)
+    levels = np.asarray(setting.arrays.levels)
+    starts = map(setting.start, _SPEEDS if unknown else (0.0,))
+    ends = [_solved(setting, start, _HOLDS[0], levels) for start in starts]
+    best = min(ends, key=lambda each: each.loss)
+    for hold in _HOLDS[1:]:
+        best = _solved(setting, best.values, hold, best.expected)
     share = float(best.values[0])
     requirement = "show a camera like the one that was sent"
     got = Bare(f"{share:.3g} times its acceleration")
@@ -561,7 +565,7 @@ def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, A
 
 
 class _Solution(NamedTuple):
-    """Where a fit ends: parameters, derivatives of the residuals that data give, and noise."""
+    """Where a round ends: sum of squares, parameters, derivatives of what data say, and noise."""
 
     loss: float
     values: np.ndarray
@@ -570,18 +574,14 @@ class _Solution(NamedTuple):
     noise: np.ndarray
 
 
-def _solved(setting: _Setting, start: np.ndarray) -> _Solution:
-    """The solution from a start."""
-    arrays, values = setting.arrays, start
+def _solved(setting: _Setting, values: np.ndarray, hold: float, expected: np.ndarray) -> _Solution:
+    """One round of a fit, whose noise is that of expected levels."""
+    noise = setting.noise(expected)
+    arrays = setting.arrays._replace(deviation=noise, hold=np.asarray(hold))
+    ended = _least_squares(values, arrays, setting.num_taps)
+    values, residual, matrix = (np.asarray(each) for each in ended)
     levels = np.asarray(arrays.levels)
-    expected, noise = levels, np.ones_like(levels)
-    residual = matrix = np.zeros(0)
-    for hold in _HOLDS:
-        noise = setting.noise(expected)
-        arrays = arrays._replace(deviation=noise, hold=np.asarray(hold))
-        ended = _least_squares(values, arrays, setting.num_taps)
-        values, residual, matrix = (np.asarray(each) for each in ended)
-        expected = levels + residual[: levels.size].reshape(levels.shape) * noise
+    expected = levels + residual[: levels.size].reshape(levels.shape) * noise
     of_data = matrix[: -len(setting.coefficients)]
     return _Solution(float(np.sum(residual**2)), values, of_data, expected, noise)
 
@@ -591,7 +591,7 @@ def _camera(setting: _Setting, solution: _Solution) -> FittedCamera:
     count = len(setting.coefficients)
     scales = np.asarray(setting.arrays.scales)
     covariance, blind = _information(matrix)
-    is_blind = np.diag(covariance) > 1
+    is_blind = np.diag(covariance) > _WIDEST**2
     errors = np.where(is_blind, np.inf, np.sqrt(np.diag(covariance)) * scales)
     if np.all(setting.arrays.is_unknown):
         errors[1] = np.inf  # the velocity is taken as sent
@@ -638,21 +638,23 @@ def _camera(setting: _Setting, solution: _Solution) -> FittedCamera:
 def _information(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Covariance by the Fisher information, in the parameters' own scales, and blind directions.
 
-    A direction in which the error bar exceeds that scale is blind. What is not seen at all is given
-    a thousand of it, so that rounding does not spread to what is seen.
+    A direction in which the error bar exceeds a third of that scale is blind. What is not seen at
+    all is given a thousand of it, so that rounding does not spread to what is seen.
     """
     _, singular, directions = np.linalg.svd(matrix, full_matrices=False)
     bars = directions / np.maximum(singular, _LEAST_SEEN)[:, None]
-    return bars.T @ bars, directions[singular <= 1.0]
+    return bars.T @ bars, directions[singular <= 1 / _WIDEST]
 
 
 _LEAST_SEEN = 1e-3
+_WIDEST = 1 / 3
+"""Error bar of a parameter that is told, at most, in its own scale."""
 _TAKES_PART = 0.05
 """Share of a blind direction above which a coefficient takes part in it."""
 
 
 def _said(is_blind: np.ndarray, blind: np.ndarray, names: tuple[str, ...], count: int) -> list[str]:
-    """Sentences for the parameters whose error bars exceed their own scale."""
+    """Sentences for the parameters that no error bar tells from nothing."""
     profile = is_blind[4 : 4 + count]
     said = [name for k, name in enumerate(names) if is_blind[k] and not 4 <= k < 4 + count]
     sentences = [f"{name}: not told by what was recorded" for name in said]
