@@ -1,6 +1,7 @@
 """Do the error bars of a fitted camera hold, and how long does a fit take?
 
-A typical printout stands in `RESULTS.md`.
+A typical printout stands in `RESULTS.md`. It was made with `OPENBLAS_NUM_THREADS=1`,
+without which threads of small factorisations wait for one another on a busy machine.
 """
 
 import sys
