@@ -7,16 +7,17 @@ its directions of almost no information say what the measurements do not see.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, require, require_positive_int
+from mishutter._core import Bare, compiled, require, require_positive_int
 from mishutter.blur import support
 from mishutter.calibration.measurements import END, Measurements, SensorLevels, TargetPicture
 from mishutter.calibration.response import FINE, collected, kernels
@@ -26,16 +27,28 @@ from mishutter.model import (
     NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
+    Limits,
     ParabolicMotion,
     Scene,
     SplineShutter,
     frequencies,
+    scene_text,
 )
 
-_ROUNDS = 2
+_HOLDS = (0.1, 1.0, 1.0)
+"""Standard deviation of the coefficients about what was sent, in each round.
+
+In the first the motion comes near to that of a shutter like the one that was sent. Then it is
+wide beside an error bar, and has no part in one: it holds what is not seen.
+"""
 _MAX_STEPS = 30
+_CHANGE = 1e-3
+"""Change of every residual, in its noise, at which the minimiser ends.
+
+It ends well above the rounding of the sum of squares, which would have steps refused in vain.
+"""
 _PIN = 1e3
-_SPEEDS = (0.0, 0.3, -0.3, 0.6, -0.6)
+_SPEEDS = tuple(0.1 * k for k in range(-6, 7))
 """Normalised speeds from which a fit of an unknown one starts."""
 _LEAST_STROKE = 1.0
 _MARGIN = 1.3
@@ -115,6 +128,39 @@ class FittedCamera:
         outcome = "Fitted to measurements."
         return given_design(seen, self.motion, self.shutter, outcome, is_measured=True)
 
+    def scene_text(self, scene: Scene) -> str:
+        """The text of a scene file with the motion that was found, ready for `optimise`.
+
+        Limits are widened to hold it. Comments say each error bar, and what no key says: the
+        lens, of which a scene with a photograph knows nothing, and the profile.
+        """
+        limits, wider = _limits_with(scene.limits, self.motion)
+        built = eqx.tree_at(lambda s: s.limits, scene, limits)
+        nothing = {"is_leaf": lambda leaf: leaf is None}
+        built = eqx.tree_at(lambda s: s.given_motion, built, self.motion, **nothing)
+        said = {
+            name: f"{name} = {each.value:.6g} +- {each.error:.2g}"
+            for name, each in self.estimates.items()
+            if not name.rpartition("_")[2].isdigit()  # numbers of a single picture
+        }
+        notes = {
+            "": [
+                "A camera as it was built: [motion], from measurements; numbers with error bars.",
+                *(f"Not identifiable: {line}." for line in self.not_identifiable),
+            ],
+            "optics": [
+                said.pop("lens_blur_px"),
+                "That Gaussian blur has no key; pictures lack it.",
+            ],
+            "shutter": [
+                "As in the scene: what was built of it is a profile, in the design's file."
+            ],
+            "limits": [f"Wider than the scene's, as the camera was: {', '.join(wider)}."]
+            * any(wider),
+            "motion": list(said.values()),
+        }
+        return scene_text(built, notes)
+
     def to_dict(self) -> dict[str, Any]:
         """What was found, as plain numbers and text."""
         return {
@@ -124,6 +170,31 @@ class FittedCamera:
             "not_identifiable": list(self.not_identifiable),
             "reduced_chi_squared": self.reduced_chi_squared,
         }
+
+
+def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[str]]:
+    """Limits that hold a motion, and the names of those that are wider for it."""
+    a, half, v = motion.acceleration, motion.half_exposure, motion.velocity
+    margin = 1 + 8 * float(np.finfo(a.dtype).eps)
+    own = {field.name: getattr(limits, field.name) for field in fields(limits)}
+    own.pop("frame_velocity")
+
+    def widened(own: dict[str, Any], **least: Any) -> dict[str, Any]:
+        known = {name: each for name, each in least.items() if own[name] is not None}
+        return own | {n: each * margin for n, each in known.items() if float(each) > float(own[n])}
+
+    pan, top = jnp.abs(v), motion.top_speed
+    wide = widened(
+        own, max_stroke=motion.stroke, max_top_speed=top, max_pan=pan, max_acceleration=2 * a
+    )
+    if limits.has_stage:
+        share = float(Limits(**wide).stage_share(a, half, v))
+        grown = {"max_travel": limits.max_travel}
+        if limits.max_jerk is not None:
+            grown["max_top_speed"] = wide["max_top_speed"]
+        known = {name: each * share for name, each in grown.items() if each is not None}
+        wide = widened(wide, **known)
+    return Limits(**wide), [name for name in own if wide[name] is not own[name]]
 
 
 def through_lens(scene: Scene, blur: float) -> Scene:
@@ -172,8 +243,8 @@ def fit(
         The camera, error bars, what is not identifiable, and residuals.
 
     Raises:
-        ValueError: if a picture is saturated or shows no target, speeds are not told, or an
-            argument is out of its range.
+        ValueError: if a picture is saturated or shows no target, the acceleration comes out at
+            less than half or more than twice that sent, or an argument is out of its range.
     """
     given = _measurements(measurements, sensor, trace)
     require_positive_int("fit(num_coefficients=...)", num_coefficients)
@@ -183,8 +254,17 @@ def fit(
     require(stroke >= _LEAST_STROKE, "fit(motion=...)", requirement, Bare(f"{stroke:g} px"))
     setting = _Setting.of(given, motion, shutter, num_coefficients)
     unknown = any(picture.speed is None for picture in given.pictures)
-    starts = [setting.start(share) for share in (_SPEEDS if unknown else _SPEEDS[:1])]
-    return min((_solved(setting, start) for start in starts), key=lambda c: c[0])[1]
+    levels = np.asarray(setting.arrays.levels)
+    starts = map(setting.start, _SPEEDS if unknown else (0.0,))
+    ends = [_solved(setting, start, _HOLDS[0], levels) for start in starts]
+    best = min(ends, key=lambda each: each.loss)
+    for hold in _HOLDS[1:]:
+        best = _solved(setting, best.values, hold, best.expected)
+    share = float(best.values[0])
+    requirement = "show a camera like the one that was sent"
+    got = Bare(f"{share:.3g} times its acceleration")
+    require(0.5 < share < 2, "fit(measurements=...)", requirement, got)
+    return _camera(setting, best)
 
 
 def _measurements(
@@ -199,20 +279,25 @@ def _measurements(
 
 
 class _Arrays(NamedTuple):
-    """What the residuals depend on beside the parameters; one program serves all of a shape."""
+    """What the residuals depend on beside the parameters; one program serves all of a shape.
 
-    levels: Array
-    deviation: Array
-    speeds: Array
-    is_unknown: Array
-    is_edge: Array
-    half_exposure: Array
-    scales: Array
-    pins: Array
-    pinned: Array
-    trace: Array
-    trace_basis: Array
-    trace_deviation: Array
+    Arrays of NumPy, which become those of the program.
+    """
+
+    levels: Any
+    deviation: Any
+    speeds: Any
+    is_unknown: Any
+    is_edge: Any
+    half_exposure: Any
+    scales: Any
+    pins: Any
+    pinned: Any
+    sent: Any
+    hold: Any
+    trace: Any
+    trace_basis: Any
+    trace_deviation: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,6 +352,10 @@ class _Setting:
                 "velocity and speed apart: only the speed over the sensor is seen where none is "
                 "known (the velocity is taken as sent)"
             )
+            if given.trace is None:
+                notes.append(
+                    "sign of the speed: the mirrored profile at the opposite speed gives the same"
+                )
         sample, basis, noise = _trace_samples(given.trace, T, count)
         if given.trace is None:
             pin("swing of the trace", 0.0)
@@ -296,18 +385,20 @@ class _Setting:
         swing = float(np.ptp(sample)) if sample.size else 1.0
         scales = np.append(scales, [swing, swing])
         arrays = _Arrays(
-            levels=jnp.asarray(np.array(profiles)),
-            deviation=jnp.ones((len(pictures), profiles[0].size)),
-            speeds=jnp.asarray(speeds),
-            is_unknown=jnp.asarray(unknown),
-            is_edge=jnp.asarray([picture.target == "edge" for picture in pictures]),
-            half_exposure=jnp.asarray(T),
-            scales=jnp.asarray(scales),
-            pins=jnp.asarray(np.array(pins)),
-            pinned=jnp.asarray(np.array(values)),
-            trace=jnp.asarray(sample),
-            trace_basis=jnp.asarray(basis),
-            trace_deviation=jnp.asarray(noise),
+            levels=np.array(profiles),
+            deviation=np.ones((len(pictures), profiles[0].size)),
+            speeds=speeds,
+            is_unknown=unknown,
+            is_edge=np.array([picture.target == "edge" for picture in pictures]),
+            half_exposure=np.asarray(T),
+            scales=scales,
+            pins=np.array(pins),
+            pinned=np.array(values),
+            sent=coefficients,
+            hold=np.ones(()),
+            trace=sample,
+            trace_basis=basis,
+            trace_deviation=np.asarray(noise),
         )
         return _Setting(
             tuple(names),
@@ -427,17 +518,45 @@ def _residuals(values: Array, arrays: _Arrays, num_taps: int) -> Array:
             jnp.ravel((expected - arrays.levels) / arrays.deviation),
             (shown - arrays.trace) / arrays.trace_deviation,
             _PIN * (arrays.pins @ values - arrays.pinned),
+            (x[4 : 4 + count] - arrays.sent) / arrays.hold,
         ]
     )
 
 
 @eqx.filter_jit
-def _least_squares(start: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, Array, Array]:
+def _linearised(values: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, Array]:
+    """Residuals and their Jacobian."""
+    own = partial(_residuals, arrays=arrays, num_taps=num_taps)
+    residual, derivative = jax.linearize(own, values)
+    return residual, jax.vmap(derivative, out_axes=1)(jnp.eye(values.size, dtype=values.dtype))
+
+
+@eqx.filter_custom_jvp
+def _known_by_matrix(values: Array, *, arrays: _Arrays, num_taps: int) -> Array:
+    """Residuals whose derivative is a product with their Jacobian.
+
+    The minimiser asks for it in three places, and would compile the kernel's derivative in each.
+    """
+    return _residuals(values, arrays, num_taps)
+
+
+@_known_by_matrix.def_jvp
+def _by_matrix(
+    primals: tuple[Array], tangents: tuple[Array], *, arrays: _Arrays, num_taps: int
+) -> tuple[Array, Array]:
+    residual, matrix = _linearised(*primals, arrays, num_taps)
+    return residual, matrix @ tangents[0]
+
+
+@compiled
+def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, Array, Array]:
     """Parameters, the residuals and their Jacobian where the minimiser ends."""
     import optimistix as optx
 
-    solver = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-4)
-    residuals = partial(_residuals, num_taps=num_taps)
+    def residuals(values: Array, arrays: _Arrays) -> Array:
+        return _known_by_matrix(values, arrays=arrays, num_taps=num_taps)
+
+    solver = optx.LevenbergMarquardt(rtol=_CHANGE, atol=_CHANGE)
     solution = optx.least_squares(
         residuals, solver, start, arrays, max_steps=_MAX_STEPS, throw=False
     )
@@ -445,32 +564,37 @@ def _least_squares(start: Array, arrays: _Arrays, num_taps: int) -> tuple[Array,
     return solution.value, known.residual, known.jac.as_matrix()
 
 
-def _solved(setting: _Setting, start: np.ndarray) -> tuple[float, FittedCamera]:
-    """The camera found from a start, and its sum of squares."""
-    arrays, values, matrix = setting.arrays, jnp.asarray(start), None
+class _Solution(NamedTuple):
+    """Where a round ends: sum of squares, parameters, derivatives of what data say, and noise."""
+
+    loss: float
+    values: np.ndarray
+    matrix: np.ndarray
+    expected: np.ndarray
+    noise: np.ndarray
+
+
+def _solved(setting: _Setting, values: np.ndarray, hold: float, expected: np.ndarray) -> _Solution:
+    """One round of a fit, whose noise is that of expected levels."""
+    noise = setting.noise(expected)
+    arrays = setting.arrays._replace(deviation=noise, hold=np.asarray(hold))
+    ended = _least_squares(values, arrays, setting.num_taps)
+    values, residual, matrix = (np.asarray(each) for each in ended)
     levels = np.asarray(arrays.levels)
-    expected, noise = levels, np.ones_like(levels)
-    for _ in range(_ROUNDS):
-        noise = setting.noise(expected)
-        arrays = arrays._replace(deviation=jnp.asarray(noise))
-        values, residual, matrix = _least_squares(values, arrays, setting.num_taps)
-        expected = levels + np.asarray(residual)[: levels.size].reshape(levels.shape) * noise
-    camera = _camera(setting, np.asarray(values), np.asarray(matrix), expected, noise)
-    return camera.chi_squared, camera
+    expected = levels + residual[: levels.size].reshape(levels.shape) * noise
+    of_data = matrix[: -len(setting.coefficients)]
+    return _Solution(float(np.sum(residual**2)), values, of_data, expected, noise)
 
 
-def _camera(
-    setting: _Setting,
-    values: np.ndarray,
-    matrix: np.ndarray,
-    expected: np.ndarray,
-    noise: np.ndarray,
-) -> FittedCamera:
+def _camera(setting: _Setting, solution: _Solution) -> FittedCamera:
+    _, values, matrix, expected, noise = solution
     count = len(setting.coefficients)
     scales = np.asarray(setting.arrays.scales)
-    covariance, unseen = _information(matrix)
-    errors = np.sqrt(np.diag(covariance)) * scales
-    errors[unseen.any(axis=0)] = np.inf
+    covariance, blind = _information(matrix)
+    is_blind = np.diag(covariance) > _WIDEST**2
+    errors = np.where(is_blind, np.inf, np.sqrt(np.diag(covariance)) * scales)
+    if np.all(setting.arrays.is_unknown):
+        errors[1] = np.inf  # the velocity is taken as sent
     found = values * scales
     a, v = found[0], found[1]
     estimates = {
@@ -480,9 +604,10 @@ def _camera(
     }
     late = (float(setting.sent.velocity) - v) / (2 * a)
     by_motion = np.array([-late / a, -1 / (2 * a)]) * scales[:2]
-    blind = unseen[:, :2].any()
     own = float(np.sqrt(by_motion @ covariance[:2, :2] @ by_motion))
-    estimates["delay_ms"] = Estimate(late * 1e3, np.inf if blind else own * 1e3)
+    estimates["delay_ms"] = Estimate(
+        late * 1e3, own * 1e3 if np.isfinite(errors[:2]).all() else np.inf
+    )
     if np.asarray(setting.arrays.is_unknown).any():
         estimates["speed_px_per_s"] = Estimate(found[2], errors[2])
     for k in range(len(setting.profiles)):
@@ -500,7 +625,7 @@ def _camera(
         coefficients=coefficients,
         coefficient_errors=errors[4 : 4 + count],
         estimates={name: Estimate(float(e.value), float(e.error)) for name, e in estimates.items()},
-        not_identifiable=(*setting.notes, *_said(unseen, setting.names, count)),
+        not_identifiable=(*setting.notes, *_said(is_blind, blind, setting.names, count)),
         names=setting.picture_names,
         levels=levels,
         expected=tuple(expected),
@@ -511,33 +636,34 @@ def _camera(
 
 
 def _information(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance by what the Fisher information sees, and which parameters each blind one moves.
+    """Covariance by the Fisher information, in the parameters' own scales, and blind directions.
 
-    A direction in which the error bar exceeds the parameters' own scale is not seen.
+    A direction in which the error bar exceeds a third of that scale is blind. What is not seen at
+    all is given a thousand of it, so that rounding does not spread to what is seen.
     """
     _, singular, directions = np.linalg.svd(matrix, full_matrices=False)
-    seen = singular > 1.0
-    kept = directions[seen] / singular[seen, None]
-    return kept.T @ kept, np.abs(directions[~seen]) > _TAKES_PART
+    bars = directions / np.maximum(singular, _LEAST_SEEN)[:, None]
+    return bars.T @ bars, directions[singular <= 1 / _WIDEST]
 
 
+_LEAST_SEEN = 1e-3
+_WIDEST = 1 / 3
+"""Error bar of a parameter that is told, at most, in its own scale."""
 _TAKES_PART = 0.05
-"""Share of a blind direction above which a parameter takes part in it."""
+"""Share of a blind direction above which a coefficient takes part in it."""
 
 
-def _said(unseen: np.ndarray, names: tuple[str, ...], count: int) -> list[str]:
-    """Sentences for directions that are not seen, by the parameters that take part."""
-    if not len(unseen):
-        return []
-    parts = np.atleast_1d(unseen.any(axis=0))
-    profile = parts[4 : 4 + count]
-    said = [name for k, name in enumerate(names) if parts[k] and not 4 <= k < 4 + count]
-    sentences = [f"{name}: moves nothing that was recorded" for name in said]
+def _said(is_blind: np.ndarray, blind: np.ndarray, names: tuple[str, ...], count: int) -> list[str]:
+    """Sentences for the parameters that no error bar tells from nothing."""
+    profile = is_blind[4 : 4 + count]
+    said = [name for k, name in enumerate(names) if is_blind[k] and not 4 <= k < 4 + count]
+    sentences = [f"{name}: not told by what was recorded" for name in said]
     if profile.any():
         mirrored = bool(np.array_equal(profile, profile[::-1]))
         which = ", ".join(str(k) for k in np.flatnonzero(profile))
+        parts = np.abs(blind[:, 4 : 4 + count]) > _TAKES_PART
         sentences.append(
-            f"transmittance: {len(unseen)} combinations of the coefficients {which}"
-            + (", only w(t) + w(-t) is seen" if mirrored else "")
+            f"transmittance: {int(np.sum(parts.any(axis=1)))} combinations of the coefficients "
+            f"{which}" + (", only w(t) + w(-t) is seen" if mirrored else "")
         )
     return sentences

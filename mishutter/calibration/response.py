@@ -1,12 +1,14 @@
 r"""Levels that a camera gives of a point or an edge, by the exact blur kernel.
 
 The kernel is taken aligned at the vertex of the path, in taps of 1/8 px: there it is a smooth
-function of the motion, and light is placed to 0.1 % of the brightest pixel. Light is spread
+function of the motion, and light is placed to 0.02 % of the brightest pixel. Light is spread
 evenly over a tap, blurred by the lens, a Gaussian, and collected by pixels, all in closed form:
 with $q'' = $ the Gaussian, a point's tap of width $\delta$ gives a pixel
 $[q(x + 1) - q(x) - q(x + 1 - \delta) + q(x - \delta)]/\delta$ at distance $x$ from the tap's
 beginning to the pixel's; an edge gives the same of $r$, $r' = q$.
 """
+
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,18 +20,21 @@ from mishutter.model import ParabolicMotion, SplineShutter
 
 FINE = 8
 """Taps of a pixel."""
-_SHARPEST = 0.02
+_SHARPEST = 1e-3
 """Standard deviation of the lens's Gaussian that stands for none; px."""
+_REACH = 15.5
+"""How far coefficients may leave [0, 1] and light is still linear in them."""
 
 
 def kernels(
     coefficients: Array, acceleration: Array, half_exposure: Array, relative: Array, num_taps: int
 ) -> Array:
-    r"""Kernels of a spline of any coefficients, in taps of 1/8 px; shape `(speeds, taps + 1)`.
+    r"""Kernels of a spline of any coefficients, in taps of 1/8 px; shape `(speeds, taps + 2)`.
 
     The first is one before the vertex.
 
-    A profile $w$ that noise takes out of [0, 1] is $2 w' - 1/2$ of one, $w'$, inside.
+    A profile $w$ that noise, or a step of the minimiser, takes out of [0, 1] is
+    $(1 + 2r) w' - r$ of one, $w'$, inside.
 
     Args:
         coefficients: B-spline coefficients; shape `(n,)`.
@@ -38,7 +43,8 @@ def kernels(
         relative: Speeds relative to the sensor at mid-exposure, $s - v$; px/s.
         num_taps: How many taps.
     """
-    both = jnp.stack([(coefficients + 0.5) / 2, jnp.ones_like(coefficients)])
+    span = 1 + 2 * _REACH
+    both = jnp.stack([(coefficients + _REACH) / span, jnp.ones_like(coefficients)])
     motion = ParabolicMotion(acceleration=acceleration * FINE, half_exposure=half_exposure)
 
     def one(parameters: Array, speed: Array) -> Array:
@@ -46,20 +52,27 @@ def kernels(
 
     of_shutters = jax.vmap(one, in_axes=(0, None))
     inside, opened = jnp.moveaxis(jax.vmap(of_shutters, in_axes=(None, 0))(both, relative), 1, 0)
-    return _about_their_centroids(2 * inside - opened / 2)
+    return _about_their_centroids(span * inside - _REACH * opened)
 
 
 def _about_their_centroids(taps: Array) -> Array:
-    r"""Taps of which each gives a share to the one before, which moves its light to its centroid.
+    r"""Taps that give light to their neighbours, which brings its first moment to where it is.
 
-    Light is as dense as $1/\sqrt{x}$ about the vertex, and by far not spread evenly over the first
-    tap. The row begins one tap before the vertex.
+    Light is as dense as $g(x)/2\sqrt{x}$ about the vertex, and by far not spread evenly over the
+    first taps. With $A_k$ and $c_k$ the integral and the centroid of $1/2\sqrt{x}$ in a tap, and
+    $g$ linear about $c_k$, the first moment about the tap's middle is
+    $g_k A_k (c_k - k - \frac12) + g'_k \int (x - c_k)^2/2\sqrt{x}\,dx$. As much light goes to one
+    neighbour as comes from the other, so that the second moment stays. The row begins one tap
+    before the vertex, and ends one later.
     """
     k = np.arange(taps.shape[1], dtype=np.float64)
-    centroid = ((k + 1) ** 1.5 - k**1.5) / (3 * (np.sqrt(k + 1) - np.sqrt(k)))
-    given = taps * jnp.asarray(k + 0.5 - centroid, taps.dtype)[None]
-    nothing = jnp.zeros_like(taps[:, :1])
-    return jnp.concatenate([nothing, taps - given], 1) + jnp.concatenate([given, nothing], 1)
+    area = np.sqrt(k + 1) - np.sqrt(k)
+    centroid = ((k + 1) ** 1.5 - k**1.5) / (3 * area)
+    square = ((k + 1) ** 2.5 - k**2.5) / 5 - centroid**2 * area
+    slope: Any = jnp.gradient(taps / jnp.asarray(area, taps.dtype)[None], axis=1)
+    offset, square = (jnp.asarray(x, taps.dtype)[None] for x in (centroid - k - 0.5, square))
+    moment = jnp.pad((taps * offset + slope * square) / 2, ((0, 0), (2, 2)))
+    return jnp.pad(taps, ((0, 0), (1, 1))) + moment[:, :-2] - moment[:, 2:]
 
 
 def collected(taps: Array, begin: Array, blur: Array, is_edge: Array, num_columns: int) -> Array:
@@ -73,21 +86,20 @@ def collected(taps: Array, begin: Array, blur: Array, is_edge: Array, num_column
         num_columns: Pixels, the first from 0 to 1 px.
     """
     num_taps = taps.shape[1]
-    index = np.arange(-num_taps, num_columns * FINE)
+    # From the tap that begins last to the last pixel's end, in steps of a tap.
+    index = np.arange(-num_taps - 1, (num_columns + 1) * FINE)
     x = jnp.asarray(index / FINE, begin.dtype)[None] - begin[:, None]
     width = jnp.sqrt(blur**2 + _SHARPEST**2)
-
-    def spread(x: Array) -> Array:
-        z = x / width
-        share = (1 + jax.scipy.special.erf(z / np.sqrt(2))) / 2
-        density = jnp.exp(-z * z / 2) / np.sqrt(2 * np.pi)
-        point = x * share + width * density
-        edge = ((x * x + width**2) * share + x * width * density) / 2
-        return jnp.where(is_edge[:, None], edge, point)
-
-    step = 1 / FINE
-    response = (spread(x + 1) - spread(x) - spread(x + 1 - step) + spread(x - step)) * FINE
-    length = 1 << (2 * num_taps + num_columns * FINE).bit_length()
+    z = x / width
+    share = (1 + jax.scipy.special.erf(z / np.sqrt(2))) / 2
+    density = jnp.exp(-z * z / 2) / np.sqrt(2 * np.pi)
+    point = x * share + width * density
+    edge = ((x * x + width**2) * share + x * width * density) / 2
+    spread = jnp.where(is_edge[:, None], edge, point)
+    of_tap = (spread[:, 1:] - spread[:, :-1]) * FINE
+    response = of_tap[:, FINE:] - of_tap[:, :-FINE]
+    # Light that the DFT carries round falls on the first `num_taps` places, which no pixel takes.
+    length = 1 << (response.shape[1] - 1).bit_length()
     spectrum = jnp.fft.rfft(response, length) * jnp.fft.rfft(taps, length)
     light = jnp.fft.irfft(spectrum, length)
     return light[:, num_taps : num_taps + num_columns * FINE : FINE]

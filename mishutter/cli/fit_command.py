@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mishutter._core import writable_folder
+from mishutter._core import writable_folder, write_text
 from mishutter.cli.console import note, print_table, print_text, start_jax, working, write_json
 from mishutter.cli.laboratory import AS_DESIGNED, AS_DRIVEN
 from mishutter.cli.options import JsonOption, OutOption, as_path
@@ -14,6 +14,7 @@ from mishutter.cli.options import JsonOption, OutOption, as_path
 if TYPE_CHECKING:
     from mishutter.calibration import FittedCamera
     from mishutter.design import Design
+    from mishutter.model import Scene
 
 AS_BUILT = "as built"
 REDESIGNED = "re-designed for what was built"
@@ -59,7 +60,7 @@ def fit(
     with working("measuring each camera"):
         cameras = _cameras(camera, saved, drive, redesign)
         levels = {name: float(each.metrics.expected_psnr) for name, each in cameras.items()}
-    files = [] if folder is None else _write(camera, cameras, folder)
+    files = [] if folder is None else _write(camera, cameras, saved.scene, folder)
     if json:
         write_json(camera.to_dict() | {"expected_psnr_db": levels, "files": files})
     else:
@@ -84,12 +85,16 @@ def _cameras(
     return found
 
 
-def _write(camera: "FittedCamera", cameras: "dict[str, Design]", folder: Path) -> list[str]:
+def _write(
+    camera: "FittedCamera", cameras: "dict[str, Design]", scene: "Scene", folder: Path
+) -> list[str]:
     from mishutter.report import plot_fit, save_figure
 
+    text = camera.scene_text(scene)
     save_figure(plot_fit(camera, cameras[AS_DESIGNED].shutter), folder / "fit.png")
     cameras[AS_BUILT].save(folder / "as_built.json")
-    files = ["fit.png", "as_built.json"]
+    write_text(folder / "as_built.toml", text)
+    files = ["fit.png", "as_built.json", "as_built.toml"]
     if REDESIGNED in cameras:
         cameras[REDESIGNED].save(folder / "redesigned.json")
         files.append("redesigned.json")

@@ -4,8 +4,9 @@
 is one line that names the key as `[section] key`.
 """
 
+import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mishutter._core import Bare, contents, in_section, parsed, require, validated
-from mishutter.model.devices import AbstractDevice, device_of
+from mishutter.model.devices import (
+    AbstractDevice,
+    FirstOrderShutter,
+    SwitchedShutter,
+    device_of,
+)
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.scene import Burst, Limits, Scene
 from mishutter.model.scene_schema import (
@@ -65,6 +71,98 @@ def example_scene() -> Scene:
 def example_scene_text() -> str:
     """The annotated file of the built-in scene."""
     return (resources.files("mishutter") / "example_scene.toml").read_text("utf-8")
+
+
+def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -> str:
+    """A scene as the text of a file that `read_scene` reads.
+
+    A photograph is told by its path, and read again with the scene. Without one a power spectrum,
+    and a motion that is no parabola, have no keys, and are left out.
+
+    Args:
+        scene: The scene.
+        notes: Comments by the name of the section that they begin; those of "" begin the file.
+
+    Raises:
+        ValueError: if a number is out of the range of its key.
+    """
+    tables: dict[str, Any] = {
+        "speeds": {"list_px_per_s": scene.speeds.tolist(), "weights": scene.weights.tolist()},
+        "light": {"photon_rate_per_s": float(scene.photon_rate)},
+        "sensor": {"read_noise_e": float(scene.read_noise)},
+        "optics": {"cutoff_cycles_per_px": float(scene.cutoff_frequency)},
+        "limits": _limits_table(scene.limits),
+        "picture": {"path": scene.picture},
+    }
+    if scene.full_well is not None:
+        tables["sensor"]["full_well_e"] = float(scene.full_well)
+    if scene.picture is None:
+        levels = {"mean_level": scene.mean_level, "deviation": scene.deviation}
+        tables["picture"] = {name: float(value) for name, value in levels.items()}
+    if scene.device is not None:
+        tables["shutter"] = _device_table(scene.device)
+    if scene.burst is not None:
+        frames = float(scene.burst.frames_per_s)
+        tables["rivals"] = {"frames_per_s": frames, "max_frames": scene.burst.max_frames}
+    if scene.tolerances is not None:
+        tables["tolerances"] = _tolerances_table(scene.tolerances)
+    if isinstance(scene.given_motion, ParabolicMotion):
+        tables["motion"] = {
+            "half_exposure_ms": float(scene.given_motion.half_exposure) * 1e3,
+            "acceleration_px_per_s2": float(scene.given_motion.acceleration),
+            "velocity_px_per_s": float(scene.given_motion.velocity),
+        }
+    file = validated(SceneFile, tables, "scene_text(scene=...)", in_section)
+    said = notes or {}
+    lines = [f"# {line}" for line in said.get("", ())]
+    for name, section in file.model_dump(exclude_none=True).items():
+        lines += ["", *(f"# {line}" for line in said.get(name, ())), f"[{name}]"]
+        # Finite numbers and text of JSON are those of TOML.
+        lines += [f"{key} = {json.dumps(value)}" for key, value in section.items()]
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _limits_table(limits: Limits) -> dict[str, float]:
+    table = {
+        "max_stroke_px": limits.max_stroke,
+        "max_top_speed_px_per_s": limits.max_top_speed,
+        "min_half_exposure_ms": limits.min_half_exposure * 1e3,
+        "max_half_exposure_ms": limits.max_half_exposure * 1e3,
+        "max_pan_px_per_s": limits.max_pan,
+        "max_travel_px": limits.max_travel,
+        "max_acceleration_px_per_s2": limits.max_acceleration,
+        "max_jerk_px_per_s3": limits.max_jerk,
+    }
+    return {key: float(value) for key, value in table.items() if value is not None}
+
+
+def _device_table(device: AbstractDevice) -> dict[str, float | int]:
+    table: dict[str, Any] = {
+        "transmission": float(device.transmission),
+        "leakage": float(device.leakage),
+        "levels": device.levels,
+        "num_slots": device.num_slots,
+    }
+    if isinstance(device, FirstOrderShutter):
+        times = {"rise_ms": device.rise_time, "fall_ms": device.fall_time, "delay_ms": device.delay}
+        table |= {key: float(time) * 1e3 for key, time in times.items() if time is not None}
+    if isinstance(device, SwitchedShutter):
+        table |= {"min_open_slots": device.min_open, "min_closed_slots": device.min_closed}
+        # Two levels are what a file without `levels` says of such a device.
+        table["levels"] = None
+    return table
+
+
+def _tolerances_table(tolerances: Tolerances) -> dict[str, float]:
+    table = {
+        "acceleration_share": float(tolerances.acceleration),
+        "velocity_px_per_s": float(tolerances.velocity),
+        "delay_us": float(tolerances.delay) * 1e6,
+        "object_speed_px_per_s": float(tolerances.speed),
+        "transmittance": float(tolerances.transmittance),
+    }
+    step = float(tolerances.drive_step) * 1e6
+    return table | ({"drive_step_us": step} if step > 0 else {})
 
 
 def _scene(data: bytes, name: str, folder: Path) -> Scene:

@@ -1,14 +1,16 @@
 """`fit` from the command line: files in, the camera and its pictures out."""
 
 import json
+import re
 
 import numpy as np
 import pytest
+from support.bad_drives import npy
 from support.command_line import refused
 from support.drive import a_design
 from support.laboratory import COMMAND, expected, recorded
 
-from mishutter import Design, cli
+from mishutter import Design, Scene, cli
 
 SPEEDS = (-1500.0, 0.0, 1700.0)
 HEAD = "[sensor]\nread_noise_e = 3\n"
@@ -29,7 +31,7 @@ def folder(tmp_path_factory):
 
 
 def test_a_camera_is_fitted_and_kept(folder, tmp_path, capsys):
-    """Numbers with error bars, a picture, and a design that loads, on a scene through its lens."""
+    """Numbers with error bars, a picture, a design on a scene through its lens, and a scene."""
     given = [folder / "bench.toml", "--design", folder / "design.json", "--coefficients", "9"]
     assert cli.main(["fit", *map(str, given), "--json", "--out", str(tmp_path)]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -39,13 +41,41 @@ def test_a_camera_is_fitted_and_kept(folder, tmp_path, capsys):
     )
     assert abs(value - 0.62) < 4 * error < 0.1
     assert list(document["expected_psnr_db"]) == ["as designed", "as built"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["as_built.json", "fit.png"]
+    kept = sorted(p.name for p in tmp_path.iterdir())
+    assert kept == ["as_built.json", "as_built.toml", "fit.png"]
     built = Design.load(tmp_path / "as_built.json")
+    scene = Scene.load(tmp_path / "as_built.toml")
+    assert float(scene.motion.acceleration) == pytest.approx(float(built.motion.acceleration))
+    np.testing.assert_array_equal(scene.speeds, built.scene.speeds)
     designed = Design.load(folder / "design.json")
     assert built.scene.deviation < designed.scene.deviation
     assert float(built.metrics.expected_psnr) == pytest.approx(
         document["expected_psnr_db"]["as built"], abs=1e-6
     )
+
+
+def test_all_cameras_stand_side_by_side(folder, tmp_path, capsys):
+    """As designed, as driven by a table of two levels, as built, and designed again for that."""
+    design = folder / "design.json"
+    table = ["export", design, "--levels", "2", "--steps", "16", "--out", tmp_path / "table"]
+    assert cli.main([*map(str, table)]) == 0
+    capsys.readouterr()
+    given = [folder / "bench.toml", "--design", design, "--coefficients", "9", "--redesign"]
+    files = ["--drive", tmp_path / "table" / "drive.csv", "--out", tmp_path / "out"]
+    code = cli.main(["fit", *map(str, (*given, *files))])
+    out, err = capsys.readouterr()
+    assert code == 0, err
+    table = out[out.index("Expected of the scene through this lens") :]
+    names = ["as designed", "as driven", "as built", "re-designed for what was built"]
+    levels = {n: float(re.search(rf"{n} +(\d+\.\d+)", table)[1]) for n in names}
+    assert levels["as driven"] < levels["as designed"] - 0.02
+    assert levels["re-designed for what was built"] >= levels["as built"]
+    assert "Not identifiable: gain and transmittance apart" in out
+    again = Design.load(tmp_path / "out" / "redesigned.json")
+    built = Design.load(tmp_path / "out" / "as_built.json")
+    assert again.motion.acceleration == built.motion.acceleration
+    found = float(again.metrics.expected_psnr)
+    assert found == pytest.approx(levels["re-designed for what was built"], abs=6e-3)
 
 
 PICTURE = '[[picture]]\npath = "{0}"\n'
@@ -71,6 +101,52 @@ BAD = {
         ",".join(["7"] * 40).encode(),
         "must hold an edge: levels at its ends that differ by more than the noise; got 7 and 7",
     ),
+    "not-toml": ("[[picture]\n", b"1", "bench.toml must be a TOML file; got: "),
+    "not-text": (PICTURE, b"\x89PNG\r\n\x1a\n\x00", "must be UTF-8 text; got byte 0"),
+    "no-such-file": (
+        '[[picture]]\npath = "gone.csv"\n',
+        b"1",
+        "gone.csv' must be readable and writable as asked; got",
+    ),
+    "empty": (PICTURE, b"", "must hold at least one line; got an empty file"),
+    "complex": (PICTURE, npy(np.zeros((2, 40), complex)), "must hold real numbers; got complex128"),
+    "a-cube": (PICTURE, npy(np.zeros((2, 3, 40))), "must have rows; got shape (2, 3, 40)"),
+    "nan": (PICTURE, npy(np.full((2, 40), np.nan)), "must be finite; got [[nan"),
+    "speed-of-light": (
+        PICTURE + "speed_px_per_s = 3e8\n",
+        b"1",
+        "`picture[0].speed_px_per_s` must be at most 1e+07; got 300000000.0",
+    ),
+    "no-electrons": (
+        "[sensor]\nelectrons_per_level = 0\n" + PICTURE,
+        b"1",
+        "`sensor.electrons_per_level` must be above 0; got 0",
+    ),
+    "noise-below-nothing": (
+        "[sensor]\nread_noise_e = -3\n" + PICTURE,
+        b"1",
+        "`sensor.read_noise_e` must be at least 0; got -3",
+    ),
+    "unequal-widths": (
+        PICTURE + '[[picture]]\npath = "{2}"\n',
+        ",".join(["0"] * 20 + ["900"] * 3 + ["0"] * 25).encode(),
+        "must have pictures of equally many columns; got [43, 48]",
+    ),
+    "cut-off": (
+        PICTURE,
+        ",".join(["0"] * 20 + [str(900 * k) for k in range(20)]).encode(),
+        "must end in 4 columns that the blur does not reach; got levels that change by",
+    ),
+    "edge-as-a-point": (
+        PICTURE,
+        ",".join(["7"] * 20 + ["900"] * 20).encode(),
+        "must hold a point: the same level at both ends; got 7 and 900",
+    ),
+    "trace-in-minutes": (
+        PICTURE + '\n[trace]\npath = "{1}"\n',
+        b"time,level\nmin,V\n0,2\n1,3\n",
+        "must have `time` in ms or s or us by its second line; got 'min'",
+    ),
     "trace-unordered": (
         PICTURE + '\n[trace]\npath = "{1}"\n',
         b"time,level\nms,V\n1,2\n0,3\n",
@@ -81,11 +157,12 @@ BAD = {
 
 @pytest.mark.parametrize("slug", BAD)
 def test_each_bad_file_is_one_line(slug, folder, tmp_path, capsys):
-    """Lists of measurements, pictures and traces that are none."""
+    """Twenty-four lists of measurements, pictures and traces that are none."""
     text, content, message = BAD[slug]
     good = ",".join(["0"] * 20 + ["900"] * 3 + ["0"] * 20).encode()
     (tmp_path / "picture").write_bytes(good if "trace" in slug else content)
     (tmp_path / "trace").write_bytes(content)
-    (tmp_path / "bench.toml").write_text(text.format("picture", "trace"))
+    (tmp_path / "good").write_bytes(good)
+    (tmp_path / "bench.toml").write_text(text.format("picture", "trace", "good"))
     given = ["fit", tmp_path / "bench.toml", "--design", folder / "design.json"]
     assert message in refused(capsys, *given)

@@ -2,13 +2,23 @@
 
 import re
 
+import equinox as eqx
 import numpy as np
 import pytest
 from support.bad_scenes import EXAMPLE, LINES, edited
 
-from mishutter import FirstOrderShutter, IdealShutter, Scene, SwitchedShutter
+from mishutter import (
+    Burst,
+    FirstOrderShutter,
+    IdealShutter,
+    Limits,
+    ParabolicMotion,
+    Scene,
+    SwitchedShutter,
+    Tolerances,
+)
 from mishutter.model.images import example_picture, row_power_spectrum, write_picture
-from mishutter.model.scene_file import example_scene, read_scene
+from mishutter.model.scene_file import example_scene, read_scene, scene_text
 
 
 def written(folder, text, name="scene.toml"):
@@ -262,3 +272,41 @@ def test_keys_that_no_shutter_has_together(tmp_path, keys, text):
     """Are named in one line."""
     with pytest.raises(ValueError, match=text):
         Scene.load(str(written(tmp_path, f"{EXAMPLE}\n[shutter]\n{keys}\n")))
+
+
+DEVICES = {
+    "ideal": IdealShutter(transmission=0.7, leakage=0.02, levels=5, num_slots=33),
+    "gradual": FirstOrderShutter(rise_time=1.5e-3, fall_time=0.5e-3, num_slots=48, delay=2.5e-4),
+    "switched": SwitchedShutter(num_slots=96, min_open=3, min_closed=2, leakage=0.01),
+}
+
+
+@pytest.mark.parametrize("slug", DEVICES)
+def test_a_scene_written_is_the_scene_read(slug, tmp_path):
+    """Every number of a scene has a key, and comes back; comments change nothing."""
+    scene = Scene(
+        [0.0, 1700.0, -900.0],
+        [0.5, 0.2, 0.3],
+        photon_rate=3.1e5,
+        read_noise=4.3,
+        mean_level=0.31,
+        deviation=0.17,
+        cutoff_frequency=0.41,
+        limits=Limits(max_stroke=37.0, max_pan=250.0, max_travel=120.0, max_jerk=2e10),
+        device=DEVICES[slug],
+        full_well=7100.0,
+        burst=Burst(frames_per_s=240.0, max_frames=6),
+        tolerances=Tolerances(acceleration=0.02, delay=1.5e-4, transmittance=0.03, drive_step=5e-5),
+        motion=ParabolicMotion(acceleration=2.9e5, half_exposure=0.0105, velocity=-210.0),
+    )
+    text = scene_text(scene, {"": ["First."], "motion": ['a = "1"']})
+    assert text.startswith("# First.\n\n[speeds]\n")
+    assert '\n# a = "1"\n[motion]\n' in text
+    (tmp_path / "scene.toml").write_text(text)
+    assert eqx.tree_equal(Scene.load(tmp_path / "scene.toml"), scene, rtol=1e-12)
+
+
+def test_a_written_scene_names_its_photograph(tmp_path):
+    """The path of the photograph stands for what is read from it."""
+    (tmp_path / "scene.toml").write_text(scene_text(example_scene()))
+    assert eqx.tree_equal(Scene.load(tmp_path / "scene.toml"), example_scene(), rtol=1e-12)
