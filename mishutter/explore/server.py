@@ -346,6 +346,7 @@ class _Tab(tornado.websocket.WebSocketHandler):
             if self._asked.is_set() or self.ws_connection is None:
                 raise SupersededError
 
+        self.tell({"kind": "doing", "text": "searching"})
         parts = self.session.rest(request, check)
         while not self._asked.is_set():
             part = loop.run_in_executor(explorer.slow, _next, parts)

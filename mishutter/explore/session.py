@@ -173,9 +173,12 @@ class Session:
         key = self._key_of(request.scene)
         if key != self._key or self._design is None:
             before = self._design
-            self._design = optimise(scene) if before is None else first_answer(scene, before)
+            if before is None:
+                self._design = optimise(scene)
+            else:
+                self._design = first_answer(scene, before, request.id)
             self._key, self._is_finished = key, before is None
-        return {"kind": "first", **self._shown(with_room(scene), request)}
+        return {"kind": "first", **self._shown(with_room(scene), request, at_once=True)}
 
     def rest(self, request: Request, check: Check) -> Iterator[dict[str, Any]]:
         """Everything that follows when the hand rests: the whole search, the table, photographs.
@@ -200,9 +203,11 @@ class Session:
             for name, row in wanted.items()
             if name != OPTIMISED
         }
-        yield {"kind": "table", **table(comparison), "curves": others, "pins": list(self._pins)}
         pictured = {name: row for name, row in wanted.items() if can_be_pictured(row)}
-        if scene.picture is not None and pictured:
+        follows = scene.picture is not None and bool(pictured)
+        shown = {"curves": others, "pins": list(self._pins), "pictured": follows}
+        yield {"kind": "table", **table(comparison), **shown}
+        if scene.picture is not None and follows:
             check()
             taken = self._photographs[scene.picture]
             yield {
@@ -220,7 +225,7 @@ class Session:
             except ValueError:  # as far as a slider goes, and no further
                 continue
             found = first_answer(scene, self._found)
-            curves(with_room(scene), found.motion, found.shutter)
+            curves(with_room(scene), found.motion, found.shutter, at_once=True)
             yield
 
     def _compare(self, scene: Scene, request: Request, check: Check) -> Comparison:
@@ -239,12 +244,12 @@ class Session:
             raise ValueError("`a design` must be found first; got none yet.")
         return self._design
 
-    def _shown(self, scene: Scene, request: Request) -> dict[str, Any]:
+    def _shown(self, scene: Scene, request: Request, *, at_once: bool = False) -> dict[str, Any]:
         design = self._found
-        found = {OPTIMISED: curves(scene, design.motion, design.shutter)}
+        found = {OPTIMISED: curves(scene, design.motion, design.shutter, at_once=at_once)}
         if request.drawn is not None:
             drawn = scene.light(_chips(request.drawn), design.motion)
-            found[DRAWN] = curves(scene, design.motion, drawn)
+            found[DRAWN] = curves(scene, design.motion, drawn, at_once=at_once)
         return {"curves": found, "outcome": design.outcome}
 
     def _key_of(self, tables: Mapping[str, Any]) -> str:
