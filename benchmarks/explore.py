@@ -6,6 +6,7 @@ memory of server and browser over 2,000 changes. Run `python -m benchmarks.explo
 Chromium, its driver and selenium, and does nothing without.
 """
 
+import os
 import sys
 import time
 from pathlib import Path
@@ -19,6 +20,8 @@ from support import chromium
 from benchmarks import harness
 
 NUM_CHANGES, NUM_MANY, NUM_TABS = 200, 2000, 8
+_AT_ONCE = 100
+"""Changes a call of the driver, which waits for two minutes at most."""
 SLIDERS = (
     "light.photon_rate_per_s",
     "sensor.read_noise_e",
@@ -46,7 +49,24 @@ next();
 
 def moved(driver, count):
     """Latencies of changes, one after the other; ms."""
-    return np.array(driver.execute_async_script(MOVE, list(SLIDERS), count))
+    calls = range(0, count, _AT_ONCE)
+    return np.concatenate(
+        [driver.execute_async_script(MOVE, list(SLIDERS), _AT_ONCE) for _ in calls]
+    )
+
+
+class Clock:
+    """Processor time of a process between calls; s."""
+
+    def __init__(self, pid):
+        self._path = Path(f"/proc/{pid}/stat")
+        self.passed()
+
+    def passed(self):
+        user, system = self._path.read_text().rpartition(")")[2].split()[11:13]
+        total = (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+        before, self._total = getattr(self, "_total", total), total
+        return total - before
 
 
 def opened(driver, address):
@@ -55,7 +75,7 @@ def opened(driver, address):
     chromium.wait(driver, "window.mishutter?.answers.first > 0")
 
 
-def row(what, latencies):
+def row(what, latencies, clock):
     """A row of the table."""
     median, high = np.percentile(latencies, [50, 95])
     return {
@@ -63,6 +83,8 @@ def row(what, latencies):
         "changes": latencies.size,
         "median ms": median,
         "95th percentile ms": high,
+        "server's processor ms": 1e3 * clock.passed() / latencies.size,
+        "machine's load": os.getloadavg()[0],
     }
 
 
@@ -82,11 +104,12 @@ def main() -> None:
         driver.set_script_timeout(3600)
         opened(driver, address)
         chromium.wait(driver, "window.mishutter.answers.table > 0")
-        rows.append(row("first round, with compiling", moved(driver, NUM_CHANGES)))
-        rows.append(row("one tab", moved(driver, NUM_CHANGES)))
+        clock = Clock(process.pid)
+        rows.append(row("first round, with compiling", moved(driver, NUM_CHANGES), clock))
+        rows.append(row("one tab", moved(driver, NUM_CHANGES), clock))
         before = chromium.resident_bytes(process.pid), heap(driver)
         begin = time.perf_counter()
-        rows.append(row("2,000 changes", moved(driver, NUM_MANY)))
+        rows.append(row("2,000 changes", moved(driver, NUM_MANY), clock))
         seconds = time.perf_counter() - begin
         grown = (chromium.resident_bytes(process.pid) - before[0], heap(driver) - before[1])
         tabs = [driver.current_window_handle]
@@ -107,8 +130,9 @@ def main() -> None:
             driver.switch_to.window(tab)
             chromium.wait(driver, "window.found", 600)
             found += driver.execute_script("return window.found")
-        rows.append(row(f"{NUM_TABS} tabs at once", np.array(found)))
+        rows.append(row(f"{NUM_TABS} tabs at once", np.array(found), clock))
     columns = ["what", "changes", "median ms", "95th percentile ms"]
+    columns += ["server's processor ms", "machine's load"]
     text = (
         "## The live page\n\nLatency from a slider's change to the drawn first answer, in headless "
         "Chromium on the same machine as the server; each change follows the answer to the one "

@@ -98,6 +98,8 @@ def alone_in_blas() -> Iterator[None]:
 
 @lru_cache
 def _thread_pools() -> Any:
+    """The libraries of BLAS, which are known once they are loaded: SciPy has one of its own."""
+    import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import sys
+import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,7 +26,7 @@ from mishutter._core import describe, is_own_folder, requirement, strict_json
 
 AGAIN = "no result was kept; the same command begins again, with the programs compiled so far"
 """What is said of work that keeps nothing until it is done."""
-_WIDTH = 132
+_WIDTH = 80
 """Columns of a table where standard output is no terminal and `COLUMNS` is not set."""
 _LEAST_TEXT = 16
 """Columns of a table's first column, however narrow the terminal."""
@@ -167,6 +168,12 @@ def _across(widths: Sequence[int], part: Sequence[int]) -> int:
 def print_text(text: str = "") -> None:
     """A line of results on standard output."""
     _console().print(text, soft_wrap=True)
+
+
+def folded(line: str, indent: int) -> str:
+    """A line of results, what is wider than the terminal on lines below that begin further in."""
+    width = max(_console().width, indent + _LEAST_TEXT)
+    return "\n".join(textwrap.wrap(line, width, subsequent_indent=" " * indent))
 
 
 def _console() -> Console:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter.cli.console import print_text, start_jax, working, write_json
+from mishutter.cli.console import folded, print_text, start_jax, working, write_json
 from mishutter.cli.options import (
     CoefficientsOption,
     FreeOption,
@@ -51,5 +51,7 @@ def plan(
 
 
 def plan_text(found: "Plan") -> str:
-    """The table of a plan, and what all of it may change."""
-    return f"{found}\nAll together change nothing beyond rounding."
+    """The table of a plan, its reasons folded, and what all of it may change."""
+    header, *rows = str(found).splitlines()
+    lines = [folded(line, header.index("why")) for line in (header, *rows)]
+    return "\n".join([*lines, "All together change nothing beyond rounding."])

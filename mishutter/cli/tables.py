@@ -160,7 +160,7 @@ def _print_photographs(
 
 _OF_PHOTOGRAPH = (
     "exp.: expected of pictures with the detail and the mean light of this one where\n"
-    "it is judged. Other tables: of the scene's mean spectrum, over all of its speeds."
+    "it is judged. Other tables: of the scene's mean spectrum, over all its speeds."
 )
 
 

@@ -6,6 +6,7 @@ import json
 import logging
 import math
 import socket
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
@@ -35,6 +36,8 @@ from mishutter.explore.session import (
 MOST_TABS = 16
 _REST = 0.35
 """Time without a change after which a hand rests; s."""
+_SWITCH = 5e-4
+"""Time after which one thread of Python gives way to another; s."""
 _MOST_MESSAGE = 2 << 20
 """Bytes of a message of text."""
 _PAGE = {
@@ -72,6 +75,8 @@ def serve(
     Raises:
         OSError: if nothing can listen there.
     """
+    # A thread that searches on for a hand at rest gives way sooner to one that answers a change.
+    sys.setswitchinterval(_SWITCH)
     asyncio.run(_serve(started, host, port, ready, note))
 
 
@@ -160,7 +165,11 @@ class Explorer:
             self.started = await loop.run_in_executor(self.quick, self._designed)
             self.is_warm.set()
             self._say("compiling for changes")
-            await loop.run_in_executor(self.quick, self._moved)
+            await loop.run_in_executor(self.quick, self._drawn)
+            programs = Session(self.started).ahead(self.started.tables)
+            # Step by step, so that a change that comes meanwhile waits for one of them alone.
+            while await loop.run_in_executor(self.quick, next, programs, self) is not self:
+                pass
             self._say("")
             self.note("ready: moving a slider designs anew")
         finally:
@@ -169,15 +178,11 @@ class Explorer:
     def _designed(self) -> Beginning:
         return with_design(self.started, lambda step, value: None)
 
-    def _moved(self) -> None:
-        """Make the answers to some changes, whose programs later ones share."""
-        session, tables = Session(self.started), self.started.tables
-        light = tables["light"]["photon_rate_per_s"]
+    def _drawn(self) -> None:
+        """Measure a drawn profile."""
         drawn = [0.25 + 0.5 * (chip % 3) / 2 for chip in range(NUM_CHIPS)]
-        for factor in (1.02, 0.9):
-            scene = tables | {"light": {"photon_rate_per_s": light * factor}}
-            request = Request(kind="design", id=0, scene=scene, drawn=drawn)
-            session.first(request)
+        asked = Request(kind="design", id=0, scene=self.started.tables, drawn=drawn)
+        Session(self.started).first(asked)
 
     def _say(self, text: str) -> None:
         self.doing = text
@@ -341,6 +346,7 @@ class _Tab(tornado.websocket.WebSocketHandler):
             if self._asked.is_set() or self.ws_connection is None:
                 raise SupersededError
 
+        self.tell({"kind": "doing", "text": "searching"})
         parts = self.session.rest(request, check)
         while not self._asked.is_set():
             part = loop.run_in_executor(explorer.slow, _next, parts)

@@ -21,6 +21,7 @@ from mishutter.explore.answers import (
     first_answer,
     shown_rows,
     table,
+    with_room,
 )
 from mishutter.explore.fields import scene_text
 from mishutter.explore.pictures import Photograph, photograph, restored, uploaded
@@ -172,12 +173,17 @@ class Session:
         key = self._key_of(request.scene)
         if key != self._key or self._design is None:
             before = self._design
-            self._design = optimise(scene) if before is None else first_answer(scene, before)
+            if before is None:
+                self._design = optimise(scene)
+            else:
+                self._design = first_answer(scene, before, request.id)
             self._key, self._is_finished = key, before is None
-        return {"kind": "first", **self._shown(scene, request)}
+        return {"kind": "first", **self._shown(with_room(scene), request, at_once=True)}
 
     def rest(self, request: Request, check: Check) -> Iterator[dict[str, Any]]:
         """Everything that follows when the hand rests: the whole search, the table, photographs.
+
+        After the last of it the programs are compiled that sliders may need next.
 
         Args:
             request: That of which `first` was the answer.
@@ -197,15 +203,30 @@ class Session:
             for name, row in wanted.items()
             if name != OPTIMISED
         }
-        yield {"kind": "table", **table(comparison), "curves": others, "pins": list(self._pins)}
         pictured = {name: row for name, row in wanted.items() if can_be_pictured(row)}
-        if scene.picture is not None and pictured:
+        follows = scene.picture is not None and bool(pictured)
+        shown = {"curves": others, "pins": list(self._pins), "pictured": follows}
+        yield {"kind": "table", **table(comparison), **shown}
+        if scene.picture is not None and follows:
             check()
             taken = self._photographs[scene.picture]
             yield {
                 "kind": "photograph",
                 **restored(taken, scene, pictured, request.speed, check),
             }
+        for _ in self.ahead(request.scene):
+            check()
+
+    def ahead(self, tables: Mapping[str, Any]) -> Iterator[None]:
+        """First answers to changes of some tables, one a step, whose programs later ones share."""
+        for changed in _around(tables):
+            try:
+                scene = built(changed, self._photographs)
+            except ValueError:  # as far as a slider goes, and no further
+                continue
+            found = first_answer(scene, self._found)
+            curves(with_room(scene), found.motion, found.shutter, at_once=True)
+            yield
 
     def _compare(self, scene: Scene, request: Request, check: Check) -> Comparison:
         asked = json.dumps([self._key, request.drawn, list(self._pins)])
@@ -223,12 +244,12 @@ class Session:
             raise ValueError("`a design` must be found first; got none yet.")
         return self._design
 
-    def _shown(self, scene: Scene, request: Request) -> dict[str, Any]:
+    def _shown(self, scene: Scene, request: Request, *, at_once: bool = False) -> dict[str, Any]:
         design = self._found
-        found = {OPTIMISED: curves(scene, design.motion, design.shutter)}
+        found = {OPTIMISED: curves(scene, design.motion, design.shutter, at_once=at_once)}
         if request.drawn is not None:
             drawn = scene.light(_chips(request.drawn), design.motion)
-            found[DRAWN] = curves(scene, design.motion, drawn)
+            found[DRAWN] = curves(scene, design.motion, drawn, at_once=at_once)
         return {"curves": found, "outcome": design.outcome}
 
     def _key_of(self, tables: Mapping[str, Any]) -> str:
@@ -311,6 +332,22 @@ class Session:
     def photographs(self) -> list[str]:
         """Paths that a scene of this tab may name."""
         return list(self._photographs)
+
+
+def _around(tables: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Tables beside some, for which programs of other sizes may be needed than for these."""
+
+    def changed(section: str, key: str, factor: float) -> dict[str, Any]:
+        table = tables.get(section, {})
+        return {**tables, section: {**table, key: table[key] * factor}} if key in table else {}
+
+    yield changed("light", "photon_rate_per_s", 1.02)
+    yield changed("limits", "max_stroke_px", 2.0)
+    yield changed("limits", "max_stroke_px", 0.5)
+    if "uniform" in tables.get("speeds", {}):
+        uniform = tables["speeds"]["uniform"]
+        one_sided = {**uniform, "max_px_per_s": 0.9 * uniform["max_px_per_s"]}
+        yield {**tables, "speeds": {**tables["speeds"], "uniform": one_sided}}
 
 
 def free_name(name: str, taken: Mapping[str, Any]) -> str:

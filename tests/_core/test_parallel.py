@@ -75,12 +75,14 @@ def _blas_threads():
 
 
 def test_blas_is_alone_until_the_last_caller_leaves():
-    """Inside one another and side by side; then it has as many threads as it had."""
+    """Inside one another and side by side, in SciPy's as in NumPy's; then as many as before."""
 
     @alone_in_blas()
     def found(_):
         return _blas_threads()
 
+    with alone_in_blas():
+        import scipy.optimize  # noqa: F401 - which brings a BLAS of its own
     before = _blas_threads()
     with alone_in_blas():
         inside = [found(0), *in_threads(found, range(6), 2), _blas_threads()]

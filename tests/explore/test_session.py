@@ -54,6 +54,16 @@ def test_the_first_answer_is_a_design_for_the_new_scene(started):
     assert psnr(answer) < float(started.design.metrics.expected_psnr)
 
 
+def test_tolerances_are_drawn_beside(started):
+    """A scene with tolerances has every curve of the camera as it is designed."""
+    asked = request(light=1.3e5)
+    off = {"delay_us": 70.0, "object_speed_px_per_s": 45.0}
+    within = asked.model_copy(update={"scene": asked.scene | {"tolerances": off}})
+    answer = Session(started).first(within)["curves"]["optimised"]
+    assert len(answer["psnr"]) == len(answer["speeds"]) == 3
+    assert min(answer["psnr"]) < answer["numbers"]["psnr"] < max(answer["psnr"])
+
+
 def test_the_finished_design_and_the_table_are_the_librarys(started):
     """`optimise` and `compare` give the numbers of the page, to the last digit."""
     session = Session(started)

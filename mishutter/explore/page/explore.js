@@ -8,7 +8,7 @@ const state = { scene: null, drawn: null, rows: [OPTIMISED, "best snapshot"], sp
 let fields = [], photographs = [], most = { chips: 64, pins: 6, rows: 4 }, pins = [];
 let socket = null, retry = 500, number = 0, asking = false, committed = "", undo = [];
 let changes = [], curves = {}, comparison = null, hasTable = false, isFinished = false, styles = { [OPTIMISED]: 0, [DRAWN]: 1, "best snapshot": 2 };
-let drawing = false, stroke = null, profileScale = null, shots = [], lens = null, downloads = null;
+let drawing = false, stroke = null, profileScale = null, shots = [], lens = null, ticking = null;
 
 // For scripts that drive the page: how long answers took, and what has come.
 window.mishutter = { latencies: [], answers: { first: 0, finished: 0, table: 0, photograph: 0 }, latest: {}, state };
@@ -107,8 +107,16 @@ function ask() {
 
 // ---------- answers
 
-function doing(message) { if (message.text) say(message.text); }
-function say(text) { $("state").textContent = text; }
+function doing(message) { if (message.text) working(message.text); else say(""); }
+function say(text) { clearInterval(ticking); $("state").textContent = text; }
+
+// What goes on, and for how long: a search through a shutter that lags takes a while.
+function working(text) {
+  const since = performance.now();
+  say(text);
+  ticking = setInterval(() => { $("state").textContent = `${text}, ${((performance.now() - since) / 1000).toFixed(0)} s`; }, 1000);
+}
+
 function tell(message) { if (message.pins) { pins = message.pins; showPins(); ask(); } }
 function count(kind) { window.mishutter.answers[kind] += 1; }
 
@@ -141,7 +149,8 @@ function first(message) {
   problem(null);
   take(message.curves, true);
   isFinished = false;
-  stale(true);
+  for (const part of [document.querySelector("tbody"), $("panels")]) fade(part, true);
+  buttons();
   const level = message.curves[OPTIMISED].numbers.psnr;
   $("verdict").textContent = `optimised: ${decibel(level)}, the search goes on when the hand rests`;
   drawCharts();
@@ -155,7 +164,8 @@ function finished(message) {
   isFinished = true;
   const level = message.curves[OPTIMISED].numbers.psnr;
   $("verdict").textContent = `optimised: ${decibel(level)}; comparing`;
-  say(message.outcome);
+  $("verdict").title = message.outcome;
+  working("comparing");
   buttons(); drawCharts();
   count("finished");
 }
@@ -165,9 +175,9 @@ function table(message) {
   for (const name of Object.keys(curves)) if (!state.rows.includes(name) && name !== OPTIMISED) delete curves[name];
   take(message.curves, false);
   pins = message.pins; showPins();
-  stale(false);
+  fade(document.querySelector("tbody"), false);
   $("verdict").textContent = message.verdict;
-  say("");
+  if (message.pictured) working("restoring the photograph"); else say("");
   showTable(); drawCharts();
   count("table");
 }
@@ -178,11 +188,7 @@ function take(found, areOthersOld) {
   if (!state.drawn) delete curves[DRAWN];
 }
 
-function stale(isOld) {
-  document.querySelector("tbody").className = isOld ? "old" : "";
-  $("panels").className = isOld ? "old" : "";
-  buttons();
-}
+function fade(part, isOld) { part.className = isOld ? "old" : ""; }
 
 function buttons() {
   $("pin").disabled = !isFinished || pins.length >= most.pins;
@@ -330,7 +336,7 @@ function oneField(field, place) {
   row.dataset.place = place.join(".");
   const present = inside(place) !== undefined, value = present ? inside(place) : field.default;
   if (field.optional) {
-    row.append(checkbox(field.label, present, (on) => { put(place, on ? structuredClone(field.begin) : undefined); showFields(); commit(); ask(); }));
+    row.append(checkbox(present || !field.unit ? field.label : `${field.label}, ${field.unit}`, present, (on) => { put(place, on ? structuredClone(field.begin) : undefined); showFields(); commit(); ask(); }));
     if (!present) { row.classList.add("off"); return row; }
   }
   const id = `f-${place.join("-")}`;
@@ -516,7 +522,8 @@ async function photograph(message) {
     return figure;
   }));
   showShots();
-  stale(false);
+  fade($("panels"), false);
+  say("");
   count("photograph");
 }
 
