@@ -94,7 +94,7 @@ USAGE = {
     ),
     "unknown-freedom": (
         ["optimise", "--free", "price"],
-        "`--free` must be one of 'shutter', 'acceleration', 'half_exposure', 'velocity'; "
+        "`--free` must be one of 'shutter', 'acceleration', 'half_exposure', 'velocity', 'path'; "
         "got 'price'",
     ),
     "missing-scene": (["optimise", "no.toml"], "No such file or directory"),
