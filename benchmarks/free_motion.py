@@ -59,9 +59,8 @@ def finer(scene: Scene) -> Scene:
 
 def designs(scene: Scene) -> dict[str, Design]:
     """The best design of each kind."""
-    moves = {"half_exposure", "velocity"} if float(scene.limits.max_pan) else {"half_exposure"}
     shaped = optimise(scene)
-    moves = {"half_exposure"} if float(shaped.motion.velocity) == 0 else moves
+    moves = {"half_exposure"} | ({"velocity"} if float(shaped.motion.velocity) else set())
     return {
         "parabola, open": optimise(scene, shutter=RectShutter()),
         "parabola, shaped": shaped,

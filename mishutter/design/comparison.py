@@ -13,6 +13,7 @@ from mishutter._core import alone_in_blas, in_threads, named, num_processors, re
 from mishutter.design.planning import plan as planned
 from mishutter.design.result import GIVEN, Design, metrics_to_dict, motion_to_dict
 from mishutter.design.search import free_by_default, optimise
+from mishutter.design.space import forbids_free_path
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
@@ -348,8 +349,7 @@ def _on_free_path(scene: Scene, motion: AbstractMotion, tuned: Callable[..., Des
     """An open shutter on the best free path, where the stage may take one."""
     shutter = RectShutter()
     free = free_by_default(scene, motion, shutter)
-    jumps = scene.limits.max_jerk is None and scene.tolerances is None
-    if "acceleration" not in free or not jumps:
+    if "acceleration" not in free or forbids_free_path(scene):
         return []
     return [_row(OPEN_ON_FREE_PATH, tuned(scene, motion, shutter, (*free, "path")))]
 

@@ -100,12 +100,12 @@ class DriveTable:
         times = self.begin[0] + step * np.arange(-before, self.begin.size + after + 1)
         position, velocity = path.at(times)
         index = np.arange(times.size) - before
+        begun, ended = times > path.times[0], times >= path.times[-1]
         parts = np.select(
-            [index < 0, index < self.begin.size, times < path.times[-1]],
-            ["run-up", "exposure", "run-out"],
+            [~begun, index < 0, index < self.begin.size, ~ended],
+            ["rest", "run-up", "exposure", "run-out"],
             "rest",
         )
-        parts[times <= path.times[0]] = "rest"
         lines = ["time,part,sensor_position,sensor_velocity", "ms,,px,px/s"]
         rows = zip(times * 1e3, parts, position, velocity, strict=True)
         lines += [f"{t:.9g},{part},{x:.9g},{u:.9g}" for t, part, x, u in rows]

@@ -403,25 +403,31 @@ def _motion(
     """Motion of a sensor that follows positions at the beginning of each step."""
     known = float(motion.half_exposure)
     if isinstance(motion, FreeMotion) and position is not None:
-        times = (np.arange(position.size) * (2 / position.size) - 1) * half
-        stray = np.max(np.abs(np.asarray(motion.position(times)) - position))
-        follows = stray <= _STRAY * (1 + float(np.ptp(position)))
-        requirement = "move the sensor on the free path that was given"
-        require(follows, name, requirement, Bare(f"a path up to {stray:.3g} px aside"))
+        wanted = np.asarray(motion.position(_step_begins(position.size) * half))
+        _require_follows(position, wanted, "on the free path that was given", name)
     if position is None or position.size < 3 or isinstance(motion, FreeMotion):
         if abs(half - known) <= _SAME * known:
             return motion
         numbers: dict[str, Any] = {"acceleration": steady(motion).acceleration}
         return ParabolicMotion(half_exposure=half, velocity=motion.velocity, **numbers)
-    tau = np.arange(position.size) * (2 / position.size) - 1
-    powers = np.vander(tau, 3)
+    powers = np.vander(_step_begins(position.size), 3)
     (stroke, drift, start), *_ = np.linalg.lstsq(powers, position, rcond=None)
-    stray = float(np.max(np.abs(powers @ (stroke, drift, start) - position)))
-    follows = stray <= _STRAY * (1 + float(np.ptp(position)))
-    requirement = "move the sensor along v t + a t^2"
-    require(follows, name, requirement, Bare(f"a path up to {stray:.3g} px aside"))
+    _require_follows(position, powers @ (stroke, drift, start), "along v t + a t^2", name)
     stroke, drift = (0.0 if abs(x) < 1e-6 else float(x) for x in (stroke, drift))
     requirement = "accelerate the sensor towards positive positions, or not at all"
     require(stroke >= 0, name, requirement, Bare(f"a stroke of {stroke:.3g} px"))
     acceleration, velocity = stroke / half**2, drift / half
     return ParabolicMotion(acceleration=acceleration, half_exposure=half, velocity=velocity)
+
+
+def _step_begins(num_steps: int) -> np.ndarray:
+    """Beginnings of equal steps of the exposure, in half exposures from its middle."""
+    return np.arange(num_steps) * (2 / num_steps) - 1
+
+
+def _require_follows(position: np.ndarray, wanted: np.ndarray, where: str, name: str) -> None:
+    """Refuse positions that are aside of a path, by more than a share of their travel."""
+    stray = float(np.max(np.abs(wanted - position)))
+    follows = stray <= _STRAY * (1 + float(np.ptp(position)))
+    got = Bare(f"a path up to {stray:.3g} px aside")
+    require(follows, name, f"move the sensor {where}", got)

@@ -137,8 +137,8 @@ class DesignSpace(eqx.Module):
         if not share:
             return self.light(shutter, self.motion.half_exposure), self.motion
         half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
-        pieces = self._pieces(box)
-        acceleration = self._acceleration_of(self.motion)
+        pieces = self._pieces(box[count : self.num_shape_coordinates])
+        acceleration = _mean_acceleration(self.motion)
         if "half_exposure" in share:
             bounds = self._half_exposure_bounds(shutter)
             half_exposure = self._half_exposure_at(bounds, pieces, share["half_exposure"])
@@ -158,24 +158,14 @@ class DesignSpace(eqx.Module):
             return shutter, FreeMotion(accelerations=acceleration * pieces, **numbers)
         return shutter, ParabolicMotion(acceleration=acceleration, **numbers)
 
-    def _pieces(self, box: Array) -> Array | None:
+    def _pieces(self, shape: Array) -> Array | None:
         """Accelerations of a free path's pieces, of mean 1 before mid-exposure and after it."""
         if not self.num_path_coordinates:
             return None
-        shape = box[self.num_profile_coordinates : self.num_shape_coordinates]
         shares = jnp.exp((2 * shape - 1) * math.log(_MOST_PIECES_DIFFER))
-        return self._of_both_halves(shares)
-
-    def _of_both_halves(self, shares: Array) -> Array:
         halves = [shares] if self.path_mirrors else jnp.split(shares, 2)
         halves = [half / jnp.mean(half) for half in halves]
         return jnp.concatenate([halves[0][::-1], halves[0]] if self.path_mirrors else halves)
-
-    def _acceleration_of(self, motion: AbstractMotion) -> Array:
-        """$a$, or by how much on the mean a free path accelerates; px/s^2."""
-        if isinstance(motion, FreeMotion):
-            return jnp.mean(motion.accelerations)
-        return steady(motion).acceleration
 
     @property
     def free_of_motion(self) -> tuple[str, ...]:
@@ -268,7 +258,7 @@ class DesignSpace(eqx.Module):
         if "path" in self.free:
             shape = self._shape_of(motion).astype(dtype)
             parts.append(shape)
-            pieces = self._of_both_halves(jnp.exp((2 * shape - 1) * math.log(_MOST_PIECES_DIFFER)))
+            pieces = self._pieces(shape)
         half_exposure = motion.half_exposure
         if "half_exposure" in self.free:
             bounds = self._half_exposure_bounds(shutter)
@@ -277,7 +267,7 @@ class DesignSpace(eqx.Module):
             half_exposure = self._half_exposure_at(bounds, pieces, share)
         if not self.free_of_motion:
             return jnp.concatenate(parts)
-        acceleration, share = self._acceleration_of(motion), None
+        acceleration, share = _mean_acceleration(motion), None
         if "acceleration" in self.free:
             bounds = self._acceleration_bounds(half_exposure, pieces)
             share = _share(*bounds, acceleration)
@@ -314,12 +304,8 @@ class DesignSpace(eqx.Module):
 
     def _meeting(self, bounds: tuple[Array, Array], pieces: Array) -> Array:
         """Half exposure at which a path comes to its stroke and its top speed together; s."""
-        speed = self._longest(pieces) * self.limits.max_top_speed
+        speed = _longest(pieces) * self.limits.max_top_speed
         return jnp.clip(2 * self.limits.max_stroke / speed, *bounds)
-
-    def _longest(self, pieces: Array) -> Array:
-        """How many times as far a path takes the sensor as the parabola of its mean."""
-        return FreeMotion(accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype)).stroke
 
     def _shape_of(self, motion: AbstractMotion) -> Array:
         """Coordinates of a path: the middle of the box for a parabola."""
@@ -343,12 +329,14 @@ class DesignSpace(eqx.Module):
         if self.limits.has_stage:
             rest = jnp.zeros_like(most)
             numbers = {"acceleration": acceleration, "half_exposure": half, "velocity": rest}
-            # A pan to the left on a path is one to the right on the path that is run backwards.
-            backwards = None if pieces is None else pieces[::-1]
-            least = -self.limits.largest("velocity", rest, most, numbers, backwards)
-            most = self.limits.largest("velocity", rest, most, numbers, pieces)
-            return jnp.clip(self.slowest, least, most), jnp.clip(self.fastest, least, most)
-        return jnp.clip(self.slowest, -most, most), jnp.clip(self.fastest, -most, most)
+            largest = partial(self.limits.largest, "velocity", rest, most, numbers)
+            most = to_the_left = largest(pieces)
+            if pieces is not None:  # to the left is to the right on the path that is run backwards
+                to_the_left = largest(pieces[::-1])
+            least = -to_the_left
+        else:
+            least = -most
+        return jnp.clip(self.slowest, least, most), jnp.clip(self.fastest, least, most)
 
     def light(self, shutter: AbstractShutter, half_exposure: Array) -> AbstractShutter:
         """The transmittance that light sees where a profile is sent to the device.
@@ -378,7 +366,7 @@ class DesignSpace(eqx.Module):
             )
             high = jnp.where(a > 0, jnp.clip(longest, low, high), high)
         if self.limits.has_stage:
-            held = self._acceleration_of(self.motion)
+            held = _mean_acceleration(self.motion)
             a = jnp.zeros_like(held) if "acceleration" in self.free else held
             rest = jnp.zeros_like(a)
             numbers = {"acceleration": a, "half_exposure": low, "velocity": rest}
@@ -390,8 +378,7 @@ class DesignSpace(eqx.Module):
     ) -> tuple[Array, Array]:
         longest = strongest = jnp.ones_like(half_exposure)
         if pieces is not None:
-            longest = self._longest(pieces)
-            strongest = jnp.max(pieces)
+            longest, strongest = _longest(pieces), jnp.max(pieces)
         by_stroke = self.limits.max_stroke / longest / half_exposure / half_exposure
         by_speed = self.limits.max_top_speed / (2 * half_exposure)
         high = jnp.minimum(by_stroke, by_speed)
@@ -402,8 +389,20 @@ class DesignSpace(eqx.Module):
             numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": rest}
             high = self.limits.largest("acceleration", rest, high, numbers, pieces)
         keeping_up = jnp.clip(self.demand / (2 * half_exposure), _SLOWEST * high, high)
-        kept_up = jnp.abs(self._acceleration_of(self.motion)) * self.motion.half_exposure
+        kept_up = jnp.abs(_mean_acceleration(self.motion)) * self.motion.half_exposure
         return jnp.minimum(keeping_up, kept_up / half_exposure), high
+
+
+def _mean_acceleration(motion: AbstractMotion) -> Array:
+    """$a$, or by how much on the mean a free path accelerates; px/s^2."""
+    if isinstance(motion, FreeMotion):
+        return jnp.mean(motion.accelerations)
+    return steady(motion).acceleration
+
+
+def _longest(pieces: Array) -> Array:
+    """How many times as far a path takes the sensor as the parabola of its mean."""
+    return FreeMotion(accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype)).stroke
 
 
 def design_space(
@@ -467,11 +466,18 @@ def num_free_pieces(scene: Scene, motion: AbstractMotion) -> int:
         count = motion.accelerations.size
     is_even = count > 0 and count % 2 == 0
     require(is_even, "optimise(motion=...)", requirement, type(motion).__name__)
-    requirement = "leave the path where the jerk of the stage is limited: between pieces it jumps"
-    require(scene.limits.max_jerk is None, subject, requirement, named)
-    requirement = "leave the path where the scene has tolerances, which are of a parabola"
-    require(scene.tolerances is None, subject, requirement, named)
+    forbidden = forbids_free_path(scene)
+    require(forbidden is None, subject, f"leave the path where {forbidden}", named)
     return count
+
+
+def forbids_free_path(scene: Scene) -> str | None:
+    """Why no path may be free in a scene, in words; None where one may."""
+    if scene.limits.max_jerk is not None:
+        return "the jerk of the stage is limited: between pieces it jumps"
+    if scene.tolerances is not None:
+        return "the scene has tolerances, which are of a parabola"
+    return None
 
 
 def mirrors(scene: Scene, velocity: float) -> bool:

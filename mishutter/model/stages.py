@@ -192,23 +192,18 @@ def stage_path(
         exposure = [(length, rate, 0.0) for length, rate in zip(lengths, rates, strict=True)]
     else:
         exposure = [(2 * half, own, 0.0)]
-    a, ramp = own / 2, 0.0 if jerk is None else own / jerk
-    begin, end = begin - a * ramp, end + a * ramp
+    ramp = 0.0 if jerk is None else own / jerk
+    begin, end = begin - own / 2 * ramp, end + own / 2 * ramp
     rise = [(ramp, 0.0, jerk)] if jerk is not None and ramp else []
-    fall = [(ramp, 2 * a, -jerk)] if jerk is not None and ramp else []
-    pieces = [
-        *_between_rest_and(begin, most, jerk),
-        *rise,
-        *exposure,
-        *fall,
-        *_between_rest_and(-end, most, jerk),
-    ]
+    fall = [(ramp, own, -jerk)] if jerk is not None and ramp else []
+    before = [*_between_rest_and(begin, most, jerk), *rise]
+    pieces = [*before, *exposure, *fall, *_between_rest_and(-end, most, jerk)]
     durations, accelerations, jerks = (np.array(x) for x in zip(*pieces, strict=True))
     gains = accelerations * durations + jerks * durations**2 / 2
     velocities = np.concatenate([[0.0], np.cumsum(gains)])
     each = durations * (velocities[:-1] + durations * (accelerations / 2 + durations * jerks / 6))
     positions, times = (np.concatenate([[0.0], np.cumsum(x)]) for x in (each, durations))
-    first = len(_between_rest_and(begin, most, jerk)) + len(rise)
+    first = len(before)
     times = times - times[first] - half
     positions = positions - positions[first] + float(np.asarray(motion.position(ends))[0])
     velocities = np.append(velocities[:-1], 0.0)
