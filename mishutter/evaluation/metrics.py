@@ -340,7 +340,8 @@ def psnr_at_speeds(
     r"""PSNR at each speed of the best single linear decoder for all of them, in linear light.
 
     $2\int_0^{1/2} [S|1 - G H_i|^2 + N|G|^2]\,df$ in the terms of `expected_squared_error`, which is
-    the mean of this over the speeds, weighted.
+    the mean of this over the speeds, weighted. Tolerances of the scene do not count: this is the
+    camera as designed.
 
     Args:
         scene: Speeds, light and noise; concrete.
@@ -353,6 +354,7 @@ def psnr_at_speeds(
     Raises:
         ValueError: as `evaluate`.
     """
+    scene = without_tolerances(scene)
     weights = np.asarray(scene.weights)
     speeds = np.unique(np.asarray(scene.speeds)[weights > 0])
     parts = Parts(kernels=False, spectra=True, differences=False)

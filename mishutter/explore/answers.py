@@ -25,7 +25,6 @@ from mishutter.evaluation import (
     psnr_at_speeds,
     signal_over_noise,
     sizes,
-    without_tolerances,
 )
 from mishutter.model import (
     AbstractMotion,
@@ -186,7 +185,7 @@ def _over_speeds(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
 ) -> tuple[dict[str, Any], float]:
     """PSNR at each speed of a camera as designed, by one filter for all of them, and over all."""
-    speeds, levels = psnr_at_speeds(without_tolerances(scene), motion, shutter)
+    speeds, levels = psnr_at_speeds(scene, motion, shutter)
     count = min(speeds.size, _MOST_SPEEDS)
     shown = np.linspace(0, speeds.size - 1, count).round().astype(int)
     places = np.searchsorted(speeds, np.asarray(scene.speeds)).clip(0, speeds.size - 1)

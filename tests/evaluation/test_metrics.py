@@ -18,6 +18,7 @@ from mishutter import (
     RectShutter,
     Scene,
     StillCamera,
+    Tolerances,
     TukeyShutter,
     binned_exposure,
     blur_kernel,
@@ -458,6 +459,16 @@ def test_the_mean_error_over_speeds_is_the_expected_one(speeds, velocity):
     mean = -10 * np.log10(weights @ 10 ** (-levels / 10))
     np.testing.assert_allclose(mean, evaluate(scene, motion, SHUTTER).expected_psnr, rtol=1e-12)
     assert np.ptp(levels) > 0.1
+
+
+def test_the_error_at_each_speed_is_of_the_camera_as_designed():
+    """Tolerances of a scene leave its errors at each speed where they are."""
+    tolerances = Tolerances(acceleration=0.07, velocity=31.0)
+    within = Scene(SPEEDS, WEIGHTS, photon_rate=7e4, read_noise=6.0, tolerances=tolerances)
+    for found, expected in zip(
+        psnr_at_speeds(within, MOTION, SHUTTER), psnr_at_speeds(SCENE, MOTION, SHUTTER), strict=True
+    ):
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_the_error_at_a_speed_is_that_of_the_filter_written_out():
