@@ -25,6 +25,7 @@ ALL = (
     "free_motion",
     "tolerances",
     "devices",
+    "stages",
     "independent",
     "long_kernels",
     "fit",

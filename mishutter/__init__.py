@@ -64,6 +64,7 @@ from mishutter.model import ParabolicMotion as ParabolicMotion
 from mishutter.model import Picture as Picture
 from mishutter.model import RectShutter as RectShutter
 from mishutter.model import Scene as Scene
+from mishutter.model import SecondOrderStage as SecondOrderStage
 from mishutter.model import SplineShutter as SplineShutter
 from mishutter.model import StagePath as StagePath
 from mishutter.model import StillCamera as StillCamera
@@ -152,6 +153,7 @@ __all__ = [
     "RichardsonLucyDecoder",
     "Scene",
     "SearchFailedError",
+    "SecondOrderStage",
     "SensorLevels",
     "Simulation",
     "SplineShutter",

@@ -209,9 +209,9 @@ def through_lens(scene: Scene, blur: float) -> Scene:
     seen = scene.bare(power_spectrum=passed)
     deviation = scene.deviation * float(np.sqrt(np.sum(passed) / np.sum(power)))
     seen = eqx.tree_at(lambda s: s.deviation, seen, deviation)
-    others = (scene.burst, scene.given_motion)
+    others = (scene.burst, scene.stage, scene.given_motion)
     nothing = {"is_leaf": lambda leaf: leaf is None}
-    return eqx.tree_at(lambda s: (s.burst, s.given_motion), seen, others, **nothing)
+    return eqx.tree_at(lambda s: (s.burst, s.stage, s.given_motion), seen, others, **nothing)
 
 
 def fit(

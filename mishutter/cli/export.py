@@ -129,9 +129,11 @@ def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
 
 
 def _print_losses(document: dict[str, Any]) -> None:
-    wanted, driven = document["metrics_of_design"], document["metrics"]
+    columns = {"design": "metrics_of_design", "as driven": "metrics"}
+    if "metrics_of_blind_stage" in document:
+        columns["stage sent its path"] = "metrics_of_blind_stage"
     rows = [
-        [name, f"{wanted[field]:.4g}", f"{driven[field]:.4g}"]
+        [name, *(f"{document[key][field]:.4g}" for key in columns.values())]
         for name, field in (
             ("expected PSNR / dB", "expected_psnr"),
             ("condition number", "condition_number"),
@@ -140,4 +142,4 @@ def _print_losses(document: dict[str, Any]) -> None:
         )
     ]
     title = f"{len(document['level'])} steps, {document['num_levels']} levels"
-    print_table(title, ["figure", "design", "as driven"], rows)
+    print_table(title, ["figure", *columns], rows)

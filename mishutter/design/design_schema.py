@@ -139,6 +139,14 @@ class SavedBurst(Part):
 
 
 @final
+class SavedStage(Part):
+    """The arguments of `SecondOrderStage`."""
+
+    bandwidth: float
+    damping: float
+
+
+@final
 class SavedTolerances(Part):
     """The arguments of `Tolerances`."""
 
@@ -166,6 +174,7 @@ class SavedScene(Part):
     device: SavedDevice | None = None
     full_well: float | None = None
     burst: SavedBurst | None = None
+    stage: SavedStage | None = None
     tolerances: SavedTolerances | None = None
     picture: str | None = None
 

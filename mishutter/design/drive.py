@@ -16,8 +16,8 @@ from mishutter._core import require, require_positive_int, write_bytes
 from mishutter.blur import binned_exposure
 from mishutter.design.drive_files import MAX_STEPS, drive_bytes, require_levels
 from mishutter.design.result import Design, metrics_to_dict, package_version
-from mishutter.evaluation import Metrics, evaluate
-from mishutter.model import AbstractShutter, ChippedShutter, StillCamera, stage_path
+from mishutter.evaluation import Metrics, evaluate, without_tolerances
+from mishutter.model import AbstractShutter, ChippedShutter, StillCamera
 
 _NUM_STEPS, _NUM_LEVELS = 256, 256
 """Of a table for a device that asks for no number of its own."""
@@ -66,6 +66,18 @@ class DriveTable:
         """Metrics of the driven shutter on the design's motion and scene."""
         return evaluate(self.design.scene, self.design.motion, self.shutter())
 
+    def blind_metrics(self) -> Metrics | None:
+        """Metrics of the design where its stage is sent the path itself, not what `stage_csv` says.
+
+        None where the scene does not say how its stage follows, or its limits no `stage_path`.
+        """
+        scene = self.design.scene
+        path = scene.limits.stage_path(self.design.motion)
+        if scene.stage is None or path is None:
+            return None
+        made = scene.stage.made_of(path)
+        return evaluate(without_tolerances(scene), made, self.design.shutter)
+
     def to_csv(self) -> str:
         """The table as text: a line of names, a line of units, then one a step."""
         columns = (self.begin * 1e3, self.wanted, self.level, self.transmittance)
@@ -80,17 +92,13 @@ class DriveTable:
     def stage_csv(self) -> str | None:
         """The sensor's path from rest to rest as text, a row a step before and after the exposure.
 
-        The run-up and the run-out take the greatest acceleration and jerk of the scene's limits,
-        or the greatest acceleration of the exposure where none is limited. None of a design
-        whose sensor stays at rest, or pans and no acceleration is known.
+        Where the scene says how its stage follows, the last column is what to send to it. None
+        where the limits have no `stage_path`.
         """
-        limits, motion = self.design.scene.limits, self.design.motion
-        most, jerk = limits.max_acceleration, limits.max_jerk
-        most = float(motion.greatest_acceleration if most is None else most)
-        if most == 0 or isinstance(motion, StillCamera):
+        path = self.design.scene.limits.stage_path(self.design.motion)
+        if path is None:
             return None
-        path = stage_path(motion, max_acceleration=most, max_jerk=jerk)
-        step = float(motion.exposure) / self.begin.size
+        step = float(self.design.motion.exposure) / self.begin.size
         before, after = (
             int(np.ceil(length / step * (1 - 1e-9)))
             for length in (self.begin[0] - path.times[0], path.times[-1] + self.begin[0])
@@ -106,9 +114,14 @@ class DriveTable:
             ["rest", "run-up", "exposure", "run-out"],
             "rest",
         )
-        lines = ["time,part,sensor_position,sensor_velocity", "ms,,px,px/s"]
-        rows = zip(times * 1e3, parts, position, velocity, strict=True)
-        lines += [f"{t:.9g},{part},{x:.9g},{u:.9g}" for t, part, x, u in rows]
+        columns = {"sensor_position,px": position, "sensor_velocity,px/s": velocity}
+        stage = self.design.scene.stage
+        if stage is not None:
+            columns["sent_position,px"] = stage.sent_for(path, times)
+        names, units = zip(*(name.split(",") for name in columns), strict=True)
+        lines = [",".join(["time", "part", *names]), ",".join(["ms", "", *units])]
+        for time, part, *numbers in zip(times * 1e3, parts, *columns.values(), strict=True):
+            lines.append(",".join([f"{time:.9g}", part, *(f"{x:.9g}" for x in numbers)]))
         return "\n".join(lines) + "\n"
 
     def save(self, path: str | Path, *, form: str = "csv") -> None:
@@ -126,6 +139,8 @@ class DriveTable:
 
     def to_dict(self) -> dict[str, Any]:
         """The table and what is measured of it, as plain numbers."""
+        blind = self.blind_metrics()
+        of_blind = {} if blind is None else {"metrics_of_blind_stage": metrics_to_dict(blind)}
         return {
             "mishutter": package_version(),
             "num_levels": self.num_levels,
@@ -140,7 +155,7 @@ class DriveTable:
             "sensor_velocity_px_per_s": self.velocity.tolist(),
             "metrics": metrics_to_dict(self.metrics()),
             "metrics_of_design": metrics_to_dict(self.design.metrics),
-        }
+        } | of_blind
 
 
 def drive_table(

@@ -22,6 +22,7 @@ from mishutter.model import (
     LinearMotion,
     ParabolicMotion,
     Scene,
+    SecondOrderStage,
     StillCamera,
     Tolerances,
     command_of,
@@ -255,7 +256,13 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
 def _built(file: SavedDesign) -> Design:
     motion = _motion(file.motion)
     scene = file.scene.model_dump()
-    kinds = {"limits": Limits, "device": device_of, "burst": Burst, "tolerances": Tolerances}
+    kinds = {
+        "limits": Limits,
+        "device": device_of,
+        "burst": Burst,
+        "stage": SecondOrderStage,
+        "tolerances": Tolerances,
+    }
     made = {name: kind(**scene[name]) for name, kind in kinds.items() if scene[name] is not None}
     scene |= made | {"motion": motion}
     whole = Scene(**scene)

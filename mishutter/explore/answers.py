@@ -134,7 +134,8 @@ def curves(
         at_once: Whether `numbers` hold the expected PSNR alone, by what is drawn.
 
     Returns:
-        `profile` over `time` in ms; `path` in px over `path_time`; `kernels` in light per px at
+        `profile` over `time` in ms; `path` in px over `path_time`, and `sent` to a stage whose
+        response is known; `kernels` in light per px at
         `kernel_speeds` in px/s from `offset` px on; `signal` in dB over `frequency` in
         cycles/px; `psnr` in dB over `speeds`; and `numbers`.
     """
@@ -149,11 +150,21 @@ def curves(
         "profile": _short(transmittance, 4),
         "path_time": _short(time * 1e3),
         "path": _short(motion.position(time)),
+        **_sent(scene, motion, time),
         **_kernels(scene, motion, shutter),
         **_signal(scene, motion, shutter),
         **over_speeds,
         "numbers": {"psnr": level} if numbers is None else numbers,
     }
+
+
+def _sent(scene: Scene, motion: AbstractMotion, time: np.ndarray) -> dict[str, Any]:
+    """Positions to send to the stage of the scene, where it says how that follows."""
+    path = None if scene.stage is None else scene.limits.stage_path(motion)
+    if scene.stage is None or path is None:
+        return {}
+    before_the_end = np.minimum(time, time[-1] * (1 - 1e-9))
+    return {"sent": _short(scene.stage.sent_for(path, before_the_end))}
 
 
 def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> dict[str, Any]:

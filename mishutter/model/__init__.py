@@ -51,6 +51,7 @@ from mishutter.model.scene_file import scene_of_tables as scene_of_tables
 from mishutter.model.scene_file import scene_text as scene_text
 from mishutter.model.scene_schema import SceneFile as SceneFile
 from mishutter.model.scene_schema import Speed as Speed
+from mishutter.model.servos import SecondOrderStage as SecondOrderStage
 from mishutter.model.shutters import RASKAR_CODE as RASKAR_CODE
 from mishutter.model.shutters import AbstractAdjustableShutter as AbstractAdjustableShutter
 from mishutter.model.shutters import AbstractPiecewiseShutter as AbstractPiecewiseShutter

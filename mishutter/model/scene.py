@@ -31,12 +31,14 @@ from mishutter.model.motion import (
     AbstractMotion,
     FreeMotion,
     ParabolicMotion,
+    StillCamera,
     is_known_zero,
     steady,
     without_velocity,
 )
+from mishutter.model.servos import SecondOrderStage
 from mishutter.model.shutters import AbstractShutter
-from mishutter.model.stages import StageUse, stage_use, stage_use_of_path
+from mishutter.model.stages import StagePath, StageUse, stage_path, stage_use, stage_use_of_path
 from mishutter.model.tolerances import Tolerances
 
 _BISECTIONS = 60
@@ -173,6 +175,22 @@ class Limits(eqx.Module):
             return self._share_of(stage_use_of_path(path, self.max_acceleration), frame)
         acceleration, half = steady(motion).acceleration, motion.half_exposure
         return self.stage_share(jnp.asarray(acceleration), jnp.asarray(half), velocity)
+
+    def stage_path(self, motion: AbstractMotion) -> StagePath | None:
+        """The path of the stage from rest through an exposure to rest.
+
+        Its run-up and run-out take the greatest acceleration and jerk, or the greatest
+        acceleration of the exposure where none is limited. None where the sensor stays at rest, or
+        pans and no acceleration is known.
+
+        Args:
+            motion: Motion of the sensor over the exposure, within these limits.
+        """
+        most = self.max_acceleration
+        most = float(motion.greatest_acceleration if most is None else most)
+        if most == 0 or isinstance(motion, StillCamera):
+            return None
+        return stage_path(motion, max_acceleration=most, max_jerk=self.max_jerk)
 
     def _frame(self, velocity: Array) -> Array:
         """Velocity of the frame that motions are in; px/s, the shape and precision given."""
@@ -320,6 +338,8 @@ class Scene(eqx.Module):
         full_well: Electrons at which a pixel is full: searches expose white to no more; no limit
             by default; e-.
         burst: Frames that a rival takes in place of one exposure; no such rival by default.
+        stage: How the stage follows what it is sent, which says what to send; by default it is
+            where it is sent at once.
         tolerances: How far a camera as it is built may be from its design; the expected error,
             and a search by it, are over these. None by default.
         motion: Motion to start from or to compare at; by default the `fullest_motion` of the
@@ -343,6 +363,7 @@ class Scene(eqx.Module):
     device: AbstractDevice | None
     full_well: Array | None
     burst: Burst | None
+    stage: SecondOrderStage | None
     tolerances: Tolerances | None
     given_motion: AbstractMotion | None
     picture: str | None = eqx.field(static=True)
@@ -362,6 +383,7 @@ class Scene(eqx.Module):
         device: AbstractDevice | None = None,
         full_well: ArrayLike | None = None,
         burst: Burst | None = None,
+        stage: SecondOrderStage | None = None,
         tolerances: Tolerances | None = None,
         motion: AbstractMotion | None = None,
         picture: str | os.PathLike[str] | None = None,
@@ -384,6 +406,7 @@ class Scene(eqx.Module):
         if full_well is not None:
             self.full_well = as_float(full_well, "Scene(full_well=...)")
         self.burst = burst
+        self.stage = stage
         self.tolerances = tolerances
         self.given_motion = motion
         self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
@@ -412,6 +435,7 @@ class Scene(eqx.Module):
         for name, kind, requirement in (
             ("limits", Limits, "be `Limits`"),
             ("burst", Burst | None, "be a `Burst`"),
+            ("stage", SecondOrderStage | None, "be a `SecondOrderStage`"),
             ("tolerances", Tolerances | None, "be `Tolerances`"),
             ("device", AbstractDevice | None, "be a device, as an `IdealShutter`"),
             ("picture", str | None, "be a path"),
@@ -500,7 +524,7 @@ class Scene(eqx.Module):
         weights: ArrayLike | None = None,
         power_spectrum: RowLike | None = None,
     ) -> "Scene":
-        """The numbers without what no integral sees: the picture's path, the motion, the burst.
+        """The numbers without what no integral sees: those of pictures, motion, burst and stage.
 
         Args:
             speeds: Speeds in place of the scene's own, with their `weights`.

@@ -30,9 +30,11 @@ from mishutter.model.scene_schema import (
     SceneFile,
     ShutterSection,
     Speeds,
+    StageSection,
     TolerancesSection,
     Uniform,
 )
+from mishutter.model.servos import SecondOrderStage
 from mishutter.model.tolerances import Tolerances
 
 if TYPE_CHECKING:
@@ -101,6 +103,9 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
         tables["picture"] = {name: float(value) for name, value in levels.items()}
     if scene.device is not None:
         tables["shutter"] = _device_table(scene.device)
+    if scene.stage is not None:
+        bandwidth, damping = float(scene.stage.bandwidth), float(scene.stage.damping)
+        tables["stage"] = {"bandwidth_hz": bandwidth, "damping": damping}
     if scene.burst is not None:
         frames = float(scene.burst.frames_per_s)
         tables["rivals"] = {"frames_per_s": frames, "max_frames": scene.burst.max_frames}
@@ -213,6 +218,7 @@ def _built(file: SceneFile, folder: Path, picture: Mapping[str, Any] | None) -> 
         limits=limits,
         device=None if file.shutter is None else _device(file.shutter),
         full_well=file.sensor.full_well_e,
+        stage=None if file.stage is None else _stage(file.stage),
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
         tolerances=_tolerances(file.tolerances),
         motion=_motion(file.motion, file.limits, limits),
@@ -284,6 +290,10 @@ def _device(section: ShutterSection) -> AbstractDevice:
         min_closed=section.min_closed_slots,
         **{name: None if ms is None else ms / 1000 for name, ms in times.items()},
     )
+
+
+def _stage(section: StageSection) -> SecondOrderStage:
+    return SecondOrderStage(bandwidth=section.bandwidth_hz, damping=section.damping)
 
 
 def _limits(section: LimitsSection, pitch: float | None) -> Limits:

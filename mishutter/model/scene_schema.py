@@ -83,6 +83,14 @@ class OpticsSection(Section):
 
 
 @final
+class StageSection(Section):
+    """How the stage's servo follows what it is sent, which says what to send."""
+
+    bandwidth_hz: Annotated[float, Field(gt=0, le=1e6)]
+    damping: Annotated[float, Field(ge=0.01, le=100)] = 0.7
+
+
+@final
 class RivalsSection(Section):
     """Rivals of a kind that only some cameras can be: frames in place of one exposure."""
 
@@ -148,6 +156,7 @@ class SceneFile(Section):
     shutter: ShutterSection | None = None
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()
+    stage: StageSection | None = None
     rivals: RivalsSection | None = None
     tolerances: TolerancesSection | None = None
     motion: MotionSection | None = None

@@ -158,6 +158,15 @@ class StagePath(NamedTuple):
         rests = (times <= self.times[0]) | (times >= self.times[-1])
         return position, np.where(rests, 0.0, velocity)
 
+    def acceleration_at(self, times: np.ndarray) -> np.ndarray:
+        """Accelerations, px/s^2, at some times, s, of any shape: where they jump, those after."""
+        piece = np.clip(
+            np.searchsorted(self.times, times, side="right") - 1, 0, self.jerks.size - 1
+        )
+        acceleration = self.accelerations[piece] + self.jerks[piece] * (times - self.times[piece])
+        rests = (times < self.times[0]) | (times >= self.times[-1])
+        return np.where(rests, 0.0, acceleration)
+
 
 def stage_path(
     motion: AbstractMotion, *, max_acceleration: ArrayLike, max_jerk: ArrayLike | None = None

@@ -1,7 +1,8 @@
 """One block of a sweep: the profile of each point found if asked for, then all measured."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple, final
+from operator import itemgetter
+from typing import Any, NamedTuple, final
 
 import jax
 import numpy as np
@@ -32,12 +33,14 @@ class Kit(NamedTuple):
 
     Attributes:
         shutter: The shutter, or one of the kind of which each point has its own.
-        rules: Its rules of quadrature, or those of its coordinates.
+        coordinates: What is sent: the shutter, or those of which each point's own is made.
+        rules: Rules of quadrature of their light; None where it depends on the exposure.
         scenes: The speeds of each frame that it needs.
     """
 
     shutter: AbstractShutter
-    rules: Rules
+    coordinates: Sequence[AbstractShutter]
+    rules: Rules | None
     scenes: list[Scene]
 
 
@@ -81,9 +84,25 @@ class Engine:
 
     def _kit(self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]) -> Kit:
         scenes = scenes_for(self.scenes, shutter, skips=self.grid.skips)
-        longest = self.grid.half_exposures[-1]  # of no matter to a device without a lag
-        lights = [self.scenes[0].light(each, longest) for each in coordinates]
-        return Kit(shutter, rules_of(lights, self.shapes, self.grid.dtype), scenes)
+        device = self.scenes[0].device
+        lags = device is not None and device.lags
+        rules = None if lags else self._rules(coordinates, self.grid.half_exposures[-1])
+        return Kit(shutter, coordinates, rules, scenes)
+
+    def _rules(self, coordinates: Sequence[AbstractShutter], half_exposure: Any) -> Rules:
+        """Rules of quadrature of what light sees of some profiles."""
+        lights = [self.scenes[0].light(each, half_exposure) for each in coordinates]
+        return rules_of(lights, self.shapes, self.grid.dtype)
+
+    def _rules_at(
+        self, kit: Kit, half_exposures: np.ndarray
+    ) -> Iterator[tuple[np.ndarray | slice, Rules]]:
+        """Points whose light has the same rules, and these."""
+        if kit.rules is not None:
+            yield slice(None), kit.rules
+            return
+        for half in np.unique(half_exposures):
+            yield np.flatnonzero(half_exposures == half), self._rules(kit.coordinates, half)
 
     def computed(self, blocks: Iterable[Block]) -> Iterator[Arrays]:
         """The variables of blocks, in order; with a search some blocks at a time."""
@@ -134,11 +153,17 @@ class Engine:
         given, own = (grid.photon_rates, grid.read_noises), (seen.photon_rate, seen.read_noise)
         pairs = zip(given, own, strict=True)
         rates, noises = (np.atleast_1d(np.asarray(o if g is None else g)) for g, o in pairs)
-        numbers = motions, kit.shutter, kit.rules, self.shapes, sizes
-        light = rates, noises
         found = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
-        if sizes.num_taps.size:
-            found = measure(seen, *numbers, metrics=grid.metrics, light=light, boxes=boxes)
+        wanted = {"metrics": grid.metrics, "light": (rates, noises)}
+        halves = np.asarray(motions.half_exposure)
+        for index, rules in self._rules_at(kit, halves) if halves.size else ():
+            some, own_sizes, own_boxes = jax.tree.map(itemgetter(index), (motions, sizes, boxes))
+            of_kit = some, kit.shutter, rules, self.shapes, own_sizes
+            part = measure(seen, *of_kit, boxes=own_boxes, **wanted)
+            for name, values in part.items():
+                if not found[name].size:
+                    found[name] = np.zeros((halves.size, *values.shape[1:]), values.dtype)
+                found[name][index] = values
         if "expected_psnr" in found:
             tail = [x.size for x in given if x is not None]
             found["expected_psnr"] = found["expected_psnr"].reshape(-1, *tail)

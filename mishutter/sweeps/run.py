@@ -176,11 +176,9 @@ def _grid(
     same = all(bool(eqx.tree_equal(shared, (s.device, s.full_well))) for s in others)
     require(same, "sweep(scenes=...)", "share one device and full well", list(named_scenes))
     device = first.device
-    lags, requirement = device is not None and device.lags, "follow its command at once"
-    require(not lags, "sweep(scenes=...)", f"have a device that can {requirement}", device)
     if optimise and device is not None:
-        subject, requirement = "sweep(optimise=...)", "be False where a device has levels"
-        require(device.is_linear, subject, requirement, optimise)
+        requirement = "be False where a device has levels, or falls otherwise than it rises"
+        require(device.is_linear, "sweep(optimise=...)", requirement, optimise)
     if full_well is None and first.full_well is not None:
         full_well = float(first.full_well)
     if full_well is not None:

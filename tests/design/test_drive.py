@@ -14,11 +14,13 @@ from support.drive import a_design
 
 from mishutter import (
     ChippedShutter,
+    Design,
     FreeMotion,
     HannShutter,
     Limits,
     LinearMotion,
     Scene,
+    SecondOrderStage,
     SplineShutter,
     StillCamera,
     SwitchedShutter,
@@ -80,6 +82,36 @@ def test_the_path_of_the_stage_leads_from_rest_through_the_exposure_to_rest(moti
     assert greatest * 0.9 < np.max(rates) < greatest * (1 + 1e-5)
     moved = np.cumsum((velocity[1:] + velocity[:-1]) / 2) * step
     np.testing.assert_allclose(position[1:] - position[0], moved, atol=2 * greatest * step**2)
+
+
+@pytest.mark.parametrize("motion", STAGED.values(), ids=STAGED)
+def test_a_stage_is_sent_what_brings_it_onto_the_path(motion, tmp_path):
+    """The last column is that, and a saved design knows what comes of sending the path itself."""
+    stage = SecondOrderStage(bandwidth=45.0, damping=0.6)
+    design = replace(a_design(HannShutter()), motion=motion, scene=_scene(stage=stage))
+    design.save(tmp_path / "design.json")
+    table = drive_table(Design.load(tmp_path / "design.json"), num_steps=64)
+    names, units, *rows = csv.reader(io.StringIO(table.stage_csv()))
+    assert (names[-1], units[-1]) == ("sent_position", "px")
+    time, position, sent = (np.array([float(row[i]) for row in rows]) for i in (0, 2, 4))
+    path = design.scene.limits.stage_path(motion)
+    np.testing.assert_allclose(position, path.at(time * 1e-3)[0], atol=1e-4)
+    inside = np.array([row[1] == "exposure" for row in rows])[:-1] & (np.abs(time[:-1]) < 7)
+    wanted = stage.sent_for(path, time * 1e-3)
+    np.testing.assert_allclose(sent[:-1][inside], wanted[:-1][inside], rtol=1e-6, atol=1e-3)
+    blind = table.blind_metrics()
+    made = evaluate(design.scene, stage.made_of(path), HannShutter())
+    assert float(blind.expected_psnr) == pytest.approx(float(made.expected_psnr), abs=1e-9)
+    found = table.to_dict()["metrics_of_blind_stage"]["expected_psnr"]
+    assert found == float(blind.expected_psnr)
+    assert abs(found - float(evaluate(design.scene, motion, HannShutter()).expected_psnr)) > 0.1
+
+
+def test_a_stage_whose_response_is_not_known_is_sent_the_path():
+    """There is no column for it, and no figure."""
+    table = drive_table(replace(a_design(HannShutter()), scene=_scene()), num_steps=5)
+    assert table.blind_metrics() is None
+    assert "metrics_of_blind_stage" not in table.to_dict()
 
 
 def test_a_sensor_without_acceleration_has_no_run_up():

@@ -14,6 +14,7 @@ from mishutter import (
     Limits,
     ParabolicMotion,
     Scene,
+    SecondOrderStage,
     SwitchedShutter,
     Tolerances,
 )
@@ -296,6 +297,7 @@ def test_a_scene_written_is_the_scene_read(slug, tmp_path):
         device=DEVICES[slug],
         full_well=7100.0,
         burst=Burst(frames_per_s=240.0, max_frames=6),
+        stage=SecondOrderStage(bandwidth=43.0, damping=0.35),
         tolerances=Tolerances(acceleration=0.02, delay=1.5e-4, transmittance=0.03, drive_step=5e-5),
         motion=ParabolicMotion(acceleration=2.9e5, half_exposure=0.0105, velocity=-210.0),
     )

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from support.sweeps import (
     differences,
     grid,
     inside_points,
+    motion_at,
 )
 
 import mishutter
@@ -25,11 +27,14 @@ from mishutter import (
     RASKAR_CODE,
     ChippedShutter,
     ExpectedErrorLoss,
+    FirstOrderShutter,
     GaussianShutter,
     Limits,
     Scene,
     SplineShutter,
     TukeyShutter,
+    evaluate,
+    optimise,
     sweep,
 )
 from mishutter.model.shutters.base import AbstractShutter
@@ -111,6 +116,33 @@ def test_shutters_without_symmetry():
     }
     found = sweep(SCENE, **grid(shutters=shutters, accelerations=[2.1e4, 9e4]))
     assert differences(found, SCENE, shutters, inside_points(found)[::3]) == []
+
+
+@pytest.mark.parametrize("fall_time", [1.1e-3, 3e-3])
+def test_what_lags_is_measured_at_its_own_exposure(fall_time):
+    """A device's time is another share of each exposure, and so is the light of one profile."""
+    device = FirstOrderShutter(rise_time=1.1e-3, fall_time=fall_time, num_slots=16, leakage=0.02)
+    scene = eqx.tree_at(lambda s: s.device, SCENE, device, is_leaf=lambda x: x is None)
+    found = sweep(scene, **grid(accelerations=[0.0, 9e4]))
+    points = inside_points(found)
+    assert len({column for _, column in points}) > 1
+    assert differences(found, scene, SHUTTERS, points[1::3]) == []
+
+
+def test_profiles_are_found_through_a_lag():
+    """The best profile at a point is of what is sent, and its numbers are of the light."""
+    device = FirstOrderShutter(rise_time=1.1e-3, fall_time=1.1e-3, num_slots=16)
+    scene = eqx.tree_at(lambda s: s.device, SCENE, device, is_leaf=lambda x: x is None)
+    axes = grid(accelerations=[9e4], half_exposures=HALF_EXPOSURES[2:4])
+    found = sweep(scene, **axes, optimise=True, num_coefficients=8)
+    for column in range(2):
+        point = found.isel(acceleration=0, half_exposure=column).sel(shutter="optimised")
+        sent = SplineShutter(point.coefficients.values)
+        motion = motion_at(found, 0, column)
+        again = evaluate(scene, motion, sent)
+        assert float(point.expected_psnr) == pytest.approx(float(again.expected_psnr), abs=1e-6)
+        best = optimise(scene, motion, sent, free="shutter")
+        assert 0 <= float(best.metrics.expected_psnr) - float(point.expected_psnr) < 0.01
 
 
 class Ramp(AbstractShutter):

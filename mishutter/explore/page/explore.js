@@ -2,7 +2,7 @@
 // The page: fields made from the schema that the server sends, requests for designs, what comes back.
 const $ = (id) => document.getElementById(id);
 const MOST_UNDO = 100, MOST_LATENCIES = 5000, MOST_UPLOAD = 32 * 1024 * 1024;
-const OPTIMISED = "optimised", DRAWN = "drawn", STORED = "mishutter-tab";
+const SENT = 5, OPTIMISED = "optimised", DRAWN = "drawn", STORED = "mishutter-tab";
 
 const state = { scene: null, drawn: null, rows: [OPTIMISED, "best snapshot"], speed: null };
 let fields = [], photographs = [], most = { chips: 64, pins: 6, rows: 4 }, pins = [];
@@ -218,7 +218,14 @@ function drawCharts() {
   });
   if (state.drawn) profiles.push(drawnSeries());
   profileScale = charts.draw($("profile"), profiles, { x: "time from mid-exposure / ms", y: "transmittance", yRange: [-0.03, 1.05] });
-  charts.draw($("motion"), line("path_time", "path"), { x: "time from mid-exposure / ms", y: "position / px" });
+  const motions = line("path_time", "path"), best = curves[OPTIMISED];
+  $("sent-to-stage").replaceChildren();
+  if (best.sent) {
+    const sent = { name: "sent to the stage", x: best.path_time, y: best.sent, style: SENT, old: best.old };
+    motions.push(sent);
+    $("sent-to-stage").append(", ", sampleOf(sent));
+  }
+  charts.draw($("motion"), motions, { x: "time from mid-exposure / ms", y: "position / px" });
   charts.draw($("signal"), line("frequency", "signal"), { x: "spatial frequency / (cycles/px)", y: "signal over noise / dB", log: true, yRange: [-30, null] });
   charts.draw($("psnr"), line("speeds", "psnr"), { x: "object speed / (px/s)", y: "PSNR / dB", marks: true, pad: 0.03 });
   drawKernels();
@@ -247,10 +254,14 @@ function drawKernels() {
     x: [c.offset, ...taps.map((_, i) => c.offset + i), c.offset + taps.length], y: [0, ...taps, 0],
   }));
   charts.draw($("kernels"), series, { x: "position from the point of alignment / px", y: "light per px" });
-  $("kernels-of").replaceChildren(`${name}: `, ...series.flatMap((s) => {
-    const sample = charts.sample(s.style); sample.setAttribute("width", 34); sample.setAttribute("height", 10);
-    return [sample, ` ${s.name}  `];
-  }));
+  $("kernels-of").replaceChildren(`${name}: `, ...series.map(sampleOf));
+}
+
+function sampleOf(series) {
+  const part = document.createElement("span"), sample = charts.sample(series.style);
+  sample.setAttribute("width", 34); sample.setAttribute("height", 10);
+  part.append(sample, ` ${series.name}  `);
+  return part;
 }
 
 // ---------- drawing a profile
