@@ -66,10 +66,13 @@ def as_float(value: RowLike, subject: str | None = None) -> Array:
     """
     if subject is not None:
         require(_is_real(value), subject, "be real numbers", value)
+    dtype = common_dtype(value)
+    if isinstance(value, Array) and value.dtype == dtype and not value.weak_type:
+        return value
     if not all_concrete(value):
-        return jnp.asarray(value, dtype=common_dtype(value))
+        return jnp.asarray(value, dtype=dtype)
     with jax.ensure_compile_time_eval():
-        return jnp.asarray(value, dtype=common_dtype(value))
+        return jnp.asarray(value, dtype=dtype)
 
 
 def _is_real(value: object) -> bool:

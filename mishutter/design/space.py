@@ -440,7 +440,7 @@ def design_space(
     dtype = common_dtype(motion.half_exposure, scene.speeds)
     limits = jax.tree.map(lambda x: x.astype(dtype), scene.limits)
     ordered = tuple(name for name in FREE_NAMES if name in names)
-    count = eqx.filter_eval_shape(box_of, shutter).size if "shutter" in ordered else 0
+    count = box_of(shutter).size if "shutter" in ordered else 0
     slowest, fastest = (x.astype(dtype) for x in scene.speed_range)
     demand = (fastest - slowest) / 2 if "velocity" in ordered else scene.max_speed.astype(dtype)
     velocity = motion.velocity.astype(dtype)

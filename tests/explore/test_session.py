@@ -10,9 +10,18 @@ import pytest
 from PIL import Image
 from support.command_line import SMALL_SCENE
 
-from mishutter import ChippedShutter, compare, evaluate, optimise
+from mishutter import (
+    ChippedShutter,
+    HannShutter,
+    ParabolicMotion,
+    SecondOrderStage,
+    compare,
+    evaluate,
+    optimise,
+)
 from mishutter.explore import pictures
 from mishutter.explore import session as sessions
+from mishutter.explore.answers import curves
 from mishutter.explore.session import Order, Request, Session, SupersededError
 
 TABLES = tomllib.loads(SMALL_SCENE.replace('path = "photo.png"', "mean_level = 0.23"))
@@ -62,6 +71,17 @@ def test_tolerances_are_drawn_beside(started):
     answer = Session(started).first(within)["curves"]["optimised"]
     assert len(answer["psnr"]) == len(answer["speeds"]) == 3
     assert min(answer["psnr"]) < answer["numbers"]["psnr"] < max(answer["psnr"])
+
+
+def test_what_to_send_to_the_stage_is_drawn_beside_the_motion():
+    """Where the scene knows how it follows: turning before the sensor does."""
+    followed = TABLES | {"stage": {"bandwidth_hz": 60.0, "damping": 0.7}}
+    motion = ParabolicMotion(acceleration=1.3e5, half_exposure=0.011)
+    drawn = curves(sessions.built(followed, {}), motion, HannShutter(), at_once=True)
+    time, sent, path = (np.array(drawn[name]) for name in ("path_time", "sent", "path"))
+    delay = float(time[np.argmin(path)] - time[np.argmin(sent)])
+    assert delay == pytest.approx(SecondOrderStage(bandwidth=60.0).delay * 1e3, abs=0.3)
+    assert "sent" not in curves(library_scene(), motion, HannShutter(), at_once=True)
 
 
 def test_the_finished_design_and_the_table_are_the_librarys(started):
