@@ -38,6 +38,12 @@ from mishutter.model import (
 
 _HOLD = 0.1
 """Standard deviation of the coefficients about what was sent, until it is known what is seen."""
+_BELOW = 0.01
+"""Standard deviation by which coefficients stray below 0, where no transmittance is.
+
+A profile that opens with a step down gives nearly the pictures of one that opens with a step up,
+on another stage.
+"""
 _MAX_STEPS = 30
 _CHANGE = 1e-3
 """Change of every residual, in its noise, at which the minimiser ends.
@@ -433,7 +439,12 @@ class _Setting:
         """What data and pins say of parameters, over its noise."""
         rows, aims = self.pins
         arrays = self.arrays._replace(deviation=noise, ties=rows, tied=aims)
-        return np.asarray(_compiled_residuals(values, arrays, self.num_taps))
+        return self.without_bounds(_compiled_residuals(values, arrays, self.num_taps))
+
+    def without_bounds(self, rows: Array | np.ndarray) -> np.ndarray:
+        """Rows of residuals, or of their derivatives, but those of coefficients below 0."""
+        first = self.arrays.levels.size + self.arrays.trace.size
+        return np.delete(np.asarray(rows), first + np.arange(len(self.coefficients)), axis=0)
 
     def near_sent(self) -> "_Ties":
         """Coefficients tied to those that were sent."""
@@ -546,6 +557,7 @@ def _residuals(values: Array, arrays: _Arrays, num_taps: int) -> Array:
         [
             jnp.ravel((expected - arrays.levels) / arrays.deviation),
             (shown - arrays.trace) / arrays.trace_deviation,
+            jnp.minimum(x[4 : 4 + count], 0) / _BELOW,
             arrays.ties @ values - arrays.tied,
         ]
     )
@@ -571,9 +583,9 @@ def _linearised(values: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, A
     directions = np.arange(shared + 3)[:, None] == direction[None]
     moved = jax.vmap(derivative, out_axes=1)(jnp.asarray(directions, values.dtype))
     of_number = np.append(np.full(shared, -1), np.arange(3 * num_pictures + 2) // 3)
-    of_row = np.append(
-        np.repeat(np.arange(num_pictures), num_columns), np.full(arrays.trace.size, num_pictures)
-    )
+    of_row = np.repeat(np.arange(num_pictures), num_columns)
+    of_row = np.append(of_row, np.full(arrays.trace.size, num_pictures))
+    of_row = np.append(of_row, np.full(arrays.trace_basis.shape[1], num_pictures + 1))
     is_moved = (of_number[None] == -1) | (of_number[None] == of_row[:, None])
     of_data = jnp.where(is_moved, moved[: of_row.size, direction], 0)
     return residual, jnp.concatenate([of_data, arrays.ties])
@@ -628,7 +640,7 @@ class _Solution(NamedTuple):
     """Where a round ends.
 
     Attributes:
-        loss: Sum of squares, of the ties too.
+        loss: Sum of squares, of the ties and bounds too.
         values: Parameters.
         residual: Of what data and pins say.
         matrix: Its derivatives.
@@ -675,8 +687,8 @@ def _solved(
     levels = np.asarray(arrays.levels)
     expected = levels + residual[: levels.size].reshape(levels.shape) * noise
     loss = float(np.sum(residual[:-1] ** 2))
-    known = slice(len(residual) - len(rows))
-    return _Solution(loss, values, residual[known], matrix[known], expected, noise)
+    residual, matrix = (setting.without_bounds(x)[: -len(rows)] for x in (residual, matrix))
+    return _Solution(loss, values, residual, matrix, expected, noise)
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,6 +124,19 @@ def test_points_of_one_unknown_speed_join_those_of_known_ones():
     assert len(camera.not_identifiable) == 2
 
 
+def test_one_unknown_speed_shows_a_camera_or_its_mirror():
+    """Where no speed is told, the speed over the sensor and the profile are, or both mirrored."""
+    given = pictures(5, (1300.0,) * 3, told=False)
+    camera = fit(given, SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
+    speed, error = camera.estimates["speed_px_per_s"]
+    assert abs(abs(speed) - (1300.0 - float(BUILT.velocity))) < 3 * error < 300
+    profile = np.asarray(PROFILE.coefficients)[:: int(np.sign(speed))] * SCALE
+    assert np.all(np.abs(camera.coefficients - profile) < 3 * camera.coefficient_errors)
+    assert np.min(camera.coefficients) > -0.02
+    assert np.isinf(camera.estimates["velocity_px_per_s"].error)
+    assert any(said.startswith("sign of the speed") for said in camera.not_identifiable)
+
+
 def test_edges_show_the_camera():
     """An edge shows what a point shows, less sharply, by the same program."""
     given = pictures(6, target="edge")
