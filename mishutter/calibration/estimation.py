@@ -3,7 +3,8 @@ r"""A camera as it was built, by weighted least squares through the exact kernel
 The likelihood is Poisson-Gaussian: each pixel has the variance of its own expected level, and
 is fitted anew with what the last fit expects (iterated reweighting). Optimistix's
 Levenberg-Marquardt minimises. The information matrix of the last step gives the error bars, and
-its directions of almost no information say what the measurements do not see.
+its directions of almost no information say what the measurements do not see. Where it does not
+hold as far as two error bars, they are those of the profile likelihood.
 """
 
 from collections.abc import Sequence
@@ -35,11 +36,13 @@ from mishutter.model import (
     scene_text,
 )
 
-_HOLDS = (0.1, 1.0, 1.0)
-"""Standard deviation of the coefficients about what was sent, in each round.
+_HOLD = 0.1
+"""Standard deviation of the coefficients about what was sent, until it is known what is seen."""
+_BELOW = 0.01
+"""Standard deviation by which coefficients stray below 0, where no transmittance is.
 
-In the first the motion comes near to that of a shutter like the one that was sent. Then it is
-wide beside an error bar, and has no part in one: it holds what is not seen.
+A profile that opens with a step down gives nearly the pictures of one that opens with a step up,
+on another stage.
 """
 _MAX_STEPS = 30
 _CHANGE = 1e-3
@@ -48,6 +51,18 @@ _CHANGE = 1e-3
 It ends well above the rounding of the sum of squares, which would have steps refused in vain.
 """
 _PIN = 1e3
+"""What is pinned stays to a thousandth of its scale."""
+_RANGE = 12**-0.5
+"""Standard deviation of a number anywhere from 0 to 1: how far what is not seen may stray."""
+_MAX_ENDS = 3
+"""How often a fit goes on from a lower end that a pull has found."""
+_STRAIGHT = 0.5
+"""Departure of the residuals from what derivatives say, two error bars off, that is none.
+
+It moves an error bar by a quarter at most, and by far less where it is spread over the levels.
+"""
+_SAME = 0.01
+"""Rise of chi squared by which an end of the minimiser is no better than another."""
 _SPEEDS = tuple(0.1 * k for k in range(-6, 7))
 """Normalised speeds from which a fit of an unknown one starts."""
 _LEAST_STROKE = 1.0
@@ -256,15 +271,16 @@ def fit(
     unknown = any(picture.speed is None for picture in given.pictures)
     levels = np.asarray(setting.arrays.levels)
     starts = map(setting.start, _SPEEDS if unknown else (0.0,))
-    ends = [_solved(setting, start, _HOLDS[0], levels) for start in starts]
+    near = setting.near_sent()
+    ends = [_solved(setting, start, setting.noise(levels), near) for start in starts]
     best = min(ends, key=lambda each: each.loss)
-    for hold in _HOLDS[1:]:
-        best = _solved(setting, best.values, hold, best.expected)
+    best = _solved(setting, best.values, setting.noise(best.expected), near)
+    best, bars = _error_bars(setting, best)
     share = float(best.values[0])
     requirement = "show a camera like the one that was sent"
     got = Bare(f"{share:.3g} times its acceleration")
     require(0.5 < share < 2, "fit(measurements=...)", requirement, got)
-    return _camera(setting, best)
+    return _camera(setting, best, bars)
 
 
 def _measurements(
@@ -291,10 +307,8 @@ class _Arrays(NamedTuple):
     is_edge: Any
     half_exposure: Any
     scales: Any
-    pins: Any
-    pinned: Any
-    sent: Any
-    hold: Any
+    ties: Any
+    tied: Any
     trace: Any
     trace_basis: Any
     trace_deviation: Any
@@ -306,6 +320,7 @@ class _Setting:
 
     names: tuple[str, ...]
     arrays: _Arrays
+    pins: "_Ties"
     profiles: tuple[np.ndarray, ...]
     rounded: tuple[bool, ...]
     rows: tuple[int, ...]
@@ -381,7 +396,7 @@ class _Setting:
         for picture, profile in zip(pictures, profiles, strict=True):
             gain = _gain(picture, profile) / float(integrals @ coefficients)
             unit = max(float(np.ptp(profile)), 1e-9)
-            scales = np.append(scales, [1.0, gain, unit])
+            scales = np.append(scales, [a * T**2, gain, unit])
         swing = float(np.ptp(sample)) if sample.size else 1.0
         scales = np.append(scales, [swing, swing])
         arrays = _Arrays(
@@ -392,10 +407,8 @@ class _Setting:
             is_edge=np.array([picture.target == "edge" for picture in pictures]),
             half_exposure=np.asarray(T),
             scales=scales,
-            pins=np.array(pins),
-            pinned=np.array(values),
-            sent=coefficients,
-            hold=np.ones(()),
+            ties=np.zeros((0, scales.size)),
+            tied=np.zeros(0),
             trace=sample,
             trace_basis=basis,
             trace_deviation=np.asarray(noise),
@@ -403,6 +416,7 @@ class _Setting:
         return _Setting(
             tuple(names),
             arrays,
+            _Ties(_PIN * np.array(pins), _PIN * np.array(values)),
             profiles,
             tuple(picture.is_rounded for picture in pictures),
             tuple(len(picture.levels) for picture in pictures),
@@ -420,6 +434,31 @@ class _Setting:
         each = zip(expected, self.rounded, self.rows, strict=True)
         variances = [self.sensor.variance(row, known) / count for row, known, count in each]
         return np.sqrt(variances)
+
+    def residuals(self, values: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """What data and pins say of parameters, over its noise."""
+        rows, aims = self.pins
+        arrays = self.arrays._replace(deviation=noise, ties=rows, tied=aims)
+        return self.without_bounds(_compiled_residuals(values, arrays, self.num_taps))
+
+    def without_bounds(self, rows: Array | np.ndarray) -> np.ndarray:
+        """Rows of residuals, or of their derivatives, but those of coefficients below 0."""
+        first = self.arrays.levels.size + self.arrays.trace.size
+        return np.delete(np.asarray(rows), first + np.arange(len(self.coefficients)), axis=0)
+
+    def near_sent(self) -> "_Ties":
+        """Coefficients tied to those that were sent."""
+        rows = np.eye(len(self.names))[4 : 4 + len(self.coefficients)]
+        return _Ties(rows / _HOLD, self.coefficients / _HOLD)
+
+    def delay(self, values: np.ndarray) -> tuple[float, np.ndarray]:
+        """Delay of a stage whose velocity is as sent, and its derivatives; s."""
+        scales = np.asarray(self.arrays.scales)
+        a, v = (values * scales)[:2]
+        late = (float(self.sent.velocity) - v) / (2 * a)
+        slopes = np.zeros(values.size)
+        slopes[:2] = np.array([-late / a, -1 / (2 * a)]) * scales[:2]
+        return float(late), slopes
 
     def start(self, share: float) -> np.ndarray:
         """Parameters as sent, with positions that bring the light where it was recorded."""
@@ -443,7 +482,8 @@ class _Setting:
         )
         for k, profile in enumerate(self.profiles):
             path = x[0] * stretch - relative[k] * drift
-            start[4 + count + 3 * k] = _middle(profile, bool(self.arrays.is_edge[k])) - path
+            place = _middle(profile, bool(self.arrays.is_edge[k])) - path
+            start[4 + count + 3 * k] = place / float(self.arrays.scales[4 + count + 3 * k])
         return start
 
 
@@ -517,18 +557,38 @@ def _residuals(values: Array, arrays: _Arrays, num_taps: int) -> Array:
         [
             jnp.ravel((expected - arrays.levels) / arrays.deviation),
             (shown - arrays.trace) / arrays.trace_deviation,
-            _PIN * (arrays.pins @ values - arrays.pinned),
-            (x[4 : 4 + count] - arrays.sent) / arrays.hold,
+            jnp.minimum(x[4 : 4 + count], 0) / _BELOW,
+            arrays.ties @ values - arrays.tied,
         ]
     )
 
 
+@compiled
+def _compiled_residuals(values: Any, arrays: _Arrays, num_taps: int) -> Array:
+    return _residuals(values, arrays, num_taps)
+
+
 @eqx.filter_jit
 def _linearised(values: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, Array]:
-    """Residuals and their Jacobian."""
+    """Residuals and their Jacobian.
+
+    Each picture has three numbers of its own, and the trace has two: they move together, in three
+    directions, as each moves its own rows alone.
+    """
     own = partial(_residuals, arrays=arrays, num_taps=num_taps)
     residual, derivative = jax.linearize(own, values)
-    return residual, jax.vmap(derivative, out_axes=1)(jnp.eye(values.size, dtype=values.dtype))
+    num_pictures, num_columns = arrays.levels.shape
+    shared = values.size - 3 * num_pictures - 2
+    direction = np.append(np.arange(shared), shared + np.arange(3 * num_pictures + 2) % 3)
+    directions = np.arange(shared + 3)[:, None] == direction[None]
+    moved = jax.vmap(derivative, out_axes=1)(jnp.asarray(directions, values.dtype))
+    of_number = np.append(np.full(shared, -1), np.arange(3 * num_pictures + 2) // 3)
+    of_row = np.repeat(np.arange(num_pictures), num_columns)
+    of_row = np.append(of_row, np.full(arrays.trace.size, num_pictures))
+    of_row = np.append(of_row, np.full(arrays.trace_basis.shape[1], num_pictures + 1))
+    is_moved = (of_number[None] == -1) | (of_number[None] == of_row[:, None])
+    of_data = jnp.where(is_moved, moved[: of_row.size, direction], 0)
+    return residual, jnp.concatenate([of_data, arrays.ties])
 
 
 @eqx.filter_custom_jvp
@@ -564,35 +624,156 @@ def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, A
     return solution.value, known.residual, known.jac.as_matrix()
 
 
+class _Ties(NamedTuple):
+    """Combinations of parameters and what they are tied to, both over how far they may stray.
+
+    Attributes:
+        rows: Shape `(k, parameters)`.
+        aims: Shape `(k,)`.
+    """
+
+    rows: np.ndarray
+    aims: np.ndarray
+
+
 class _Solution(NamedTuple):
-    """Where a round ends: sum of squares, parameters, derivatives of what data say, and noise."""
+    """Where a round ends.
+
+    Attributes:
+        loss: Sum of squares, of the ties and bounds too.
+        values: Parameters.
+        residual: Of what data and pins say.
+        matrix: Its derivatives.
+        expected: Levels.
+        noise: Their standard deviations.
+    """
 
     loss: float
     values: np.ndarray
+    residual: np.ndarray
     matrix: np.ndarray
     expected: np.ndarray
     noise: np.ndarray
 
 
-def _solved(setting: _Setting, values: np.ndarray, hold: float, expected: np.ndarray) -> _Solution:
-    """One round of a fit, whose noise is that of expected levels."""
-    noise = setting.noise(expected)
-    arrays = setting.arrays._replace(deviation=noise, hold=np.asarray(hold))
+def _solved(
+    setting: _Setting,
+    values: np.ndarray,
+    noise: np.ndarray,
+    ties: _Ties,
+    pull: tuple[np.ndarray, float] | None = None,
+) -> _Solution:
+    """One round of a fit.
+
+    Args:
+        setting: What is fitted.
+        values: Where the round starts.
+        noise: Standard deviations of the levels.
+        ties: At most as many as there are parameters.
+        pull: One more tie, whose square is no part of the loss.
+    """
+    rows = np.zeros((values.size + 1, values.size))
+    aims = np.zeros(values.size + 1)
+    rows[: len(ties.rows)], aims[: len(ties.rows)] = ties
+    if pull is not None:
+        rows[-1], aims[-1] = pull
+    arrays = setting.arrays._replace(
+        deviation=noise,
+        ties=np.concatenate([setting.pins.rows, rows]),
+        tied=np.concatenate([setting.pins.aims, aims]),
+    )
     ended = _least_squares(values, arrays, setting.num_taps)
     values, residual, matrix = (np.asarray(each) for each in ended)
     levels = np.asarray(arrays.levels)
     expected = levels + residual[: levels.size].reshape(levels.shape) * noise
-    of_data = matrix[: -len(setting.coefficients)]
-    return _Solution(float(np.sum(residual**2)), values, of_data, expected, noise)
+    loss = float(np.sum(residual[:-1] ** 2))
+    residual, matrix = (setting.without_bounds(x)[: -len(rows)] for x in (residual, matrix))
+    return _Solution(loss, values, residual, matrix, expected, noise)
 
 
-def _camera(setting: _Setting, solution: _Solution) -> FittedCamera:
-    _, values, matrix, expected, noise = solution
+@dataclass(frozen=True, eq=False)
+class _Bars:
+    """Error bars of the parameters, in their own scales, and of the delay.
+
+    Attributes:
+        errors: Of each parameter, infinite where it is blind; shape `(n,)`.
+        delay: Of the delay; s.
+        blind: Directions of almost no information; shape `(k, n)`.
+    """
+
+    errors: np.ndarray
+    delay: float
+    blind: np.ndarray
+
+
+def _error_bars(setting: _Setting, solution: _Solution) -> tuple[_Solution, _Bars]:
+    r"""The last round of a fit, in which nothing that is seen is tied, and error bars at its end.
+
+    The information matrix tells how $\chi^2$ rises nearby. Farther off it rises otherwise where
+    information depends on what was found: a jump of the profile at an end of the exposure tells
+    the stage from the shutter the better the higher it is. Each number of the camera is therefore
+    pulled either way, everything else following, until $\chi^2$ is about 4 higher. With $\theta$
+    there, an error bar is at least $|\theta - \hat\theta|/\sqrt{\Delta\chi^2}$ (the profile
+    likelihood's, of the farther side), and no end of less than 1 more lies outside it.
+    """
+    noise = setting.noise(solution.expected)
+    _, unseen = _information(solution.matrix)
+    ties = _Ties(unseen / _RANGE, unseen @ solution.values / _RANGE)
+    values, best, ends = solution.values, solution, []
+    for _ in range(_MAX_ENDS):
+        best = _solved(setting, values, noise, ties)
+        ends = _pulled(setting, best, ties)
+        lowest = min(ends, key=lambda each: each.loss, default=best)
+        if lowest.loss >= best.loss - _SAME:
+            break
+        values = lowest.values
+    everything, blind = _information(best.matrix)
+    seen, _ = _information(np.concatenate([best.matrix, ties.rows]))
+    late, slopes = setting.delay(best.values)
+    numbers = np.concatenate([np.eye(best.values.size), slopes[None]])
+    linear, total = (
+        np.einsum("ij,jk,ik->i", numbers, each, numbers) for each in (seen, everything)
+    )
+    bars = np.sqrt(linear)
+    for end in ends:
+        away = np.append(end.values - best.values, setting.delay(end.values)[0] - late)
+        bars = np.maximum(bars, np.abs(away) / np.sqrt(max(end.loss - best.loss, 1.0)))
+    *errors, delay = np.sqrt(bars**2 + np.maximum(total - linear, 0))
+    return best, _Bars(np.array(errors), float(delay), blind)
+
+
+def _pulled(setting: _Setting, best: _Solution, ties: _Ties) -> list[_Solution]:
+    """Ends of pulls by 4 error bars on each number of the camera, against its own bar.
+
+    Where information does not change, a pull ends half-way. If residuals there are what
+    derivatives say, Fisher's error bar stands, and there is no pull. It starts there, or at the
+    best fit where that is nearer to its end.
+    """
+    everything, _ = _information(best.matrix)
+    covariance, _ = _information(np.concatenate([best.matrix, ties.rows]))
+    is_pinned = np.any(np.abs(setting.pins.rows) == _PIN, axis=0)
+    is_own = np.arange(best.values.size) < 4 + len(setting.coefficients)
+    is_told = np.diag(everything) <= _WIDEST**2
+    ends = []
+    for k in np.flatnonzero(is_own & is_told & ~is_pinned):
+        row = np.eye(best.values.size)[k] / np.sqrt(covariance[k, k])
+        for side in (-2, 2):
+            away = side * covariance @ row
+            there = setting.residuals(best.values + away, best.noise)
+            if np.linalg.norm(there - best.residual - best.matrix @ away) > _STRAIGHT:
+                pull = row, float(row @ best.values) + 2 * side
+                is_nearer = np.sum(there**2) + 2**2 < np.sum(best.residual**2) + 4**2
+                start = best.values + away * is_nearer
+                ends.append(_solved(setting, start, best.noise, ties, pull))
+    return ends
+
+
+def _camera(setting: _Setting, solution: _Solution, bars: _Bars) -> FittedCamera:
+    values, expected, noise = solution.values, solution.expected, solution.noise
     count = len(setting.coefficients)
     scales = np.asarray(setting.arrays.scales)
-    covariance, blind = _information(matrix)
-    is_blind = np.diag(covariance) > _WIDEST**2
-    errors = np.where(is_blind, np.inf, np.sqrt(np.diag(covariance)) * scales)
+    is_blind = bars.errors > _WIDEST
+    errors = np.where(is_blind, np.inf, bars.errors * scales)
     if np.all(setting.arrays.is_unknown):
         errors[1] = np.inf  # the velocity is taken as sent
     found = values * scales
@@ -602,12 +783,9 @@ def _camera(setting: _Setting, solution: _Solution) -> FittedCamera:
         "velocity_px_per_s": Estimate(v, errors[1]),
         "lens_blur_px": Estimate(abs(found[3]), errors[3]),
     }
-    late = (float(setting.sent.velocity) - v) / (2 * a)
-    by_motion = np.array([-late / a, -1 / (2 * a)]) * scales[:2]
-    own = float(np.sqrt(by_motion @ covariance[:2, :2] @ by_motion))
-    estimates["delay_ms"] = Estimate(
-        late * 1e3, own * 1e3 if np.isfinite(errors[:2]).all() else np.inf
-    )
+    late, _ = setting.delay(values)
+    own = bars.delay if np.isfinite(errors[:2]).all() else np.inf
+    estimates["delay_ms"] = Estimate(late * 1e3, own * 1e3)
     if np.asarray(setting.arrays.is_unknown).any():
         estimates["speed_px_per_s"] = Estimate(found[2], errors[2])
     for k in range(len(setting.profiles)):
@@ -616,7 +794,7 @@ def _camera(setting: _Setting, solution: _Solution) -> FittedCamera:
             estimates[f"{what}_{k}"] = Estimate(found[place], errors[place])
     levels = tuple(setting.profiles)
     chi = float(np.sum(((expected - np.array(levels)) / noise) ** 2))
-    num_pins = len(np.asarray(setting.arrays.pins))
+    num_pins = len(setting.pins.rows)
     coefficients = found[4 : 4 + count]
     half = setting.sent.half_exposure
     return FittedCamera(
@@ -625,7 +803,7 @@ def _camera(setting: _Setting, solution: _Solution) -> FittedCamera:
         coefficients=coefficients,
         coefficient_errors=errors[4 : 4 + count],
         estimates={name: Estimate(float(e.value), float(e.error)) for name, e in estimates.items()},
-        not_identifiable=(*setting.notes, *_said(is_blind, blind, setting.names, count)),
+        not_identifiable=(*setting.notes, *_said(is_blind, bars.blind, setting.names, count)),
         names=setting.picture_names,
         levels=levels,
         expected=tuple(expected),
@@ -639,18 +817,18 @@ def _information(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Covariance by the Fisher information, in the parameters' own scales, and blind directions.
 
     A direction in which the error bar exceeds a third of that scale is blind. What is not seen at
-    all is given a thousand of it, so that rounding does not spread to what is seen.
+    all is given three of it, ten of its range, so that it does not spread to what is seen.
     """
     _, singular, directions = np.linalg.svd(matrix, full_matrices=False)
     bars = directions / np.maximum(singular, _LEAST_SEEN)[:, None]
     return bars.T @ bars, directions[singular <= 1 / _WIDEST]
 
 
-_LEAST_SEEN = 1e-3
+_LEAST_SEEN = 1 / 3
 _WIDEST = 1 / 3
 """Error bar of a parameter that is told, at most, in its own scale."""
 _TAKES_PART = 0.05
-"""Share of a blind direction above which a coefficient takes part in it."""
+"""Share of a blind direction above which the profile takes part in it."""
 
 
 def _said(is_blind: np.ndarray, blind: np.ndarray, names: tuple[str, ...], count: int) -> list[str]:
@@ -659,11 +837,12 @@ def _said(is_blind: np.ndarray, blind: np.ndarray, names: tuple[str, ...], count
     said = [name for k, name in enumerate(names) if is_blind[k] and not 4 <= k < 4 + count]
     sentences = [f"{name}: not told by what was recorded" for name in said]
     if profile.any():
-        mirrored = bool(np.array_equal(profile, profile[::-1]))
         which = ", ".join(str(k) for k in np.flatnonzero(profile))
-        parts = np.abs(blind[:, 4 : 4 + count]) > _TAKES_PART
+        parts = blind[:, 4 : 4 + count]
+        parts = parts[np.any(np.abs(parts) > _TAKES_PART, axis=1)]
+        even = np.linalg.norm(parts + parts[:, ::-1])
         sentences.append(
-            f"transmittance: {int(np.sum(parts.any(axis=1)))} combinations of the coefficients "
-            f"{which}" + (", only w(t) + w(-t) is seen" if mirrored else "")
+            f"transmittance: {f'{len(parts)} combinations of ' * bool(len(parts))}the coefficients "
+            f"{which}" + ", only w(t) + w(-t) is seen" * bool(even < 0.2 * np.linalg.norm(parts))
         )
     return sentences

@@ -124,6 +124,19 @@ def test_points_of_one_unknown_speed_join_those_of_known_ones():
     assert len(camera.not_identifiable) == 2
 
 
+def test_one_unknown_speed_shows_a_camera_or_its_mirror():
+    """Where no speed is told, the speed over the sensor and the profile are, or both mirrored."""
+    given = pictures(5, (1300.0,) * 3, told=False)
+    camera = fit(given, SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
+    speed, error = camera.estimates["speed_px_per_s"]
+    assert abs(abs(speed) - (1300.0 - float(BUILT.velocity))) < 3 * error < 300
+    profile = np.asarray(PROFILE.coefficients)[:: int(np.sign(speed))] * SCALE
+    assert np.all(np.abs(camera.coefficients - profile) < 3 * camera.coefficient_errors)
+    assert np.min(camera.coefficients) > -0.02
+    assert np.isinf(camera.estimates["velocity_px_per_s"].error)
+    assert any(said.startswith("sign of the speed") for said in camera.not_identifiable)
+
+
 def test_edges_show_the_camera():
     """An edge shows what a point shows, less sharply, by the same program."""
     given = pictures(6, target="edge")
@@ -132,6 +145,20 @@ def test_edges_show_the_camera():
     assert abs(camera.reduced_chi_squared - 1) < 0.25
     assert camera.estimates["lens_blur_px"].error < 0.02
     assert camera.estimates["acceleration_px_per_s2"].error < 0.02 * float(BUILT.acceleration)
+
+
+@pytest.mark.parametrize("seed", [4, 19])
+def test_error_bars_of_edges_are_those_of_the_likelihood(seed):
+    """Noise that hides a jump of the profile tells of too good a view; error bars see through it.
+
+    In these draws the velocity is 3 to 4 of Fisher's error bars off, and the last coefficient 4
+    to 6: information grows with the profile's end, which came out too high or too low.
+    """
+    given = pictures(seed, target="edge")
+    camera = fit(given, SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
+    assert np.all(np.abs(scores(camera)) < 2.5)
+    assert camera.estimates["velocity_px_per_s"].error < 0.05 * float(SENT.top_speed)
+    assert np.max(camera.coefficient_errors) < 0.25
 
 
 def test_a_scene_file_of_what_was_built_is_ready(tmp_path):
