@@ -125,6 +125,12 @@ def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
     if path is None:
         return [name, "drive.png"]
     write_text(folder / "stage.csv", path)
+    beyond = table.travel_beyond_limit
+    if beyond is not None:
+        note(
+            f"stage.csv travels {beyond:.4g} px, beyond the limit on travel: limit the "
+            "acceleration too, without which a search has a stage run up at once"
+        )
     return [name, "drive.png", "stage.csv"]
 
 

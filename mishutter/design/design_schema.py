@@ -156,6 +156,8 @@ class SavedTolerances(Part):
     speed: float
     transmittance: float
     drive_step: float
+    num_accelerations: int | None = None
+    num_speeds: int | None = None
 
 
 @final

@@ -90,27 +90,30 @@ class DriveTable:
         return "\n".join(lines) + "\n"
 
     def stage_csv(self) -> str | None:
-        """The sensor's path from rest to rest as text, a row a step before and after the exposure.
+        """The sensor's path from rest to rest as text, at equal steps of time.
 
-        Where the scene says how its stage follows, the last column is what to send to it. None
-        where the limits have no `stage_path`.
+        Rows are at the steps of the table, and as many between each two as make 256 of an exposure
+        in fewer steps: a stage that is sent so few positions leaves its path. Where the scene says
+        how its stage follows, the last column is what to send to it. None where the limits have no
+        `stage_path`.
         """
         path = self.design.scene.limits.stage_path(self.design.motion)
         if path is None:
             return None
-        step = float(self.design.motion.exposure) / self.begin.size
+        count = self.begin.size * -(-_NUM_STEPS // self.begin.size)
+        step = float(self.design.motion.exposure) / count
         before, after = (
             int(np.ceil(length / step * (1 - 1e-9)))
             for length in (self.begin[0] - path.times[0], path.times[-1] + self.begin[0])
         )
         requirement = f"have a run-up and a run-out of at most {MAX_STEPS} steps"
         require(max(before, after) <= MAX_STEPS, "design", requirement, max(before, after))
-        times = self.begin[0] + step * np.arange(-before, self.begin.size + after + 1)
+        times = self.begin[0] + step * np.arange(-before, count + after + 1)
         position, velocity = path.at(times)
         index = np.arange(times.size) - before
         begun, ended = times > path.times[0], times >= path.times[-1]
         parts = np.select(
-            [~begun, index < 0, index < self.begin.size, ~ended],
+            [~begun, index < 0, index < count, ~ended],
             ["rest", "run-up", "exposure", "run-out"],
             "rest",
         )
@@ -123,6 +126,18 @@ class DriveTable:
         for time, part, *numbers in zip(times * 1e3, parts, *columns.values(), strict=True):
             lines.append(",".join([f"{time:.9g}", part, *(f"{x:.9g}" for x in numbers)]))
         return "\n".join(lines) + "\n"
+
+    @property
+    def travel_beyond_limit(self) -> float | None:
+        """Travel of the `stage_csv` where it is more than the limits allow; px.
+
+        That may be where they let a stage run up at once. None elsewhere.
+        """
+        limits = self.design.scene.limits
+        path = limits.stage_path(self.design.motion)
+        if path is None or limits.max_travel is None:
+            return None
+        return path.travel if path.travel > float(limits.max_travel) * (1 + 1e-6) else None
 
     def save(self, path: str | Path, *, form: str = "csv") -> None:
         """Write the table in a format that a laboratory loads, whole or not at all.

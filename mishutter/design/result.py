@@ -10,23 +10,33 @@ from typing import Any
 import numpy as np
 
 from mishutter._core import contents, parsed, require, strict_json, validated, write_text
-from mishutter.design.design_schema import FORMAT, SavedDesign, SavedMotion, SavedScene
+from mishutter.design.design_schema import (
+    FORMAT,
+    SavedDesign,
+    SavedFirstOrderShutter,
+    SavedIdealShutter,
+    SavedMotion,
+    SavedScene,
+    SavedSwitchedShutter,
+)
 from mishutter.design.drive_files import read_drive
 from mishutter.evaluation import Metrics, Plan, evaluate
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Burst,
+    FirstOrderShutter,
     FreeMotion,
+    IdealShutter,
     Limits,
     LinearMotion,
     ParabolicMotion,
     Scene,
     SecondOrderStage,
     StillCamera,
+    SwitchedShutter,
     Tolerances,
     command_of,
-    device_of,
     profile_of,
     shutter_from_dict,
     shutter_to_dict,
@@ -34,6 +44,11 @@ from mishutter.model import (
 )
 
 _PROFILE_POINTS = 1001
+_DEVICES = {
+    SavedFirstOrderShutter: FirstOrderShutter,
+    SavedIdealShutter: IdealShutter,
+    SavedSwitchedShutter: SwitchedShutter,
+}
 GIVEN = "none: the camera is given"
 """The name of the loss of a design that no search has found, and none tunes."""
 
@@ -258,7 +273,7 @@ def _built(file: SavedDesign) -> Design:
     scene = file.scene.model_dump()
     kinds = {
         "limits": Limits,
-        "device": device_of,
+        "device": _DEVICES.get(type(file.scene.device)),
         "burst": Burst,
         "stage": SecondOrderStage,
         "tolerances": Tolerances,

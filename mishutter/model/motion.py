@@ -240,6 +240,8 @@ class FreeMotion(AbstractMotion):
             ValueError: if `num_pieces` is not a positive integer.
         """
         count = require_positive_int("FreeMotion.fit(num_pieces=...)", num_pieces)
+        given = isinstance(motion, AbstractMotion)
+        require(given, "FreeMotion.fit(motion=...)", "be a motion", motion)
         if isinstance(motion, AbstractSteadyMotion):
             return cls(
                 accelerations=jnp.broadcast_to(motion.acceleration, (count,)),
@@ -535,7 +537,8 @@ def _as_durations(durations: RowLike) -> tuple[float, ...]:
     require(np.ndim(durations) == 1, subject, "be one row", shape_of(durations))  # type: ignore[arg-type]
     require_finite(subject, durations)
     row = tuple(float(x) for x in np.asarray(durations))
-    require(min(row) >= 0 and sum(row) > 0, subject, "be at least 0, and not all of them 0", row)
+    lasts = any(row) and min(row) >= 0
+    require(lasts, subject, "be at least 0, and not all of them 0", row)
     return row
 
 

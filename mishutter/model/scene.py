@@ -33,6 +33,8 @@ from mishutter.model.motion import (
     ParabolicMotion,
     StillCamera,
     is_known_zero,
+    is_straight,
+    settled,
     steady,
     without_velocity,
 )
@@ -180,17 +182,19 @@ class Limits(eqx.Module):
         """The path of the stage from rest through an exposure to rest.
 
         Its run-up and run-out take the greatest acceleration and jerk, or the greatest
-        acceleration of the exposure where none is limited. None where the sensor stays at rest, or
-        pans and no acceleration is known.
+        acceleration of the exposure where neither is limited. None where the sensor stays at rest,
+        or pans and neither is limited.
 
         Args:
             motion: Motion of the sensor over the exposure, within these limits.
         """
-        most = self.max_acceleration
-        most = float(motion.greatest_acceleration if most is None else most)
-        if most == 0 or isinstance(motion, StillCamera):
+        motion = settled(motion)
+        most, jerk = self.max_acceleration, self.max_jerk
+        runs_up_at_once = most is None and jerk is None
+        if isinstance(motion, StillCamera) or (runs_up_at_once and is_straight(motion)):
             return None
-        return stage_path(motion, max_acceleration=most, max_jerk=self.max_jerk)
+        most = motion.greatest_acceleration if runs_up_at_once else most
+        return stage_path(motion, max_acceleration=most, max_jerk=jerk)
 
     def _frame(self, velocity: Array) -> Array:
         """Velocity of the frame that motions are in; px/s, the shape and precision given."""

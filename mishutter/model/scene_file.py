@@ -17,6 +17,7 @@ from mishutter._core import Bare, contents, in_section, parsed, require, validat
 from mishutter.model.devices import (
     AbstractDevice,
     FirstOrderShutter,
+    IdealShutter,
     SwitchedShutter,
     device_of,
 )
@@ -151,6 +152,9 @@ def _device_table(device: AbstractDevice) -> dict[str, float | int]:
     if isinstance(device, FirstOrderShutter):
         times = {"rise_ms": device.rise_time, "fall_ms": device.fall_time, "delay_ms": device.delay}
         table |= {key: float(time) * 1e3 for key, time in times.items() if time is not None}
+    if isinstance(device, IdealShutter) and device.levels is None and device.num_slots is not None:
+        # Slots without levels and times are of a device that is open or closed.
+        table |= {"rise_ms": 0.0, "fall_ms": 0.0}
     if isinstance(device, SwitchedShutter):
         table |= {"min_open_slots": device.min_open, "min_closed_slots": device.min_closed}
         # Two levels are what a file without `levels` says of such a device.

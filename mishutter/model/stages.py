@@ -169,7 +169,10 @@ class StagePath(NamedTuple):
 
 
 def stage_path(
-    motion: AbstractMotion, *, max_acceleration: ArrayLike, max_jerk: ArrayLike | None = None
+    motion: AbstractMotion,
+    *,
+    max_acceleration: ArrayLike | None = None,
+    max_jerk: ArrayLike | None = None,
 ) -> StagePath:
     """The whole path of a stage: rest, run-up, exposure, run-out, rest.
 
@@ -178,19 +181,25 @@ def stage_path(
 
     Args:
         motion: Motion of the sensor over the exposure.
-        max_acceleration: Greatest acceleration, at least the exposure's own $2a$; px/s^2.
+        max_acceleration: Greatest acceleration, at least the exposure's own $2a$; px/s^2. None for
+            any, where the jerk is limited.
         max_jerk: Greatest jerk; px/s^3. None for any, as a free path needs.
 
     Raises:
         ValueError: if a limit is not a finite scalar above 0, is exceeded within the exposure, or
-            JAX traces anything.
+            both are None, or there is no motion, or JAX traces anything.
     """
+    given = isinstance(motion, AbstractMotion)
+    require(given, "stage_path(motion=...)", "be a motion", motion)
     require_known("stage_path", motion=motion, limits=(max_acceleration, max_jerk))
-    most = _above_zero("stage_path(max_acceleration=...)", max_acceleration)
+    subject = "stage_path(max_acceleration=...)"
+    limited = max_acceleration is not None or max_jerk is not None
+    require(limited, subject, "be given where the jerk is not limited", max_acceleration)
+    most = np.inf if max_acceleration is None else _above_zero(subject, max_acceleration)
     jerk = None if max_jerk is None else _above_zero("stage_path(max_jerk=...)", max_jerk)
     half, own = float(motion.half_exposure), float(motion.greatest_acceleration)
     requirement = f"be at least the {own:g} px/s^2 of the exposure"
-    require(most >= own * (1 - 1e-9), "stage_path(max_acceleration=...)", requirement, most)
+    require(most >= own * (1 - 1e-9), subject, requirement, most)
     ends = np.array([-half, half])
     begin, end = (float(x) for x in np.asarray(motion.velocity_at(ends)))
     if isinstance(motion, FreeMotion):

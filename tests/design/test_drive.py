@@ -9,6 +9,7 @@ from itertools import groupby
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 from support.designs import MOTION, SCENE
 from support.drive import a_design
 
@@ -62,7 +63,7 @@ STAGED = {
 @pytest.mark.parametrize("motion", STAGED.values(), ids=STAGED)
 @pytest.mark.parametrize("most", [None, 1.3e6])
 def test_the_path_of_the_stage_leads_from_rest_through_the_exposure_to_rest(motion, most):
-    """Its steps are those of the table, its slopes its velocities, its bends the limit's."""
+    """Its rows are at the table's steps too, its slopes its velocities, its bends the limit's."""
     scene = _scene(limits=Limits(max_acceleration=most))
     table = drive_table(replace(a_design(HannShutter()), motion=motion, scene=scene), num_steps=50)
     names, units, *rows = csv.reader(io.StringIO(table.stage_csv()))
@@ -71,7 +72,9 @@ def test_the_path_of_the_stage_leads_from_rest_through_the_exposure_to_rest(moti
     parts = [row[1] for row in rows]
     assert [part for part, _ in groupby(parts)] == ["rest", "run-up", "exposure", "run-out", "rest"]
     time, position, velocity = (np.array([float(row[i]) for row in rows]) for i in (0, 2, 3))
-    exposed = np.array(parts) == "exposure"
+    exposed = np.flatnonzero(np.array(parts) == "exposure")
+    assert exposed.size == 300
+    exposed = exposed[::6]
     np.testing.assert_allclose(time[exposed], table.begin * 1e3, rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(position[exposed], table.position, rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(velocity[exposed], table.velocity, rtol=1e-7, atol=1e-4)
@@ -105,6 +108,37 @@ def test_a_stage_is_sent_what_brings_it_onto_the_path(motion, tmp_path):
     found = table.to_dict()["metrics_of_blind_stage"]["expected_psnr"]
     assert found == float(blind.expected_psnr)
     assert abs(found - float(evaluate(design.scene, motion, HannShutter()).expected_psnr)) > 0.1
+
+
+@pytest.mark.parametrize("motion", STAGED.values(), ids=STAGED)
+def test_a_stage_beside_a_shutter_of_few_slots_is_sent_enough_to_stay_on_its_path(motion):
+    """An oscillator that is sent the rows, joined by straight lines, is within 0.1 px of 15."""
+    stage = SecondOrderStage(bandwidth=60.0, damping=0.5)
+    scene = _scene(stage=stage, device=SwitchedShutter(num_slots=12))
+    table = drive_table(replace(a_design(HannShutter()), motion=motion, scene=scene))
+    assert table.begin.size == 12
+    _, _, *rows = csv.reader(io.StringIO(table.stage_csv()))
+    time, position, sent = (np.array([float(row[i]) for row in rows]) for i in (0, 2, 4))
+    pull, drag = stage.natural_frequency**2, 2 * 0.5 * stage.natural_frequency
+    servo = [[0, 1], [-pull, -drag]], [[0], [pull]], [[1, 0]], [[0]]
+    made = lsim(servo, sent, (time - time[0]) * 1e-3, [position[0], 0])[1]
+    exposed = np.array([row[1] == "exposure" for row in rows])
+    assert np.ptp(position[exposed]) > 8
+    np.testing.assert_allclose(made[exposed], position[exposed], atol=0.1)
+
+
+@pytest.mark.parametrize("most", [None, 1.3e6])
+def test_a_path_beyond_the_limit_on_travel_is_told_of(most, tmp_path, capsys):
+    """Without a limit on the acceleration a search counts no run-up, and the table has one."""
+    limits = Limits(max_travel=31.0, max_acceleration=most)
+    design = replace(a_design(HannShutter()), motion=MOTION, scene=_scene(limits=limits))
+    travel = limits.stage_path(MOTION).travel
+    assert (travel > 31.0) == (most is None)
+    design.save(tmp_path / "design.json")
+    given = ["export", str(tmp_path / "design.json"), "--steps", "9", "--out", str(tmp_path)]
+    assert cli.main(given) == 0
+    said = capsys.readouterr().err
+    assert (f"stage.csv travels {travel:.4g} px" in said) == (most is None)
 
 
 def test_a_stage_whose_response_is_not_known_is_sent_the_path():

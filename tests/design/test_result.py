@@ -13,12 +13,16 @@ from support.designs import MOTION, SCENE, SMALL
 from mishutter import (
     ChippedShutter,
     Design,
+    FirstOrderShutter,
     GaussianShutter,
     HannShutter,
+    IdealShutter,
     LinearMotion,
     RectShutter,
     SplineShutter,
     StillCamera,
+    SwitchedShutter,
+    Tolerances,
     TriangleShutter,
     TukeyShutter,
 )
@@ -54,6 +58,28 @@ def design():
         loss_name="ExpectedErrorLoss()",
         best_start_loss=0.5,
     )
+
+
+DEVICES = {
+    "slots": IdealShutter(num_slots=14, transmission=0.8),
+    "levels": IdealShutter(levels=5, leakage=0.02),
+    "gradual": FirstOrderShutter(rise_time=2e-3, fall_time=3e-3, num_slots=20, delay=1e-3),
+    "switched": SwitchedShutter(num_slots=40, min_open=2, min_closed=3),
+}
+
+
+@pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+def test_a_saved_design_has_its_device_and_tolerances(design, device, tmp_path):
+    """The device is of its own kind, and makes the same light of the same command."""
+    tolerances = Tolerances(acceleration=0.02, delay=2e-4, num_accelerations=5, num_speeds=7)
+    places = lambda s: (s.device, s.tolerances)  # noqa: E731
+    scene = eqx.tree_at(places, SCENE, (device, tolerances), is_leaf=lambda x: x is None)
+    light = scene.light(design.shutter, MOTION)
+    replace(design, scene=scene, shutter=light).save(tmp_path / "design.json")
+    read = Design.load(tmp_path / "design.json")
+    assert eqx.tree_equal(read.scene.device, device)
+    assert eqx.tree_equal(read.scene.tolerances, tolerances)
+    assert eqx.tree_equal(read.shutter, light)
 
 
 def test_a_saved_design_gives_back_its_metrics(design, tmp_path):

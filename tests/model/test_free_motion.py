@@ -133,6 +133,7 @@ def test_precision_and_text():
         ({"durations": [1.0, -1.0]}, "be at least 0, and not all of them 0; got (1.0, -1.0)"),
         ({"durations": [0.0, 0.0]}, "be at least 0, and not all of them 0; got (0.0, 0.0)"),
         ({"durations": 1.0}, "be one row; got shape ()"),
+        ({"durations": []}, "be at least 0, and not all of them 0; got ()"),
     ],
 )
 def test_errors(arguments, message):

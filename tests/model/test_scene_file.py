@@ -10,6 +10,7 @@ from support.bad_scenes import EXAMPLE, LINES, edited
 from mishutter import (
     Burst,
     FirstOrderShutter,
+    HannShutter,
     IdealShutter,
     Limits,
     ParabolicMotion,
@@ -306,6 +307,17 @@ def test_a_scene_written_is_the_scene_read(slug, tmp_path):
     assert '\n# a = "1"\n[motion]\n' in text
     (tmp_path / "scene.toml").write_text(text)
     assert eqx.tree_equal(Scene.load(tmp_path / "scene.toml"), scene, rtol=1e-12)
+
+
+def test_a_device_that_holds_any_level_is_written_as_one_without_lag(tmp_path):
+    """Slots alone are of a shutter that is open or closed, which shows another light."""
+    device = IdealShutter(num_slots=12, transmission=0.8, leakage=0.03)
+    scene = Scene([30.0], photon_rate=3.1e5, read_noise=4.3, device=device)
+    (tmp_path / "scene.toml").write_text(scene_text(scene))
+    read = Scene.load(tmp_path / "scene.toml")
+    tau = np.linspace(-0.97, 0.95, 53)
+    wanted, light = (s.light(HannShutter(), 0.01).transmittance(tau) for s in (scene, read))
+    np.testing.assert_allclose(light, wanted, atol=1e-12)
 
 
 def test_a_written_scene_names_its_photograph(tmp_path):

@@ -302,3 +302,9 @@ def test_a_spline_is_fitted_to_a_shutter():
     fit = inspect.unwrap(SplineShutter.fit)
     with pytest.raises(ValueError, match=r"fit\(shutter=...\)` must be a shutter; got 3"):
         fit(3)
+
+
+def test_a_spline_is_fitted_within_a_program():
+    """A shutter that is known stays known where JAX compiles what uses its fit."""
+    fit = lambda tau: SplineShutter.fit(HannShutter(), 7).transmittance(tau)  # noqa: E731
+    assert float(jax.jit(fit)(jnp.asarray(0.31))) == pytest.approx(float(fit(0.31)), rel=1e-12)

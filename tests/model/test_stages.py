@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mishutter import Limits, ParabolicMotion, StillCamera, stage_path
+from mishutter import Limits, LinearMotion, ParabolicMotion, StillCamera, stage_path
 from mishutter.model import stage_use
 
 CASES = {
@@ -96,6 +96,7 @@ def test_more_motion_never_takes_less():
         ({"max_acceleration": 1e5}, "be at least the 820000 px/s\\^2 of the exposure; got 100000"),
         ({"max_acceleration": -1.0}, "be above 0"),
         ({"max_acceleration": 1e6, "max_jerk": 0.0}, "be above 0"),
+        ({}, "be given where the jerk is not limited; got None"),
     ],
 )
 def test_a_stage_that_cannot(arguments, requirement):
@@ -114,6 +115,23 @@ def test_the_fullest_motion_is_within_the_stage():
         assert 0.5 < float(limits.stage_share(*numbers)) <= 1 + 1e-9
     roomy = Limits(**given, max_travel=1e9).fullest_motion(900.0)
     assert float(roomy.stroke) == pytest.approx(float(Limits(**given).fullest_motion(900.0).stroke))
+
+
+@pytest.mark.parametrize("velocity", [0.0, 430.0])
+def test_a_stage_of_limited_jerk_alone_keeps_its_travel(velocity):
+    """The path that is written travels what the limits count, and its acceleration is free."""
+    limits = Limits(max_stroke=21.0, max_top_speed=5e3, max_travel=12.0, max_jerk=3e8)
+    motion = limits.fullest_motion(velocity)
+    path = limits.stage_path(motion)
+    share = float(limits.stage_share_of(motion))
+    assert share == pytest.approx(1, rel=1e-9)
+    _, position, reached, pulled = _driven(path)
+    assert np.ptp(position) <= 12.0 * (1 + 1e-6)
+    assert np.abs(reached).max() <= 5e3 * (1 + 1e-6)
+    assert np.abs(pulled).max() > float(motion.greatest_acceleration)
+    pan = LinearMotion(half_exposure=0.005, velocity=400.0)
+    use = stage_use(0.0, 0.005, 400.0, None, 3e8)
+    assert limits.stage_path(pan).travel == pytest.approx(float(use.travel), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["max_travel", "max_acceleration", "max_jerk"])

@@ -170,7 +170,7 @@ def fitted_boxes(
     """Parameters of the splines that `SplineShutter.fit` gives; shape `(p,)` each."""
     num_samples = _FIT_SAMPLES_PER_PIECE * (num_coefficients - _DEGREE)
     tau = (2 * np.arange(num_samples) + 1) / num_samples - 1
-    targets = np.asarray(_transmittances(tuple(shutters), jnp.asarray(tau, common_dtype())))
+    targets = np.asarray(_transmittances(tuple(shutters), as_float(tau.astype(common_dtype()))))
     each = [fitted_coefficients(tau, target, num_coefficients, symmetric) for target in targets]
     return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
 
