@@ -65,7 +65,7 @@ class ToleranceCosts:
         largest = self.largest
         if largest is None:
             return "No tolerance costs anything."
-        share = f"{largest.cost:.3f} of {self.rows[-1].cost:.3f} dB"
+        share = f"{largest.cost:z.3f} of {self.rows[-1].cost:z.3f} dB"
         return f"The largest is the {largest.name}, {largest.size}: {share}."
 
     def to_dict(self) -> dict[str, Any]:
@@ -86,7 +86,7 @@ class ToleranceCosts:
         """The table as text."""
         lines = [f"{'tolerance':<15}{'1 sigma':>24}{'costs dB':>10}{'unaware dB':>12}"]
         lines += [
-            f"{row.name:<15}{row.size:>24}{row.cost:>10.3f}{row.unaware_cost:>12.3f}"
+            f"{row.name:<15}{row.size:>24}{row.cost:>z10.3f}{row.unaware_cost:>z12.3f}"
             for row in self.rows
         ]
         return "\n".join([*lines, self.verdict])

@@ -22,6 +22,8 @@ from mishutter import (
     RectShutter,
     Scene,
     StillCamera,
+    ToleranceCost,
+    ToleranceCosts,
     Tolerances,
     TukeyShutter,
     evaluate,
@@ -304,3 +306,9 @@ def test_a_design_keeps_its_tolerances(tmp_path):
     assert back.scene.tolerances.num_speeds == 5
     assert eqx.tree_equal(back.scene.tolerances, scene.tolerances)
     assert float(back.metrics.toleranced_psnr) == float(design.metrics.toleranced_psnr)
+
+
+def test_a_cost_of_nothing_has_no_sign():
+    """Rounding leaves some costs a little below 0, which a table shows as 0."""
+    row = ToleranceCost("delay", "4 us", -2e-16, -3e-16)
+    assert "-0.000" not in ToleranceCosts(31.0, (row,)).text()
