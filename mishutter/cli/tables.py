@@ -165,11 +165,14 @@ _OF_PHOTOGRAPH = (
 
 
 def _design_line(design: "Design") -> str:
+    from mishutter.model import FreeMotion
+
+    at_most = "at most " if isinstance(design.motion, FreeMotion) else ""
     return (
         f"{design.outcome}\n"
         f"Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best start, "
         f"{len(design.history)} in history), gradient {design.certificate:.1e}.\n"
-        f"a = {float(design.motion.greatest_acceleration) / 2:.6g} px/s^2, "
+        f"a = {at_most}{float(design.motion.greatest_acceleration) / 2:.6g} px/s^2, "
         f"v = {float(design.motion.velocity) + 0.0:.6g} px/s, "
         f"T = {float(design.motion.half_exposure) * 1e3:.4g} ms."
     )
