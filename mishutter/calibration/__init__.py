@@ -2,7 +2,6 @@
 
 from mishutter.calibration.estimation import FittedCamera as FittedCamera
 from mishutter.calibration.estimation import fit as fit
-from mishutter.calibration.estimation import through_lens as through_lens
 from mishutter.calibration.measurements import SensorLevels as SensorLevels
 from mishutter.calibration.measurements import TargetPicture as TargetPicture
 from mishutter.calibration.measurements import read_measurements as read_measurements

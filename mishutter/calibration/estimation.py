@@ -8,21 +8,18 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter._core import Bare, require, require_positive_int
+from mishutter._core import Bare, as_float, require, require_positive_int
 from mishutter.calibration.likelihood import Setting, Solution, solved, spline_knots
 from mishutter.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.calibration.uncertainty import WIDEST, ErrorBars, error_bars
 from mishutter.design import Design, Trace, given_design
 from mishutter.model import (
-    CORNER_FREQUENCY,
-    NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
     Limits,
     ParabolicMotion,
     Scene,
     SplineShutter,
-    frequencies,
     scene_text,
 )
 
@@ -97,11 +94,12 @@ class FittedCamera:
         return middle - reach, middle + reach
 
     def seen_through_lens(self, scene: Scene) -> Scene:
-        r"""The scene as the lens passes it: its spectrum times $e^{-4\pi^2\sigma^2 f^2}$."""
-        return through_lens(scene, self.lens_blur)
+        """The scene behind the lens that was found."""
+        blur = as_float(np.asarray(self.lens_blur, scene.speeds.dtype))
+        return eqx.tree_at(lambda s: s.lens_blur, scene, blur)
 
     def design(self, scene: Scene) -> Design:
-        """The camera as built, as a design like any other, on a scene through its lens."""
+        """The camera as built, as a design like any other, on a scene behind its lens."""
         seen = self.seen_through_lens(scene)
         outcome = "Fitted to measurements."
         return given_design(seen, self.motion, self.shutter, outcome, is_measured=True)
@@ -110,10 +108,10 @@ class FittedCamera:
         """The text of a scene file with the motion that was found, ready for `optimise`.
 
         Limits are widened to hold it. Comments say each error bar, and what no key says: the
-        lens, of which a scene with a photograph knows nothing, and the profile.
+        profile.
         """
         limits, wider = _limits_with(scene.limits, self.motion)
-        built = eqx.tree_at(lambda s: s.limits, scene, limits)
+        built = eqx.tree_at(lambda s: s.limits, self.seen_through_lens(scene), limits)
         nothing = {"is_leaf": lambda leaf: leaf is None}
         built = eqx.tree_at(lambda s: s.given_motion, built, self.motion, **nothing)
         said = {
@@ -126,10 +124,7 @@ class FittedCamera:
                 "A camera as it was built: [motion], from measurements; numbers with error bars.",
                 *(f"Not identifiable: {line}." for line in self.not_identifiable),
             ],
-            "optics": [
-                said.pop("lens_blur_px"),
-                "That Gaussian blur has no key; pictures lack it.",
-            ],
+            "optics": [said.pop("lens_blur_px")],
             "shutter": [
                 "As in the scene: what was built of it is a profile, in the design's file."
             ],
@@ -173,23 +168,6 @@ def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[
         known = {name: each * share for name, each in grown.items() if each is not None}
         wide = widened(wide, **known)
     return Limits(**wide), [name for name in own if wide[name] is not own[name]]
-
-
-def through_lens(scene: Scene, blur: float) -> Scene:
-    r"""A scene as a Gaussian lens passes it: its spectrum times $e^{-4\pi^2\sigma^2 f^2}$.
-
-    The scene's photograph, which is sharp, is left out.
-    """
-    known = scene.power_spectrum
-    f = frequencies(NUM_FREQUENCIES if known is None else known.size)
-    power = 1 / (f**2 + CORNER_FREQUENCY**2) if known is None else np.asarray(known, np.float64)
-    passed = power * np.exp(-4 * np.pi**2 * blur**2 * f**2)
-    seen = scene.bare(power_spectrum=passed)
-    deviation = scene.deviation * float(np.sqrt(np.sum(passed) / np.sum(power)))
-    seen = eqx.tree_at(lambda s: s.deviation, seen, deviation)
-    others = (scene.burst, scene.stage, scene.given_motion)
-    nothing = {"is_leaf": lambda leaf: leaf is None}
-    return eqx.tree_at(lambda s: (s.burst, s.stage, s.given_motion), seen, others, **nothing)
 
 
 def fit(

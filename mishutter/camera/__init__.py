@@ -24,5 +24,4 @@ from mishutter.camera.rows import along_rows as along_rows
 from mishutter.camera.rows import blurred as blurred
 from mishutter.camera.rows import channels_last as channels_last
 from mishutter.camera.rows import fast_length as fast_length
-from mishutter.camera.rows import passes as passes
 from mishutter.camera.rows import rows_last as rows_last

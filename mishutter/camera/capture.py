@@ -33,7 +33,6 @@ from mishutter.camera.rows import (
     channels_last,
     continued,
     fast_length,
-    passes,
     period_of,
     require_border,
     rows_last,
@@ -48,11 +47,14 @@ from mishutter.evaluation import (
 )
 from mishutter.model import (
     NYQUIST_FREQUENCY,
+    WIDEST_BLUR,
     AbstractMotion,
     AbstractShutter,
+    Optics,
     Picture,
     Scene,
     is_straight,
+    lens_response,
     without_velocity,
 )
 
@@ -62,6 +64,8 @@ _ROLL_OFF = 0.4
 """Frequency from which on the response of a kernel for other libraries falls off to 0 at 1/2."""
 _TAIL = 24
 """Pixels beyond the geometric reach in which the taps of such a kernel die away."""
+_DEVIATIONS = 5
+"""Of a lens, over which it spreads light further."""
 
 
 def simulate_capture(
@@ -82,11 +86,11 @@ def simulate_capture(
 
     The rows are a continuous, band-limited scene through the picture's pixels, whose spectrum
     $F(f)$ becomes $F(f)\,H_s(f)\,\operatorname{sinc}(f)$: the exact transfer function of the
-    picture's speed, then a pixel's width. Above the cutoff of the scene's optics nothing is left.
-    The noise is that of the paper's equation (4) at $p = \text{rate}\cdot 2T$, in linear light
-    and in units of a fully open exposure of white. Pixel $k$ of an accelerated sensor is centred
-    $k$ px from the vertex of the path, so that the displacement $-s^2/4a$, which no decoder can
-    know, is left out; that of any other is centred $k$ px from mid-exposure.
+    picture's speed, then a pixel's width; the scene's lens comes before both. The noise is that of
+    the paper's equation (4) at $p = \text{rate}\cdot 2T$, in linear light and in units of a fully
+    open exposure of white. Pixel $k$ of an accelerated sensor is centred $k$ px from the vertex of
+    the path, so that the displacement $-s^2/4a$, which no decoder can know, is left out; that of
+    any other is centred $k$ px from mid-exposure.
 
     Args:
         picture: Light, white = 1; a `Picture`, or an array of shape `(rows, columns)` or
@@ -128,8 +132,7 @@ def simulate_capture(
         got = f"{speed!r}, {displacement!r}, {border!r}"
         require(alone, subject, "be left to layers and frames", got)
         expose = expose_layers if isinstance(picture, Layers) else expose_frames
-        cutoff = float(scene.cutoff_frequency)
-        light = jnp.asarray(expose(picture, motion, shutter, cutoff))  # type: ignore[arg-type]
+        light = jnp.asarray(expose(picture, motion, shutter, scene.optics))  # type: ignore[arg-type]
         return _recorded(light, scene, motion, key, full_well, adc_bits)
     light = as_light(picture, "simulate_capture(picture=...)")
     require_known("simulate_capture", motion=motion, speed=speed, displacement=displacement)
@@ -190,7 +193,7 @@ def through_optics(rows: np.ndarray, cutoff: float) -> np.ndarray:
     columns = rows.shape[-1]
     period = period_of(columns, 0, "reflect")
     spectrum = np.fft.rfft(continued(rows, period, "reflect"))
-    passed = np.fft.irfft(spectrum * passes(period, cutoff), period)
+    passed = np.fft.irfft(spectrum * Optics(cutoff).response(period), period)
     return passed[..., :columns].astype(rows.dtype)
 
 
@@ -214,7 +217,11 @@ def captured_response(
 
 
 def centred_kernel(
-    motion: AbstractMotion, shutter: AbstractShutter, *, speed: float = 0.0
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    speed: float = 0.0,
+    lens_blur: float = 0.0,
 ) -> np.ndarray:
     r"""The blur as other libraries take it: one row of taps, odd, its middle at rest.
 
@@ -229,20 +236,27 @@ def centred_kernel(
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
         speed: Speed of the picture, px/s; 0 is what the classical decoders assume.
+        lens_blur: Deviation of the lens's Gaussian, as `Scene` has it; px.
 
     Returns:
         Taps in units of a fully open exposure, float64; shape `(1, 2 m + 1)`.
 
     Raises:
-        ValueError: if the speed is not finite or the light displaced by over 8,192 px.
+        ValueError: if the speed is not finite, the light displaced by over 8,192 px, or the blur
+            of the lens not within 0 and 16 px.
     """
     require_scalar("centred_kernel(speed=...)", speed)
     require_finite("centred_kernel(speed=...)", speed)
+    requirement = f"be at least 0 and at most {WIDEST_BLUR:g} px"
+    within = 0 <= lens_blur <= WIDEST_BLUR
+    require(within, "centred_kernel(lens_blur=...)", requirement, lens_blur)
     num_taps, origin = kernel_layout(motion, speed)
-    middle = max(origin, num_taps - 1 - origin) + _TAIL
-    length = fast_length(4 * (middle + _TAIL))
+    tail = _TAIL + math.ceil(_DEVIATIONS * lens_blur)
+    middle = max(origin, num_taps - 1 - origin) + tail
+    length = fast_length(4 * (middle + tail))
     response = np.asarray(captured_response(motion, shutter, [speed], length)[0])
     frequency = np.arange(response.size) / length
+    response = response * lens_response(frequency, lens_blur)
     past = np.clip((frequency - _ROLL_OFF) / (NYQUIST_FREQUENCY - _ROLL_OFF), 0, 1)
     taps = np.fft.irfft(response * np.cos(np.pi / 2 * past) ** 2, length)
     return np.roll(taps, middle)[None, : 2 * middle + 1]
@@ -319,7 +333,7 @@ def _seen(scene: Scene, response: Any, period: int, displacement: float = 0.0) -
     """A response on the grid of a DFT through the scene's optics, of a picture aside."""
     frequency = np.arange(response.size) / period
     shift = np.exp(-2j * np.pi * frequency * float(displacement))
-    return response * (shift * passes(period, float(scene.cutoff_frequency))).astype(response.dtype)
+    return response * (shift * scene.optics.response(period)).astype(response.dtype)
 
 
 @compiled

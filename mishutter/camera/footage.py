@@ -10,11 +10,12 @@ import numpy as np
 
 from mishutter._core import Bare, common_dtype, require, require_positive_int, shape_of
 from mishutter.blur import path_ends, waves_on_dft
-from mishutter.camera.rows import PAD_MODES, continued, passes, period_of
+from mishutter.camera.rows import PAD_MODES, continued, period_of
 from mishutter.model import (
     GAMMA,
     AbstractMotion,
     AbstractShutter,
+    Optics,
     Picture,
     piecewise,
     read_picture,
@@ -83,7 +84,7 @@ def read_frames(path: str | Path, border: str = "reflect") -> Frames:
 
 
 def expose_frames(
-    frames: Frames, motion: AbstractMotion, shutter: AbstractShutter, cutoff: float
+    frames: Frames, motion: AbstractMotion, shutter: AbstractShutter, optics: Optics
 ) -> np.ndarray:
     r"""Light on a moving sensor while footage plays, one frame at a time.
 
@@ -95,7 +96,7 @@ def expose_frames(
         frames: The footage, in linear light.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        cutoff: Highest frequency that the optics pass, cycles/px.
+        optics: The lens.
 
     Returns:
         Light in units of a fully open exposure; shape of a frame.
@@ -125,7 +126,7 @@ def expose_frames(
     require(num_seen == wanted, subject, f"be the {num_seen} that came", wanted)
     if total is None or shape is None:
         return np.zeros((0, 0, 1))
-    aperture = np.sinc(np.arange(total.shape[-1]) / period) * passes(period, cutoff)
+    aperture = np.sinc(np.arange(total.shape[-1]) / period) * optics.response(period)
     recorded = np.fft.irfft(total * aperture, period)[..., : shape[1]]
     return np.ascontiguousarray(np.moveaxis(recorded, 2, 1)).astype(dtype)
 

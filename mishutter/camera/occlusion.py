@@ -9,9 +9,9 @@ import numpy as np
 from mishutter._core import in_threads, num_processors
 from mishutter.blur import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
-from mishutter.camera.rows import MARGIN, continued, fast_length, passes, period_of
+from mishutter.camera.rows import MARGIN, continued, fast_length, period_of
 from mishutter.evaluation import light_in_time, sized_for
-from mishutter.model import AbstractMotion, AbstractShutter
+from mishutter.model import AbstractMotion, AbstractShutter, Optics
 
 _STEP = 0.5
 """Way of the fastest layer between two instants, px."""
@@ -29,13 +29,13 @@ class _Exposure(NamedTuple):
         time: From mid-exposure; s, shape `(q,)`.
         light: Share of a fully open exposure; shape `(q,)`.
         path: Position of the sensor, px; shape `(q,)`.
-        cutoff: Highest frequency that the optics pass, cycles/px.
+        optics: The lens.
     """
 
     time: np.ndarray
     light: np.ndarray
     path: np.ndarray
-    cutoff: float
+    optics: Optics
 
 
 class _Seen(NamedTuple):
@@ -64,7 +64,7 @@ class _Seen(NamedTuple):
 
 
 def expose_layers(
-    layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, cutoff: float
+    layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, optics: Optics
 ) -> np.ndarray:
     r"""Light on the sensor from layers that hide one another while they move.
 
@@ -86,7 +86,7 @@ def expose_layers(
         layers: The scene, in linear light.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        cutoff: Highest frequency that the optics pass, cycles/px.
+        optics: The lens.
 
     Returns:
         Light in units of a fully open exposure, at mid-exposure alignment; shape
@@ -94,7 +94,7 @@ def expose_layers(
     """
     shape, dtype = layers.shape, layers.layers[0].picture.light.dtype
     layers = seen_layers(_in_one_colour(layers) if _is_grey(layers) else layers, motion)
-    exposure = _exposure_of(layers, motion, shutter, cutoff)
+    exposure = _exposure_of(layers, motion, shutter, optics)
     rows, columns, channels = layers.shape
     total = np.zeros((channels, rows, columns))
     for index in range(len(layers.layers)):
@@ -111,7 +111,7 @@ def expose_layers(
 
 
 def _exposure_of(
-    layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, cutoff: float
+    layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, optics: Optics
 ) -> _Exposure:
     half, v = float(motion.half_exposure), float(motion.velocity)
     fastest = max(abs(layer.speed - v) for layer in layers.layers)
@@ -119,7 +119,7 @@ def _exposure_of(
     plan = sized_for(0.0, 2 * (float(motion.speed_gain) + fastest) * half)
     tau, light = (np.asarray(x)[0] for x in light_in_time(shutter, motion, plan.num_nodes))
     time = tau * half
-    return _Exposure(time, light, np.asarray(motion.position(time)), cutoff)
+    return _Exposure(time, light, np.asarray(motion.position(time)), optics)
 
 
 def _seen(layers: Layers, index: int, exposure: _Exposure) -> _Seen:
@@ -143,7 +143,7 @@ def _reach(displacement: np.ndarray) -> int:
 def _responses(seen: _Seen, exposure: _Exposure, light: np.ndarray, period: int) -> np.ndarray:
     """Responses of the pixels to a layer, on the grid of a DFT, under some lights; `(n, k)`."""
     count = period // 2 + 1
-    aperture = np.sinc(np.arange(count) / period) * passes(period, exposure.cutoff)
+    aperture = np.sinc(np.arange(count) / period) * exposure.optics.response(period)
     return np.asarray(waves_on_dft(seen.displacement[None], light, period, count)) * aperture
 
 

@@ -64,11 +64,6 @@ def blurred(rows: Array, response: ArrayLike) -> Array:
     return jnp.fft.irfft(spectrum * along_rows(response, spectrum), rows.shape[-1])
 
 
-def passes(period: int, cutoff: float) -> np.ndarray:
-    """Which frequencies of the DFT of a period optics of some cutoff pass, as 0 and 1."""
-    return (np.arange(period // 2 + 1) <= cutoff * period * (1 + 1e-12)).astype(np.float64)
-
-
 def along_rows(vector: ArrayLike, like: Array) -> Array:
     """A vector with as many axes, and the precision, of the rows that it is to meet."""
     return jnp.asarray(vector, like.dtype).reshape((1,) * (like.ndim - 1) + (-1,))

@@ -72,7 +72,7 @@ def fit(
 def _cameras(
     camera: "FittedCamera", saved: "Design", drive: Path | None, redesign: bool
 ) -> "dict[str, Design]":
-    """Cameras on the scene through the lens that was found, which all of them have."""
+    """Cameras on the scene behind the lens that was found, which all of them have."""
     from mishutter.design import GIVEN, Design, optimise
 
     seen = camera.seen_through_lens(saved.scene)
@@ -110,4 +110,4 @@ def _print(camera: "FittedCamera", levels: dict[str, Any]) -> None:
         print_text(f"Not identifiable: {line}.")
     print_text(f"Chi squared for each free level: {camera.reduced_chi_squared:.3f}.")
     rows = [[name, f"{level:.2f}"] for name, level in levels.items()]
-    print_table("Expected of the scene through this lens", ["camera", "PSNR / dB"], rows)
+    print_table("Expected behind this lens", ["camera", "PSNR / dB"], rows)

@@ -172,6 +172,7 @@ class SavedScene(Part):
     deviation: float
     power_spectrum: list[float] | None = None
     cutoff_frequency: float = 0.5
+    lens_blur: float = 0.0
     limits: SavedLimits
     device: SavedDevice | None = None
     full_well: float | None = None

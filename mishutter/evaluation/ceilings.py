@@ -41,7 +41,7 @@ from mishutter._core import (
 )
 from mishutter.evaluation.lengths import distinct_speeds, frequency_counts
 from mishutter.evaluation.needs import power_on_grid
-from mishutter.model import NYQUIST_FREQUENCY, Scene, frequencies
+from mishutter.model import NYQUIST_FREQUENCY, Scene, frequencies, pixel_response
 
 _LOWEST, _NUM_EIGENVALUES = 1e-6, 2048
 """Frequencies at which eigenvalues are computed: the lowest, below that of every grid, cycles/px,
@@ -133,7 +133,8 @@ def _least_error(
     time = np.minimum(half, times[np.searchsorted(knots, frequency)] / frequency)
     with np.errstate(divide="ignore", over="ignore"):
         signal = 2 * rate * time / (mean_level + read_noise * (read_noise / (2 * rate * half)))
-        share = 1 / (1 + power * np.sinc(frequency) ** 2 * signal)
+        passed = np.asarray(pixel_response(frequency, float(scene.lens_blur))) ** 2
+        share = 1 / (1 + power * passed * signal)
     return float(np.sum(power * share) / num_frequencies)
 
 

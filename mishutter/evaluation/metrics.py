@@ -29,6 +29,7 @@ from mishutter.model import (
     frequency_grid,
     has_vertex,
     on_steps,
+    pixel_response,
 )
 
 
@@ -252,7 +253,10 @@ def _moments(
     dtype = response.efficiency.dtype
     num_kept = response.spectra.shape[1]
     power = every_power[:num_kept]
-    spectra, aperture = response.spectra, _aperture(every_power.size, np.dtype(dtype))[:num_kept]
+    spectra, aperture = (
+        response.spectra,
+        _aperture(scene, every_power.size, np.dtype(dtype))[:num_kept],
+    )
     weights = ensemble_weights(scene).astype(dtype)[:, None]
     mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
     deviation = spectra - mean[None]
@@ -286,7 +290,7 @@ def unaware_squared_error(
     lit = seen.signal > 0
     difference = own - other
     excess = difference.real**2 + difference.imag**2
-    excess = excess * _aperture(power.size, np.dtype(power.dtype)) * seen.signal * total
+    excess = excess * _aperture(scene, power.size, np.dtype(power.dtype)) * seen.signal * total
     left = _share(seen.signal * seen.spread + seen.noise, total)
     return jnp.mean(power * (left + jnp.where(lit, excess, 0.0)))
 
@@ -377,7 +381,7 @@ def _errors_of_records(
     response = assembled(scene, recorded, plan)
     dtype = np.dtype(response.efficiency.dtype)
     power = picture_power(scene, plan.num_frequencies, dtype)
-    aperture = jnp.sqrt(_aperture(plan.num_frequencies, dtype))[None]
+    aperture = jnp.sqrt(_aperture(scene, plan.num_frequencies, dtype))[None]
     spectra = response.spectra * aperture.astype(response.spectra.dtype)
     weights = scene.weights.astype(dtype)[:, None]
     mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
@@ -414,7 +418,7 @@ def freely_aligned(
     num_kept = spectra.shape[1]
     num_frequencies = num_kept if num_frequencies is None else num_frequencies
     power = picture_power(scene, num_frequencies, np.dtype(dtype))[:num_kept]
-    aperture = _aperture(num_frequencies, np.dtype(dtype))[:num_kept]
+    aperture = _aperture(scene, num_frequencies, np.dtype(dtype))[:num_kept]
     weights = ensemble_weights(scene).astype(dtype)[:, None]
     signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
     passed = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0) * aperture
@@ -453,16 +457,17 @@ def known_speed_squared_error(scene: Scene, motion: AbstractMotion, response: Re
     spectra = response.spectra
     num_frequencies = spectra.shape[1]
     power = picture_power(scene, num_frequencies, np.dtype(dtype))
-    aperture = _aperture(num_frequencies, np.dtype(dtype))
+    aperture = _aperture(scene, num_frequencies, np.dtype(dtype))
     passed = (spectra.real**2 + spectra.imag**2) * aperture[None]
     signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
     share = _share(noise, signal[None] * passed + noise)
     return jnp.mean(power * jnp.sum(scene.weights.astype(dtype)[:, None] * share, axis=0))
 
 
-def _aperture(num_frequencies: int, dtype: np.dtype) -> Array:
-    """Share of the power that the pixel passes, on the frequency grid; shape `(m,)`."""
-    return jnp.sinc(frequency_grid(num_frequencies, dtype)) ** 2
+def _aperture(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
+    """Share of the power that lens and pixel pass, on the frequency grid; shape `(m,)`."""
+    frequency = frequency_grid(num_frequencies, dtype)
+    return jnp.asarray(pixel_response(frequency, scene.lens_blur.astype(dtype))) ** 2
 
 
 def _signal_and_noise(

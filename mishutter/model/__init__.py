@@ -35,6 +35,10 @@ from mishutter.model.motion import settled as settled
 from mishutter.model.motion import steady as steady
 from mishutter.model.motion import turns as turns
 from mishutter.model.motion import without_velocity as without_velocity
+from mishutter.model.optics import WIDEST_BLUR as WIDEST_BLUR
+from mishutter.model.optics import Optics as Optics
+from mishutter.model.optics import lens_response as lens_response
+from mishutter.model.optics import pixel_response as pixel_response
 from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY
 from mishutter.model.scene import NUM_FREQUENCIES as NUM_FREQUENCIES
 from mishutter.model.scene import NYQUIST_FREQUENCY as NYQUIST_FREQUENCY

@@ -38,6 +38,7 @@ from mishutter.model.motion import (
     steady,
     without_velocity,
 )
+from mishutter.model.optics import WIDEST_BLUR, Optics
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.shutters import AbstractShutter
 from mishutter.model.stages import StagePath, StageUse, stage_path, stage_use, stage_use_of_path
@@ -336,6 +337,8 @@ class Scene(eqx.Module):
             where light spreads further, which share its power. Shape `(m,)`.
         cutoff_frequency: Highest frequency that the optics pass: the picture on the
             sensor holds none above it, and below it some; cycles/px, at most 0.5.
+        lens_blur: Standard deviation of the Gaussian that the lens spreads a point over, along the
+            rows, which a decoder restores with the rest of the blur; px, at most 16.
         limits: The furthest that the mechanism and the exposure may reach.
         device: What shutters other than an open one are made with: it makes of a command the light
             that is seen; by default one that follows every command and loses no light.
@@ -363,6 +366,7 @@ class Scene(eqx.Module):
     deviation: Array
     power_spectrum: Array | None
     cutoff_frequency: Array
+    lens_blur: Array
     limits: Limits
     device: AbstractDevice | None
     full_well: Array | None
@@ -383,6 +387,7 @@ class Scene(eqx.Module):
         deviation: ArrayLike = DEFAULT_DEVIATION,
         power_spectrum: RowLike | None = None,
         cutoff_frequency: ArrayLike = NYQUIST_FREQUENCY,
+        lens_blur: ArrayLike = 0.0,
         limits: Limits | None = None,
         device: AbstractDevice | None = None,
         full_well: ArrayLike | None = None,
@@ -404,6 +409,7 @@ class Scene(eqx.Module):
         if power_spectrum is not None:
             self.power_spectrum = as_float(power_spectrum, "Scene(power_spectrum=...)")
         self.cutoff_frequency = as_float(cutoff_frequency, "Scene(cutoff_frequency=...)")
+        self.lens_blur = as_float(lens_blur, "Scene(lens_blur=...)")
         self.limits = Limits() if limits is None else limits
         self.device = device
         self.full_well = None
@@ -430,12 +436,16 @@ class Scene(eqx.Module):
         if is_concrete(self.weights):
             some = bool(np.any(np.asarray(self.weights) > 0))
             require(some, "Scene(weights=...)", "hold one above 0", self.weights)
-        for name in ("photon_rate", "read_noise", "mean_level", "deviation"):
+        for name in ("photon_rate", "read_noise", "mean_level", "deviation", "lens_blur"):
             value = getattr(self, name)
             require_scalar(f"Scene({name}=...)", value)
             _check_at_least(f"Scene({name}=...)", value, "at least 0")
         self._check_spectrum()
         self._check_cutoff()
+        if is_concrete(self.lens_blur):
+            requirement = f"be at most {WIDEST_BLUR:g} px"
+            within = float(self.lens_blur) <= WIDEST_BLUR
+            require(within, "Scene(lens_blur=...)", requirement, self.lens_blur)
         for name, kind, requirement in (
             ("limits", Limits, "be `Limits`"),
             ("burst", Burst | None, "be a `Burst`"),
@@ -544,6 +554,7 @@ class Scene(eqx.Module):
             deviation=self.deviation,
             power_spectrum=self.power_spectrum if power_spectrum is None else power_spectrum,
             cutoff_frequency=self.cutoff_frequency,
+            lens_blur=self.lens_blur,
             limits=self.limits,
             device=self.device,
             full_well=self.full_well,
@@ -567,6 +578,11 @@ class Scene(eqx.Module):
             return shutter
         half = motion.half_exposure if isinstance(motion, AbstractMotion) else motion
         return self.device.light(shutter, half, np.dtype(self.speeds.dtype))
+
+    @property
+    def optics(self) -> Optics:
+        """The lens, of a scene that is concrete."""
+        return Optics(float(self.cutoff_frequency), float(self.lens_blur))
 
     @property
     def motion(self) -> AbstractMotion:

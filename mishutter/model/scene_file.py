@@ -93,7 +93,10 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
         "speeds": {"list_px_per_s": scene.speeds.tolist(), "weights": scene.weights.tolist()},
         "light": {"photon_rate_per_s": float(scene.photon_rate)},
         "sensor": {"read_noise_e": float(scene.read_noise)},
-        "optics": {"cutoff_cycles_per_px": float(scene.cutoff_frequency)},
+        "optics": {
+            "cutoff_cycles_per_px": float(scene.cutoff_frequency),
+            "lens_blur_px": float(scene.lens_blur),
+        },
         "limits": _limits_table(scene.limits),
         "picture": {"path": scene.picture},
     }
@@ -219,6 +222,7 @@ def _built(file: SceneFile, folder: Path, picture: Mapping[str, Any] | None) -> 
         photon_rate=file.light.photon_rate_per_s,
         read_noise=file.sensor.read_noise_e,
         cutoff_frequency=file.optics.cutoff_cycles_per_px,
+        lens_blur=file.optics.lens_blur_px,
         limits=limits,
         device=None if file.shutter is None else _device(file.shutter),
         full_well=file.sensor.full_well_e,

@@ -5,6 +5,7 @@ from typing import Annotated, final
 from pydantic import Field
 
 from mishutter._core import Section
+from mishutter.model.optics import WIDEST_BLUR
 
 Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
 PositiveSpeed = Annotated[float, Field(gt=0, le=1e7)]
@@ -77,9 +78,10 @@ class ShutterSection(Section):
 
 @final
 class OpticsSection(Section):
-    """The highest frequency that the lens passes."""
+    """The lens: the highest frequency that it passes, and its Gaussian blur."""
 
     cutoff_cycles_per_px: Annotated[float, Field(gt=0, le=0.5)] = 0.5
+    lens_blur_px: Annotated[float, Field(ge=0, le=WIDEST_BLUR)] = 0.0
 
 
 @final

@@ -7,7 +7,7 @@ import numpy as np
 
 from mishutter._core import RowLike, require
 from mishutter.evaluation import distinct_speeds, num_frequencies, picture_power
-from mishutter.model import Scene, frequency_grid
+from mishutter.model import Scene, frequency_grid, pixel_response
 
 if TYPE_CHECKING:
     import xarray
@@ -299,10 +299,11 @@ def _error_of_pans(
     electrons = rates * 2 * half
     noise = float(scene.mean_level) * electrons + noises**2
     total = np.zeros(np.broadcast_shapes(electrons.shape, noise.shape))
+    blur = float(scene.lens_blur)
     num_parts = -(-count * max(travel.size, total.size) // _NUM_AT_A_TIME)
     for part in np.array_split(np.arange(count), min(num_parts, count)):
         f, level = (x[part].reshape(-1, 1, 1, 1) for x in (frequency, power))
-        responses = np.sinc(f[..., None] * travel) * np.sinc(f[..., None])
+        responses = np.sinc(f[..., None] * travel) * pixel_response(f[..., None], blur)
         mean = responses @ weights
         spread = ((responses - mean[..., None]) ** 2) @ weights
         signal = level * electrons**2

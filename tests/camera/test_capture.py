@@ -100,10 +100,11 @@ def test_a_capture_beyond_borders_that_do_not_repeat(motion, border):
 
 
 def test_a_capture_through_optics():
-    """Above the scene's cutoff nothing is left of a picture, of layers or of footage."""
-    cutoff, picture = 0.29, rows(2, 80, 1)
-    scene = ms.Scene([0.0], photon_rate=4e5, read_noise=6.0, cutoff_frequency=cutoff)
-    wanted = captured_picture(picture, MOVING, SHUTTERS["hann"], cutoff=cutoff)
+    """A picture, layers and footage are blurred by the lens, and above its cutoff left out."""
+    optics, picture = {"cutoff": 0.29, "lens": 0.83}, rows(2, 80, 1)
+    light = {"photon_rate": 4e5, "read_noise": 6.0, "cutoff_frequency": 0.29, "lens_blur": 0.83}
+    scene = ms.Scene([0.0], **light)
+    wanted = captured_picture(picture, MOVING, SHUTTERS["hann"], **optics)
     for subject in (
         picture,
         ms.Layers((ms.Layer(ms.Picture(picture)),)),
@@ -112,7 +113,7 @@ def test_a_capture_through_optics():
         np.testing.assert_allclose(capture(subject, MOVING, scene=scene), wanted, atol=ROUNDING)
     layers = three_layers()
     found = capture(layers, MOVING, scene=scene)
-    wanted = captured_layers(layers, MOVING, SHUTTERS["hann"], cutoff=cutoff)
+    wanted = captured_layers(layers, MOVING, SHUTTERS["hann"], **optics)
     # Each period ends at a wave of its own below the cutoff.
     np.testing.assert_allclose(found, wanted, atol=3 * WAVES)
 
@@ -146,6 +147,21 @@ def test_the_kernel_for_other_libraries(motion, speed):
     found = convolve(picture, kernel, mode="same")
     wanted = capture(picture, motion, speed=speed, border="zero")
     np.testing.assert_allclose(found, wanted, atol=WAVES)
+
+
+@pytest.mark.parametrize("blur", [0.7, 4.1])
+def test_the_kernel_for_other_libraries_behind_a_lens(blur):
+    """SciPy's convolution with it is the capture through that lens."""
+    from scipy.signal import convolve
+
+    column = np.arange(230)
+    picture = np.sin(np.pi * column / 229) ** 4 * (1 + np.cos(0.9 * column[None] + 0.3))
+    kernel = ms.centred_kernel(MOVING, ms.HannShutter(), speed=310.0, lens_blur=blur)
+    scene = ms.Scene([0.0], photon_rate=4e5, read_noise=6.0, lens_blur=blur)
+    wanted = capture(picture, MOVING, scene=scene, speed=310.0, border="zero")
+    np.testing.assert_allclose(convolve(picture, kernel, mode="same"), wanted, atol=WAVES)
+    with pytest.raises(ValueError, match=r"`centred_kernel\(lens_blur=...\)` must be at least 0"):
+        ms.centred_kernel(MOVING, ms.HannShutter(), lens_blur=-blur)
 
 
 def test_a_capture_differentiates_by_the_shutter():

@@ -135,6 +135,25 @@ def test_what_the_optics_do_not_pass_is_no_part_of_the_picture():
     assert np.isclose(by_optics.expected_psnr, by_picture.expected_psnr, rtol=1e-12)
 
 
+def test_a_lens_blurs_what_is_restored():
+    """Of a still object the error is that of a Wiener filter behind pixel, lens and noise."""
+    rate, noise, blur, half = 7e4, 6.0, 0.77, 0.0021
+    light: dict[str, Any] = {"photon_rate": rate, "read_noise": noise, "limits": FEW}
+    scene = Scene([0.0], **light, lens_blur=blur)
+    frequency = (np.arange(4096) + 0.5) / 8192
+    power = 1 / (frequency**2 + 0.01**2)
+    power *= float(scene.deviation) ** 2 / np.mean(power)
+    places, weights = np.polynomial.hermite_e.hermegauss(40)
+    spread = np.cos(2 * np.pi * blur * np.outer(frequency, places)) @ weights / weights.sum()
+    electrons = rate * 2 * half
+    passed = power * (electrons * np.sinc(frequency) * spread) ** 2
+    variance = float(scene.mean_level) * electrons + noise**2
+    error = np.mean(power * variance / (passed + variance))
+    found = evaluate(scene, StillCamera(half_exposure=half), RectShutter())
+    assert float(found.expected_psnr) == pytest.approx(-10 * np.log10(error), abs=5e-6)
+    assert float(found.known_speed_psnr) == pytest.approx(-10 * np.log10(error), abs=5e-6)
+
+
 @pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=HALF_EXPOSURE)])
 def test_only_the_shutter_is_traced(motion):
     """A scene and a motion that a compiled function closes over are known to it."""

@@ -294,6 +294,7 @@ def test_a_scene_written_is_the_scene_read(slug, tmp_path):
         mean_level=0.31,
         deviation=0.17,
         cutoff_frequency=0.41,
+        lens_blur=0.73,
         limits=Limits(max_stroke=37.0, max_pan=250.0, max_travel=120.0, max_jerk=2e10),
         device=DEVICES[slug],
         full_well=7100.0,

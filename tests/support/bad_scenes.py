@@ -179,6 +179,16 @@ LINES = {
         "cutoff_cycles_per_px = 0.6",
         "`[optics] cutoff_cycles_per_px` must be at most 0.5; got 0.6",
     ),
+    "lens-that-sharpens": (
+        "cutoff",
+        "lens_blur_px = -0.5",
+        "`[optics] lens_blur_px` must be at least 0; got -0.5",
+    ),
+    "lens-in-the-wrong-unit": (
+        "cutoff",
+        "lens_blur_px = 620",
+        "`[optics] lens_blur_px` must be at most 16; got 620",
+    ),
     "picture-missing": ("path", 'path = "no.png"', "must name a file; got "),
     "picture-a-folder": ("path", 'path = "."', "must name a file; got the folder"),
     "picture-a-number": ("path", "path = 3", "`[picture] path` must be text; got 3"),

@@ -44,6 +44,7 @@ def random_scene(seed):
         photon_rate=10 ** random.uniform(3, 7),
         read_noise=random.uniform(0, 12) * random.integers(2),
         cutoff_frequency=cutoff,
+        lens_blur=0.4 * (seed % 5),
         power_spectrum=random.uniform(0, 1, 256) if seed % 2 else None,
         limits=LIMITS,
     )

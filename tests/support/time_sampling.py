@@ -47,8 +47,25 @@ def through_optics(rows, cutoff):
     return np.fft.irfft(spectrum * passes, rows.shape[-1])
 
 
+def through_lens(rows, deviation):
+    """Periodic rows averaged over displacements of a Gaussian, by Gauss-Hermite quadrature."""
+    places, weights = np.polynomial.hermite_e.hermegauss(40)
+    turns = 2 * np.pi * np.fft.rfftfreq(rows.shape[-1])
+    shifts = np.exp(1j * deviation * np.multiply.outer(turns, places)) @ (weights / weights.sum())
+    return np.fft.irfft(np.fft.rfft(rows) * shifts, rows.shape[-1])
+
+
 def captured_row(
-    rows, motion, shutter, *, speed=0.0, displacement=0.0, cutoff=0.5, count=2_000, breaks=()
+    rows,
+    motion,
+    shutter,
+    *,
+    speed=0.0,
+    displacement=0.0,
+    cutoff=0.5,
+    lens=0.0,
+    count=2_000,
+    breaks=(),
 ):
     """Light on the sensor from periodic rows `(..., period)`; aligned at a vertex, if there is."""
     time, light = instants(motion, shutter, count, breaks=breaks)
@@ -64,7 +81,8 @@ def captured_row(
     # The sum over instants is done for each frequency: the same as adding the shifted rows.
     turns = np.fft.rfftfreq(period)
     response = np.array([np.sum(light * np.exp(-2j * np.pi * f * place)) for f in turns])
-    return through_pixels(through_optics(np.fft.irfft(spectrum * response, period), cutoff))
+    seen = through_lens(np.fft.irfft(spectrum * response, period), lens)
+    return through_pixels(through_optics(seen, cutoff))
 
 
 def continued(rows, border):
@@ -89,7 +107,7 @@ def captured_picture(picture, motion, shutter, *, border="reflect", **options):
     return np.moveaxis(captured_row(wide, motion, shutter, **options)[..., own], -1, 1)
 
 
-def captured_layers(layers, motion, shutter, *, count=400, cutoff=0.5, breaks=()):
+def captured_layers(layers, motion, shutter, *, count=400, cutoff=0.5, lens=0.0, breaks=()):
     """The capture of `Layers` by compositing at each instant.
 
     A composite of $n$ layers holds up to $n/2$ cycles/px. It is made on so many more columns that
@@ -109,7 +127,8 @@ def captured_layers(layers, motion, shutter, *, count=400, cutoff=0.5, breaks=()
             *colour, matte = _finer(spectrum_of_layer, place, period, finer)
             image = image * (1 - matte) + np.stack(colour)
         spectrum = spectrum + light * np.fft.rfft(image)[..., : period // 2 + 1] / finer
-    light = through_pixels(through_optics(np.fft.irfft(spectrum, period), cutoff))
+    seen = through_lens(np.fft.irfft(spectrum, period), lens)
+    light = through_pixels(through_optics(seen, cutoff))
     return np.moveaxis(light[..., own], 0, -1)
 
 

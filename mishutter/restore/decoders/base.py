@@ -15,7 +15,6 @@ from mishutter.camera import (
     captured_response,
     kernel_layout,
     noise_variance,
-    passes,
     skips,
     white_electrons,
 )
@@ -26,7 +25,14 @@ from mishutter.evaluation import (
     needed_speeds,
     picture_power,
 )
-from mishutter.model import NUM_FREQUENCIES, AbstractMotion, AbstractShutter, Scene, seen_from
+from mishutter.model import (
+    NUM_FREQUENCIES,
+    AbstractMotion,
+    AbstractShutter,
+    Optics,
+    Scene,
+    seen_from,
+)
 
 
 @final
@@ -49,7 +55,7 @@ class BlurModel(eqx.Module):
         power: Power of the picture's rows in equal steps of (0, 0.5) cycles/px, its mean
             being the variance; shape `(m,)`.
         mean_level: Mean of the picture.
-        cutoff: Highest frequency that the optics pass, cycles/px.
+        optics: The lens.
     """
 
     motion: AbstractMotion
@@ -63,7 +69,7 @@ class BlurModel(eqx.Module):
     electrons: float = eqx.field(static=True)
     power: np.ndarray
     mean_level: float = eqx.field(static=True)
-    cutoff: float = eqx.field(static=True)
+    optics: Optics = eqx.field(static=True)
 
     def responses(self, length: int) -> np.ndarray:
         """Responses at the speeds that may occur, on the grid of a DFT; `(s, length // 2 + 1)`."""
@@ -77,7 +83,7 @@ class BlurModel(eqx.Module):
         """Responses at speeds relative to the sensor, px/s, `(s,)`; `(s, length // 2 + 1)`."""
         with at_once():
             found = captured_response(self.motion, self.shutter, speeds.tolist(), length)
-        return np.asarray(found) * passes(length, self.cutoff)
+        return np.asarray(found) * self.optics.response(length)
 
     def picture_spectrum(self, length: int) -> np.ndarray:
         """Power spectrum of the picture on the grid of a DFT; `(length // 2 + 1,)`."""
@@ -172,5 +178,5 @@ def _known_blur(
         electrons=electrons,
         power=np.asarray(power, np.float64),
         mean_level=float(scene.mean_level),
-        cutoff=float(scene.cutoff_frequency),
+        optics=scene.optics,
     )
