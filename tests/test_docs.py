@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from support.pages import Reader, blocks, here_documents, is_shown
 
+from mishutter.model.shutters import kinds
+
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / ".pre-commit-config.yaml"]
@@ -91,6 +93,8 @@ def read_through(page, packages, desk, monkeypatch):
     """Run the blocks of a page in turn, without those that need other packages."""
     folder, remembered = desk
     monkeypatch.chdir(folder)
+    # A shutter that a page registers leaves with it.
+    monkeypatch.setattr(kinds, "KINDS", list(kinds.KINDS))
     reader = Reader(remembered)
     for block in blocks(page):
         if block.needs - packages:
