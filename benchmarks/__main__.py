@@ -51,6 +51,9 @@ def assemble() -> None:
 
 def main() -> None:
     """Run those named on the command line, or all."""
+    others = sorted(set(sys.argv[1:]) - set(ALL))
+    if others:
+        raise SystemExit(f"benchmarks must be some of {', '.join(ALL)}; got {', '.join(others)}.")
     for name in sys.argv[1:] or ALL:
         importlib.import_module(f"benchmarks.{name}").main()
     assemble()
