@@ -29,10 +29,10 @@ from mishutter.evaluation.losses.base import as_loss as as_loss
 from mishutter.evaluation.losses.base import one_real_number as one_real_number
 from mishutter.evaluation.losses.base import value_of as value_of
 from mishutter.evaluation.metrics import Metrics as Metrics
+from mishutter.evaluation.metrics import SpectralLevels as SpectralLevels
 from mishutter.evaluation.metrics import evaluate as evaluate
 from mishutter.evaluation.metrics import picture_power as picture_power
-from mishutter.evaluation.metrics import psnr_at_speeds as psnr_at_speeds
-from mishutter.evaluation.metrics import signal_over_noise as signal_over_noise
+from mishutter.evaluation.metrics import spectral_levels as spectral_levels
 from mishutter.evaluation.metrics import squared_error_within as squared_error_within
 from mishutter.evaluation.needs import PLANNED as PLANNED
 from mishutter.evaluation.needs import Automatic as Automatic

@@ -26,6 +26,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Scene,
+    frequencies,
     frequency_grid,
     has_vertex,
     on_steps,
@@ -303,57 +304,37 @@ def _filter(seen: _Moments) -> tuple[Array, Array]:
     return jnp.where(dark, 0.0, jnp.conj(seen.mean) / divisor), total
 
 
-def signal_over_noise(
-    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
-) -> tuple[Array, Array]:
-    r"""Power of the picture over that of what disturbs it in a capture, at each frequency.
+class SpectralLevels(NamedTuple):
+    """How well waves of the picture come through a capture, and objects at each speed.
 
-    $S|m|^2/(Sv + N)$ in the terms of `expected_squared_error`: at the exposure of the motion,
-    without tolerances, and with the spread between the scene's speeds as noise. The best single
-    linear decoder leaves $S$ over 1 more than this ratio.
-
-    Args:
-        scene: Speeds, light and noise.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-
-    Returns:
-        Frequencies, cycles/px, and the ratio there; each of shape `(m,)`.
-
-    Raises:
-        ValueError: as `evaluate`.
+    Attributes:
+        frequencies: cycles/px; shape `(m,)`.
+        signal_over_noise: Power of the picture over that of what disturbs it there; shape `(m,)`.
+        speeds: Those that occur, ascending; px/s, shape `(n,)`.
+        psnr: PSNR at each of them by one filter for all, in linear light; dB, shape `(n,)`.
     """
-    parts = Parts(kernels=False, spectra=True, differences=False)
-    scene = without_tolerances(scene)
-    plan, scene, motion = chosen(PLANNED, scene, motion, shutter, lambda _: parts)
-    kept = reduced(scene, plan)
-    lost = _lost_of_records(kept, motion, records(kept, motion, shutter, plan, *parts), plan)
-    return frequency_grid(plan.num_frequencies, np.dtype(lost.dtype)), 1 / lost - 1
+
+    frequencies: np.ndarray
+    signal_over_noise: np.ndarray
+    speeds: np.ndarray
+    psnr: np.ndarray
 
 
-@compiled
-def _lost_of_records(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Array:
-    response = assembled(scene, recorded, plan)
-    power = picture_power(scene, plan.num_frequencies, np.dtype(response.efficiency.dtype))
-    return _lost_share(scene, motion, response, power)
-
-
-def psnr_at_speeds(
+def spectral_levels(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
-) -> tuple[np.ndarray, np.ndarray]:
-    r"""PSNR at each speed of the best single linear decoder for all of them, in linear light.
+) -> SpectralLevels:
+    r"""What the best single linear decoder meets at each frequency, and leaves at each speed.
 
-    $2\int_0^{1/2} [S|1 - G H_i|^2 + N|G|^2]\,df$ in the terms of `expected_squared_error`, which is
-    the mean of this over the speeds, weighted. Tolerances of the scene do not count: this is the
-    camera as designed.
+    In the terms of `expected_squared_error` the ratio is $S|m|^2/(Sv + N)$, at the exposure of the
+    motion and with the spread between the scene's speeds as noise: the decoder leaves $S$ over 1
+    more than this. The PSNR is that of $2\int_0^{1/2} [S|1 - G H_i|^2 + N|G|^2]\,df$, of which the
+    expected error is the mean over the speeds, weighted. Tolerances of the scene do not count: this
+    is the camera as designed.
 
     Args:
         scene: Speeds, light and noise; concrete.
         motion: Motion of the sensor; concrete.
         shutter: Transmittance over the exposure.
-
-    Returns:
-        The speeds that occur, ascending, px/s, and the PSNR there, dB; each of shape `(n,)`.
 
     Raises:
         ValueError: as `evaluate`.
@@ -365,22 +346,26 @@ def psnr_at_speeds(
     plan, seen, moved = chosen(PLANNED, scene, motion, shutter, lambda _: parts)
     kept = reduced(seen, plan)
     recorded = records(kept, moved, shutter, plan, *parts)
-    errors = np.asarray(_errors_of_records(kept, moved, recorded, plan))
+    lost, errors = map(np.asarray, _levels_of_records(kept, moved, recorded, plan))
     relative = speeds - float(motion.velocity)
     known = np.asarray(kept.speeds)
     relative, known = (np.abs(relative), np.abs(known)) if plan.folds else (relative, known)
     places = np.argmin(np.abs(relative[:, None] - known[None]), axis=1)
     with np.errstate(divide="ignore"):
-        return speeds, -10 * np.log10(errors[places])
+        psnr = -10 * np.log10(errors[places])
+        ratio = 1 / lost - 1
+    return SpectralLevels(frequencies(plan.num_frequencies), ratio, speeds, psnr)
 
 
 @compiled
-def _errors_of_records(
+def _levels_of_records(
     scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
-) -> Array:
+) -> tuple[Array, Array]:
+    """Share of the power that is lost at each frequency, and squared errors at each speed."""
     response = assembled(scene, recorded, plan)
     dtype = np.dtype(response.efficiency.dtype)
     power = picture_power(scene, plan.num_frequencies, dtype)
+    lost = _lost_share(scene, motion, response, power)
     aperture = jnp.sqrt(_aperture(scene, plan.num_frequencies, dtype))[None]
     spectra = response.spectra * aperture.astype(response.spectra.dtype)
     weights = scene.weights.astype(dtype)[:, None]
@@ -392,7 +377,8 @@ def _errors_of_records(
     left = 1 - gain[None] * spectra
     # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.
     kept = share * (mean.real**2 + mean.imag**2) * _share(noise, signal * passed + noise)
-    return jnp.mean(power[None] * (left.real**2 + left.imag**2 + kept[None]), axis=1)
+    errors = jnp.mean(power[None] * (left.real**2 + left.imag**2 + kept[None]), axis=1)
+    return lost, errors
 
 
 _ALIGNING_STEPS = 20

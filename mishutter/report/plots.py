@@ -25,7 +25,7 @@ from mishutter.evaluation import (
     kernel_phase,
     kernels_at_speeds,
     picture_power,
-    signal_over_noise,
+    spectral_levels,
 )
 from mishutter.model import (
     AbstractMotion,
@@ -187,9 +187,9 @@ def plot_transfer(scene: Scene, designs: Named) -> Figure:
     figure, (ratios, errors) = _new(2, height=2.9, share=True)
     begin = 0.5
     for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
-        found = signal_over_noise(scene, motion, shutter)
-        frequency, ratio = (np.asarray(x, np.float64) for x in found)
-        power = np.asarray(picture_power(scene, ratio.size, found[0].dtype), np.float64)
+        frequency, known, *_ = spectral_levels(scene, motion, shutter)
+        ratio = np.asarray(known, np.float64)
+        power = np.asarray(picture_power(scene, ratio.size, known.dtype), np.float64)
         error = np.cumsum(power / (1 + ratio)) / ratio.size
         begin = min(begin, frequency[np.argmax(error >= _FIRST_ERROR * error[-1])])
         with np.errstate(divide="ignore"):

@@ -29,8 +29,6 @@ from mishutter import (
 from mishutter.evaluation.metrics import (
     expected_squared_error,
     picture_power,
-    psnr_at_speeds,
-    signal_over_noise,
 )
 from mishutter.evaluation.needs import PLANNED, Plan, sizes
 from mishutter.evaluation.response import respond
@@ -446,7 +444,7 @@ SEEN = {
 def test_signal_over_noise_leaves_the_expected_error(slug):
     r"""The filter leaves $S/(1 + r)$ at a frequency where signal over noise is $r$."""
     motion, shutter = SEEN[slug]
-    frequency, ratio = signal_over_noise(SCENE, motion, shutter)
+    frequency, ratio, *_ = spectral_levels(SCENE, motion, shutter)
     power = picture_power(SCENE, ratio.size, ratio.dtype)
     np.testing.assert_array_equal(frequency, frequencies(ratio.size))
     error = np.mean(power / (1 + ratio))
@@ -457,7 +455,8 @@ def test_signal_over_noise_leaves_the_expected_error(slug):
 def test_signal_over_noise_of_a_still_object():
     r"""$S\,\operatorname{sinc}^2(f)\,p^2/(\bar f p + \sigma^2)$ electrons of the whole exposure."""
     scene = Scene([0.0], photon_rate=7e4, read_noise=6.0)
-    frequency, ratio = signal_over_noise(scene, StillCamera(half_exposure=0.0017), RectShutter())
+    still = StillCamera(half_exposure=0.0017)
+    frequency, ratio, *_ = spectral_levels(scene, still, RectShutter())
     electrons = 7e4 * 2 * 0.0017
     power = picture_power(scene, ratio.size, ratio.dtype) * np.sinc(frequency) ** 2
     expected = power * electrons**2 / (0.25 * electrons + 36)
@@ -472,7 +471,7 @@ def test_the_mean_error_over_speeds_is_the_expected_one(speeds, velocity):
     motion = ParabolicMotion(
         acceleration=MOTION.acceleration, half_exposure=HALF_EXPOSURE, velocity=velocity
     )
-    found, levels = psnr_at_speeds(scene, motion, SHUTTER)
+    *_, found, levels = spectral_levels(scene, motion, SHUTTER)
     assert np.array_equal(found, np.unique(speeds))
     weights = np.array([WEIGHTS[speeds == speed].sum() for speed in found])
     mean = -10 * np.log10(weights @ 10 ** (-levels / 10))
@@ -484,15 +483,14 @@ def test_the_error_at_each_speed_is_of_the_camera_as_designed():
     """Tolerances of a scene leave its errors at each speed where they are."""
     tolerances = Tolerances(acceleration=0.07, velocity=31.0)
     within = Scene(SPEEDS, WEIGHTS, photon_rate=7e4, read_noise=6.0, tolerances=tolerances)
-    for found, expected in zip(
-        psnr_at_speeds(within, MOTION, SHUTTER), psnr_at_speeds(SCENE, MOTION, SHUTTER), strict=True
-    ):
-        np.testing.assert_array_equal(found, expected)
+    found, expected = (spectral_levels(s, MOTION, SHUTTER) for s in (within, SCENE))
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_the_error_at_a_speed_is_that_of_the_filter_written_out():
     """At each speed the filter of all of them misses what its formula says, noise included."""
-    _, levels = psnr_at_speeds(SCENE, MOTION, SHUTTER)
+    *_, levels = spectral_levels(SCENE, MOTION, SHUTTER)
     num = sizes(SCENE, MOTION).num_frequencies
     frequency = np.asarray(frequency_grid(num, np.dtype(float)))
     vertex = SPEEDS**2 / (4 * float(MOTION.acceleration))
