@@ -29,6 +29,7 @@ from mishutter import (
 from mishutter.evaluation.metrics import (
     expected_squared_error,
     picture_power,
+    spectral_levels,
 )
 from mishutter.evaluation.needs import PLANNED, Plan, sizes
 from mishutter.evaluation.response import respond
