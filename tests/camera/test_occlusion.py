@@ -84,7 +84,7 @@ def deep_layers(depth):
 
 def error(layers, motion):
     """Largest difference of a capture from its composites at many instants; white = 1."""
-    found = expose_layers(layers, motion, HannShutter(), 0.5)
+    found = expose_layers(layers, motion, HannShutter(), SCENE.optics)
     wanted = captured_layers(layers, motion, HannShutter(), count=160)
     return float(np.max(np.abs(found - wanted)))
 
