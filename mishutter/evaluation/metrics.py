@@ -217,17 +217,8 @@ def expected_squared_error(
     num_kept = response.spectra.shape[1]
     num_frequencies = num_kept if num_frequencies is None else num_frequencies
     power = picture_power(scene, num_frequencies, np.dtype(response.efficiency.dtype))
-    share = _lost_share(scene, motion, response, power)
+    share = _moments(scene, motion, response, power).lost
     return (jnp.sum(power[:num_kept] * share) + jnp.sum(power[num_kept:])) / num_frequencies
-
-
-def _lost_share(
-    scene: Scene, motion: AbstractMotion, response: Response, every_power: Array
-) -> Array:
-    """Share of the picture's power that `expected_squared_error` counts as lost; shape `(k,)`."""
-    seen = _moments(scene, motion, response, every_power)
-    total = seen.signal * (seen.coherent + seen.spread) + seen.noise
-    return _share(seen.signal * seen.spread + seen.noise, total)
 
 
 class _Moments(NamedTuple):
@@ -246,6 +237,16 @@ class _Moments(NamedTuple):
     spread: Array
     signal: Array
     noise: Array
+
+    @property
+    def total(self) -> Array:
+        """Power of a capture."""
+        return self.signal * (self.coherent + self.spread) + self.noise
+
+    @property
+    def lost(self) -> Array:
+        """Share of the picture's power that `expected_squared_error` counts as lost."""
+        return _share(self.signal * self.spread + self.noise, self.total)
 
 
 def _moments(
@@ -287,21 +288,18 @@ def unaware_squared_error(
     power = picture_power(scene, response.spectra.shape[1], np.dtype(response.efficiency.dtype))
     seen = _moments(scene, motion, response, power)
     without = _moments(without_tolerances(scene), motion, nominal, power)
-    (own, total), (other, _) = map(_filter, (seen, without))
     lit = seen.signal > 0
-    difference = own - other
+    difference = _filter(seen) - _filter(without)
     excess = difference.real**2 + difference.imag**2
-    excess = excess * _aperture(scene, power.size, np.dtype(power.dtype)) * seen.signal * total
-    left = _share(seen.signal * seen.spread + seen.noise, total)
-    return jnp.mean(power * (left + jnp.where(lit, excess, 0.0)))
+    excess = excess * _aperture(scene, power.size, np.dtype(power.dtype)) * seen.signal * seen.total
+    return jnp.mean(power * (seen.lost + jnp.where(lit, excess, 0.0)))
 
 
-def _filter(seen: _Moments) -> tuple[Array, Array]:
-    """The best filter over the picture's power and the aperture, and the power of a capture."""
-    total = seen.signal * (seen.coherent + seen.spread) + seen.noise
-    dark = total <= 0
-    divisor = jnp.where(dark, 1.0, total).astype(seen.mean.dtype)
-    return jnp.where(dark, 0.0, jnp.conj(seen.mean) / divisor), total
+def _filter(seen: _Moments) -> Array:
+    """The best filter over the picture's power and the aperture; complex, shape `(k,)`."""
+    dark = seen.total <= 0
+    divisor = jnp.where(dark, 1.0, seen.total).astype(seen.mean.dtype)
+    return jnp.where(dark, 0.0, jnp.conj(seen.mean) / divisor)
 
 
 class SpectralLevels(NamedTuple):
@@ -365,20 +363,15 @@ def _levels_of_records(
     response = assembled(scene, recorded, plan)
     dtype = np.dtype(response.efficiency.dtype)
     power = picture_power(scene, plan.num_frequencies, dtype)
-    lost = _lost_share(scene, motion, response, power)
-    aperture = jnp.sqrt(_aperture(scene, plan.num_frequencies, dtype))[None]
-    spectra = response.spectra * aperture.astype(response.spectra.dtype)
-    weights = scene.weights.astype(dtype)[:, None]
-    mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
-    passed = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0)
-    signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
-    share = _share(signal, signal * passed + noise)
-    gain = share.astype(spectra.dtype) * jnp.conj(mean)
-    left = 1 - gain[None] * spectra
+    seen = _moments(scene, motion, response, power)
+    aperture = _aperture(scene, plan.num_frequencies, dtype)
+    share = _share(seen.signal, seen.total)
+    passed = (share * aperture).astype(seen.mean.dtype) * jnp.conj(seen.mean)
+    left = 1 - passed[None] * response.spectra
     # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.
-    kept = share * (mean.real**2 + mean.imag**2) * _share(noise, signal * passed + noise)
+    kept = share * seen.coherent * _share(seen.noise, seen.total)
     errors = jnp.mean(power[None] * (left.real**2 + left.imag**2 + kept[None]), axis=1)
-    return lost, errors
+    return seen.lost, errors
 
 
 _ALIGNING_STEPS = 20
