@@ -9,6 +9,7 @@ from mishutter._core.checks import describe as describe
 from mishutter._core.checks import is_concrete as is_concrete
 from mishutter._core.checks import named as named
 from mishutter._core.checks import numbers_of as numbers_of
+from mishutter._core.checks import on_device as on_device
 from mishutter._core.checks import require as require
 from mishutter._core.checks import require_finite as require_finite
 from mishutter._core.checks import require_key as require_key

@@ -14,6 +14,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import jax
@@ -69,10 +70,20 @@ def as_float(value: RowLike, subject: str | None = None) -> Array:
     dtype = common_dtype(value)
     if isinstance(value, Array) and value.dtype == dtype and not value.weak_type:
         return value
-    if not all_concrete(value):
+    known = all_concrete(value)
+    if known and not isinstance(value, Array):
+        return on_device(np.asarray(value, dtype))
+    with jax.ensure_compile_time_eval() if known else nullcontext():
         return jnp.asarray(value, dtype=dtype)
+
+
+def on_device(value: np.ndarray | np.generic) -> Array:
+    """Numbers of NumPy as a JAX array that is known, also in a function that is being traced.
+
+    `jnp.asarray` would compile a program for it.
+    """
     with jax.ensure_compile_time_eval():
-        return jnp.asarray(value, dtype=dtype)
+        return jax.device_put(value)
 
 
 def _is_real(value: object) -> bool:

@@ -249,7 +249,7 @@ def _compared(
     from mishutter.model import baselines
     from mishutter.report import Report, photograph_of, photographs, shown_rows
 
-    total = len({*given, *baselines()}) + 4
+    total = len({*given, *baselines()}) + 3
     with progress_bar("comparing", total) as update:
         comparison = beside_baselines(scene, motion, given, loss=loss, step=_counting(update))
     rows = shown_rows(comparison, tuple(given))

@@ -12,7 +12,7 @@ import numpy as np
 from mishutter._core import alone_in_blas, in_threads, named, num_processors, require, require_known
 from mishutter.design.planning import plan as planned
 from mishutter.design.result import GIVEN, Design, metrics_to_dict, motion_to_dict
-from mishutter.design.search import free_by_default, optimise
+from mishutter.design.search import free_by_default, on_free_path, optimise
 from mishutter.design.space import forbids_free_path
 from mishutter.evaluation import (
     PLANNED,
@@ -47,6 +47,7 @@ from mishutter.model import (
 
 SAME_MOTION = "same motion"
 OWN_BEST_MOTION = "own best motion"
+OPEN = "rect"
 BEST_TUKEY = "best Tukey"
 BEST_SNAPSHOT = "best snapshot"
 BEST_PANNED_SNAPSHOT = "best panned snapshot"
@@ -268,11 +269,12 @@ def compare(
     start = _searchable(motion, scene)
     searches = [
         lambda: _coded_stills(scene, entries, loss, plan),
-        lambda: _on_free_path(scene, start, tuned),
+        lambda: _open_shutters(scene, start, tuned, loss, plan),
         lambda: [_row(BEST_TUKEY, tuned(scene, start, TukeyShutter(0.5), None))],
         *(
             partial(_own_best, name, entry, scene, start, loss, tuned)
             for name, entry in entries.items()
+            if name != OPEN
         ),
         lambda: _snapshots(scene, loss, plan),
         lambda: _bursts(scene),
@@ -345,13 +347,22 @@ def _snapshots(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None) 
     return [at_rest, _row(BEST_PANNED_SNAPSHOT, found)]
 
 
-def _on_free_path(scene: Scene, motion: AbstractMotion, tuned: Callable[..., Design]) -> list[Row]:
-    """An open shutter on the best free path, where the stage may take one."""
+def _open_shutters(
+    scene: Scene,
+    motion: AbstractMotion,
+    tuned: Callable[..., Design],
+    loss: AbstractLoss,
+    plan: Plan | Automatic | None,
+) -> list[Row]:
+    """An open shutter at constant acceleration, and on a free path where the stage may take one."""
     shutter = RectShutter()
     free = free_by_default(scene, motion, shutter)
-    if "acceleration" not in free or forbids_free_path(scene):
-        return []
-    return [_row(OPEN_ON_FREE_PATH, tuned(scene, motion, shutter, (*free, "path")))]
+    steady = tuned(scene, motion, shutter, free)
+    rows = [_row(OPEN, steady)]
+    if "acceleration" in free and not forbids_free_path(scene):
+        found = on_free_path(steady, motion, loss=loss, plan=plan)
+        rows.append(_row(OPEN_ON_FREE_PATH, found))
+    return rows
 
 
 def _bursts(scene: Scene) -> list[Row]:

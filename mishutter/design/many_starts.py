@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array
+from jaxtyping import Array, ArrayLike
 
 from mishutter._core import compiled, in_threads, num_processors
 from mishutter.design.objective import AbstractObjective
@@ -67,7 +67,7 @@ def descend(
     trail: list[np.ndarray] = []
     num_going, num_last, steps_left = len(starts), num_lasting(len(starts)), max_steps
     while steps_left > 0:
-        count = jnp.asarray(min(_STEPS_PER_CALL, steps_left))
+        count = np.int32(min(_STEPS_PER_CALL, steps_left))
         shares = _shared_out(objective, np.flatnonzero(~state.done), size)
         parts = (_part(state, rows, size) for rows in shares)
         advance = partial(_advanced, objective, count)
@@ -189,7 +189,7 @@ def _start(starts: Array) -> _State:
 
 
 def _advanced(
-    objective: AbstractObjective, num_steps: Array, state: _State
+    objective: AbstractObjective, num_steps: ArrayLike, state: _State
 ) -> tuple[_State, "_Met", np.ndarray]:
     """`_advance` by at most so many steps, waited for."""
     state, met, finite = _advance(objective, state, num_steps, _STEPS_PER_CALL)
@@ -197,7 +197,7 @@ def _advanced(
 
 
 @compiled
-def _advance(objective: AbstractObjective, state: _State, num_steps: Array, capacity: int):
+def _advance(objective: AbstractObjective, state: _State, num_steps: ArrayLike, capacity: int):
     function = _in_angles(objective)
     like = eqx.filter_eval_shape(_solver_state, state.theta[0])
     dynamic, static = eqx.partition(like, lambda x: isinstance(x, jax.ShapeDtypeStruct))

@@ -129,6 +129,11 @@ class SpectralObjective(AbstractObjective):
         return SpectralLoss(self.loss, self.scene, plan)
 
     @property
+    def shares_its_loss(self) -> bool:
+        """Whether other kinds of motion have the program of what is seen: not that of a path."""
+        return not self.space.num_path_coordinates
+
+    @property
     def batches(self) -> bool:
         return _many_at_once()
 

@@ -35,7 +35,13 @@ from mishutter.design.space import (
     num_free_pieces,
     within_limits,
 )
-from mishutter.design.starts import GRID_COORDINATES, lowest_places, path_boxes, start_boxes
+from mishutter.design.starts import (
+    GRID_COORDINATES,
+    box_at,
+    lowest_places,
+    path_boxes,
+    start_boxes,
+)
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
@@ -74,6 +80,8 @@ _SAME = 1e-5
 _NUM_STARTS, _FEW_SPEEDS = 16, 8
 """Starts by default, and speeds fewer than which have more of them, in proportion: these take less
 time, and the loss has more valleys, as each of the speeds alone decides what is open."""
+_MAX_STEPS = 300
+"""Steps of a descent, and of a polish, at most, by default."""
 _NUM_GIVEN = 4
 """Starts at most, up to a quarter of them, that are the given design and baselines' profiles."""
 _AT_LIMIT = 1e-6
@@ -113,7 +121,7 @@ def optimise(
     free: str | Iterable[str] | None = None,
     num_starts: int | None = None,
     seed: int = 0,
-    max_steps: int = 300,
+    max_steps: int = _MAX_STEPS,
     progress: Progress | None = None,
     throw: bool = False,
     plan: Plan | Automatic | None = PLANNED,
@@ -208,6 +216,31 @@ def optimise(
     return best
 
 
+@alone_in_blas()
+def on_free_path(
+    design: Design,
+    start: AbstractMotion,
+    *,
+    loss: AbstractLoss,
+    plan: Plan | Automatic | None = PLANNED,
+) -> Design:
+    """The best design under the shutter of another, on a free path that begins at its motion.
+
+    It is what `optimise(free={"path", ...})` returns where that finds the other on its way.
+
+    Args:
+        design: The best design of constant acceleration.
+        start: The motion to begin with where that does not accelerate.
+        loss: The loss that it was found by.
+        plan: The plan of the computation.
+    """
+    free = free_by_default(design.scene, start, design.command)
+    names = tuple(name for name in (*free, "path") if name != "shutter")
+    path = FreeMotion.fit(start if is_straight(design.motion) else design.motion)
+    rules = {"num_starts": None, "seed": 0, "max_steps": _MAX_STEPS, "progress": None}
+    return _beyond(design, path, names, loss=loss, plan=plan, known=(), **rules)
+
+
 Known = tuple[tuple[AbstractShutter, AbstractMotion], ...]
 """Commands and motions that a search starts from, beside its own."""
 
@@ -269,8 +302,21 @@ def _on_free_path(
     rules |= {"known": known}
     design = _optimised(scene, start, shutter, free=steady_names, plan=steady_plan, **rules)
     path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
-    rules |= {"known": (*known, (design.command, design.motion))}
-    ends = _searched(scene, path, design.command, names, plan=plan, **rules)
+    return _beyond(design, path, names, plan=plan, **rules)
+
+
+def _beyond(
+    design: Design,
+    path: FreeMotion,
+    names: Sequence[str],
+    *,
+    plan: Plan | Automatic | None,
+    known: Known,
+    **rules: Any,
+) -> Design:
+    """The better of a design whose acceleration is constant, and of one from there on."""
+    scene, known = design.scene, (*known, (design.command, design.motion))
+    ends = _searched(scene, path, design.command, names, plan=plan, known=known, **rules)
     found = _design(ends[0], scene, rules["loss"], rules["max_steps"])
     if found.loss >= design.loss * (1 - _SAME):
         return replace(design, outcome=f"{design.outcome} {_NO_PATH}")
@@ -509,7 +555,7 @@ def _best_of_space(
     objective = objective_of(loss, needed, space, plan)
     num_speeds = needed.speeds.size
     starts = start_boxes(space, num_starts or _NUM_STARTS * max(1, _FEW_SPEEDS // num_speeds), seed)
-    before = np.array([_box_of(space, *each) for each in known], starts.dtype)
+    before = np.array([box_at(space, *each) for each in known], starts.dtype)
     if space.num_path_coordinates:
         starts = np.concatenate([before, path_boxes(space)])
         num_polished = _NUM_POLISHED if space.num_profile_coordinates else 1
@@ -543,15 +589,6 @@ def _best_of_space(
         best_start_loss=found.best_start_loss,
         plan=plan,
     )
-
-
-def _box_of(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion) -> np.ndarray:
-    """The point of a box that is nearest to a design; shape `(size,)`."""
-    own = space.shutter
-    if isinstance(shutter, SplineShutter) and isinstance(own, SplineShutter):
-        if shutter.symmetric and not own.symmetric:
-            shutter = SplineShutter(shutter.coefficients)
-    return np.asarray(space.box(shutter, motion))
 
 
 def best_profile(

@@ -59,7 +59,7 @@ def _losses_and_gradients(
     room = np.zeros((_POINTS_A_CALL, *boxes.shape[1:]), boxes.dtype)
     room[: len(boxes)] = boxes
     count = np.asarray(len(boxes))
-    if isinstance(objective, SpectralObjective):
+    if isinstance(objective, SpectralObjective) and objective.shares_its_loss:
         found = _by_parts(objective, room, count)
     else:
         found = _one_by_one(objective, room, count)

@@ -33,7 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, common_dtype, require
+from mishutter._core import Bare, common_dtype, on_device, require
 from mishutter.model import (
     AbstractDevice,
     AbstractMotion,
@@ -179,7 +179,7 @@ class DesignSpace(eqx.Module):
 
     def without_acceleration(self) -> "DesignSpace":
         """The same box, at every point of which the sensor does not accelerate."""
-        return eqx.tree_at(lambda s: s.limits.max_stroke, self, jnp.zeros((), self.dtype))
+        return eqx.tree_at(lambda s: s.limits.max_stroke, self, on_device(np.zeros((), self.dtype)))
 
     def without_shutter(self) -> "DesignSpace":
         """The space around another shutter than one that is held, the same for all of these.
@@ -401,8 +401,12 @@ def _mean_acceleration(motion: AbstractMotion) -> Array:
 
 
 def _longest(pieces: Array) -> Array:
-    """How many times as far a path takes the sensor as the parabola of its mean."""
-    return FreeMotion(accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype)).stroke
+    """How many times as far a path takes the sensor as the parabola of its mean.
+
+    No piece brakes, so that the sensor is furthest from mid-exposure at an end.
+    """
+    path = FreeMotion(accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype))
+    return jnp.max(jnp.asarray(path.position(np.array([-1, 1], pieces.dtype))))
 
 
 def design_space(

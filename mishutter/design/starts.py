@@ -10,6 +10,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from mishutter._core import compiled
 from mishutter.design.space import DesignSpace
 from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
     GaussianShutter,
     HannShutter,
     RectShutter,
@@ -35,7 +37,7 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
     The given design first, then the baselines' profiles and random ones, at the given
     motion and at random motions by turns.
     """
-    given = np.asarray(_given_box(space.without_shutter()))
+    given = box_at(space, space.shutter, space.motion)
     if given.size <= GRID_COORDINATES:
         return np.concatenate([given[None], _grid(given.size).astype(given.dtype)])
     count = space.num_profile_coordinates
@@ -52,14 +54,25 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
     return boxes
 
 
+def box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion) -> np.ndarray:
+    """The point of a box that is nearest to a design; shape `(size,)`."""
+    own = space.shutter
+    if isinstance(shutter, SplineShutter) and isinstance(own, SplineShutter):
+        if shutter.symmetric and not own.symmetric:
+            shutter = SplineShutter(shutter.coefficients)
+    space = space.without_shutter()
+    shutter = shutter if "shutter" in space.free or space.lags else space.shutter
+    return np.asarray(_box_at(space, shutter, motion))
+
+
 @compiled
-def _given_box(space: DesignSpace) -> Array:
-    return space.box(space.shutter, space.motion)
+def _box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
+    return space.box(shutter, motion)
 
 
 def path_boxes(space: DesignSpace) -> np.ndarray:
     """The given design, and others whose paths turn faster or slower towards their ends."""
-    given = np.asarray(_given_box(space.without_shutter()))
+    given = box_at(space, space.shutter, space.motion)
     first = space.num_profile_coordinates
     boxes = np.tile(given, (1 + len(_TILTS), 1))
     outwards = np.linspace(-1, 1, space.num_path_coordinates, dtype=given.dtype)

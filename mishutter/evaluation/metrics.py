@@ -26,6 +26,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Scene,
+    as_parabolic,
     frequencies,
     frequency_grid,
     has_vertex,
@@ -124,7 +125,8 @@ def evaluate(
         num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
         plan = replace(plan, num_kept=None, num_nodes=num_nodes)
     kept = reduced(scene, plan)
-    metrics = measured(kept, motion, records(kept, motion, shutter, plan), plan)
+    recorded = records(kept, motion, shutter, plan)
+    metrics = measured(kept, as_parabolic(motion), recorded, plan)
     if within is None:
         return metrics
     return replace(metrics, toleranced_psnr=-10 * jnp.log10(within))
@@ -141,7 +143,8 @@ def squared_error_within(
     parts = Parts(kernels=False, spectra=True, differences=False)
     plan, scene, motion = chosen(plan, scene, motion, shutter, lambda _: parts)
     kept = reduced(scene, plan)
-    return _error_of_records(kept, motion, records(kept, motion, shutter, plan, *parts), plan)
+    recorded = records(kept, motion, shutter, plan, *parts)
+    return _error_of_records(kept, as_parabolic(motion), recorded, plan)
 
 
 @compiled
@@ -344,7 +347,7 @@ def spectral_levels(
     plan, seen, moved = chosen(PLANNED, scene, motion, shutter, lambda _: parts)
     kept = reduced(seen, plan)
     recorded = records(kept, moved, shutter, plan, *parts)
-    lost, errors = map(np.asarray, _levels_of_records(kept, moved, recorded, plan))
+    lost, errors = map(np.asarray, _levels_of_records(kept, as_parabolic(moved), recorded, plan))
     relative = speeds - float(motion.velocity)
     known = np.asarray(kept.speeds)
     relative, known = (np.abs(relative), np.abs(known)) if plan.folds else (relative, known)

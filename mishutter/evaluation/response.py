@@ -4,6 +4,7 @@ All of it is linear in the transmittance. The transfer functions are sampled at 
 centres of equal steps in (0, 0.5) cycles/px, by quadrature over the exposure.
 """
 
+from functools import partial
 from typing import NamedTuple, final
 
 import equinox as eqx
@@ -12,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import all_concrete, common_dtype, compiled, is_concrete
+from mishutter._core import all_concrete, common_dtype, compiled, is_concrete, on_device
 from mishutter.blur import (
     LitNodes,
     aligned_kernel,
@@ -127,7 +128,7 @@ def records(
     light = _only_light(profile, motion, scene.speeds) if light is None else light
     nothing = np.zeros(0, dtype)
     parts = (nothing if part is None else part for part in (taps, response, light))
-    return Records(*map(jnp.asarray, parts))
+    return Records(*(on_device(x) if isinstance(x, np.ndarray) else x for x in parts))
 
 
 def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
@@ -230,7 +231,11 @@ def kernels_and_light(
     num_taps: int,
     runs: int,
 ) -> tuple[Array, Array]:
-    """Kernels whose first tap begins at `first`, px from the point of alignment; efficiency."""
+    """Kernels whose first tap begins at `first`, px from the point of alignment; efficiency.
+
+    A CPU computes one speed after the other: the taps of one fill its vectors, and a program for
+    many at once is traced in twice the time.
+    """
 
     def one(speed: Array) -> Array:
         turns = jnp.asarray(has_vertex(motion))
@@ -238,7 +243,8 @@ def kernels_and_light(
         return aligned_kernel(shutter, motion, speed, num_taps, first, **rule)
 
     light = light_let_through(piecewise(shutter), np.dtype(speeds.dtype))
-    return jax.vmap(one)(jnp.asarray(speeds)), light
+    of_each = partial(jax.lax.map, one) if jax.default_backend() == "cpu" else jax.vmap(one)
+    return of_each(jnp.asarray(speeds)), light
 
 
 def pixel_responses(
