@@ -28,7 +28,7 @@ from mishutter import (  # noqa: E402
     Scene,
     SplineShutter,
 )
-from mishutter.evaluation.losses.design import smooth_condition_number  # noqa: E402
+from mishutter.evaluation.losses import smooth_condition_number  # noqa: E402
 from mishutter.evaluation.needs import Plan  # noqa: E402
 
 PLAN = Plan(num_taps=40, dft_length=128, num_frequencies=32, num_nodes=320)

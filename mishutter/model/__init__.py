@@ -7,9 +7,6 @@ from mishutter.model.devices import SwitchedShutter as SwitchedShutter
 from mishutter.model.devices import TransmittedShutter as TransmittedShutter
 from mishutter.model.devices import command_of as command_of
 from mishutter.model.devices import device_of as device_of
-from mishutter.model.frequencies import frequencies as frequencies
-from mishutter.model.frequencies import frequency_grid as frequency_grid
-from mishutter.model.frequencies import on_steps as on_steps
 from mishutter.model.images import GAMMA as GAMMA
 from mishutter.model.images import Picture as Picture
 from mishutter.model.images import example_picture as example_picture
@@ -37,7 +34,10 @@ from mishutter.model.motion import turns as turns
 from mishutter.model.motion import without_velocity as without_velocity
 from mishutter.model.optics import WIDEST_BLUR as WIDEST_BLUR
 from mishutter.model.optics import Optics as Optics
+from mishutter.model.optics import frequencies as frequencies
+from mishutter.model.optics import frequency_grid as frequency_grid
 from mishutter.model.optics import lens_response as lens_response
+from mishutter.model.optics import on_steps as on_steps
 from mishutter.model.optics import pixel_response as pixel_response
 from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY
 from mishutter.model.scene import NUM_FREQUENCIES as NUM_FREQUENCIES
@@ -77,10 +77,10 @@ from mishutter.model.shutters.base import at_coordinates as at_coordinates
 from mishutter.model.shutters.base import coordinates as coordinates
 from mishutter.model.shutters.base import integrated_transmittance as integrated_transmittance
 from mishutter.model.shutters.base import is_adjustable as is_adjustable
+from mishutter.model.shutters.base import piecewise as piecewise
 from mishutter.model.shutters.base import profile_of as profile_of
 from mishutter.model.shutters.base import uniform_fractions as uniform_fractions
 from mishutter.model.shutters.base import within_unit as within_unit
-from mishutter.model.shutters.interpolated import piecewise as piecewise
 from mishutter.model.shutters.polynomials import in_one_form as in_one_form
 from mishutter.model.shutters.spline import coefficient_times as coefficient_times
 from mishutter.model.shutters.spline import fitted_boxes as fitted_boxes

@@ -33,8 +33,7 @@ from mishutter.model.shutters import (
     ChippedShutter,
     RectShutter,
 )
-from mishutter.model.shutters.base import within_unit
-from mishutter.model.shutters.interpolated import SampledShutter, piecewise
+from mishutter.model.shutters.base import SampledShutter, piecewise, within_unit
 from mishutter.model.slots import diffused, slot_means
 
 NUM_SLOTS = 128

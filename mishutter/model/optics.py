@@ -1,4 +1,7 @@
-"""What lens and pixel leave of the waves of a picture."""
+"""Waves of a picture: the frequencies that they are looked at on, and what lens and pixel leave.
+
+The frequencies are the centres of equal steps of (0, 0.5) cycles/px.
+"""
 
 from typing import NamedTuple
 
@@ -9,6 +12,45 @@ from jaxtyping import Array, ArrayLike
 
 WIDEST_BLUR = 16.0
 """Of a lens, px: four of it are within the margin that captures leave beyond a picture."""
+
+
+def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Array:
+    """Centres of equal steps in (0, 0.5); cycles/px, shape `(m,)`."""
+    return (jnp.arange(num_frequencies, dtype=dtype) + 0.5) * (0.5 / num_frequencies)
+
+
+def frequencies(count: int) -> np.ndarray:
+    """Centres of equal steps in (0, 0.5); cycles/px, shape `(count,)`."""
+    return (np.arange(count) + 0.5) * (0.5 / count)
+
+
+def on_steps(power: Array | np.ndarray, count: int) -> Array | np.ndarray:
+    """Power of a spectrum known on other equal steps of (0, 0.5); shape `(count,)`.
+
+    Within a step it is the parabola that holds the step's power and is the harmonic mean of two
+    steps where these meet: no power is lost, and none is below 0.
+    """
+    if power.size == count:
+        return power
+    space = np if isinstance(power, np.ndarray) else jnp
+    mirrored = space.concatenate([power[:1], power, power[-1:]])
+    total = mirrored[:-1] + mirrored[1:]
+    lit = space.where(total > 0, total, 1.0)
+    between = 2 * (mirrored[:-1] / lit) * mirrored[1:]
+    edges = np.union1d(np.linspace(0, 1, power.size + 1), np.linspace(0, 1, count + 1))
+    middle = (edges[1:] + edges[:-1]) / 2
+    known, wanted = (middle * power.size).astype(int), (middle * count).astype(int)
+    start, end = edges[:-1] * power.size - known, edges[1:] * power.size - known
+    first, second, third = ((end**n - start**n) / n for n in (1, 2, 3))
+    shares = (6 * (second - third), first - 4 * second + 3 * third, 3 * third - 2 * second)
+    parts = (power, between[:-1], between[1:])
+    pieces = sum(
+        (x * (count / power.size)).astype(power.dtype) * part[known]
+        for x, part in zip(shares, parts, strict=True)
+    )
+    if space is jnp:
+        return jax.ops.segment_sum(pieces, wanted, count)
+    return np.maximum(np.bincount(wanted, pieces, count), 0).astype(power.dtype)
 
 
 class Optics(NamedTuple):

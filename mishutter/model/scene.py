@@ -26,7 +26,6 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.model.devices import AbstractDevice
-from mishutter.model.frequencies import frequencies, on_steps
 from mishutter.model.motion import (
     AbstractMotion,
     FreeMotion,
@@ -38,7 +37,7 @@ from mishutter.model.motion import (
     steady,
     without_velocity,
 )
-from mishutter.model.optics import WIDEST_BLUR, Optics
+from mishutter.model.optics import WIDEST_BLUR, Optics, frequencies, on_steps
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.shutters import AbstractShutter
 from mishutter.model.stages import StagePath, StageUse, stage_path, stage_use, stage_use_of_path

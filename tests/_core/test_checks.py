@@ -34,7 +34,7 @@ from mishutter._core.checks import (
     require_positive_int,
 )
 from mishutter.model.motion import settled
-from mishutter.model.shutters.interpolated import piecewise
+from mishutter.model.shutters.base import piecewise
 
 
 def test_a_count_is_a_plain_integer():

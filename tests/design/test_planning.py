@@ -33,7 +33,7 @@ from mishutter import (
     plan,
 )
 from mishutter.evaluation.needs import distinct_speeds, reduced, require_plan, sizes
-from mishutter.model.frequencies import frequencies
+from mishutter.model.optics import frequencies
 
 MOTION = ParabolicMotion(acceleration=11.0 / 1e-4, half_exposure=1e-2)
 LOSSES = {

@@ -29,7 +29,7 @@ from mishutter import (
     plan,
 )
 from mishutter.evaluation import losses
-from mishutter.evaluation.losses.design import smooth_condition_number
+from mishutter.evaluation.losses import smooth_condition_number
 from mishutter.evaluation.needs import PLANNED
 from mishutter.evaluation.response import folded
 

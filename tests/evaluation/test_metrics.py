@@ -33,7 +33,7 @@ from mishutter.evaluation.metrics import (
 )
 from mishutter.evaluation.needs import PLANNED, Plan, sizes
 from mishutter.evaluation.response import respond
-from mishutter.model.frequencies import frequencies, frequency_grid
+from mishutter.model.optics import frequencies, frequency_grid
 
 HALF_EXPOSURE = 0.013
 MOTION = ParabolicMotion(acceleration=31.0 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)

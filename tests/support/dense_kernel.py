@@ -20,8 +20,7 @@ from mishutter._core.double_double import (
     word,
 )
 from mishutter.blur.trajectory import path, safe_sqrt
-from mishutter.model.shutters.base import within_unit
-from mishutter.model.shutters.interpolated import piecewise
+from mishutter.model.shutters.base import piecewise, within_unit
 
 
 def exposure(shutter, a, T, s, edges, *, from_vertex):

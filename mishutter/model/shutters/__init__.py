@@ -3,10 +3,10 @@
 from mishutter.model.shutters.base import AbstractAdjustableShutter as AbstractAdjustableShutter
 from mishutter.model.shutters.base import AbstractPiecewiseShutter as AbstractPiecewiseShutter
 from mishutter.model.shutters.base import AbstractShutter as AbstractShutter
+from mishutter.model.shutters.base import SampledShutter as SampledShutter
+from mishutter.model.shutters.base import piecewise as piecewise
 from mishutter.model.shutters.chips import RASKAR_CODE as RASKAR_CODE
 from mishutter.model.shutters.chips import ChippedShutter as ChippedShutter
-from mishutter.model.shutters.interpolated import SampledShutter as SampledShutter
-from mishutter.model.shutters.interpolated import piecewise as piecewise
 from mishutter.model.shutters.kinds import baselines as baselines
 from mishutter.model.shutters.kinds import named_shutter as named_shutter
 from mishutter.model.shutters.kinds import register_shutter as register_shutter

@@ -9,9 +9,8 @@ from jaxtyping import Array, ArrayLike
 from numpy.polynomial import chebyshev
 
 from mishutter._core import DoubleWord, compiled
-from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter
+from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
 from mishutter.model.shutters.bernstein import looked_up, polynomial
-from mishutter.model.shutters.interpolated import piecewise
 
 _NUM_PIECES, _DEGREE = 24, 9
 _LAST_TERM = 100

@@ -24,6 +24,7 @@ from mishutter._core import (
 from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
     AbstractShutter,
+    piecewise,
     uniform_breakpoints,
     within_unit,
 )
@@ -33,7 +34,6 @@ from mishutter.model.shutters.bernstein import (
     expand,
     split_control,
 )
-from mishutter.model.shutters.interpolated import piecewise
 
 _DEGREE = 3
 _FIT_SAMPLES_PER_PIECE = 16
