@@ -41,6 +41,11 @@ def is_concrete(value: object) -> bool:
     return not isinstance(value, jax.core.Tracer)
 
 
+def as_numpy(*values: Any) -> tuple[Any, ...]:
+    """`values` as NumPy's arrays where all are known: no program is compiled for a few numbers."""
+    return tuple(map(np.asarray, values)) if all_concrete(values) else values
+
+
 def common_dtype(*values: RowLike) -> np.dtype:
     """Floating dtype that the arrays among `values` share; JAX's default without any.
 
@@ -72,7 +77,7 @@ def as_float(value: RowLike, subject: str | None = None) -> Array:
     if not all_concrete(value):
         return jnp.asarray(value, dtype=dtype)
     with jax.ensure_compile_time_eval():
-        return jnp.asarray(value, dtype=dtype)
+        return jax.device_put(np.asarray(value, dtype))
 
 
 def _is_real(value: object) -> bool:
