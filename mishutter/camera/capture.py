@@ -30,7 +30,7 @@ from mishutter.blur import support
 from mishutter.camera.footage import Frames, expose_frames
 from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded, white_electrons
-from mishutter.camera.occlusion import expose_layers
+from mishutter.camera.occlusion import expose_layers, nodes_for
 from mishutter.camera.rows import (
     Planes,
     blurred,
@@ -221,8 +221,8 @@ def captured_response(
     with at_once():
         speed_gain = float(motion.speed_gain)
     velocity = (speed_gain + fastest) * float(motion.half_exposure)
-    num_nodes = sized_for(0.0, velocity).num_nodes
-    return pixel_responses(shutter, without_velocity(motion), relative, period, num_nodes=num_nodes)
+    still, num_nodes = without_velocity(motion), nodes_for(velocity)
+    return pixel_responses(shutter, still, relative, period, num_nodes=num_nodes)
 
 
 def centred_kernel(

@@ -19,6 +19,8 @@ _STEP = 0.5
 _HALF_WIDTH = 8
 """Instants to either side of a time that an image then is interpolated from."""
 _SHARPNESS = 12.5
+_LEAST_NODES = 512
+"""Quadrature nodes by which cameras of most exposures share the program that places them."""
 _ROWS_AT_ONCE = 8
 """Rows whose images stay in a processor's cache from one instant to the next."""
 
@@ -111,15 +113,20 @@ def expose_layers(
     return np.ascontiguousarray(np.broadcast_to(light, shape))
 
 
+def nodes_for(velocity: float) -> int:
+    """Quadrature nodes for light displaced by at most `velocity` px per half exposure."""
+    return max(_LEAST_NODES, sized_for(0.0, velocity).num_nodes)
+
+
 def _exposure_of(
     layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, optics: Optics
 ) -> _Exposure:
     half, v = float(motion.half_exposure), float(motion.velocity)
     fastest = max(abs(layer.speed - v) for layer in layers.layers)
     # Images that change while they are displaced ask for as many nodes once more.
-    plan = sized_for(0.0, 2 * (float(motion.speed_gain) + fastest) * half)
+    num_nodes = nodes_for(2 * (float(motion.speed_gain) + fastest) * half)
     form = in_one_form(shutter, common_dtype(*jax.tree.leaves((motion, shutter))))
-    tau, light = (np.asarray(x)[0] for x in light_in_time(form, motion, plan.num_nodes))
+    tau, light = (np.asarray(x)[0] for x in light_in_time(form, motion, num_nodes))
     time = tau * half
     return _Exposure(time, light, np.asarray(motion.position(time)), optics)
 
