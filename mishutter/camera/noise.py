@@ -18,6 +18,8 @@ from mishutter._core import (
 )
 from mishutter.model import AbstractMotion, Scene
 
+Number = Array | np.ndarray | np.floating
+"""Of NumPy where it is known, and of JAX elsewhere."""
 _MOST_COUNTED = 1e15
 """Electrons above which they are no longer told apart, and their number is normal."""
 
@@ -25,7 +27,7 @@ _RUN = 1 << 16
 """Pixels whose numbers one generator draws."""
 
 
-def white_electrons(scene: Scene, motion: AbstractMotion) -> ArrayLike:
+def white_electrons(scene: Scene, motion: AbstractMotion) -> Number:
     r"""Photo-electrons of a white pixel in a fully open exposure, $p = \text{rate}\cdot 2T$."""
     rate, exposure = as_numpy(scene.photon_rate, motion.exposure)
     return rate * exposure
@@ -33,7 +35,7 @@ def white_electrons(scene: Scene, motion: AbstractMotion) -> ArrayLike:
 
 def noise_variance(
     scene: Scene, motion: AbstractMotion, efficiency: ArrayLike, mean_level: ArrayLike | None = None
-) -> ArrayLike:
+) -> Number:
     r"""$N = \eta\bar f/p + (\sigma/p)^2$ per pixel, in units of a fully open exposure."""
     level = scene.mean_level if mean_level is None else mean_level
     numbers = efficiency, level, scene.read_noise, white_electrons(scene, motion)

@@ -91,9 +91,9 @@ def rows_last(light: ArrayLike) -> Planes:
 
     The result has the shape `(..., channels, rows, columns)`; NumPy's of a picture that is known.
     """
-    space, light = _in_its_space(light)
-    light = light[..., None] if light.ndim == 2 else light
-    return space.moveaxis(light, -1, -3)
+    space, picture = _in_its_space(light)
+    picture = picture[..., None] if picture.ndim == 2 else picture
+    return space.moveaxis(picture, -1, -3)
 
 
 def channels_last(planes: Planes, like: ArrayLike) -> Planes:

@@ -246,7 +246,7 @@ class FreeMotion(AbstractMotion):
         require(given, "FreeMotion.fit(motion=...)", "be a motion", motion)
         if isinstance(motion, AbstractSteadyMotion):
             return cls(
-                accelerations=jnp.broadcast_to(motion.acceleration, (count,)),
+                accelerations=_number(lambda a: a * np.ones(count, a.dtype), motion.acceleration),
                 half_exposure=motion.half_exposure,
                 velocity=motion.velocity,
             )
