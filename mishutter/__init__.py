@@ -3,112 +3,135 @@
 Begin with `optimise(example_scene())`; `python -m mishutter` is the command line.
 """
 
-from mishutter.blur import binned_exposure as binned_exposure
-from mishutter.blur import blur_kernel as blur_kernel
-from mishutter.blur import condition_number as condition_number
-from mishutter.blur import transfer_function as transfer_function
-from mishutter.calibration import FittedCamera as FittedCamera
-from mishutter.calibration import SensorLevels as SensorLevels
-from mishutter.calibration import TargetPicture as TargetPicture
-from mishutter.calibration import fit as fit
-from mishutter.calibration import read_measurements as read_measurements
-from mishutter.camera import Frames as Frames
-from mishutter.camera import Layer as Layer
-from mishutter.camera import Layers as Layers
-from mishutter.camera import centred_kernel as centred_kernel
-from mishutter.camera import read_frames as read_frames
-from mishutter.camera import simulate_capture as simulate_capture
-from mishutter.design import Comparison as Comparison
-from mishutter.design import Design as Design
-from mishutter.design import Drive as Drive
-from mishutter.design import DriveTable as DriveTable
-from mishutter.design import MeasuredProfile as MeasuredProfile
-from mishutter.design import NonFiniteLossError as NonFiniteLossError
-from mishutter.design import Outcome as Outcome
-from mishutter.design import SearchFailedError as SearchFailedError
-from mishutter.design import Trace as Trace
-from mishutter.design import compare as compare
-from mishutter.design import drive_table as drive_table
-from mishutter.design import measured_profile as measured_profile
-from mishutter.design import optimise as optimise
-from mishutter.design import plan as plan
-from mishutter.design import read_drive as read_drive
-from mishutter.design import read_trace as read_trace
-from mishutter.design import starting_shutter as starting_shutter
-from mishutter.evaluation import AbstractLoss as AbstractLoss
-from mishutter.evaluation import DesignLoss as DesignLoss
-from mishutter.evaluation import ExpectedErrorLoss as ExpectedErrorLoss
-from mishutter.evaluation import Metrics as Metrics
-from mishutter.evaluation import Plan as Plan
-from mishutter.evaluation import ToleranceCost as ToleranceCost
-from mishutter.evaluation import ToleranceCosts as ToleranceCosts
-from mishutter.evaluation import ceiling as ceiling
-from mishutter.evaluation import evaluate as evaluate
-from mishutter.evaluation import tolerance_costs as tolerance_costs
-from mishutter.model import RASKAR_CODE as RASKAR_CODE
-from mishutter.model import AbstractAdjustableShutter as AbstractAdjustableShutter
-from mishutter.model import AbstractDevice as AbstractDevice
-from mishutter.model import AbstractMotion as AbstractMotion
-from mishutter.model import AbstractPiecewiseShutter as AbstractPiecewiseShutter
-from mishutter.model import AbstractShutter as AbstractShutter
-from mishutter.model import Burst as Burst
-from mishutter.model import ChippedShutter as ChippedShutter
-from mishutter.model import FirstOrderShutter as FirstOrderShutter
-from mishutter.model import FreeMotion as FreeMotion
-from mishutter.model import GaussianShutter as GaussianShutter
-from mishutter.model import HannShutter as HannShutter
-from mishutter.model import IdealShutter as IdealShutter
-from mishutter.model import Limits as Limits
-from mishutter.model import LinearMotion as LinearMotion
-from mishutter.model import ParabolicMotion as ParabolicMotion
-from mishutter.model import Picture as Picture
-from mishutter.model import RectShutter as RectShutter
-from mishutter.model import Scene as Scene
-from mishutter.model import SecondOrderStage as SecondOrderStage
-from mishutter.model import SplineShutter as SplineShutter
-from mishutter.model import StagePath as StagePath
-from mishutter.model import StillCamera as StillCamera
-from mishutter.model import SwitchedShutter as SwitchedShutter
-from mishutter.model import Tolerances as Tolerances
-from mishutter.model import TriangleShutter as TriangleShutter
-from mishutter.model import TukeyShutter as TukeyShutter
-from mishutter.model import baselines as baselines
-from mishutter.model import example_picture as example_picture
-from mishutter.model import example_scene as example_scene
-from mishutter.model import read_picture as read_picture
-from mishutter.model import read_scene as read_scene
-from mishutter.model import register_shutter as register_shutter
-from mishutter.model import row_power_spectrum as row_power_spectrum
-from mishutter.model import stage_path as stage_path
-from mishutter.model import write_picture as write_picture
-from mishutter.restore import AbstractDecoder as AbstractDecoder
-from mishutter.restore import BlurModel as BlurModel
-from mishutter.restore import EnsembleDecoder as EnsembleDecoder
-from mishutter.restore import Quality as Quality
-from mishutter.restore import RestoredPhotograph as RestoredPhotograph
-from mishutter.restore import RichardsonLucyDecoder as RichardsonLucyDecoder
-from mishutter.restore import Simulation as Simulation
-from mishutter.restore import TikhonovDecoder as TikhonovDecoder
-from mishutter.restore import TotalVariationDecoder as TotalVariationDecoder
-from mishutter.restore import WienerDecoder as WienerDecoder
-from mishutter.restore import blur_model as blur_model
-from mishutter.restore import capture_and_restore as capture_and_restore
-from mishutter.restore import deconvolve as deconvolve
-from mishutter.restore import ghost_energy as ghost_energy
-from mishutter.restore import measure_quality as measure_quality
-from mishutter.restore import psnr as psnr
-from mishutter.restore import restore_photograph as restore_photograph
-from mishutter.restore import richardson_lucy as richardson_lucy
-from mishutter.restore import ssim as ssim
-from mishutter.sweeps import best_points as best_points
-from mishutter.sweeps import best_snapshots as best_snapshots
-from mishutter.sweeps import gain_over as gain_over
-from mishutter.sweeps import gain_over_snapshot as gain_over_snapshot
-from mishutter.sweeps import light_map as light_map
-from mishutter.sweeps import pareto_front as pareto_front
-from mishutter.sweeps import sweep as sweep
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mishutter.blur import binned_exposure as binned_exposure
+    from mishutter.blur import blur_kernel as blur_kernel
+    from mishutter.blur import condition_number as condition_number
+    from mishutter.blur import transfer_function as transfer_function
+    from mishutter.calibration import FittedCamera as FittedCamera
+    from mishutter.calibration import SensorLevels as SensorLevels
+    from mishutter.calibration import TargetPicture as TargetPicture
+    from mishutter.calibration import fit as fit
+    from mishutter.calibration import read_measurements as read_measurements
+    from mishutter.camera import Frames as Frames
+    from mishutter.camera import Layer as Layer
+    from mishutter.camera import Layers as Layers
+    from mishutter.camera import centred_kernel as centred_kernel
+    from mishutter.camera import read_frames as read_frames
+    from mishutter.camera import simulate_capture as simulate_capture
+    from mishutter.design import Comparison as Comparison
+    from mishutter.design import Design as Design
+    from mishutter.design import Drive as Drive
+    from mishutter.design import DriveTable as DriveTable
+    from mishutter.design import MeasuredProfile as MeasuredProfile
+    from mishutter.design import NonFiniteLossError as NonFiniteLossError
+    from mishutter.design import Outcome as Outcome
+    from mishutter.design import SearchFailedError as SearchFailedError
+    from mishutter.design import Trace as Trace
+    from mishutter.design import compare as compare
+    from mishutter.design import drive_table as drive_table
+    from mishutter.design import measured_profile as measured_profile
+    from mishutter.design import optimise as optimise
+    from mishutter.design import plan as plan
+    from mishutter.design import read_drive as read_drive
+    from mishutter.design import read_trace as read_trace
+    from mishutter.design import starting_shutter as starting_shutter
+    from mishutter.evaluation import AbstractLoss as AbstractLoss
+    from mishutter.evaluation import DesignLoss as DesignLoss
+    from mishutter.evaluation import ExpectedErrorLoss as ExpectedErrorLoss
+    from mishutter.evaluation import Metrics as Metrics
+    from mishutter.evaluation import Plan as Plan
+    from mishutter.evaluation import ToleranceCost as ToleranceCost
+    from mishutter.evaluation import ToleranceCosts as ToleranceCosts
+    from mishutter.evaluation import ceiling as ceiling
+    from mishutter.evaluation import evaluate as evaluate
+    from mishutter.evaluation import tolerance_costs as tolerance_costs
+    from mishutter.model import RASKAR_CODE as RASKAR_CODE
+    from mishutter.model import AbstractAdjustableShutter as AbstractAdjustableShutter
+    from mishutter.model import AbstractDevice as AbstractDevice
+    from mishutter.model import AbstractMotion as AbstractMotion
+    from mishutter.model import AbstractPiecewiseShutter as AbstractPiecewiseShutter
+    from mishutter.model import AbstractShutter as AbstractShutter
+    from mishutter.model import Burst as Burst
+    from mishutter.model import ChippedShutter as ChippedShutter
+    from mishutter.model import FirstOrderShutter as FirstOrderShutter
+    from mishutter.model import FreeMotion as FreeMotion
+    from mishutter.model import GaussianShutter as GaussianShutter
+    from mishutter.model import HannShutter as HannShutter
+    from mishutter.model import IdealShutter as IdealShutter
+    from mishutter.model import Limits as Limits
+    from mishutter.model import LinearMotion as LinearMotion
+    from mishutter.model import ParabolicMotion as ParabolicMotion
+    from mishutter.model import Picture as Picture
+    from mishutter.model import RectShutter as RectShutter
+    from mishutter.model import Scene as Scene
+    from mishutter.model import SecondOrderStage as SecondOrderStage
+    from mishutter.model import SplineShutter as SplineShutter
+    from mishutter.model import StagePath as StagePath
+    from mishutter.model import StillCamera as StillCamera
+    from mishutter.model import SwitchedShutter as SwitchedShutter
+    from mishutter.model import Tolerances as Tolerances
+    from mishutter.model import TriangleShutter as TriangleShutter
+    from mishutter.model import TukeyShutter as TukeyShutter
+    from mishutter.model import baselines as baselines
+    from mishutter.model import example_picture as example_picture
+    from mishutter.model import example_scene as example_scene
+    from mishutter.model import read_picture as read_picture
+    from mishutter.model import read_scene as read_scene
+    from mishutter.model import register_shutter as register_shutter
+    from mishutter.model import row_power_spectrum as row_power_spectrum
+    from mishutter.model import stage_path as stage_path
+    from mishutter.model import write_picture as write_picture
+    from mishutter.restore import AbstractDecoder as AbstractDecoder
+    from mishutter.restore import BlurModel as BlurModel
+    from mishutter.restore import EnsembleDecoder as EnsembleDecoder
+    from mishutter.restore import Quality as Quality
+    from mishutter.restore import RestoredPhotograph as RestoredPhotograph
+    from mishutter.restore import RichardsonLucyDecoder as RichardsonLucyDecoder
+    from mishutter.restore import Simulation as Simulation
+    from mishutter.restore import TikhonovDecoder as TikhonovDecoder
+    from mishutter.restore import TotalVariationDecoder as TotalVariationDecoder
+    from mishutter.restore import WienerDecoder as WienerDecoder
+    from mishutter.restore import blur_model as blur_model
+    from mishutter.restore import capture_and_restore as capture_and_restore
+    from mishutter.restore import deconvolve as deconvolve
+    from mishutter.restore import ghost_energy as ghost_energy
+    from mishutter.restore import measure_quality as measure_quality
+    from mishutter.restore import psnr as psnr
+    from mishutter.restore import restore_photograph as restore_photograph
+    from mishutter.restore import richardson_lucy as richardson_lucy
+    from mishutter.restore import ssim as ssim
+    from mishutter.sweeps import best_points as best_points
+    from mishutter.sweeps import best_snapshots as best_snapshots
+    from mishutter.sweeps import gain_over as gain_over
+    from mishutter.sweeps import gain_over_snapshot as gain_over_snapshot
+    from mishutter.sweeps import light_map as light_map
+    from mishutter.sweeps import pareto_front as pareto_front
+    from mishutter.sweeps import sweep as sweep
+else:
+
+    def __getattr__(name: str) -> Any:
+        """A public name or a folder, imported when it is first asked for."""
+        if name in __all__:
+            folders = (import_module(f"{__name__}.{folder}") for folder in _FOLDERS)
+            globals()[name] = next(vars(x)[name] for x in folders if name in vars(x))
+            return globals()[name]
+        if name in _FOLDERS:
+            return import_module(f"{__name__}.{name}")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})
+
 
 __version__ = "0.1.0"
+
+_FOLDERS = ("model", "blur", "evaluation", "design", "camera", "restore", "sweeps", "calibration")
+"""Where public names are from: each folder imports those before it alone, so that a name takes no
+longer than its own folder does."""
 
 __all__ = [
     "RASKAR_CODE",

@@ -1,6 +1,9 @@
 """The rules of the house that a linter does not know, checked on the source text."""
 
 import ast
+import importlib
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -52,9 +55,14 @@ def floor(folder: str) -> int:
     return next(i for i, folders in enumerate(FLOORS) if folder in folders)
 
 
+def public_imports() -> list[ast.ImportFrom]:
+    """The imports that a type checker reads; at run time each name is imported when asked for."""
+    blocks = (node for node in TREES[PACKAGE / "__init__.py"].body if isinstance(node, ast.If))
+    return [node for block in blocks for node in block.body if isinstance(node, ast.ImportFrom)]
+
+
 def public_names() -> list[str]:
-    tree = TREES[PACKAGE / "__init__.py"]
-    return [a.asname or a.name for n in tree.body if isinstance(n, ast.ImportFrom) for a in n.names]
+    return [a.asname or a.name for node in public_imports() for a in node.names]
 
 
 @every_file
@@ -142,15 +150,28 @@ def test_fields_sit_in_the_final_class(node):
 
 
 def test_public_names_are_re_exported_one_a_line():
-    """`__init__.py` holds imports of the form `X as X`, their names, and the version."""
-    for node in TREES[PACKAGE / "__init__.py"].body:
-        if isinstance(node, ast.ImportFrom):
-            assert len(node.names) == 1
-            assert node.names[0].name == node.names[0].asname
-        else:
-            known = ("__version__", "__all__")
-            assert isinstance(node, ast.Expr) or ast.unparse(node).startswith(known)
+    """`__init__.py` holds imports of the form `X as X`, and their names are its `__all__`."""
+    for node in public_imports():
+        assert len(node.names) == 1
+        assert node.names[0].name == node.names[0].asname
     assert sorted(mishutter.__all__) == sorted(public_names())
+    assert set(mishutter.__all__) <= set(dir(mishutter))
+
+
+@pytest.mark.parametrize("node", public_imports(), ids=lambda node: node.names[0].name)
+def test_public_names_are_those_that_a_type_checker_reads(node):
+    """A name that is imported when it is asked for is the one of the folder it is said to be of."""
+    name = node.names[0].name
+    assert getattr(mishutter, name) is getattr(importlib.import_module(node.module), name)
+
+
+def test_importing_the_package_imports_none_of_its_folders():
+    """`import mishutter` costs nothing until a name is used, and refuses what it does not have."""
+    own = "[name for name in sys.modules if name.startswith('mishutter.')]"
+    code = f"import sys, mishutter; assert not {own}; mishutter.model.Scene; mishutter.Scene"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    with pytest.raises(AttributeError, match="module 'mishutter' has no attribute 'shutters'"):
+        mishutter.shutters  # type: ignore[attr-defined]  # noqa: B018
 
 
 @pytest.mark.parametrize("name", public_names())

@@ -84,9 +84,9 @@ def public_names() -> dict[str, list[str]]:
 
 
 def _exported(path: Path) -> Iterator[tuple[str, str]]:
-    for node in ast.parse(path.read_text()).body:
-        if isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module, node.names[0].name
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("mishutter."):
+            yield str(node.module), node.names[0].name
 
 
 def scene_page() -> str:

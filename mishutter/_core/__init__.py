@@ -4,6 +4,7 @@ from mishutter._core.checks import Bare as Bare
 from mishutter._core.checks import RowLike as RowLike
 from mishutter._core.checks import all_concrete as all_concrete
 from mishutter._core.checks import as_float as as_float
+from mishutter._core.checks import as_numpy as as_numpy
 from mishutter._core.checks import common_dtype as common_dtype
 from mishutter._core.checks import describe as describe
 from mishutter._core.checks import is_concrete as is_concrete

@@ -14,7 +14,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from typing import Any
 
 import jax
@@ -40,6 +39,11 @@ def numbers_of(tree: Any) -> Any:
 def is_concrete(value: object) -> bool:
     """Whether `value` can be looked at now, rather than being traced."""
     return not isinstance(value, jax.core.Tracer)
+
+
+def as_numpy(*values: Any) -> tuple[Any, ...]:
+    """`values` as NumPy's arrays where all are known: no program is compiled for a few numbers."""
+    return tuple(map(np.asarray, values)) if all_concrete(values) else values
 
 
 def common_dtype(*values: RowLike) -> np.dtype:
@@ -70,11 +74,9 @@ def as_float(value: RowLike, subject: str | None = None) -> Array:
     dtype = common_dtype(value)
     if isinstance(value, Array) and value.dtype == dtype and not value.weak_type:
         return value
-    known = all_concrete(value)
-    if known and not isinstance(value, Array):
-        return on_device(np.asarray(value, dtype))
-    with jax.ensure_compile_time_eval() if known else nullcontext():
+    if not all_concrete(value):
         return jnp.asarray(value, dtype=dtype)
+    return on_device(np.asarray(value, dtype))
 
 
 def on_device(value: np.ndarray | np.generic) -> Array:

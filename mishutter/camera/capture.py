@@ -13,6 +13,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
+    all_concrete,
+    alone_in_blas,
+    as_numpy,
     at_once,
     common_dtype,
     compiled,
@@ -27,8 +30,9 @@ from mishutter.blur import support
 from mishutter.camera.footage import Frames, expose_frames
 from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded, white_electrons
-from mishutter.camera.occlusion import expose_layers
+from mishutter.camera.occlusion import expose_layers, nodes_for
 from mishutter.camera.rows import (
+    Planes,
     blurred,
     channels_last,
     continued,
@@ -53,6 +57,8 @@ from mishutter.model import (
     Optics,
     Picture,
     Scene,
+    as_parabolic,
+    in_one_form,
     is_straight,
     lens_response,
     without_velocity,
@@ -68,6 +74,7 @@ _DEVIATIONS = 5
 """Of a lens, over which it spreads light further."""
 
 
+@alone_in_blas()
 def simulate_capture(
     picture: Picture | Layers | Frames | ArrayLike,
     scene: Scene,
@@ -132,7 +139,7 @@ def simulate_capture(
         got = f"{speed!r}, {displacement!r}, {border!r}"
         require(alone, subject, "be left to layers and frames", got)
         expose = expose_layers if isinstance(picture, Layers) else expose_frames
-        light = jnp.asarray(expose(picture, motion, shutter, scene.optics))  # type: ignore[arg-type]
+        light = expose(picture, motion, shutter, scene.optics)  # type: ignore[arg-type]
         return _recorded(light, scene, motion, key, full_well, adc_bits)
     light = as_light(picture, "simulate_capture(picture=...)")
     require_known("simulate_capture", motion=motion, speed=speed, displacement=displacement)
@@ -152,20 +159,20 @@ def simulate_capture(
         scene, captured_response(motion, shutter, [speed], period)[0], period, displacement
     )
     planes = rows_last(distinct_colours(light, plan))
-    exposed = _exposed(planes, response, period, (seen.start, seen.stop), border)
+    exposed = _exposed(planes, response, period, border)[..., seen]
     exposed = channels_last(exposed, light)
     return _recorded(every_colour(exposed, light), scene, motion, key, full_well, adc_bits)
 
 
 def blurred_at_speeds(
-    light: Array,
+    light: Planes,
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
     speeds: Sequence[float],
     plan: Plan | Automatic | None = PLANNED,
     least_taps: int = 1,
-) -> Iterator[Array]:
+) -> Iterator[Planes]:
     """Light on the sensor from a picture at each of several speeds, without noise.
 
     The picture is the scene: of `columns` those are recorded whose light is known at every
@@ -175,9 +182,9 @@ def blurred_at_speeds(
     planes = rows_last(distinct_colours(light, plan))
     columns = planes.shape[-1]
     period = period_of(columns, num_taps, "scene")
-    seen = num_taps - 1 - origin, columns - origin
+    seen = slice(num_taps - 1 - origin, columns - origin)
     for response in captured_response(motion, shutter, speeds, period):
-        exposed = _exposed(planes, _seen(scene, response, period), period, seen, "scene")
+        exposed = _exposed(planes, _seen(scene, response, period), period, "scene")[..., seen]
         yield every_colour(channels_last(exposed, light), light)
 
 
@@ -207,13 +214,15 @@ def captured_response(
     motion: AbstractMotion, shutter: AbstractShutter, speeds: Sequence[float], period: int
 ) -> Array | np.ndarray:
     """Responses at some speeds as a capture has them, on the grid of a DFT; `(s, k)`, complex."""
+    if all_concrete(shutter):
+        shutter = in_one_form(shutter, common_dtype(*jax.tree.leaves((motion, shutter))))
     relative = np.asarray(speeds, np.float64) - float(motion.velocity)
     fastest = float(np.max(np.abs(relative), initial=0.0))
     with at_once():
         speed_gain = float(motion.speed_gain)
     velocity = (speed_gain + fastest) * float(motion.half_exposure)
-    num_nodes = sized_for(0.0, velocity).num_nodes
-    return pixel_responses(shutter, without_velocity(motion), relative, period, num_nodes=num_nodes)
+    still, num_nodes = without_velocity(motion), nodes_for(velocity)
+    return pixel_responses(shutter, still, relative, period, num_nodes=num_nodes)
 
 
 def centred_kernel(
@@ -269,8 +278,9 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
         ValueError: if light would be displaced by more than 8,192 px.
     """
     fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
+    still = without_velocity(as_parabolic(motion))
     with at_once():
-        reach, stroke = float(support(without_velocity(motion), fastest)), float(motion.stroke)
+        reach, stroke = float(support(still, np.asarray(fastest))), float(motion.stroke)
     smear = 2 * fastest * float(motion.half_exposure)
     longest = max(reach, smear) + 1
     held = math.isfinite(longest) and longest <= MAX_REACH
@@ -279,17 +289,17 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     return num_taps, num_taps // 2 if is_straight(motion) else 0
 
 
-def as_light(picture: Picture | ArrayLike, subject: str) -> Array:
+def as_light(picture: Picture | ArrayLike, subject: str) -> Planes:
     """The light of a picture as an array: `(rows, columns)` or with channels last."""
     if isinstance(picture, Picture):
-        return jax.device_put(picture.light)
+        return np.asarray(picture.light, common_dtype(picture.light))
     light = as_pixels(picture, subject)
     least = float(np.min(np.asarray(light))) if is_concrete(light) else 0.0
     require(least >= 0, subject, "be at least 0", least)
     return light
 
 
-def as_pixels(picture: ArrayLike, subject: str) -> Array:
+def as_pixels(picture: ArrayLike, subject: str) -> Planes:
     """Pixels as an array of 32 or 64 bits: `(rows, columns)` or with channels last."""
     shape = np.shape(picture)
     require(len(shape) >= 2, subject, "have rows and columns", shape)
@@ -298,12 +308,12 @@ def as_pixels(picture: ArrayLike, subject: str) -> Array:
     coded = getattr(picture, "dtype", None) in (np.uint8, np.uint16)
     requirement = "hold light, white = 1, as `read_picture` makes it of what a file holds"
     require(not coded, subject, requirement, getattr(picture, "dtype", None))
-    dtype = common_dtype(picture)
-    return jnp.asarray(picture, dtype if dtype.itemsize >= 4 else np.float32)
+    space: Any = np if is_concrete(picture) else jnp
+    return space.asarray(picture, common_dtype(picture))
 
 
 def _recorded(
-    light: Array,
+    light: Planes,
     scene: Scene,
     motion: AbstractMotion,
     key: Array | None,
@@ -316,7 +326,7 @@ def _recorded(
     return recorded(light, white_electrons(scene, motion), scene.read_noise, key=key, **limits)
 
 
-def noisy(light: Array, scene: Scene, motion: AbstractMotion, key: Array) -> Array:
+def noisy(light: Planes, scene: Scene, motion: AbstractMotion, key: Array) -> Array:
     """The noise of one capture on what fell on the sensor; the shape of `light`."""
     _check_noise(scene, key)
     return _recorded(light, scene, motion, key, None, None)
@@ -336,12 +346,14 @@ def _seen(scene: Scene, response: Any, period: int, displacement: float = 0.0) -
     return response * (shift * scene.optics.response(period)).astype(response.dtype)
 
 
+def _exposed(planes: Planes, response: ArrayLike, period: int, border: str) -> Planes:
+    """One period of blurred rows, by one program for all columns that a camera may record."""
+    return as_numpy(_blurred(planes, response, period, border))[0]
+
+
 @compiled
-def _exposed(
-    planes: Array, response: ArrayLike, period: int, seen: tuple[int, int], border: str
-) -> Array:
-    rows = blurred(continued(planes, period, border), response)
-    return rows[..., seen[0] : seen[1]]
+def _blurred(planes: Planes, response: ArrayLike, period: int, border: str) -> Array:
+    return blurred(continued(jnp.asarray(planes), period, border), response)
 
 
 def skips(plan: Plan | Automatic | None) -> bool:
@@ -350,7 +362,7 @@ def skips(plan: Plan | Automatic | None) -> bool:
     return plan.skips if isinstance(plan, Plan) else plan is not None
 
 
-def distinct_colours(light: Array, plan: Plan | Automatic | None) -> Array:
+def distinct_colours(light: Planes, plan: Plan | Automatic | None) -> Planes:
     """A picture, or one of its colours where all are the same and `plan` skips.
 
     Args:
@@ -364,11 +376,12 @@ def distinct_colours(light: Array, plan: Plan | Automatic | None) -> Array:
         return light
     colours = np.asarray(light)
     alike = bool(np.all(colours == colours[..., :1]))
-    return jnp.asarray(colours[..., :1]) if alike else light
+    return colours[..., :1] if alike else light
 
 
-def every_colour(light: Array, like: ArrayLike) -> Array:
+def every_colour(light: Planes, like: ArrayLike) -> Planes:
     """`light` with as many channels as `like`."""
     if light.ndim < 3 or light.shape[-1] == jnp.shape(like)[-1]:
         return light
-    return jnp.broadcast_to(light, (*light.shape[:-1], jnp.shape(like)[-1]))
+    space: Any = np if isinstance(light, np.ndarray) else jnp
+    return space.broadcast_to(light, (*light.shape[:-1], np.shape(like)[-1]))

@@ -1,6 +1,7 @@
 """The sensor turns light into electrons, cuts them off at its full well, and rounds them."""
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
+    as_numpy,
     compiled,
     is_concrete,
     num_processors,
@@ -16,6 +18,8 @@ from mishutter._core import (
 )
 from mishutter.model import AbstractMotion, Scene
 
+Number = Array | np.ndarray | np.floating
+"""Of NumPy where it is known, and of JAX elsewhere."""
 _MOST_COUNTED = 1e15
 """Electrons above which they are no longer told apart, and their number is normal."""
 
@@ -23,24 +27,24 @@ _RUN = 1 << 16
 """Pixels whose numbers one generator draws."""
 
 
-@compiled
-def white_electrons(scene: Scene, motion: AbstractMotion) -> Array:
+def white_electrons(scene: Scene, motion: AbstractMotion) -> Number:
     r"""Photo-electrons of a white pixel in a fully open exposure, $p = \text{rate}\cdot 2T$."""
-    return scene.photon_rate * motion.exposure
+    rate, exposure = as_numpy(scene.photon_rate, motion.exposure)
+    return rate * exposure
 
 
-@compiled
 def noise_variance(
     scene: Scene, motion: AbstractMotion, efficiency: ArrayLike, mean_level: ArrayLike | None = None
-) -> Array:
+) -> Number:
     r"""$N = \eta\bar f/p + (\sigma/p)^2$ per pixel, in units of a fully open exposure."""
-    electrons = white_electrons(scene, motion)
     level = scene.mean_level if mean_level is None else mean_level
-    return jnp.asarray((efficiency * level + scene.read_noise**2 / electrons) / electrons)
+    numbers = efficiency, level, scene.read_noise, white_electrons(scene, motion)
+    efficiency, level, read_noise, electrons = as_numpy(*numbers)
+    return (efficiency * level + read_noise**2 / electrons) / electrons
 
 
 def recorded(
-    light: Array,
+    light: Array | np.ndarray,
     electrons: ArrayLike,
     read_noise: ArrayLike,
     *,
@@ -69,19 +73,29 @@ def recorded(
     Raises:
         ValueError: if the full well is not positive and finite, or the bits are not from 1 to 24.
     """
-    mean, shot_key, read_key = _expected(light, electrons, key)
-    shot = mean if shot_key is None else shot_electrons(shot_key, mean)
+    light, electrons = as_numpy(light, electrons)
+    space: Any = np if isinstance(electrons, np.ndarray) else jnp
+    shot, read_key = light * space.asarray(electrons, light.dtype), None
+    if key is not None:
+        shot_key, read_key = _keys(key)
+        shot = shot_electrons(shot_key, shot)
     return _digitised(shot, light, electrons, read_noise, read_key, full_well, adc_bits)
 
 
 @compiled
-def _expected(light: Array, electrons: ArrayLike, key: Array | None):
-    """Electrons to expect, and keys of the two kinds of noise."""
-    mean = light * jnp.asarray(electrons, light.dtype)
-    return mean, *((None, None) if key is None else jax.random.split(key))
+def _keys(key: Array) -> tuple[Array, Array]:
+    """Keys of shot noise and of read noise."""
+    first, second = jax.random.split(key)
+    return first, second
 
 
-def shot_electrons(key: Array, mean: Array) -> Array:
+@compiled
+def fixed_key() -> Array:
+    """The key of noise where none is given."""
+    return jax.random.key(0)
+
+
+def shot_electrons(key: Array, mean: Array | np.ndarray) -> Array:
     """Poisson numbers of a given mean, none where that is negative; its shape and dtype.
 
     NumPy draws them, on every core: on two it takes a quarter of the time of JAX's own.
@@ -93,7 +107,7 @@ def shot_electrons(key: Array, mean: Array) -> Array:
 
 
 @jax.custom_jvp
-def _counted(words: Array, mean: Array) -> Array:
+def _counted(words: Array, mean: Array | np.ndarray) -> Array:
     if is_concrete(words) and is_concrete(mean):
         return jax.device_put(_drawn(words, mean))
     like = jax.ShapeDtypeStruct(mean.shape, mean.dtype)
@@ -127,8 +141,8 @@ def _poisson(seed: np.random.SeedSequence, expected: np.ndarray) -> np.ndarray:
 
 @compiled
 def _digitised(
-    electrons: Array,
-    light: Array,
+    electrons: Array | np.ndarray,
+    light: Array | np.ndarray,
     white: ArrayLike,
     read_noise: ArrayLike,
     key: Array | None,

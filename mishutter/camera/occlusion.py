@@ -4,20 +4,23 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
-from mishutter._core import in_threads, num_processors
+from mishutter._core import common_dtype, in_threads, num_processors
 from mishutter.blur import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
 from mishutter.camera.rows import MARGIN, continued, fast_length, period_of
 from mishutter.evaluation import light_in_time, sized_for
-from mishutter.model import AbstractMotion, AbstractShutter, Optics
+from mishutter.model import AbstractMotion, AbstractShutter, Optics, in_one_form
 
 _STEP = 0.5
 """Way of the fastest layer between two instants, px."""
 _HALF_WIDTH = 8
 """Instants to either side of a time that an image then is interpolated from."""
 _SHARPNESS = 12.5
+_LEAST_NODES = 512
+"""Quadrature nodes by which cameras of most exposures share the program that places them."""
 _ROWS_AT_ONCE = 8
 """Rows whose images stay in a processor's cache from one instant to the next."""
 
@@ -110,14 +113,20 @@ def expose_layers(
     return np.ascontiguousarray(np.broadcast_to(light, shape))
 
 
+def nodes_for(velocity: float) -> int:
+    """Quadrature nodes for light displaced by at most `velocity` px per half exposure."""
+    return max(_LEAST_NODES, sized_for(0.0, velocity).num_nodes)
+
+
 def _exposure_of(
     layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, optics: Optics
 ) -> _Exposure:
     half, v = float(motion.half_exposure), float(motion.velocity)
     fastest = max(abs(layer.speed - v) for layer in layers.layers)
     # Images that change while they are displaced ask for as many nodes once more.
-    plan = sized_for(0.0, 2 * (float(motion.speed_gain) + fastest) * half)
-    tau, light = (np.asarray(x)[0] for x in light_in_time(shutter, motion, plan.num_nodes))
+    num_nodes = nodes_for(2 * (float(motion.speed_gain) + fastest) * half)
+    form = in_one_form(shutter, common_dtype(*jax.tree.leaves((motion, shutter))))
+    tau, light = (np.asarray(x)[0] for x in light_in_time(form, motion, num_nodes))
     time = tau * half
     return _Exposure(time, light, np.asarray(motion.position(time)), optics)
 

@@ -10,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import compiled, require
+from mishutter._core import is_concrete, require
 
+Planes = Array | np.ndarray
+"""Rows of light: of NumPy where they are known, which no program is compiled to move about."""
 Border = Literal["scene", "reflect", "edge", "wrap", "zero"]
 PAD_MODES = {"reflect": "symmetric", "edge": "edge", "wrap": "wrap", "zero": "constant"}
 MARGIN = 64
@@ -84,26 +86,23 @@ def _is_smooth(number: int) -> bool:
     return number == 1
 
 
-def rows_last(light: ArrayLike) -> Array:
+def rows_last(light: ArrayLike) -> Planes:
     """A picture `(..., rows, columns, channels)` or `(rows, columns)`, columns last.
 
-    The result has the shape `(..., channels, rows, columns)`.
+    The result has the shape `(..., channels, rows, columns)`; NumPy's of a picture that is known.
     """
-    return _rows_last(jnp.asarray(light))
+    space, picture = _in_its_space(light)
+    picture = picture[..., None] if picture.ndim == 2 else picture
+    return space.moveaxis(picture, -1, -3)
 
 
-@compiled
-def _rows_last(light: Array) -> Array:
-    light = light[..., None] if light.ndim == 2 else light
-    return jnp.moveaxis(light, -1, -3)
-
-
-def channels_last(planes: Array, like: ArrayLike) -> Array:
+def channels_last(planes: Planes, like: ArrayLike) -> Planes:
     """Undo `rows_last`, for a picture that had as many axes as `like`."""
-    return _channels_last(planes, jnp.ndim(like) == 2)
+    space, planes = _in_its_space(planes)
+    light = space.moveaxis(planes, -3, -1)
+    return light[..., 0] if np.ndim(like) == 2 else light
 
 
-@compiled
-def _channels_last(planes: Array, only_one: bool) -> Array:
-    light = jnp.moveaxis(planes, -3, -1)
-    return light[..., 0] if only_one else light
+def _in_its_space(light: Any) -> tuple[Any, Any]:
+    """NumPy and its array of rows that are known, JAX's NumPy and the rows of others."""
+    return (np, np.asarray(light)) if is_concrete(light) else (jnp, light)

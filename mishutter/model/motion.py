@@ -3,13 +3,14 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
+import operator
 from abc import abstractmethod
+from collections.abc import Callable
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, cast, final
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
@@ -18,6 +19,7 @@ from mishutter._core import (
     RowLike,
     all_concrete,
     as_float,
+    as_numpy,
     common_dtype,
     is_concrete,
     require,
@@ -49,7 +51,7 @@ class AbstractMotion(eqx.Module):
     @property
     def exposure(self) -> Array:
         """Time from first to last light, $2T$; s."""
-        return 2 * self.half_exposure
+        return _number(lambda half: 2 * half, self.half_exposure)
 
     @abstractmethod
     def position(self, time: RowLike) -> Positions:
@@ -122,22 +124,22 @@ class AbstractSteadyMotion(AbstractMotion):
     @property
     def stroke(self) -> Array:
         """Travel from mid-exposure to either end, $aT^2$; px."""
-        return (self.acceleration * self.half_exposure) * self.half_exposure
+        return _number(lambda a, half: (a * half) * half, self.acceleration, self.half_exposure)
 
     @property
     def speed_gain(self) -> Array:
         """Speed gained from mid-exposure to either end, $2aT$; px/s."""
-        return 2 * self.acceleration * self.half_exposure
+        return _number(lambda a, half: 2 * a * half, self.acceleration, self.half_exposure)
 
     @property
     def top_speed(self) -> Array:
         """Greatest speed of the sensor during the exposure, $2aT + |v|$; px/s."""
-        return self.speed_gain + jnp.abs(self.velocity)
+        return _number(lambda gain, v: gain + abs(v), self.speed_gain, self.velocity)
 
     @property
     def greatest_acceleration(self) -> Array:
         """Rate at which the velocity changes, $2a$; px/s^2."""
-        return 2 * self.acceleration
+        return _number(lambda a: 2 * a, self.acceleration)
 
 
 @final
@@ -244,7 +246,7 @@ class FreeMotion(AbstractMotion):
         require(given, "FreeMotion.fit(motion=...)", "be a motion", motion)
         if isinstance(motion, AbstractSteadyMotion):
             return cls(
-                accelerations=jnp.broadcast_to(motion.acceleration, (count,)),
+                accelerations=_number(lambda a: a * np.ones(count, a.dtype), motion.acceleration),
                 half_exposure=motion.half_exposure,
                 velocity=motion.velocity,
             )
@@ -316,22 +318,22 @@ class FreeMotion(AbstractMotion):
     def stroke(self) -> Array:
         r"""Travel beside that of the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
         velocity = _on_host(self.velocity)
-        return jnp.asarray(self.highest(velocity) - self.lowest(velocity))
+        return _number(operator.sub, self.highest(velocity), self.lowest(velocity))
 
     @property
     def speed_gain(self) -> Array:
         r"""Greatest speed gained or lost from mid-exposure, $\max_t |x'(t) - v|$; px/s."""
-        return jnp.max(jnp.abs(self._velocities() - _on_host(self.velocity)))
+        return _number(lambda each, v: abs(each - v).max(), self._velocities(), self.velocity)
 
     @property
     def top_speed(self) -> Array:
         r"""Greatest speed of the sensor during the exposure, $\max_t |x'(t)|$; px/s."""
-        return jnp.max(jnp.abs(self._velocities()))
+        return _number(lambda each: abs(each).max(), self._velocities())
 
     @property
     def greatest_acceleration(self) -> Array:
         """Greatest rate at which the velocity changes, twice that of $|a|$; px/s^2."""
-        return 2 * jnp.max(jnp.abs(self.accelerations))
+        return _number(lambda a: 2 * abs(a).max(), self.accelerations)
 
     @property
     def mirrors(self) -> bool:
@@ -449,6 +451,11 @@ def _on_host(value: Any) -> Any:
     return np.asarray(value) if is_concrete(value) else value
 
 
+def _number(formula: Callable[..., Any], *numbers: Any) -> Array:
+    """What a formula gives of some numbers, by NumPy where all are known."""
+    return as_float(formula(*as_numpy(*numbers)))
+
+
 def settled(motion: AbstractMotion) -> AbstractMotion:
     """`motion`, or a linear one where it is known to have no acceleration to speak of.
 
@@ -521,8 +528,7 @@ def is_straight(motion: AbstractMotion) -> bool:
 
 
 def _zero_like(value: Array) -> Array:
-    with jax.ensure_compile_time_eval():
-        return jnp.zeros(value.shape, value.dtype)
+    return as_float(np.zeros(value.shape, value.dtype))
 
 
 def _as_velocity(velocity: ArrayLike, half_exposure: Array, kind: str) -> Array:

@@ -605,16 +605,16 @@ class Scene(eqx.Module):
     def max_speed(self) -> Array:
         """Largest speed of either sign that occurs; px/s."""
         slowest, fastest = self.speed_range
-        with jax.ensure_compile_time_eval() if self.speeds_known else nullcontext():
-            return jnp.maximum(jnp.abs(slowest), jnp.abs(fastest))
+        if self.speeds_known:
+            return as_float(np.maximum(np.abs(slowest), np.abs(fastest)))
+        return jnp.maximum(jnp.abs(slowest), jnp.abs(fastest))
 
     @property
     def speed_range(self) -> tuple[Array, Array]:
         """Smallest and largest velocity that occurs; px/s."""
         if self.speeds_known:
             speeds = np.asarray(self.speeds)[np.asarray(self.weights) > 0]
-            with jax.ensure_compile_time_eval():
-                return jnp.asarray(np.min(speeds)), jnp.asarray(np.max(speeds))
+            return as_float(np.min(speeds)), as_float(np.max(speeds))
         occurs = self.weights > 0
         slowest = jnp.min(jnp.where(occurs, self.speeds, jnp.inf))
         return slowest, jnp.max(jnp.where(occurs, self.speeds, -jnp.inf))

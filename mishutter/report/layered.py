@@ -3,10 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
-from mishutter.camera import Layer, Layers, simulate_capture
+from mishutter.camera import Layer, Layers, fixed_key, simulate_capture
 from mishutter.design import Row
 from mishutter.model import (
     AbstractMotion,
@@ -17,7 +16,7 @@ from mishutter.model import (
     StillCamera,
     shipped_picture,
 )
-from mishutter.restore import deconvolve
+from mishutter.restore import blur_model, deconvolve
 
 OPEN_SHUTTER = "open shutter"
 _OBJECT = "astronaut.png"
@@ -106,16 +105,17 @@ def layered_captures(
 def _captured(
     layers: Layers, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
 ) -> LayeredCapture:
+    model = blur_model(scene, motion, shutter)
     light = np.asarray(
-        simulate_capture(layers, scene, motion, shutter, key=jax.random.key(0)), np.float64
+        simulate_capture(layers, scene, motion, shutter, key=fixed_key()), np.float64
     )
-    restored = np.asarray(deconvolve(light, scene, motion, shutter))
+    restored = np.asarray(deconvolve(light, scene, motion, shutter, model=model))
     speeds = np.array([layer.speed for layer in layers.layers], float)
     truth, matte = _placed(layers, np.asarray(motion.alignment(speeds)).tolist())
     time = np.linspace(-1, 1, _NUM_TIMES) * float(motion.half_exposure)
     way = np.asarray(motion.position(time)) - speeds[1] * time
     swept = _swept(_placed(layers, [0.0, 0.0])[1], float(np.min(way)), float(np.max(way)))
-    gain = 1 / max(float(np.asarray(scene.light(shutter, motion).efficiency())), _LEAST_EFFICIENCY)
+    gain = 1 / max(model.efficiency, _LEAST_EFFICIENCY)
     error = np.mean((restored - truth) ** 2, axis=2)
     return LayeredCapture(
         exposure=float(motion.exposure),

@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
+    alone_in_blas,
+    as_float,
     compiled,
     in_threads,
     num_processors,
@@ -26,6 +28,7 @@ from mishutter.camera import (
     channels_last,
     distinct_colours,
     every_colour,
+    fixed_key,
     kernel_layout,
     noisy,
     rows_last,
@@ -103,6 +106,7 @@ _AT_EACH_SPEED = (
 )
 
 
+@alone_in_blas()
 def deconvolve(
     captured: ArrayLike,
     scene: Scene,
@@ -140,8 +144,8 @@ def deconvolve(
     lit, subject = known.electrons > 0, "deconvolve(scene=...)"
     require(lit, subject, "have a photon rate above 0 e-/s", known.electrons)
     distinct = distinct_colours(light, plan)
-    restored = channels_last(chosen.restore(rows_last(distinct), known), light)
-    return every_colour(restored, light)
+    restored = channels_last(chosen.restore(as_float(rows_last(distinct)), known), light)
+    return as_float(every_colour(restored, light))
 
 
 def restore_photograph(
@@ -183,6 +187,7 @@ def restore_photograph(
     return restore_by_each(picture, scene, motion, shutter, {"": chosen}, **options)[""]
 
 
+@alone_in_blas()
 def restore_by_each(
     picture: Picture | ArrayLike,
     scene: Scene,
@@ -225,7 +230,7 @@ def restore_by_each(
     got = shape_of(chosen_speeds)
     require(row, "restore_photograph(speeds=...)", "be one row of at least one speed", got)
     weights = np.asarray(scene.weights) if speeds is None else None
-    key = jax.random.key(0) if key is None else key
+    key = fixed_key() if key is None else key
     shutter = scene.light(shutter, motion)
     window, inner = _common_columns(light.shape[-2], motion, chosen_speeds, least_taps)
     reference = _seen_by_optics(np.asarray(light), scene)[:, window]
@@ -237,7 +242,7 @@ def restore_by_each(
         for _ in range(1 + len(decoders))
     )
 
-    def tried(place: tuple[int, Array]) -> _Errors:
+    def tried(place: tuple[int, Array | np.ndarray]) -> _Errors:
         index, blurred = place
         errors, codes = [], []
         for trial, words in enumerate(seeds[index]):

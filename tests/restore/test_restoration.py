@@ -4,6 +4,8 @@ Pinned on synthetic rows whose power spectrum is exactly the one assumed, becaus
 there do theory and measurement speak of the same thing.
 """
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -40,6 +42,7 @@ def test_measured_error_is_the_expected_one(shutter, photon_rate):
     assert result.expected_psnr == pytest.approx(expected, abs=0.02)
 
 
+CHIPPED = ms.ChippedShutter([0.9, 0.2, 1.0, 0.6, 0.4])
 DECODERS = {"ensemble": ms.EnsembleDecoder(), "wiener": ms.WienerDecoder()}
 
 
@@ -49,7 +52,7 @@ def test_a_sensor_that_pans_restores_as_one_at_rest_at_shifted_speeds(kind, slug
     """The model, a decoded capture and a whole photograph; also under an asymmetric shutter."""
     still = camera() if kind == "parabola" else ms.StillCamera(half_exposure=HALF_EXPOSURE)
     panning = panned(still, -1024.0)
-    shutter = ms.ChippedShutter([0.9, 0.2, 1.0, 0.6, 0.4])
+    shutter = CHIPPED
     known = [
         ms.Scene(speeds, [0.2, 0.5, 0.3], photon_rate=3e5, read_noise=4.0, mean_level=0.5)
         for speeds in (np.array([-1500.0, -900.0, 375.0]), np.array([-476.0, 124.0, 1399.0]))
@@ -176,6 +179,25 @@ def test_levels_and_their_standard_errors():
     assert found["mean_psnr"] == pytest.approx(-10 * np.log10(0.7 * 3e-3 + 0.3 * 4e-4))
     equal = _levels(speeds, None, trials, 0)
     assert equal["mean_psnr"] == pytest.approx(-10 * np.log10(1.7e-3))
+
+
+def test_photographs_by_shutters_of_all_kinds_share_their_programs(caplog):
+    """Another kind is brought into the form of all others, and another acceleration is a number."""
+
+    def photograph(shutter, acceleration):
+        motion = ms.ParabolicMotion(acceleration=acceleration, half_exposure=HALF_EXPOSURE)
+        ms.restore_photograph(gaussian_rows(4, 300), scene(), motion, shutter, num_seeds=1)
+
+    most = float(camera().acceleration)
+    jax.clear_caches()
+    with jax.log_compiles():
+        for share, shutter in enumerate((ms.TukeyShutter(0.4), ms.TriangleShutter(), CHIPPED)):
+            photograph(shutter, most * (1 - 1e-3 * share))
+    found = [r.message for r in caplog.records if r.message.startswith("Compiling")]
+    names = [re.findall(r"Compiling jit\((\S+)\)", message)[0] for message in found]
+    twice = {name for name in names if names.count(name) > 1}
+    assert twice == {"_interpolated"}
+    assert len({*names}) <= 12
 
 
 def test_each_capture_has_noise_of_its_own():

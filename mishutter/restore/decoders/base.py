@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import at_once, require_known
+from mishutter._core import alone_in_blas, at_once, require_known
 from mishutter.camera import (
     captured_response,
     kernel_layout,
@@ -119,6 +119,7 @@ class AbstractDecoder(eqx.Module):
         """
 
 
+@alone_in_blas()
 def blur_model(
     scene: Scene,
     motion: AbstractMotion,
@@ -163,7 +164,9 @@ def _known_blur(
         kept = needed_speeds(scene, motion, shutter)
         speeds, weights = np.asarray(kept.speeds), np.asarray(kept.weights, np.float64)
     electrons = float(white_electrons(scene, motion))
-    light = float(np.asarray(captured_response(motion, shutter, [0.0], 2))[0, 0].real)
+    # The speeds beside that of rest choose the nodes that the responses have too.
+    *_, still = np.asarray(captured_response(motion, shutter, [*speeds.tolist(), 0.0], 2))
+    light = float(still[0].real)
     noise = float(noise_variance(scene, motion, light)) if electrons > 0 else np.inf
     power = picture_power(scene, NUM_FREQUENCIES, np.dtype(scene.speeds.dtype))
     return BlurModel(
