@@ -34,9 +34,12 @@ from mishutter.blur.crossings import (
     AFTER,
     Crossings,
     at,
+    counted_from,
     drift_change,
     moment_change,
     of_both_arms,
+    passed,
+    passing_change,
     time_between,
 )
 from mishutter.blur.trajectory import Motion, mirrored_velocity, once, speed_change
@@ -87,11 +90,20 @@ def parts(num_taps: int) -> tuple[tuple[slice, slice], ...]:
 
 @eqx.filter_custom_jvp
 def moving(
-    light: Array, motion: Motion, edges: Array, shift: Array, *, from_vertex: Array, taps: Taps
+    light: Array,
+    motion: Motion,
+    edges: Array,
+    shift: Array,
+    profile: AbstractPiecewiseShutter,
+    tau: DoubleWord,
+    *,
+    from_vertex: Array,
+    taps: Taps,
 ) -> Array:
-    """Exposure of taps, `(n,)`, with its first derivatives by the motion and the edges attached.
+    """Exposure of taps, `(n,)`, with its derivatives by the motion and the edges attached.
 
-    `shift` moves all edges as one and is part of `edges` already.
+    `shift` moves all edges as one and is part of `edges` already. The derivative of the `light`
+    itself is that by the profile and its breakpoints, which come beside it for second derivatives.
     """
     return light
 
@@ -99,21 +111,88 @@ def moving(
 @moving.def_jvp
 def _moving_jvp(primals, tangents, *, from_vertex, taps):
     light, motion, *_ = primals
-    change, by_motion, by_edges, by_shift = tangents
+    change, by_motion, by_edges, by_shift, *_ = tangents
+    same = moving(*primals, from_vertex=from_vertex, taps=taps)
+    changes = [] if change is None else [first_derivative(change, primals[1:4])]
     scalars = enumerate((*(by_motion or (None,) * 3), by_shift))
     steps = {i: step for i, step in scalars if step is not None}
     if not steps and by_edges is None:
-        return light, first_derivative(change, primals[1:])
+        return same, sum(changes[1:], changes[0]) if changes else None
     units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(light.dtype)
-    rates = _rates(from_vertex, motion, taps, units)
-    changes = [] if change is None else [change]
+    rates = _rates(from_vertex, jax.lax.stop_gradient(motion), taps, units)
+    rates = _bent(rates, *primals[1:], from_vertex=from_vertex, taps=taps, units=units)
     if steps:
         step = jnp.stack([*steps.values()])
         changes.append(jnp.matmul(step, rates[: len(steps)], precision="highest"))
     if by_edges is not None:
         begin, end = by_edges[: light.size], by_edges[1 : light.size + 1]
         changes += [rates[-2] * ((begin + end) / 2), rates[-1] * (end - begin)]
-    return light, first_derivative(sum(changes[1:], changes[0]), primals)
+    return same, sum(changes[1:], changes[0])
+
+
+@eqx.filter_custom_jvp
+def _bent(
+    rates: Array,
+    motion: Motion,
+    edges: Array,
+    shift: Array,
+    profile: AbstractPiecewiseShutter,
+    tau: DoubleWord,
+    *,
+    from_vertex: Array,
+    taps: Taps,
+    units: np.ndarray,
+) -> Array:
+    """Rates of light, `(m, n)`, with derivatives of every order attached: those of `_plain_rates`.
+
+    In reverse mode they are differentiated like any formula, which no first derivative asks for.
+    """
+    return rates
+
+
+@_bent.def_jvp
+def _bent_jvp(primals, tangents, *, from_vertex, taps, units):
+    plain = partial(_plain_rates, from_vertex=from_vertex, taps=taps, units=units)
+    _, change = eqx.filter_jvp(plain, primals[1:], tangents[1:])
+    return _bent(*primals, from_vertex=from_vertex, taps=taps, units=units), change
+
+
+def _plain_rates(
+    motion: Motion,
+    edges: Array,
+    shift: Array,
+    profile: AbstractPiecewiseShutter,
+    tau: DoubleWord,
+    *,
+    from_vertex: Array,
+    taps: Taps,
+    units: np.ndarray,
+) -> Array:
+    r"""What `_rates` computes, as the difference $w_2\,d\tau_2 - w_1\,d\tau_1$; shape `(m, n)`.
+
+    Narrow taps cancel in it, and so in its derivative: of `n` taps one loses as many digits as `n`
+    has, and those of an edge near the vertex lose none.
+    """
+    a, T, s = motion
+    edge = edges[: taps.edges.size] + shift
+    path = from_vertex, a * T * T, s * T
+    moment, velocity = passed(*path, edge, taps.x.moment, taps.x.velocity)
+    since = at(tau.high, taps.x.nearest) - moment
+    offset = counted_from(since, taps.x.offset, taps.is_held)
+    light = transmittance_at(profile, taps.x._replace(offset=offset))
+    light = jnp.where(taps.is_held, 0.0, jnp.where(AFTER, light, -light))
+
+    def rate(unit):
+        da, dT, ds, shift, stretch = unit
+        changes = T * (T * da + 2 * a * dT), T * ds + s * dT
+        first, last = (
+            passing_change(*path, moment, velocity, *changes, moved)
+            for moved in (shift - stretch / 2, shift + stretch / 2)
+        )
+        begin, end = taps.parts
+        return of_both_arms(light[end] * last[end] - light[begin] * first[begin])
+
+    return jax.vmap(rate)(units)
 
 
 def first_derivative(change: Array, moved_by: Any) -> Array:

@@ -282,6 +282,8 @@ def _light(
         motion,
         edges.high,
         shift,
+        profile,
+        tau,
         from_vertex=from_vertex,
         taps=jax.lax.stop_gradient(taps),
     )
