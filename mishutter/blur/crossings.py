@@ -51,8 +51,8 @@ class Crossings(NamedTuple):
 
     def by_breakpoints(self, tau: Array) -> "Crossings":
         """The same crossings, whose offsets carry their derivative by the breakpoints."""
-        held = self.is_held(tau.size - 1)
-        return self._replace(offset=counted_from(at(tau, self.nearest), self.offset, held))
+        move = jnp.where(self.is_held(tau.size - 1), 0.0, -at(tau, self.nearest))
+        return self._replace(offset=displaced(self.offset, move))
 
     def halfway(self, is_after: ArrayLike, width: Array) -> Array:
         """Offset of the middle of cells that begin here and extend outwards over `width`."""
@@ -179,14 +179,14 @@ def at(values: Array, index: Array) -> Array:
 
 
 @jax.custom_jvp
-def counted_from(origin: Array, offset: Array, held: Array) -> Array:
-    """An `offset` with its derivative by the `origin` that it counts from; none where `held`."""
-    return offset
+def displaced(value: Array, move: Array) -> Array:
+    """A `value` that has the derivative of a `move` beside its own."""
+    return value
 
 
-@counted_from.defjvp
-def _counted_from_jvp(primals, tangents):
-    return counted_from(*primals), jnp.where(primals[2], 0.0, -tangents[0])
+@displaced.defjvp
+def _displaced_jvp(primals, tangents):
+    return displaced(*primals), tangents[0] + tangents[1]
 
 
 def drift_change(motion: Motion, by_motion: Motion) -> Array:
