@@ -252,7 +252,7 @@ def passed(
         from_vertex: Whether edges count from the vertex; else from mid-exposure.
         stroke: $A$, px; scalar.
         smear: $B$, px; scalar.
-        edge: $e$, of which only the derivative is taken, px; any shape.
+        edge: $e$, of which only the derivative is taken, px; shape `(1, n + 1)`.
         moment: $\tau$, to rounding; shape `(2, n + 1)`.
         velocity: $u$, to rounding, px per half exposure; same shape.
     """

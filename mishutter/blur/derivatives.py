@@ -141,7 +141,7 @@ def _bent(
     *,
     from_vertex: Array,
     taps: Taps,
-    units: np.ndarray,
+    units: ArrayLike,
 ) -> Array:
     """Rates of light, `(m, n)`, with derivatives of every order attached: those of `_plain_rates`.
 
@@ -166,7 +166,7 @@ def _plain_rates(
     *,
     from_vertex: Array,
     taps: Taps,
-    units: np.ndarray,
+    units: ArrayLike,
 ) -> Array:
     r"""What `_rates` computes, as the difference $w_2\,d\tau_2 - w_1\,d\tau_1$; shape `(m, n)`.
 
@@ -191,10 +191,10 @@ def _plain_rates(
         begin, end = taps.parts
         return of_both_arms(light[end] * last[end] - light[begin] * first[begin])
 
-    return jax.vmap(rate)(units)
+    return jax.vmap(rate)(jnp.asarray(units))
 
 
-def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) -> Array:
+def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: ArrayLike) -> Array:
     """Rates of light, `(m, n)`, by what each of `m` rows of `units` changes.
 
     The columns of `units` are acceleration, half exposure, speed, position of a tap and
@@ -237,7 +237,7 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) ->
         turned = of_both_arms(jnp.where(is_free, rise * lighter, between))
         return turned + height * longer[0] + drifting * drift_change(motion, by_motion)
 
-    return jax.vmap(rate)(units)
+    return jax.vmap(rate)(jnp.asarray(units))
 
 
 def _passed(
@@ -245,7 +245,7 @@ def _passed(
 ) -> tuple[Array, Array]:
     """Moment and velocity of crossings, with derivatives of every order."""
     a, T, s = motion
-    edge = edges[: x.moment.shape[1]] + shift
+    edge = edges[None, : x.moment.shape[1]] + shift
     return passed(from_vertex, a * T * T, s * T, edge, x.moment, x.velocity)
 
 
@@ -387,7 +387,7 @@ class Clock(NamedTuple):
 class Times(NamedTuple):
     """Which moments of a clock cells begin and end at, and the crossings that it counts."""
 
-    begin: Array
+    begin: ArrayLike
     end: Array
     from_vertex: Array | bool
     x: Crossings

@@ -107,8 +107,8 @@ def blur_kernel(
 
     In float64 a tap is exact to 1e-12 of itself or 1e-15 of the largest, on strokes up to
     1e8 px, in float32 to 2e-6 or 1e-7, up to 1e6 px, and in the tails of a `GaussianShutter`
-    to what that says. First derivatives are exact to 1e-9 (1e-4) of the largest. Second ones
-    exist by shutter parameters that move no breakpoint.
+    to what that says. First derivatives are exact to 1e-9 (1e-4) of the largest, second ones
+    in float64 to 1e-9 on strokes up to 1e6 px. On a free path these exist by the shutter alone.
 
     Args:
         shutter: Transmittance over the exposure.
@@ -125,7 +125,7 @@ def blur_kernel(
     Raises:
         ValueError: if `num_taps` is not a positive integer, or `speed` or `phase` is
             not a finite scalar.
-        NotImplementedError: if differentiated twice by the motion, the phase or a breakpoint.
+        NotImplementedError: if differentiated twice on a free path, by more than the shutter.
     """
     num_taps = require_positive_int("blur_kernel(num_taps=...)", num_taps)
     for name, value in (("speed", speed), ("phase", phase)):
@@ -185,7 +185,7 @@ def binned_exposure(
     Raises:
         ValueError: if `edges` are not finite and ascending, or fewer than two, or
             `speed` is not a finite scalar.
-        NotImplementedError: if differentiated twice by the motion, the edges or a breakpoint.
+        NotImplementedError: if differentiated twice on a free path, by more than the shutter.
     """
     require_scalar("binned_exposure(speed=...)", speed)
     require_finite("binned_exposure(speed=...)", speed)
