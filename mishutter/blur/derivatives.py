@@ -387,7 +387,7 @@ class Clock(NamedTuple):
 class Times(NamedTuple):
     """Which moments of a clock cells begin and end at, and the crossings that it counts."""
 
-    begin: ArrayLike
+    begin: Array | np.ndarray
     end: Array
     from_vertex: Array | bool
     x: Crossings
