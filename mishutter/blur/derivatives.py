@@ -194,7 +194,7 @@ def _plain_rates(
     return jax.vmap(rate)(jnp.asarray(units))
 
 
-def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: ArrayLike) -> Array:
+def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) -> Array:
     """Rates of light, `(m, n)`, by what each of `m` rows of `units` changes.
 
     The columns of `units` are acceleration, half exposure, speed, position of a tap and
@@ -237,7 +237,7 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: ArrayLike) -> 
         turned = of_both_arms(jnp.where(is_free, rise * lighter, between))
         return turned + height * longer[0] + drifting * drift_change(motion, by_motion)
 
-    return jax.vmap(rate)(jnp.asarray(units))
+    return jax.vmap(rate)(units)
 
 
 def _passed(
