@@ -151,7 +151,7 @@ def test_second_derivatives_of_taps_are_exact(stroke, share, first):
             p * q * taps([p * x + q * y for x, y in zip(one, other, strict=True)])
             for p, q in itertools.product((1, -1), repeat=2)
         ]
-        exact[:, i, j] = (sum(corners) / (4 * step**2)).astype(float)
+        exact[:, i, j] = np.array(sum(corners) / (4 * step**2), float)
     found = hessian_of_taps(a, T, s, first)
     np.testing.assert_allclose(found, exact, atol=EXACT_OF_LARGEST * np.max(np.abs(exact)))
 
