@@ -51,8 +51,8 @@ class Crossings(NamedTuple):
 
     def by_breakpoints(self, tau: Array) -> "Crossings":
         """The same crossings, whose offsets carry their derivative by the breakpoints."""
-        held = self.is_held(tau.size - 1)
-        return self._replace(offset=counted_from(at(tau, self.nearest), self.offset, held))
+        move = jnp.where(self.is_held(tau.size - 1), 0.0, -at(tau, self.nearest))
+        return self._replace(offset=displaced(self.offset, move))
 
     def halfway(self, is_after: ArrayLike, width: Array) -> Array:
         """Offset of the middle of cells that begin here and extend outwards over `width`."""
@@ -179,15 +179,14 @@ def at(values: Array, index: Array) -> Array:
 
 
 @jax.custom_jvp
-def counted_from(origin: Array, offset: Array, held: Array) -> Array:
-    """An `offset` with its derivative by the `origin` that it counts from; none where `held`."""
-    return offset
+def displaced(value: Array, move: Array) -> Array:
+    """A `value` that has the derivative of a `move` beside its own."""
+    return value
 
 
-@counted_from.defjvp
-def _counted_from_jvp(primals, tangents):
-    _, offset, held = primals
-    return offset, jnp.where(held, 0.0, -tangents[0])
+@displaced.defjvp
+def _displaced_jvp(primals, tangents):
+    return displaced(*primals), tangents[0] + tangents[1]
 
 
 def drift_change(motion: Motion, by_motion: Motion) -> Array:
@@ -234,6 +233,61 @@ def moment_change(
     turn = bend * (jnp.where(slow, 0.0, ds) - beyond * da)
     change = jnp.where(slow | from_vertex | ~moves, turn, 0.0) + jnp.where(moves, along, 0.0)
     return change / T - jnp.where(slow, apart / T, tau) * (dT / T)
+
+
+@jax.custom_jvp
+def passed(
+    from_vertex: Array, stroke: Array, smear: Array, edge: Array, moment: Array, velocity: Array
+) -> tuple[Array, Array]:
+    r"""Time and velocity at which edges are crossed, with derivatives of every order.
+
+    From $A\tau^2 - B\tau = e$ and $u = 2A\tau - B$ follow $d\tau = (de + \tau dB - \tau^2 dA)/u$
+    and $du = 2A\,d\tau + 2\tau\,dA - dB$. Where edges count from the vertex, at $\nu = B/2A$, the
+    first is $d\tau = de/u + (dB - (\nu + \tau)\,dA)/2A$, in which nothing cancels. Their own
+    derivatives are those of these formulae, as both hold for the values on their right.
+
+    A crossing at the vertex, where edges that are never reached have theirs, stays.
+
+    Args:
+        from_vertex: Whether edges count from the vertex; else from mid-exposure.
+        stroke: $A$, px; scalar.
+        smear: $B$, px; scalar.
+        edge: $e$, of which only the derivative is taken, px; shape `(1, n + 1)`.
+        moment: $\tau$, to rounding; shape `(2, n + 1)`.
+        velocity: $u$, to rounding, px per half exposure; same shape.
+    """
+    return moment, velocity
+
+
+@passed.defjvp
+def _passed_jvp(primals, tangents):
+    from_vertex, stroke, smear, _, _, _ = primals
+    _, higher, faster, moved, _, _ = tangents
+    moment, velocity = passed(*primals)
+    x = moment, velocity
+    later = passing_change(from_vertex, stroke, smear, *x, higher, faster, moved)
+    return x, (later, 2 * (stroke * later + moment * higher) - faster)
+
+
+def passing_change(
+    from_vertex: Array,
+    stroke: Array,
+    smear: Array,
+    moment: Array,
+    velocity: Array,
+    higher: Array,
+    faster: Array,
+    moved: Array,
+) -> Array:
+    """How far changes of stroke, smear and edge move a crossing in time, by `passed`'s formulae.
+
+    `moment_change` computes the same where crossings of narrow taps would cancel.
+    """
+    moves = velocity != 0
+    pace, rate = jnp.where(moves, velocity, 1.0), jnp.where(from_vertex, 2 * stroke, 1.0)
+    drift = (faster - (smear / rate + moment) * higher) / rate
+    along = (moved + moment * (faster - moment * higher)) / pace
+    return jnp.where(moves, jnp.where(from_vertex, moved / pace + drift, along), 0.0)
 
 
 def _is_slow(motion: Motion) -> Array:

@@ -21,7 +21,7 @@ through the formulae. `docs/derivation.md` derives them.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -34,13 +34,16 @@ from mishutter.blur.crossings import (
     AFTER,
     Crossings,
     at,
+    displaced,
     drift_change,
     moment_change,
     of_both_arms,
+    passed,
+    passing_change,
     time_between,
 )
 from mishutter.blur.trajectory import Motion, mirrored_velocity, once, speed_change
-from mishutter.model import AbstractPiecewiseShutter
+from mishutter.model import AbstractPiecewiseShutter, within_unit
 
 _ASIDE = float(np.sqrt(1 / 12))
 """Distance of the two Gauss-Legendre nodes from an interval's middle, in units of its length."""
@@ -87,11 +90,20 @@ def parts(num_taps: int) -> tuple[tuple[slice, slice], ...]:
 
 @eqx.filter_custom_jvp
 def moving(
-    light: Array, motion: Motion, edges: Array, shift: Array, *, from_vertex: Array, taps: Taps
+    light: Array,
+    motion: Motion,
+    edges: Array,
+    shift: Array,
+    profile: AbstractPiecewiseShutter,
+    tau: DoubleWord,
+    *,
+    from_vertex: Array,
+    taps: Taps,
 ) -> Array:
-    """Exposure of taps, `(n,)`, with its first derivatives by the motion and the edges attached.
+    """Exposure of taps, `(n,)`, with its derivatives by the motion and the edges attached.
 
-    `shift` moves all edges as one and is part of `edges` already.
+    `shift` moves all edges as one and is part of `edges` already. The derivative of the `light`
+    itself is that by the profile and its breakpoints, which come beside it for second derivatives.
     """
     return light
 
@@ -99,42 +111,87 @@ def moving(
 @moving.def_jvp
 def _moving_jvp(primals, tangents, *, from_vertex, taps):
     light, motion, *_ = primals
-    change, by_motion, by_edges, by_shift = tangents
+    change, by_motion, by_edges, by_shift, *_ = tangents
+    same = moving(*primals, from_vertex=from_vertex, taps=taps)
+    changes = [] if change is None else [change]
     scalars = enumerate((*(by_motion or (None,) * 3), by_shift))
     steps = {i: step for i, step in scalars if step is not None}
     if not steps and by_edges is None:
-        return light, first_derivative(change, primals[1:])
+        return same, sum(changes[1:], changes[0]) if changes else None
     units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(light.dtype)
-    rates = _rates(from_vertex, motion, taps, units)
-    changes = [] if change is None else [change]
+    rates = _rates(from_vertex, jax.lax.stop_gradient(motion), taps, units)
+    rates = _bent(rates, *primals[1:], from_vertex=from_vertex, taps=taps, units=units)
     if steps:
         step = jnp.stack([*steps.values()])
         changes.append(jnp.matmul(step, rates[: len(steps)], precision="highest"))
     if by_edges is not None:
         begin, end = by_edges[: light.size], by_edges[1 : light.size + 1]
         changes += [rates[-2] * ((begin + end) / 2), rates[-1] * (end - begin)]
-    return light, first_derivative(sum(changes[1:], changes[0]), primals)
+    return same, sum(changes[1:], changes[0])
 
 
-def first_derivative(change: Array, moved_by: Any) -> Array:
-    """A change of exposure whose own derivative by `moved_by` raises, where it would be 0."""
-    known = _differentiated(moved_by)
-    # Adds 0. JAX drops values that nothing uses, and would drop the error with them.
-    return change * (1 + 0 * sum(jnp.sum(jnp.sign(x)) for x in jax.tree.leaves(known)))
+@eqx.filter_custom_jvp
+def _bent(
+    rates: Array,
+    motion: Motion,
+    edges: Array,
+    shift: Array,
+    profile: AbstractPiecewiseShutter,
+    tau: DoubleWord,
+    *,
+    from_vertex: Array,
+    taps: Taps,
+    units: ArrayLike,
+) -> Array:
+    """Rates of light, `(m, n)`, with derivatives of every order attached: those of `_plain_rates`.
+
+    In reverse mode they are differentiated like any formula, which no first derivative asks for.
+    """
+    return rates
 
 
-@jax.custom_jvp
-def _differentiated(moved_by: Any) -> Any:
-    """The point at which a derivative was taken; its own derivative raises an error."""
-    return moved_by
+@_bent.def_jvp
+def _bent_jvp(primals, tangents, *, from_vertex, taps, units):
+    plain = partial(_plain_rates, from_vertex=from_vertex, taps=taps, units=units)
+    _, change = eqx.filter_jvp(plain, primals[1:], tangents[1:])
+    return _bent(*primals, from_vertex=from_vertex, taps=taps, units=units), change
 
 
-@_differentiated.defjvp
-def _differentiated_again(primals, tangents):
-    raise NotImplementedError(
-        "Light on pixels must be differentiated once by the motion, the edges, the phase and "
-        "where pieces of a shutter meet; got a second derivative."
-    )
+def _plain_rates(
+    motion: Motion,
+    edges: Array,
+    shift: Array,
+    profile: AbstractPiecewiseShutter,
+    tau: DoubleWord,
+    *,
+    from_vertex: Array,
+    taps: Taps,
+    units: ArrayLike,
+) -> Array:
+    r"""What `_rates` computes, as the difference $w_2\,d\tau_2 - w_1\,d\tau_1$; shape `(m, n)`.
+
+    Narrow taps cancel in it, and so in its derivative: of `n` taps one loses as many digits as `n`
+    has, and those of an edge near the vertex lose none.
+    """
+    a, T, s = motion
+    path = from_vertex, a * T * T, s * T
+    moment, velocity = _passed(motion, edges, shift, from_vertex, taps.x)
+    since = moment - at(tau.high, taps.x.nearest)
+    offset = displaced(taps.x.offset, jnp.where(taps.is_held, 0.0, since))
+    light = transmittance_at(profile, taps.x._replace(offset=offset))
+    light = jnp.where(taps.is_held, 0.0, jnp.where(AFTER, light, -light))
+
+    def rate(unit):
+        da, dT, ds, shift, stretch = unit
+        changes = T * (T * da + 2 * a * dT), T * ds + s * dT
+        first, last = (
+            passing_change(*path, moment, velocity, *changes, moved)
+            for moved in (shift - stretch / 2, shift + stretch / 2)
+        )
+        begin, end = taps.parts
+        return of_both_arms(light[end] * last[end] - light[begin] * first[begin])
+
+    return jax.vmap(rate)(jnp.asarray(units))
 
 
 def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) -> Array:
@@ -181,6 +238,15 @@ def _rates(from_vertex: Array, motion: Motion, taps: Taps, units: np.ndarray) ->
         return turned + height * longer[0] + drifting * drift_change(motion, by_motion)
 
     return jax.vmap(rate)(units)
+
+
+def _passed(
+    motion: Motion, edges: Array, shift: Array, from_vertex: Array | bool, x: Crossings
+) -> tuple[Array, Array]:
+    """Moment and velocity of crossings, with derivatives of every order."""
+    a, T, s = motion
+    edge = edges[None, : x.moment.shape[1]] + shift
+    return passed(from_vertex, a * T * T, s * T, edge, x.moment, x.velocity)
 
 
 def _transmittance_and_rise(taps: Taps) -> tuple[Array, Array]:
@@ -278,21 +344,96 @@ def steps(profile: AbstractPiecewiseShutter, like: Array) -> Array:
 
 @eqx.filter_custom_jvp
 def moving_breakpoints(
-    light: Array, tau: Array, *, profile: AbstractPiecewiseShutter, moves: Array
+    light: Array, tau: Array, profile: AbstractPiecewiseShutter, *, moves: Array
 ) -> Array:
     """Exposure of cells that start at breakpoints, with its derivative by the breakpoints.
 
     A tap between two crossings changes by each step inside it, times how far the step moves. The
-    widths of its cells carry no derivative, as the contributions of neighbours would cancel.
+    widths of its cells carry no derivative, as the contributions of neighbours would cancel. The
+    profile comes beside them for second derivatives.
     """
     return light
 
 
 @moving_breakpoints.def_jvp
-def _moving_breakpoints_jvp(primals, tangents, *, profile, moves):
-    light, tau = primals
-    change, by_tau = tangents
+def _moving_breakpoints_jvp(primals, tangents, *, moves):
+    light, _, profile = primals
+    change, by_tau, _ = tangents
     changes = [] if change is None else [change]
     if by_tau is not None:
         changes.append(-jnp.where(moves, steps(profile, light) * by_tau, 0.0))
-    return light, first_derivative(sum(changes[1:], changes[0]), tau)
+    same = moving_breakpoints(*primals, moves=moves)
+    return same, sum(changes[1:], changes[0]) if changes else None
+
+
+class Clock(NamedTuple):
+    """Moments at which cells begin and end, of which only derivatives are taken.
+
+    These are the crossings, which move with the motion, the edges and their shift, or stay where
+    there are none; then the breakpoints; and last a moment that stays.
+    """
+
+    tau: Array
+    passing: tuple[Motion, Array, Array] | None = None
+
+    def moments(self, from_vertex: Array | bool, x: Crossings, is_held: Array) -> Array:
+        """All moments in a row."""
+        moment = jnp.zeros_like(x.moment)
+        if self.passing is not None:
+            moment = jnp.where(is_held, 0.0, _passed(*self.passing, from_vertex, x)[0])
+        return jnp.concatenate([jnp.ravel(moment), self.tau, jnp.zeros(1, moment.dtype)])
+
+
+class Times(NamedTuple):
+    """Which moments of a clock cells begin and end at, and the crossings that it counts."""
+
+    begin: Array | np.ndarray
+    end: Array
+    from_vertex: Array | bool
+    x: Crossings
+    is_held: Array
+
+
+@eqx.filter_custom_jvp
+def cell_light(
+    profile: AbstractPiecewiseShutter,
+    offset: Array,
+    width: Array,
+    clock: Clock,
+    *,
+    start: Crossings,
+    is_after: ArrayLike,
+    times: Times,
+) -> Array:
+    """Exposure of cells that begin at an `offset` of `start` and extend outwards over `width`.
+
+    The clock has no effect on first derivatives, to which `moving` adds those by what it shows.
+    It is how those by the profile change when cells do.
+    """
+    return _cell_light(profile, offset, width, start, is_after)
+
+
+@cell_light.def_jvp
+def _cell_light_jvp(primals, tangents, *, start, is_after, times):
+    same = cell_light(*primals, start=start, is_after=is_after, times=times)
+    if not jax.tree.leaves(tangents[:3]):
+        return same, None
+    profile, offset, width, clock = primals
+    moments = clock.moments(times.from_vertex, times.x, times.is_held)
+    begin, end = moments[times.begin], moments[times.end]
+    longer = jnp.where(is_after, end - begin, begin - end)
+    cells = profile, displaced(offset, begin), displaced(width, longer)
+    light = partial(_cell_light, start=start, is_after=is_after)
+    return same, eqx.filter_jvp(light, cells, tangents[:3])[1]
+
+
+def _cell_light(
+    profile: AbstractPiecewiseShutter,
+    offset: Array,
+    width: Array,
+    start: Crossings,
+    is_after: ArrayLike,
+) -> Array:
+    start = start._replace(offset=offset)
+    mean = mean_about(profile, start, start.halfway(is_after, width), width)
+    return width * within_unit(mean)

@@ -16,7 +16,7 @@ stays that of taps plus pieces.
 
 from bisect import bisect_right
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,7 +26,7 @@ from jaxtyping import Array
 
 from mishutter._core import DoubleWord
 from mishutter.blur.crossings import AFTER, lengths, of_both_arms
-from mishutter.blur.derivatives import Taps, first_derivative, rise_over, steps, transmittance_at
+from mishutter.blur.derivatives import Taps, rise_over, steps, transmittance_at
 from mishutter.blur.free_path import FreePath, Numbers, looked_up, path_bases
 from mishutter.blur.trajectory import once
 
@@ -112,14 +112,38 @@ def moving_freely(
 def _moving_freely_jvp(primals, tangents, *, track, taps):
     light = primals[0]
     change, by_course, by_edges, by_shift = tangents
-    apart = jnp.zeros((1, light.size + 1), light.dtype) if by_edges is None else by_edges[None]
-    still = jax.tree.map(jnp.zeros_like, primals[1])
-    given = (None,) * len(still) if by_course is None else by_course
-    pairs = zip(given, still, strict=True)
-    by = Course(*(zero if row is None else row for row, zero in pairs))
-    by_path = _change(track, taps, by, apart, 0.0 if by_shift is None else by_shift)
-    change = by_path if change is None else change + by_path
-    return light, first_derivative(change, primals[1:])
+    same = moving_freely(*primals, track=track, taps=taps)
+    changes = [] if change is None else [first_derivative(change, primals[1:])]
+    if jax.tree.leaves(tangents[1:]):
+        apart = jnp.zeros((1, light.size + 1), light.dtype) if by_edges is None else by_edges[None]
+        still = jax.tree.map(jnp.zeros_like, primals[1])
+        given = (None,) * len(still) if by_course is None else by_course
+        pairs = zip(given, still, strict=True)
+        by = Course(*(zero if row is None else row for row, zero in pairs))
+        by_path = _change(track, taps, by, apart, 0.0 if by_shift is None else by_shift)
+        changes.append(first_derivative(by_path, primals))
+    return same, sum(changes[1:], changes[0]) if changes else None
+
+
+def first_derivative(change: Array, moved_by: Any) -> Array:
+    """A change of exposure whose own derivative by `moved_by` raises, where it would be 0."""
+    known = _differentiated(moved_by)
+    # Adds 0. JAX drops values that nothing uses, and would drop the error with them.
+    return change * (1 + 0 * sum(jnp.sum(jnp.sign(x)) for x in jax.tree.leaves(known)))
+
+
+@jax.custom_jvp
+def _differentiated(moved_by: Any) -> Any:
+    """The point at which a derivative was taken; its own derivative raises an error."""
+    return moved_by
+
+
+@_differentiated.defjvp
+def _differentiated_again(primals, tangents):
+    raise NotImplementedError(
+        "Light on a free path must be differentiated once by the motion, the edges and the phase, "
+        "and not by the shutter as well; got a second derivative."
+    )
 
 
 def _change(

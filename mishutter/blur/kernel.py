@@ -36,14 +36,23 @@ from mishutter.blur.crossings import (
     AFTER,
     Crossings,
     at,
-    counted_from,
     crossings,
+    displaced,
     distance,
     lengths,
     of_both_arms,
     time_between,
 )
-from mishutter.blur.derivatives import Cells, Taps, mean_about, moving, moving_breakpoints, parts
+from mishutter.blur.derivatives import (
+    Cells,
+    Clock,
+    Taps,
+    Times,
+    cell_light,
+    moving,
+    moving_breakpoints,
+    parts,
+)
 from mishutter.blur.free_derivatives import course_of, moving_freely
 from mishutter.blur.free_path import (
     Run,
@@ -65,7 +74,6 @@ from mishutter.model import (
     has_vertex,
     piecewise,
     steady,
-    within_unit,
 )
 
 _FEW_TAPS = 512
@@ -99,8 +107,8 @@ def blur_kernel(
 
     In float64 a tap is exact to 1e-12 of itself or 1e-15 of the largest, on strokes up to
     1e8 px, in float32 to 2e-6 or 1e-7, up to 1e6 px, and in the tails of a `GaussianShutter`
-    to what that says. First derivatives are exact to 1e-9 (1e-4) of the largest. Second ones
-    exist by shutter parameters that move no breakpoint.
+    to what that says. First derivatives are exact to 1e-9 (1e-4) of the largest, second ones
+    in float64 to 1e-9 on strokes up to 1e6 px. On a free path these exist by the shutter alone.
 
     Args:
         shutter: Transmittance over the exposure.
@@ -117,7 +125,7 @@ def blur_kernel(
     Raises:
         ValueError: if `num_taps` is not a positive integer, or `speed` or `phase` is
             not a finite scalar.
-        NotImplementedError: if differentiated twice by the motion, the phase or a breakpoint.
+        NotImplementedError: if differentiated twice on a free path, by more than the shutter.
     """
     num_taps = require_positive_int("blur_kernel(num_taps=...)", num_taps)
     for name, value in (("speed", speed), ("phase", phase)):
@@ -177,7 +185,7 @@ def binned_exposure(
     Raises:
         ValueError: if `edges` are not finite and ascending, or fewer than two, or
             `speed` is not a finite scalar.
-        NotImplementedError: if differentiated twice by the motion, the edges or a breakpoint.
+        NotImplementedError: if differentiated twice on a free path, by more than the shutter.
     """
     require_scalar("binned_exposure(speed=...)", speed)
     require_finite("binned_exposure(speed=...)", speed)
@@ -274,7 +282,8 @@ def _light(
     gap, (u, v) = _gaps(num_taps, near), (speed[k] for k in parts(num_taps))
     within = time_between(gap, u, v, track.stroke)
     is_held = x.is_held(tau.high.size - 1)
-    cells = profile, tau, track.velocity, x, within, is_held
+    clock = Clock(tau.high, (motion, edges.high, shift))
+    cells = profile, tau, track.velocity, x, within, is_held, clock, from_vertex
     light, width, cut = _light_of_cells(num_taps, *cells)
     taps = Taps(profile, tau, x, near.high, gap, width, is_held, cut)
     return moving(
@@ -282,6 +291,8 @@ def _light(
         motion,
         edges.high,
         shift,
+        profile,
+        tau,
         from_vertex=from_vertex,
         taps=jax.lax.stop_gradient(taps),
     )
@@ -301,6 +312,8 @@ def _light_of_cells(
     x: Crossings,
     within: Array,
     is_held: Array,
+    clock: Clock,
+    from_vertex: Array | bool,
     run: Run | None = None,
 ) -> tuple[Array, Array, Cells | None]:
     """Exposure of each branch, `(2, n)`; duration of cells at inner edges; and all other cells.
@@ -313,6 +326,8 @@ def _light_of_cells(
         x: Crossings of the edges.
         within: Time between the crossings of a tap's edges; shape `(2, n)`.
         is_held: Whether crossings are held at an end of the exposure; shape `(2, n + 1)`.
+        clock: Moments that second derivatives by the profile follow.
+        from_vertex: Whether edges count from the vertex.
         run: The pieces that are looked at; all by default.
     """
     held_here, held_there = (is_held[k] for k in parts(num_taps))
@@ -328,9 +343,16 @@ def _light_of_cells(
     width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(whole, within, width)), width)
     in_pieces = tau.high.size > 2
     width = kept(width) if in_pieces else width
-    light, cut = _cell_light(profile, here, AFTER, width), None
+    crossing, breakpoint, rest = _places(x, tau)
+    entering, leaving = (crossing[k] for k in parts(num_taps))
+    next_piece = jnp.where(is_free, breakpoint[0] + here.piece + AFTER.astype(np.int32), rest)
+    times = Times(entering, jnp.where(whole, leaving, next_piece), from_vertex, x, is_held)
+    cells = {"start": here, "is_after": AFTER, "times": times}
+    known = jax.lax.stop_gradient(cells)
+    light, cut = cell_light(profile, here.offset, width, clock, **known), None
     if in_pieces:
-        cut, more = _from_breakpoints(num_taps, profile, tau, velocity, x, is_free, run)
+        given = num_taps, profile, tau, velocity, x, is_free
+        cut, more = _from_breakpoints(*given, clock, times, run)
         light = light.at[cut.place].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
     return light, width, cut
 
@@ -369,7 +391,8 @@ def _free_exposure(
         gap, (u, v) = _gaps(num_taps, near), (pace[k] for k in parts(num_taps))
         rate = looked_up(seen.stroke, x.piece)[parts(num_taps)[1]]
         within = time_between(gap, u, v, rate)
-        cells = whole, whole.ends, seen.velocity, x, within, is_held, run
+        clock = Clock(whole.ends.high)
+        cells = whole, whole.ends, seen.velocity, x, within, is_held, clock, from_vertex, run
         light, width, cut = _light_of_cells(num_taps, *cells)
         taps = jax.lax.stop_gradient(Taps(whole, tau, x, near.high, gap, width, is_held, cut))
         light = moving_freely(
@@ -389,6 +412,13 @@ def _free_exposure(
     return jnp.sum(jax.vmap(of_run)(every), axis=0)
 
 
+def _places(x: Crossings, tau: DoubleWord) -> tuple[np.ndarray, np.ndarray, int]:
+    """Places of crossings, of breakpoints and of what stays among the moments of a `Clock`."""
+    rest = x.moment.size + tau.high.size
+    every = np.arange(rest, dtype=np.int32)
+    return every[: x.moment.size].reshape(x.moment.shape), every[x.moment.size :], rest
+
+
 def _from_breakpoints(
     num_taps: int,
     profile: AbstractPiecewiseShutter,
@@ -396,6 +426,8 @@ def _from_breakpoints(
     velocity: Array,
     x: Crossings,
     is_free: Array,
+    clock: Clock,
+    times: Times,
     run: Run | None,
 ) -> tuple[Cells, Array]:
     """Cells that start at breakpoints, and their exposure."""
@@ -415,11 +447,16 @@ def _from_breakpoints(
     width = jnp.where(there.piece == piece, there.inner(is_after, length), length)
     width = kept(jnp.where(moves, jax.lax.stop_gradient(width), width))
     # Under `vmap` a value must be batched wherever its derivative is.
-    begins = counted_from(tau.high[1:-1], jnp.where(moves, jnp.zeros_like(width), 0.0), ~moves)
+    nothing = jnp.where(moves, jnp.zeros_like(width), 0.0)
+    begins = displaced(nothing, jnp.where(moves, -tau.high[1:-1], 0.0))
     start = there._replace(piece=piece, from_left=is_after, offset=begins)
-    light = _cell_light(profile, start, is_after, width)
-    known = jax.lax.stop_gradient(profile)
-    light = moving_breakpoints(light, tau.high[1:-1], profile=known, moves=moves)
+    _, places, rest = _places(x, tau)
+    beyond = jnp.where(moves, jnp.where(is_after, places[2:], places[:-2]), rest)
+    onwards = jnp.where(there.piece == piece, x.moment.shape[1] * arm + end[1], beyond)
+    times = times._replace(begin=jnp.where(moves, places[1:-1], rest), end=onwards)
+    cells = {"start": start, "is_after": is_after, "times": times}
+    light = cell_light(profile, begins, width, clock, **jax.lax.stop_gradient(cells))
+    light = moving_breakpoints(light, tau.high[1:-1], profile, moves=moves)
     cells = Cells(place, exists, start, is_after, width)
     return cells, jnp.where(exists, light, 0.0)
 
@@ -432,9 +469,3 @@ def _num_below(rows: Array, is_second: Array, value: Array) -> Array:
     search = partial(jnp.searchsorted, v=value, method="scan")
     first, second = jax.vmap(search)(rows)
     return jnp.where(is_second, second, first)
-
-
-def _cell_light(profile, start: Crossings, is_after: ArrayLike, width: Array) -> Array:
-    """Exposure of cells that begin at `start` and extend outwards over `width`."""
-    mean = mean_about(profile, start, start.halfway(is_after, width), width)
-    return width * within_unit(mean)
