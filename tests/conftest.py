@@ -16,6 +16,13 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # one for all workers and the
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA writes pages for programs that it reads
+# Programs of tests are compiled as the package's own are, in half of the time; one thread each,
+# because there is a process a core. `.ci/run` compiles those that promise digits as users' are.
+os.environ.setdefault(
+    "XLA_FLAGS",
+    "--xla_cpu_multi_thread_eigen=false --xla_backend_optimization_level=1 "
+    "--xla_cpu_use_fusion_emitters=false",
+)
 
 # A shell that runs this in the background has interrupts ignored, also in every subprocess.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -38,3 +45,9 @@ def _programs_of_one_module():
     """Compiled programs go with the module that needed them: kept, they are gigabytes."""
     yield
     jax.clear_caches()
+
+
+def pytest_collection_modifyitems(items):
+    """Modules with slow tests come first, so that no process ends long after the others."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)

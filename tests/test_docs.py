@@ -60,6 +60,7 @@ def test_functions_are_where_a_page_says(page):
 
 
 RUNNABLE = {"python", "sh"}
+SEARCH = re.compile(r"optimise\(|mishutter optimise")
 OTHER_LANGUAGES = {"text", "console", "math", "toml", "yaml"}
 CODE = [page for page in PAGES if page.name != "CONTRIBUTING.md"]
 TUTORIAL = ROOT / "docs" / "tutorial.md"
@@ -105,7 +106,14 @@ def read_through(page, packages, desk, monkeypatch):
             assert is_shown(block.text, reader.output), f"{block.text}\n\n{reader.output}"
 
 
-@pytest.mark.parametrize("page", [p for p in CODE if blocks(p)], ids=lambda p: p.stem)
+def read(page):
+    """A page as a case, slow where its code searches for a design."""
+    code = "".join(block.text for block in blocks(page) if block.language in RUNNABLE)
+    slow = [pytest.mark.slow] if SEARCH.search(code) else []
+    return pytest.param(page, id=page.stem, marks=slow)
+
+
+@pytest.mark.parametrize("page", [read(page) for page in CODE if blocks(page)])
 def test_code_runs_and_shows_what_the_page_says(page, desk, monkeypatch):
     """A reader who types a page's blocks in turn sees what it shows."""
     read_through(page, frozenset(), desk, monkeypatch)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from support.cases import SHUTTERS
+from support.cases import EVERY_SHUTTER, QUICK, SHUTTERS
 from support.helpers import (
     ARGUMENTS,
     DERIVATIVE_OF_LARGEST,
@@ -31,7 +31,6 @@ from support.helpers import (
 
 FULL_SWEEP = 2000
 """Points a precision, shared out among the shutters."""
-QUICK = ["hann", "flutter", "spline"]
 DTYPES = {"float64": np.float64, "float32": np.float32}
 
 CORPUS = {
@@ -160,7 +159,7 @@ def test_points_that_missed_once(name):
 
 
 @pytest.mark.parametrize("precision", DTYPES)
-@pytest.mark.parametrize("slug", SHUTTERS)
+@pytest.mark.parametrize("slug", EVERY_SHUTTER)
 def test_objects_at_rest(slug, precision):
     """All light on the tap that holds position 0, with no derivative but the shutter's."""
     dtype, T = DTYPES[precision], DTYPES[precision](0.0173)

@@ -5,7 +5,7 @@ The short sweep runs always; the full one of 1,000 points a precision is marked 
 
 import numpy as np
 import pytest
-from support.cases import SHUTTERS
+from support.cases import EVERY_SHUTTER, QUICK, SHUTTERS
 from support.helpers import (
     random_frequencies,
     random_point,
@@ -17,7 +17,6 @@ from support.helpers import (
 
 FULL_SWEEP = 1000
 """Points a precision, shared out among the shutters."""
-QUICK = ["hann", "flutter", "spline"]
 DTYPES = {"float64": np.float64, "float32": np.float32}
 
 
@@ -31,7 +30,7 @@ def test_transfer_function(slug):
 
 
 @pytest.mark.parametrize("precision", DTYPES)
-@pytest.mark.parametrize("slug", SHUTTERS)
+@pytest.mark.parametrize("slug", EVERY_SHUTTER)
 def test_transfer_function_of_a_path_that_turns(slug, precision):
     """Values and derivatives where a panel turns far and holds the stationary point, and at 0."""
     rng, dtype = np.random.default_rng(8), DTYPES[precision]

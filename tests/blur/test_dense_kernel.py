@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.cases import SHUTTERS
+from support.cases import EVERY_SHUTTER, SHUTTERS
 from support.dense_kernel import exposure, unit_edges
 from support.helpers import (
     FORWARD_AGAINST_REVERSE,
@@ -38,7 +38,7 @@ def both(slug, frame, parameters, a, T, s, v, positions):
     return taps, exposure(shutter, a, T, relative, edges, from_vertex=frame == "vertex")
 
 
-@pytest.mark.parametrize("slug", SHUTTERS)
+@pytest.mark.parametrize("slug", EVERY_SHUTTER)
 def test_taps_are_those_of_the_dense_evaluation(slug):
     """Within the tolerances of either, over the domain."""
     rng = np.random.default_rng(29)
@@ -55,10 +55,7 @@ def test_taps_are_those_of_the_dense_evaluation(slug):
 
 
 @pytest.mark.parametrize("slug", ["tukey", "gaussian", "chips", "spline-symmetric"])
-@pytest.mark.parametrize(
-    ("speed", "velocity"), [(0.0, 0.0), (57.0, 0.0), (-410.0, 0.0), (310.7, 253.1)]
-)
-def test_forward_and_reverse_mode_agree(slug, speed, velocity):
+def test_forward_and_reverse_mode_agree(slug):
     """By motion, speed, velocity, edges and the shutter's parameters, batched over directions."""
     edges = jnp.linspace(-9.0, 60.0, 23)
 
@@ -67,12 +64,11 @@ def test_forward_and_reverse_mode_agree(slug, speed, velocity):
         shutter = SHUTTERS[slug].make(parameters)
         return binned_exposure(shutter, motion, speed=x[2], edges=edges + shift)
 
-    point = (
-        jnp.array([310.0, 0.31, speed, velocity]),
-        jnp.zeros(23),
-        jnp.asarray(SHUTTERS[slug].parameters),
-    )
-    forward = jax.jit(jax.jacfwd(taps, argnums=(0, 1, 2)))(*point)
-    reverse = jax.jit(jax.jacrev(taps, argnums=(0, 1, 2)))(*point)
-    for f, r in zip(forward, reverse, strict=True):
-        np.testing.assert_allclose(f, r, atol=FORWARD_AGAINST_REVERSE * np.max(np.abs(f)))
+    forward = jax.jit(jax.jacfwd(taps, argnums=(0, 1, 2)))
+    reverse = jax.jit(jax.jacrev(taps, argnums=(0, 1, 2)))
+    for speeds in ((0.0, 0.0), (57.0, 0.0), (-410.0, 0.0), (310.7, 253.1)):
+        motion = jnp.array([310.0, 0.31, *speeds])
+        point = motion, jnp.zeros(23), jnp.asarray(SHUTTERS[slug].parameters)
+        for f, r in zip(forward(*point), reverse(*point), strict=True):
+            allowed = FORWARD_AGAINST_REVERSE * np.max(np.abs(f))
+            np.testing.assert_allclose(f, r, atol=allowed, err_msg=str(speeds))

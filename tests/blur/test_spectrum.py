@@ -52,9 +52,8 @@ def test_it_is_the_transform_of_the_kernel():
     np.testing.assert_allclose(phases @ taps, folded, atol=ALIASES)
 
 
-@pytest.mark.parametrize("speed", [0.0, 140.0])
 @pytest.mark.parametrize("slug", ["tukey", "gaussian", "spline-symmetric"])
-def test_forward_and_reverse_mode_agree(slug, speed):
+def test_forward_and_reverse_mode_agree(slug):
     """By motion, speed, frequency and shutter, on both sides of every regime."""
     case = SHUTTERS[slug]
 
@@ -65,10 +64,12 @@ def test_forward_and_reverse_mode_agree(slug, speed):
         )
         return jnp.concatenate([response.real, response.imag])
 
-    x = jnp.array([310.0, 0.31, speed, 1.1, 0.97])
-    forward, reverse = jax.jit(jax.jacfwd(parts))(x), jax.jit(jax.jacrev(parts))(x)
-    assert np.all(np.isfinite(forward))
-    np.testing.assert_allclose(forward, reverse, atol=1e-12 * np.max(np.abs(forward)))
+    modes = jax.jit(jax.jacfwd(parts)), jax.jit(jax.jacrev(parts))
+    for speed in (0.0, 140.0):
+        x = jnp.array([310.0, 0.31, speed, 1.1, 0.97])
+        forward, reverse = (mode(x) for mode in modes)
+        assert np.all(np.isfinite(forward))
+        np.testing.assert_allclose(forward, reverse, atol=1e-12 * np.max(np.abs(forward)))
 
 
 def test_vmap_jit_and_blocks_change_nothing():

@@ -263,6 +263,7 @@ def test_an_interrupt_says_what_was_kept_and_how_to_go_on(
     assert re.fullmatch(rf"mishutter: interrupted: .*{re.escape(told)}.*", line)
 
 
+@pytest.mark.slow
 def test_an_interrupt_after_the_search_keeps_the_design(small_scene, monkeypatch, capsys, tmp_path):
     """What took longest is in the folder, and the line holds the command that goes on from it."""
 
@@ -385,19 +386,12 @@ def test_the_example_is_a_scene(capsys, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def cached(tmp_path_factory):
-    """An environment whose compiled programs are shared by the processes of this module."""
-    folder = tmp_path_factory.mktemp("cache")
-    return environment(JAX_COMPILATION_CACHE_DIR=str(folder))
-
-
-@pytest.fixture(scope="module")
-def optimised(small_scene, tmp_path_factory, cached):
+def optimised(small_scene, tmp_path_factory):
     """Output folder and standard output of one small search with `--json`."""
     folder = tmp_path_factory.mktemp("out") / "made" / "here"
     command = ["optimise", str(small_scene), "--json", "--out", str(folder), *SMALL_SEARCH]
     command = [sys.executable, "-m", "mishutter", *command]
-    done = subprocess.run(command, capture_output=True, text=True, env=cached, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
     return folder, done.stdout
 
 
@@ -459,7 +453,7 @@ def test_files_are_whole(optimised):
 
 
 @pytest.mark.slow
-def test_compare_reads_designs_back(optimised, small_scene, cached):
+def test_compare_reads_designs_back(optimised, small_scene):
     """`compare` shows saved designs, of any name, at the metrics they were saved with."""
     folder, _ = optimised
     other = folder.parent / "Hann.json"
@@ -468,7 +462,7 @@ def test_compare_reads_designs_back(optimised, small_scene, cached):
     options = ["--design", str(folder / "design.json"), "--design", str(other)]
     options += ["--noise-seeds", "0"]
     command = [sys.executable, "-m", "mishutter", "compare", str(small_scene), *options]
-    done = subprocess.run(command, capture_output=True, text=True, env=cached, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
     assert not messages(done.stderr)
     verdict, tables = done.stdout.split("Own best motion")
     own_best, _ = tables.split("Same motion")

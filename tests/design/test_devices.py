@@ -1,5 +1,7 @@
 """Designs through a device that loses light, and for pixels that hold some and no more."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from support.designs import LIMITS, MOTION, SCENE, SMALL
@@ -66,15 +68,23 @@ def test_a_design_through_a_device_is_saved(tmp_path):
     assert float(levels.metrics().efficiency) == pytest.approx(0.8 * (0.2 + 0.8 / 2), abs=1e-2)
 
 
+SHUTTERS = {"free": None, "Hann": HannShutter(), "rect": RectShutter()}
+
+
+@cache
+def _design_of_pixels(name, full_well):
+    """A design of a shutter for pixels that hold so many electrons, or any number."""
+    scene = _scene(full_well=full_well, photon_rate=5e4)
+    return optimise(scene, MOTION, SHUTTERS[name], num_starts=4, max_steps=60)
+
+
 @pytest.mark.parametrize("full_well", [60.0, 150.0, 400.0])
-@pytest.mark.parametrize("shutter", [None, HannShutter(), RectShutter()])
-def test_no_design_fills_a_pixel(full_well, shutter):
+@pytest.mark.parametrize("name", SHUTTERS)
+def test_no_design_fills_a_pixel(full_well, name):
     """The exposure ends where white fills it, and is no shorter than it need be."""
-    scene = _scene(full_well=full_well, limits=LIMITS, photon_rate=5e4)
-    found = optimise(scene, MOTION, shutter, num_starts=4, max_steps=60)
+    found, unlimited = _design_of_pixels(name, full_well), _design_of_pixels(name, None)
     white = 5e4 * float(found.motion.exposure) * float(found.metrics.efficiency)
     assert white <= full_well * (1 + 1e-5)
-    unlimited = optimise(_scene(photon_rate=5e4), MOTION, shutter, num_starts=4, max_steps=60)
     wanted = 5e4 * float(unlimited.motion.exposure) * float(unlimited.metrics.efficiency)
     assert found.loss >= unlimited.loss * (1 - 1e-4)
     if wanted <= full_well:

@@ -111,11 +111,11 @@ def test_gradients_agree_with_differences(slug):
         return loss(SCENE, motion, SplineShutter(x[2:]), plan=SMALL)
 
     point = jnp.concatenate([jnp.array([1.03, 0.97]), jnp.asarray(PROFILE) * 0.9 + 0.03])
-    gradient = jax.jit(jax.grad(value))(point)
-    compiled = jax.jit(value)
+    of_both = jax.jit(jax.value_and_grad(value))
+    gradient = of_both(point)[1]
     for index in range(point.size):
         step = jnp.zeros_like(point).at[index].set(1e-5)
-        difference = (compiled(point + step) - compiled(point - step)) / 2e-5
+        difference = (of_both(point + step)[0] - of_both(point - step)[0]) / 2e-5
         assert np.isclose(gradient[index], difference, rtol=2e-6, atol=2e-8)
 
 
@@ -272,11 +272,18 @@ def _by_motion(loss, scene, shutter, plan):
     return value
 
 
-SHUTTERS_AT_REST = [RectShutter(), TukeyShutter(0.4), SplineShutter(PROFILE)]
+every_shutter_and_precision = pytest.mark.parametrize(
+    ("shutter", "dtype"),
+    [
+        pytest.param(RectShutter(), np.float64, id="rect"),
+        pytest.param(TukeyShutter(0.4), np.float64, id="tukey"),
+        pytest.param(SplineShutter(PROFILE), np.float64, id="spline"),
+        pytest.param(TukeyShutter(0.4), np.float32, id="tukey, float32"),
+    ],
+)
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("shutter", SHUTTERS_AT_REST, ids=["rect", "tukey", "spline"])
+@every_shutter_and_precision
 @pytest.mark.parametrize("slug", LOSSES)
 def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, dtype):
     """Aligned at mid-exposure, with the slope by exposure of one that is known to be still."""
@@ -301,8 +308,7 @@ def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, d
     assert np.all(np.isfinite(slopes))
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("shutter", SHUTTERS_AT_REST, ids=["rect", "tukey", "spline"])
+@every_shutter_and_precision
 @pytest.mark.parametrize("slug", LOSSES)
 def test_a_scene_at_rest_does_not_see_a_short_stroke(slug, shutter, dtype):
     """Its loss is one for all strokes from 0 on, with no slope, whoever traces the motion."""

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 
 from mishutter import (
     RASKAR_CODE,
@@ -95,6 +96,13 @@ SHUTTERS = {
         _mirrored(11),
     ),
 }
+
+QUICK = ["hann", "flutter", "spline"]
+"""A smooth one, one of jumps and one of coefficients, which quick tests of digits are of."""
+EVERY_SHUTTER = [
+    slug if slug in QUICK else pytest.param(slug, marks=pytest.mark.slow) for slug in SHUTTERS
+]
+"""All of them, for tests that compile a program for each: the others are slow together."""
 
 DEVICES = {
     "ideal": lambda: IdealShutter(transmission=0.83, leakage=0.07),
