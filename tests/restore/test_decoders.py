@@ -135,7 +135,8 @@ def test_a_restoration_differentiates(name):
     """In reverse mode as in forward mode, and along a direction as a difference does.
 
     Total variation bends wherever a difference of neighbours is kept or not, also where
-    Richardson-Lucy counts it: closer together than any step that rounding allows. Richardson-Lucy bends where an estimate ends in the dark.
+    Richardson-Lucy counts it: closer together than any step that rounding allows.
+    Richardson-Lucy bends where an estimate ends in the dark.
     """
     decoder = DECODERS.get(name, ms.RichardsonLucyDecoder(accelerated=False, start="capture"))
     captured = ms.simulate_capture(photograph(4, 120), bright(), camera(), ms.HannShutter())
