@@ -328,12 +328,12 @@ def test_stopping_at_the_noise_keeps_it_out(photon_rate, read_noise):
 
 @pytest.mark.parametrize("photon_rate", [3e4, 1e6])
 def test_from_an_estimate_it_goes_further(photon_rate):
-    """Started from a filter's estimate it ends above thirty steps from the capture."""
+    """Over all speeds, from a filter's estimate, it ends above thirty steps from the capture."""
     known = scene(photon_rate=photon_rate, mean_level=0.21, deviation=0.2)
     results = [
         ms.restore_photograph(
-            photograph(), known, camera(), ms.HannShutter(), decoder=d, speeds=[0.0], num_seeds=1
-        ).psnr[0]
+            photograph(), known, camera(), ms.HannShutter(), decoder=d, num_seeds=1
+        ).mean_psnr
         for d in (PLAIN, DECODERS["from an estimate"])
     ]
     assert results[1] > results[0] + 0.1
