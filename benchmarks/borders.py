@@ -15,7 +15,7 @@ from benchmarks import harness, restoration_over_speeds  # noqa: E402
 
 DECODERS = restoration_over_speeds.DECODERS | {
     "Richardson-Lucy, 30 plain steps": ms.RichardsonLucyDecoder(
-        accelerated=False, until_noise=False, start="capture"
+        30, accelerated=False, until_noise=False, start="capture"
     ),
 }
 PHOTON_RATES = (3e5, 3e6)

@@ -40,8 +40,8 @@ PHOTOGRAPHS = {
 """Files of scikit-image's package, and the rows of them that are used."""
 MID_TO_HIGH = (0.2, 0.3, 0.4, 0.5)
 """Speeds on the paper's axis at which decoders are compared."""
-PLAIN = RichardsonLucyDecoder(accelerated=False, until_noise=False, start="capture")
-ACCELERATED = RichardsonLucyDecoder(until_noise=False, start="capture")
+PLAIN = RichardsonLucyDecoder(30, accelerated=False, until_noise=False, start="capture")
+ACCELERATED = RichardsonLucyDecoder(30, until_noise=False, start="capture")
 """Thirty steps each; MATLAB's `deconvlucy` takes the second kind."""
 
 

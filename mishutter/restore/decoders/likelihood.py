@@ -1,4 +1,4 @@
-"""Richardson-Lucy deconvolution along rows: plain, accelerated, stopped at the noise.
+"""Richardson-Lucy deconvolution along rows: plain, accelerated, kept from the noise.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -16,49 +16,63 @@ from mishutter.camera import along_rows, blurred
 from mishutter.restore.decoders.banded import BandedConvolution, banded
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
 from mishutter.restore.decoders.borders import Continuation, continuation
-from mishutter.restore.decoders.linear import share_left_unexplained, wiener_filter
+from mishutter.restore.decoders.linear import (
+    ensemble_filter,
+    expected_squared_error,
+    mean_and_spread,
+    wiener_filter,
+)
+from mishutter.restore.decoders.total_variation import (
+    EDGES,
+    LEAST_POWER,
+    adjoint_differences,
+    differences,
+)
 
 _LEAST = 1e-6
 _DARKEST = 0.02
 """Least share of its light that a pixel starts with: no step leads away from 0."""
 _TILE = 128
 """Rows that one loop iterates on: few enough that they stay in the cache."""
-_SAMPLE = 64
-"""Rows of a plane that decide when it stops."""
 _LEAST_BLURRED = 0.1
 """Least blur of an estimate, as a share of the capture: taps of a band-limited kernel are below 0
 here and there, and so may be what they make of an estimate that ends sharply in the dark."""
-_LEAST_GAIN = 0.02
-"""Share of what is unexplained that a step must explain for another to follow."""
+_LEAST_VARIANCE = 0.1
+"""Light in the dark whose noise counts, as a share of a plane's mean."""
+_LEAST_NORM = 0.2
+"""Least that a step divides by, as a share of the light: edges push by no more than a few times."""
 
 
 @final
 class RichardsonLucyDecoder(AbstractDecoder):
-    r"""Richardson-Lucy with the still object's kernel (the paper's section 4.2).
+    r"""Richardson-Lucy: the likeliest picture of few edges, of none below black, for all speeds.
 
     $f \leftarrow f \cdot H^\top(g / Hf) / H^\top 1$ on rows continued by their likeliest course.
-    The paper's takes 30 plain steps from the capture on. By default they are accelerated, start
-    from Wiener's estimate and stop at what no kernel for all speeds explains: objects move at
-    speeds that the one kernel fits only nearly, and further steps make ghosts of the difference.
+    The paper's, with the still object's kernel (its section 4.2), takes 30 plain steps from the
+    capture on. By default they are accelerated, start from an estimate, and lead to
+    $\max_f \sum_k [(g_k + d) \log((Hf)_k + d) - (Hf)_k] - \tfrac{0.3}{e p} \sum |\nabla f|$ with
+    differences in both directions. The mean response $H = \sum p_i H_i$ stands for all speeds;
+    $d = \sigma^2/p + \bar g/10$ counts noise of reading as that of so much more light, and
+    prevents steps that are too long to settle in the dark; $e$ is the root mean square error that
+    the ensemble filter is expected to leave. The steps are
+    $f \leftarrow f \cdot H^\top((g + d)/(Hf + d)) / (H^\top 1 - \tfrac{0.3}{e p} \nabla \cdot q)$,
+    in turns with steps of $q$, $|q| \le 1$, along $\nabla f$ (Chambolle and Pock 2011).
 
     Args:
-        num_iterations: How many steps at most; 30 in the paper.
+        num_iterations: How many steps; 30 in the paper.
         accelerated: Whether each step starts from an extrapolation of the last two
             (Biggs and Andrews 1997, as MATLAB's `deconvlucy` does), for each row on its own.
-        until_noise: Whether a plane stops when what is left is noise and the difference of
-            kernels (the discrepancy principle): with the step that begins where the mean of
-            $(g - Hf)^2 / (Hf/p + (\sigma/p)^2)$, over a sample of its rows, is at most what
-            Wiener's filter is expected to leave of an object at the speed that it fits worst,
-            or that makes it less by under 2 %. Of one speed that is less than 1, the more so the
-            better a blur can be inverted; at 1 the picture is still soft.
+        until_noise: Whether edges, noise of reading and all speeds count. Without, the kernel is
+            the still object's and steps lead on into the noise.
         start: The estimate of the first step: `"capture"`, $g/\eta$, or `"wiener"`, what
-            Wiener's filter makes of it, which is nearer and shows more of fine detail.
+            the filter for the same speeds makes of it, Wiener's of one and the ensemble filter
+            of all, which is nearer and shows more of fine detail.
 
     Raises:
         ValueError: if `num_iterations` is not a positive integer or `start` not one of the two.
     """
 
-    num_iterations: int = eqx.field(static=True, default=30)
+    num_iterations: int = eqx.field(static=True, default=15)
     accelerated: bool = eqx.field(static=True, default=True)
     until_noise: bool = eqx.field(static=True, default=True)
     start: str = eqx.field(static=True, default="wiener")
@@ -68,21 +82,29 @@ class RichardsonLucyDecoder(AbstractDecoder):
         known, subject = self.start in ("capture", "wiener"), "RichardsonLucyDecoder(start=...)"
         require(known, subject, "be 'capture' or 'wiener'", self.start)
 
+    @property
+    def rows_beyond(self) -> int:
+        return 16 if self.until_noise else 0
+
     def restore(self, captured: Array, model: BlurModel) -> Array:
-        extension = continuation(model, captured.shape[-1])
-        operator = _Blur(model.assumed_response(extension.length))
         light = model.efficiency
         if light <= 0:
             return jnp.zeros_like(captured)
-        noise = None
+        extension = continuation(model, captured.shape[-1])
+        length, penalty = extension.length, None
         if self.until_noise:
-            left = share_left_unexplained(model, extension.length)
-            numbers = (1 / model.electrons, model.read_variance, left)
-            noise = _Noise(*(np.asarray(v) for v in numbers))
+            response, filtering = mean_and_spread(model, length)[0], ensemble_filter
+            error = np.sqrt(max(expected_squared_error(model, length), LEAST_POWER))
+            strength = EDGES / (error * model.electrons)
+            dark = model.electrons * model.read_variance
+            penalty = _Penalty(np.asarray(strength), np.asarray(dark))
+        else:
+            response, filtering = model.assumed_response(length), wiener_filter
         method = _Method(self.num_iterations, self.accelerated, _LEAST_BLURRED)
-        first = wiener_filter(model, extension.length) if self.start == "wiener" else None
+        first = filtering(model, length) if self.start == "wiener" else None
+        operator = _Blur(response)
         light = np.asarray(light)
-        return _restored(captured, extension, operator, light, method, noise, first)
+        return _restored(captured, extension, operator, light, method, penalty, first)
 
 
 def richardson_lucy(
@@ -144,12 +166,21 @@ class _Method(NamedTuple):
     least_blurred: float
 
 
-class _Noise(NamedTuple):
-    """Variance per light and in the dark, and the share of it that is to be left."""
+class _Penalty(NamedTuple):
+    """Weight of differences of neighbours, and the light that reading is as noisy as."""
 
-    per_light: ArrayLike
-    constant: ArrayLike
-    left: ArrayLike
+    strength: ArrayLike
+    dark: ArrayLike
+
+
+class _State(NamedTuple):
+    """The estimate; accelerated the one before and the last two changes; penalised the flow."""
+
+    estimate: Array
+    before: Array | None
+    change: Array | None
+    change_before: Array | None
+    flow: Array | None
 
 
 Operator = BandedConvolution | _Blur
@@ -183,7 +214,7 @@ def _restored(
     operator: _Blur,
     light: ArrayLike,
     method: _Method,
-    noise: _Noise | None,
+    penalty: _Penalty | None,
     first_filter: ArrayLike | None,
 ) -> Array:
     rows, mean = extension.deviations(captured)
@@ -194,31 +225,58 @@ def _restored(
         spectrum = jnp.fft.rfft(rows)
         filtered = jnp.fft.irfft(spectrum * along_rows(first_filter, spectrum), extension.length)
         start = jnp.maximum(filtered + mean / norm, _DARKEST * start)
-    counts = None
-    if noise is not None:
-        given = *jax.lax.stop_gradient((data, start)), operator, norm
-        counts = _steps_until_noise(*given, method, slice(0, extension.columns), noise)
-    return _iterated(data, start, operator, norm, method, counts)[..., : extension.columns]
+    found = _iterated(data, start, operator, norm, method, penalty)
+    return found[..., : extension.columns]
 
 
-def _first_state(start: Array, accelerated: bool) -> tuple[Array, ...]:
-    """The estimate; accelerated also the one before, and the last two changes."""
+def _first_state(start: Array, accelerated: bool, penalised: bool) -> _State:
     nothing = jnp.zeros_like(start)
-    return (start, start, nothing, nothing) if accelerated else (start,)
+    flow = jnp.stack([nothing, nothing]) if penalised else None
+    if accelerated:
+        return _State(start, start, nothing, nothing, flow)
+    return _State(start, None, None, None, flow)
 
 
-def _step(state: tuple, data: Array, operator: Operator, norm: Array, least_blurred: float):
-    """The next state, and the blur of the estimate that the step began from."""
-    begin = state[0]
-    if len(state) > 1:
-        estimate, before, change, change_before = state
-        overlap = jnp.sum(change * change_before, axis=-1, keepdims=True)
-        size = jnp.sum(change_before**2, axis=-1, keepdims=True)
-        stride = jnp.clip(jnp.where(size > 0, overlap / jnp.where(size > 0, size, 1), 0), 0, 1)
-        begin = jnp.maximum(estimate + stride * (estimate - before), 0)
-    again = jnp.maximum(operator(begin), jnp.maximum(least_blurred * data, 1e-12))
-    after = begin * jnp.maximum(operator.back(data / again), 0) / norm
-    return (after, state[0], after - begin, state[2]) if len(state) > 1 else (after,), again
+def _extrapolated(state: _State) -> Array:
+    """Prevents many small steps the same way, row by row."""
+    estimate, before, change, change_before, _ = state
+    if before is None or change is None or change_before is None:
+        return estimate
+    overlap = jnp.sum(change * change_before, axis=-1, keepdims=True)
+    size = jnp.sum(change_before**2, axis=-1, keepdims=True)
+    stride = jnp.clip(jnp.where(size > 0, overlap / jnp.where(size > 0, size, 1), 0), 0, 1)
+    return jnp.maximum(estimate + stride * (estimate - before), 0)
+
+
+def _next_flow(flow: Array, estimate: Array, weight: Array) -> Array:
+    """A step along the differences, as long as is stable beside steps of the estimate."""
+    below = jnp.concatenate([estimate[1:], estimate[-1:]])
+    largest = jnp.maximum(jnp.maximum(estimate, jnp.roll(estimate, -1, axis=1)), below)
+    longer = flow + differences(estimate) / (8 * weight * jnp.maximum(largest, _LEAST))[None]
+    size = jnp.sum(longer**2, axis=0, keepdims=True)
+    return longer / jnp.sqrt(jnp.maximum(size, 1))
+
+
+def _step(
+    state: _State,
+    data: Array,
+    operator: Operator,
+    norm: Array,
+    least_blurred: float,
+    penalty: _Penalty | None,
+) -> _State:
+    begin = _extrapolated(state)
+    dark, flow, weight = jnp.zeros((), data.dtype), state.flow, norm
+    if penalty is not None and flow is not None:
+        strength, dark = (jnp.asarray(v, data.dtype) for v in penalty)
+        flow = _next_flow(flow, begin, strength / norm)
+        weight = jnp.maximum(norm + strength * adjoint_differences(flow), _LEAST_NORM * norm)
+    light = data + dark
+    again = jnp.maximum(operator(begin) + dark, jnp.maximum(least_blurred * light, 1e-12))
+    after = begin * jnp.maximum(operator.back(light / again), 0) / weight
+    if state.before is None:
+        return _State(after, None, None, None, flow)
+    return _State(after, state.estimate, after - begin, state.change, flow)
 
 
 def _iterated(
@@ -227,11 +285,11 @@ def _iterated(
     operator: Operator,
     norm: Array,
     method: _Method,
-    counts: Array | None,
+    penalty: _Penalty | None,
 ) -> Array:
-    """Steps, as many as are asked for or as `counts` says of each plane, a few rows at a time."""
+    """Steps, a few rows at a time unless differences hold them together."""
     rows, length = data.shape[-2:]
-    per_plane = -(-rows // _TILE)
+    per_plane = 1 if penalty is not None else -(-rows // _TILE)
     tile = -(-rows // per_plane)
     spare = ((0, 0), (0, per_plane * tile - rows), (0, 0))
 
@@ -239,56 +297,19 @@ def _iterated(
         padded = jnp.pad(planes.reshape(-1, rows, length), spare, mode="edge")
         return padded.reshape(-1, tile, length)
 
-    def iterated(item: tuple) -> Array:
-        data, start, *count = item
+    def iterated(pair: tuple) -> Array:
+        data, start = pair
+        weights = penalty
+        if weights is not None:
+            dark = jnp.asarray(weights.dark, data.dtype) + _LEAST_VARIANCE * jnp.mean(data)
+            weights = weights._replace(dark=dark)
 
-        def step(index: Array, state: tuple) -> tuple:
-            after = lambda: _step(state, data, operator, norm, method.least_blurred)[0]  # noqa: E731
-            return jax.lax.cond(index < count[0], after, lambda: state) if count else after()
+        def step(_: Array, state: _State) -> _State:
+            return _step(state, data, operator, norm, method.least_blurred, weights)
 
         # JAX differentiates a loop in reverse only if the number of its turns is known beforehand.
-        first = _first_state(start, method.accelerated)
-        return jax.lax.fori_loop(0, method.num_iterations, step, first)[0]
+        first = _first_state(start, method.accelerated, penalty is not None)
+        return jax.lax.fori_loop(0, method.num_iterations, step, first).estimate
 
-    counted = () if counts is None else (jnp.repeat(counts, per_plane),)
-    items = (tiles(data), tiles(start), *counted)
-    found = jax.lax.map(iterated, items).reshape(-1, per_plane * tile, length)
-    return found[:, :rows].reshape(data.shape)
-
-
-def _steps_until_noise(
-    data: Array,
-    start: Array,
-    operator: Operator,
-    norm: Array,
-    method: _Method,
-    recorded: slice,
-    noise: _Noise,
-) -> Array:
-    """How many steps each plane takes, found on some of its rows; shape `(planes,)`."""
-    rows, length = data.shape[-2:]
-    some = np.unique(np.linspace(0, rows - 1, min(rows, _SAMPLE)).astype(int))
-    planes = [x.reshape(-1, rows, length)[:, some] for x in (data, start)]
-    per_light, constant, left = (jnp.asarray(v, data.dtype) for v in noise)
-
-    def unexplained(data: Array, again: Array) -> Array:
-        variance = jnp.maximum(again, _LEAST) * per_light + constant
-        noisy = jnp.where(variance > 0, variance, 1)
-        return jnp.mean(jnp.where(variance > 0, (data - again) ** 2 / noisy, jnp.inf))
-
-    def counted(pair: tuple) -> Array:
-        data, start = pair
-
-        def advance(carry: tuple) -> tuple:
-            index, _, before, state = carry
-            state, again = _step(state, data, operator, norm, method.least_blurred)
-            now = unexplained(data[:, recorded], again[:, recorded])
-            return index + 1, (now > left) & (now < (1 - _LEAST_GAIN) * before), now, state
-
-        beyond = jnp.full((), jnp.finfo(data.dtype).max, data.dtype)
-        state = _first_state(start, method.accelerated)
-        first = (jnp.zeros((), jnp.int32), jnp.ones((), bool), beyond, state)
-        unfinished = lambda carry: (carry[0] < method.num_iterations) & carry[1]  # noqa: E731
-        return jax.lax.while_loop(unfinished, advance, first)[0]
-
-    return jax.lax.map(counted, tuple(planes))
+    found = jax.lax.map(iterated, (tiles(data), tiles(start)))
+    return found.reshape(-1, per_plane * tile, length)[:, :rows].reshape(data.shape)

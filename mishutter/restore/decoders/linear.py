@@ -76,21 +76,6 @@ def wiener_filter(model: BlurModel, length: int) -> np.ndarray:
     return power * np.conj(response) / (power * np.abs(response) ** 2 + model.noise)
 
 
-def share_left_unexplained(model: BlurModel, length: int) -> float:
-    r"""Share of a capture that Wiener's filter leaves unexplained, in units of the noise.
-
-    $\max_i \overline{|1 - G H_0|^2 (S |H_i|^2 + N)} / N$ over the grid of a DFT, of the speed that
-    the still object's kernel fits worst; 1 where the picture has no power that the blur lets
-    through.
-    """
-    if not 0 < model.noise < np.inf:
-        return 1.0
-    power, response = model.picture_spectrum(length), model.assumed_response(length)
-    missed = model.noise / (power * np.abs(response) ** 2 + model.noise)
-    captured = power * np.abs(model.responses(length)) ** 2 + model.noise
-    return float(np.max(np.mean(missed**2 * captured, axis=1)) / model.noise)
-
-
 def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
     r"""Error that the ensemble filter leaves of pictures with the scene's spectrum; white = 1.
 

@@ -19,11 +19,11 @@ from mishutter.restore.decoders.linear import (
     mean_and_spread,
 )
 
-_EDGES, _POWER = 0.3, 0.1
+EDGES, _POWER = 0.3, 0.1
 """Weights of the two laws: the best in the mean over photographs and scenes from dim to bright."""
 _THRESHOLD = 0.7
 """Shrinkage of a step in units of the error; it changes how fast the steps settle, not on what."""
-_LEAST_POWER = 1e-14
+LEAST_POWER = 1e-14
 """Prevents a division by zero where there is neither detail nor noise."""
 
 
@@ -65,10 +65,10 @@ class TotalVariationDecoder(AbstractDecoder):
         extension = continuation(model, captured.shape[-1])
         length = extension.length
         mean, spread = mean_and_spread(model, length)
-        power = np.maximum(model.picture_spectrum(length), _LEAST_POWER)
-        error = max(expected_squared_error(model, length), _LEAST_POWER)
-        coupling = _EDGES * self.strength / _THRESHOLD
-        data = error / (np.maximum(model.noise, _LEAST_POWER) + power * spread) / coupling
+        power = np.maximum(model.picture_spectrum(length), LEAST_POWER)
+        error = max(expected_squared_error(model, length), LEAST_POWER)
+        coupling = EDGES * self.strength / _THRESHOLD
+        data = error / (np.maximum(model.noise, LEAST_POWER) + power * spread) / coupling
         smooth = _POWER * error / power / coupling
         smooth[0] = 0.0  # a row's level is free
         threshold = _THRESHOLD * np.sqrt(error)
@@ -103,14 +103,14 @@ def _split(
 
         def advance(_, state: tuple) -> tuple:
             _, split, dual = state
-            wanted = known + _transformed(_adjoint(split - dual))
+            wanted = known + _transformed(adjoint_differences(split - dual))
             estimate = _restored(wanted * inverse.astype(wanted.dtype), length)
-            gap = _differences(estimate) + dual
+            gap = differences(estimate) + dual
             split = _shrunk(gap, threshold)
             return estimate, split, gap - split
 
         first = _restored(spectrum * start, length)
-        split = _differences(first)
+        split = differences(first)
         state = (first, split, jnp.zeros_like(split))
         estimate = jax.lax.fori_loop(0, num_iterations, advance, state)[0]
         return estimate[:, : extension.columns] + centre * gain
@@ -129,15 +129,15 @@ def _restored(spectrum: Array, length: int) -> Array:
     return idct(jnp.fft.irfft(spectrum, length), axis=0, norm="ortho")
 
 
-def _differences(picture: Array) -> Array:
+def differences(picture: Array) -> Array:
     """Of neighbours in a row and in a column, 0 below the last; shape `(2, rows, length)`."""
     across = jnp.roll(picture, -1, axis=1) - picture
     down = jnp.diff(picture, axis=0, append=picture[-1:])
     return jnp.stack([across, down])
 
 
-def _adjoint(differences: Array) -> Array:
-    """The adjoint of `_differences`; shape `(rows, length)`."""
+def adjoint_differences(differences: Array) -> Array:
+    """The adjoint of `differences`; shape `(rows, length)`."""
     across, down = differences
     inner = down[:-1]
     beside = jnp.roll(across, 1, axis=1) - across
