@@ -287,21 +287,26 @@ def _iterated(
     method: _Method,
     penalty: _Penalty | None,
 ) -> Array:
-    """Steps, a few rows at a time unless differences hold them together."""
+    """Steps, a few rows at a time: differences reach one row further with each of them."""
     rows, length = data.shape[-2:]
-    per_plane = 1 if penalty is not None else -(-rows // _TILE)
+    per_plane = -(-rows // _TILE)
     tile = -(-rows // per_plane)
-    spare = ((0, 0), (0, per_plane * tile - rows), (0, 0))
+    beyond = 0 if penalty is None else min(method.num_iterations + 1, rows)
+    reach = (beyond, per_plane * tile - rows + beyond)
+    # Rows of the tiles, one after the other, in a plane that edge rows continue.
+    index = np.arange(per_plane)[:, None] * tile + np.arange(tile + 2 * beyond)[None]
 
     def tiles(planes: Array) -> Array:
-        padded = jnp.pad(planes.reshape(-1, rows, length), spare, mode="edge")
-        return padded.reshape(-1, tile, length)
+        padded = jnp.pad(planes.reshape(-1, rows, length), ((0, 0), reach, (0, 0)), mode="edge")
+        return padded[:, index].reshape(-1, tile + 2 * beyond, length)
 
-    def iterated(pair: tuple) -> Array:
-        data, start = pair
+    means = jnp.repeat(jnp.mean(data.reshape(-1, rows * length), axis=1), per_plane)
+
+    def iterated(item: tuple[Array, Array, Array]) -> Array:
+        data, start, mean = item
         weights = penalty
         if weights is not None:
-            dark = jnp.asarray(weights.dark, data.dtype) + _LEAST_VARIANCE * jnp.mean(data)
+            dark = jnp.asarray(weights.dark, data.dtype) + _LEAST_VARIANCE * mean
             weights = weights._replace(dark=dark)
 
         def step(_: Array, state: _State) -> _State:
@@ -309,7 +314,8 @@ def _iterated(
 
         # JAX differentiates a loop in reverse only if the number of its turns is known beforehand.
         first = _first_state(start, method.accelerated, penalty is not None)
-        return jax.lax.fori_loop(0, method.num_iterations, step, first).estimate
+        found = jax.lax.fori_loop(0, method.num_iterations, step, first).estimate
+        return found[beyond : beyond + tile]
 
-    found = jax.lax.map(iterated, (tiles(data), tiles(start)))
+    found = jax.lax.map(iterated, (tiles(data), tiles(start), means))
     return found.reshape(-1, per_plane * tile, length)[:, :rows].reshape(data.shape)
