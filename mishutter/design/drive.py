@@ -44,6 +44,11 @@ class DriveTable:
     num_levels: int
 
     @property
+    def exposure(self) -> float:
+        """Exposure that the steps share; s."""
+        return float(self.design.motion.exposure)
+
+    @property
     def position(self) -> np.ndarray:
         """Position of the sensor at the beginning of each step; px."""
         return np.asarray(self.design.motion.position(self.begin))
@@ -101,7 +106,7 @@ class DriveTable:
         if path is None:
             return None
         count = self.begin.size * -(-_NUM_STEPS // self.begin.size)
-        step = float(self.design.motion.exposure) / count
+        step = self.exposure / count
         before, after = (
             int(np.ceil(length / step * (1 - 1e-9)))
             for length in (self.begin[0] - path.times[0], path.times[-1] + self.begin[0])
@@ -161,7 +166,7 @@ class DriveTable:
             "num_levels": self.num_levels,
             "half_exposure_ms": float(self.design.motion.half_exposure) * 1e3,
             "position_scale_px": self.position_scale,
-            "step_ms": float(self.design.motion.exposure) * 1e3 / self.begin.size,
+            "step_ms": self.exposure * 1e3 / self.begin.size,
             "begin_ms": (self.begin * 1e3).tolist(),
             "wanted_transmittance": self.wanted.tolist(),
             "level": self.level.tolist(),

@@ -17,7 +17,7 @@ is how many pixels 1 stands for. `docs/drive_formats.md` quotes the makers' desc
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -32,9 +32,6 @@ from mishutter._core import (
     unit_columns,
 )
 from mishutter.model import AbstractMotion, ChippedShutter, FreeMotion, ParabolicMotion, steady
-
-if TYPE_CHECKING:
-    from mishutter.design.drive import DriveTable
 
 MAX_STEPS = 100_000
 _WORDS = (1 << 14) - 1
@@ -83,7 +80,27 @@ class _Samples(NamedTuple):
 # Writing
 
 
-def drive_bytes(table: "DriveTable", form: str) -> bytes:
+@runtime_checkable
+class Table(Protocol):
+    """What is written of a drive table, whose attributes `DriveTable` describes."""
+
+    @property
+    def exposure(self) -> float: ...
+    @property
+    def level(self) -> np.ndarray: ...
+    @property
+    def num_levels(self) -> int: ...
+    @property
+    def transmittance(self) -> np.ndarray: ...
+    @property
+    def position(self) -> np.ndarray: ...
+    @property
+    def position_scale(self) -> float: ...
+
+    def to_csv(self) -> str: ...
+
+
+def drive_bytes(table: Table, form: str) -> bytes:
     """A drive table as a file of one of `DRIVE_FORMATS`.
 
     Raises:
@@ -94,32 +111,32 @@ def drive_bytes(table: "DriveTable", form: str) -> bytes:
     return _WRITERS[form](table)
 
 
-def _column(table: "DriveTable") -> bytes:
+def _column(table: Table) -> bytes:
     return "".join(f"{value!r}\n" for value in _drive(table).tolist()).encode()
 
 
-def _keysight(table: "DriveTable") -> bytes:
-    rate = table.begin.size / float(table.design.motion.exposure)
+def _keysight(table: Table) -> bytes:
+    rate = table.level.size / table.exposure
     rows = [f"{y1!r},{y2!r},{gate:.0f}" for y1, y2, gate in _channels(table).T.tolist()]
     return "\n".join([f"SampleRate={rate!r}", "Y1,Y2,SampleMarker1", *rows, ""]).encode()
 
 
-def _rigol(table: "DriveTable") -> bytes:
+def _rigol(table: Table) -> bytes:
     return np.rint((_drive(table) + 1) / 2 * _WORDS).astype("<u2").tobytes()
 
 
-def _npy(table: "DriveTable") -> bytes:
+def _npy(table: Table) -> bytes:
     file = io.BytesIO()
     np.save(file, _channels(table), allow_pickle=False)
     return file.getvalue()
 
 
-def _pulse_list(table: "DriveTable") -> bytes:
+def _pulse_list(table: Table) -> bytes:
     binary = bool(np.all((table.transmittance == 0) | (table.transmittance == 1)))
     requirement = "be open or closed in each step for pulses: of 2 levels from 0 to 1"
     got = Bare(f"{table.num_levels} levels")
     require(binary, "DriveTable.save(form='pulses')", requirement, got)
-    step = float(table.design.motion.exposure) * 1e6 / table.begin.size
+    step = table.exposure * 1e6 / table.level.size
     turns = np.flatnonzero(np.diff(np.pad(table.transmittance, 1))) * step
     opens, closes = turns[::2], turns[1::2]
     waits = opens - np.concatenate([[0.0], closes])[: opens.size]
@@ -127,7 +144,7 @@ def _pulse_list(table: "DriveTable") -> bytes:
     return "\n".join(["wait,width", "us,us", *rows, ""]).encode()
 
 
-_WRITERS: dict[str, Callable[["DriveTable"], bytes]] = {
+_WRITERS: dict[str, Callable[[Table], bytes]] = {
     "csv": lambda table: table.to_csv().encode(),
     "column": _column,
     "keysight": _keysight,
@@ -146,15 +163,15 @@ DRIVE_FORMATS = {
 """Formats of a drive table, and how their files end."""
 
 
-def _drive(table: "DriveTable") -> np.ndarray:
+def _drive(table: Table) -> np.ndarray:
     return 2 * table.level / (table.num_levels - 1) - 1
 
 
-def _channels(table: "DriveTable") -> np.ndarray:
+def _channels(table: Table) -> np.ndarray:
     """Drive, position over its scale, and gate; the last sample closes; shape `(3, n + 1)`."""
     position = table.position / table.position_scale
     rows = [[*_drive(table), -1.0], [*position, position[-1]]]
-    return np.array([*rows, [1.0] * table.begin.size + [0.0]])
+    return np.array([*rows, [1.0] * table.level.size + [0.0]])
 
 
 # Reading
