@@ -15,6 +15,8 @@ import mishutter as ms
 PACKAGE = Path(ms.__file__).parent
 
 
+# Imported before calls are followed.
+PUBLIC = [getattr(ms, name) for name in ms.__all__]
 SCENE = ms.example_scene()
 MOTION = SCENE.motion
 GRID = {"accelerations": [1e5, 4e5], "half_exposures": [0.005, 0.01]}

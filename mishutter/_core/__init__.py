@@ -12,6 +12,7 @@ from mishutter._core.checks import named as named
 from mishutter._core.checks import numbers_of as numbers_of
 from mishutter._core.checks import on_device as on_device
 from mishutter._core.checks import require as require
+from mishutter._core.checks import require_at_least as require_at_least
 from mishutter._core.checks import require_finite as require_finite
 from mishutter._core.checks import require_key as require_key
 from mishutter._core.checks import require_known as require_known

@@ -118,6 +118,14 @@ def require_finite(subject: str, value: RowLike) -> None:
         require(bool(np.all(np.isfinite(np.asarray(value)))), subject, "be finite", value)
 
 
+def require_at_least(subject: str, value: Array, bound: str, *, strict: bool = False) -> None:
+    """Refuse numbers below 0, or at it where `strict`; `bound` says so in words."""
+    require_finite(subject, value)
+    if is_concrete(value):
+        array = np.asarray(value)
+        require(bool(np.all(array > 0 if strict else array >= 0)), subject, f"be {bound}", value)
+
+
 def require_scalar(subject: str, value: ArrayLike) -> None:
     """Refuse anything but a scalar number."""
     if isinstance(value, str | bytes) or value is None:

@@ -16,6 +16,7 @@ from mishutter.model.images import row_power_spectrum as row_power_spectrum
 from mishutter.model.images import shipped_picture as shipped_picture
 from mishutter.model.images import to_display as to_display
 from mishutter.model.images import write_picture as write_picture
+from mishutter.model.limits import Limits as Limits
 from mishutter.model.motion import AbstractMotion as AbstractMotion
 from mishutter.model.motion import AbstractSteadyMotion as AbstractSteadyMotion
 from mishutter.model.motion import FreeMotion as FreeMotion
@@ -43,7 +44,6 @@ from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY
 from mishutter.model.scene import NUM_FREQUENCIES as NUM_FREQUENCIES
 from mishutter.model.scene import NYQUIST_FREQUENCY as NYQUIST_FREQUENCY
 from mishutter.model.scene import Burst as Burst
-from mishutter.model.scene import Limits as Limits
 from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene import seen_from as seen_from
 from mishutter.model.scene_file import EXAMPLE_PICTURE as EXAMPLE_PICTURE

@@ -21,8 +21,9 @@ from mishutter.model.devices import (
     SwitchedShutter,
     device_of,
 )
+from mishutter.model.limits import Limits
 from mishutter.model.motion import ParabolicMotion
-from mishutter.model.scene import Burst, Limits, Scene
+from mishutter.model.scene import Burst, Scene
 from mishutter.model.scene_schema import (
     LimitsSection,
     MotionSection,
