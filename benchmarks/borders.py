@@ -8,7 +8,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-import borders  # noqa: E402
+from support import borders  # noqa: E402
 
 import mishutter as ms  # noqa: E402
 from benchmarks import harness, restoration_over_speeds  # noqa: E402

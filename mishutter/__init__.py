@@ -130,8 +130,7 @@ else:
 __version__ = "0.1.0"
 
 _FOLDERS = ("model", "blur", "evaluation", "design", "camera", "restore", "sweeps", "calibration")
-"""Where public names are from: each folder imports those before it alone, so that a name takes no
-longer than its own folder does."""
+"""Where public names are from, in an order in which each folder imports those before it alone."""
 
 __all__ = [
     "RASKAR_CODE",

@@ -61,6 +61,12 @@ def public_imports() -> list[ast.ImportFrom]:
     return [node for block in blocks for node in block.body if isinstance(node, ast.ImportFrom)]
 
 
+def others_at_the_top() -> list[ast.stmt]:
+    """What `__init__.py` holds beside imports and docstrings."""
+    body = TREES[PACKAGE / "__init__.py"].body
+    return [node for node in body if not isinstance(node, ast.ImportFrom | ast.Expr)]
+
+
 def public_names() -> list[str]:
     return [a.asname or a.name for node in public_imports() for a in node.names]
 
@@ -154,6 +160,8 @@ def test_public_names_are_re_exported_one_a_line():
     for node in public_imports():
         assert len(node.names) == 1
         assert node.names[0].name == node.names[0].asname
+    others = {ast.unparse(node).split(" =")[0].split("\n")[0] for node in others_at_the_top()}
+    assert others == {"__version__", "_FOLDERS", "__all__", "if TYPE_CHECKING:"}
     assert sorted(mishutter.__all__) == sorted(public_names())
     assert set(mishutter.__all__) <= set(dir(mishutter))
 

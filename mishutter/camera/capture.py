@@ -280,7 +280,8 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
     still = without_velocity(as_parabolic(motion))
     with at_once():
-        reach, stroke = float(support(still, np.asarray(fastest))), float(motion.stroke)
+        speed = np.asarray(fastest, still.half_exposure.dtype)
+        reach, stroke = float(support(still, speed)), float(motion.stroke)
     smear = 2 * fastest * float(motion.half_exposure)
     longest = max(reach, smear) + 1
     held = math.isfinite(longest) and longest <= MAX_REACH

@@ -40,7 +40,8 @@ def noise_variance(
     level = scene.mean_level if mean_level is None else mean_level
     numbers = efficiency, level, scene.read_noise, white_electrons(scene, motion)
     efficiency, level, read_noise, electrons = as_numpy(*numbers)
-    return (efficiency * level + read_noise**2 / electrons) / electrons
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (efficiency * level + read_noise**2 / electrons) / electrons
 
 
 def recorded(

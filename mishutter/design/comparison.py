@@ -451,11 +451,11 @@ def _is_finished(design: Design, scene: Scene, loss: AbstractLoss) -> bool:
 
 def _are_equal(first: Any, second: Any) -> bool:
     """Whether two trees are, compared on the host: on the device each shape has a program."""
-    return bool(eqx.tree_equal(*jax.tree.map(_on_host, (first, second))))
 
+    def on_host(leaf: Any) -> Any:
+        return np.asarray(leaf) if eqx.is_array(leaf) else leaf
 
-def _on_host(leaf: Any) -> Any:
-    return np.asarray(leaf) if eqx.is_array(leaf) else leaf
+    return bool(eqx.tree_equal(*jax.tree.map(on_host, (first, second))))
 
 
 def _tuned(

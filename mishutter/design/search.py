@@ -236,9 +236,8 @@ def on_free_path(
     """
     free = free_by_default(design.scene, start, design.command)
     names = tuple(name for name in (*free, "path") if name != "shutter")
-    path = FreeMotion.fit(start if is_straight(design.motion) else design.motion)
     rules = {"num_starts": None, "seed": 0, "max_steps": _MAX_STEPS, "progress": None}
-    return _beyond(design, path, names, loss=loss, plan=plan, known=(), **rules)
+    return _beyond(design, start, names, loss=loss, plan=plan, known=(), **rules)
 
 
 Known = tuple[tuple[AbstractShutter, AbstractMotion], ...]
@@ -301,20 +300,25 @@ def _on_free_path(
     steady_plan = PLANNED if isinstance(plan, Plan) else plan
     rules |= {"known": known}
     design = _optimised(scene, start, shutter, free=steady_names, plan=steady_plan, **rules)
-    path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
-    return _beyond(design, path, names, plan=plan, **rules)
+    return _beyond(design, start, names, given=given, plan=plan, **rules)
 
 
 def _beyond(
     design: Design,
-    path: FreeMotion,
+    start: AbstractMotion,
     names: Sequence[str],
     *,
+    given: FreeMotion | None = None,
     plan: Plan | Automatic | None,
     known: Known,
     **rules: Any,
 ) -> Design:
-    """The better of a design whose acceleration is constant, and of one from there on."""
+    """The better of a design whose acceleration is constant, and of one from there on.
+
+    It begins with a path that is given, or with that of the design, or where that does not
+    accelerate of `start`.
+    """
+    path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
     scene, known = design.scene, (*known, (design.command, design.motion))
     ends = _searched(scene, path, design.command, names, plan=plan, known=known, **rules)
     found = _design(ends[0], scene, rules["loss"], rules["max_steps"])

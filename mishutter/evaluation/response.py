@@ -195,8 +195,7 @@ def kernels_at_speeds(
     kernels = _known_kernels(shutter, motion, speeds, num_taps)[0]
     if not isinstance(kernels, np.ndarray):
         return kernels
-    with jax.ensure_compile_time_eval():
-        return jax.device_put(kernels)
+    return on_device(kernels)
 
 
 def _known_kernels(

@@ -252,7 +252,7 @@ class FreeMotion(AbstractMotion):
             )
         half = motion.half_exposure
         ends = np.array(exact_ends(None, count), float).astype(half.dtype)
-        velocity = jnp.asarray(motion.velocity_at(ends * _on_host(half)))
+        velocity = jnp.asarray(motion.velocity_at(ends * as_numpy(half)[0]))
         pan = jnp.interp(jnp.zeros_like(half), ends, velocity)
         rates = jnp.diff(velocity) / (np.diff(ends) * (2 * half))
         return cls(accelerations=rates, half_exposure=half, velocity=pan)
@@ -317,7 +317,7 @@ class FreeMotion(AbstractMotion):
     @property
     def stroke(self) -> Array:
         r"""Travel beside that of the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
-        velocity = _on_host(self.velocity)
+        (velocity,) = as_numpy(self.velocity)
         return _number(operator.sub, self.highest(velocity), self.lowest(velocity))
 
     @property
@@ -347,7 +347,7 @@ class FreeMotion(AbstractMotion):
     def _velocities(self) -> Positions:
         """Velocity where pieces begin and end; px/s, shape `(K + 1,)`."""
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
-        half = _on_host(self.half_exposure)
+        (half,) = as_numpy(self.half_exposure)
         return self.velocity_at(ends.astype(half.dtype) * half)
 
 
@@ -446,14 +446,10 @@ def _together(*values: Any) -> tuple[Any, ...]:
     return tuple(jnp.asarray(x, dtype) for x in values)
 
 
-def _on_host(value: Any) -> Any:
-    """A number as NumPy has it where it is known."""
-    return np.asarray(value) if is_concrete(value) else value
-
-
 def _number(formula: Callable[..., Any], *numbers: Any) -> Array:
     """What a formula gives of some numbers, by NumPy where all are known."""
-    return as_float(formula(*as_numpy(*numbers)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return as_float(formula(*as_numpy(*numbers)))
 
 
 def settled(motion: AbstractMotion) -> AbstractMotion:

@@ -170,7 +170,8 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
 def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
     fastest = max(abs(speed - float(motion.velocity)) for speed in speeds)
     motion = as_parabolic(motion)
-    lengths = (float(support(motion, np.asarray(speed))) for speed in speeds)
+    dtype = motion.half_exposure.dtype
+    lengths = (float(support(motion, np.asarray(speed, dtype))) for speed in speeds)
     return max(*lengths, 2 * fastest * float(motion.half_exposure) + 1)
 
 

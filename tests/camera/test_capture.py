@@ -126,6 +126,14 @@ def test_single_precision_is_captured_as_double():
         assert found.dtype == np.float32
         wanted = captured_picture(picture.astype(np.float64), MOVING, SHUTTERS["hann"])
         np.testing.assert_allclose(found, wanted, atol=3e-7)
+    single = {"half_exposure": np.float32(HALF), "acceleration": np.float32(27.0 / HALF**2)}
+    scene = ms.Scene(np.zeros(1, np.float32), photon_rate=4e5, read_noise=6.0)
+    found = ms.simulate_capture(
+        picture, scene, ms.ParabolicMotion(**single), ms.HannShutter(), speed=700.0
+    )
+    assert found.dtype == np.float32
+    wanted = captured_picture(picture.astype(float), MOVING, SHUTTERS["hann"], speed=700.0)
+    np.testing.assert_allclose(found, wanted, atol=3e-6)
 
 
 @pytest.mark.parametrize("speed", [310.0, -1900.0])

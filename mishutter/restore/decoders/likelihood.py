@@ -84,7 +84,7 @@ class RichardsonLucyDecoder(AbstractDecoder):
 
     @property
     def rows_beyond(self) -> int:
-        return 16 if self.until_noise else 0
+        return self.num_iterations + 1 if self.until_noise else 0
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
         light = model.efficiency
@@ -159,7 +159,7 @@ class _Blur(eqx.Module):
 
 
 class _Method(NamedTuple):
-    """Steps at most, whether they are accelerated, and the least blur in units of the capture."""
+    """Steps, whether they are accelerated, and the least blur in units of the capture."""
 
     num_iterations: int
     accelerated: bool
@@ -244,7 +244,8 @@ def _extrapolated(state: _State) -> Array:
         return estimate
     overlap = jnp.sum(change * change_before, axis=-1, keepdims=True)
     size = jnp.sum(change_before**2, axis=-1, keepdims=True)
-    stride = jnp.clip(jnp.where(size > 0, overlap / jnp.where(size > 0, size, 1), 0), 0, 1)
+    moves = size > jnp.finfo(size.dtype).tiny ** 0.5  # whose square is a number yet
+    stride = jnp.clip(jnp.where(moves, overlap / jnp.where(moves, size, 1), 0), 0, 1)
     return jnp.maximum(estimate + stride * (estimate - before), 0)
 
 
@@ -289,18 +290,18 @@ def _iterated(
 ) -> Array:
     """Steps, a few rows at a time: differences reach one row further with each of them."""
     rows, length = data.shape[-2:]
-    per_plane = -(-rows // _TILE)
-    tile = -(-rows // per_plane)
-    beyond = 0 if penalty is None else min(method.num_iterations + 1, rows)
-    reach = (beyond, per_plane * tile - rows + beyond)
-    # Rows of the tiles, one after the other, in a plane that edge rows continue.
-    index = np.arange(per_plane)[:, None] * tile + np.arange(tile + 2 * beyond)[None]
+    count = -(-rows // _TILE)
+    tile, beyond = -(-rows // count), 0 if penalty is None else method.num_iterations + 1
+    if tile + 2 * beyond >= rows:
+        count, tile, beyond = 1, rows, 0
+    size = tile + 2 * beyond
+    first = np.clip(np.arange(count) * tile - beyond, 0, rows - size)
 
     def tiles(planes: Array) -> Array:
-        padded = jnp.pad(planes.reshape(-1, rows, length), ((0, 0), reach, (0, 0)), mode="edge")
-        return padded[:, index].reshape(-1, tile + 2 * beyond, length)
+        some = planes.reshape(-1, rows, length)[:, first[:, None] + np.arange(size)[None]]
+        return some.reshape(-1, size, length)
 
-    means = jnp.repeat(jnp.mean(data.reshape(-1, rows * length), axis=1), per_plane)
+    means = jnp.repeat(jnp.mean(data.reshape(-1, rows * length), axis=1), count)
 
     def iterated(item: tuple[Array, Array, Array]) -> Array:
         data, start, mean = item
@@ -313,9 +314,10 @@ def _iterated(
             return _step(state, data, operator, norm, method.least_blurred, weights)
 
         # JAX differentiates a loop in reverse only if the number of its turns is known beforehand.
-        first = _first_state(start, method.accelerated, penalty is not None)
-        found = jax.lax.fori_loop(0, method.num_iterations, step, first).estimate
-        return found[beyond : beyond + tile]
+        begin = _first_state(start, method.accelerated, penalty is not None)
+        return jax.lax.fori_loop(0, method.num_iterations, step, begin).estimate
 
     found = jax.lax.map(iterated, (tiles(data), tiles(start), means))
-    return found.reshape(-1, per_plane * tile, length)[:, :rows].reshape(data.shape)
+    which = np.arange(rows) // tile
+    found = found.reshape(-1, count, size, length)[:, which, np.arange(rows) - first[which]]
+    return found.reshape(data.shape)
