@@ -213,8 +213,9 @@ def _known_kernels(
     shutter = in_one_form(shutter, dtype)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
+    of_some = partial(kernels_and_light, in_turn=jax.default_backend() == "cpu")
     some = [
-        kernels_and_light(shutter, motion, part, np.asarray(first, dtype), length, num_runs(motion))
+        of_some(shutter, motion, part, np.asarray(first, dtype), length, num_runs(motion))
         for part in padded.reshape(-1, _SPEEDS_AT_ONCE)
     ]
     kernels = np.concatenate([np.asarray(kernels) for kernels, _ in some])
@@ -229,11 +230,13 @@ def kernels_and_light(
     first: Array | np.ndarray,
     num_taps: int,
     runs: int,
+    *,
+    in_turn: bool = False,
 ) -> tuple[Array, Array]:
     """Kernels whose first tap begins at `first`, px from the point of alignment; efficiency.
 
-    A CPU computes one speed after the other: the taps of one fill its vectors, and a program for
-    many at once is traced in twice the time.
+    One speed after the other where they are taken `in_turn`: the taps of one fill the vectors of a
+    CPU, and a program for many at once is traced in twice the time.
     """
 
     def one(speed: Array) -> Array:
@@ -242,7 +245,7 @@ def kernels_and_light(
         return aligned_kernel(shutter, motion, speed, num_taps, first, **rule)
 
     light = light_let_through(piecewise(shutter), np.dtype(speeds.dtype))
-    of_each = partial(jax.lax.map, one) if jax.default_backend() == "cpu" else jax.vmap(one)
+    of_each = partial(jax.lax.map, one) if in_turn else jax.vmap(one)
     return of_each(jnp.asarray(speeds)), light
 
 
