@@ -34,6 +34,7 @@ from mishutter.blur.crossings import (
     AFTER,
     Crossings,
     at,
+    by_rule_alone,
     displaced,
     drift_change,
     moment_change,
@@ -147,7 +148,7 @@ def _bent(
 
     In reverse mode they are differentiated like any formula, which no first derivative asks for.
     """
-    return rates
+    return by_rule_alone(rates, (motion, edges, shift))
 
 
 @_bent.def_jvp

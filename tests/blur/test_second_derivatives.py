@@ -228,3 +228,22 @@ def test_a_second_derivative_by_a_free_path_is_refused(inner, outer):
     """By name, in place of a number that would lack terms."""
     with pytest.raises(NotImplementedError, match="must be differentiated once by the motion"):
         jax.grad(jax.grad(on_free_path, inner), outer)(0.1, 0.43)
+
+
+def test_a_second_derivative_that_jax_forgets_is_no_number():
+    """In reverse mode within a scan JAX forgets rules within a rule: NaN, and never a silent 0."""
+
+    def weight(stroke, mapped):
+        motion = ParabolicMotion(acceleration=stroke / 0.3**2, half_exposure=0.3)
+        kernels = mapped(
+            lambda speed: blur_kernel(HannShutter(), motion, speed=speed, num_taps=9),
+            jnp.array([0.0, 3.0]),
+        )
+        return jnp.sum(kernels @ jnp.cos(jnp.arange(9.0)))
+
+    within = {"scan": jax.lax.map, "batch": lambda f, x: jax.vmap(f)(x)}
+    found = {n: float(jax.hessian(weight)(7.3, mapped)) for n, mapped in within.items()}
+    slope = jax.grad(weight)
+    wanted = (slope(7.3 + 1e-4, jax.lax.map) - slope(7.3 - 1e-4, jax.lax.map)) / 2e-4
+    assert np.isnan(found["scan"])
+    np.testing.assert_allclose(found["batch"], wanted, rtol=1e-5)
