@@ -8,8 +8,8 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import helpers  # noqa: E402
 import numpy as np  # noqa: E402
+from support import helpers  # noqa: E402
 
 from benchmarks import harness  # noqa: E402
 

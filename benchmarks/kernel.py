@@ -12,7 +12,7 @@ jax.config.update("jax_enable_x64", True)
 import matplotlib.pyplot as plt  # noqa: E402
 import mpmath as mp  # noqa: E402
 import numpy as np  # noqa: E402
-import reference  # noqa: E402
+from support import reference  # noqa: E402
 from support.cases import SHUTTERS  # noqa: E402
 
 from benchmarks import harness  # noqa: E402
