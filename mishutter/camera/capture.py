@@ -7,13 +7,11 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
-    all_concrete,
     alone_in_blas,
     as_numpy,
     at_once,
@@ -58,7 +56,6 @@ from mishutter.model import (
     Picture,
     Scene,
     as_parabolic,
-    in_one_form,
     is_straight,
     lens_response,
     without_velocity,
@@ -214,8 +211,6 @@ def captured_response(
     motion: AbstractMotion, shutter: AbstractShutter, speeds: Sequence[float], period: int
 ) -> Array | np.ndarray:
     """Responses at some speeds as a capture has them, on the grid of a DFT; `(s, k)`, complex."""
-    if all_concrete(shutter):
-        shutter = in_one_form(shutter, common_dtype(*jax.tree.leaves((motion, shutter))))
     relative = np.asarray(speeds, np.float64) - float(motion.velocity)
     fastest = float(np.max(np.abs(relative), initial=0.0))
     with at_once():

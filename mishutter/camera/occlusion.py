@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
-from mishutter._core import common_dtype, in_threads, num_processors
+from mishutter._core import in_threads, num_processors
 from mishutter.blur import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
 from mishutter.camera.rows import MARGIN, continued, fast_length, period_of
 from mishutter.evaluation import light_in_time, sized_for
-from mishutter.model import AbstractMotion, AbstractShutter, Optics, in_one_form
+from mishutter.model import AbstractMotion, AbstractShutter, Optics
 
 _STEP = 0.5
 """Way of the fastest layer between two instants, px."""
@@ -125,8 +124,7 @@ def _exposure_of(
     fastest = max(abs(layer.speed - v) for layer in layers.layers)
     # Images that change while they are displaced ask for as many nodes once more.
     num_nodes = nodes_for(2 * (float(motion.speed_gain) + fastest) * half)
-    form = in_one_form(shutter, common_dtype(*jax.tree.leaves((motion, shutter))))
-    tau, light = (np.asarray(x)[0] for x in light_in_time(form, motion, num_nodes))
+    tau, light = (np.asarray(x)[0] for x in light_in_time(shutter, motion, num_nodes))
     time = tau * half
     return _Exposure(time, light, np.asarray(motion.position(time)), optics)
 

@@ -253,7 +253,6 @@ def compare(
     motion = settled(motion)
     plan = PLANNED if isinstance(plan, Plan) else plan
     loss = loss if loss.sees_light else ExpectedErrorLoss()
-    tuned = partial(_tuned, loss=loss, plan=plan)
     given = _given(shutters) if shutters else {}
     for name, entry in given.items():
         _require_own_name(name, entry)
@@ -269,10 +268,10 @@ def compare(
     start = _searchable(motion, scene)
     searches = [
         lambda: _coded_stills(scene, entries, loss, plan),
-        lambda: _open_shutters(scene, start, tuned, loss, plan),
-        lambda: [_row(BEST_TUKEY, tuned(scene, start, TukeyShutter(0.5), None))],
+        lambda: _open_shutters(scene, start, loss, plan),
+        lambda: [_row(BEST_TUKEY, optimise(scene, start, TukeyShutter(0.5), loss=loss, plan=plan))],
         *(
-            partial(_own_best, name, entry, scene, start, loss, tuned)
+            partial(_own_best, name, entry, scene, start, loss, plan)
             for name, entry in entries.items()
             if name != OPEN
         ),
@@ -350,14 +349,13 @@ def _snapshots(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None) 
 def _open_shutters(
     scene: Scene,
     motion: AbstractMotion,
-    tuned: Callable[..., Design],
     loss: AbstractLoss,
     plan: Plan | Automatic | None,
 ) -> list[Row]:
     """An open shutter at constant acceleration, and on a free path where the stage may take one."""
     shutter = RectShutter()
     free = free_by_default(scene, motion, shutter)
-    steady = tuned(scene, motion, shutter, free)
+    steady = optimise(scene, motion, shutter, free=free, loss=loss, plan=plan)
     rows = [_row(OPEN, steady)]
     if "acceleration" in free and not forbids_free_path(scene):
         found = on_free_path(steady, motion, loss=loss, plan=plan)
@@ -431,14 +429,14 @@ def _own_best(
     scene: Scene,
     motion: AbstractMotion,
     loss: AbstractLoss,
-    tuned: Callable[..., Design],
+    plan: Plan | Automatic | None,
 ) -> list[Row]:
     if isinstance(entry, Design) and _is_finished(entry, scene, loss):
         return [_row(name, entry)]
     shutter, start = (entry.shutter, entry.motion) if isinstance(entry, Design) else (entry, motion)
     start = motion if isinstance(start, FreeMotion) else start
-    free = free_by_default(scene, start, shutter)
-    return [_row(name, tuned(scene, start, shutter, [n for n in free if n != "shutter"]))]
+    free = [part for part in free_by_default(scene, start, shutter) if part != "shutter"]
+    return [_row(name, optimise(scene, start, shutter, free=free, loss=loss, plan=plan))]
 
 
 def _is_finished(design: Design, scene: Scene, loss: AbstractLoss) -> bool:
@@ -456,18 +454,6 @@ def _are_equal(first: Any, second: Any) -> bool:
         return np.asarray(leaf) if eqx.is_array(leaf) else leaf
 
     return bool(eqx.tree_equal(*jax.tree.map(on_host, (first, second))))
-
-
-def _tuned(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    free: Sequence[str] | None,
-    *,
-    loss: AbstractLoss,
-    plan: Plan | Automatic | None,
-) -> Design:
-    return optimise(scene, motion, shutter, loss=loss, free=free, plan=plan)
 
 
 def _row(name: str, design: Design) -> Row:
