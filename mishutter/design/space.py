@@ -406,7 +406,7 @@ def _longest(pieces: Array) -> Array:
     No piece brakes, so that the sensor is furthest from mid-exposure at an end.
     """
     path = FreeMotion(accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype))
-    return jnp.max(jnp.asarray(path.position(np.array([-1, 1], pieces.dtype))))
+    return jnp.max(jnp.asarray(path.position_at(np.array([-1, 1], pieces.dtype))))
 
 
 def design_space(

@@ -277,7 +277,7 @@ def pixel_responses(
     if isinstance(motion, FreeMotion):
         start = np.asarray(motion.alignment(np.asarray(speeds)))[:, None]
         rest = (np.asarray(speeds)[:, None] * half).astype(tau.dtype) * tau
-        position = motion.position(tau * half) - rest - start.astype(tau.dtype)
+        position = motion.position_at(tau) - rest - start.astype(tau.dtype)
         return waves_on_dft(position, light, length, count) * aperture.astype(light.dtype)
     a = float(steady(motion).acceleration)
     stroke, smear = a * half * half, (np.asarray(speeds)[:, None] * half).astype(tau.dtype)
@@ -325,7 +325,7 @@ def aligned_spectra(
     smear = speeds.astype(dtype) * half
     if isinstance(motion, FreeMotion):
         start = jnp.asarray(motion.alignment(speeds), dtype)[:, None]
-        path = jnp.asarray(motion.position(nodes.tau * half))
+        path = jnp.asarray(motion.position_at(nodes.tau))
         position = path[None] - (smear[:, None] * nodes.tau[None] + start)
     else:
         stroke = steady(motion).acceleration.astype(dtype) * half * half

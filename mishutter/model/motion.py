@@ -259,20 +259,32 @@ class FreeMotion(AbstractMotion):
 
     def position(self, time: RowLike) -> Positions:
         r"""$v t + 2\int_0^t (t - t')\,a(t')\,dt'$; px, shape of `time`."""
-        t, v, a, T = _together(time, self.velocity, self.accelerations, self.half_exposure)
-        begin, end = self._passed(t / T)
-        a = a.reshape((1,) * t.ndim + (-1,))
-        moved = (a * (end - begin) * abs(2 * (t / T)[..., None] - begin - end)).sum(axis=-1)
-        return v * t + (moved * T) * T
+        return self.position_at(self._shares(time))
+
+    def position_at(self, tau: Any) -> Positions:
+        r"""`position` at $t = \tau T$; derivatives by $T$ take $\tau$ for fixed."""
+        tau, v, a, T = _together(tau, self.velocity, self.accelerations, self.half_exposure)
+        begin, end = self._passed(tau)
+        passed = (end - begin) * abs(2 * tau[..., None] - begin - end)
+        moved = (a.reshape((1,) * tau.ndim + (-1,)) * passed).sum(axis=-1)
+        return (v * tau + moved * T) * T
 
     def velocity_at(self, time: RowLike) -> Positions:
         r"""$v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`."""
-        t, v, a, T = _together(time, self.velocity, self.accelerations, self.half_exposure)
-        begin, end = self._passed(t / T)
-        space: Any = np if isinstance(t, np.ndarray) else jnp
-        backwards = space.sign(t)
-        a = a.reshape((1,) * t.ndim + (-1,))
-        return v + 2 * T * backwards * (a * (end - begin)).sum(axis=-1)
+        return self._velocity_at(self._shares(time))
+
+    def _velocity_at(self, tau: Any) -> Positions:
+        tau, v, a, T = _together(tau, self.velocity, self.accelerations, self.half_exposure)
+        space: Any = np if isinstance(tau, np.ndarray) else jnp
+        begin, end = self._passed(tau)
+        backwards = space.sign(tau)[..., None]
+        return v + 2 * T * (a.reshape((1,) * tau.ndim + (-1,)) * (backwards * (end - begin))).sum(
+            -1
+        )
+
+    def _shares(self, time: RowLike) -> Any:
+        """Times in units of $T$."""
+        return operator.truediv(*_together(time, self.half_exposure))
 
     def _passed(self, tau: Any) -> tuple[Any, Any]:
         r"""Between which times, in units of $T$, each piece is passed from 0 to `tau`."""
@@ -304,9 +316,9 @@ class FreeMotion(AbstractMotion):
         s, a, T = _together(speed, self.accelerations, self.half_exposure)
         space: Any = np if isinstance(s, np.ndarray) else jnp
         across = (1,) * s.ndim + (-1,)
-        times = np.array(exact_ends(self.durations, a.size), float).astype(s.dtype) * T
-        x, u = self.position(times).reshape(across), self.velocity_at(times).reshape(across)
-        times, a = times.reshape(across), a.reshape(across)
+        ends = np.array(exact_ends(self.durations, a.size), float).astype(s.dtype)
+        x, u = (at(ends).reshape(across) for at in (self.position_at, self._velocity_at))
+        times, a = (ends * T).reshape(across), a.reshape(across)
         position, velocity = sign * (x - s[..., None] * times), sign * (u - s[..., None])
         before, after, rate = velocity[..., :-1], velocity[..., 1:], sign * a
         turns = (before < 0) & (after > 0) & (rate > 0)
@@ -347,8 +359,7 @@ class FreeMotion(AbstractMotion):
     def _velocities(self) -> Positions:
         """Velocity where pieces begin and end; px/s, shape `(K + 1,)`."""
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
-        (half,) = as_numpy(self.half_exposure)
-        return self.velocity_at(ends.astype(half.dtype) * half)
+        return self._velocity_at(ends.astype(self.half_exposure.dtype))
 
 
 @lru_cache

@@ -18,6 +18,22 @@ def polynomial(coefficients: Sequence[ArrayLike], x: Array) -> Array:
     return total
 
 
+def polynomial_means(powers: Array, piece: Array, centre: Array, width: Array) -> Array:
+    """Means of some polynomials over intervals, by the Gauss-Legendre rule that is exact.
+
+    Args:
+        powers: Coefficients of each polynomial, the highest first; shape `(n, degree + 1)`.
+        piece: Which polynomial, from 0; integers of any shape, that of the others.
+        centre: Middle of the interval.
+        width: Its length.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss((powers.shape[1] + 1) // 2)
+    each = (-1,) + (1,) * centre.ndim
+    n, w = (x.astype(centre.dtype).reshape(each) / 2 for x in (nodes, weights))
+    coefficients = [looked_up(power, piece[None]) for power in powers.T]
+    return jnp.sum(w * polynomial(coefficients, centre[None] + n * width[None]), axis=0)
+
+
 def economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> list[float]:
     """A Taylor polynomial with fewer terms on `[0, reach]`, the highest first.
 
@@ -55,9 +71,9 @@ def bernstein_mean(
 ) -> Array:
     """Means of some pieces over intervals, in shares of the piece.
 
-    By the Gauss-Legendre rule that is exact for the degree, on powers of the distance from
-    the end of the piece that is nearer. Up to the middle they cancel by little where control
-    points are of one sign: a profile that vanishes at an end keeps its relative accuracy.
+    By powers of the distance from the end of the piece that is nearer. Up to the middle they
+    cancel by little where control points are of one sign: a profile that vanishes at an end
+    keeps its relative accuracy.
 
     Args:
         control: Control points of each piece; shape `(n, degree + 1)`.
@@ -71,12 +87,7 @@ def bernstein_mean(
         control.dtype
     )
     row = jnp.where(from_left, piece, piece + control.shape[0])
-    powers = [looked_up(from_ends[:, i], row) for i in reversed(range(degree + 1))]
-    nodes, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
-    total = jnp.zeros_like(width)
-    for node, weight in zip((nodes / 2).tolist(), (weights / 2).tolist(), strict=True):
-        total = total + weight * polynomial(powers, distance + node * width)
-    return total
+    return polynomial_means(from_ends[:, ::-1], row, distance, width)
 
 
 def looked_up(values: Array, index: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.polynomial import chebyshev
 
 from mishutter._core import DoubleWord, compiled
 from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
-from mishutter.model.shutters.bernstein import looked_up, polynomial
+from mishutter.model.shutters.bernstein import looked_up, polynomial, polynomial_means
 
 _NUM_PIECES, _DEGREE = 24, 9
 _LAST_TERM = 100
@@ -39,7 +39,8 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     def transmittance(self, tau: ArrayLike) -> Array:
         ends, tau = self.ends.high, jnp.asarray(tau, self.powers.dtype)
         piece = jnp.clip(jnp.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
-        value = self._value(piece, (tau - ends[piece]) / self._lengths()[piece] - 0.5)
+        powers = [looked_up(power, piece) for power in self.powers.T]
+        value = polynomial(powers, (tau - ends[piece]) / self._lengths()[piece] - 0.5)
         return jnp.where(jnp.abs(tau) <= 1, jnp.clip(value, 0, 1), jnp.zeros_like(value))
 
     def dtype(self) -> np.dtype | None:
@@ -57,14 +58,7 @@ class PolynomialShutter(AbstractPiecewiseShutter):
         length = looked_up(self._lengths(), piece)
         from_middle = distance / length - 0.5
         centre = jnp.where(from_left, from_middle, -from_middle)
-        nodes, weights = np.polynomial.legendre.leggauss(_DEGREE // 2 + 1)
-        step, mean = width / length / 2, jnp.zeros_like(width)
-        for node, weight in zip(nodes.tolist(), (weights / 2).tolist(), strict=True):
-            mean = mean + weight * self._value(piece, centre + node * step)
-        return mean
-
-    def _value(self, piece: Array, from_middle: Array) -> Array:
-        return polynomial([looked_up(power, piece) for power in self.powers.T], from_middle)
+        return polynomial_means(self.powers, piece, centre, width / length)
 
     def _lengths(self) -> Array:
         return jnp.diff(self.ends.high) + jnp.diff(self.ends.low)
