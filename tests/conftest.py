@@ -5,6 +5,7 @@ type that a docstring promises is enforced by every call a test makes.
 """
 
 import atexit
+import gc
 import os
 import shutil
 import signal
@@ -35,6 +36,7 @@ install_import_hook("mishutter", "beartype.beartype")
 import jax  # noqa: E402 - the hook must stand before anything imports the package
 import pytest  # noqa: E402
 
+gc.set_threshold(200_000)  # tracing makes many objects that live: looking at all takes a tenth
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")

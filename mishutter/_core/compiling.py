@@ -8,7 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
-import numpy as np
+import jax.numpy as jnp
 
 from mishutter._core.checks import all_concrete, is_concrete
 
@@ -18,7 +18,6 @@ _QUICKLY: dict[str, bool | int] = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_backend_optimization_level": 1,
 }
-_ZERO = np.zeros(())
 
 
 class _Tracing(threading.local):
@@ -102,8 +101,14 @@ def at_once() -> AbstractContextManager[None]:
     Nothing where none is traced: in `jax.ensure_compile_time_eval` a program that is traced there
     runs each operation on constants by a small program of that operation alone.
     """
-    in_a_trace = not is_concrete(jax.device_put(_ZERO))
+    in_a_trace = not is_concrete(jax.lax.stop_gradient(_zero()))
     return jax.ensure_compile_time_eval() if in_a_trace else nullcontext()
+
+
+@lru_cache
+def _zero() -> jax.Array:
+    with jax.ensure_compile_time_eval():
+        return jnp.zeros(())
 
 
 @lru_cache

@@ -48,8 +48,17 @@ def test_taps_and_derivatives(slug, dtype, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("slug", ["rect", "hann", "tukey", "flutter", "chips", "spline"])
+@pytest.mark.parametrize(
+    ("slug", "dtype"),
+    [
+        ("rect", np.float32),
+        ("hann", np.float64),
+        ("tukey", np.float32),
+        ("flutter", np.float64),
+        ("chips", np.float32),
+        ("spline", np.float64),
+    ],
+)
 def test_taps_and_derivatives_over_the_domain(slug, dtype):
     """A longer sweep, of 20 points each."""
     rng = np.random.default_rng(17)

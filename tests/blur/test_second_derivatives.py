@@ -82,7 +82,6 @@ POINTS = {
         ("rect", "vertex"),
         ("hann", "sensor"),
         ("triangle", "vertex"),
-        ("gaussian", "sensor"),
         ("tukey", "vertex"),
         ("tukey", "sensor"),
         ("spline", "vertex"),
