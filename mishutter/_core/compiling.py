@@ -8,7 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
+import numpy as np
 
 from mishutter._core.checks import all_concrete, is_concrete
 
@@ -108,7 +108,7 @@ def at_once() -> AbstractContextManager[None]:
 @lru_cache
 def _zero() -> jax.Array:
     with jax.ensure_compile_time_eval():
-        return jnp.zeros(())
+        return jax.device_put(np.zeros(()))
 
 
 @lru_cache
