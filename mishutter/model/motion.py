@@ -266,8 +266,7 @@ class FreeMotion(AbstractMotion):
         tau, v, a, T = _together(tau, self.velocity, self.accelerations, self.half_exposure)
         begin, end = self._passed(tau)
         passed = (end - begin) * abs(2 * tau[..., None] - begin - end)
-        moved = (a.reshape((1,) * tau.ndim + (-1,)) * passed).sum(axis=-1)
-        return (v * tau + moved * T) * T
+        return (v * tau + _of_pieces(a, passed) * T) * T
 
     def velocity_at(self, time: RowLike) -> Positions:
         r"""$v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`."""
@@ -277,10 +276,8 @@ class FreeMotion(AbstractMotion):
         tau, v, a, T = _together(tau, self.velocity, self.accelerations, self.half_exposure)
         space: Any = np if isinstance(tau, np.ndarray) else jnp
         begin, end = self._passed(tau)
-        backwards = space.sign(tau)[..., None]
-        return v + 2 * T * (a.reshape((1,) * tau.ndim + (-1,)) * (backwards * (end - begin))).sum(
-            -1
-        )
+        passed = space.sign(tau)[..., None] * (end - begin)
+        return v + 2 * T * _of_pieces(a, passed)
 
     def _shares(self, time: RowLike) -> Any:
         """Times in units of $T$."""
@@ -360,6 +357,11 @@ class FreeMotion(AbstractMotion):
         """Velocity where pieces begin and end; px/s, shape `(K + 1,)`."""
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
         return self._velocity_at(ends.astype(self.half_exposure.dtype))
+
+
+def _of_pieces(accelerations: Any, passed: Any) -> Any:
+    """Sum of accelerations times what has passed of each piece, on the last axis."""
+    return (accelerations.reshape((1,) * (passed.ndim - 1) + (-1,)) * passed).sum(axis=-1)
 
 
 @lru_cache
