@@ -321,7 +321,7 @@ def best_snapshot(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | Non
 
 def _middle_exposure(scene: Scene) -> np.ndarray:
     low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
-    return np.asarray(np.sqrt(low * high))
+    return np.sqrt(np.asarray(low) * np.asarray(high))
 
 
 def _unaccelerated(scene: Scene) -> LinearMotion:

@@ -50,6 +50,7 @@ from mishutter.model import (
     is_adjustable,
     is_known_zero,
     is_straight,
+    num_coordinates,
     settled,
     steady,
 )
@@ -253,7 +254,7 @@ class DesignSpace(eqx.Module):
         dtype = common_dtype(self.demand, motion.half_exposure)
         parts = []
         if "shutter" in self.free:
-            parts.append(jnp.clip(box_of(shutter), 0, 1).astype(dtype))
+            parts.append(jnp.clip(coordinates(shutter), 0, 1).astype(dtype))
         pieces = None
         if "path" in self.free:
             shape = self._shape_of(motion).astype(dtype)
@@ -444,7 +445,7 @@ def design_space(
     dtype = common_dtype(motion.half_exposure, scene.speeds)
     limits = jax.tree.map(lambda x: x.astype(dtype), scene.limits)
     ordered = tuple(name for name in FREE_NAMES if name in names)
-    count = box_of(shutter).size if "shutter" in ordered else 0
+    count = num_coordinates(shutter) if "shutter" in ordered else 0
     slowest, fastest = (x.astype(dtype) for x in scene.speed_range)
     demand = (fastest - slowest) / 2 if "velocity" in ordered else scene.max_speed.astype(dtype)
     velocity = motion.velocity.astype(dtype)
@@ -573,12 +574,6 @@ def fills(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> boo
         return False
     light = float(scene.light(shutter, motion).efficiency()) * float(motion.exposure)
     return float(scene.photon_rate) * light > float(scene.full_well) * (1 + _ROUNDING)
-
-
-def box_of(shutter: AbstractShutter) -> Array:
-    """Coordinates of a profile that has any; shape `(p,)`."""
-    require_adjustable(shutter)
-    return coordinates(shutter)
 
 
 def require_adjustable(shutter: AbstractShutter) -> None:

@@ -299,10 +299,9 @@ def light_in_time(
     known = all_concrete(shutter)
     profile = in_one_form(shutter, dtype) if known else piecewise(shutter)
     nodes = lit_nodes(profile, num_nodes, dtype, path_ends(motion))
-    tau, light = nodes.tau[None], nodes.light[None]
-    if all_concrete((tau, light)):
-        return np.asarray(tau, np.float64), np.asarray(light, np.float64)
-    return tau, light
+    if all_concrete((nodes.tau, nodes.light)):
+        return np.asarray(nodes.tau, np.float64)[None], np.asarray(nodes.light, np.float64)[None]
+    return nodes.tau[None], nodes.light[None]
 
 
 @compiled

@@ -77,6 +77,7 @@ from mishutter.model.shutters.base import at_coordinates as at_coordinates
 from mishutter.model.shutters.base import coordinates as coordinates
 from mishutter.model.shutters.base import integrated_transmittance as integrated_transmittance
 from mishutter.model.shutters.base import is_adjustable as is_adjustable
+from mishutter.model.shutters.base import num_coordinates as num_coordinates
 from mishutter.model.shutters.base import piecewise as piecewise
 from mishutter.model.shutters.base import profile_of as profile_of
 from mishutter.model.shutters.base import uniform_fractions as uniform_fractions

@@ -156,11 +156,16 @@ def coordinates(shutter: AbstractShutter) -> Array:
     """
     if isinstance(shutter, AbstractAdjustableShutter):
         return shutter.box()
-    shares = []
-    for name, (value, low, high) in _bounded(shutter).items():
-        require_finite(f"{type(shutter).__name__}({name}=...)", value)
-        shares.append(jnp.ravel((value - low) / (high - low)))
-    return jnp.concatenate(shares)
+    bounded = _bounded(shutter).values()
+    shares = ((value - low) / (high - low) for value, low, high in bounded)
+    return jnp.concatenate([jnp.ravel(share) for share in shares])
+
+
+def num_coordinates(shutter: AbstractShutter) -> int:
+    """How many `coordinates` a profile has; refuses what they refuse."""
+    if isinstance(shutter, AbstractAdjustableShutter):
+        return eqx.filter_eval_shape(lambda s: s.box(), shutter).size
+    return sum(value.size for value, _, _ in _bounded(shutter).values())
 
 
 def at_coordinates(shutter: AbstractShutter, box: Array) -> AbstractShutter:
@@ -184,7 +189,9 @@ def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
         require(
             -np.inf < low < high < np.inf, subject, "be two finite numbers that ascend", (low, high)
         )
-        found[name] = (as_float(getattr(shutter, name), f"{kind}({name}=...)"), low, high)
+        value = as_float(getattr(shutter, name), f"{kind}({name}=...)")
+        require_finite(f"{kind}({name}=...)", value)
+        found[name] = (value, low, high)
     return found
 
 
