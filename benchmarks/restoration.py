@@ -24,7 +24,8 @@ DECODERS = {
     "30 plain steps": ms.RichardsonLucyDecoder(
         ITERATIONS, accelerated=False, until_noise=False, start="capture"
     ),
-    "15 steps to the likeliest picture of few edges": ms.RichardsonLucyDecoder(),
+    "3 steps to the likeliest picture of few edges": ms.RichardsonLucyDecoder(3),
+    "all 15 of these steps": ms.RichardsonLucyDecoder(),
 }
 TEXT = """## Richardson-Lucy beside scikit-image
 

@@ -9,7 +9,15 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from mishutter._core import alone_in_blas, in_threads, named, num_processors, require, require_known
+from mishutter._core import (
+    alone_in_blas,
+    as_numpy,
+    in_threads,
+    named,
+    num_processors,
+    require,
+    require_known,
+)
 from mishutter.design.planning import plan as planned
 from mishutter.design.result import GIVEN, Design, metrics_to_dict, motion_to_dict
 from mishutter.design.search import free_by_default, on_free_path, optimise
@@ -320,8 +328,8 @@ def best_snapshot(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | Non
 
 
 def _middle_exposure(scene: Scene) -> np.ndarray:
-    low, high = scene.limits.min_half_exposure, scene.limits.max_half_exposure
-    return np.sqrt(np.asarray(low) * np.asarray(high))
+    low, high = as_numpy(scene.limits.min_half_exposure, scene.limits.max_half_exposure)
+    return np.asarray(np.sqrt(low * high))
 
 
 def _unaccelerated(scene: Scene) -> LinearMotion:

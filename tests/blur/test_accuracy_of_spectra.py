@@ -15,7 +15,7 @@ from support.helpers import (
     turning_point,
 )
 
-FULL_SWEEP = 330
+FULL_SWEEP = 130
 """Points a precision, shared out among the shutters."""
 DTYPES = {"float64": np.float64, "float32": np.float32}
 
