@@ -113,6 +113,7 @@ def read(page):
     return pytest.param(page, id=page.stem, marks=slow)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [read(page) for page in CODE if blocks(page)])
 def test_code_runs_and_shows_what_the_page_says(page, desk, monkeypatch):
     """A reader who types a page's blocks in turn sees what it shows."""

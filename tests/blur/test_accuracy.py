@@ -147,6 +147,7 @@ def test_taps_and_derivatives(slug):
         check(random_point(rng, np.float64, slug))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CORPUS)
 def test_points_that_missed_once(name):
     """Taps and their derivatives by every argument, where long times all but cancel."""

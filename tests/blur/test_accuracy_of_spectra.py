@@ -20,6 +20,7 @@ FULL_SWEEP = 130
 DTYPES = {"float64": np.float64, "float32": np.float32}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", QUICK)
 def test_transfer_function(slug):
     """The transfer function at any frequency, of either sign, zero included."""
@@ -29,6 +30,7 @@ def test_transfer_function(slug):
         assert transfer_error(point, random_frequencies(rng)) <= 1, point
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", EVERY_SHUTTER)
 def test_transfer_function_of_a_path_that_turns(slug):
     """Values and derivatives where a panel turns far and holds the stationary point, and at 0."""

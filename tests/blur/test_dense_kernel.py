@@ -54,6 +54,7 @@ def test_taps_are_those_of_the_dense_evaluation(slug):
         assert np.all(np.abs(taps - expected) <= 2 * allowed), point
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", ["tukey", "chips"])
 def test_forward_and_reverse_mode_agree(slug):
     """By motion, speed, velocity, edges and the shutter's parameters, batched over directions."""

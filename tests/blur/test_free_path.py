@@ -67,6 +67,7 @@ def test_taps_and_derivatives_over_the_domain(slug, dtype):
         assert max(errors(point)) <= 1, point
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slug", "dtype"),
     [("hann", np.float64), pytest.param("chips", np.float32, marks=pytest.mark.slow)],
@@ -82,6 +83,7 @@ def test_transfer_function(slug, dtype):
         assert of_slopes <= 1, point
 
 
+@pytest.mark.slow
 def test_forwards_and_backwards():
     """Reverse mode gives the derivatives of forward mode."""
     accelerations, parameters = np.array([3.0, -2.0, 0.0, 4.0]), np.array(0.4)
@@ -100,6 +102,7 @@ def test_forwards_and_backwards():
     np.testing.assert_allclose(forwards[3], (around[0] - around[1]) / (2 * step), atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shutter", [HannShutter(), TukeyShutter(0.3)], ids=["hann", "tukey"])
 def test_equal_accelerations_are_a_parabola(shutter):
     """Kernels of objects that the sensor keeps up with, exposures and responses of any."""
@@ -142,6 +145,7 @@ def test_a_path_upside_down():
     np.testing.assert_allclose(light, mirrored[::-1], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_runs_of_known_and_of_unknown_accelerations():
     """Known signs make one run of a path that bends one way; the taps are those of many runs."""
     row = np.array([2.0, 0.0, 1.0, 3.0, 0.0, 0.5, 1.0, 4.0])

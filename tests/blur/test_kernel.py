@@ -74,6 +74,7 @@ def test_no_acceleration_is_a_box():
         np.testing.assert_allclose(nearly, still, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_point_at_rest_falls_on_one_pixel():
     """A delta; its derivative by speed is finite."""
     edges = np.array([-1.5, -0.5, 0.5, 1.5])
@@ -84,6 +85,7 @@ def test_a_point_at_rest_falls_on_one_pixel():
     assert np.all(np.isfinite(slope))
 
 
+@pytest.mark.slow
 def test_frames_differ_by_the_vertex():
     """The vertex frame is the sensor frame moved by the vertex's position."""
     motion = ParabolicMotion(acceleration=310.0, half_exposure=0.31)
@@ -129,6 +131,7 @@ def test_derivative_at_the_vertex_is_from_below():
     assert slope[0] > 0
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_mode_agree():
     """To 1e-12, by motion, speed, edges and the shutter's parameters."""
     edges = jnp.linspace(-7.0, 40.0, 12)
@@ -201,6 +204,7 @@ def test_vmap_and_jit_change_nothing_and_trace_once():
 SIZES = st.just(0.0) | st.floats(1e-12, 1e8) | st.floats(5e-324, 1e-300)
 
 
+@pytest.mark.slow
 @given(
     stroke=SIZES,
     half_exposure=st.floats(1e-9, 1e5),
@@ -280,6 +284,7 @@ def _weighed(taper, speed, phase):
     return jnp.cos(1.3 * jnp.arange(23.0)) @ blur_kernel(TukeyShutter(taper), motion, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [jax.jacrev, jax.jacfwd])
 def test_second_derivatives_by_what_moves_a_crossing_or_a_breakpoint(mode):
     """By taper, speed and phase, in any order, are differences of first ones."""
@@ -293,6 +298,7 @@ def test_second_derivatives_by_what_moves_a_crossing_or_a_breakpoint(mode):
     np.testing.assert_allclose(found * np.outer(unit, unit), differences, atol=1e-6 * largest)
 
 
+@pytest.mark.slow
 def test_second_derivative_by_a_profile():
     """One that moves no breakpoint has it."""
     motion = ParabolicMotion(acceleration=1.1e5, half_exposure=9.3e-3)

@@ -52,6 +52,7 @@ def test_it_is_the_transform_of_the_kernel():
     np.testing.assert_allclose(phases @ taps, folded, atol=ALIASES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", ["tukey", "gaussian", "spline-symmetric"])
 def test_forward_and_reverse_mode_agree(slug):
     """By motion, speed, frequency and shutter, on both sides of every regime."""
@@ -72,6 +73,7 @@ def test_forward_and_reverse_mode_agree(slug):
         np.testing.assert_allclose(forward, reverse, atol=1e-12 * np.max(np.abs(forward)))
 
 
+@pytest.mark.slow
 def test_vmap_jit_and_blocks_change_nothing():
     """Speeds under `vmap`, speeds by broadcasting and many frequencies at once."""
     shutter = SHUTTERS["flutter"].shutter()
@@ -110,6 +112,7 @@ def test_still_and_closed_cameras():
     assert not np.any(closed)
 
 
+@pytest.mark.slow
 def test_published_condition_numbers():
     """Rect and Hann on a parabola of stroke 45 at phase 0 and rest; the 52-chip flutter."""
     motion = ParabolicMotion(acceleration=45.0, half_exposure=1.0)

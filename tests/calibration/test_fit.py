@@ -83,6 +83,7 @@ def scores(camera):
     return np.array([*own, *((camera.coefficients - profile) / camera.coefficient_errors)])
 
 
+@pytest.mark.slow
 def test_points_at_known_speeds_show_the_camera():
     """Motion, delay, lens and profile lie within their error bars, and the residuals are noise."""
     camera = fit(pictures(4), SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
@@ -99,6 +100,7 @@ def test_points_at_known_speeds_show_the_camera():
     assert np.isfinite(float(built.metrics.expected_psnr))
 
 
+@pytest.mark.slow
 def test_one_speed_at_rest_sees_only_the_sum_of_both_branches():
     """What a single picture of an object that the sensor does not pan with leaves open is named."""
     light = expected(0.0, "point", position=40.0, motion=SENT, shutter=COMMAND)
@@ -112,6 +114,7 @@ def test_one_speed_at_rest_sees_only_the_sum_of_both_branches():
     assert np.isfinite(camera.estimates["lens_blur_px"].error)
 
 
+@pytest.mark.slow
 def test_points_of_one_unknown_speed_join_those_of_known_ones():
     """The speed that pictures share is found too, and the camera as if it had been told."""
     told = pictures(4, (-2500.0, 0.0, 2700.0))
@@ -124,6 +127,7 @@ def test_points_of_one_unknown_speed_join_those_of_known_ones():
     assert len(camera.not_identifiable) == 2
 
 
+@pytest.mark.slow
 def test_one_unknown_speed_shows_a_camera_or_its_mirror():
     """Where no speed is told, the speed over the sensor and the profile are, or both mirrored."""
     given = pictures(5, (1300.0,) * 3, told=False)
@@ -161,6 +165,7 @@ def test_error_bars_of_edges_are_those_of_the_likelihood(seed):
     assert np.max(camera.coefficient_errors) < 0.25
 
 
+@pytest.mark.slow
 def test_a_scene_file_of_what_was_built_is_ready(tmp_path):
     """It loads with the fitted motion, within limits that were too narrow, and is evaluated."""
     camera = fit(pictures(4), SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
@@ -239,6 +244,7 @@ def test_arguments_of_a_fit_are_checked():
         TargetPicture(np.zeros(99), "line")
 
 
+@pytest.mark.slow
 def test_a_trace_and_one_speed_show_what_the_speed_alone_does_not():
     """With a photodiode's trace a single picture at rest leaves nothing of the profile open."""
     light = expected(0.0, "point", position=40.0)

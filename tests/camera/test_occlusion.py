@@ -96,6 +96,7 @@ def widen(monkeypatch):
     monkeypatch.setattr("support.time_sampling.BEYOND", WIDE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize(
     "seeds", [range(5), pytest.param(range(5, 15), marks=pytest.mark.slow)], ids=["few", "many"]

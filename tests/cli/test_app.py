@@ -319,6 +319,7 @@ def test_nothing_else_reaches_the_terminal(arguments):
     assert done.stderr.startswith("mishutter: error: ")
 
 
+@pytest.mark.slow
 def test_without_a_cache_folder(small_scene, tmp_path):
     """Where the user's cache folder takes no files, nothing is kept and nothing said of it."""
     (tmp_path / "file").write_text("in the way")
@@ -358,6 +359,7 @@ def test_the_version_is_shown(capsys):
     assert capsys.readouterr().out == f"mishutter {version('mishutter')}\n"
 
 
+@pytest.mark.slow
 def test_help_names_every_command():
     """`--help` lists the commands, in a process that does not compute anything; so does nothing."""
     command = [sys.executable, "-m", "mishutter"]

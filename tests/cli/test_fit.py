@@ -30,6 +30,7 @@ def folder(tmp_path_factory):
     return place
 
 
+@pytest.mark.slow
 def test_a_camera_is_fitted_and_kept(folder, tmp_path, capsys):
     """Numbers with error bars, a picture, a design on a scene behind its lens, and a scene."""
     given = [folder / "bench.toml", "--design", folder / "design.json", "--coefficients", "9"]

@@ -128,6 +128,7 @@ def test_text_goes_to_the_terminal(folder, capsys):
     assert "T = 10.0 ms" in err
 
 
+@pytest.mark.slow
 def test_simulate_tells_designed_driven_and_measured(folder, tmp_path, capsys):
     """The trace's camera is captured and restored; the PSNR of all three stands beside it."""
     cli.main(["export", str(folder / "design.json"), "--out", str(tmp_path), "--levels", "2"])

@@ -61,6 +61,7 @@ def scene_file(tmp_path):
     return str(path)
 
 
+@pytest.mark.slow
 def test_json_and_a_store(scene_file, tmp_path, capsys):
     """One strict document; run again, everything is found in the store."""
     command = ["sweep", scene_file, *RANGES, "--json", "--store", str(tmp_path / "a.zarr")]
@@ -76,6 +77,7 @@ def test_json_and_a_store(scene_file, tmp_path, capsys):
     assert second.out == first.out
 
 
+@pytest.mark.slow
 def test_a_range_with_zero_and_one_point(scene_file, tmp_path, capsys):
     """A camera at rest is in the table; so is a grid of a single point, pictures and all."""
     options = ["--acceleration", "0:0:1", "--half-exposure", "3:3:1", "--out", str(tmp_path / "d")]
@@ -86,6 +88,7 @@ def test_a_range_with_zero_and_one_point(scene_file, tmp_path, capsys):
     assert "expected_psnr" in out
 
 
+@pytest.mark.slow
 def test_velocities(scene_file, capsys):
     """The table and the document say the velocity of each best point, and of the best snapshot."""
     command = ["sweep", scene_file, *RANGES]

@@ -92,6 +92,7 @@ def test_a_polish_that_gave_up_is_begun_anew():
     assert finished(objective, given_up, NO_BENDS, max_steps=7).loss == given_up.loss
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shutter", [TukeyShutter(0.5), TukeyShutter(0.2)])
 def test_a_motion_that_uses_up_stroke_and_top_speed_is_a_minimum(shutter):
     """Objects that ask for all of the mechanism: both limits hold at once, and the search ends."""

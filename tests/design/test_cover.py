@@ -43,6 +43,7 @@ def test_a_cover_is_spread_over_the_motions(motion):
         assert np.ptp(counts) <= 0.1 * len(boxes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speeds", [[-310.0, 2700.0], [-1900.0, 1900.0], [420.0, 800.0, 3100.0]])
 def test_profiles_are_open_where_the_sensor_keeps_up(speeds):
     """Every other candidate is open at s/(2a) for each of the speeds, the rest for one at least."""

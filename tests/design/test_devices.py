@@ -37,6 +37,7 @@ def _scene(**others):
     return Scene(SCENE.speeds, **(given | others))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("loss", "free"),
     [
@@ -57,6 +58,7 @@ def test_a_design_knows_what_its_device_does(loss, free):
     assert again.loss <= found.loss * (1 + 1e-5)
 
 
+@pytest.mark.slow
 def test_a_design_through_a_device_is_saved(tmp_path):
     """Its command, its device and its full well come back, and the same numbers."""
     burst = Burst(frames_per_s=99.0, max_frames=2)
@@ -118,6 +120,7 @@ def test_the_best_snapshot_of_a_sweep_fills_no_pixel():
     assert 1e5 * 2 * known.half_exposure.item() <= 130.0 * (1 + 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("optimised", [False, True])
 def test_a_sweep_sends_its_shutters_to_the_device(optimised):
     """Its numbers are those of `evaluate` at each point, also of profiles that it found."""
@@ -169,6 +172,7 @@ SLOW = FirstOrderShutter(rise_time=4e-3, fall_time=7e-3, transmission=0.9, num_s
 FEW = {"num_starts": 2, "max_steps": 30}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [ExpectedErrorLoss(), DesignLoss()])
 def test_a_design_through_a_lag_beats_one_that_is_sent_blindly(loss, tmp_path):
     """By the loss of its light, at the same motion, and it comes back from its file."""
@@ -190,6 +194,7 @@ def test_a_design_through_a_lag_beats_one_that_is_sent_blindly(loss, tmp_path):
         assert read.scene.device.num_slots == 24
 
 
+@pytest.mark.slow
 def test_a_free_exposure_knows_how_much_a_device_can_follow():
     """The loss that the search reports is that of the light at the exposure that it found."""
     scene = _scene(device=SLOW, full_well=900.0)
@@ -208,6 +213,7 @@ DISCRETE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DISCRETE)
 def test_levels_are_part_of_the_search(name, tmp_path):
     """Only those of the device, better than rounding blindly, and no change of one slot helps."""

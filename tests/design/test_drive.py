@@ -87,6 +87,7 @@ def test_the_path_of_the_stage_leads_from_rest_through_the_exposure_to_rest(moti
     np.testing.assert_allclose(position[1:] - position[0], moved, atol=2 * greatest * step**2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", STAGED.values(), ids=STAGED)
 def test_a_stage_is_sent_what_brings_it_onto_the_path(motion, tmp_path):
     """The last column is that, and a saved design knows what comes of sending the path itself."""
@@ -215,6 +216,7 @@ def test_the_sensor_of_a_table_pans():
         np.testing.assert_allclose(np.array(rows)[:, -2:], np.c_[position, velocity], rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_fine_table_measures_as_the_design():
     """With many steps and levels nothing is lost; with two levels something is."""
     design = a_design(HannShutter())

@@ -52,6 +52,7 @@ SPACES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", SPACES.values(), ids=SPACES)
 def test_every_path_is_within_the_limits(case):
     """At corners and inside; some come to the stroke, and slopes are those of differences."""
@@ -139,6 +140,7 @@ def found():
     return parabola, optimise(scene(), shutter=RectShutter(), free={"path", "half_exposure"})
 
 
+@pytest.mark.slow
 def test_a_free_path_is_better_than_a_parabola(found):
     """By 0.1 dB, by the same loss, and on speeds four times as fine."""
     parabola, path = found
@@ -165,6 +167,7 @@ def test_a_comparison_has_an_open_shutter_on_a_free_path(found):
     assert table.rivals["a stage"] is row
 
 
+@pytest.mark.slow
 def test_a_search_goes_on_from_a_given_path(found):
     """It is no worse than the path it was given, whose number of pieces it keeps."""
     given = FreeMotion.fit(found[1].motion, num_pieces=4)

@@ -53,6 +53,7 @@ def check_scene(seed):
         check_plan(plan(scene, motion, shutter, loss=loss), scene, motion, shutter, loss=loss)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_exact_skips_change_nothing(seed):
     """Losses and metrics agree to 1e-12 with a computation of everything."""
@@ -156,6 +157,7 @@ def test_a_wrong_plan_is_found_out(wrong, loss):
         check_plan(replace(right, **wrong), scene, MOTION, shutter, loss=loss)
 
 
+@pytest.mark.slow
 def test_a_plan_of_another_scene_is_found_out():
     """Also where the kernels of this one are longer than its transform."""
     shutter = HannShutter()
@@ -220,6 +222,7 @@ def test_a_plan_is_hashable_and_its_table_is_no_part_of_it():
     assert Plan.from_dict(json.loads(json.dumps(found.to_dict()))) == found
 
 
+@pytest.mark.slow
 def test_a_design_records_its_plan(tmp_path):
     """The file holds the plan, and a file from before there were plans still loads."""
     design = optimise(
@@ -278,6 +281,7 @@ def scene_of_numbers(seed):
     )
 
 
+@pytest.mark.slow
 def test_a_second_scene_compiles_nothing(caplog):
     """Planning, searching and measuring run the programs of the first scene."""
 
@@ -330,6 +334,7 @@ SINGLE = Scene(
 SLOWER = ParabolicMotion(acceleration=np.float32(1.1e5), half_exposure=np.float32(0.01))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [None, ExpectedErrorLoss(), DesignLoss()])
 def test_plans_of_single_precision_are_judged_by_its_rounding(loss):
     """An exact plan passes the guard, and one that leaves taps and frequencies out is caught."""

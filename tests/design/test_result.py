@@ -68,6 +68,7 @@ DEVICES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
 def test_a_saved_design_has_its_device_and_tolerances(design, device, tmp_path):
     """The device is of its own kind, and makes the same light of the same command."""

@@ -52,6 +52,7 @@ def _objective(loss, free, shutter=PROFILE):
     return space, objective_of(loss, needed_speeds(SCENE, MOTION, shutter), space, SMALL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
 def test_the_sum_of_responses_is_the_loss_itself(slug):
     """The precomputed form of a profile search agrees with the loss of each design."""
@@ -63,6 +64,7 @@ def test_the_sum_of_responses_is_the_loss_itself(slug):
     assert np.allclose(losses_at(linear, boxes), values, rtol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
 def test_an_independent_solver_finds_the_same_minimum(slug):
     """The box-constrained solver of the polish, from its own starts, agrees to 1e-3 of the loss."""
@@ -79,6 +81,7 @@ def test_an_independent_solver_finds_the_same_minimum(slug):
     assert np.all(np.diff(design.history) <= 0)
 
 
+@pytest.mark.slow
 def test_a_joint_search_keeps_every_bound():
     """Stroke, top speed and exposure stay within their limits, and the best start is kept."""
     design = optimise(
@@ -146,6 +149,7 @@ def test_a_polish_leaves_the_bound_that_it_began_at(corner):
     assert found.loss == pytest.approx(inside.loss, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_polish_goes_as_far_in_any_unit():
     """A loss of another unit ends at the same point: 1/8192 of it has the same digits."""
     loss, unit = ExpectedErrorLoss(), 2.0**-13
@@ -175,6 +179,7 @@ def test_what_is_within_the_limits(slug):
         assert within_limits(SCENE, motion, HannShutter()) == within
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shutter", "free"),
     [(HannShutter(), ("acceleration", "half_exposure")), (TukeyShutter(0.5), None)],
@@ -204,6 +209,7 @@ def test_places_of_a_grid_are_tried_valley_by_valley():
     assert {0.0, 1.0} <= set(ends.ravel().tolist())
 
 
+@pytest.mark.slow
 def test_the_best_tukey_is_found_where_the_loss_is_jagged():
     """A condition number rises and falls with every pixel of stroke: no rect is better."""
     loss, scene = (
@@ -218,6 +224,7 @@ def test_the_best_tukey_is_found_where_the_loss_is_jagged():
     assert tukey.loss <= rect.loss * (1 + 1e-9)
 
 
+@pytest.mark.slow
 def test_a_loss_without_an_eye_for_light_moves_the_profile_alone():
     """On the motion given, the scene's, or that of the best design by the expected error."""
     loss, search = DesignLoss(), {"num_starts": 2, "max_steps": 20}
@@ -242,6 +249,7 @@ def test_a_start_that_gives_up_an_outlier_is_not_made_worse(free):
     assert design.loss <= design.best_start_loss
 
 
+@pytest.mark.slow
 def test_each_baseline_has_its_own_best_motion():
     """Tuned by one loss: free profile <= best Tukey <= Hann and rect."""
     loss = ExpectedErrorLoss()
@@ -313,6 +321,7 @@ def test_the_starting_profile_is_as_precise_as_the_speeds(dtype):
 _SHUTTERS = {"spline": SplineShutter.fit(TukeyShutter(0.45), 10), "tukey": TukeyShutter(0.3)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", _SHUTTERS)
 @pytest.mark.parametrize("free", [("half_exposure",), ("shutter",), FREE_NAMES])
 def test_a_search_is_as_precise_as_the_scene_and_the_motion(slug, free):
@@ -327,6 +336,7 @@ def test_a_search_is_as_precise_as_the_scene_and_the_motion(slug, free):
     assert np.isclose(design.loss, exact, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_responses_of_a_double_motion_are_double():
     """Those of each coordinate are the records of its profile, though speeds are single."""
     speeds = np.array([-310.0, 0.0, 520.0], np.float32)
@@ -384,6 +394,7 @@ def test_a_loss_that_is_a_plain_number_is_flat(free):
     assert design.converged
 
 
+@pytest.mark.slow
 def test_descents_are_the_same_on_any_number_of_processors(monkeypatch):
     """Five starts for one, two and eight: shares of five, three and one."""
     space, objective = _objective(ExpectedErrorLoss(), ("shutter", "half_exposure"))

@@ -42,6 +42,7 @@ def _objectives(name):
     return by_parts, DesignObjective(loss, scene, space, SMALL), space.size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DESIGNS)
 def test_a_gradient_by_parts_is_that_of_the_loss(name):
     """Loss and gradient agree with those of the whole loss of each design, differentiated."""
@@ -53,6 +54,7 @@ def test_a_gradient_by_parts_is_that_of_the_loss(name):
     assert np.allclose(gradient, expected, rtol=1e-9, atol=1e-11 * np.max(np.abs(expected)))
 
 
+@pytest.mark.slow
 def test_one_program_serves_every_kind(caplog):
     """Of the loss by transfer functions, which takes the longest to compile."""
     jax.clear_caches()

@@ -86,6 +86,7 @@ def test_bends_are_where_another_limit_holds():
         assert np.min(np.abs(space.bends.places - kink)) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_design_within_a_stage():
     """The search ends within a stage that the design without one does not fit."""
     limits = {name: getattr(LIMITS, name) for name in NUMBERS}

@@ -26,6 +26,7 @@ def comparison():
     return Comparison(tuple(rows), "Build own.", 0.3, 40.0, costs=costs)
 
 
+@pytest.mark.slow
 def test_rows_are_judged_within_tolerances(comparison):
     """The level of a row is that within them; a row of a scene without has its expected PSNR."""
     row = comparison.row("own")

@@ -120,6 +120,7 @@ def test_gradients_agree_with_differences(slug):
         assert np.isclose(gradient[index], difference, rtol=2e-6, atol=2e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
 def test_a_profile_alone_may_be_traced(slug):
     """Of a scene and a motion that are known a loss makes its own plan under `jit` as well."""
@@ -178,6 +179,7 @@ def test_weights_out_of_range_are_refused(weight):
         DesignLoss(condition=weight)
 
 
+@pytest.mark.slow
 def test_a_closed_shutter_is_finite_and_bad():
     """A closed shutter is worse than any open one, with a finite gradient."""
     for loss in LOSSES.values():
@@ -284,6 +286,7 @@ every_shutter_and_precision = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @every_shutter_and_precision
 @pytest.mark.parametrize("slug", LOSSES)
 def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, dtype):
@@ -332,6 +335,7 @@ SLOW = ParabolicMotion(acceleration=2.0 / 1e-4, half_exposure=1e-2)
 LIMITED = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, limits=Limits(max_stroke=4.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("loss", "used"),
     [
@@ -366,6 +370,7 @@ def test_a_traced_motion_is_refused_for_what_a_loss_uses(loss, factor, line):
         eqx.filter_jit(_by_motion(loss, LIMITED, TukeyShutter(0.4), PLANNED))(at)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
 def test_a_traced_motion_is_shared_out_over_devices(slug):
     """`jax.shard_map` of a loss and its slopes changes nothing, and is refused as well."""
@@ -405,6 +410,7 @@ def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):
     np.testing.assert_allclose(single_slopes, slopes, rtol=1e-4, atol=1e-6 * value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_loss_has_one_value(seed):
     """That of a design is the loss called on it, planned or in full, whatever the motion.
@@ -461,6 +467,7 @@ def test_memory_of_many_designs():
     assert memory(lambda x: jax.jvp(jax.vmap(loss), (x,), (x,)), 1000) < 1000 * 2**21
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shutter", [RectShutter(), TukeyShutter(0.4)], ids=["rect", "tukey"])
 def test_the_expected_error_has_second_derivatives_by_the_motion(shutter):
     """In either mode, to what central differences of the gradient hold."""
@@ -476,6 +483,7 @@ def test_the_expected_error_has_second_derivatives_by_the_motion(shutter):
         np.testing.assert_allclose(second(point), differences, rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_hessian_of_a_loss_of_kernels_and_spectra_by_the_motion():
     """Symmetric in either mode, and what differences of the gradient give, in natural units."""
     loss = DesignLoss() + 0.3 * ExpectedErrorLoss()

@@ -67,6 +67,7 @@ def _expected_psnr(motion, shutter, shift, num_frequencies=2048):
     return -10 * np.log10(2 * 0.5 * np.mean(error))
 
 
+@pytest.mark.slow
 def test_expected_psnr_is_that_of_the_ensemble_filter():
     """The reported figure is the error of the filter itself, aligned at the vertex."""
     acceleration = float(MOTION.acceleration)
@@ -153,6 +154,7 @@ def test_a_lens_blurs_what_is_restored():
     assert float(found.known_speed_psnr) == pytest.approx(-10 * np.log10(error), abs=5e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=HALF_EXPOSURE)])
 def test_only_the_shutter_is_traced(motion):
     """A scene and a motion that a compiled function closes over are known to it."""
@@ -180,6 +182,7 @@ def _by_acceleration(scene):
     return found
 
 
+@pytest.mark.slow
 def test_a_traced_motion_is_measured_as_one_that_is_known():
     """Within its scene's limits, long strokes included."""
     limits = Limits(max_stroke=500.0)
@@ -192,6 +195,7 @@ def test_a_traced_motion_is_measured_as_one_that_is_known():
         assert np.isclose(traced, known, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", [PLANNED, Plan(49, 256, 64, 256)])
 def test_a_traced_sensor_without_acceleration_is_measured_as_a_still_camera(plan):
     """Every figure, at the phase that is reported."""
@@ -217,6 +221,7 @@ def test_a_traced_sensor_without_acceleration_is_measured_as_a_still_camera(plan
             assert np.isclose(getattr(traced, name), getattr(known, name), rtol=1e-9), name
 
 
+@pytest.mark.slow
 def test_a_derivative_is_that_of_the_figure_reported():
     """Of an object much faster than the sensor too, whose kernel no limit foresees."""
     found = _by_acceleration(
@@ -392,6 +397,7 @@ def test_a_closed_shutter_has_an_infinite_condition_number():
     assert not any(np.isnan(x) for x in jax.tree.leaves(metrics))
 
 
+@pytest.mark.slow
 def test_single_precision_is_kept():
     """Inputs of float32 give metrics of float32 that agree with float64."""
     half = np.float32(HALF_EXPOSURE)
@@ -412,6 +418,7 @@ def test_single_precision_is_kept():
         assert np.isclose(getattr(single, name), getattr(double, name), rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_light_may_be_traced_where_the_motion_is_known():
     """Metrics of a known design compile, and vary with the scene's light alone."""
 

@@ -95,6 +95,7 @@ def test_a_line_without_velocity_is_a_camera_at_rest():
     assert_alike(found, evaluate(scene(), still, TukeyShutter(0.37)), np.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["parabola", "line"])
 @pytest.mark.parametrize("slug", LOSSES)
 def test_gradients_are_those_of_shifted_speeds(slug, kind):
@@ -126,6 +127,7 @@ def test_gradients_are_those_of_shifted_speeds(slug, kind):
     np.testing.assert_allclose(jax.jacfwd(along)(velocity), by_velocity, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
 def test_a_gradient_by_velocity_alone_with_a_plan_of_its_own(slug):
     """Of a known scene, plain and under `jit`, against a difference; in both precisions."""
@@ -149,6 +151,7 @@ def test_a_gradient_by_velocity_alone_with_a_plan_of_its_own(slug):
         assert np.all(np.isfinite(traced))
 
 
+@pytest.mark.slow
 def test_velocities_in_a_batch():
     """Metrics and losses `vmap` over velocities, of zero, far and all but equal to a speed."""
     velocities = jnp.array([0.0, 413.0, -2600.0, 700.0, 700.0 * (1 + 1e-15)])

@@ -89,6 +89,7 @@ def _error(mean, power):
     return np.mean(spectrum * (1 - spectrum * np.abs(mean) ** 2 * aperture / total))
 
 
+@pytest.mark.slow
 def test_an_ensemble_is_that_of_cameras_at_random():
     """Every tolerance at once costs what cameras that are off at random lose: to 4 % of it."""
     expected = float(squared_error_within(_with(LOOSE), MOTION, SHUTTER, plan=SMALL))
@@ -166,6 +167,7 @@ def test_an_open_shutter_has_no_drive():
     assert errors[3] > 1.001 * errors[1]
 
 
+@pytest.mark.slow
 def test_tolerances_of_nothing_cost_nothing():
     """All at 0, on as many nodes, is the camera without; and without any the metrics say none."""
     nothing = Tolerances(num_speeds=5, num_accelerations=3)
@@ -259,6 +261,7 @@ def test_single_precision():
     assert float(error) == pytest.approx(float(double), rel=2e-4)
 
 
+@pytest.mark.slow
 def test_a_design_for_its_tolerances():
     """Within them it is better than the design without, whose own loss it cannot beat."""
     loose = Tolerances(velocity=500.0)
@@ -297,6 +300,7 @@ def test_a_scene_takes_tolerances_alone():
         tolerance_costs(SCENE, MOTION, SHUTTER)
 
 
+@pytest.mark.slow
 def test_a_design_keeps_its_tolerances(tmp_path):
     """In its file, with the level within them."""
     scene = _with(LOOSE)

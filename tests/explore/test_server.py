@@ -137,6 +137,7 @@ def test_a_connection_from_another_site_is_refused(started):
     assert served(started, talk) == [403] * 6
 
 
+@pytest.mark.slow
 def test_the_latest_request_wins(started):
     """Of many requests at once the last is answered, and most of the others never."""
 

@@ -55,6 +55,7 @@ def parts(session, asked):
     return {part["kind"]: part for part in session.rest(asked, lambda: None)}
 
 
+@pytest.mark.slow
 def test_the_first_answer_is_a_design_for_the_new_scene(started):
     """It is no worse than the design before it, measured on the new scene."""
     answer = Session(started).first(request(light=1.1e5))
@@ -63,6 +64,7 @@ def test_the_first_answer_is_a_design_for_the_new_scene(started):
     assert psnr(answer) < float(started.design.metrics.expected_psnr)
 
 
+@pytest.mark.slow
 def test_tolerances_are_drawn_beside(started):
     """A scene with tolerances has every curve of the camera as it is designed."""
     asked = request(light=1.3e5)

@@ -102,6 +102,7 @@ def test_a_transmission_is_as_good_as_less_light():
     assert levels[0] == pytest.approx(levels[1], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_derivatives_pass_through_a_device():
     """By the transmission, against a central difference."""
 
@@ -248,6 +249,7 @@ def test_a_mean_from_closed_keeps_its_digits():
     assert float(found[0]) == pytest.approx(exact, rel=1e-13 if precise else 1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", ["late", "fast"])
 def test_responses_are_those_of_a_simulation_in_time(slug):
     """Kernels and transfer functions against sums over times between which little changes."""
@@ -281,6 +283,7 @@ def _number(times, half, levels):
     return light.efficiency() + kernel @ jnp.asarray(np.cos(np.arange(32)), kernel.dtype)
 
 
+@pytest.mark.slow
 def test_gradients_of_a_first_order_device():
     """By its times, the exposure and each level, against central differences."""
     wide = jnp.zeros(()).dtype == jnp.float64
@@ -300,6 +303,7 @@ def test_gradients_of_a_first_order_device():
             assert found == pytest.approx(difference, abs=(2e-6 if wide else 5e-2) * scale)
 
 
+@pytest.mark.slow
 def test_a_symmetric_command_is_no_symmetric_light():
     """Speeds of either sign are told apart, as by a plan that folds none."""
     device = FirstOrderShutter(rise_time=3e-3, fall_time=8e-3)

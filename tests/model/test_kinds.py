@@ -78,6 +78,7 @@ class Ramp(AbstractShutter):
         return jnp.where(jnp.abs(tau) <= 1, opening, jnp.zeros_like(tau))
 
 
+@pytest.mark.slow
 def test_a_registered_shutter_is_saved_and_loaded(table, tmp_path):
     """A design with it is one file; without the call the file is refused by name."""
     motion = ParabolicMotion(acceleration=3e5, half_exposure=0.01)

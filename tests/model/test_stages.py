@@ -105,6 +105,7 @@ def test_a_stage_that_cannot(arguments, requirement):
         stage_path(_motion(CASES["turns"]), **arguments)
 
 
+@pytest.mark.slow
 def test_the_fullest_motion_is_within_the_stage():
     """Its share of travel is at most 1, and a stage that limits nothing leaves it as it is."""
     given = {"max_stroke": 45.0, "max_top_speed": 2e4, "max_half_exposure": 0.04}

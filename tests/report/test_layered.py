@@ -37,6 +37,7 @@ def captures(photon_rate):
     return layered_captures(seen(), known, {"Hann": row})
 
 
+@pytest.mark.slow
 def test_one_filter_restores_what_stands_and_what_moves():
     """In plenty of light both come back; of an open shutter at rest only what stands does."""
     found = captures(3e8)

@@ -65,6 +65,7 @@ def figures():
     return {name: make() for name, make in FIGURES.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FIGURES)
 def test_axes_are_labelled(name, figures):
     """Every panel, or its neighbour, says what is up; the lowest what is across, with its unit."""

@@ -130,6 +130,7 @@ def test_a_capture_alone_may_be_traced(name):
     np.testing.assert_allclose(jax.jit(restored)(captured), restored(captured), atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*DECODERS, "until_noise"])
 def test_a_restoration_differentiates(name):
     """In reverse mode as in forward mode, and along a direction as a difference does.
@@ -227,6 +228,7 @@ def test_borders_are_nearly_as_good_as_the_middle(name):
     assert figures.border_psnr > figures.inner_psnr - 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["ensemble"]
@@ -287,6 +289,7 @@ def test_tikhonov_weighs_second_differences():
     assert strength[0, -1].real > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 1e3], ids=["none", "more than the capture"])
 def test_tikhonov_rests_at_an_end_of_its_range(noise):
     """Where no strength leaves the noise it does not move, and the decoder is linear."""
@@ -333,6 +336,7 @@ def test_a_likely_picture_keeps_the_noise_out(photon_rate, read_noise):
     assert results[1] > results[0] + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("photon_rate", [3e4, 1e6])
 def test_from_an_estimate_it_goes_further(photon_rate):
     """Over all speeds, from a filter's estimate, it ends above thirty steps from the capture."""

@@ -23,6 +23,7 @@ FEW_AND_MANY = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @FEW_AND_MANY
 def test_objectives_of_the_search(seeds):
     """At two points of each space the planned objective is the full one to 1e-12."""

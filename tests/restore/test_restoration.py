@@ -283,6 +283,7 @@ def test_no_picture_is_restored_without_light():
         ms.deconvolve(np.ones((3, 90)), scene(photon_rate=0.0), camera(), ms.HannShutter())
 
 
+@pytest.mark.slow
 def test_of_a_picture_without_detail_nothing_is_expected_to_be_wrong():
     """As in the table of a comparison, not what the smallest of numbers would leave."""
     white, known = np.ones((8, 300, 1)), scene(mean_level=1.0, deviation=0.0)

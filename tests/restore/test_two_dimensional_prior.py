@@ -82,6 +82,7 @@ def test_tikhonov_leaves_what_is_expected(speed):
     assert abs(wanted / model.noise - 1) > 0.3
 
 
+@pytest.mark.slow
 def test_total_variation_finds_the_least_of_its_objective():
     """On one plane, as a general minimiser of the written sum finds it, with edges rounded off.
 
@@ -192,6 +193,7 @@ def test_total_variation_without_detail():
     np.testing.assert_allclose(found, np.mean(captured) / model.efficiency, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("decoder", "nearer"),
     [(ms.TotalVariationDecoder(), 10), (ms.RichardsonLucyDecoder(), 5)],

@@ -86,6 +86,7 @@ def test_a_dead_worker_is_survived(cluster, tmp_path):
     assert stored.load().identical(sweep(SCENE, **many()))
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer(monkeypatch, tmp_path, capsys):
     """One line within seconds, in Python and on the command line, and no store is made."""
     monkeypatch.setattr("mishutter.sweeps.cluster._SECONDS_TO_ANSWER", 1)
@@ -166,6 +167,7 @@ class _Parabola(AbstractShutter):
         return jnp.where(jnp.abs(tau) <= 1, 1 - self.depth * tau**2, 0.0)
 
 
+@pytest.mark.slow
 def test_shutters_of_a_script_cannot_be_sent(worker, monkeypatch):
     """A worker makes their class anew and Equinox then loses its fields; of a module they go."""
     shutters = {"mine": _Parabola(0.7)}

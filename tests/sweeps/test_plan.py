@@ -89,6 +89,7 @@ def compare_sweeps(scenes, axes, shutters):
     return np.count_nonzero(inside)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", [pytest.param("symmetric", marks=pytest.mark.slow), "any"])
 def test_nothing_changes(family):
     """80 points of scenes of ten kinds."""
@@ -141,6 +142,7 @@ def test_speeds_that_mirror_but_for_rounding():
     assert speeds_under(HannShutter(), Scene(speeds, **LIGHT), skips=True)[0].size == 4
 
 
+@pytest.mark.slow
 def test_it_is_recorded_and_a_store_of_another_plan_is_refused(tmp_path):
     """As part of what was asked for; of a plan object it is whether it skips."""
     few = grid(accelerations=[3e4, 9e4], half_exposures=[3.1e-3], metrics=["expected_psnr"])

@@ -47,6 +47,7 @@ def swept():
     return sweep(SCENE, **grid())
 
 
+@pytest.mark.slow
 def test_numbers_are_those_of_evaluate(swept):
     """Every metric at every point within limits, a camera at rest among them."""
     points = inside_points(swept)
@@ -106,6 +107,7 @@ def test_labels_and_units(swept):
     assert all(name in swept.attrs["sweep"] for name in ("photon_rate", "max_stroke", "Hann"))
 
 
+@pytest.mark.slow
 def test_shutters_without_symmetry():
     """A flutter code, a one-sided profile and a narrow window are as exact as the rest."""
     profile = 0.5 + 0.45 * np.sin(1.7 * np.arange(9) + 0.3)
@@ -118,6 +120,7 @@ def test_shutters_without_symmetry():
     assert differences(found, SCENE, shutters, inside_points(found)[::3]) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fall_time", [1.1e-3, 3e-3])
 def test_what_lags_is_measured_at_its_own_exposure(fall_time):
     """A device's time is another share of each exposure, and so is the light of one profile."""
@@ -129,6 +132,7 @@ def test_what_lags_is_measured_at_its_own_exposure(fall_time):
     assert differences(found, scene, SHUTTERS, points[1::3]) == []
 
 
+@pytest.mark.slow
 def test_profiles_are_found_through_a_lag():
     """The best profile at a point is of what is sent, and its numbers are of the light."""
     device = FirstOrderShutter(rise_time=1.1e-3, fall_time=1.1e-3, num_slots=16)
@@ -153,6 +157,7 @@ class Ramp(AbstractShutter):
         return jnp.where(jnp.abs(tau) <= 1, 0.5 + 0.3 * tau**3, 0.0)
 
 
+@pytest.mark.slow
 def test_a_shutter_of_ones_own():
     """It is interpolated as `evaluate` does it."""
     shutters = {"ramp": Ramp()}
@@ -174,6 +179,7 @@ def test_light_and_noise_are_dimensions():
             assert differences(part, scene, SHUTTERS, inside_points(found)[5:7]) == []
 
 
+@pytest.mark.slow
 def test_scenes_of_different_speeds():
     """Scenes are a dimension, and fewer speeds in one of them change nothing."""
     scenes = {"all": SCENE, "slow": Scene([0.0, 90.0], photon_rate=1e4, read_noise=1.0)}
@@ -200,6 +206,7 @@ MIDDLES = {
 }
 
 
+@pytest.mark.slow
 def test_each_scene_is_measured_from_the_middle_of_its_speeds():
     """As far as its sensor may pan; the velocity is a coordinate of it."""
     scenes = {name: scene for name, (scene, _) in MIDDLES.items()}
@@ -215,6 +222,7 @@ def test_each_scene_is_measured_from_the_middle_of_its_speeds():
         assert len(inside_points(part)) == 2
 
 
+@pytest.mark.slow
 def test_velocities_are_a_dimension():
     """Between scene and acceleration, of numbers that `evaluate` gives of each pan."""
     velocities = [-420.0, 0.0, 260.0, 3300.0]
@@ -240,6 +248,7 @@ def test_velocities_are_a_dimension():
         np.testing.assert_array_equal(one[name], found[name].sel(scene="all"))
 
 
+@pytest.mark.slow
 def test_a_velocity_in_single_precision():
     """Leaves numbers in the precision of the scene, beside limits of 64 bits."""
     speeds = np.array([400.0, 1200.0], np.float32)
@@ -315,6 +324,7 @@ def test_only_the_metrics_asked_for(swept):
         np.testing.assert_array_equal(some.expected_psnr, swept.expected_psnr)
 
 
+@pytest.mark.slow
 def test_single_precision(swept):
     """A scene of 32-bit numbers gives 32-bit results, near those of 64 bits."""
     narrow = Scene(

@@ -50,6 +50,7 @@ def test_what_a_point_starts_from():
     np.testing.assert_array_equal(later[1, 1:, 0], [first[1, 0], 0.2, 0.3])
 
 
+@pytest.mark.slow
 def test_a_profile_is_symmetric_where_all_frames_are():
     """Speeds mirror each other about the pan in their middle, and about no other."""
     few = {"accelerations": [2e5], "half_exposures": [3.1e-3], "metrics": ["expected_psnr"]}

@@ -25,12 +25,14 @@ def whole():
     return sweep(SCENE, **many())
 
 
+@pytest.mark.slow
 def test_a_store_holds_what_memory_holds(whole, tmp_path):
     """Bit for bit, with the same labels and attributes."""
     stored = sweep(SCENE, **many(store=tmp_path / "a.zarr"))
     assert stored.load().identical(whole)
 
 
+@pytest.mark.slow
 def test_a_store_of_velocities(tmp_path):
     """Also of those that scenes have of their own; it is refused to a sweep of others."""
     slow = Scene([90.0, 350.0], photon_rate=1e4, read_noise=1.0, limits=SCENE.limits)

@@ -41,6 +41,7 @@ def swept():
     return sweep(SCENE, **grid())
 
 
+@pytest.mark.slow
 def test_best_points_are_the_extremes(swept):
     """The best point of a metric is its largest or smallest value of all shutters."""
     best = best_points(swept)
@@ -249,6 +250,7 @@ def lit():
     return light_map(found, LIGHT_SCENE)
 
 
+@pytest.mark.slow
 def test_coding_pays_where_read_noise_dominates(lit):
     """The gain over the best snapshot rises with read noise and falls with light, to a loss."""
     gain = lit.gain.transpose("photon_rate", "read_noise").values
@@ -277,6 +279,7 @@ def panned():
     return sweep(ONE_WAY, **grid(velocities=PANS, **lights))
 
 
+@pytest.mark.slow
 def test_points_and_fronts_of_velocities(panned):
     """The best of all velocities, each with its own."""
     part = panned.isel(photon_rate=0, read_noise=0)
