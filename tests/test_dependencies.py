@@ -48,6 +48,7 @@ def imported() -> set[str]:
     return {name.split(".")[0] for name in names} - {"mishutter", *sys.stdlib_module_names}
 
 
+@pytest.mark.slow
 def test_what_is_imported_is_declared_and_the_reverse():
     """A plain install brings every package that some line imports, and no other."""
     owners = packages_distributions()

@@ -205,6 +205,7 @@ def test_slow_objects_under_a_symmetric_profile(slug, precision):
         assert not np.any(at_rest[:, ARGUMENTS.index("speed")]), point
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
 @pytest.mark.parametrize("slug", ["gaussian", "spline-symmetric"])
 def test_slow_objects_half_way_between_breakpoints(slug, precision):
@@ -227,6 +228,7 @@ def test_slow_objects_half_way_between_breakpoints(slug, precision):
         assert error <= DERIVATIVE_OF_LARGEST[dtype], point
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
 def test_gaussians_about_as_narrow_as_the_drift(precision):
     """Taps and derivatives, from the middle of the profile out into its tail."""

@@ -38,6 +38,7 @@ def both(slug, frame, parameters, a, T, s, v, positions):
     return taps, exposure(shutter, a, T, relative, edges, from_vertex=frame == "vertex")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", EVERY_SHUTTER)
 def test_taps_are_those_of_the_dense_evaluation(slug):
     """Within the tolerances of either, over the domain."""

@@ -99,6 +99,7 @@ def holds(given_case) -> None:
     assert all(bool(jnp.all(jnp.isfinite(part))) for part in slope), given_case
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CORPUS)
 def test_cases_that_failed_once(name):
     """Each is finite now, or refused by name."""

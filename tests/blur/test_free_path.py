@@ -134,6 +134,7 @@ def test_an_object_at_rest_on_the_sensor_for_a_while():
     np.testing.assert_allclose(np.sum(taps), 1, rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_path_upside_down():
     """The exposure of a path in a mirror is that of the path, in the other order."""
     edges = np.sort(np.random.default_rng(2).uniform(-3, 3, 12))

@@ -109,6 +109,7 @@ def test_symmetric_shutters_do_not_see_the_sign_of_the_speed():
         np.testing.assert_allclose(there, back, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_closed_shutters_and_edges_off_the_path():
     """Nothing falls where nothing passes, and repeated edges hold nothing."""
     motion = ParabolicMotion(acceleration=310.0, half_exposure=0.31)

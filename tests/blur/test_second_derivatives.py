@@ -186,6 +186,7 @@ def test_a_third_derivative_goes_on():
     np.testing.assert_allclose(jax.grad(second)(11.0), differences, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_where_an_edge_lies_on_the_vertex():
     """Its share is infinite, and left out: second derivatives are those of the other edges."""
     motion = ParabolicMotion(acceleration=45.0, half_exposure=1.0)
@@ -199,6 +200,7 @@ def test_where_an_edge_lies_on_the_vertex():
     np.testing.assert_allclose(second, np.diff(curvature, prepend=0.0), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_edge_that_meets_a_step_has_the_derivatives_of_one_side():
     """As first ones have: where an edge meets the end of the exposure, the kernel has a kink."""
     motion = ParabolicMotion(acceleration=16.0, half_exposure=1.0)

@@ -40,6 +40,7 @@ def test_zero_frequency_is_the_efficiency(slug):
     np.testing.assert_allclose(response[6:], response[:6].conj(), atol=IDENTITY)
 
 
+@pytest.mark.slow
 def test_it_is_the_transform_of_the_kernel():
     """The Fourier series of the exact taps is the transfer function times the aperture."""
     edges = np.arange(-41.0, 60.0)

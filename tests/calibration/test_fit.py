@@ -52,6 +52,7 @@ def pictures(seed, speeds=SPEEDS, target="point", told=True, sensor=SENSOR):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["point", "edge"])
 def test_expected_levels_are_those_of_a_sum_over_instants(target):
     """Points and edges of the exact kernel are what 20,000 instants add up to, to 3e-5."""
@@ -141,6 +142,7 @@ def test_one_unknown_speed_shows_a_camera_or_its_mirror():
     assert any(said.startswith("sign of the speed") for said in camera.not_identifiable)
 
 
+@pytest.mark.slow
 def test_edges_show_the_camera():
     """An edge shows what a point shows, less sharply, by the same program."""
     given = pictures(6, target="edge")
@@ -151,6 +153,7 @@ def test_edges_show_the_camera():
     assert camera.estimates["acceleration_px_per_s2"].error < 0.02 * float(BUILT.acceleration)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 19])
 def test_error_bars_of_edges_are_those_of_the_likelihood(seed):
     """Noise that hides a jump of the profile tells of too good a view; error bars see through it.

@@ -232,6 +232,7 @@ def test_no_two_runs_of_pixels_have_the_same_noise():
         assert abs(np.mean(one * other)) < 5 / np.sqrt(_RUN)
 
 
+@pytest.mark.slow
 def test_noise_is_held_where_a_capture_differentiates():
     """A noisy capture moves with its light as one without noise does."""
     picture = rows(3, 60, 1)
@@ -247,6 +248,7 @@ def test_noise_is_held_where_a_capture_differentiates():
     assert slope(None) < 0
 
 
+@pytest.mark.slow
 def test_a_key_gives_the_same_noise_compiled_and_batched():
     """`jit` and `vmap` over keys draw what single calls draw, and keys differ."""
     light = jnp.asarray(rows(6, 30, 1)[..., 0])
@@ -679,6 +681,7 @@ def test_portions_have_noise_of_their_own():
             assert np.any(captured[one] != captured[other])
 
 
+@pytest.mark.slow
 def test_a_grey_picture_stays_one_plane():
     """Rows and columns in, rows and columns out, the same as with a channel."""
     flat, key = np.linspace(0.1, 0.9, 6 * 90).reshape(6, 90), jax.random.key(3)

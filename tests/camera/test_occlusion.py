@@ -107,6 +107,7 @@ def test_occlusion_is_that_of_composites_at_each_instant(name, seeds):
         assert error(random_layers(seed), MOTIONS[name]) < WAVES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [1, 2, 3, 5])
 @pytest.mark.parametrize("name", MOTIONS)
 def test_layers_may_lie_as_deep_as_they_like(name, depth, monkeypatch):

@@ -306,6 +306,7 @@ def test_a_bug_shows_itself(monkeypatch):
         cli.main(["compare"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments", [["optimise", "no.toml"], ["--bad"], ["compare", "--loss", "x"]]
 )

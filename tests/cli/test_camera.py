@@ -236,6 +236,7 @@ def test_reproduce_usage(capsys):
     assert "`--out` must be a folder that takes files; got" in line
 
 
+@pytest.mark.slow
 def test_one_frame_of_video(tmp_path, scene):
     """A video of one frame, and a folder of one picture, are footage like any other."""
     iio = pytest.importorskip("imageio.v3")

@@ -145,6 +145,7 @@ def test_simulate_tells_designed_driven_and_measured(folder, tmp_path, capsys):
     assert (tmp_path / "out" / "restored.png").exists()
 
 
+@pytest.mark.slow
 def test_compare_takes_designed_driven_and_measured(folder, tmp_path, capsys, monkeypatch):
     """All three are compared as they are, the designed one on its own motion; none is tuned."""
     given = ["compare", folder / "scene.toml", "--design", folder / "design.json"]

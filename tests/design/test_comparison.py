@@ -100,6 +100,7 @@ def verdict(levels, *given):
     return _with_verdict(made_up(levels), dict.fromkeys(given, RectShutter()), SCENE)
 
 
+@pytest.mark.slow
 def test_the_verdict_is_of_the_best_that_was_given():
     """Beside the best snapshot, in dB, unless that is as good, or another with as much better."""
     most = f"{float(ceiling(SCENE, continuous=True)):.2f} dB"

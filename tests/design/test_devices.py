@@ -85,6 +85,7 @@ def _design_of_pixels(name, full_well):
     return optimise(scene, MOTION, SHUTTERS[name], num_starts=4, max_steps=60)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("full_well", [60.0, 150.0, 400.0])
 @pytest.mark.parametrize("name", SHUTTERS)
 def test_no_design_fills_a_pixel(full_well, name):

@@ -128,6 +128,7 @@ def test_a_stage_beside_a_shutter_of_few_slots_is_sent_enough_to_stay_on_its_pat
     np.testing.assert_allclose(made[exposed], position[exposed], atol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [None, 1.3e6])
 def test_a_path_beyond_the_limit_on_travel_is_told_of(most, tmp_path, capsys):
     """Without a limit on the acceleration a search counts no run-up, and the table has one."""
@@ -182,6 +183,7 @@ def test_levels_are_the_nearest_between_floor_and_ceiling():
     assert table.level.max() == 10
 
 
+@pytest.mark.slow
 def test_the_table_is_in_the_units_that_it_names():
     """Milliseconds from mid-exposure, and the sensor at a t^2 px with 2 a t px/s there."""
     table = drive_table(a_design(HannShutter()), num_steps=8, num_levels=11)

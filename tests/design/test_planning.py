@@ -84,6 +84,7 @@ def test_speeds_are_dropped_merged_and_folded():
     assert item(one_sided, "speeds").kept == "3"
 
 
+@pytest.mark.slow
 def test_a_still_scene_needs_one_kernel():
     """Where nothing moves no invariance is computed, and none is reported."""
     scene = Scene([0.0, 0.0], photon_rate=1e5, read_noise=3.0, limits=LIMITS)
@@ -103,6 +104,7 @@ def test_frequencies_stop_where_the_optics_do():
     assert plan(scene, MOTION, HannShutter()).num_kept is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [16, 4])
 def test_the_last_frequency_with_power_is_kept(share):
     """One more than fill a size, at the cutoff itself; and the nodes of a path that is long."""
@@ -261,6 +263,7 @@ def test_a_camera_at_rest_is_planned(tmp_path, capsys):
     assert "acceleration not free" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_closed_shutter_is_planned():
     """Zero light gives infinities in both computations, which agree."""
     closed = ChippedShutter(np.zeros(4))

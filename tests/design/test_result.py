@@ -83,6 +83,7 @@ def test_a_saved_design_has_its_device_and_tolerances(design, device, tmp_path):
     assert eqx.tree_equal(read.shutter, light)
 
 
+@pytest.mark.slow
 def test_a_saved_design_gives_back_its_metrics(design, tmp_path):
     """One JSON file, loaded to bit-identical metrics, shutter and scene."""
     path = tmp_path / "design.json"

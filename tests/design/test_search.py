@@ -239,6 +239,7 @@ def test_a_loss_without_an_eye_for_light_moves_the_profile_alone():
     assert not (2 * loss + 0 * ExpectedErrorLoss()).sees_light
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", ["acceleration", ("acceleration", "half_exposure")])
 def test_a_start_that_gives_up_an_outlier_is_not_made_worse(free):
     """Rare objects that a motion of less stroke leaves behind: the search may do as it does."""
@@ -260,6 +261,7 @@ def test_each_baseline_has_its_own_best_motion():
     assert tukey.loss <= min(hann.loss, rect.loss) * (1 + 1e-9)
 
 
+@pytest.mark.slow
 def test_the_best_snapshot_moves_about_a_pixel():
     """One known speed and bright light: 1.09 px of motion (Tendero et al. 2013)."""
     scene = type(SCENE)([1500.0], photon_rate=1e7, read_noise=0.0, limits=LIMITS)
@@ -411,6 +413,7 @@ def test_descents_are_the_same_on_any_number_of_processors(monkeypatch):
         np.testing.assert_allclose(other.history, found[0].history, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", ["shutter", ("shutter", "half_exposure")])
 def test_the_worse_half_of_the_starts_is_given_up(monkeypatch, free):
     """They stay where they were after 20 steps; the others end where they would have anyway."""
@@ -429,6 +432,7 @@ def test_the_worse_half_of_the_starts_is_given_up(monkeypatch, free):
     assert found.losses.shape == kept.losses.shape == (18,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1.0, 1e-5])
 def test_a_search_that_is_cut_short_says_so(unit):
     """Steps used up, in a loss of any unit: `throw` raises, otherwise the outcome is a sentence."""

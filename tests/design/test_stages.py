@@ -35,6 +35,7 @@ def _scene(stage):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", FREE.values(), ids=FREE)
 @pytest.mark.parametrize("stage", STAGES.values(), ids=STAGES)
 def test_every_design_is_within_the_stage(stage, free):
@@ -70,6 +71,7 @@ def test_every_design_is_within_the_stage(stage, free):
         np.testing.assert_allclose(slopes[:, index], difference, atol=1e-6 * scale)
 
 
+@pytest.mark.slow
 def test_bends_are_where_another_limit_holds():
     """The largest acceleration has a kink at each bend of travel, acceleration and stroke."""
     scene = _scene(STAGES["travel"])

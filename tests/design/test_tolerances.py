@@ -37,6 +37,7 @@ def test_rows_are_judged_within_tolerances(comparison):
     assert plain.level == float(plain.metrics.expected_psnr) == float(row.metrics.expected_psnr)
 
 
+@pytest.mark.slow
 def test_the_text_holds_both_levels_and_the_costs(comparison):
     """And so does the document for programs."""
     row, text = comparison.row("own"), comparison.text()

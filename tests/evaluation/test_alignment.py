@@ -73,6 +73,7 @@ def test_it_is_never_worse(motion, shutter):
     assert free == pytest.approx(float(FREE(SCENE, motion, shutter, plan=None)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_derivatives_follow_the_least_error():
     """By acceleration, exposure and taper, against central differences."""
 

@@ -50,6 +50,7 @@ def test_a_burst_ends_with_the_longest_exposure():
     assert best_burst(_scene(burst=Burst(frames_per_s=60.0, max_frames=50))).num_frames == 3
 
 
+@pytest.mark.slow
 def test_read_noise_is_paid_by_each_frame():
     """Where it is all the noise there is, frames that the blur does not shorten do not pay."""
     dim = _scene(photon_rate=2e4, read_noise=200.0)

@@ -144,6 +144,7 @@ def _held(scene, metrics, ceilings):
     return -10 * np.log10(float(scene.deviation) ** 2) <= found[0] <= found[1] + 1e-9 <= ceilings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_no_random_design_exceeds_the_ceiling(name):
     """Splines and windows, moving, panning and at rest: 80 designs a scene."""

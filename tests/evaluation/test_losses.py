@@ -60,6 +60,7 @@ def test_smoothed_condition_number_keeps_its_bound(stroke, shutter):
     assert true * (1 - 1e-12) <= smooth <= true * 321 ** (1 / 200)
 
 
+@pytest.mark.slow
 def test_the_expected_error_is_in_units_of_the_contrast():
     """20 dB are a factor of 10, over the picture's deviation; without one there is no error."""
     shutter = TukeyShutter(0.6)
@@ -226,6 +227,7 @@ def test_what_is_no_number_is_no_factor(wrong):
         wrong(ExpectedErrorLoss())
 
 
+@pytest.mark.slow
 def test_a_loss_of_ones_own_need_not_take_a_plan():
     """A class of it, one of options, or a function; also in a sum and in a search."""
 
@@ -312,6 +314,7 @@ def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, d
     assert np.all(np.isfinite(slopes))
 
 
+@pytest.mark.slow
 @every_shutter_and_precision
 @pytest.mark.parametrize("slug", LOSSES)
 def test_a_scene_at_rest_does_not_see_a_short_stroke(slug, shutter, dtype):
@@ -448,6 +451,7 @@ def test_a_long_kernel_is_folded_onto_its_transform(num_taps):
         np.testing.assert_allclose(spectrum, kernel @ whole.T, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_memory_of_many_designs():
     """17,000 designs at 5 speeds on the default limits stay within 4 GiB.
 

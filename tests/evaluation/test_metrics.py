@@ -75,6 +75,7 @@ def test_expected_psnr_is_that_of_the_ensemble_filter():
     assert abs(float(evaluate(SCENE, MOTION, SHUTTER).expected_psnr) - reference) < 2e-3
 
 
+@pytest.mark.slow
 def test_known_speed_psnr_is_that_of_a_filter_for_each_speed():
     """The reported figure is the mean error of Wiener filters, each told its speed."""
     count = sizes(SCENE, MOTION).num_frequencies
@@ -109,6 +110,7 @@ def test_no_acceleration_is_a_camera_at_rest():
     assert jax.tree.all(jax.tree.map(lambda x, y: bool(x == y), first, second))
 
 
+@pytest.mark.slow
 def test_a_spectrum_in_narrow_steps_loses_none_of_its_power():
     """Lines between the frequencies that are looked at count as much as those on them."""
     lines = np.zeros(1280)
@@ -237,6 +239,7 @@ def test_a_derivative_is_that_of_the_figure_reported():
     assert np.isclose(slope, difference, rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measure", [evaluate, DesignLoss()])
 def test_kernels_longer_than_a_compiled_function_provides_for(measure):
     """They are not cut without a word: of a traced motion by its scene's limits, else 256 px."""
@@ -253,6 +256,7 @@ def test_kernels_longer_than_a_compiled_function_provides_for(measure):
             compiled(many)
 
 
+@pytest.mark.slow
 def test_what_a_compiled_function_builds_is_known_to_it():
     """A scene or a motion made of numbers inside has the sizes that it has outside."""
 
@@ -266,6 +270,7 @@ def test_what_a_compiled_function_builds_is_known_to_it():
     assert np.isclose(plain.condition_number, compiled.condition_number, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_kernel_difference_is_the_rms_over_the_taps_reached():
     """Raw and relative difference follow from public kernels."""
     count = int(np.ceil(31.0 * (1 + 2100 / float(MOTION.top_speed)) ** 2))
@@ -336,6 +341,7 @@ def test_the_share_of_the_bound_is_that_of_its_definition(plan):
     assert np.isclose(found, np.min(shares), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_vertex_alignment_changes_no_power():
     """The response on the grid has the modulus of the public transfer function."""
     plan = Plan(64, 256, 64, 512)
@@ -496,6 +502,7 @@ def test_the_error_at_each_speed_is_of_the_camera_as_designed():
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_the_error_at_a_speed_is_that_of_the_filter_written_out():
     """At each speed the filter of all of them misses what its formula says, noise included."""
     *_, levels = spectral_levels(SCENE, MOTION, SHUTTER)

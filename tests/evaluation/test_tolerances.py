@@ -99,6 +99,7 @@ def test_an_ensemble_is_that_of_cameras_at_random():
     assert expected - nominal == pytest.approx(error - nominal, rel=0.04)
 
 
+@pytest.mark.slow
 def test_few_nodes_are_enough():
     """Five and three nodes come to within 0.001 dB of many where the errors cost 0.2 dB."""
     fine = replace(LOOSE, num_speeds=21, num_accelerations=11)
@@ -179,6 +180,7 @@ def test_tolerances_of_nothing_cost_nothing():
     assert float(plain.expected_psnr) == float(metrics.expected_psnr)
 
 
+@pytest.mark.slow
 def test_no_filter_beats_the_best():
     """An unaware decoder loses more than one that knows, and costs grow with the tolerance."""
     costs = tolerance_costs(_with(LOOSE), MOTION, SHUTTER)
@@ -237,6 +239,7 @@ def test_a_pan_sees_its_own_error_as_one_of_speeds():
     assert float(still.tolerances.speed) == 130.0
 
 
+@pytest.mark.slow
 def test_the_loss_is_differentiable_and_compiles():
     """By the numbers of the motion, under `jit`, as differences say; also without acceleration."""
     loss, scene = ExpectedErrorLoss(), _with(LOOSE)

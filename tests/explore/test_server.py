@@ -78,6 +78,7 @@ def asked(number, light=2.3e5):
     return json.dumps({"kind": "design", "id": number, "scene": scene})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["/", "/explore.js", "/charts.js", "/explore.css", "/icon.svg"])
 def test_the_page_loads_from_this_machine_alone(started, path):
     """Every file is served, may load from its own server only, and names no other."""
@@ -156,6 +157,7 @@ def test_the_latest_request_wins(started):
     assert len(ids) < 10
 
 
+@pytest.mark.slow
 def test_tabs_do_not_share_state(started):
     """A pin of one tab is none of another, and each is answered for its own scene."""
 

@@ -136,6 +136,7 @@ def picture_file(rows, columns, form="PNG"):
     return buffer.getvalue()
 
 
+@pytest.mark.slow
 def test_work_that_nobody_waits_for_ends(started):
     """The check that a newer request makes fail ends the search in its middle."""
     session = Session(started)
@@ -262,6 +263,7 @@ def test_an_order_that_cannot_be_met_is_refused_in_a_line(started, order, line):
     assert "; got" in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_a_dark_drawing_is_measured(started):
     """A profile that is closed throughout loses the whole picture, and nothing fails."""
     answer = Session(started).first(request(drawn=[0.0] * sessions.NUM_CHIPS))

@@ -93,6 +93,7 @@ def by_slit(kind, half_width):
     return jnp.concatenate([taps, waves.real, waves.imag]) * share
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half_width", [0.51, 0.7345, 0.05018, 0.5, 1.0, 0.5 + 1e-9, 0.5 - 1e-16])
 def test_a_declared_jump_is_exact(half_width):
     """As the shorter exposure that it is, value and slope; also where pieces meet anyway."""
@@ -141,6 +142,7 @@ def test_discontinuities_are_times(place):
         Strange().efficiency()
 
 
+@pytest.mark.slow
 def test_a_steady_jump_where_pieces_meet_need_not_be_declared():
     """Without a parameter it stays there, and is exact."""
 
@@ -155,6 +157,7 @@ def test_a_steady_jump_where_pieces_meet_need_not_be_declared():
     np.testing.assert_allclose(own, chips, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_bends_are_exact():
     """A leaf shutter without a flat part, nearly, is a triangle of a shorter exposure."""
     ramp = 0.43
@@ -167,6 +170,7 @@ def test_bends_are_exact():
     np.testing.assert_allclose(found, ramp * exact, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_single_precision_follows():
     """To what float32 holds."""
     motion = ParabolicMotion(

@@ -207,6 +207,7 @@ def test_a_shutter_of_ones_own_that_is_none(shutter, message):
             use()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [int, bool])
 def test_a_shutter_of_ones_own_may_be_of_integers(dtype):
     """Open and closed as 1 and 0 are the light that they stand for."""
@@ -222,6 +223,7 @@ def test_a_shutter_of_ones_own_may_be_of_integers(dtype):
     np.testing.assert_allclose(own, chips, rtol=0, atol=EFFICIENCY)
 
 
+@pytest.mark.slow
 def test_a_shutter_of_ones_own_is_integrated():
     """Through its interpolant, to what a smooth profile allows."""
     motion = ParabolicMotion(acceleration=37.0, half_exposure=1.1)
@@ -287,6 +289,7 @@ def _light_of_a_taper(name, taper):
     return ExpectedErrorLoss()(scene, motion, shutter)[None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["efficiency", "kernel", "transfer", "loss"])
 def test_a_ramp_that_is_hardly_one_has_a_slope(name):
     """The derivative by a taper of 0, or of one whose inverse is past all numbers, is one-sided."""
@@ -304,6 +307,7 @@ def test_a_spline_is_fitted_to_a_shutter():
         fit(3)
 
 
+@pytest.mark.slow
 def test_a_spline_is_fitted_within_a_program():
     """A shutter that is known stays known where JAX compiles what uses its fit."""
     fit = lambda tau: SplineShutter.fit(HannShutter(), 7).transmittance(tau)  # noqa: E731

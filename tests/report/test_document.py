@@ -215,6 +215,7 @@ def test_rivals_are_pictured_beside_many_designs(report):
     assert set(names) < set(rows)
 
 
+@pytest.mark.slow
 def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):
     """Those of a photograph go where this run has none; what is somebody else's stays."""
     kept, stale = {"design.json", "notes.txt"}, {"psnr.png", "photograph.png"}

@@ -57,6 +57,7 @@ def test_small_and_grey_pictures_make_a_scene(shape):
     assert np.all(np.isfinite(made.truth))
 
 
+@pytest.mark.slow
 def test_light_decides():
     """The same capture in a thousandth of the light comes back worse, behind and before."""
     bright, dim = captures(3e8)["Hann"], captures(3e5)["Hann"]

@@ -76,6 +76,7 @@ def test_axes_are_labelled(name, figures):
     assert "/ " in lowest.get_xlabel()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["profiles", "transfer"])
 def test_lines_differ_in_style(name, figures):
     """Two lines of a panel are told apart without colour."""
@@ -155,6 +156,7 @@ def test_the_error_of_a_transfer_ends_at_the_expected_psnr(figures):
     assert max(shares) == pytest.approx(0.01, abs=0.01)
 
 
+@pytest.mark.slow
 def test_kernels_have_axes_of_their_own(figures):
     """The first tap of one hides no other, and each stands beside its difference from its own."""
     rows = np.reshape(figures["kernels"].axes, (len(DESIGNS), 2))
@@ -314,6 +316,7 @@ def test_profiles_of_a_front():
         np.testing.assert_array_equal(found, shutter.transmittance(tau))
 
 
+@pytest.mark.slow
 def test_pictures_of_velocities():
     """A map has the best of them at each point, of one shutter or all; a front takes them all."""
     panned = sweep(SCENE, **grid(velocities=[-500.0, 0.0, 200.0]))

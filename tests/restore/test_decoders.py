@@ -154,6 +154,7 @@ def test_a_restoration_differentiates(name):
         np.testing.assert_allclose(slope, (seen(2e-8) - seen(-2e-8)) / 4e-8, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_black_capture_in_single_precision_has_a_slope():
     """Steps that are too small to be squared are none: no NaN comes of their quotient."""
     model = ms.blur_model(bright(), camera(), ms.HannShutter())
@@ -306,6 +307,7 @@ def test_tikhonov_rests_at_an_end_of_its_range(noise):
     np.testing.assert_allclose(jax.jvp(restored, (flat,), (flat,))[1], restored(flat), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_ten_accelerated_steps_go_as_far_as_twenty_five():
     """What they leave of a capture unexplained says how far: by plain steps it takes more."""
     model = ms.blur_model(bright(), camera(), ms.HannShutter())
@@ -379,6 +381,7 @@ def test_richardson_lucy_ends_at_the_likeliest_picture_of_few_edges():
     assert unlikely(found) < min(unlikely(truth), unlikely(np.maximum(rows / light, 0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("photon_rate", "gain"), [(3e4, 0.3), (2e7, -1.0)])
 def test_richardson_lucy_settles_at_every_speed(photon_rate, gain):
     """In dim light above the ensemble filter, in bright near it; more steps change little."""

@@ -42,6 +42,7 @@ def test_objectives_of_the_search(seeds):
             assert found == pytest.approx(wanted, rel=1e-12), seed
 
 
+@pytest.mark.slow
 @FEW_AND_MANY
 def test_captures_and_decoders(seeds):
     """A picture with equal colours, captured at a speed of the scene and restored."""

@@ -153,6 +153,7 @@ def test_a_continuous_picture_leaves_the_error_that_evaluate_expects(shutter, ph
     assert abs(measured["deconvolve"] - expected) < 0.3
 
 
+@pytest.mark.slow
 def test_decoders_see_the_same_captures():
     """Restored by each of several decoders, a photograph comes out as by each alone."""
     decoders = {"ensemble": ms.EnsembleDecoder(), "Wiener": ms.WienerDecoder()}
@@ -181,6 +182,7 @@ def test_levels_and_their_standard_errors():
     assert equal["mean_psnr"] == pytest.approx(-10 * np.log10(1.7e-3))
 
 
+@pytest.mark.slow
 def test_photographs_by_shutters_of_all_kinds_share_their_programs(caplog):
     """Another kind is brought into the form of all others, and another acceleration is a number."""
 

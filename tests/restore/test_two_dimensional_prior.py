@@ -132,6 +132,7 @@ def test_total_variation_finds_the_least_of_its_objective():
     np.testing.assert_allclose(quick, wanted, atol=0.1 * error)
 
 
+@pytest.mark.slow
 def test_total_variation_takes_its_strength():
     """The stronger, the fewer differences: within rows and between them."""
     captured, model = captured_at(0.0), model_of()
@@ -172,6 +173,7 @@ def test_tikhonov_is_nearly_the_best_filter(speed):
     assert levels[0] > levels[1] - 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 2, 5])
 def test_total_variation_of_few_rows(rows):
     """As many as there are, and in single precision as in double."""
@@ -223,6 +225,7 @@ def test_portions_know_the_rows_beside_them(decoder, nearer):
     assert off < off_apart / nearer
 
 
+@pytest.mark.slow
 def test_a_tall_picture_is_restored_as_a_low_one_is():
     """Rows are iterated on a few at a time, and those beside them count: no seam shows."""
     block = np.random.default_rng(5).gamma(2.0, 0.1, (20, 90))

@@ -114,6 +114,7 @@ def test_workers_of_another_version_are_refused(worker, monkeypatch):
         sweep(SCENE, **many(scheduler=worker))
 
 
+@pytest.mark.slow
 def test_a_cluster_that_is_lost_on_the_way(worker, tmp_path):
     """One line, and what was computed before is kept."""
     from distributed import Future

@@ -55,6 +55,7 @@ def test_numbers_are_those_of_evaluate(swept):
     assert differences(swept, SCENE, SHUTTERS, points) == []
 
 
+@pytest.mark.slow
 def test_limits_are_masks_with_a_reason(swept):
     """A point is NaN where a limit is broken, and only there; the bits name every limit."""
     a, half = ACCELERATIONS[:, None], HALF_EXPOSURES[None]
@@ -165,6 +166,7 @@ def test_a_shutter_of_ones_own():
     assert differences(found, SCENE, shutters, inside_points(found)[:2]) == []
 
 
+@pytest.mark.slow
 def test_light_and_noise_are_dimensions():
     """Each light and read noise gives what a scene of that light and noise gives."""
     rates, noises = [3e3, 2e5], [0.0, 6.0, 40.0]

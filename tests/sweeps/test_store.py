@@ -45,6 +45,7 @@ def test_a_store_of_velocities(tmp_path):
         sweep([SCENE, slow], **few, store=tmp_path / "given")
 
 
+@pytest.mark.slow
 def test_two_that_begin_at_once_share_a_store(whole, tmp_path, monkeypatch):
     """Where another process makes the store first, it is that one that is written to."""
     place = tmp_path / "a.zarr"

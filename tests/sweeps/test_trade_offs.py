@@ -162,6 +162,7 @@ SNAPSHOTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", SNAPSHOTS)
 def test_the_best_snapshot_is_that_of_optimise(slug):
     """What a search over exposure and velocity finds, and `evaluate` measures."""
@@ -195,6 +196,7 @@ def test_best_snapshots_under_each_light():
     assert np.unique(best.velocity).size > 1
 
 
+@pytest.mark.slow
 def test_a_snapshot_that_pans_at_one_of_two_speeds():
     """Of two speeds without a common path the frequent one is followed, not their middle."""
     scene = limited([-900.0, 2100.0], [0.1, 0.9], light=(1e3, 6.0))
@@ -212,6 +214,7 @@ def test_gain_over_the_best_snapshot(swept):
     np.testing.assert_allclose(gain, swept.expected_psnr - level, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_nothing_is_gained_where_there_is_nothing_to_restore():
     """Of a picture without detail every PSNR is infinite, and every gain within limits 0."""
     plain = Scene([0.0, 310.0], photon_rate=2e5, read_noise=6.0, deviation=0.0, limits=LIMITS)
@@ -262,6 +265,7 @@ def test_coding_pays_where_read_noise_dominates(lit):
     assert np.all(gain[-1] < 0)
 
 
+@pytest.mark.slow
 def test_the_map_names_its_points(lit):
     """The best point of each cell is one of the sweep's."""
     assert set(np.unique(lit.shutter.values.astype(str))) <= {"rect", "Hann", "Tukey"}
@@ -300,6 +304,7 @@ def test_points_and_fronts_of_velocities(panned):
         assert not np.any((values[0] > float(psnr)) & (values[1] < float(difference)))
 
 
+@pytest.mark.slow
 def test_gains_of_velocities(panned):
     """Each is over the one snapshot that may pan too; a map takes the best of them."""
     gain = gain_over_snapshot(panned, ONE_WAY)
@@ -339,6 +344,7 @@ KNOWN_SPEED = Scene(
 )
 
 
+@pytest.mark.slow
 def test_no_flutter_beats_the_best_snapshot_by_more_than_the_bound():
     """A camera at rest, one known speed, shot noise alone: at most 1.1717 in RMSE."""
     random = np.random.default_rng(4)
