@@ -137,7 +137,7 @@ def picture(rows: list[dict]) -> None:
         panel.set_xlabel(f"number of {axis}")
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("run time, ms")
-    panels[0].legend()
+    panels[0].legend(loc="upper left")
     harness.save_picture(figure, "scaling")
     plt.close(figure)
 
