@@ -299,9 +299,10 @@ def light_in_time(
     known = all_concrete(shutter)
     profile = in_one_form(shutter, dtype) if known else piecewise(shutter)
     nodes = lit_nodes(profile, num_nodes, dtype, path_ends(motion))
-    if all_concrete((nodes.tau, nodes.light)):
-        return np.asarray(nodes.tau, np.float64)[None], np.asarray(nodes.light, np.float64)[None]
-    return nodes.tau[None], nodes.light[None]
+    tau, light = nodes.tau, nodes.light
+    if all_concrete((tau, light)):
+        tau, light = np.asarray(tau, np.float64), np.asarray(light, np.float64)
+    return tau[None], light[None]
 
 
 @compiled

@@ -33,8 +33,7 @@ def basis_of(search: Search) -> tuple[SplineShutter, list[SplineShutter]]:
     count, symmetric = search.num_coefficients, search.symmetric
     (box, *_) = window_fits(count, symmetric)
     first = SplineShutter(box, symmetric=symmetric, num_coefficients=count)
-    size = first.box().size
-    corners = np.eye(size + 1, size, -1, dtype=first.parameters.dtype)
+    corners = np.eye(box.size + 1, box.size, -1, dtype=first.parameters.dtype)
     return first, [first.at(jax.device_put(corner)) for corner in corners]
 
 

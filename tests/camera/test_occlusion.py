@@ -98,9 +98,7 @@ def widen(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MOTIONS)
-@pytest.mark.parametrize(
-    "seeds", [range(5), pytest.param(range(5, 15), marks=pytest.mark.slow)], ids=["few", "many"]
-)
+@pytest.mark.parametrize("seeds", [range(5), range(5, 15)], ids=["few", "many"])
 def test_occlusion_is_that_of_composites_at_each_instant(name, seeds):
     """Random layered scenes of noise: on, partly on and beside the sensor, clear and opaque."""
     for seed in seeds:

@@ -230,11 +230,7 @@ def test_borders_are_nearly_as_good_as_the_middle(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    ["ensemble"]
-    + [pytest.param(name, marks=pytest.mark.slow) for name in ("total variation", "accelerated")],
-)
+@pytest.mark.parametrize("name", ["ensemble", "total variation", "accelerated"])
 def test_borders_are_far_better_than_wrapped(name):
     """Over twelve photographs borders are within 3 dB of the middle, 6 dB above wrapped ones.
 
