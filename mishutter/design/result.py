@@ -187,7 +187,7 @@ class Design:
         """
         tau = np.linspace(-1, 1, _PROFILE_POINTS)
         dtype = self.motion.half_exposure.dtype
-        transmittance = np.asarray(profile_of(self.shutter, tau.astype(dtype))[0])
+        transmittance, _ = profile_of(self.shutter, tau.astype(dtype))
         time = tau * float(self.motion.half_exposure) * 1e3
         rows = [
             f"{t:.9g},{x:.9g},{w:.9g}" for t, x, w in zip(time, tau, transmittance, strict=True)

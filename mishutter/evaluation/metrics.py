@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import compiled
+from mishutter._core import all_concrete, compiled, on_device
 from mishutter.blur import condition_number, safe_sqrt, support
 from mishutter.evaluation.ensembles import (
     drive_variance,
@@ -478,23 +478,25 @@ def _share(part: Array, total: Array) -> Array:
     return jnp.where(dark, 1.0, (part * scale) / jnp.where(dark, 1.0, total * scale))
 
 
-@compiled
 def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     r"""Power spectrum of the picture's rows on the frequency grid; shape `(m,)`.
 
     $1/(f^2 + 0.01^2)$ where the scene brings none; no power above the cutoff of the optics.
     It is scaled so that $2\int_0^{1/2} S\,df$, its mean over the grid, is the variance.
     """
-    frequency = frequency_grid(num_frequencies, dtype)
+    known = all_concrete((scene.power_spectrum, scene.cutoff_frequency, scene.deviation))
+    space = np if known else jnp
+    frequency = frequencies(num_frequencies).astype(dtype)
     if scene.power_spectrum is None:
         power = 1 / (frequency**2 + CORNER_FREQUENCY**2)
     else:
-        power = on_steps(jnp.asarray(scene.power_spectrum, dtype), num_frequencies)
-    power = jnp.where(frequency <= scene.cutoff_frequency.astype(dtype), power, 0)
-    total = jnp.mean(power)
+        power = on_steps(space.asarray(scene.power_spectrum, dtype), num_frequencies)
+    cutoff, deviation = (space.asarray(x, dtype) for x in (scene.cutoff_frequency, scene.deviation))
+    power = space.where(frequency <= cutoff, power, 0)
+    total = space.mean(power)
     lit = total > 0
-    scaled = power / jnp.where(lit, total, 1.0)
-    return scaled * scene.deviation.astype(dtype) ** 2
+    scaled = power / space.where(lit, total, 1.0) * deviation**2
+    return on_device(scaled) if isinstance(scaled, np.ndarray) else scaled
 
 
 def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Array:

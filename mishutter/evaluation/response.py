@@ -291,14 +291,9 @@ def pixel_responses(
 def light_in_time(
     shutter: AbstractShutter, motion: AbstractMotion, num_nodes: int
 ) -> tuple[Array | np.ndarray, Array | np.ndarray]:
-    """Normalised times and the light at them, of shape `(1, q)`; NumPy arrays where known.
-
-    Shutters that are known are taken `in_one_form`, by one program.
-    """
+    """Normalised times and the light at them, of shape `(1, q)`; NumPy arrays where known."""
     dtype = common_dtype(*jax.tree.leaves((motion, shutter)))
-    known = all_concrete(shutter)
-    profile = in_one_form(shutter, dtype) if known else piecewise(shutter)
-    nodes = lit_nodes(profile, num_nodes, dtype, path_ends(motion))
+    nodes = lit_nodes(shutter, num_nodes, dtype, path_ends(motion))
     tau, light = nodes.tau, nodes.light
     if all_concrete((tau, light)):
         tau, light = np.asarray(tau, np.float64), np.asarray(light, np.float64)

@@ -79,10 +79,11 @@ from mishutter.model.shutters.base import integrated_transmittance as integrated
 from mishutter.model.shutters.base import is_adjustable as is_adjustable
 from mishutter.model.shutters.base import num_coordinates as num_coordinates
 from mishutter.model.shutters.base import piecewise as piecewise
-from mishutter.model.shutters.base import profile_of as profile_of
 from mishutter.model.shutters.base import uniform_fractions as uniform_fractions
 from mishutter.model.shutters.base import within_unit as within_unit
+from mishutter.model.shutters.polynomials import PolynomialShutter as PolynomialShutter
 from mishutter.model.shutters.polynomials import in_one_form as in_one_form
+from mishutter.model.shutters.polynomials import profile_of as profile_of
 from mishutter.model.shutters.spline import coefficient_times as coefficient_times
 from mishutter.model.shutters.spline import fitted_boxes as fitted_boxes
 from mishutter.model.shutters.spline import fitted_coefficients as fitted_coefficients

@@ -32,7 +32,6 @@ from mishutter.model import (
     Picture,
     Scene,
     as_parabolic,
-    in_one_form,
     profile_of,
     to_display,
 )
@@ -110,9 +109,9 @@ def plot_profiles(designs: Named) -> Figure:
     for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
         half = float(motion.half_exposure) * 1e3
         dtype = np.dtype(motion.half_exposure.dtype)
-        w, efficiency = profile_of(in_one_form(shutter, dtype), tau.astype(dtype))
+        w, efficiency = profile_of(shutter, tau.astype(dtype))
         time, w = np.pad(tau * half, 1, "edge"), np.pad(w, 1)
-        label = f"{shown_name(name)}, lets {float(efficiency):.0%} through"
+        label = f"{shown_name(name)}, lets {efficiency:.0%} through"
         axes.plot(time, w, label=label, **style)
     axes.set(xlabel="time from mid-exposure / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     _legend(figure, axes)

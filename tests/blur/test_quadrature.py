@@ -1,9 +1,13 @@
 """The quadrature over the exposure, for shutters whose pieces move, against closed forms."""
 
+import itertools
+from fractions import Fraction
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support.cases import SHUTTERS
 
 from mishutter import TukeyShutter
 from mishutter.blur.quadrature import lit_nodes
@@ -43,6 +47,34 @@ def test_derivative_by_the_taper(taper):
     step = 1e-6
     difference = closed_form(taper + step, 90.0) - closed_form(taper - step, 90.0)
     assert float(found) == pytest.approx(difference / (2 * step), rel=1e-6, abs=1e-8)
+
+
+SOME = ["rect", "hann", "triangle", "gaussian", "tukey", "spline"]
+PATH_ENDS = (Fraction(-1), Fraction(-1, 3), Fraction(2, 7), Fraction(1))
+
+
+@pytest.mark.parametrize("ends", [(), PATH_ENDS], ids=["parabola", "path"])
+@pytest.mark.parametrize("num_nodes", [64, 284, 1000])
+@pytest.mark.parametrize("slug", SOME)
+def test_nodes_of_a_known_shutter_are_as_exact(slug, num_nodes, ends):
+    """By NumPy, against short panels over the shutter itself, as fast as a plan allows."""
+    shutter, dtype = SHUTTERS[slug].shutter(), np.dtype(float)
+    turn = PHASE_PER_NODE / 2 * (num_nodes - 48) * np.linspace(0, 1, 12)
+
+    def sums(tau, light):
+        return np.exp(1j * turn[:, None] * (tau + 1) ** 2 / 4) @ light
+
+    nodes = lit_nodes(shutter, num_nodes, dtype, ends)
+    cuts = np.asarray(shutter.breakpoints(dtype).high)
+    cuts = np.unique([np.linspace(*pair, 101) for pair in itertools.pairwise(cuts)])
+    place, weight = np.polynomial.legendre.leggauss(24)
+    half = np.diff(cuts)[:, None] / 2
+    tau = (cuts[:-1, None] + half * (1 + place)).ravel()
+    light = (half * weight / 2).ravel() * np.asarray(shutter.transmittance(tau))
+    found = sums(np.asarray(nodes.tau), np.asarray(nodes.light))
+    np.testing.assert_allclose(found, sums(tau, light), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(nodes.efficiency, shutter.efficiency(), rtol=1e-14)
+    assert nodes.tau.size <= max(num_nodes + 192, 512)
 
 
 def test_few_nodes_are_left_over():

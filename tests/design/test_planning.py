@@ -150,7 +150,7 @@ SCENE = Scene.uniform(
 )
 def test_a_wrong_plan_is_found_out(wrong, loss):
     """A plan that drops a needed speed, tap, frequency or node does not pass the guard."""
-    speeds = [-1500.0, -200.0, 0.0, 700.0, 1500.0]
+    speeds = [-12000.0, -1600.0, 0.0, 5600.0, 12000.0]
     scene = Scene(speeds, photon_rate=1e6, read_noise=4.0, limits=LIMITS)
     shutter = ChippedShutter([0.2, 0.9, 1.0, 0.4])
     right = plan(scene, MOTION, shutter, loss=loss)

@@ -18,7 +18,6 @@ from mishutter._core import (
     all_concrete,
     as_float,
     common_dtype,
-    compiled,
     fractions_as_words,
     require,
     require_finite,
@@ -193,12 +192,6 @@ def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
         require_finite(f"{kind}({name}=...)", value)
         found[name] = (value, low, high)
     return found
-
-
-@compiled
-def profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]:
-    """Transmittance at normalised times, and the efficiency; shape of `tau`, and scalar."""
-    return shutter.transmittance(tau), shutter.efficiency()
 
 
 def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Array:

@@ -63,15 +63,44 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     def _lengths(self) -> Array:
         return jnp.diff(self.ends.high) + jnp.diff(self.ends.low)
 
+    def known_at(self, tau: np.ndarray) -> np.ndarray:
+        """Transmittance at times within the exposure, where it is known."""
+        ends = np.asarray(self.ends.high)
+        piece = np.clip(np.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
+        share = (tau - ends[piece]) / self.known_lengths()[piece] - 0.5
+        return np.clip(np.polyval(np.asarray(self.powers).T[:, piece], share), 0, 1)
+
+    def known_lengths(self) -> np.ndarray:
+        """Lengths of the pieces, where they are known; shape `(n,)`."""
+        return np.diff(np.asarray(self.ends.high)) + np.diff(np.asarray(self.ends.low))
+
 
 def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseShutter:
     """The profile of a known shutter as polynomials, to rounding in a given precision.
 
     The shutter itself where 24 polynomials do not hold it, as a flutter code or a narrow Gaussian.
     """
+    if isinstance(shutter, PolynomialShutter):
+        return shutter
     profile = piecewise(shutter)
     form = _interpolated(profile, dtype)
     return form[0] if form is not None and form[1] else profile
+
+
+def profile_of(shutter: AbstractShutter, tau: np.ndarray) -> tuple[np.ndarray, float]:
+    """Transmittance of a known shutter at times within the exposure, and its efficiency."""
+    form = in_one_form(shutter, tau.dtype)
+    if not isinstance(form, PolynomialShutter):
+        transmittance, efficiency = _profile_of(shutter, tau)
+        return np.asarray(transmittance), float(efficiency)
+    order = np.arange(form.powers.shape[1])[::-1]
+    means = np.asarray(form.powers) @ np.where(order % 2, 0.0, 0.5**order / (order + 1))
+    return form.known_at(tau), float(form.known_lengths() @ means / 2)
+
+
+@compiled
+def _profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]:
+    return shutter.transmittance(tau), shutter.efficiency()
 
 
 @compiled

@@ -15,7 +15,6 @@ from mishutter._core import (
     RowLike,
     as_float,
     common_dtype,
-    compiled,
     require,
     require_finite,
     require_positive_int,
@@ -34,6 +33,7 @@ from mishutter.model.shutters.bernstein import (
     expand,
     split_control,
 )
+from mishutter.model.shutters.polynomials import profile_of
 
 _DEGREE = 3
 _FIT_SAMPLES_PER_PIECE = 16
@@ -170,15 +170,9 @@ def fitted_boxes(
     """Parameters of the splines that `SplineShutter.fit` gives; shape `(p,)` each."""
     num_samples = _FIT_SAMPLES_PER_PIECE * (num_coefficients - _DEGREE)
     tau = (2 * np.arange(num_samples) + 1) / num_samples - 1
-    targets = np.asarray(_transmittances(tuple(shutters), as_float(tau.astype(common_dtype()))))
+    targets = [profile_of(shutter, tau.astype(common_dtype()))[0] for shutter in shutters]
     each = [fitted_coefficients(tau, target, num_coefficients, symmetric) for target in targets]
     return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
-
-
-@compiled
-def _transmittances(shutters: tuple[AbstractShutter, ...], tau: Array) -> Array:
-    dtype = tau.dtype
-    return jnp.stack([shutter.transmittance(tau).astype(dtype) for shutter in shutters])
 
 
 def _arrays(shutter: AbstractShutter) -> list[Array]:
