@@ -114,12 +114,15 @@ class SpectralObjective(AbstractObjective):
     plan: Plan = eqx.field(static=True)
 
     def __call__(self, box: Array) -> Array:
-        return self.seen.at(self.exposures.at(box))
+        return self.seen.at(self.exposures.at(jnp.asarray(self.space.widened(box))))
 
     @property
     def exposures(self) -> "Exposures":
-        """Exposures of the designs, the same however many frequencies are looked at."""
-        return Exposures(self.space, self.nodes, self.plan.num_nodes)
+        """Exposures of the designs, the same however many frequencies are looked at.
+
+        They are those at points of `of_any_motion`.
+        """
+        return Exposures(self.space.of_any_motion, self.nodes, self.plan.num_nodes)
 
     @property
     def seen(self) -> "SpectralLoss":
@@ -218,7 +221,6 @@ def objective_of(
         if "shutter" not in space.free and not space.lags:
             light = space.light(space.shutter, space.motion.half_exposure)
             nodes = lit_nodes(light, plan.num_nodes, space.dtype, path_ends(space.motion))
-            space = space.without_shutter()
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
 

@@ -6,9 +6,9 @@ from functools import reduce
 from itertools import product
 from typing import Any
 
-import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import ArrayLike
 
 from mishutter._core import compiled, require_known
 from mishutter.design.space import FREE_NAMES, DesignSpace, design_space
@@ -118,7 +118,7 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     if space is None:
         return sizes(scene, motion)
     dtype = space.dtype
-    corners = [jax.device_put(corner.astype(dtype)) for corner in _corners(space)]
+    corners = [corner.astype(dtype) for corner in _corners(space)]
     spaces = [space]
     if "acceleration" in space.free and "path" not in space.free:
         spaces.append(space.without_acceleration())
@@ -126,17 +126,17 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     return reduce(larger, [sizes(scene, motion) for motion in motions])
 
 
-def design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
+def design_at(space: DesignSpace, box: np.ndarray) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
-    shutter, motion = _design_at(space.without_shutter(), box)
-    return (
-        shutter if "shutter" in space.free else space.light(space.shutter, motion.half_exposure)
-    ), motion
+    shutter, motion = _design_at(space.of_any_motion, space.widened(box))
+    if "shutter" not in space.free:
+        shutter = space.light(space.shutter, motion.half_exposure)
+    return shutter, settled(motion)
 
 
 @compiled
-def _design_at(space: DesignSpace, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
-    return space.at(box)
+def _design_at(space: DesignSpace, box: ArrayLike) -> tuple[AbstractShutter, AbstractMotion]:
+    return space.at(jnp.asarray(box))
 
 
 def _corners(space: DesignSpace) -> list[np.ndarray]:

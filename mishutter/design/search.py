@@ -582,10 +582,10 @@ def _best_of_space(
     if float(found.losses[best[0]]) < value:
         box, value = found.boxes[best[0]], float(found.losses[best[0]])
         certificate = certificate_at(objective, box, space.bends)
-    shutter, motion = design_at(space, jax.device_put(box))
+    shutter, motion = design_at(space, box)
     return _End(
         shutter=shutter,
-        motion=settled(motion),
+        motion=motion,
         loss=value,
         certificate=certificate,
         num_steps=polished.num_steps,

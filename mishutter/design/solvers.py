@@ -69,14 +69,17 @@ def _losses_and_gradients(
 
 def _by_parts(
     objective: SpectralObjective, boxes: np.ndarray, count: np.ndarray
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array | np.ndarray]:
     """Losses and gradients by the chain rule, whose longer part to compile sees no shutter.
 
     One program of it serves every kind of shutter and of motion.
     """
-    exposures = _seen(objective.exposures, boxes, count)
-    losses, slopes = _one_by_one(objective.seen.at, exposures, count)
-    return losses, _pulled_back(objective.exposures, (boxes, slopes), count)
+    space, exposures = objective.space, objective.exposures
+    points = space.widened(boxes)
+    seen = _seen(exposures, points, count)
+    losses, slopes = _one_by_one(objective.seen.at, seen, count)
+    gradients = np.asarray(_pulled_back(exposures, (points, slopes), count))
+    return losses, space.narrowed(gradients)
 
 
 @compiled

@@ -45,6 +45,7 @@ from mishutter.model import (
     RectShutter,
     Scene,
     StillCamera,
+    as_parabolic,
     at_coordinates,
     coordinates,
     is_adjustable,
@@ -56,6 +57,7 @@ from mishutter.model import (
 )
 
 FREE_NAMES = ("shutter", "path", "half_exposure", "velocity", "acceleration")
+_OF_MOTION = FREE_NAMES[2:]
 _ROUNDING = 1e-6
 _ROUNDS_TO_FILL = 8
 """Rounds that find the exposure which fills a pixel through a device whose light depends on it:
@@ -103,6 +105,8 @@ class DesignSpace(eqx.Module):
         num_profile_coordinates: How many of the coordinates belong to the shutter.
         num_path_coordinates: How many of them after these belong to a free path.
         path_mirrors: Whether these are of one half of the path, and of the other mirrored.
+        held: Which numbers of the motion are held although they have coordinates, which then
+            count for nothing (`of_any_motion`); shape `(3,)`. None where all with one may move.
     """
 
     shutter: AbstractShutter
@@ -117,6 +121,7 @@ class DesignSpace(eqx.Module):
     num_profile_coordinates: int = eqx.field(static=True)
     num_path_coordinates: int = eqx.field(static=True)
     path_mirrors: bool = eqx.field(static=True)
+    held: Array | None = None
 
     @property
     def size(self) -> int:
@@ -142,13 +147,16 @@ class DesignSpace(eqx.Module):
         acceleration = _mean_acceleration(self.motion)
         if "half_exposure" in share:
             bounds = self._half_exposure_bounds(shutter)
-            half_exposure = self._half_exposure_at(bounds, pieces, share["half_exposure"])
+            moved = self._half_exposure_at(bounds, pieces, share["half_exposure"])
+            half_exposure = self._unless_held("half_exposure", moved, half_exposure)
         if "acceleration" in share:
             bounds = self._acceleration_bounds(half_exposure, pieces)
-            acceleration = _between(*bounds, share["acceleration"])
+            moved = _between(*bounds, share["acceleration"])
+            acceleration = self._unless_held("acceleration", moved, acceleration)
         if "velocity" in share:
             low, high = self._velocity_bounds(acceleration, half_exposure, pieces)
-            velocity = low + share["velocity"] * (high - low)
+            moved = low + share["velocity"] * (high - low)
+            velocity = self._unless_held("velocity", moved, velocity)
         shutter = self.light(shutter, half_exposure)
         if isinstance(self.motion, StillCamera):
             return shutter, StillCamera(half_exposure=half_exposure)
@@ -171,7 +179,7 @@ class DesignSpace(eqx.Module):
     @property
     def free_of_motion(self) -> tuple[str, ...]:
         """Numbers of the motion that may move, in the order of their coordinates."""
-        return tuple(name for name in FREE_NAMES[2:] if name in self.free)
+        return tuple(name for name in _OF_MOTION if name in self.free)
 
     @property
     def dtype(self) -> np.dtype:
@@ -182,13 +190,41 @@ class DesignSpace(eqx.Module):
         """The same box, at every point of which the sensor does not accelerate."""
         return eqx.tree_at(lambda s: s.limits.max_stroke, self, on_device(np.zeros((), self.dtype)))
 
-    def without_shutter(self) -> "DesignSpace":
-        """The space around another shutter than one that is held, the same for all of these.
+    @property
+    def of_any_motion(self) -> "DesignSpace":
+        """The space by coordinates of every number of a parabola, around an open shutter.
 
-        Prevents a program of its own for each kind of shutter where only motions count.
+        Prevents a program of its own for each kind of shutter that is held, and for each kind of
+        motion where numbers of it alone may move. Points of it are `widened` ones of this space.
         """
-        held = "shutter" not in self.free and not self.lags
-        return replace(self, shutter=RectShutter()) if held else self
+        space = self
+        if "shutter" not in self.free and not self.lags:
+            space = replace(space, shutter=RectShutter())
+        if not self._is_of_numbers:
+            return space
+        held = np.array([name not in self.free for name in _OF_MOTION])
+        parabola = as_parabolic(self.motion)
+        return replace(space, motion=parabola, free=_OF_MOTION, held=on_device(held))
+
+    @property
+    def _is_of_numbers(self) -> bool:
+        """Whether numbers of a motion of constant acceleration alone may move."""
+        return not self.num_shape_coordinates and not isinstance(self.motion, FreeMotion)
+
+    def widened(self, boxes: Array | np.ndarray) -> Array | np.ndarray:
+        """Points of `of_any_motion` for points of this space; `(..., size)` to `(..., k)`."""
+        if not self._is_of_numbers:
+            return boxes
+        space = np if isinstance(boxes, np.ndarray) else jnp
+        columns = {name: boxes[..., index] for index, name in enumerate(self.free_of_motion)}
+        nothing = space.zeros_like(boxes[..., 0])
+        return space.stack([columns.get(name, nothing) for name in _OF_MOTION], axis=-1)
+
+    def narrowed(self, boxes: Array | np.ndarray) -> Array | np.ndarray:
+        """Points of this space for points of `of_any_motion`, or slopes there."""
+        if not self._is_of_numbers:
+            return boxes
+        return boxes[..., np.array([_OF_MOTION.index(name) for name in self.free_of_motion])]
 
     @property
     def lags(self) -> bool:
@@ -265,14 +301,16 @@ class DesignSpace(eqx.Module):
             bounds = self._half_exposure_bounds(shutter)
             share = self._half_exposure_share(bounds, pieces, half_exposure)
             parts.append(share.astype(dtype)[None])
-            half_exposure = self._half_exposure_at(bounds, pieces, share)
+            moved = self._half_exposure_at(bounds, pieces, share)
+            half_exposure = self._unless_held("half_exposure", moved, half_exposure)
         if not self.free_of_motion:
             return jnp.concatenate(parts)
         acceleration, share = _mean_acceleration(motion), None
         if "acceleration" in self.free:
             bounds = self._acceleration_bounds(half_exposure, pieces)
             share = _share(*bounds, acceleration)
-            acceleration = _between(*bounds, share)
+            moved = _between(*bounds, share)
+            acceleration = self._unless_held("acceleration", moved, acceleration)
         if "velocity" in self.free:
             low, high = self._velocity_bounds(acceleration, half_exposure, pieces)
             width = jnp.where(high > low, high - low, 1.0)
@@ -281,6 +319,12 @@ class DesignSpace(eqx.Module):
         if share is not None:
             parts.append(share.astype(dtype)[None])
         return jnp.concatenate(parts)
+
+    def _unless_held(self, name: str, moved: Array, own: Array) -> Array:
+        """A number of the motion at a point of the box, or its own where it is held."""
+        if self.held is None:
+            return moved
+        return jnp.where(self.held[_OF_MOTION.index(name)], own.astype(moved.dtype), moved)
 
     def _half_exposure_at(
         self, bounds: tuple[Array, Array], pieces: Array | None, share: Array
@@ -359,16 +403,17 @@ class DesignSpace(eqx.Module):
                     efficiency = self.light(shutter, longest).efficiency().astype(filling.dtype)
                     longest = filling / jnp.maximum(efficiency, filling / high)
             high = jnp.clip(longest, low, high)
-        if "acceleration" not in self.free and isinstance(self.motion, ParabolicMotion):
-            a = self.motion.acceleration
+        a = _mean_acceleration(self.motion)
+        moves = "acceleration" in self.free
+        if moves:
+            a = self._unless_held("acceleration", on_device(np.zeros((), self.dtype)), a)
+        if isinstance(self.motion, ParabolicMotion) and (not moves or self.held is not None):
             safe = jnp.where(a > 0, a, 1.0)
             longest = jnp.minimum(
                 jnp.sqrt(self.limits.max_stroke / safe), self.limits.max_top_speed / (2 * safe)
             )
             high = jnp.where(a > 0, jnp.clip(longest, low, high), high)
         if self.limits.has_stage:
-            held = _mean_acceleration(self.motion)
-            a = jnp.zeros_like(held) if "acceleration" in self.free else held
             rest = jnp.zeros_like(a)
             numbers = {"acceleration": a, "half_exposure": low, "velocity": rest}
             high = self.limits.largest("half_exposure", low, high, numbers)
@@ -449,7 +494,10 @@ def design_space(
     slowest, fastest = (x.astype(dtype) for x in scene.speed_range)
     demand = (fastest - slowest) / 2 if "velocity" in ordered else scene.max_speed.astype(dtype)
     velocity = motion.velocity.astype(dtype)
-    bounds = jnp.minimum(slowest, velocity), jnp.maximum(fastest, velocity)
+    bounds = (
+        on_device(np.minimum(slowest, velocity)),
+        on_device(np.maximum(fastest, velocity)),
+    )
     device = jax.tree.map(lambda x: x.astype(dtype), scene.device)
     lags = scene.device is not None and scene.device.lags
     filling = _filling(scene, None if count or lags else shutter)

@@ -18,6 +18,7 @@ from mishutter.model import (
     SplineShutter,
     TriangleShutter,
     TukeyShutter,
+    as_parabolic,
     fitted_boxes,
 )
 
@@ -60,9 +61,10 @@ def box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion)
     if isinstance(shutter, SplineShutter) and isinstance(own, SplineShutter):
         if shutter.symmetric and not own.symmetric:
             shutter = SplineShutter(shutter.coefficients)
-    space = space.without_shutter()
-    shutter = shutter if "shutter" in space.free or space.lags else space.shutter
-    return np.asarray(_box_at(space, shutter, motion))
+    whole = space.of_any_motion
+    shutter = shutter if "shutter" in space.free or space.lags else whole.shutter
+    box = _box_at(whole, shutter, as_parabolic(motion))
+    return np.asarray(space.narrowed(np.asarray(box)))
 
 
 @compiled

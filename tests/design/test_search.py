@@ -16,6 +16,7 @@ from mishutter import (
     DesignLoss,
     ExpectedErrorLoss,
     HannShutter,
+    Limits,
     LinearMotion,
     NonFiniteLossError,
     Outcome,
@@ -42,6 +43,7 @@ from mishutter.design.solvers import (
 from mishutter.design.space import all_that_can_move, design_space, within_limits
 from mishutter.design.starts import lowest_places, start_boxes
 from mishutter.evaluation.needs import needed_speeds, reduced
+from mishutter.model import as_parabolic
 
 PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)
 LOSSES = {"design": DesignLoss(), "expected_error": ExpectedErrorLoss()}
@@ -106,6 +108,46 @@ def test_a_start_within_the_limits_is_a_point_of_the_box(stroke, half_exposure):
     _, found = space.at(space.box(PROFILE, motion))
     assert np.isclose(found.acceleration, motion.acceleration, rtol=1e-13)
     assert np.isclose(found.half_exposure, motion.half_exposure, rtol=1e-13)
+
+
+STAGE = Limits(
+    max_stroke=30.0, max_top_speed=2e4, max_travel=60.0, max_acceleration=4e6, max_jerk=1e10
+)
+NUMBERS = {
+    "parabola": (MOTION, ("half_exposure", "velocity", "acceleration")),
+    "exposure of a parabola": (MOTION, ("half_exposure",)),
+    "acceleration": (MOTION, ("acceleration",)),
+    "pan": (LinearMotion(half_exposure=4e-3, velocity=310.0), ("half_exposure", "velocity")),
+    "at rest": (StillCamera(half_exposure=4e-3), ("half_exposure",)),
+}
+
+
+@pytest.mark.parametrize("limits", [LIMITS, STAGE], ids=["plain", "stage"])
+@pytest.mark.parametrize("name", NUMBERS)
+def test_numbers_that_are_held_have_coordinates_that_count_for_nothing(name, limits):
+    """The one space of any motion holds the same designs at the same points, with their slopes."""
+    motion, free = NUMBERS[name]
+    scene = Scene(
+        [-2600.0, 0.0, 1900.0], photon_rate=3e5, read_noise=4.0, full_well=5e3, limits=limits
+    )
+    space = design_space(scene, motion, HannShutter(), free)
+    whole = space.of_any_motion
+
+    def numbers(space, box):
+        _, found = space.at(box)
+        return jnp.stack([found.half_exposure, found.velocity, found.acceleration])
+
+    box = np.random.default_rng(5).uniform(0.1, 0.9, space.size)
+    np.testing.assert_array_equal(space.narrowed(space.widened(box)), box)
+    own, shared = partial(numbers, space), partial(numbers, whole)
+    wide = jnp.asarray(space.widened(box))
+    np.testing.assert_allclose(shared(wide), own(jnp.asarray(box)), rtol=1e-14)
+    slopes, expected = jax.jacfwd(shared)(wide), jax.jacfwd(own)(jnp.asarray(box))
+    np.testing.assert_allclose(space.narrowed(slopes), expected, rtol=1e-12)
+    assert np.count_nonzero(np.any(np.asarray(slopes) != 0, axis=0)) == space.size
+    _, found = space.at(jnp.asarray(box))
+    back = space.narrowed(np.asarray(whole.box(whole.shutter, as_parabolic(found))))
+    np.testing.assert_allclose(back, box, rtol=1e-9)
 
 
 @pytest.mark.parametrize("free", [FREE_NAMES[1:], ("acceleration",), ("half_exposure",)])
