@@ -16,6 +16,7 @@ from mishutter.model import (
     StillCamera,
     shipped_picture,
 )
+from mishutter.report.photographs import longest_kernel
 from mishutter.restore import blur_model, deconvolve
 
 OPEN_SHUTTER = "open shutter"
@@ -96,16 +97,21 @@ def layered_captures(
     }
     exposure = next(iter(rows.values())).motion.half_exposure
     cameras[OPEN_SHUTTER] = StillCamera(half_exposure=exposure), RectShutter()
+    least_taps = longest_kernel(scene, [motion for motion, _ in cameras.values()])
     return {
-        name: _captured(seen.layers, scene, motion, shutter)
+        name: _captured(seen.layers, scene, motion, shutter, least_taps)
         for name, (motion, shutter) in cameras.items()
     }
 
 
 def _captured(
-    layers: Layers, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+    layers: Layers,
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    least_taps: int,
 ) -> LayeredCapture:
-    model = blur_model(scene, motion, shutter)
+    model = blur_model(scene, motion, shutter, least_taps=least_taps)
     light = np.asarray(
         simulate_capture(layers, scene, motion, shutter, key=fixed_key()), np.float64
     )

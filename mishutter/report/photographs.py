@@ -1,13 +1,20 @@
 """The scene's photograph, captured and restored by each of several designs."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from mishutter.camera import kernel_layout
 from mishutter.design import Row
-from mishutter.model import EXAMPLE_PICTURE, Picture, Scene, example_picture, read_picture
+from mishutter.model import (
+    EXAMPLE_PICTURE,
+    AbstractMotion,
+    Picture,
+    Scene,
+    example_picture,
+    read_picture,
+)
 from mishutter.restore import (
     AbstractDecoder,
     EnsembleDecoder,
@@ -67,7 +74,8 @@ def photograph_of(
     if scene.picture is None:
         return None
     picture = _middle_rows(scene_picture(scene.picture))
-    width, enough = picture.light.shape[1], least_columns(_longest_kernel(scene, rows))
+    motions = [row.motion for row in rows.values()]
+    width, enough = picture.light.shape[1], least_columns(longest_kernel(scene, motions))
     if width >= enough:
         return picture
     blur = f"{width} columns are too few to be restored from this blur; {enough} would do"
@@ -98,7 +106,8 @@ def photographs(
     chosen: dict[str, AbstractDecoder] = {ENSEMBLE: EnsembleDecoder()}
     if every:
         chosen |= {"Wiener": WienerDecoder(), "Richardson-Lucy": RichardsonLucyDecoder()}
-    longest, speeds = _longest_kernel(scene, rows), None if every else shown_speeds(scene)
+    longest = longest_kernel(scene, [row.motion for row in rows.values()])
+    speeds = None if every else shown_speeds(scene)
     levels: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
     shown: dict[str, RestoredPhotograph] = {}
     for name, row in rows.items():
@@ -126,9 +135,15 @@ def pictured_speeds(scene: Scene) -> list[float]:
     return shown_speeds(scene)[-2:]
 
 
-def _longest_kernel(scene: Scene, rows: Mapping[str, Row]) -> int:
+def longest_kernel(scene: Scene, motions: Iterable[AbstractMotion]) -> int:
+    """Pixels that light falls over at most; restored alike over as many, pictures share programs.
+
+    Args:
+        scene: The speeds that occur.
+        motions: Motions of the sensors.
+    """
     speeds = np.asarray(scene.speeds).tolist()
-    return max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
+    return max(kernel_layout(motion, *speeds, 0.0)[0] for motion in motions)
 
 
 def scene_picture(place: str) -> Picture:
