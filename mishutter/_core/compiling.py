@@ -11,12 +11,15 @@ import jax
 import numpy as np
 
 from mishutter._core.checks import all_concrete, is_concrete
+from mishutter._core.parallel import num_processors
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 _QUICKLY: dict[str, bool | int] = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_backend_optimization_level": 1,
+    # Each part of a program has a cost of its own: more than there are processors do not pay.
+    "xla_cpu_parallel_codegen_split_count": min(num_processors(), 32),
 }
 
 
