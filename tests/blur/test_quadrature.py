@@ -2,6 +2,7 @@
 
 import itertools
 from fractions import Fraction
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -16,10 +17,11 @@ PHASE_PER_NODE = 1.6
 """Radians: a little less than a plan allows each node."""
 
 
-def by_nodes(taper, turn, num_nodes, dtype=np.float64):
-    """Half the integral of w cos(turn tau)."""
-    nodes = lit_nodes(TukeyShutter(taper), num_nodes, np.dtype(dtype))
-    return jnp.sum(nodes.light * jnp.cos(jnp.asarray(turn, dtype) * nodes.tau))
+@partial(jax.jit, static_argnames="num_nodes")
+def by_nodes(taper, turn, num_nodes):
+    """Half the integral of w cos(turn tau), of a taper that is traced."""
+    nodes = lit_nodes(TukeyShutter(taper), num_nodes, np.dtype(float))
+    return jnp.sum(nodes.light * jnp.cos(turn * nodes.tau))
 
 
 def closed_form(taper, turn):

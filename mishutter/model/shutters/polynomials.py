@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 from numpy.polynomial import chebyshev
 
-from mishutter._core import DoubleWord, compiled
+from mishutter._core import DoubleWord, compiled, is_concrete
 from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
 from mishutter.model.shutters.bernstein import looked_up, polynomial, polynomial_means
 
@@ -78,13 +78,15 @@ class PolynomialShutter(AbstractPiecewiseShutter):
 def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseShutter:
     """The profile of a known shutter as polynomials, to rounding in a given precision.
 
-    The shutter itself where 24 polynomials do not hold it, as a flutter code or a narrow Gaussian.
+    The shutter itself where 24 polynomials do not hold it, as a flutter code or a narrow Gaussian,
+    and in a program of the package while that is traced: nothing is computed at once there.
     """
     if isinstance(shutter, PolynomialShutter):
         return shutter
     profile = piecewise(shutter)
     form = _interpolated(profile, dtype)
-    return form[0] if form is not None and form[1] else profile
+    holds = form is not None and is_concrete(form[1]) and bool(form[1])
+    return form[0] if form is not None and holds else profile
 
 
 def profile_of(shutter: AbstractShutter, tau: np.ndarray) -> tuple[np.ndarray, float]:
