@@ -76,7 +76,8 @@ def _nodes_of_polynomials(
     light, dtype = shares * shutter.known_at(tau), np.dtype(shutter.powers.dtype)
     spare = (0, _room_for(num_nodes, tau.size) - tau.size)
     padded = (on_device(np.pad(part, spare).astype(dtype)) for part in (tau, light))
-    return LitNodes(*padded, efficiency=on_device(np.sum(light).astype(dtype)))
+    efficiency = np.asarray(shutter.known_efficiency(), dtype)
+    return LitNodes(*padded, efficiency=on_device(efficiency))
 
 
 def _room_for(num_nodes: int, taken: int) -> int:

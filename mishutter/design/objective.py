@@ -221,6 +221,7 @@ def objective_of(
         if "shutter" not in space.free and not space.lags:
             light = space.light(space.shutter, space.motion.half_exposure)
             nodes = lit_nodes(light, plan.num_nodes, space.dtype, path_ends(space.motion))
+            space = space.without_shutter()
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
 

@@ -190,16 +190,22 @@ class DesignSpace(eqx.Module):
         """The same box, at every point of which the sensor does not accelerate."""
         return eqx.tree_at(lambda s: s.limits.max_stroke, self, on_device(np.zeros((), self.dtype)))
 
+    def without_shutter(self) -> "DesignSpace":
+        """The space around another shutter than one that is held, the same for all of these.
+
+        Prevents a program of its own for each kind of shutter where only motions count.
+        """
+        held = "shutter" not in self.free and not self.lags
+        return replace(self, shutter=RectShutter()) if held else self
+
     @property
     def of_any_motion(self) -> "DesignSpace":
-        """The space by coordinates of every number of a parabola, around an open shutter.
+        """The space `without_shutter`, by coordinates of every number of a parabola.
 
-        Prevents a program of its own for each kind of shutter that is held, and for each kind of
-        motion where numbers of it alone may move. Points of it are `widened` ones of this space.
+        Prevents a program of its own for each kind of motion where numbers of it alone may move.
+        Points of it are `widened` ones of this space.
         """
-        space = self
-        if "shutter" not in self.free and not self.lags:
-            space = replace(space, shutter=RectShutter())
+        space = self.without_shutter()
         if not self._is_of_numbers:
             return space
         held = np.array([name not in self.free for name in _OF_MOTION])

@@ -272,7 +272,7 @@ def photograph(path, rows):
 )
 def test_an_interrupt_leaves_no_half_written_file(when, sent, code, tmp_path, scene):
     """A signal ends it with its code and no traceback; what is in the folder, if any, is whole."""
-    photograph(tmp_path / "a.jpg", 6000)
+    photograph(tmp_path / "a.jpg", 3500)
     out = tmp_path / "out"
     arguments = ["simulate", scene, "--subject", tmp_path / "a.jpg", "--out", out, "--noiseless"]
     command = [sys.executable, "-c", RUN, *map(str, arguments)]
@@ -289,7 +289,7 @@ def test_an_interrupt_leaves_no_half_written_file(when, sent, code, tmp_path, sc
     assert process.returncode == code
     assert "Traceback" not in errors
     assert not list(out.glob(".*"))
-    assert {ms.read_picture(path).light.shape for path in out.iterdir()} <= {(6000, 2000, 3)}
+    assert {ms.read_picture(path).light.shape for path in out.iterdir()} <= {(3500, 2000, 3)}
 
 
 @pytest.mark.slow

@@ -45,12 +45,12 @@ NUM_SCENES = 5
 def test_twelve_photographs_come_back_as_the_table_promises(index):
     """Each in one of five scenes, by the Hann window that is best there and by a snapshot.
 
-    At 40,000 instants. All of them in every scene are `python -m benchmarks.photographs`.
+    At 16,000 instants. All of them in every scene are `python -m benchmarks.photographs`.
     """
     scene = list(scenes().values())[index]
     window = ms.optimise(scene, scene.motion, ms.HannShutter(), free="half_exposure")
     for motion, shutter in ((window.motion, ms.HannShutter()), (SNAPSHOT, ms.RectShutter())):
-        responses = photographs.sampled_responses(scene, motion, shutter, 40_000)
+        responses = photographs.sampled_responses(scene, motion, shutter, 16_000)
         for photograph in list(photographs.PHOTOGRAPHS)[index::NUM_SCENES]:
             rows = photographs.rows_of(photograph)
             promised, found = photographs.levels(rows, scene, motion, shutter, responses)

@@ -1,5 +1,6 @@
 """One form for shutters of few pieces, so that programs which take it serve every kind."""
 
+import math
 from functools import lru_cache
 from typing import ClassVar, final
 
@@ -67,11 +68,16 @@ class PolynomialShutter(AbstractPiecewiseShutter):
         """Transmittance at times within the exposure, where it is known."""
         ends = np.asarray(self.ends.high)
         piece = np.clip(np.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
-        share = (tau - ends[piece]) / self.known_lengths()[piece] - 0.5
+        share = (tau - ends[piece]) / self._known_lengths()[piece] - 0.5
         return np.clip(np.polyval(np.asarray(self.powers).T[:, piece], share), 0, 1)
 
-    def known_lengths(self) -> np.ndarray:
-        """Lengths of the pieces, where they are known; shape `(n,)`."""
+    def known_efficiency(self) -> float:
+        """The efficiency, where it is known: exactly 1 of a shutter that is open throughout."""
+        order = np.arange(self.powers.shape[1])[::-1]
+        means = np.asarray(self.powers) @ np.where(order % 2, 0.0, 0.5**order / (order + 1))
+        return math.fsum((self._known_lengths() * means).tolist()) / 2
+
+    def _known_lengths(self) -> np.ndarray:
         return np.diff(np.asarray(self.ends.high)) + np.diff(np.asarray(self.ends.low))
 
 
@@ -95,9 +101,7 @@ def profile_of(shutter: AbstractShutter, tau: np.ndarray) -> tuple[np.ndarray, f
     if not isinstance(form, PolynomialShutter):
         transmittance, efficiency = _profile_of(shutter, tau)
         return np.asarray(transmittance), float(efficiency)
-    order = np.arange(form.powers.shape[1])[::-1]
-    means = np.asarray(form.powers) @ np.where(order % 2, 0.0, 0.5**order / (order + 1))
-    return form.known_at(tau), float(form.known_lengths() @ means / 2)
+    return form.known_at(tau), form.known_efficiency()
 
 
 @compiled
