@@ -9,7 +9,9 @@ SciPy's own steps take up to a hundred times longer in two that wait for each ot
 
 import time
 import warnings
+from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import jax
 
@@ -62,7 +64,9 @@ def problem() -> tuple[AbstractObjective, AbstractObjective, np.ndarray]:
     space, loss = design_space(scene, motion, shutter, "shutter"), DesignLoss()
     planned = plan_of_scene(scene, motion, shutter, loss=loss, free="shutter")
     objective = objective_of(loss, reduced(scene, planned), space, planned)
-    from_scratch = objective_of(loss, needed_speeds(scene, shutter), space, sizes(scene, motion))
+    from_scratch = objective_of(
+        loss, needed_speeds(scene, motion, shutter), space, sizes(scene, motion)
+    )
     return objective, from_scratch, start_boxes(space, 64, seed=0)
 
 
@@ -181,7 +185,7 @@ METHODS = {
     "SciPy L-BFGS-B, differences": scipy_without_gradient,
     "random search": random_search,
 }
-_programs: dict[str, object] = {}
+_programs: dict[str, Callable[..., Any]] = {}
 
 
 def _compiled(function, name):
@@ -202,7 +206,7 @@ def measure() -> list[dict]:
         objective = from_scratch if name.endswith("from scratch") else planned
         for count in (1, 64):
             try:
-                seconds = []
+                seconds, losses = [], np.zeros(0)
                 for _ in range(6):
                     start = time.perf_counter()
                     losses = method(objective, starts[:count])

@@ -21,7 +21,13 @@ from mishutter import (
     optimise,
 )
 from mishutter.design import with_device, without_pan
-from mishutter.model import AbstractDevice, AbstractMotion, AbstractShutter, ChippedShutter
+from mishutter.model import (
+    AbstractDevice,
+    AbstractMotion,
+    AbstractShutter,
+    ChippedShutter,
+    steady,
+)
 
 BANDWIDTHS = (30, 100, 1000)
 """Hz, at which a first-order device passes half the power: 10 to 90 % takes 0.35 over it."""
@@ -85,7 +91,7 @@ def _expected_psnr(
     scene: Scene, motion: AbstractMotion, times: np.ndarray, light: np.ndarray
 ) -> float:
     """Expected PSNR of light at some times, section 2 of the package's physics; dB."""
-    a, v = float(motion.acceleration), float(motion.velocity)
+    a, v = float(steady(motion).acceleration), float(motion.velocity)
     speeds, shares = np.asarray(scene.speeds) - v, np.asarray(scene.weights)
     frequencies = (np.arange(_NUM_FREQUENCIES) + 0.5) * (0.5 / _NUM_FREQUENCIES)
     given = np.asarray(scene.power_spectrum)

@@ -41,9 +41,9 @@ def exact(problem, at) -> np.ndarray:
     base = [mp.mpf(float(x)) for x in at]
 
     def total(x):
-        motion = [x[0] * problem.a, x[1] * problem.T, x[2] * problem.s]
-        edges = problem.edges.tolist()
-        taps = reference.exposures(case.window(np.array(x[3:])), *motion, edges, from_vertex=False)
+        a, T, s = x[0] * problem.a, x[1] * problem.T, x[2] * problem.s
+        window, edges = case.window(np.array(x[3:])), problem.edges.tolist()
+        taps = reference.exposures(window, a, T, s, edges, from_vertex=False)
         return mp.fsum(h * float(c) for h, c in zip(taps, direction(NUM_TAPS), strict=True))
 
     def moved(index):

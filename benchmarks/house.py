@@ -9,6 +9,7 @@ import multiprocessing
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import mishutter as ms
 
@@ -19,7 +20,7 @@ PACKAGE = Path(ms.__file__).parent
 PUBLIC = [getattr(ms, name) for name in ms.__all__]
 SCENE = ms.example_scene()
 MOTION = SCENE.motion
-GRID = {"accelerations": [1e5, 4e5], "half_exposures": [0.005, 0.01]}
+GRID: dict[str, Any] = {"accelerations": [1e5, 4e5], "half_exposures": [0.005, 0.01]}
 CALLS = {
     "blur_kernel": lambda: ms.blur_kernel(ms.HannShutter(), MOTION, num_taps=50),
     "optimise": lambda: ms.optimise(SCENE, num_starts=2, max_steps=20),

@@ -30,6 +30,7 @@ from mishutter import (
     optimise,
     row_power_spectrum,
 )
+from mishutter.model import steady
 
 ALLOWED = 0.02
 """How much better than the package's the independent figure may be; dB."""
@@ -254,7 +255,9 @@ def search(
     ends = [descended(x) for x in starts]
     errors = [float(decibels(x, fine, mode)) for x in ends]
     best = int(np.argmin(errors))
-    return Found(-errors[best], *(float(x) for x in motion_at(ends[best], numbers, mode)))
+    return Found(
+        -errors[best], *(float(x) for x in motion_at(jnp.asarray(ends[best]), numbers, mode))
+    )
 
 
 def _random_point(random: np.random.Generator) -> np.ndarray:
@@ -321,7 +324,7 @@ def measured_anew(scene: Scene, shutter: AbstractShutter, motion: AbstractMotion
     profile = np.ones(NUM_COEFFICIENTS)
     if isinstance(shutter, SplineShutter):
         profile = np.asarray(shutter.coefficients)
-    a = float(motion.acceleration)
+    a = float(steady(motion).acceleration)
     numbers = float(motion.half_exposure), float(motion.velocity), a
     return -float(error_of(profile, numbers, numbers_of(scene, 2), accelerates=a > 0))
 

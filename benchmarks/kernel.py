@@ -63,19 +63,20 @@ def exact(problem: Problem, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     window = SHUTTERS[problem.slug].reference()
     edges, scales = problem.edges.tolist(), np.abs([problem.a, problem.T, problem.s])
 
-    def taps(*motion):
-        return reference.exposures(window, *motion, edges, from_vertex=False)
+    def taps(motion):
+        a, T, s = motion
+        return reference.exposures(window, a, T, s, edges, from_vertex=False)
 
     def by(index, at):
         def moved(x):
-            weighted = zip(taps(*at[:index], x, *at[index + 1 :]), weights, strict=True)
+            weighted = zip(taps([*at[:index], x, *at[index + 1 :]]), weights, strict=True)
             return [mp.fsum(h * float(c) for h, c in weighted)]
 
         return float(reference.derivative(moved, at[index], scales[index])[0])
 
     weights = direction(problem.edges.size - 1)
     motions = [(problem.a, problem.T, float(s)) for s in speeds]
-    values = np.array([[float(h) for h in taps(*at)] for at in motions])
+    values = np.array([[float(h) for h in taps(at)] for at in motions])
     each = np.array([[by(index, at) for index in range(3)] for at in motions]) * scales
     return values, np.concatenate([each[:, :2].sum(axis=0), each[:, 2]])
 

@@ -15,6 +15,7 @@ import numpy as np
 import mishutter as ms
 from benchmarks import harness
 from benchmarks.scenes import scenes
+from mishutter.model import steady
 from mishutter.model.images import shipped_picture
 
 PHOTOGRAPHS = {
@@ -69,7 +70,7 @@ def sampled_responses(
     """Mean of the waves of one period at each instant, through a pixel; `(speeds, k)`, complex."""
     tau = (np.arange(num_instants) + 0.5) / num_instants * 2 - 1
     time, light = tau * float(motion.half_exposure), np.asarray(shutter.transmittance(tau))
-    a, v = float(motion.acceleration), float(motion.velocity)
+    a, v = float(steady(motion).acceleration), float(motion.velocity)
     turns = np.arange(COLUMNS + 1) / (2 * COLUMNS)
     found = []
     for speed in np.asarray(scene.speeds, float):

@@ -51,7 +51,8 @@ NUM_TURNS = 15
 
 def row(name: str, full, planned, error: float | None = None, turns: int = NUM_TURNS) -> dict:
     """Times of one pair, run by turns, so that a load falls on both."""
-    full(), planned()
+    full()
+    planned()
     times = np.array([[_seconds(full), _seconds(planned)] for _ in range(turns)])
     best = times.min(axis=0)
     return {

@@ -44,7 +44,7 @@ class Method(NamedTuple):
     compiled: bool = True
 
 
-def ours(problem: Problem, dtype=np.float64) -> Method:
+def ours(problem: Problem, dtype: type[np.floating] = np.float64) -> Method:
     """The package, in a given precision."""
     cast = jax.tree.map(lambda x: jnp.asarray(x, dtype), problem.shutter)
     edges = problem.edges.astype(dtype)
