@@ -604,6 +604,7 @@ def best_profile(
     loss: AbstractLoss,
     max_steps: int,
     plan: Plan | Automatic | None = PLANNED,
+    known: tuple[np.ndarray, float] | None = None,
 ) -> tuple[np.ndarray, float]:
     """The best of descents from given profiles on a motion that is held.
 
@@ -615,6 +616,7 @@ def best_profile(
         loss: The loss to be minimised.
         max_steps: Steps of each descent, at most.
         plan: The plan of the computation.
+        known: A point of the box and its loss, which are returned where no start is better.
 
     Returns:
         The best point of the box, `(size,)`, and its loss.
@@ -623,7 +625,12 @@ def best_profile(
     space = design_space(scene, motion, shutter, "shutter")
     plan = _plan(scene, space, loss, plan)
     objective = objective_of(loss, reduced(scene, plan), space, plan)
-    found = _descended(objective, space, starts.astype(space.dtype), max_steps, None)
+    starts = starts.astype(space.dtype)
+    if known is not None:
+        box, least = known
+        if np.min(losses_at(objective, starts)) >= least - _SAME * abs(least):
+            return box, least
+    found = _descended(objective, space, starts, max_steps, None)
     return found.boxes[0], float(found.losses[0])
 
 

@@ -9,6 +9,7 @@ from support.sweeps import RELATIVE, SCENE, SHUTTERS
 from mishutter import (
     DesignLoss,
     ExpectedErrorLoss,
+    Limits,
     ParabolicMotion,
     Scene,
     SplineShutter,
@@ -17,7 +18,7 @@ from mishutter import (
     starting_shutter,
     sweep,
 )
-from mishutter.sweeps.search import start_boxes, starts_at
+from mishutter.sweeps.search import later_profiles, start_boxes, starts_at
 
 EXCESS = 1e-3
 """Loss above that of `optimise`: promised of every point."""
@@ -38,16 +39,27 @@ AXES: dict[str, Any] = {
 
 
 def test_what_a_point_starts_from():
-    """Windows and a random profile of the seed; then a window and what its neighbours found."""
+    """Windows and a random profile of the seed, and what its neighbours found."""
     first = start_boxes(12, True, 5)
     assert not np.any(np.all(first == start_boxes(12, True, 6)[-1], axis=1))
     boxes, rows = np.full((4, 2, 6), np.nan), np.array([0, 2])
-    np.testing.assert_array_equal(starts_at(first, boxes, rows, 0), [first, first])
+    alone = np.concatenate([first, first[1:]])
+    np.testing.assert_array_equal(starts_at(first, boxes, rows, 0), [alone, alone])
     boxes[:3, 0] = np.arange(1, 4)[:, None] / 10
     later = starts_at(first, boxes, rows, 1)
-    np.testing.assert_array_equal(later[:, 0], [first[0], first[0]])
-    np.testing.assert_array_equal(later[0, 1:, 0], [0.2, 0.1, 0.1])
-    np.testing.assert_array_equal(later[1, 1:, 0], [first[1, 0], 0.2, 0.3])
+    np.testing.assert_array_equal(later[:, :4], [first, first])
+    np.testing.assert_array_equal(later[0, 4:, 0], [0.2, 0.1, 0.1])
+    np.testing.assert_array_equal(later[1, 4:, 0], [first[1, 0], 0.2, 0.3])
+
+
+def test_what_a_point_is_searched_from_again():
+    """Neighbours at the next exposure and the next acceleration, as often as it takes."""
+    boxes = np.full((3, 2, 4), np.nan)
+    boxes[:, 1] = np.arange(1, 4)[:, None]
+    boxes[2, 0] = 7
+    near = later_profiles(boxes, 1, 0)
+    np.testing.assert_array_equal(near[:, 0], [1, 2, 3, 7, 1, 2, 3])
+    assert later_profiles(boxes, 2, 1).size == 0
 
 
 @pytest.mark.slow
@@ -87,6 +99,30 @@ def test_losses_are_those_of_optimise(slug):
         psnr = float(at.expected_psnr.sel(shutter="optimised"))
         exact = evaluate(scene, motion, profile).expected_psnr
         np.testing.assert_allclose(exact, psnr, rtol=RELATIVE)
+
+
+SHIVER = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.04)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [2e-3, 2.5425e-3])
+def test_a_valley_that_begins_at_a_later_exposure_is_followed_back(first):
+    """Where a stroke is less than a pixel, and windows and neighbours lead into others."""
+    scene = Scene.uniform(
+        max_speed=4500.0, num_speeds=9, photon_rate=1e5, read_noise=8.0, limits=SHIVER
+    )
+    axes: dict[str, Any] = {
+        "accelerations": [99_377.0],
+        "half_exposures": np.linspace(first, 2.74e-3, 4),
+        "metrics": ["expected_psnr"],
+    }
+    found = sweep(scene, optimise=True, **axes)
+    for at in (found.isel(acceleration=0, half_exposure=index) for index in range(4)):
+        motion = ParabolicMotion(
+            acceleration=float(at.acceleration), half_exposure=float(at.half_exposure)
+        )
+        design = optimise(scene, motion, starting_shutter(scene), free="shutter")
+        assert float(at.loss) - design.loss < EXCESS
 
 
 def squared(scene, motion, shutter):
