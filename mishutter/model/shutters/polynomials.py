@@ -91,8 +91,9 @@ def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseS
         return shutter
     profile = piecewise(shutter)
     form = _interpolated(profile, dtype)
-    holds = form is not None and is_concrete(form[1]) and bool(form[1])
-    return form[0] if form is not None and holds else profile
+    if form is None or not (is_concrete(form[1]) and form[1]):
+        return profile
+    return form[0]
 
 
 def profile_of(shutter: AbstractShutter, tau: np.ndarray) -> tuple[np.ndarray, float]:
