@@ -8,7 +8,9 @@ from mishutter._core.checks import as_numpy as as_numpy
 from mishutter._core.checks import common_dtype as common_dtype
 from mishutter._core.checks import describe as describe
 from mishutter._core.checks import is_concrete as is_concrete
+from mishutter._core.checks import known_beside as known_beside
 from mishutter._core.checks import named as named
+from mishutter._core.checks import namespace_of as namespace_of
 from mishutter._core.checks import numbers_of as numbers_of
 from mishutter._core.checks import on_device as on_device
 from mishutter._core.checks import require as require
@@ -26,6 +28,7 @@ from mishutter._core.columns import text_lines as text_lines
 from mishutter._core.columns import unit_columns as unit_columns
 from mishutter._core.compiling import at_once as at_once
 from mishutter._core.compiling import compiled as compiled
+from mishutter._core.compiling import in_a_program as in_a_program
 from mishutter._core.double_double import DoubleWord as DoubleWord
 from mishutter._core.double_double import add as add
 from mishutter._core.double_double import fractions_as_words as fractions_as_words

@@ -46,6 +46,17 @@ def as_numpy(*values: Any) -> tuple[Any, ...]:
     return tuple(map(np.asarray, values)) if all_concrete(values) else values
 
 
+def namespace_of(*values: Any) -> Any:
+    """NumPy where all of `values` are its arrays, `jax.numpy` otherwise."""
+    return np if all(isinstance(x, np.ndarray) for x in values) else jnp
+
+
+def known_beside(value: Any, parameter: Any) -> Any:
+    """A parameter as NumPy's array where it is known and `value` is one; itself otherwise."""
+    known = isinstance(value, np.ndarray) and is_concrete(parameter)
+    return np.asarray(parameter) if known else parameter
+
+
 def common_dtype(*values: RowLike) -> np.dtype:
     """Floating dtype that the arrays among `values` share; JAX's default without any.
 
@@ -79,10 +90,10 @@ def as_float(value: RowLike, subject: str | None = None) -> Array:
     return on_device(np.asarray(value, dtype))
 
 
-def on_device(value: np.ndarray | np.generic) -> Array:
+def on_device(value: Any) -> Any:
     """Numbers of NumPy as a JAX array that is known, also in a function that is being traced.
 
-    `jnp.asarray` would compile a program for it.
+    `jnp.asarray` would compile a program for it. A tree of them takes little longer than one.
     """
     with jax.ensure_compile_time_eval():
         return jax.device_put(value)

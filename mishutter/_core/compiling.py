@@ -90,6 +90,11 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     return call
 
 
+def in_a_program() -> bool:
+    """Whether this thread traces a program of the package, where nothing is computed at once."""
+    return _TRACING.allowed
+
+
 def _kind_of(leaf: Any) -> Any:
     """The part of an argument that a trace depends on."""
     dtype = getattr(leaf, "dtype", None)

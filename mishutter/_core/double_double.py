@@ -11,22 +11,24 @@ The sums are Knuth's (The Art of Computer Programming 2, 4.2.2, theorem B).
 
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from mishutter._core.checks import on_device
+
 
 class DoubleWord(NamedTuple):
     """The number `high + low`, with `low` at most half an ulp of `high`."""
 
-    high: Array
-    low: Array
+    high: Any
+    low: Any
 
 
-def two_sum(a: Array, b: Array) -> DoubleWord:
+def two_sum(a: Any, b: Any) -> DoubleWord:
     """`a + b` exactly."""
     high = a + b
     b_part = high - a
@@ -103,4 +105,4 @@ def fractions_as_words(exact: Sequence[Fraction], dtype: np.dtype) -> DoubleWord
     """Fractions to twice a precision; shape `(n,)`."""
     high = np.array([float(x) for x in exact]).astype(dtype)
     low = [float(x - Fraction(float(h))) for x, h in zip(exact, high, strict=True)]
-    return DoubleWord(jnp.asarray(high), jnp.asarray(np.array(low, dtype)))
+    return DoubleWord(on_device(high), on_device(np.array(low, dtype)))

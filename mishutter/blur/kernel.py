@@ -11,6 +11,7 @@ the piece over it. `docs/derivation.md` draws the geometry.
 """
 
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,8 +23,8 @@ from mishutter._core import (
     DoubleWord,
     RowLike,
     add,
+    as_numpy,
     common_dtype,
-    compiled,
     is_concrete,
     require,
     require_finite,
@@ -200,22 +201,25 @@ def binned_exposure(
     return _exposure(num_taps, profile, point, ends, nothing, **rule)
 
 
-@compiled
-def support(motion: AbstractMotion, speed: ArrayLike) -> Array:
-    r"""Length of an aligned kernel; px, shape of `speed`.
+def support(motion: AbstractMotion, speed: ArrayLike) -> Array | np.ndarray:
+    r"""Length of an aligned kernel; px, shape of `speed`, by NumPy where both are known.
 
     From the vertex it is $aT^2 (1 + |\nu|)^2$; of a camera at rest $2|s|T$, about mid-exposure.
     On a free path it is the way from the lowest position to the highest, of objects that pass
     over the sensor at that speed in either direction the longer.
     """
-    if isinstance(motion, FreeMotion):
-        relative = jnp.asarray(speed) - motion.velocity
-        both = (motion.velocity + relative, motion.velocity - relative)
-        return jnp.maximum(*(motion.highest(s) - motion.lowest(s) for s in both))
-    fastest, turns = jnp.abs(jnp.asarray(speed) - motion.velocity), has_vertex(motion)
-    a = steady(motion).acceleration
-    far = (motion.speed_gain + fastest) ** 2 / (4 * jnp.where(turns, a, 1.0))
-    return jnp.where(turns, far, 2 * fastest * motion.half_exposure)
+    a = motion.accelerations if isinstance(motion, FreeMotion) else steady(motion).acceleration
+    given = speed, motion.velocity, motion.half_exposure, a, motion.speed_gain
+    speed, v, T, a, gain = as_numpy(*given)
+    space: Any = np if isinstance(speed, np.ndarray) else jnp
+    with np.errstate(over="ignore", invalid="ignore"):
+        relative = space.asarray(speed) - v
+        if isinstance(motion, FreeMotion):
+            both = (v + relative, v - relative)
+            return space.maximum(*(motion.highest(s) - motion.lowest(s) for s in both))
+        fastest, turns = abs(relative), has_vertex(motion)
+        far = (gain + fastest) ** 2 / (4 * space.where(turns, a, 1.0))
+        return space.where(turns, far, 2 * fastest * T)
 
 
 def _check_edges(edges: RowLike) -> None:

@@ -75,9 +75,9 @@ def _nodes_of_polynomials(
     tau, shares = map(np.concatenate, zip(*panels, strict=True))
     light, dtype = shares * shutter.known_at(tau), np.dtype(shutter.powers.dtype)
     spare = (0, _room_for(num_nodes, tau.size) - tau.size)
-    padded = (on_device(np.pad(part, spare).astype(dtype)) for part in (tau, light))
+    padded = (np.pad(part, spare).astype(dtype) for part in (tau, light))
     efficiency = np.asarray(shutter.known_efficiency(), dtype)
-    return LitNodes(*padded, efficiency=on_device(efficiency))
+    return LitNodes(*on_device((*padded, efficiency)))
 
 
 def _room_for(num_nodes: int, taken: int) -> int:

@@ -55,7 +55,6 @@ from mishutter.model import (
     Optics,
     Picture,
     Scene,
-    as_parabolic,
     is_straight,
     lens_response,
     without_velocity,
@@ -273,10 +272,9 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
         ValueError: if light would be displaced by more than 8,192 px.
     """
     fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
-    still = without_velocity(as_parabolic(motion))
-    with at_once():
-        speed = np.asarray(fastest, still.half_exposure.dtype)
-        reach, stroke = float(support(still, speed)), float(motion.stroke)
+    still = without_velocity(motion)
+    speed = np.asarray(fastest, still.half_exposure.dtype)
+    reach, stroke = float(support(still, speed)), float(motion.stroke)
     smear = 2 * fastest * float(motion.half_exposure)
     longest = max(reach, smear) + 1
     held = math.isfinite(longest) and longest <= MAX_REACH

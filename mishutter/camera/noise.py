@@ -13,6 +13,7 @@ from mishutter._core import (
     compiled,
     is_concrete,
     num_processors,
+    on_device,
     require,
     require_positive_int,
 )
@@ -90,10 +91,9 @@ def _keys(key: Array) -> tuple[Array, Array]:
     return first, second
 
 
-@compiled
 def fixed_key() -> Array:
-    """The key of noise where none is given."""
-    return jax.random.key(0)
+    """The key of noise where none is given: `jax.random.key(0)` of JAX's own generator."""
+    return jax.random.wrap_key_data(on_device(np.zeros(2, np.uint32)), impl="threefry2x32")
 
 
 def shot_electrons(key: Array, mean: Array | np.ndarray) -> Array:

@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import ArrayLike
 
 from mishutter._core import all_concrete, is_concrete, numbers_of, require
 from mishutter.blur import default_num_frequencies, support
@@ -261,7 +261,7 @@ def chosen(
     return found, scene, motion
 
 
-def _refused(motion: AbstractMotion, exceeds: Array, requirement: str) -> AbstractMotion:
+def _refused(motion: AbstractMotion, exceeds: ArrayLike, requirement: str) -> AbstractMotion:
     """The motion, which is an error, when it is run, where it `exceeds` a requirement."""
     where = "where it or the scene's limits are traced"
     message = f"`motion` must {requirement} {where}; got one that exceeds it."

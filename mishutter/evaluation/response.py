@@ -116,6 +116,8 @@ def records(
     require_sizes(plan.num_taps, plan.num_frequencies, kernels=kernels, spectra=spectra)
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
     profile = piecewise(scene.light(shutter, motion))
+    if all_concrete((profile, motion, scene.speeds)):
+        profile = in_one_form(profile, dtype)
     taps = response = light = None
     if kernels:
         moving = scene.speeds if differences and not plan.still else scene.speeds[:0]

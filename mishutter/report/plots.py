@@ -31,7 +31,6 @@ from mishutter.model import (
     AbstractShutter,
     Picture,
     Scene,
-    as_parabolic,
     profile_of,
     to_display,
 )
@@ -168,7 +167,6 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
 
 def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
     fastest = max(abs(speed - float(motion.velocity)) for speed in speeds)
-    motion = as_parabolic(motion)
     dtype = motion.half_exposure.dtype
     lengths = (float(support(motion, np.asarray(speed, dtype))) for speed in speeds)
     return max(*lengths, 2 * fastest * float(motion.half_exposure) + 1)

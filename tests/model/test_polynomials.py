@@ -1,12 +1,24 @@
 """The one form of known shutters is the shutter itself, to rounding, for every kind it holds."""
 
+import jax
 import numpy as np
 import pytest
 from support.cases import SHUTTERS
 
-from mishutter import ParabolicMotion, StillCamera, TukeyShutter, blur_kernel
+from mishutter import (
+    ChippedShutter,
+    GaussianShutter,
+    HannShutter,
+    ParabolicMotion,
+    RectShutter,
+    SplineShutter,
+    StillCamera,
+    TriangleShutter,
+    TukeyShutter,
+    blur_kernel,
+)
 from mishutter.evaluation import kernels_at_speeds
-from mishutter.model import in_one_form
+from mishutter.model import PolynomialShutter, in_one_form
 
 ROUNDING = {np.float64: 1e-15, np.float32: 4e-7}
 """A few last digits of a transmittance of one."""
@@ -33,6 +45,21 @@ def test_the_form_is_the_shutter(slug, dtype):
     assert value.dtype == dtype
     np.testing.assert_allclose(value, expected, atol=STEEPEST * ROUNDING[dtype])
     np.testing.assert_allclose(form.efficiency(), shutter.efficiency(), atol=ROUNDING[dtype])
+
+
+def test_the_form_of_a_known_shutter_takes_no_program(caplog):
+    """Of each kind of the package, some in shapes that nothing else here has."""
+    known = [
+        SplineShutter(np.linspace(0.1, 0.9, 11)),
+        SplineShutter(np.linspace(0.1, 0.9, 7), symmetric=True),
+        ChippedShutter(np.linspace(0.1, 0.9, 5)),
+        *(TukeyShutter(0.3), GaussianShutter(0.6)),
+        *(RectShutter(), HannShutter(), TriangleShutter()),
+    ]
+    with jax.log_compiles():
+        forms = [in_one_form(shutter, np.dtype(float)) for shutter in known]
+    assert all(isinstance(form, PolynomialShutter) for form in forms)
+    assert not [r.message for r in caplog.records if r.message.startswith("Compiling")]
 
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=["moving", "at-rest"])

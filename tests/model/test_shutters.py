@@ -5,6 +5,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import mpmath as mp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -97,6 +98,36 @@ def test_a_profile_bends_at_its_very_middle(shutter, piece, distance, bend):
 
     found = jax.grad(jax.grad(height))(jnp.array(distance))
     np.testing.assert_allclose(found, bend, rtol=1e-12)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("sigma", [0.05, 0.4, 5.0])
+def test_means_of_a_gaussian_are_exact(sigma, dtype):
+    """Over intervals of every width and place, and in their slopes, against 30 digits."""
+    random, shutter = np.random.default_rng(0), GaussianShutter(dtype(sigma))
+    width = np.minimum(10.0 ** random.uniform(-6, 0, 400), 1).astype(dtype)
+    centre = width / 2 + (1 - width) * (random.uniform(size=400) ** 2).astype(dtype)
+
+    def mean(centre, width):
+        return shutter.piece_mean(jnp.array(1), jnp.array(True), centre, width)
+
+    def exact(centre, width):
+        ends = ((centre + side * width / 2) / (mp.sqrt(2) * own) for side in (-1, 1))
+        below, above = map(mp.erfc, ends)
+        return (below - above) * own * mp.sqrt(mp.pi / 2) / width
+
+    with mp.workdps(30):
+        own = mp.mpf(float(shutter.sigma))
+        points = [tuple(map(mp.mpf, map(float, pair))) for pair in zip(centre, width, strict=True)]
+        expected = np.array([float(exact(*point)) for point in points])
+        slopes = [[float(mp.diff(exact, p, n)) for p in points[::8]] for n in ((1, 0), (0, 1))]
+    allowed = (8 + 3 * (centre / sigma) ** 2) * np.finfo(dtype).eps * expected
+    found = np.asarray(jax.vmap(mean)(centre, width))
+    assert np.all(np.abs(found - expected) <= allowed + np.finfo(dtype).tiny)
+    if dtype is np.float64:
+        for argument, slope in enumerate(slopes):
+            found = jax.vmap(jax.grad(mean, argument))(centre[::8], width[::8])
+            np.testing.assert_allclose(found, slope, rtol=1e-12, atol=1e-13)
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=9, max_size=9))

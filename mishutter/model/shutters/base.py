@@ -4,7 +4,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import equinox as eqx
 import jax
@@ -101,6 +101,10 @@ class AbstractPiecewiseShutter(AbstractShutter):
     symmetric: eqx.AbstractVar[bool]
     r"""Whether $w(-\tau) = w(\tau)$, whatever the parameters."""
 
+    of_numpy: ClassVar[bool] = False
+    """Whether all but `piece_mean` needs no program of JAX's where the parameters are known:
+    `breakpoints` are found by NumPy, and `piece_transmittance` is of NumPy's arrays."""
+
     @abstractmethod
     def dtype(self) -> np.dtype | None:
         """Precision of the parameters; None for a shutter without any."""
@@ -110,7 +114,7 @@ class AbstractPiecewiseShutter(AbstractShutter):
         """Ends of the pieces, ascending from -1 to 1; shape `(n + 1,)`."""
 
     @abstractmethod
-    def piece_transmittance(self, offset: Array) -> Array:
+    def piece_transmittance(self, offset: Any) -> Any:
         """Each piece's function at offsets, complex ones included; shape `(n, ...)`."""
 
     @abstractmethod
@@ -267,7 +271,7 @@ class SampledShutter(AbstractPiecewiseShutter):
         low = jnp.concatenate([uniform.low, jnp.zeros_like(declared)])
         return DoubleWord(high[order], low[order])
 
-    def piece_transmittance(self, offset: Array) -> Array:
+    def piece_transmittance(self, offset: Any) -> Any:
         dtype = np.finfo(offset.dtype).dtype
         scale = self._scale(dtype).reshape(-1, *(1,) * (offset.ndim - 1))
         share = offset * scale.astype(offset.dtype)

@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Sequence
 from fractions import Fraction
 from math import comb
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -58,7 +59,7 @@ def economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> list
     return [float(x) for x in reversed(series)]
 
 
-def bernstein_value(control: list[Array], u: Array) -> Array:
+def bernstein_value(control: list[Any], u: Any) -> Any:
     """Value at `u`, the share of the piece passed, by de Casteljau's rule."""
     points = control
     while len(points) > 1:
@@ -110,11 +111,11 @@ def bernstein_from_values(degree: int) -> tuple[np.ndarray, np.ndarray]:
     return nodes, np.linalg.inv(basis)
 
 
-def split_control(control: Array) -> list[Array]:
+def split_control(control: Any) -> list[Any]:
     """Control points on the last axis of an array, as a list."""
     return [control[..., i] for i in range(control.shape[-1])]
 
 
-def expand(points: list[Array], like: Array) -> list[Array]:
+def expand(points: list[Any], like: Any) -> list[Any]:
     """Control points of shape `(n,)` made to broadcast against `(n, ...)`."""
     return [p.reshape(p.shape + (1,) * (like.ndim - 1)).astype(like.dtype) for p in points]

@@ -1,6 +1,6 @@
 """Piecewise constant shutters, among them Raskar's flutter code."""
 
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +12,8 @@ from mishutter._core import (
     as_float,
     common_dtype,
     is_concrete,
+    known_beside,
+    namespace_of,
     require,
     shape_of,
 )
@@ -40,6 +42,7 @@ class ChippedShutter(AbstractAdjustableShutter):
     smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = False
+    of_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = True
 
     def __init__(self, transmittances: RowLike):
@@ -67,9 +70,9 @@ class ChippedShutter(AbstractAdjustableShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(self.transmittances.size, dtype)
 
-    def piece_transmittance(self, offset: Array) -> Array:
-        chips = self.transmittances.reshape((-1,) + (1,) * (offset.ndim - 1))
-        return jnp.broadcast_to(chips, offset.shape).astype(offset.dtype)
+    def piece_transmittance(self, offset: Any) -> Any:
+        chips = known_beside(offset, self.transmittances).reshape((-1,) + (1,) * (offset.ndim - 1))
+        return namespace_of(chips).broadcast_to(chips, offset.shape).astype(offset.dtype)
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         return self.transmittances.astype(width.dtype)[piece]

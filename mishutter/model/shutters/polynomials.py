@@ -2,14 +2,23 @@
 
 import math
 from functools import lru_cache
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 from numpy.polynomial import chebyshev
 
-from mishutter._core import DoubleWord, compiled, is_concrete
+from mishutter._core import (
+    DoubleWord,
+    all_concrete,
+    at_once,
+    compiled,
+    in_a_program,
+    is_concrete,
+    namespace_of,
+    on_device,
+)
 from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
 from mishutter.model.shutters.bernstein import looked_up, polynomial, polynomial_means
 
@@ -50,7 +59,7 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return DoubleWord(*(end.astype(dtype) for end in self.ends))
 
-    def piece_transmittance(self, offset: Array) -> Array:
+    def piece_transmittance(self, offset: Any) -> Any:
         pieces = (slice(None),) + (None,) * (offset.ndim - 1)
         share = offset / self._lengths()[pieces] - 0.5
         return polynomial([power[pieces] for power in self.powers.T], share)
@@ -78,7 +87,8 @@ class PolynomialShutter(AbstractPiecewiseShutter):
         return math.fsum((self._known_lengths() * means).tolist()) / 2
 
     def _known_lengths(self) -> np.ndarray:
-        return np.diff(np.asarray(self.ends.high)) + np.diff(np.asarray(self.ends.low))
+        high, low = (np.asarray(part, self.powers.dtype) for part in self.ends)
+        return np.diff(high) + np.diff(low)
 
 
 def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseShutter:
@@ -90,7 +100,12 @@ def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseS
     if isinstance(shutter, PolynomialShutter):
         return shutter
     profile = piecewise(shutter)
-    form = _interpolated(profile, dtype)
+    if profile.of_numpy and all_concrete(profile) and not in_a_program():
+        with at_once():
+            ends = map(np.asarray, profile.breakpoints(dtype))
+        form = _interpolated(profile, *ends)
+    else:
+        form = _interpolated_by_program(profile, dtype)
     if form is None or not (is_concrete(form[1]) and form[1]):
         return profile
     return form[0]
@@ -111,35 +126,49 @@ def _profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]
 
 
 @compiled
-def _interpolated(
+def _interpolated_by_program(
     profile: AbstractPiecewiseShutter, dtype: np.dtype
 ) -> tuple[PolynomialShutter, Array] | None:
-    """Interpolants between equal parts of the pieces, and whether they are exact to rounding."""
-    high, low = profile.breakpoints(dtype)
-    num_pieces = high.size - 1
+    return _interpolated(profile, *profile.breakpoints(dtype))
+
+
+def _interpolated(
+    profile: AbstractPiecewiseShutter, high: Any, low: Any
+) -> tuple[PolynomialShutter, Any] | None:
+    """Interpolants between equal parts of the pieces, and whether they are exact to rounding.
+
+    Args:
+        profile: The shutter; its numbers are of NumPy where its breakpoints and parameters are.
+        high: Its breakpoints.
+        low: What they have beyond a word.
+    """
+    space, num_pieces, dtype = namespace_of(high, low), high.size - 1, np.dtype(high.dtype)
     if num_pieces > _NUM_PIECES:
         return None
     counts = _NUM_PIECES // num_pieces + (np.arange(num_pieces) < _NUM_PIECES % num_pieces)
     piece = np.repeat(np.arange(num_pieces), counts)
     part = np.concatenate([np.arange(count) for count in counts])
-    length = (jnp.diff(high) + jnp.diff(low))[piece]
+    length = (space.diff(high) + space.diff(low))[piece]
     begins = length * (part / counts[piece]).astype(dtype)
     cuts = DoubleWord(
-        jnp.append(high[piece] + begins, high[-1]),
-        jnp.append(jnp.where(part == 0, low[piece], 0.0), low[-1]),
+        space.append(high[piece] + begins, high[-1]),
+        space.append(low[piece] * (part == 0).astype(dtype), low[-1]),
     )
     # From the start of the piece, as an exact difference: a cut is rounded.
     offset = (cuts.high[:-1] - high[piece]) + (cuts.low[:-1] - low[piece])
     nodes, to_series, to_powers = (x.astype(dtype) for x in _interpolation())
-    width = jnp.diff(cuts.high) + jnp.diff(cuts.low)
-    offsets = offset[:, None] + width[:, None] * (nodes + 0.5)[None]
-    every = profile.piece_transmittance(jnp.broadcast_to(offsets, (num_pieces, *offsets.shape)))
+    width = space.diff(cuts.high) + space.diff(cuts.low)
+    offsets = offset[:, None] + width[:, None] * (nodes + dtype.type(0.5))[None]
+    every = profile.piece_transmittance(space.broadcast_to(offsets, (num_pieces, *offsets.shape)))
     values = every[piece, np.arange(_NUM_PIECES)].astype(dtype)
     middle = values[:, _DEGREE // 2, None]  # off which roundings of the sums are smaller
     series = (values - middle) @ to_series.T
-    powers = (series.at[:, :1].add(middle) @ to_powers.T)[:, ::-1]
-    converges = jnp.max(jnp.abs(series[:, -1])) <= _LAST_TERM * float(np.finfo(dtype).eps)
-    return PolynomialShutter(cuts, powers), converges & (jnp.min(width) >= _SHORTEST)
+    whole = space.concatenate([series[:, :1] + middle, series[:, 1:]], axis=1)
+    powers = (whole @ to_powers.T)[:, ::-1]
+    converges = space.max(abs(series[:, -1])) <= _LAST_TERM * float(np.finfo(dtype).eps)
+    if space is np:
+        cuts, powers = on_device((cuts, powers))
+    return PolynomialShutter(cuts, powers), converges & (space.min(width) >= _SHORTEST)
 
 
 @lru_cache

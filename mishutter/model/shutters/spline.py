@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,6 +15,8 @@ from mishutter._core import (
     RowLike,
     as_float,
     common_dtype,
+    known_beside,
+    namespace_of,
     require,
     require_finite,
     require_positive_int,
@@ -65,6 +67,7 @@ class SplineShutter(AbstractAdjustableShutter):
     panels_per_piece: ClassVar[int] = 1
     smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
+    of_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = True
 
     def __init__(
@@ -95,14 +98,18 @@ class SplineShutter(AbstractAdjustableShutter):
     @property
     def coefficients(self) -> Array:
         """B-spline coefficients in `[0, 1]`; shape `(n,)`."""
-        folded = _fold(self.parameters)
+        return self._coefficients(self.parameters)
+
+    def _coefficients(self, parameters: Any) -> Any:
+        folded = _fold(parameters)
         if not self.symmetric:
             return folded
-        return jnp.concatenate([folded, folded[: self.num_coefficients // 2][::-1]])
+        mirrored = folded[: self.num_coefficients // 2][::-1]
+        return namespace_of(folded).concatenate([folded, mirrored])
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = jnp.asarray(tau, common_dtype(self.parameters, tau))
-        control = self._control_points().astype(tau.dtype)
+        control = self._control_points(self.parameters).astype(tau.dtype)
         count = control.shape[0]
         position = (jnp.clip(tau, -1, 1) + 1) * (count / 2)
         piece = jnp.clip(position.astype(jnp.int32), 0, count - 1)
@@ -115,19 +122,20 @@ class SplineShutter(AbstractAdjustableShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(self.num_coefficients - _DEGREE, dtype)
 
-    def piece_transmittance(self, offset: Array) -> Array:
+    def piece_transmittance(self, offset: Any) -> Any:
         share = offset * ((self.num_coefficients - _DEGREE) / 2)
-        return bernstein_value(expand(split_control(self._control_points()), share), share)
+        control = self._control_points(known_beside(offset, self.parameters))
+        return bernstein_value(expand(split_control(control), share), share)
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         scale = (self.num_coefficients - _DEGREE) / 2
-        control = self._control_points().astype(width.dtype)
+        control = self._control_points(self.parameters).astype(width.dtype)
         return bernstein_mean(control, piece, from_left, distance * scale, width * scale)
 
-    def _control_points(self) -> Array:
+    def _control_points(self, parameters: Any) -> Any:
         """Bernstein control points of each piece; shape `(n - 3, 4)`."""
-        extraction = jnp.asarray(bezier_extraction(self.num_coefficients))
-        return extraction.astype(self.parameters.dtype) @ self.coefficients
+        extraction = bezier_extraction(self.num_coefficients).astype(parameters.dtype)
+        return extraction @ self._coefficients(parameters)
 
     def box(self) -> Array:
         return _fold(self.parameters)
@@ -181,9 +189,9 @@ def _arrays(shutter: AbstractShutter) -> list[Array]:
     return [x for x in jax.tree.leaves(shutter) if hasattr(x, "dtype")]
 
 
-def _fold(parameters: Array) -> Array:
-    inside = (parameters >= 0) & (parameters <= 1)
-    return jnp.where(inside, parameters, jnp.abs(jnp.mod(parameters + 1, 2.0) - 1))
+def _fold(parameters: Any) -> Any:
+    space, inside = namespace_of(parameters), (parameters >= 0) & (parameters <= 1)
+    return space.where(inside, parameters, abs(space.mod(parameters + 1, 2.0) - 1))
 
 
 def fitted_coefficients(

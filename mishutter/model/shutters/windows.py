@@ -3,7 +3,7 @@
 import math
 from fractions import Fraction
 from functools import lru_cache
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +13,11 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import (
     DoubleWord,
     as_float,
+    as_numpy,
     common_dtype,
     is_concrete,
+    known_beside,
+    namespace_of,
     require,
     require_scalar,
     two_sum,
@@ -37,6 +40,7 @@ class RectShutter(AbstractPiecewiseShutter):
     smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
+    of_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -48,8 +52,8 @@ class RectShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(1, dtype)
 
-    def piece_transmittance(self, offset: Array) -> Array:
-        return jnp.ones_like(offset)
+    def piece_transmittance(self, offset: Any) -> Any:
+        return namespace_of(offset).ones_like(offset)
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         return jnp.ones_like(width)
@@ -63,6 +67,7 @@ class HannShutter(AbstractPiecewiseShutter):
     smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
+    of_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -74,8 +79,8 @@ class HannShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(1, dtype)
 
-    def piece_transmittance(self, offset: Array) -> Array:
-        return jnp.sin((jnp.pi / 2) * offset) ** 2
+    def piece_transmittance(self, offset: Any) -> Any:
+        return namespace_of(offset).sin((np.pi / 2) * offset) ** 2
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         height = jnp.where(distance < 1, distance, 2 - distance)
@@ -90,6 +95,7 @@ class TriangleShutter(AbstractPiecewiseShutter):
     smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
+    of_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -101,8 +107,8 @@ class TriangleShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(2, dtype)
 
-    def piece_transmittance(self, offset: Array) -> Array:
-        return jnp.stack([offset[0], 1 - offset[1]])
+    def piece_transmittance(self, offset: Any) -> Any:
+        return namespace_of(offset).stack([offset[0], 1 - offset[1]])
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         return jnp.where((piece == 0) == from_left, distance, 1 - distance)
@@ -127,6 +133,7 @@ class GaussianShutter(AbstractAdjustableShutter):
     panels_per_piece: ClassVar[int] = 8
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
+    of_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
     def __init__(self, sigma: ArrayLike = 0.4):
@@ -143,8 +150,9 @@ class GaussianShutter(AbstractAdjustableShutter):
         tau = jnp.asarray(tau, common_dtype(self.sigma, tau))
         return _inside(tau, self._profile(tau))
 
-    def _profile(self, tau: Array) -> Array:
-        return jnp.exp(-((tau / self.sigma.astype(tau.dtype)) ** 2) / 2)
+    def _profile(self, tau: Any) -> Any:
+        sigma = known_beside(tau, self.sigma)
+        return namespace_of(tau, sigma).exp(-((tau / sigma.astype(tau.dtype)) ** 2) / 2)
 
     @property
     def smooth_length(self) -> Array:
@@ -156,8 +164,8 @@ class GaussianShutter(AbstractAdjustableShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(2, dtype)
 
-    def piece_transmittance(self, offset: Array) -> Array:
-        return self._profile(jnp.stack([1 - offset[0], offset[1]]))
+    def piece_transmittance(self, offset: Any) -> Any:
+        return self._profile(namespace_of(offset).stack([1 - offset[0], offset[1]]))
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         past_middle = jnp.where((piece == 0) == from_left, distance - 1, distance)
@@ -188,6 +196,7 @@ class TukeyShutter(AbstractAdjustableShutter):
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = False
     symmetric: ClassVar[bool] = True
+    of_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
     def __init__(self, taper: ArrayLike = 0.5):
@@ -214,22 +223,21 @@ class TukeyShutter(AbstractAdjustableShutter):
         return np.dtype(self.taper.dtype)
 
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
-        taper = _some(self.taper.astype(dtype))
+        (taper,) = as_numpy(self.taper)
+        space, taper = namespace_of(taper), _some(taper.astype(dtype))
         # Not a constant: XLA would take (1 - taper) - 1 for -taper, rounding and all.
-        one, zero = jnp.where(taper >= 0, 1.0, taper), jnp.zeros_like(taper)
+        one, zero = space.where(taper >= 0, space.ones_like(taper), taper), space.zeros_like(taper)
         high, low = two_sum(one, -taper)
-        return DoubleWord(jnp.stack([-one, -high, high, one]), jnp.stack([zero, -low, low, zero]))
+        ends = [-one, -high, high, one], [zero, -low, low, zero]
+        return DoubleWord(*(as_float(space.stack(part)) for part in ends))
 
-    def piece_transmittance(self, offset: Array) -> Array:
-        taper = _some(self.taper.astype(np.finfo(offset.dtype).dtype)).astype(offset.dtype)
-        quarter_turn = jnp.pi / (2 * taper)
-        return jnp.stack(
-            [
-                jnp.sin(quarter_turn * offset[0]) ** 2,
-                jnp.ones_like(offset[1]),
-                jnp.cos(quarter_turn * offset[2]) ** 2,
-            ]
-        )
+    def piece_transmittance(self, offset: Any) -> Any:
+        taper = known_beside(offset, self.taper).astype(np.finfo(offset.dtype).dtype)
+        space, taper = namespace_of(offset, taper), _some(taper).astype(offset.dtype)
+        quarter_turn = np.pi / (2 * taper)
+        rising, falling = (quarter_turn * offset[piece] for piece in (0, 2))
+        flat = space.ones_like(offset[1])
+        return space.stack([space.sin(rising) ** 2, flat, space.cos(falling) ** 2])
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         taper = _some(self.taper.astype(width.dtype))
@@ -251,12 +259,14 @@ def _inside(tau: Array, value: Array) -> Array:
     return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
 
 
-def _some(taper: Array) -> Array:
+def _some(taper: Any) -> Any:
     """A taper of which there is some: no sum sees it, but places on its ramp are known.
 
     The derivative is that of the taper, so that at 0 it is that of the ramp that begins there.
     """
     least = float(np.finfo(np.dtype(taper.dtype)).tiny) ** 0.25
+    if isinstance(taper, np.ndarray):
+        return np.maximum(taper, np.asarray(least, taper.dtype))
     return taper + jax.lax.stop_gradient(jnp.maximum(taper, least) - taper)
 
 
@@ -296,27 +306,43 @@ def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
 
 
 _NARROW = 0.4
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
+_NUM_TERMS, _LEAST_TERM = 9, 2e-17
+
+
+@lru_cache
+def _narrow_terms() -> list[list[float]]:
+    r"""Coefficients of a Gaussian's narrow mean, over its value in the middle.
+
+    $\frac12\int_{-1}^1 e^{-cdn - d^2n^2/2}\,dn$ by powers of $d^2$, of each by powers of $(cd)^2$,
+    the highest first. Terms below a rounding wherever $d(1 + c)$ is below `_NARROW` are left out.
+    """
+
+    def term(k: int, j: int) -> float:
+        return (-0.5) ** k / (math.factorial(k) * math.factorial(2 * j) * (2 * (j + k) + 1))
+
+    def largest(k: int, j: int) -> float:
+        both = max(j + k, 1)
+        return abs(term(k, j)) * (_NARROW * j / both) ** (2 * j) * (_NARROW * k / both) ** (2 * k)
+
+    highest_first = range(_NUM_TERMS - 1, -1, -1)
+    return [
+        [term(k, j) for j in highest_first if largest(k, j) > _LEAST_TERM] for k in highest_first
+    ]
 
 
 def _gaussian_mean(centre: Array, half: Array, sigma: Array) -> Array:
-    """Mean of a Gaussian over `centre +- half`, `centre >= 0`, by width.
+    r"""Mean of a Gaussian over `centre +- half`, `centre >= 0`, by width.
 
-    Narrow intervals by Gauss-Legendre (all terms positive), wide ones by the error
-    function, on the side where its complement does not cancel.
+    Narrow intervals by a series about their middle, whose terms hardly cancel; wide ones by the
+    complement of the error function, which falls so far between their ends that neither does it.
     """
     c, d = centre / sigma, half / sigma
     narrow = d * (1 + c) < _NARROW
     d_narrow = jnp.where(narrow, d, jnp.zeros_like(d))
-    by_nodes = sum(
-        (0.5 * weight) * jnp.exp(-((c + node * d_narrow) ** 2) / 2)
-        for node, weight in zip(_NODES.tolist(), _WEIGHTS.tolist(), strict=True)
-    )
+    square = (jnp.where(narrow, c, jnp.zeros_like(c)) * d_narrow) ** 2
+    powers = [polynomial(row, square) for row in _narrow_terms()]
+    by_series = jnp.exp(-(c**2) / 2) * polynomial(powers, d_narrow**2)
     d_wide = jnp.where(narrow, jnp.full_like(d, _NARROW), d)
-    root_two = math.sqrt(2)
-    near, far = (c - d_wide) / root_two, (c + d_wide) / root_two
-    one_sided = near > 0.5
-    erf, erfc = jax.scipy.special.erf, jax.scipy.special.erfc
-    difference = jnp.where(one_sided, erfc(near) - erfc(far), erf(far) - erf(near))
-    by_error_function = difference * float(np.sqrt(np.pi / 8)) / d_wide
-    return jnp.where(narrow, by_nodes, by_error_function)
+    near, far = ((c + side) / math.sqrt(2) for side in (-d_wide, d_wide))
+    fall = jax.scipy.special.erfc(near) - jax.scipy.special.erfc(far)
+    return jnp.where(narrow, by_series, fall * math.sqrt(math.pi / 8) / d_wide)
