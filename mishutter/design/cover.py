@@ -3,7 +3,9 @@ r"""Designs that cover the valleys of a loss, and the lowest of each valley.
 The light of an object of speed $s$ adds up where the sensor keeps up with it, at
 $t_s = (s - v)/(2a)$ (stationary phase). So a good profile is open about $t_s$ for some of the
 speeds and shut elsewhere. Valleys differ by which speeds these are, by how wide it is open,
-and by where the motion puts the openings among the spline's knots.
+and by where the motion puts the openings among the spline's knots. A sensor that keeps up with few
+of the speeds, as on a short stroke, sees the rest pass by: a good profile is a code then, and opens
+several times over the exposure.
 """
 
 import jax
@@ -16,12 +18,18 @@ from mishutter.design.objective import AbstractObjective
 from mishutter.design.space import DesignSpace
 from mishutter.model import Scene, SplineShutter, coefficient_times
 
-_PER_COORDINATE = 3
-"""Candidates for a start, and as many times more for each coordinate of the motion."""
+_PER_COORDINATE, _CODES = 3, 9
+"""Candidates for a start that are open for speeds, and as many times more for each coordinate of
+the motion; and those that are codes, which pay where a motion is held that is not a good one."""
 _MOST = 4096
 """Candidates at most, where there are not more starts."""
 _NUM_OPENING = 4
-"""Numbers that say which speeds a profile is open for, how wide and how softly."""
+"""Numbers that say which speeds a profile is open for, how wide and how softly; or of a code how
+often it opens, when, for how long and how softly."""
+_COEFFICIENTS_A_WAVE = 4
+"""Coordinates of a profile for each opening of the quickest code."""
+_SOFTEST = 0.5
+"""Softness of the softest code, where a wave of one opening has the height 1."""
 _NUM_QUANTILES = 16
 """Speeds that stand for all: the arrays of a thousand speeds would not fit."""
 _LEAST_BLUR = 0.5
@@ -30,15 +38,20 @@ _AT_ONCE = 64
 
 
 def cover(space: DesignSpace, scene: Scene, num_starts: int, seed: int) -> np.ndarray:
-    """Candidates for so many starts, spread evenly over motions and openings; `(n, size)`."""
+    """Candidates for so many starts, spread evenly over motions and profiles; `(n, size)`.
+
+    The last are codes, the others open for speeds.
+    """
     count = space.num_profile_coordinates
     num_motion = space.size - count
     wanted = num_starts * _PER_COORDINATE ** (1 + num_motion)
-    num_candidates = max(num_starts, min(_MOST, wanted))
-    points = _sequence(num_candidates, num_motion + _NUM_OPENING, seed)
-    boxes = np.full((num_candidates, space.size), 0.5)
+    num_open, num_codes = max(num_starts, min(_MOST, wanted)), num_starts * _CODES
+    points = _sequence(num_open + num_codes, num_motion + _NUM_OPENING, seed)
+    numbers = points[:, num_motion:]
+    boxes = np.full((len(points), space.size), 0.5)
     boxes[:, count:] = points[:, :num_motion]
-    boxes[:, :count] = _openings(space, scene, boxes, points[:, num_motion:])
+    boxes[:num_open, :count] = _openings(space, scene, boxes[:num_open], numbers[:num_open])
+    boxes[num_open:, :count] = _codes(space, numbers[num_open:])
     return boxes
 
 
@@ -90,6 +103,24 @@ def _openings(
         distance = np.min(np.where(chosen[:, None, :], away, np.inf), axis=2)
         profiles = np.maximum(profiles, np.clip(0.5 + (half_width - distance) / ramp, 0, 1))
     return profiles
+
+
+def _codes(space: DesignSpace, numbers: np.ndarray) -> np.ndarray:
+    """Profiles that are open wherever a wave is above a level; shape `(n, p)`.
+
+    Args:
+        space: The design space.
+        numbers: Of each profile its waves over the exposure, or half of it where it is symmetric,
+            their place, the share that is open and the softness, in the unit box; shape `(n, 4)`.
+    """
+    spline: SplineShutter = space.shutter  # type: ignore[assignment]
+    count = space.num_profile_coordinates
+    middles = coefficient_times(spline.num_coefficients)[:count]
+    share = np.abs(middles) if spline.symmetric else (middles + 1) / 2
+    waves, place, lit, softness = numbers.T[..., None]
+    wave = np.cos(2 * np.pi * (waves * (count / _COEFFICIENTS_A_WAVE) * share + place))
+    ramp = np.maximum(_SOFTEST * softness, np.finfo(float).tiny)
+    return np.clip(0.5 + (wave - np.cos(np.pi * lit)) / (2 * ramp), 0, 1)
 
 
 @compiled

@@ -1,5 +1,7 @@
 """The cover of a search: evenly spread, open where objects are kept up with, one a valley."""
 
+from functools import partial
+
 import jax
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from mishutter import (
     Scene,
     SplineShutter,
     StillCamera,
+    example_scene,
     optimise,
     starting_shutter,
 )
@@ -46,11 +49,17 @@ def test_a_cover_is_spread_over_the_motions(motion):
 @pytest.mark.slow
 @pytest.mark.parametrize("speeds", [[-310.0, 2700.0], [-1900.0, 1900.0], [420.0, 800.0, 3100.0]])
 def test_profiles_are_open_where_the_sensor_keeps_up(speeds):
-    """Every other candidate is open at s/(2a) for each of the speeds, the rest for one at least."""
+    """Every other candidate is open at s/(2a) for each of the speeds, the rest for one at least.
+
+    The last are codes, most with an opening and a time at which they are hardly open.
+    """
     scene = _scene(speeds)
     space = _space(scene)
-    boxes = cover(space, scene, 4, seed=3)
-    for index, box in enumerate(boxes):
+    boxes, num_codes = cover(space, scene, 4, seed=3), 36
+    codes = boxes[-num_codes:, : space.num_profile_coordinates]
+    assert np.mean(codes.max(axis=1) > 0.5) > 0.75
+    assert np.mean(codes.min(axis=1) < 0.5) > 0.75
+    for index, box in enumerate(boxes[:-num_codes]):
         shutter, motion = space.at(jax.device_put(box))
         times = (np.asarray(speeds) - float(motion.velocity)) / float(motion.speed_gain)
         inside = np.abs(times) <= 0.9
@@ -92,6 +101,24 @@ def test_few_speeds_in_bright_light_are_not_ended_short():
         shortfalls.append(10 * np.log10(optimise(scene, seed=1).loss / best))
     assert np.mean(shortfalls) <= 0.05
     assert max(shortfalls) <= 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("acceleration", "half_exposure", "code"),
+    [
+        (1.70481562592037e5, 4.942246735828411e-3, [1, 1, 1, 0, 0, 0, 0, 0.4, 1, 0.3, 0, 0]),
+        (1.151359755736192e5, 4.590409278672298e-3, [1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1]),
+        (9.461888922082026e4, 2.361534411099987e-3, [1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0]),
+    ],
+)
+def test_a_short_stroke_gets_a_code(acceleration, half_exposure, code):
+    """Where few objects are kept up with, the search is not beaten from a code that is known."""
+    scene = example_scene()
+    motion = ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
+    known = SplineShutter(np.asarray(code, float), symmetric=True, num_coefficients=24)
+    searched = partial(optimise, scene, motion, free="shutter")
+    assert searched().loss <= searched(known).loss * (1 + 1e-3)
 
 
 def test_coefficients_act_about_their_times():
