@@ -24,8 +24,8 @@ from mishutter._core.checks import on_device
 class DoubleWord(NamedTuple):
     """The number `high + low`, with `low` at most half an ulp of `high`."""
 
-    high: Any
-    low: Any
+    high: Array
+    low: Array
 
 
 def two_sum(a: Any, b: Any) -> DoubleWord:

@@ -16,7 +16,7 @@ import itertools
 import math
 from bisect import bisect_right
 from fractions import Fraction
-from typing import Any, ClassVar, NamedTuple, final
+from typing import ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -84,7 +84,7 @@ class RefinedShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return DoubleWord(*(end.astype(dtype) for end in self.ends))
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(self, offset: Array) -> Array:
         rest = (None,) * (offset.ndim - 1)
         from_left = offset + self.lead[(slice(None), *rest)].astype(offset.dtype)
         count = self.profile.breakpoints(np.dtype(self.lead.dtype)).high.size - 1

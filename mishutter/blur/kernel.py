@@ -11,7 +11,6 @@ the piece over it. `docs/derivation.md` draws the geometry.
 """
 
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -26,6 +25,7 @@ from mishutter._core import (
     as_numpy,
     common_dtype,
     is_concrete,
+    namespace_of,
     require,
     require_finite,
     require_positive_int,
@@ -211,15 +211,16 @@ def support(motion: AbstractMotion, speed: ArrayLike) -> Array | np.ndarray:
     a = motion.accelerations if isinstance(motion, FreeMotion) else steady(motion).acceleration
     given = speed, motion.velocity, motion.half_exposure, a, motion.speed_gain
     speed, v, T, a, gain = as_numpy(*given)
-    space: Any = np if isinstance(speed, np.ndarray) else jnp
+    space = namespace_of(speed)
     with np.errstate(over="ignore", invalid="ignore"):
         relative = space.asarray(speed) - v
         if isinstance(motion, FreeMotion):
-            both = (v + relative, v - relative)
-            return space.maximum(*(motion.highest(s) - motion.lowest(s) for s in both))
+            both = map(space.asarray, (v + relative, v - relative))
+            ways = space.maximum(*(motion.highest(s) - motion.lowest(s) for s in both))
+            return space.asarray(ways)
         fastest, turns = abs(relative), has_vertex(motion)
         far = (gain + fastest) ** 2 / (4 * space.where(turns, a, 1.0))
-        return space.where(turns, far, 2 * fastest * T)
+        return space.asarray(space.where(turns, far, 2 * fastest * T))
 
 
 def _check_edges(edges: RowLike) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array
 
+from mishutter._core import namespace_of
 from mishutter.model import frequency_grid
 
 _WIDTH = 16
@@ -40,8 +41,7 @@ def waves_on_dft(
         length: Length of the transform, $L$, px.
         num_frequencies: How many of its frequencies.
     """
-    on_host = isinstance(position, np.ndarray) and isinstance(light, np.ndarray)
-    space = np if on_host else jnp
+    space = namespace_of(position, light)
     num_low = math.isqrt(num_frequencies - 1) + 1
     num_high = -(-num_frequencies // num_low)
     dtype = np.result_type(position.dtype, np.complex64)

@@ -18,6 +18,7 @@ from mishutter._core import (
     common_dtype,
     compiled,
     is_concrete,
+    namespace_of,
     require,
     require_finite,
     require_key,
@@ -377,5 +378,5 @@ def every_colour(light: Planes, like: ArrayLike) -> Planes:
     """`light` with as many channels as `like`."""
     if light.ndim < 3 or light.shape[-1] == jnp.shape(like)[-1]:
         return light
-    space: Any = np if isinstance(light, np.ndarray) else jnp
+    space = namespace_of(light)
     return space.broadcast_to(light, (*light.shape[:-1], np.shape(like)[-1]))

@@ -1,7 +1,6 @@
 """The sensor turns light into electrons, cuts them off at its full well, and rounds them."""
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +9,10 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
     as_numpy,
+    at_once,
     compiled,
     is_concrete,
+    namespace_of,
     num_processors,
     on_device,
     require,
@@ -76,7 +77,7 @@ def recorded(
         ValueError: if the full well is not positive and finite, or the bits are not from 1 to 24.
     """
     light, electrons = as_numpy(light, electrons)
-    space: Any = np if isinstance(electrons, np.ndarray) else jnp
+    space = namespace_of(electrons)
     shot, read_key = light * space.asarray(electrons, light.dtype), None
     if key is not None:
         shot_key, read_key = _keys(key)
@@ -93,7 +94,8 @@ def _keys(key: Array) -> tuple[Array, Array]:
 
 def fixed_key() -> Array:
     """The key of noise where none is given: `jax.random.key(0)` of JAX's own generator."""
-    return jax.random.wrap_key_data(on_device(np.zeros(2, np.uint32)), impl="threefry2x32")
+    with at_once():
+        return jax.random.wrap_key_data(on_device(np.zeros(2, np.uint32)), impl="threefry2x32")
 
 
 def shot_electrons(key: Array, mean: Array | np.ndarray) -> Array:

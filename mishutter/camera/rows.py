@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import is_concrete, require
+from mishutter._core import is_concrete, namespace_of, require
 
 Planes = Array | np.ndarray
 """Rows of light: of NumPy where they are known, which no program is compiled to move about."""
@@ -47,7 +47,7 @@ def continued(rows: Any, period: int, border: str) -> Any:
     Mirrored rows repeat themselves after twice their length. Rows that go on as their last pixel
     come back to their first one by a slope, beyond the reach of the blur.
     """
-    space: Any = np if isinstance(rows, np.ndarray) else jnp
+    space = namespace_of(rows)
     columns = rows.shape[-1]
     if border in ("reflect", "scene"):
         return space.concatenate([rows, rows[..., ::-1]], axis=-1)

@@ -18,18 +18,20 @@ from mishutter.design.objective import AbstractObjective
 from mishutter.design.space import DesignSpace
 from mishutter.model import Scene, SplineShutter, coefficient_times
 
-_PER_COORDINATE, _CODES = 3, 9
-"""Candidates for a start that are open for speeds, and as many times more for each coordinate of
-the motion; and those that are codes, which pay where a motion is held that is not a good one."""
+_PER_COORDINATE = 3
+"""Candidates that are open for speeds, for a start, and as many times more for each coordinate of
+the motion."""
 _MOST = 4096
-"""Candidates at most, where there are not more starts."""
-_NUM_OPENING = 4
+"""Candidates that are open for speeds at most, where there are not more starts."""
+_CODES_PER_START = 9
+"""Candidates that are codes, for a start: they pay where a motion is held that is a poor one."""
+_NUMBERS_OF_A_PROFILE = 4
 """Numbers that say which speeds a profile is open for, how wide and how softly; or of a code how
 often it opens, when, for how long and how softly."""
 _COEFFICIENTS_A_WAVE = 4
 """Coordinates of a profile for each opening of the quickest code."""
 _SOFTEST = 0.5
-"""Softness of the softest code, where a wave of one opening has the height 1."""
+"""Half the rise of the softest edge of a code, as a share of its wave's amplitude."""
 _NUM_QUANTILES = 16
 """Speeds that stand for all: the arrays of a thousand speeds would not fit."""
 _LEAST_BLUR = 0.5
@@ -45,8 +47,8 @@ def cover(space: DesignSpace, scene: Scene, num_starts: int, seed: int) -> np.nd
     count = space.num_profile_coordinates
     num_motion = space.size - count
     wanted = num_starts * _PER_COORDINATE ** (1 + num_motion)
-    num_open, num_codes = max(num_starts, min(_MOST, wanted)), num_starts * _CODES
-    points = _sequence(num_open + num_codes, num_motion + _NUM_OPENING, seed)
+    num_open, num_codes = max(num_starts, min(_MOST, wanted)), num_starts * _CODES_PER_START
+    points = _sequence(num_open + num_codes, num_motion + _NUMBERS_OF_A_PROFILE, seed)
     numbers = points[:, num_motion:]
     boxes = np.full((len(points), space.size), 0.5)
     boxes[:, count:] = points[:, :num_motion]
@@ -110,8 +112,9 @@ def _codes(space: DesignSpace, numbers: np.ndarray) -> np.ndarray:
 
     Args:
         space: The design space.
-        numbers: Of each profile its waves over the exposure, or half of it where it is symmetric,
-            their place, the share that is open and the softness, in the unit box; shape `(n, 4)`.
+        numbers: Of each profile the share of the most waves that fit in the exposure, or in half
+            of it where it is symmetric; their place, the share that is open and the softness, in
+            the unit box; shape `(n, 4)`.
     """
     spline: SplineShutter = space.shutter  # type: ignore[assignment]
     count = space.num_profile_coordinates

@@ -33,7 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, common_dtype, on_device, require
+from mishutter._core import Bare, common_dtype, namespace_of, on_device, require
 from mishutter.model import (
     AbstractDevice,
     AbstractMotion,
@@ -221,7 +221,7 @@ class DesignSpace(eqx.Module):
         """Points of `of_any_motion` for points of this space; `(..., size)` to `(..., k)`."""
         if not self._is_of_numbers:
             return boxes
-        space = np if isinstance(boxes, np.ndarray) else jnp
+        space = namespace_of(boxes)
         columns = {name: boxes[..., index] for index, name in enumerate(self.free_of_motion)}
         nothing = space.zeros_like(boxes[..., 0])
         return space.stack([columns.get(name, nothing) for name in _OF_MOTION], axis=-1)

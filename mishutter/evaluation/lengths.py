@@ -7,13 +7,13 @@ camera could record. A single filter gains nothing from two objects so far apart
 detail reaches from one to the other; there the distance does not matter, and is cut.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, is_concrete, require
+from mishutter._core import Bare, is_concrete, namespace_of, require
 from mishutter.model import NUM_FREQUENCIES, AbstractMotion, FreeMotion, Scene, steady, turns
 
 _MAX_LENGTH = 1 << 16
@@ -77,7 +77,7 @@ def aligned(stroke: Numbers, smear: Numbers) -> Alignment:
         stroke: Travel of the sensor to either end, $aT^2$; px, shape `(1, ...)`.
         smear: Travel of each object in half the exposure, $sT$; px, shape `(s, ...)`.
     """
-    space: Any = np if isinstance(smear, np.ndarray) and isinstance(stroke, np.ndarray) else jnp
+    space = namespace_of(smear, stroke)
     moves = turns(stroke)
     quarter = 4 * space.where(moves, stroke, 1.0)
     order = space.argsort(space.abs(smear), axis=0)

@@ -13,7 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import all_concrete, common_dtype, compiled, is_concrete, on_device
+from mishutter._core import (
+    all_concrete,
+    common_dtype,
+    compiled,
+    is_concrete,
+    namespace_of,
+    on_device,
+)
 from mishutter.blur import (
     LitNodes,
     aligned_kernel,
@@ -154,7 +161,7 @@ def folded(kernels: Array | np.ndarray, plan: Plan) -> tuple[Array | np.ndarray,
     length = plan.loss_dft_length or plan.dft_length
     if kernels.shape[-1] <= length:
         return kernels, length
-    space = np if isinstance(kernels, np.ndarray) else jnp
+    space = namespace_of(kernels)
     spare = -kernels.shape[-1] % length
     rows = space.pad(kernels, [(0, 0)] * (kernels.ndim - 1) + [(0, spare)])
     return space.sum(rows.reshape(*kernels.shape[:-1], -1, length), axis=-2), length

@@ -439,7 +439,7 @@ class TransmittedShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return self.profile.breakpoints(dtype)
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(self, offset: Array) -> Array:
         return self._passed(self.profile.piece_transmittance(offset))
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:

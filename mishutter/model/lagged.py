@@ -5,7 +5,7 @@ follows $\dot x = (c - x)/\sigma$, so that $x = c + (x_0 - c)\,e^{-o/\sigma}$ at
 never reaches $c$: the sign of $c - x_0$ tells whether it rises or falls over the whole slot.
 """
 
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import jax
 import jax.numpy as jnp
@@ -70,7 +70,7 @@ class LaggedShutter(AbstractPiecewiseShutter):
         )
         return DoubleWord(*(jnp.append(x, y[-1]) for x, y in zip(pairs, (high, low), strict=True)))
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(self, offset: Array) -> Array:
         shape = (-1,) + (1,) * (offset.ndim - 1)
         levels, starts, constants = (
             jnp.repeat(x, 2).reshape(shape).astype(offset.dtype)

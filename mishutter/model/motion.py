@@ -22,6 +22,7 @@ from mishutter._core import (
     as_numpy,
     common_dtype,
     is_concrete,
+    namespace_of,
     require,
     require_finite,
     require_positive_int,
@@ -118,7 +119,7 @@ class AbstractSteadyMotion(AbstractMotion):
         """The vertex, $-(s - v)^2/4a$, or where the object is at mid-exposure; px."""
         moves = has_vertex(self)
         speed, v, a = _together(speed, self.velocity, self.acceleration)
-        space: Any = np if isinstance(speed, np.ndarray) else jnp
+        space = namespace_of(speed)
         return space.where(moves, -((speed - v) ** 2) / (4 * space.where(moves, a, 1.0)), 0.0)
 
     @property
@@ -274,7 +275,7 @@ class FreeMotion(AbstractMotion):
 
     def _velocity_at(self, tau: Any) -> Positions:
         tau, v, a, T = _together(tau, self.velocity, self.accelerations, self.half_exposure)
-        space: Any = np if isinstance(tau, np.ndarray) else jnp
+        space = namespace_of(tau)
         begin, end = self._passed(tau)
         passed = space.sign(tau)[..., None] * (end - begin)
         return v + 2 * T * _of_pieces(a, passed)
@@ -285,7 +286,7 @@ class FreeMotion(AbstractMotion):
 
     def _passed(self, tau: Any) -> tuple[Any, Any]:
         r"""Between which times, in units of $T$, each piece is passed from 0 to `tau`."""
-        space: Any = np if isinstance(tau, np.ndarray) else jnp
+        space = namespace_of(tau)
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
         ends[[0, -1]] = -np.inf, np.inf
         row = ends.astype(tau.dtype).reshape((1,) * tau.ndim + (-1,))
@@ -311,7 +312,7 @@ class FreeMotion(AbstractMotion):
     def _extreme(self, speed: RowLike, sign: float) -> Positions:
         """The lowest position on a path that is mirrored where `sign` is -1."""
         s, a, T = _together(speed, self.accelerations, self.half_exposure)
-        space: Any = np if isinstance(s, np.ndarray) else jnp
+        space = namespace_of(s)
         across = (1,) * s.ndim + (-1,)
         ends = np.array(exact_ends(self.durations, a.size), float).astype(s.dtype)
         x, u = (at(ends).reshape(across) for at in (self.position_at, self._velocity_at))

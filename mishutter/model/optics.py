@@ -10,6 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from mishutter._core import namespace_of
+
 WIDEST_BLUR = 16.0
 """Of a lens, px: four of it are within the margin that captures leave beyond a picture."""
 
@@ -32,7 +34,7 @@ def on_steps(power: Array | np.ndarray, count: int) -> Array | np.ndarray:
     """
     if power.size == count:
         return power
-    space = np if isinstance(power, np.ndarray) else jnp
+    space = namespace_of(power)
     mirrored = space.concatenate([power[:1], power, power[-1:]])
     total = mirrored[:-1] + mirrored[1:]
     lit = space.where(total > 0, total, 1.0)

@@ -11,6 +11,7 @@ from support.cases import SHUTTERS
 
 from mishutter import (
     ChippedShutter,
+    FreeMotion,
     GaussianShutter,
     HannShutter,
     ParabolicMotion,
@@ -36,6 +37,25 @@ motion_of = jax.jit(
         edges=edges,
     )
 )
+
+
+PARABOLA = ParabolicMotion(acceleration=7100.0, half_exposure=0.31)
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [PARABOLA, FreeMotion.fit(PARABOLA), StillCamera(half_exposure=0.31)],
+    ids=["parabola", "free", "still"],
+)
+def test_a_known_support_takes_no_program(motion, caplog):
+    """Also while another function is traced; it is that of a program."""
+    traced = float(jax.jit(support)(motion, 800.0))
+    with jax.log_compiles():
+        known = float(support(motion, np.asarray(800.0)))
+    assert not [r.message for r in caplog.records if r.message.startswith("Compiling")]
+    np.testing.assert_allclose(known, traced, rtol=1e-13)
+    times = jax.jit(lambda x: x * float(support(motion, np.asarray(800.0))))
+    np.testing.assert_allclose(times(2.0), 2 * known, rtol=1e-13)
 
 
 @pytest.mark.parametrize("slug", ["hann", "flutter", "spline"])

@@ -1,6 +1,9 @@
 """The one form of known shutters is the shutter itself, to rounding, for every kind it holds."""
 
+from typing import ClassVar, final
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.cases import SHUTTERS
@@ -16,9 +19,12 @@ from mishutter import (
     TriangleShutter,
     TukeyShutter,
     blur_kernel,
+    evaluate,
+    example_scene,
 )
+from mishutter._core import DoubleWord
 from mishutter.evaluation import kernels_at_speeds
-from mishutter.model import PolynomialShutter, in_one_form
+from mishutter.model import AbstractPiecewiseShutter, PolynomialShutter, in_one_form
 
 ROUNDING = {np.float64: 1e-15, np.float32: 4e-7}
 """A few last digits of a transmittance of one."""
@@ -60,6 +66,39 @@ def test_the_form_of_a_known_shutter_takes_no_program(caplog):
         forms = [in_one_form(shutter, np.dtype(float)) for shutter in known]
     assert all(isinstance(form, PolynomialShutter) for form in forms)
     assert not [r.message for r in caplog.records if r.message.startswith("Compiling")]
+
+
+@final
+class Ramps(AbstractPiecewiseShutter):
+    """A triangle of somebody else's, whose breakpoints are NumPy's and whose values JAX's."""
+
+    panels_per_piece: ClassVar[int] = 1
+    smooth_length: ClassVar[float] = 2.0
+    equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = True
+
+    def transmittance(self, tau):
+        return TriangleShutter().transmittance(tau)
+
+    def dtype(self):
+        return None
+
+    def breakpoints(self, dtype):
+        return DoubleWord(np.array([-1, 0, 1], dtype), np.zeros(3, dtype))
+
+    def piece_transmittance(self, offset):
+        return jnp.stack([offset[0], 1 - offset[1]])
+
+    def piece_mean(self, piece, from_left, distance, width):
+        return TriangleShutter().piece_mean(piece, from_left, distance, width)
+
+
+def test_a_piecewise_shutter_of_ones_own_has_the_form_too():
+    """Its metrics are those of the window that it copies."""
+    assert isinstance(in_one_form(Ramps(), np.dtype(float)), PolynomialShutter)
+    scene, motion = example_scene(), MOTIONS[0]
+    own, window = (evaluate(scene, motion, x) for x in (Ramps(), TriangleShutter()))
+    np.testing.assert_allclose(own.expected_psnr, window.expected_psnr, rtol=1e-12)
 
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=["moving", "at-rest"])

@@ -101,9 +101,9 @@ class AbstractPiecewiseShutter(AbstractShutter):
     symmetric: eqx.AbstractVar[bool]
     r"""Whether $w(-\tau) = w(\tau)$, whatever the parameters."""
 
-    of_numpy: ClassVar[bool] = False
-    """Whether all but `piece_mean` needs no program of JAX's where the parameters are known:
-    `breakpoints` are found by NumPy, and `piece_transmittance` is of NumPy's arrays."""
+    evaluates_by_numpy: ClassVar[bool] = False
+    """Whether `breakpoints` of known parameters compiles nothing, and `piece_transmittance` takes
+    and gives NumPy's arrays where its offsets are such. A kind that says nothing need not."""
 
     @abstractmethod
     def dtype(self) -> np.dtype | None:
@@ -115,7 +115,7 @@ class AbstractPiecewiseShutter(AbstractShutter):
 
     @abstractmethod
     def piece_transmittance(self, offset: Any) -> Any:
-        """Each piece's function at offsets, complex ones included; shape `(n, ...)`."""
+        """Each piece's function at offsets, an array, complex ones included; shape `(n, ...)`."""
 
     @abstractmethod
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
@@ -271,7 +271,7 @@ class SampledShutter(AbstractPiecewiseShutter):
         low = jnp.concatenate([uniform.low, jnp.zeros_like(declared)])
         return DoubleWord(high[order], low[order])
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(self, offset: Array) -> Array:
         dtype = np.finfo(offset.dtype).dtype
         scale = self._scale(dtype).reshape(-1, *(1,) * (offset.ndim - 1))
         share = offset * scale.astype(offset.dtype)

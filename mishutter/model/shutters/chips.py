@@ -42,7 +42,7 @@ class ChippedShutter(AbstractAdjustableShutter):
     smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = False
-    of_numpy: ClassVar[bool] = True
+    evaluates_by_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = True
 
     def __init__(self, transmittances: RowLike):

@@ -59,7 +59,7 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return DoubleWord(*(end.astype(dtype) for end in self.ends))
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(self, offset: Array) -> Array:
         pieces = (slice(None),) + (None,) * (offset.ndim - 1)
         share = offset / self._lengths()[pieces] - 0.5
         return polynomial([power[pieces] for power in self.powers.T], share)
@@ -100,10 +100,10 @@ def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseS
     if isinstance(shutter, PolynomialShutter):
         return shutter
     profile = piecewise(shutter)
-    if profile.of_numpy and all_concrete(profile) and not in_a_program():
+    if profile.evaluates_by_numpy and all_concrete(profile) and not in_a_program():
         with at_once():
-            ends = map(np.asarray, profile.breakpoints(dtype))
-        form = _interpolated(profile, *ends)
+            high, low = map(np.asarray, profile.breakpoints(dtype))
+        form = _interpolated(profile, high, low)
     else:
         form = _interpolated_by_program(profile, dtype)
     if form is None or not (is_concrete(form[1]) and form[1]):
@@ -129,7 +129,7 @@ def _profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]
 def _interpolated_by_program(
     profile: AbstractPiecewiseShutter, dtype: np.dtype
 ) -> tuple[PolynomialShutter, Array] | None:
-    return _interpolated(profile, *profile.breakpoints(dtype))
+    return _interpolated(profile, *map(jnp.asarray, profile.breakpoints(dtype)))
 
 
 def _interpolated(

@@ -67,7 +67,7 @@ class SplineShutter(AbstractAdjustableShutter):
     panels_per_piece: ClassVar[int] = 1
     smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
-    of_numpy: ClassVar[bool] = True
+    evaluates_by_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = True
 
     def __init__(

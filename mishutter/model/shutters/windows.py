@@ -40,7 +40,7 @@ class RectShutter(AbstractPiecewiseShutter):
     smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
-    of_numpy: ClassVar[bool] = True
+    evaluates_by_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -67,7 +67,7 @@ class HannShutter(AbstractPiecewiseShutter):
     smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
-    of_numpy: ClassVar[bool] = True
+    evaluates_by_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -95,7 +95,7 @@ class TriangleShutter(AbstractPiecewiseShutter):
     smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
-    of_numpy: ClassVar[bool] = True
+    evaluates_by_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = as_float(tau)
@@ -133,7 +133,7 @@ class GaussianShutter(AbstractAdjustableShutter):
     panels_per_piece: ClassVar[int] = 8
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
-    of_numpy: ClassVar[bool] = True
+    evaluates_by_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
     def __init__(self, sigma: ArrayLike = 0.4):
@@ -196,7 +196,7 @@ class TukeyShutter(AbstractAdjustableShutter):
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = False
     symmetric: ClassVar[bool] = True
-    of_numpy: ClassVar[bool] = True
+    evaluates_by_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
     def __init__(self, taper: ArrayLike = 0.5):
@@ -306,7 +306,10 @@ def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
 
 
 _NARROW = 0.4
-_NUM_TERMS, _LEAST_TERM = 9, 2e-17
+_NUM_TERMS = 9
+"""Powers of either number that a term of the narrow mean may have, 0 among them."""
+_LEAST_TERM = 2e-17
+"""Size of a term that is left out: a tenth of a rounding in float64."""
 
 
 @lru_cache
@@ -334,7 +337,7 @@ def _gaussian_mean(centre: Array, half: Array, sigma: Array) -> Array:
     r"""Mean of a Gaussian over `centre +- half`, `centre >= 0`, by width.
 
     Narrow intervals by a series about their middle, whose terms hardly cancel; wide ones by the
-    complement of the error function, which falls so far between their ends that neither does it.
+    complement of the error function, whose values at their ends differ enough not to.
     """
     c, d = centre / sigma, half / sigma
     narrow = d * (1 + c) < _NARROW
