@@ -105,4 +105,4 @@ def fractions_as_words(exact: Sequence[Fraction], dtype: np.dtype) -> DoubleWord
     """Fractions to twice a precision; shape `(n,)`."""
     high = np.array([float(x) for x in exact]).astype(dtype)
     low = [float(x - Fraction(float(h))) for x, h in zip(exact, high, strict=True)]
-    return DoubleWord(on_device(high), on_device(np.array(low, dtype)))
+    return DoubleWord(*on_device((high, np.array(low, dtype))))

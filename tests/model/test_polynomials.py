@@ -2,11 +2,11 @@
 
 from typing import ClassVar, final
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.cases import SHUTTERS
+from support.programs import compiled_programs
 
 from mishutter import (
     ChippedShutter,
@@ -62,10 +62,10 @@ def test_the_form_of_a_known_shutter_takes_no_program(caplog):
         *(TukeyShutter(0.3), GaussianShutter(0.6)),
         *(RectShutter(), HannShutter(), TriangleShutter()),
     ]
-    with jax.log_compiles():
+    with compiled_programs(caplog) as programs:
         forms = [in_one_form(shutter, np.dtype(float)) for shutter in known]
     assert all(isinstance(form, PolynomialShutter) for form in forms)
-    assert not [r.message for r in caplog.records if r.message.startswith("Compiling")]
+    assert not programs
 
 
 @final

@@ -4,13 +4,12 @@ Pinned on synthetic rows whose power spectrum is exactly the one assumed, becaus
 there do theory and measurement speak of the same thing.
 """
 
-import re
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.cameras import HALF_EXPOSURE, camera, scene
+from support.programs import compiled_programs
 
 import mishutter as ms
 from mishutter.camera.capture import kernel_layout, noisy
@@ -192,12 +191,10 @@ def test_photographs_by_shutters_of_all_kinds_share_their_programs(caplog):
 
     most = float(camera().acceleration)
     jax.clear_caches()
-    with jax.log_compiles():
+    with compiled_programs(caplog) as programs:
         for share, shutter in enumerate((ms.TukeyShutter(0.4), ms.TriangleShutter(), CHIPPED)):
             photograph(shutter, most * (1 - 1e-3 * share))
-    found = [r.message for r in caplog.records if r.message.startswith("Compiling")]
-    names = [re.findall(r"Compiling jit\((\S+)\)", message)[0] for message in found]
-    assert len({*names}) == len(names) <= 11
+    assert len({*programs}) == len(programs) <= 11
 
 
 def test_each_capture_has_noise_of_its_own():

@@ -158,7 +158,7 @@ def _interpolated(
     offset = (cuts.high[:-1] - high[piece]) + (cuts.low[:-1] - low[piece])
     nodes, to_series, to_powers = (x.astype(dtype) for x in _interpolation())
     width = space.diff(cuts.high) + space.diff(cuts.low)
-    offsets = offset[:, None] + width[:, None] * (nodes + dtype.type(0.5))[None]
+    offsets = offset[:, None] + width[:, None] * (nodes + 0.5)[None]
     every = profile.piece_transmittance(space.broadcast_to(offsets, (num_pieces, *offsets.shape)))
     values = every[piece, np.arange(_NUM_PIECES)].astype(dtype)
     middle = values[:, _DEGREE // 2, None]  # off which roundings of the sums are smaller
