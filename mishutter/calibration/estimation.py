@@ -157,9 +157,8 @@ def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[
         return own | {n: each * margin for n, each in known.items() if float(each) > float(own[n])}
 
     pan, top = jnp.abs(v), motion.top_speed
-    wide = widened(
-        own, max_stroke=motion.stroke, max_top_speed=top, max_pan=pan, max_acceleration=2 * a
-    )
+    extent = limits.demands(motion)["stroke"].taken
+    wide = widened(own, max_stroke=extent, max_top_speed=top, max_pan=pan, max_acceleration=2 * a)
     if limits.has_stage:
         share = float(Limits(**wide).stage_share(a, half, v))
         grown = {"max_travel": limits.max_travel}

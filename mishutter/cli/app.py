@@ -59,10 +59,10 @@ from mishutter.cli.options import (
     ShuttersOption,
     as_path,
     loss_of,
-    moved,
+    names_of,
     scene_of,
 )
-from mishutter.cli.plan_command import plan, plan_text
+from mishutter.cli.plan_command import plan, plan_of_search, plan_text
 from mishutter.cli.sweep_command import sweep
 
 if TYPE_CHECKING:
@@ -136,27 +136,20 @@ def optimise(
     """Design a shutter for a scene, and show it beside the windows one would have picked."""
     start_jax()
     from mishutter.design import optimise as search
-    from mishutter.design import plan as planned
-    from mishutter.design import starting_shutter
 
-    scene = scene_of(scene_file)
-    start, chosen = starting_shutter(scene, num_coefficients), loss_of(loss)
+    scene, chosen = scene_of(scene_file), loss_of(loss)
     folder = None if out is None else writable_folder(out)
-    motion, names = moved(free, scene, start, chosen)
-    found = planned(scene, motion, start, loss=chosen, free=names)
     if verbose:
-        note(plan_text(found))
+        note(plan_text(plan_of_search(scene, chosen, free, num_coefficients)))
     with kept(lambda: AGAIN), progress_bar("searching", max_steps) as update:
         design = search(
             scene,
-            motion,
-            start,
             loss=chosen,
-            free=names,
+            free=names_of(free),
+            num_coefficients=num_coefficients,
             num_starts=num_starts,
             seed=seed,
             max_steps=max_steps,
-            plan=found,
             progress=lambda step, value: update(step, f"loss {value:.6g}"),
         )
     tried = noise_seeds, every_photograph

@@ -8,7 +8,7 @@ import typer
 
 if TYPE_CHECKING:
     from mishutter.evaluation import AbstractLoss
-    from mishutter.model import AbstractMotion, AbstractShutter, Scene
+    from mishutter.model import Scene
 
 
 class LossName(Enum):
@@ -99,18 +99,9 @@ def scene_of(path: Path | None) -> "Scene":
     return example_scene() if path is None else read_scene(path)
 
 
-def moved(
-    given: list[FreeName] | None,
-    scene: "Scene",
-    shutter: "AbstractShutter",
-    loss: "AbstractLoss",
-) -> "tuple[AbstractMotion, tuple[str, ...]]":
-    """The motion to start from, and what `--free` names, or what moves by default."""
-    from mishutter.design import moved_by_default
-
-    if given:
-        return scene.motion, tuple(name.value for name in given)
-    return moved_by_default(scene, None, shutter, loss)
+def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
+    """What `--free` names; None for what moves by default."""
+    return tuple(name.value for name in free) if free else None
 
 
 def loss_of(name: LossName) -> "AbstractLoss":

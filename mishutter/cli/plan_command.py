@@ -7,18 +7,20 @@ import typer
 from mishutter.cli.console import folded, print_text, start_jax, working, write_json
 from mishutter.cli.options import (
     CoefficientsOption,
+    FreeName,
     FreeOption,
     JsonOption,
     LossName,
     LossOption,
     SceneArgument,
     loss_of,
-    moved,
+    names_of,
     scene_of,
 )
 
 if TYPE_CHECKING:
-    from mishutter.evaluation import Plan
+    from mishutter.evaluation import AbstractLoss, Plan
+    from mishutter.model import Scene
 
 
 def plan(
@@ -36,18 +38,31 @@ def plan(
         given = ", ".join(name.value for name in free)
         raise ValueError(f"`--free` must be left out with --fixed; got '{given}'.")
     start_jax()
-    from mishutter.design import plan as planned
-    from mishutter.design import starting_shutter
-
-    scene = scene_of(scene_file)
-    start, chosen = starting_shutter(scene, num_coefficients), loss_of(loss)
+    scene, chosen = scene_of(scene_file), loss_of(loss)
     with working("planning"):
-        motion, names = moved(free, scene, start, chosen)
-        found = planned(scene, motion, start, loss=chosen, free=() if fixed else names)
+        found = plan_of_search(scene, chosen, free, num_coefficients, fixed=fixed)
     if json:
         write_json(found.to_dict())
     else:
         print_text(plan_text(found))
+
+
+def plan_of_search(
+    scene: "Scene",
+    loss: "AbstractLoss",
+    free: list[FreeName] | None,
+    num_coefficients: int,
+    *,
+    fixed: bool = False,
+) -> "Plan":
+    """The plan of what `optimise` searches first, or of one measurement where all is fixed."""
+    from mishutter.design import moved_by_default, starting_shutter
+    from mishutter.design import plan as planned
+
+    motion, names, start = scene.motion, names_of(free), starting_shutter(scene, num_coefficients)
+    if names is None:
+        motion, names = moved_by_default(scene, None, start, loss)
+    return planned(scene, motion, start, loss=loss, free=() if fixed else names)
 
 
 def plan_text(found: "Plan") -> str:

@@ -208,7 +208,7 @@ def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray", pan: float) 
     limits = scene.limits
     ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
     half_exposures = np.clip(half_exposures, *ends)
-    by_stroke = float(limits.max_stroke) / half_exposures**2
+    by_stroke = np.asarray(limits.acceleration_by_stroke(half_exposures, pan))
     top = float(limits.max_top_speed)
     by_speed = (top - pan if pan < top else top) / (2 * half_exposures)
     largest = np.minimum(by_stroke, by_speed)

@@ -50,7 +50,7 @@ COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "o
 """Columns of a comparison's rows."""
 _FOOT = """\
 PSNR dB    expected of one linear filter
-gain dB    over the best snapshot at rest
+gain dB    over the best snapshot
 light      share that the shutter passes
 stroke px  from mid-exposure to either end
 pan px/s   velocity at mid-exposure

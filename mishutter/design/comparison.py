@@ -1,6 +1,6 @@
 """A design beside its baselines, and the verdict for a scene."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -21,7 +21,7 @@ from mishutter._core import (
 from mishutter.design.planning import plan as planned
 from mishutter.design.result import GIVEN, Design, metrics_to_dict, motion_to_dict
 from mishutter.design.search import free_by_default, on_free_path, optimise
-from mishutter.design.space import forbids_free_path
+from mishutter.design.space import beyond_limits, forbids_free_path
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
@@ -34,7 +34,6 @@ from mishutter.evaluation import (
     best_burst,
     ceiling,
     evaluate,
-    in_equal_steps,
     tolerance_costs,
 )
 from mishutter.model import (
@@ -49,6 +48,7 @@ from mishutter.model import (
     StillCamera,
     TukeyShutter,
     baselines,
+    command_of,
     is_straight,
     settled,
 )
@@ -63,17 +63,22 @@ BEST_CODED_STILL = "best coded still"
 CODED_AT_REST = "best coded at rest"
 BEST_BURST = "best burst"
 OPEN_ON_FREE_PATH = "open on a free path"
+SHAPED_ON_FREE_PATH = "shaped on a free path"
 _RIVALS = (
     BEST_TUKEY,
     OPEN_ON_FREE_PATH,
+    SHAPED_ON_FREE_PATH,
     BEST_SNAPSHOT,
     BEST_PANNED_SNAPSHOT,
     BEST_CODED_STILL,
     CODED_AT_REST,
     BEST_BURST,
 )
+_SNAPSHOTS = (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT)
 _WORTH_IT = 0.1
 """Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
+_TELLING = 0.005
+"""Gain that a verdict tells; dB."""
 _STANDS_STILL = 0.05
 """Travel during the exposure below which a sensor counts as standing still; px."""
 
@@ -93,6 +98,8 @@ class Row:
         loss: The loss that tuned it; None where none was given.
         metrics: Its metrics; the expected PSNR of a burst is that of a decoder that is told the
             speed.
+        takes: What a camera at rest with an ordinary shutter lacks for it: `"a stage"`,
+            `"a shutter"`, both or neither.
         num_frames: Frames of the motion's exposure that are added up; 1 of all but a burst.
     """
 
@@ -102,6 +109,7 @@ class Row:
     motion: AbstractMotion
     loss: float | None
     metrics: Metrics
+    takes: frozenset[str]
     num_frames: int = 1
 
     @property
@@ -117,10 +125,12 @@ class Comparison:
 
     Attributes:
         rows: One a shutter and reading.
-        verdict: Two lines: what to build for this scene or to use instead, and how far physics
-            would let any camera go.
-        gain: Gain over the best snapshot, panned where that is allowed, both within the scene's
-            tolerances; dB, negative where the snapshot is better.
+        verdict: Two lines: what to build for this scene or to use instead; and how far physics
+            would let any camera go, what a better camera would bring and how far below the
+            nearest simpler one is.
+        gain: Gain of the best design that was given, or of the best coded camera, over the best
+            snapshot, panned where that is allowed, both within the scene's tolerances; dB,
+            negative where the snapshot is better.
         ceiling: Expected PSNR that no camera exceeds; dB. Speeds in equal steps stand for those
             between them, unless a design exceeds the ceiling of these by dwelling at the listed.
         notes: Sentences for the foot of the tables: the light that the shutter loses, and what a
@@ -137,17 +147,28 @@ class Comparison:
 
     @property
     def rivals(self) -> dict[str, Row]:
-        """The best row of each purchase, the simplest first; bursts take another camera."""
-        kinds: dict[frozenset[str], list[Row]] = {}
-        for row in self.rows:
-            if row.reading == OWN_BEST_MOTION and row.name != BEST_BURST:
-                kinds.setdefault(_takes(row), []).append(row)
-        return {name: _best(kinds[kind]) for kind, name in _PURCHASES.items() if kind in kinds}
+        """The best row of each purchase, the simplest first; bursts take another camera.
+
+        Whoever has bought more may use less of it: the best of a purchase is among all rows that
+        take no more.
+        """
+        rows = [r for r in self.rows if r.reading == OWN_BEST_MOTION and r.name != BEST_BURST]
+        return {
+            name: _best([row for row in rows if row.takes <= kind])
+            for kind, name in _PURCHASES.items()
+            if any(row.takes == kind for row in rows)
+        }
+
+    @property
+    def snapshot(self) -> Row:
+        """The best snapshot that the scene allows, which gains are over."""
+        rows = (row for row in self.rows if row.reading == OWN_BEST_MOTION)
+        return _best([row for row in rows if row.name in _SNAPSHOTS])
 
     def over_snapshot(self, level: float) -> float:
-        """Gain of an expected PSNR over that of the best snapshot at rest; dB."""
-        still = _level(self.row(BEST_SNAPSHOT))
-        return 0.0 if level == still else level - still
+        """Gain of an expected PSNR over that of the best snapshot that the scene allows; dB."""
+        snapshot = _level(self.snapshot)
+        return 0.0 if level == snapshot else level - snapshot
 
     def row(self, name: str, reading: str = OWN_BEST_MOTION) -> Row:
         """The row of a shutter in a reading.
@@ -228,8 +249,8 @@ def compare(
     Rivals beside the windows, tuned alike: the best Tukey, its taper too; the best snapshot, an
     open shutter at rest, and where the sensor may pan the best panned snapshot; the best coded
     still, a free profile without acceleration, and where that pans the best at rest; an open
-    shutter on the best free path, which takes no special shutter, unless the scene has tolerances
-    or limits the jerk of its stage; and the best burst of a scene that has a `Burst`.
+    shutter and a free profile on the best free path, unless the scene has tolerances or limits the
+    jerk of its stage; and the best burst of a scene that has a `Burst`.
 
     Args:
         scene: Speeds, light, noise and limits.
@@ -269,14 +290,21 @@ def compare(
     fixed = {name: scene.light(command, motion) for name, command in commands.items()}
     measured = partial(evaluate, scene, motion, plan=plan)
     rows = [
-        Row(SAME_MOTION, name, shutter, motion, None, measured(shutter))
+        Row(
+            SAME_MOTION,
+            name,
+            shutter,
+            motion,
+            None,
+            measured(shutter),
+            _takes(scene, motion, shutter),
+        )
         for name, shutter in fixed.items()
     ]
     # The longest search is begun first, and the others go on beside it.
     start = _searchable(motion, scene)
     searches = [
-        lambda: _coded_stills(scene, entries, loss, plan),
-        lambda: _open_shutters(scene, start, loss, plan),
+        lambda: _free_profiles(scene, start, entries, loss, plan),
         lambda: [_row(BEST_TUKEY, optimise(scene, start, TukeyShutter(0.5), loss=loss, plan=plan))],
         *(
             partial(_own_best, name, entry, scene, start, loss, plan)
@@ -354,20 +382,31 @@ def _snapshots(scene: Scene, loss: AbstractLoss, plan: Plan | Automatic | None) 
     return [at_rest, _row(BEST_PANNED_SNAPSHOT, found)]
 
 
-def _open_shutters(
+def _free_profiles(
     scene: Scene,
     motion: AbstractMotion,
+    entries: Mapping[str, Entry],
     loss: AbstractLoss,
     plan: Plan | Automatic | None,
 ) -> list[Row]:
-    """An open shutter at constant acceleration, and on a free path where the stage may take one."""
+    """Rows of which one begins with another: coded stills, open shutters, and both on a free path.
+
+    A free path has rows where the stage may take one.
+    """
     shutter = RectShutter()
     free = free_by_default(scene, motion, shutter)
+    takes_path = "acceleration" in free and not forbids_free_path(scene)
+    shaped = _known_profile(scene, entries, loss)
+    if shaped is None and takes_path:
+        shaped = optimise(scene, motion, loss=loss, plan=plan)
+    rows = _coded_stills(scene, shaped, loss, plan)
     steady = optimise(scene, motion, shutter, free=free, loss=loss, plan=plan)
-    rows = [_row(OPEN, steady)]
-    if "acceleration" in free and not forbids_free_path(scene):
-        found = on_free_path(steady, motion, loss=loss, plan=plan)
-        rows.append(_row(OPEN_ON_FREE_PATH, found))
+    rows.append(_row(OPEN, steady))
+    if takes_path and shaped is not None:
+        on_path = on_free_path(steady, motion, loss=loss, plan=plan)
+        beside = [design for design in (steady, on_path) if not is_straight(design.motion)]
+        best = on_free_path(shaped, motion, loss=loss, shaped=True, beside=beside, plan=plan)
+        rows += [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]
     return rows
 
 
@@ -379,18 +418,16 @@ def _bursts(scene: Scene) -> list[Row]:
     measured = evaluate(burst.scene, burst.motion, RectShutter())
     metrics = replace(measured, expected_psnr=measured.known_speed_psnr)
     motion = settled(burst.motion)
-    row = Row(OWN_BEST_MOTION, BEST_BURST, RectShutter(), motion, None, metrics, burst.num_frames)
-    return [row]
+    takes = _takes(scene, motion, RectShutter())
+    name, frames = BEST_BURST, burst.num_frames
+    return [Row(OWN_BEST_MOTION, name, RectShutter(), motion, None, metrics, takes, frames)]
 
 
 def _coded_stills(
-    scene: Scene,
-    entries: Mapping[str, Entry],
-    loss: AbstractLoss,
-    plan: Plan | Automatic | None,
+    scene: Scene, shaped: Design | None, loss: AbstractLoss, plan: Plan | Automatic | None
 ) -> list[Row]:
     """The best free profile without acceleration, and where that pans the best at rest."""
-    best = _known_straight(scene, entries, loss)
+    best = None if shaped is None else shaped.straight
     if best is None:
         best = optimise(scene, _unaccelerated(scene), loss=loss, plan=plan)
     rows = [_row(BEST_CODED_STILL, best)]
@@ -400,14 +437,12 @@ def _coded_stills(
     return [*rows, _row(CODED_AT_REST, optimise(scene, still, loss=loss, plan=plan))]
 
 
-def _known_straight(
-    scene: Scene, entries: Mapping[str, Entry], loss: AbstractLoss
-) -> Design | None:
-    """What a search for one of the designs has found on its way; None for nothing."""
+def _known_profile(scene: Scene, entries: Mapping[str, Entry], loss: AbstractLoss) -> Design | None:
+    """The best design of a free profile and a parabola, where it is one of those given."""
     for entry in entries.values():
         if isinstance(entry, Design) and _is_finished(entry, scene, loss):
             if isinstance(entry.command, SplineShutter) and entry.straight is not None:
-                return entry.straight
+                return entry
     return None
 
 
@@ -465,7 +500,9 @@ def _are_equal(first: Any, second: Any) -> bool:
 
 
 def _row(name: str, design: Design) -> Row:
-    return Row(OWN_BEST_MOTION, name, design.shutter, design.motion, design.loss, design.metrics)
+    shutter, motion = design.shutter, design.motion
+    takes = _takes(design.scene, motion, shutter)
+    return Row(OWN_BEST_MOTION, name, shutter, motion, design.loss, design.metrics, takes)
 
 
 _NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
@@ -474,46 +511,108 @@ _NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore 
 def _with_verdict(rows: list[Row], given: Mapping[str, Entry], scene: Scene) -> Comparison:
     at_best = {row.name: row for row in rows if row.reading == OWN_BEST_MOTION}
     burst = at_best.pop(BEST_BURST, None)
-    snapshots = [at_best[n] for n in (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT) if n in at_best]
-    snapshot = _best(snapshots)
+    snapshot = _best([at_best[name] for name in _SNAPSHOTS if name in at_best])
     notes = (
         *_of_device(scene),
         *_of_blind_drives(given),
+        *_of_limits(scene, at_best.values()),
         *(() if burst is None else (_of_burst(burst),)),
     )
     if np.isposinf(_level(snapshot)):
         return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf, notes)
-    coded = [row for row in at_best.values() if row not in snapshots]
+    coded = [row for row in at_best.values() if row.name not in _SNAPSHOTS]
     best = _best([row for row in coded if row.name in given] or coded)
-    gain = _level(best) - _level(snapshot)
-    most = float(ceiling(scene, continuous=in_equal_steps(scene)))
-    if most < _level(best):  # by dwelling at the speeds that are listed
-        most = float(ceiling(scene))
-    better = [row for row in at_best.values() if row is snapshot or _is_better(row, best)]
-    rival = _best(better)
-    if max(map(_level, coded)) - _level(snapshot) < _WORTH_IT:
-        verdict = (
-            "Do not build a coded camera for this scene: nothing beats a snapshot by "
-            f"{_WORTH_IT} dB.",
-            f"Use an ordinary shutter: {_how(snapshot.motion)}, {_level(snapshot):.2f} dB. "
-            f"Ceiling: {most:.2f} dB.",
-        )
-    elif _level(best) - _level(rival) < _WORTH_IT:
-        verdict = (
-            f"Do not build {best.name} for this scene: {rival.name} has {_level(rival):.2f} dB.",
-            f"It takes {_in_words(rival, best)}: {_how(rival.motion)}. Ceiling: {most:.2f} dB.",
-        )
-    else:
-        below = max(most - _level(best), 0.0)
-        verdict = (
-            f"Build {best.name}: {_level(best):.2f} dB, {gain:.2f} dB above the {snapshot.name}.",
-            f"It is {below:.2f} dB below what any path and any shutter could reach "
-            f"({most:.2f} dB).",
-        )
+    most = float(ceiling(scene))
+    if most < max(map(_level, coded)):  # by dwelling at the speeds that are listed
+        most = float(ceiling(scene, continuous=False))
+    lines = _verdict(list(at_best.values()), best if best.name in given else None, snapshot, most)
     costs = None
     if scene.tolerances is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)
-    return Comparison(tuple(rows), "\n".join(verdict), gain, most, notes, costs)
+    gain = _level(best) - _level(snapshot)
+    return Comparison(tuple(rows), "\n".join(lines), gain, most, notes, costs)
+
+
+def _verdict(rows: Sequence[Row], given: Row | None, snapshot: Row, most: float) -> tuple[str, str]:
+    """What to build, and what stands beside it: the ceiling, a better and a simpler camera.
+
+    Args:
+        rows: The rows at their own best motions, without a burst.
+        given: The best of those that were given; None without any.
+        snapshot: The best snapshot.
+        most: The ceiling; dB.
+    """
+    top = _best(rows)
+    if given is not None and given.takes <= top.takes and _lead(top, given) < _WORTH_IT:
+        top = given
+    chosen = _simplest(rows, top, snapshot)
+    beside = _beside(rows, chosen)
+    if chosen.name in _SNAPSHOTS:
+        return (
+            "Do not build a coded camera for this scene: nothing beats a snapshot by "
+            f"{_WORTH_IT} dB.",
+            f"Use an ordinary shutter: {_how(chosen.motion)}, {_level(chosen):.2f} dB.{beside} "
+            f"Ceiling: {most:.2f} dB.",
+        )
+    if given is not None and chosen.takes < given.takes:
+        takes = " and ".join(sorted(chosen.takes, reverse=True)) or "neither stage nor shutter"
+        return (
+            f"Do not build {given.name} for this scene: {chosen.name} has {_level(chosen):.2f} dB.",
+            f"It takes {takes}: {_how(chosen.motion)}.{beside} Ceiling: {most:.2f} dB.",
+        )
+    other = "" if given in (None, chosen) else f" rather than {given.name}"
+    below = max(most - _level(chosen), 0.0)
+    return (
+        f"Build {chosen.name}{other}: {_level(chosen):.2f} dB, {_lead(chosen, snapshot):.2f} dB "
+        f"above the {snapshot.name}.",
+        f"It is {below:.2f} dB below what any path and any shutter could reach "
+        f"({most:.2f} dB).{beside}",
+    )
+
+
+def _simplest(rows: Sequence[Row], top: Row, snapshot: Row) -> Row:
+    """The row to build: about as good as the best, with less than that takes where some is.
+
+    A coded camera that is worth building is better than the best snapshot by as much.
+    """
+    if _lead(top, snapshot) < _WORTH_IT:
+        return snapshot
+    about = [row for row in rows if row.takes < top.takes and _lead(top, row) < _WORTH_IT]
+    worth = [row for row in about if _lead(row, snapshot) >= _WORTH_IT]
+    return min([*worth, top], key=lambda row: (len(row.takes), -_level(row)))
+
+
+def _beside(rows: Sequence[Row], chosen: Row) -> str:
+    """What a better camera than the one to build would bring, and the nearest simpler one."""
+    sentences = []
+    top = _best(rows)
+    if _lead(top, chosen) >= _TELLING:
+        more = " and ".join(sorted(top.takes - chosen.takes, reverse=True))
+        with_more = f" with {more} too" if more else ""
+        name = f"{top.name[0].upper()}{top.name[1:]}"
+        lead = f"{_lead(top, chosen):.2f} more"
+        sentences.append(f" {name} has {_level(top):.2f} dB{with_more}: {lead}.")
+    simpler = [row for row in rows if _is_simpler(row, chosen)]
+    if simpler and chosen.name not in _SNAPSHOTS:
+        nearest = _best(simpler)
+        below = _lead(chosen, nearest)
+        side = f"{abs(below):.2f} dB {'below' if below >= 0 else 'above'} it"
+        sentences.append(f" The nearest simpler camera, {nearest.name}, is {side}.")
+    return "".join(sentences)
+
+
+def _is_simpler(row: Row, chosen: Row) -> bool:
+    """Whether a row takes less, or as much with a fixed kind of profile for a free one."""
+    if row.takes < chosen.takes:
+        return True
+    is_free = isinstance(command_of(chosen.shutter), SplineShutter)
+    is_fixed = not isinstance(command_of(row.shutter), SplineShutter)
+    return row.takes == chosen.takes and is_free and is_fixed
+
+
+def _lead(row: Row, other: Row) -> float:
+    """By how much one row is better than another; dB."""
+    return 0.0 if row is other else _level(row) - _level(other)
 
 
 _PURCHASES = {
@@ -524,26 +623,14 @@ _PURCHASES = {
 }
 
 
-def _takes(row: Row) -> frozenset[str]:
-    """What a camera at rest with an ordinary shutter lacks for a row."""
-    takes = {"a stage": _pans(row.motion) or float(row.motion.stroke) >= _STANDS_STILL}
-    takes["a shutter"] = not isinstance(row.shutter, RectShutter)
+def _takes(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> frozenset[str]:
+    """What a camera at rest with an ordinary shutter lacks for a design."""
+    of_stage = scene.limits.of_stage(motion)
+    takes = {
+        "a stage": float(of_stage.extent) >= _STANDS_STILL,
+        "a shutter": not isinstance(shutter, RectShutter),
+    }
     return frozenset(part for part, needed in takes.items() if needed)
-
-
-def _is_better(row: Row, best: Row) -> bool:
-    """Whether a row is about as good with less, or plainly better with as much."""
-    lead = _level(row) - _level(best)
-    if _takes(row) == _takes(best):
-        return lead >= _WORTH_IT
-    return _takes(row) < _takes(best) and lead > -_WORTH_IT
-
-
-def _in_words(row: Row, best: Row) -> str:
-    """The purchase of a row beside that of the best."""
-    if _takes(row) == _takes(best):
-        return "as much"
-    return _PURCHASES[_takes(row)] if _takes(row) else "neither stage nor shutter"
 
 
 def _of_device(scene: Scene) -> tuple[str, ...]:
@@ -571,6 +658,16 @@ def _of_blind_drives(given: Mapping[str, Entry]) -> tuple[str, ...]:
         for level in dict.fromkeys(levels)
         if level is not None
     )
+
+
+def _of_limits(scene: Scene, rows: Iterable[Row]) -> tuple[str, ...]:
+    """What rows exceed of the scene's limits, as cameras that are given as built may."""
+    notes = []
+    for row in rows:
+        beyond = beyond_limits(scene, row.motion, row.shutter)
+        names = ", ".join(name.replace("_", " ") for name in beyond)
+        notes += [f"{row.name} is outside the scene's limits: {names}."] if beyond else []
+    return tuple(notes)
 
 
 def _of_burst(row: Row) -> str:

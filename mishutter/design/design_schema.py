@@ -81,6 +81,7 @@ class SavedLimits(Part):
     max_travel: float | None = None
     max_acceleration: float | None = None
     max_jerk: float | None = None
+    pans: Literal["stage", "camera"] = "stage"
 
 
 @final

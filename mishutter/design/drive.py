@@ -17,7 +17,7 @@ from mishutter.blur import binned_exposure
 from mishutter.design.drive_files import MAX_STEPS, drive_bytes, require_levels
 from mishutter.design.result import Design, metrics_to_dict, package_version
 from mishutter.evaluation import Metrics, evaluate, without_tolerances
-from mishutter.model import AbstractShutter, ChippedShutter, StillCamera
+from mishutter.model import AbstractMotion, AbstractShutter, ChippedShutter, StillCamera, panned
 
 _NUM_STEPS, _NUM_LEVELS = 256, 256
 """Of a table for a device that asks for no number of its own."""
@@ -50,13 +50,17 @@ class DriveTable:
 
     @property
     def position(self) -> np.ndarray:
-        """Position of the sensor at the beginning of each step; px."""
-        return np.asarray(self.design.motion.position(self.begin))
+        """Position of the stage at the beginning of each step, without a pan of the camera; px."""
+        return np.asarray(self._of_stage.position(self.begin))
 
     @property
     def velocity(self) -> np.ndarray:
-        """Velocity of the sensor there; px/s."""
-        return np.asarray(self.design.motion.velocity_at(self.begin))
+        """Velocity of the stage there; px/s."""
+        return np.asarray(self._of_stage.velocity_at(self.begin))
+
+    @property
+    def _of_stage(self) -> AbstractMotion:
+        return self.design.scene.limits.of_stage(self.design.motion)
 
     @property
     def position_scale(self) -> float:
@@ -81,6 +85,8 @@ class DriveTable:
         if scene.stage is None or path is None:
             return None
         made = scene.stage.made_of(path)
+        if scene.limits.pans == "camera":
+            made = panned(made, made.velocity + self.design.motion.velocity)
         return evaluate(without_tolerances(scene), made, self.design.shutter)
 
     def to_csv(self) -> str:

@@ -37,6 +37,8 @@ from mishutter.model import (
     SwitchedShutter,
     Tolerances,
     command_of,
+    is_known_zero,
+    panned,
     profile_of,
     shutter_from_dict,
     shutter_to_dict,
@@ -169,15 +171,19 @@ class Design:
             ValueError: as `read_drive`.
             OSError: if the file cannot be read.
         """
+        wanted = scene.motion if motion is None else motion
         drive = read_drive(
             path,
-            scene.motion if motion is None else motion,
+            scene.limits.of_stage(wanted),
             half_exposure=half_exposure,
             position_scale=position_scale,
             floor=floor,
             ceiling=ceiling,
         )
-        return given_design(scene, drive.motion, drive.shutter, f"Read from {Path(path).name}.")
+        made = drive.motion
+        if scene.limits.pans == "camera" and not is_known_zero(wanted.velocity):
+            made = panned(made, made.velocity + wanted.velocity)
+        return given_design(scene, made, drive.shutter, f"Read from {Path(path).name}.")
 
     def write_profile(self, path: str | Path) -> None:
         """Write the profile as CSV with a line of units: time, normalised time, transmittance.

@@ -30,10 +30,10 @@ from mishutter.design.solvers import certificate_at, finished, is_minimum, losse
 from mishutter.design.space import (
     DesignSpace,
     all_that_can_move,
+    beyond_limits,
     design_space,
     mirrors,
     num_free_pieces,
-    within_limits,
 )
 from mishutter.design.starts import (
     GRID_COORDINATES,
@@ -58,6 +58,7 @@ from mishutter.model import (
     AbstractShutter,
     ChippedShutter,
     FreeMotion,
+    RectShutter,
     Scene,
     SplineShutter,
     TukeyShutter,
@@ -82,10 +83,10 @@ _NUM_STARTS, _FEW_SPEEDS = 16, 8
 time, and the loss has more valleys, as each of the speeds alone decides what is open."""
 _MAX_STEPS = 300
 """Steps of a descent, and of a polish, at most, by default."""
+_NUM_COEFFICIENTS = 24
+"""Coefficients of a free-form profile, by default."""
 _NUM_GIVEN = 4
 """Starts at most, up to a quarter of them, that are the given design and baselines' profiles."""
-_AT_LIMIT = 1e-6
-"""Share of the largest top speed by which a motion is below it that is free of it."""
 _ROUNDS_OF_LEVELS = 3
 """How often slots and motion are searched by turns, at most."""
 _SEEN = 1e-4
@@ -119,6 +120,7 @@ def optimise(
     *,
     loss: AbstractLoss | Callable[..., Any] = _EXPECTED_ERROR,
     free: str | Iterable[str] | None = None,
+    num_coefficients: int = _NUM_COEFFICIENTS,
     num_starts: int | None = None,
     seed: int = 0,
     max_steps: int = _MAX_STEPS,
@@ -129,12 +131,12 @@ def optimise(
     r"""Search for the design of least loss within the scene's limits.
 
     Where the acceleration may move, sensors that do not accelerate are searched as well, and the
-    better of the two designs is returned; of equals, the one without. Where all may move and the
-    speeds mirror each other about the velocity that the search starts from, it stays: by symmetry
-    the loss is stationary there. `free` can name it all the same. By a loss that does not see how
-    much light an exposure brings, as `DesignLoss`, the profile alone moves unless `free` says
-    otherwise: on the motion given or the scene's, or on that of the best design by the expected
-    error.
+    better of the two designs is returned; of equals, the one without. Where all may move, the
+    speeds are the same in both directions and the search starts without a pan, it stays without:
+    by symmetry the loss is stationary there. `free` can name it all the same. By a loss that does
+    not see how much light an exposure brings, as `DesignLoss`, the profile alone moves unless
+    `free` says otherwise: on the motion given or the scene's, or on that of the best design by the
+    expected error.
 
     Optimistix BFGS descends from many starts at once: the given design, baselines' profiles
     and, where a free-form profile moves, the lowest of valleys all over the space; after 20
@@ -168,6 +170,7 @@ def optimise(
         free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
             `"acceleration"`; all that can by default, by a loss that sees light. And `"path"`,
             with the acceleration: a `FreeMotion`.
+        num_coefficients: Coefficients of the free-form profile where no shutter is given.
         num_starts: How many descents; by default 16, and more where speeds are few.
         seed: Of the starts.
         max_steps: Steps of the descent, and of the polish, at most.
@@ -199,6 +202,7 @@ def optimise(
         _optimised,
         loss=loss,
         free=free,
+        num_coefficients=num_coefficients,
         num_starts=num_starts,
         seed=seed,
         max_steps=max_steps,
@@ -222,22 +226,41 @@ def on_free_path(
     start: AbstractMotion,
     *,
     loss: AbstractLoss,
+    shaped: bool = False,
+    beside: Sequence[Design] = (),
     plan: Plan | Automatic | None = PLANNED,
 ) -> Design:
-    """The best design under the shutter of another, on a free path that begins at its motion.
+    """The best design on a free path that begins at the motion of another.
 
-    It is what `optimise(free={"path", ...})` returns where that finds the other on its way.
+    It is what `optimise(free={"path", ...})` returns where that finds the other on its way, and
+    never worse than the designs that it begins with.
 
     Args:
-        design: The best design of constant acceleration.
+        design: The best design of constant acceleration; of a `SplineShutter` where it is shaped.
         start: The motion to begin with where that does not accelerate.
         loss: The loss that it was found by.
+        shaped: Whether the profile moves too, or is held.
+        beside: Designs of an open shutter to begin with as well.
         plan: The plan of the computation.
     """
-    free = free_by_default(design.scene, start, design.command)
-    names = tuple(name for name in (*free, "path") if name != "shutter")
-    rules = {"num_starts": None, "seed": 0, "max_steps": _MAX_STEPS, "progress": None}
-    return _beyond(design, start, names, loss=loss, plan=plan, known=(), **rules)
+    scene, command = design.scene, design.command
+    free = free_by_default(scene, start, None if shaped else command)
+    names = tuple(name for name in (*free, "path") if shaped or name != "shutter")
+    device = scene.device
+    if shaped and device is not None and device.levels is not None:
+        best = optimise(scene, start, command, free=names, loss=loss, plan=plan)
+    else:
+        rules = {"num_starts": None, "seed": 0, "max_steps": _MAX_STEPS, "progress": None}
+        known = tuple((open_like(command), each.motion) for each in beside)
+        best = _beyond(design, start, names, loss=loss, plan=plan, known=known, **rules)
+    return min((best, design, *beside), key=lambda each: each.loss)
+
+
+def open_like(shutter: AbstractShutter) -> AbstractShutter:
+    """A shutter that stays open, as a profile of the kind of another."""
+    if not isinstance(shutter, SplineShutter):
+        return RectShutter()
+    return SplineShutter.fit(RectShutter(), shutter.num_coefficients, symmetric=shutter.symmetric)
 
 
 Known = tuple[tuple[AbstractShutter, AbstractMotion], ...]
@@ -265,11 +288,7 @@ def _optimised(
         motion, names = moved_by_default(scene, motion, shutter, loss)
     motion = settled(scene.motion if motion is None else motion)
     rules |= {"loss": loss, "known": known}
-    searched = partial(_searched, scene, motion, shutter, progress=progress, **rules)
-    ends = searched(names, plan=plan)
-    if free is None and loss.sees_light and _is_held_up_by_pan(ends[0].motion, scene):
-        plan = PLANNED if isinstance(plan, Plan) else plan
-        ends = searched(all_that_can_move(scene, motion, shutter), plan=plan)
+    ends = _searched(scene, motion, shutter, names, plan=plan, progress=progress, **rules)
     best, *straight = (_design(end, scene, loss, rules["max_steps"]) for end in ends)
     if straight:
         best = _better(best, straight[0])
@@ -316,7 +335,7 @@ def _beyond(
     """The better of a design whose acceleration is constant, and of one from there on.
 
     It begins with a path that is given, or with that of the design, or where that does not
-    accelerate of `start`.
+    accelerate of `start`, and with what is known.
     """
     path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
     scene, known = design.scene, (*known, (design.command, design.motion))
@@ -445,7 +464,7 @@ def _better(design: Design, straight: Design) -> Design:
 
 def _design(end: "_End", scene: Scene, loss: AbstractLoss, max_steps: int) -> Design:
     outcome = _outcome(end.certificate, end.loss, end.num_steps >= max_steps)
-    inside = within_limits(scene, end.motion, end.shutter)
+    inside = not beyond_limits(scene, end.motion, end.shutter)
     return Design(
         shutter=end.shutter,
         motion=end.motion,
@@ -484,20 +503,14 @@ def moved_by_default(
 def free_by_default(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter | None
 ) -> tuple[str, ...]:
-    """Parts that a search moves by default: all that can, but for a velocity at a symmetry.
+    """Parts that a search moves by default: all that can, but for a pan that symmetry rules out.
 
     No shutter stands for a free-form profile.
     """
     names = all_that_can_move(scene, motion, shutter)
-    if mirrors(scene, float(motion.velocity)):
+    if float(motion.velocity) == 0 and mirrors(scene, 0.0):
         return tuple(name for name in names if name != "velocity")
     return names
-
-
-def _is_held_up_by_pan(motion: AbstractMotion, scene: Scene) -> bool:
-    """Whether a sensor that panned slower could gain more speed."""
-    at_top = float(motion.top_speed) > float(scene.limits.max_top_speed) * (1 - _AT_LIMIT)
-    return at_top and float(motion.velocity) != 0 and mirrors(scene, float(motion.velocity))
 
 
 def _searched(
@@ -507,6 +520,7 @@ def _searched(
     names: str | Iterable[str],
     *,
     plan: Plan | Automatic | None,
+    num_coefficients: int = _NUM_COEFFICIENTS,
     **rules: Any,
 ) -> "list[_End]":
     """The best design, and where the acceleration may move the best that has none.
@@ -518,7 +532,7 @@ def _searched(
         scene, motion = seen_from(scene, motion)
     if shutter is None:
         pans = "velocity" in names
-        shutter = starting_shutter(scene if pans else without_pan(scene))
+        shutter = starting_shutter(scene if pans else without_pan(scene), num_coefficients)
     space = design_space(scene, motion, shutter, names)
     plan = _plan(scene, space, rules["loss"], plan)
     ends = [_best_of_space(scene, space, plan=plan, **rules)]
@@ -555,13 +569,13 @@ def _best_of_space(
     progress: Progress | None,
     known: Known,
 ) -> _End:
-    needed = reduced(scene, plan)
+    needed, space = reduced(scene, plan), space.holding(motion for _, motion in known)
     objective = objective_of(loss, needed, space, plan)
     num_speeds = needed.speeds.size
     starts = start_boxes(space, num_starts or _NUM_STARTS * max(1, _FEW_SPEEDS // num_speeds), seed)
     before = np.array([box_at(space, *each) for each in known], starts.dtype)
     if space.num_path_coordinates:
-        starts = np.concatenate([before, path_boxes(space)])
+        starts = path_boxes(space, np.concatenate([before, starts[:1]]))
         num_polished = _NUM_POLISHED if space.num_profile_coordinates else 1
         found = _polishable(objective, starts, num_polished)
     elif space.size > GRID_COORDINATES:
@@ -724,17 +738,18 @@ def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
     return Outcome.STEPS_USED if steps_used else Outcome.STALLED
 
 
-def starting_shutter(scene: Scene, num_coefficients: int = 24) -> SplineShutter:
+def starting_shutter(scene: Scene, num_coefficients: int = _NUM_COEFFICIENTS) -> SplineShutter:
     """The free-form profile a search starts from: symmetric if the scene's speeds are.
 
-    Where the sensor may pan, that is about the velocity in their middle. Through a device that
-    lags it is not: the command has to be ahead of a symmetric light. Its precision is that of the
-    speeds.
+    Where the camera pans, that is about the velocity in their middle; a stage, whose stroke holds
+    its pan, may not reach it. Through a device that lags it is not: the command has to be ahead of
+    a symmetric light. Its precision is that of the speeds.
     """
     require_known("starting_shutter", scene=(scene.speeds, scene.weights, scene.limits))
     slowest, fastest = (float(speed) for speed in scene.speed_range)
     middle = (slowest + fastest) / 2
-    symmetric = mirrors(scene, middle if abs(middle) <= float(scene.limits.max_pan) else 0.0)
+    turns = scene.limits.pans == "camera" and abs(middle) <= float(scene.limits.max_pan)
+    symmetric = mirrors(scene, middle if turns else 0.0)
     symmetric &= scene.device is None or not scene.device.lags
     taper = np.asarray(0.5, scene.speeds.dtype)
     return SplineShutter.fit(TukeyShutter(taper), num_coefficients, symmetric=symmetric)

@@ -6,7 +6,8 @@ logarithmic between bounds that hold stroke, top speed and exposure at every poi
 exposure between its limits, and the acceleration between the slowest that keeps up with what the
 given motion keeps up with, or with all objects at the best velocity, if that is less, and the
 largest that $aT^2 \le$ stroke and $2aT \le$ top speed allow. The velocity lies between the slowest
-and the fastest object, as far as that acceleration leaves it any of the top speed. A stage that
+and the fastest object, as far as that acceleration leaves it any of the top speed and, where the
+stage pans, of the stroke (`mishutter.model.limits`). A stage that
 begins and ends at rest travels further than the exposure (`mishutter.model.stages`), which bounds
 all three where its travel, its acceleration or its jerk is limited. Where a pixel holds so many
 electrons and no more, a half exposure ends where white fills it, sooner the more light the shutter
@@ -101,6 +102,7 @@ class DesignSpace(eqx.Module):
         slowest: Least velocity worth panning at; px/s.
         fastest: Greatest velocity worth panning at; px/s.
         demand: Speed that a sensor gains as it keeps up with every object; px/s.
+        strongest: Largest acceleration that is explored, beside what the limits allow; px/s^2.
         free: Parts that may move.
         num_profile_coordinates: How many of the coordinates belong to the shutter.
         num_path_coordinates: How many of them after these belong to a free path.
@@ -117,6 +119,7 @@ class DesignSpace(eqx.Module):
     slowest: Array
     fastest: Array
     demand: Array
+    strongest: Array
     free: tuple[str, ...] = eqx.field(static=True)
     num_profile_coordinates: int = eqx.field(static=True)
     num_path_coordinates: int = eqx.field(static=True)
@@ -188,7 +191,13 @@ class DesignSpace(eqx.Module):
 
     def without_acceleration(self) -> "DesignSpace":
         """The same box, at every point of which the sensor does not accelerate."""
-        return eqx.tree_at(lambda s: s.limits.max_stroke, self, on_device(np.zeros((), self.dtype)))
+        return eqx.tree_at(lambda s: s.strongest, self, on_device(np.zeros((), self.dtype)))
+
+    def holding(self, motions: Iterable[AbstractMotion]) -> "DesignSpace":
+        """The space that reaches down to motions which keep up with fewer objects than it asks."""
+        gains = [float(motion.speed_gain) for motion in motions if not is_straight(motion)]
+        least = np.asarray(min([float(self.demand), *gains]), self.dtype)
+        return replace(self, demand=on_device(least))
 
     def without_shutter(self) -> "DesignSpace":
         """The space around another shutter than one that is held, the same for all of these.
@@ -256,7 +265,7 @@ class DesignSpace(eqx.Module):
         kept_up = float(self.demand), float(self.motion.speed_gain)
         speeds = [float(self.limits.max_top_speed), *kept_up, *(v / _SLOWEST for v in kept_up)]
         times = np.array([2 * float(self.limits.max_stroke) / v for v in speeds if v > 0])
-        if self.limits.has_stage:
+        if self.limits.has_stage or self.limits.frame_velocity is not None:
             times = np.concatenate([times, self._bends_of_stage(low, high)])
         inside = np.sort(times[(low < times) & (times < high)])
         return Bends(index, np.log(inside / low) / np.log(high / low) if inside.size else inside)
@@ -269,7 +278,7 @@ class DesignSpace(eqx.Module):
             a, half = jax.vmap(self._acceleration_bounds)(times)[1], times
             most, rest = self.limits.max_acceleration, jnp.zeros_like(half)
             shares = [
-                a * half * half / self.limits.max_stroke,
+                a / self.limits.acceleration_by_stroke(half),
                 2 * a * half / self.limits.max_top_speed,
                 self.limits.stage_share(a, half, rest),
                 rest if most is None else 2 * a / most,
@@ -377,7 +386,10 @@ class DesignSpace(eqx.Module):
     ) -> tuple[Array, Array]:
         left = jnp.maximum(self.limits.max_top_speed - 2 * acceleration * half, 0)
         most = jnp.minimum(left, self.limits.max_pan)
-        if self.limits.has_stage:
+        by_stroke = self.limits.velocity_by_stroke(acceleration, half)
+        if by_stroke is not None and pieces is None:
+            most = jnp.minimum(most, by_stroke)
+        if self.limits.has_stage or (by_stroke is not None and pieces is not None):
             rest = jnp.zeros_like(most)
             numbers = {"acceleration": acceleration, "half_exposure": half, "velocity": rest}
             largest = partial(self.limits.largest, "velocity", rest, most, numbers)
@@ -413,12 +425,11 @@ class DesignSpace(eqx.Module):
         moves = "acceleration" in self.free
         if moves:
             a = self._unless_held("acceleration", on_device(np.zeros((), self.dtype)), a)
-        if isinstance(self.motion, ParabolicMotion) and (not moves or self.held is not None):
+        if not isinstance(self.motion, FreeMotion) or moves:
+            longest = self.limits.half_exposure_by_stroke(a)
             safe = jnp.where(a > 0, a, 1.0)
-            longest = jnp.minimum(
-                jnp.sqrt(self.limits.max_stroke / safe), self.limits.max_top_speed / (2 * safe)
-            )
-            high = jnp.where(a > 0, jnp.clip(longest, low, high), high)
+            by_speed = jnp.where(a > 0, self.limits.max_top_speed / (2 * safe), jnp.inf)
+            high = jnp.clip(jnp.minimum(longest, by_speed), low, high)
         if self.limits.has_stage:
             rest = jnp.zeros_like(a)
             numbers = {"acceleration": a, "half_exposure": low, "velocity": rest}
@@ -431,12 +442,12 @@ class DesignSpace(eqx.Module):
         longest = strongest = jnp.ones_like(half_exposure)
         if pieces is not None:
             longest, strongest = _longest(pieces), jnp.max(pieces)
-        by_stroke = self.limits.max_stroke / longest / half_exposure / half_exposure
+        by_stroke = self.limits.acceleration_by_stroke(half_exposure) / longest
         by_speed = self.limits.max_top_speed / (2 * half_exposure)
-        high = jnp.minimum(by_stroke, by_speed)
+        high = jnp.minimum(jnp.minimum(by_stroke, by_speed), self.strongest)
         if self.limits.max_acceleration is not None:
             high = jnp.minimum(high, self.limits.max_acceleration / (2 * strongest))
-        if self.limits.has_stage:
+        if self.limits.has_stage or (pieces is not None and self.limits.frame_velocity is not None):
             rest = jnp.zeros_like(high)
             numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": rest}
             high = self.limits.largest("acceleration", rest, high, numbers, pieces)
@@ -509,7 +520,10 @@ def design_space(
     filling = _filling(scene, None if count or lags else shutter)
     filling = None if filling is None else jnp.asarray(filling, dtype)
     counts = count, num_path, path_mirrors
-    return DesignSpace(shutter, motion, limits, device, filling, *bounds, demand, ordered, *counts)
+    strongest = on_device(np.full((), np.inf, dtype))
+    return DesignSpace(
+        shutter, motion, limits, device, filling, *bounds, demand, strongest, ordered, *counts
+    )
 
 
 def num_free_pieces(scene: Scene, motion: AbstractMotion) -> int:
@@ -600,26 +614,16 @@ def all_that_can_move(
     return tuple(name for name in FREE_NAMES if name not in held | {"path"})
 
 
-def within_limits(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
-    """Whether stroke, top speed, exposure and pan keep their limits, to rounding.
+def beyond_limits(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> tuple[str, ...]:
+    """Names of the limits that a design exceeds by more than rounding; none of one within them.
 
-    A pixel that is filled by white is a limit too.
+    The names are those of `Limits.demands`, and `"full_well"` where white fills a pixel.
     """
-    limits = scene.limits
-    half = float(motion.half_exposure)
-    shares = (
-        float(motion.stroke) / float(limits.max_stroke),
-        float(motion.top_speed) / float(limits.max_top_speed),
-        half / float(limits.max_half_exposure),
-        float(limits.min_half_exposure) / half,
-    )
-    if limits.has_stage:
-        shares = (*shares, float(limits.stage_share_of(motion)))
-        if limits.max_acceleration is not None:
-            greatest = float(motion.greatest_acceleration)
-            shares = (*shares, greatest / float(limits.max_acceleration))
-    pans = abs(float(motion.velocity)) <= float(limits.max_pan) * (1 + _ROUNDING)
-    return pans and max(shares) <= 1 + _ROUNDING and not fills(scene, motion, shutter)
+    demands = scene.limits.demands(motion).items()
+    names = tuple(name for name, demand in demands if not demand.is_met(_ROUNDING))
+    return (*names, "full_well") if fills(scene, motion, shutter) else names
 
 
 def fills(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:

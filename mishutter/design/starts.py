@@ -72,17 +72,23 @@ def _box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion
     return space.box(shutter, motion)
 
 
-def path_boxes(space: DesignSpace) -> np.ndarray:
-    """The given design, and others whose paths turn faster or slower towards their ends."""
-    given = box_at(space, space.shutter, space.motion)
+def path_boxes(space: DesignSpace, boxes: np.ndarray) -> np.ndarray:
+    """Designs, and others beside each whose paths turn faster or slower towards their ends.
+
+    Args:
+        space: The space, with a free path.
+        boxes: Points of it; shape `(n, size)`.
+    """
     first = space.num_profile_coordinates
-    boxes = np.tile(given, (1 + len(_TILTS), 1))
-    outwards = np.linspace(-1, 1, space.num_path_coordinates, dtype=given.dtype)
+    outwards = np.linspace(-1, 1, space.num_path_coordinates, dtype=boxes.dtype)
     if not space.path_mirrors:
         outwards = 2 * np.abs(outwards) - 1
     path = slice(first, first + outwards.size)
-    boxes[1:, path] = np.clip(given[path] + np.array(_TILTS, given.dtype)[:, None] * outwards, 0, 1)
-    return boxes
+    tilted = [boxes]
+    for tilt in _TILTS:
+        tilted.append(boxes.copy())
+        tilted[-1][:, path] = np.clip(boxes[:, path] + boxes.dtype.type(tilt) * outwards, 0, 1)
+    return np.concatenate(tilted)
 
 
 def _grid(num_coordinates: int) -> np.ndarray:

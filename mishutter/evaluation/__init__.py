@@ -12,7 +12,6 @@ from mishutter.evaluation.batch import shapes_of as shapes_of
 from mishutter.evaluation.batch import sizes_of as sizes_of
 from mishutter.evaluation.bursts import best_burst as best_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
-from mishutter.evaluation.ceilings import in_equal_steps as in_equal_steps
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
 from mishutter.evaluation.lengths import distinct_speeds as distinct_speeds
 from mishutter.evaluation.lengths import extent as extent

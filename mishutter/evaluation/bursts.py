@@ -46,7 +46,8 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
 
     The frames follow each other at the rate of the burst, all of it within the longest exposure of
     the scene's limits; no frame fills a pixel. The sensor pans at the middle of the speeds as far
-    as it may. More frames are tried as long as they lower the error.
+    as it may, and where the stage pans as far as its stroke reaches over the whole burst. More
+    frames are tried as long as they lower the error.
     """
     require_known("best_burst", scene=scene)
     scene = without_tolerances(scene)
@@ -57,17 +58,22 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
     shortest, longest = (
         2 * float(x) for x in (scene.limits.min_half_exposure, scene.limits.max_half_exposure)
     )
-    velocity = np.asarray(scene.fullest_motion.velocity)
     most = min(1 / float(scene.burst.frames_per_s), longest, _filling(scene))
-    plan = sizes(scene, LinearMotion(half_exposure=max(most, shortest) / 2, velocity=velocity))
     best, least = None, math.inf
     for count in range(1, scene.burst.max_frames + 1):
-        left = min(most, longest - (count - 1) / float(scene.burst.frames_per_s))
+        before_last = (count - 1) / float(scene.burst.frames_per_s)
+        left = min(most, longest - before_last)
         if left < shortest:
             break
-        added = _added_up(scene, count)
+        added, velocity = _added_up(scene, count), _pan(scene, before_last + left)
+        plan = sizes(scene, LinearMotion(half_exposure=left / 2, velocity=velocity))
 
-        def error(log_exposure: float, added: Scene = added) -> float:
+        def error(
+            log_exposure: float,
+            added: Scene = added,
+            velocity: np.ndarray = velocity,
+            plan: Plan = plan,
+        ) -> float:
             half = np.exp(log_exposure) / 2
             return _error(added, LinearMotion(half_exposure=half, velocity=velocity), plan)
 
@@ -83,6 +89,21 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
         motion = LinearMotion(half_exposure=np.exp(place) / 2, velocity=velocity)
         best, least = BurstOfFrames(count, motion, added), value
     return best
+
+
+def _pan(scene: Scene, duration: float) -> np.ndarray:
+    """The velocity in the middle of the speeds, or as near to it as the limits let a sensor pan.
+
+    Args:
+        scene: Speeds and limits.
+        duration: From the beginning of the first frame to the end of the last; s.
+    """
+    limits = scene.limits
+    most = min(float(limits.max_pan), float(limits.max_top_speed))
+    if limits.pans == "stage":
+        most = min(most, float(limits.max_stroke) / duration)
+    middle = sum(float(speed) for speed in scene.speed_range) / 2
+    return np.asarray(np.clip(middle, -most, most), scene.speeds.dtype)
 
 
 def _filling(scene: Scene) -> float:

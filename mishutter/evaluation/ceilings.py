@@ -52,7 +52,7 @@ _STEP_TOLERANCE = 1e-4
 
 
 def ceiling(
-    scene: Scene, *, max_half_exposure: ArrayLike | None = None, continuous: bool = False
+    scene: Scene, *, max_half_exposure: ArrayLike | None = None, continuous: bool | None = None
 ) -> Array:
     r"""The expected PSNR that no path, no shutter and no linear decoder exceeds; dB.
 
@@ -68,12 +68,15 @@ def ceiling(
     high where they are few: a path may dwell at each of them, and without a limit on exposure it
     then collects all light, so that there is no ceiling.
 
-    A list often stands for speeds that are spread continuously, and `continuous` takes it so:
-    the range between the slowest and the fastest is cut into as many equal cells as there are
-    speeds, and within each of them all speeds are equally likely. The largest density $d$ gives
+    A list in equal steps often stands for speeds that are spread continuously: the range between
+    the slowest and the fastest is cut into as many equal cells as there are speeds, and within
+    each of them all speeds are equally likely. The largest density $d$ gives
     $T\lambda = \min(T, d/2f)$ (Parseval's theorem), which is finite at every exposure. This
-    ceiling is that of the continuous speeds. It is lower than that of the list, and a design may
-    exceed it on the list alone, by dwelling at speeds that are listed.
+    ceiling is that of the continuous speeds: a design may exceed it on the list alone, by dwelling
+    at speeds that are listed, and of few speeds it may be the higher of the two.
+
+    By default it is the lower of both where the list is in equal steps, and that of the list
+    elsewhere. `compare` shows the same number, and that of the list where a row dwells so.
 
     The highest of the values on all grids of frequencies that `evaluate` chooses between is
     returned, so that its own averages are bounded, up to rounding.
@@ -82,7 +85,8 @@ def ceiling(
         scene: Speeds, light, noise and picture, whose numbers are known.
         max_half_exposure: The longest half exposure, s, above 0; that of the scene's limits by
             default. `inf` is no limit: read noise no longer counts.
-        continuous: Whether the listed speeds stand for speeds spread continuously.
+        continuous: Whether the listed speeds stand for speeds spread continuously; None for the
+            lower of both.
 
     Returns:
         The ceiling, dB; scalar. It is `inf` where nothing is lost: of a grey picture, without any
@@ -99,10 +103,15 @@ def ceiling(
     positive = np.asarray(longest).dtype.kind in "fiu" and float(np.asarray(longest)) > 0
     require(positive, "ceiling(max_half_exposure=...)", "be above 0 s", longest)
     half = float(np.asarray(longest))
-    knots, times = times_of_cells(scene) if continuous else times_of_list(scene, half)
-    errors = [_least_error(scene, half, knots, times, count) for count in frequency_counts()]
+    bounds = []
+    if continuous or (continuous is None and in_equal_steps(scene)):
+        bounds.append(times_of_cells(scene))
+    if not continuous:
+        bounds.append(times_of_list(scene, half))
+    counts = frequency_counts()
+    errors = [min(_least_error(scene, half, *bound, count) for count in counts) for bound in bounds]
     with np.errstate(divide="ignore"):
-        return as_float(-10 * np.log10(np.min(errors)).astype(scene.speeds.dtype))
+        return as_float(-10 * np.log10(max(errors)).astype(scene.speeds.dtype))
 
 
 def _least_error(

@@ -119,7 +119,8 @@ def _reach(scene: Scene, half_exposure: float, velocity: float) -> float:
     """The largest acceleration within the stroke and the top speed; px/s^2."""
     limits = scene.limits
     left = max(float(limits.max_top_speed) - abs(velocity), 0.0)
-    return min(float(limits.max_stroke) / half_exposure**2, left / (2 * half_exposure))
+    by_stroke = float(limits.acceleration_by_stroke(np.asarray(half_exposure), velocity))
+    return min(by_stroke, left / (2 * half_exposure))
 
 
 def curves(

@@ -1,9 +1,18 @@
-"""How far the mechanism and the exposure may reach."""
+r"""How far the mechanism and the exposure may reach.
 
-from collections.abc import Mapping
+The stroke $S$ bounds the whole path of the stage over the exposure, from its lowest position to its
+highest. Where the stage pans too, at the velocity $v$, that is $a\,(T + |v|/2a)^2 \le S$ for a
+parabola that turns within the exposure, $|v| < 2aT$, and $2|v|T \le S$ for one that does not.
+Solved for one of the three numbers,
+
+$$a \le \left(\frac{\sqrt S + \sqrt{S - 2|v|T}}{2T}\right)^2,\qquad
+|v| \le \begin{cases} 2\,(\sqrt{Sa} - aT) & S < 4aT^2\\ S/2T & \text{else}\end{cases},\qquad
+T \le \begin{cases} \sqrt{S/a} - |v|/2a & |v| < \sqrt{Sa}\\ S/2|v| & \text{else.}\end{cases}$$
+"""
+
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import replace
-from typing import Any, final
+from typing import Any, Literal, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -16,6 +25,8 @@ from mishutter._core import (
     as_float,
     compiled,
     is_concrete,
+    known_beside,
+    namespace_of,
     require,
     require_at_least,
     require_scalar,
@@ -25,14 +36,35 @@ from mishutter.model.motion import (
     FreeMotion,
     ParabolicMotion,
     StillCamera,
+    extent_of_parabola,
     is_straight,
+    panned,
     settled,
     steady,
+    without_velocity,
 )
-from mishutter.model.stages import StagePath, StageUse, stage_path, stage_use, stage_use_of_path
+from mishutter.model.stages import (
+    StagePath,
+    StageUse,
+    safe_root,
+    stage_path,
+    stage_use,
+    stage_use_of_path,
+)
 
 _BISECTIONS = 60
 _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
+
+
+class Demand(NamedTuple):
+    """What a motion takes of one limit, and what there is of it; of any shape."""
+
+    taken: Any
+    there: Any
+
+    def is_met(self, slack: float) -> Any:
+        """Whether no more is taken than there is, by a share of it."""
+        return self.taken <= self.there * (1 + slack)
 
 
 @final
@@ -40,7 +72,8 @@ class Limits(eqx.Module):
     """The furthest that the mechanism and the exposure may reach.
 
     Args:
-        max_stroke: Largest $aT^2$; px.
+        max_stroke: Greatest distance from the lowest to the highest position of the stage over the
+            exposure; px. It is $aT^2$ of a parabola without a pan.
         max_top_speed: Largest $2aT + |v|$; px/s.
         min_half_exposure: Shortest $T$; s.
         max_half_exposure: Longest $T$; s.
@@ -51,14 +84,16 @@ class Limits(eqx.Module):
             for any, which runs up at once.
         max_jerk: Greatest jerk of the run-up and the run-out, which a higher top speed pays for;
             px/s^3. None for any.
+        pans: What pans: `"stage"`, whose stroke and travel then hold the pan, or `"camera"`, where
+            turning the camera does, and the stage makes the rest of the motion.
 
     Attributes:
         frame_velocity: Velocity of the frame that motions are in, as `seen_from` sets it; px/s.
-            None where no stage limits anything.
+            None for a frame at rest, or where the camera pans.
 
     Raises:
-        ValueError: if one is not a positive scalar (`max_pan` at least 0), or the exposures
-            are out of order.
+        ValueError: if one is not a positive scalar (`max_pan` at least 0), the exposures are out
+            of order, or `pans` is neither.
     """
 
     max_stroke: Array
@@ -70,6 +105,7 @@ class Limits(eqx.Module):
     max_acceleration: Array | None
     max_jerk: Array | None
     frame_velocity: Array | None
+    pans: Literal["stage", "camera"] = eqx.field(static=True)
 
     def __init__(
         self,
@@ -82,6 +118,7 @@ class Limits(eqx.Module):
         max_travel: ArrayLike | None = None,
         max_acceleration: ArrayLike | None = None,
         max_jerk: ArrayLike | None = None,
+        pans: Literal["stage", "camera"] = "stage",
     ):
         self.max_stroke = as_float(max_stroke, "Limits(max_stroke=...)")
         self.max_top_speed = as_float(max_top_speed, "Limits(max_top_speed=...)")
@@ -96,8 +133,7 @@ class Limits(eqx.Module):
             self.max_acceleration = as_float(max_acceleration, "Limits(max_acceleration=...)")
         if max_jerk is not None:
             self.max_jerk = as_float(max_jerk, "Limits(max_jerk=...)")
-        if self.has_stage:
-            self.frame_velocity = as_float(np.zeros((), self.max_top_speed.dtype))
+        self.pans = pans
 
     def __check_init__(self) -> None:
         stage = [name for name in _OF_STAGE if getattr(self, name) is not None]
@@ -107,6 +143,8 @@ class Limits(eqx.Module):
             require_at_least(f"Limits({name}=...)", getattr(self, name), "above 0", strict=True)
         require_scalar("Limits(max_pan=...)", self.max_pan)
         require_at_least("Limits(max_pan=...)", self.max_pan, "at least 0")
+        kinds = ("stage", "camera")
+        require(self.pans in kinds, "Limits(pans=...)", "be 'stage' or 'camera'", self.pans)
         if is_concrete(self.min_half_exposure) and is_concrete(self.max_half_exposure):
             require(
                 float(self.min_half_exposure) <= float(self.max_half_exposure),
@@ -119,6 +157,99 @@ class Limits(eqx.Module):
     def has_stage(self) -> bool:
         """Whether travel, acceleration or jerk of the stage is limited."""
         return any(getattr(self, name) is not None for name in _OF_STAGE)
+
+    def demands(self, motion: AbstractMotion) -> dict[str, Demand]:
+        """What a motion takes of each limit, by the limit's name; scalars.
+
+        The electrons that fill a pixel are a limit of the scene.
+        """
+        demands = self._demands(
+            extent=self.of_stage(motion).extent,
+            top_speed=motion.top_speed,
+            half_exposure=motion.half_exposure,
+            velocity=motion.velocity,
+            acceleration=motion.greatest_acceleration,
+        )
+        return demands | self._demand_of_travel(lambda: self.stage_share_of(motion))
+
+    def demands_of_parabolas(
+        self, acceleration: np.ndarray, half_exposure: np.ndarray, velocity: np.ndarray
+    ) -> dict[str, Demand]:
+        """The `demands` of parabolas, from their numbers; of any shape.
+
+        Args:
+            acceleration: $a$; px/s^2.
+            half_exposure: $T$; s.
+            velocity: $v$; px/s.
+        """
+        of_stage = velocity * (self.pans == "stage")
+        demands = self._demands(
+            extent=extent_of_parabola(acceleration, half_exposure, of_stage),
+            top_speed=2 * acceleration * half_exposure + np.abs(velocity),
+            half_exposure=half_exposure,
+            velocity=velocity,
+            acceleration=2 * acceleration,
+        )
+        numbers = np.broadcast_arrays(acceleration, half_exposure, velocity)
+        return demands | self._demand_of_travel(
+            lambda: self.stage_share(*(jnp.asarray(x) for x in numbers))
+        )
+
+    def _demands(
+        self, *, extent: Any, top_speed: Any, half_exposure: Any, velocity: Any, acceleration: Any
+    ) -> dict[str, Demand]:
+        demands = {
+            "stroke": (extent, self.max_stroke),
+            "top_speed": (top_speed, self.max_top_speed),
+            "exposure_too_short": (self.min_half_exposure, half_exposure),
+            "exposure_too_long": (half_exposure, self.max_half_exposure),
+            "pan": (abs(velocity), self.max_pan),
+        }
+        if self.max_acceleration is not None:
+            demands["acceleration"] = (acceleration, self.max_acceleration)
+        return {
+            name: Demand(*(np.asarray(number, np.float64) for number in pair))
+            for name, pair in demands.items()
+        }
+
+    def _demand_of_travel(self, share: Callable[[], Array]) -> dict[str, Demand]:
+        if not self.has_stage:
+            return {}
+        return {"travel": Demand(np.asarray(share(), np.float64), np.ones(()))}
+
+    def of_stage(self, motion: AbstractMotion) -> AbstractMotion:
+        """The part of a motion that the stage makes, seen from where it is mounted."""
+        if self.pans == "camera":
+            return without_velocity(motion)
+        if self.frame_velocity is None:
+            return motion
+        return panned(motion, motion.velocity + self._frame(jnp.asarray(motion.velocity)))
+
+    def acceleration_by_stroke(self, half_exposure: Any, velocity: ArrayLike = 0.0) -> Any:
+        """Largest $a$ that the stroke leaves beside a pan; px/s^2, shape of `half_exposure`."""
+        half, stroke = half_exposure, known_beside(half_exposure, self.max_stroke)
+        by_pan = self._speed_of_stage(known_beside(half, velocity)) * half
+        left = namespace_of(half).maximum(stroke - 2 * by_pan, 0)
+        return (stroke - by_pan + safe_root(stroke * left)) / 2 / half / half
+
+    def velocity_by_stroke(self, acceleration: Array, half_exposure: Array) -> Array | None:
+        """Greatest $|v|$ that the stroke leaves beside an acceleration; px/s, None for any."""
+        if self.pans == "camera":
+            return None
+        stroke, a, half = self.max_stroke, acceleration, half_exposure
+        turns_within = stroke < 4 * a * half * half
+        safe = jnp.where(turns_within, a, 1.0)
+        turned = 2 * (jnp.sqrt(stroke * safe) - safe * half)
+        return jnp.where(turns_within, jnp.maximum(turned, 0), stroke / (2 * half))
+
+    def half_exposure_by_stroke(self, acceleration: Array) -> Array:
+        """Largest $T$ that the stroke leaves beside an acceleration, and the frame's pan; s."""
+        stroke, a = self.max_stroke, acceleration
+        speed = self._speed_of_stage(jnp.zeros_like(a))
+        turns_within = (a > 0) & (speed * speed < stroke * a)
+        safe, pan = jnp.where(turns_within, a, 1.0), jnp.where(speed > 0, speed, 1.0)
+        straight = jnp.where(speed > 0, stroke / (2 * pan), jnp.inf)
+        return jnp.where(turns_within, jnp.sqrt(stroke / safe) - speed / (2 * safe), straight)
 
     def stage_share(
         self,
@@ -133,7 +264,8 @@ class Limits(eqx.Module):
         velocity, px/s, in the frame of the stage. Of any shape.
 
         With `pieces` it is that of a free path of so many equal ones, `(K,)`, whose accelerations
-        are multiples of the one given; of scalars then, and where no jerk is limited.
+        are multiples of the one given; of scalars then, and where no jerk is limited. The stroke
+        counts there too, which has closed forms for a parabola alone.
         """
         if pieces is not None:
             return self.stage_share_of(
@@ -143,18 +275,19 @@ class Limits(eqx.Module):
                     velocity=velocity,
                 )
             )
-        frame = self._frame(velocity)
+        frame, pan = self._frame(velocity), self._pan_of_camera(velocity)
         limits = self.max_acceleration, self.max_jerk
-        use = stage_use(acceleration, half_exposure, velocity + frame, *limits)
-        return self._share_of(use, frame)
+        use = stage_use(acceleration, half_exposure, velocity + frame - pan, *limits)
+        return self._share_of(use, jnp.abs(pan) - jnp.abs(frame))
 
     def stage_share_of(self, motion: AbstractMotion) -> Array:
         """The `stage_share` of a motion; scalar."""
         velocity = jnp.asarray(motion.velocity)
-        frame = self._frame(velocity)
         if isinstance(motion, FreeMotion):
-            path = replace(motion, velocity=velocity + frame)
-            return self._share_of(stage_use_of_path(path, self.max_acceleration), frame)
+            path = self.of_stage(motion)
+            speed = jnp.abs(self._pan_of_camera(velocity)) - jnp.abs(self._frame(velocity))
+            share = self._share_of(stage_use_of_path(path, self.max_acceleration), speed)
+            return jnp.maximum(share, path.extent / self.max_stroke)
         acceleration, half = steady(motion).acceleration, motion.half_exposure
         return self.stage_share(jnp.asarray(acceleration), jnp.asarray(half), velocity)
 
@@ -162,13 +295,13 @@ class Limits(eqx.Module):
         """The path of the stage from rest through an exposure to rest.
 
         Its run-up and run-out take the greatest acceleration and jerk, or the greatest
-        acceleration of the exposure where neither is limited. None where the sensor stays at rest,
-        or pans and neither is limited.
+        acceleration of the exposure where neither is limited. None where the stage stays at rest,
+        or keeps its velocity and neither is limited.
 
         Args:
             motion: Motion of the sensor over the exposure, within these limits.
         """
-        motion = settled(motion)
+        motion = settled(self.of_stage(motion))
         most, jerk = self.max_acceleration, self.max_jerk
         runs_up_at_once = most is None and jerk is None
         if isinstance(motion, StillCamera) or (runs_up_at_once and is_straight(motion)):
@@ -183,13 +316,26 @@ class Limits(eqx.Module):
             frame = frame + self.frame_velocity.astype(frame.dtype)
         return frame
 
-    def _share_of(self, use: StageUse, frame: Array) -> Array:
+    def _pan_of_camera(self, velocity: Array) -> Array:
+        """The part of a velocity that turning the camera makes; px/s."""
+        return velocity if self.pans == "camera" else jnp.zeros_like(velocity)
+
+    def _speed_of_stage(self, velocity: ArrayLike) -> Any:
+        """Greatness of the velocity that the stage itself has at mid-exposure; px/s."""
+        if self.pans == "camera":
+            return abs(velocity) * 0
+        if self.frame_velocity is None:
+            return abs(velocity)
+        return abs(velocity + known_beside(velocity, self.frame_velocity))
+
+    def _share_of(self, use: StageUse, speed_beside: Array) -> Array:
+        """The share, where the sensor has a speed beside the stage's; px/s."""
         share = jnp.zeros_like(use.travel)
         if self.max_travel is not None:
             share = jnp.maximum(share, use.travel / self.max_travel)
         if self.max_jerk is not None:
             left = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
-            share = jnp.maximum(share, (use.top_speed - jnp.abs(frame)) / left)
+            share = jnp.maximum(share, (use.top_speed + speed_beside) / left)
         return share
 
     def largest(
@@ -228,10 +374,15 @@ class Limits(eqx.Module):
         numbers = map(number, (stroke, top, pan, shortest, longest, velocity))
         stroke, top, pan, shortest, longest, velocity = numbers
         furthest = space.minimum(pan, top / 2)
+        if self.pans == "stage":  # half of the stroke, over the shortest exposure, is left
+            furthest = space.minimum(furthest, stroke / (4 * shortest))
         velocity = space.clip(velocity, -furthest, furthest).astype(top.dtype)
         left = top - space.abs(velocity)
         T = space.clip(2 * stroke / left, shortest, longest)
-        acceleration = space.minimum(stroke / T / T, left / (2 * T))
+        if self.pans == "stage":
+            quickest = space.maximum(space.abs(velocity), stroke / (4 * longest))
+            T = space.minimum(T, stroke / (4 * quickest))
+        acceleration = space.minimum(self.acceleration_by_stroke(T, velocity), left / (2 * T))
         if self.has_stage:
             numbers = acceleration, T, velocity, shortest
             with jax.ensure_compile_time_eval() if known else nullcontext():

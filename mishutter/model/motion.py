@@ -82,6 +82,11 @@ class AbstractMotion(eqx.Module):
 
     @property
     @abstractmethod
+    def extent(self) -> Array:
+        """Distance from the lowest to the highest position of the sensor, its pan included; px."""
+
+    @property
+    @abstractmethod
     def speed_gain(self) -> Array:
         """Greatest speed that the sensor gains or loses from mid-exposure; px/s."""
 
@@ -126,6 +131,11 @@ class AbstractSteadyMotion(AbstractMotion):
     def stroke(self) -> Array:
         """Travel from mid-exposure to either end, $aT^2$; px."""
         return _number(lambda a, half: (a * half) * half, self.acceleration, self.half_exposure)
+
+    @property
+    def extent(self) -> Array:
+        """`extent_of_parabola`; px."""
+        return _number(extent_of_parabola, self.acceleration, self.half_exposure, self.velocity)
 
     @property
     def speed_gain(self) -> Array:
@@ -331,6 +341,12 @@ class FreeMotion(AbstractMotion):
         return _number(operator.sub, self.highest(velocity), self.lowest(velocity))
 
     @property
+    def extent(self) -> Array:
+        r"""Travel with the pan, $\max_t x(t) - \min_t x(t)$; px."""
+        rest = np.zeros((), self.half_exposure.dtype)
+        return _number(operator.sub, self.highest(rest), self.lowest(rest))
+
+    @property
     def speed_gain(self) -> Array:
         r"""Greatest speed gained or lost from mid-exposure, $\max_t |x'(t) - v|$; px/s."""
         return _number(lambda each, v: abs(each - v).max(), self._velocities(), self.velocity)
@@ -430,6 +446,19 @@ class StillCamera(AbstractStraightMotion):
     def velocity(self) -> Array:  # type: ignore[override]
         """Zero; px/s."""
         return _zero_like(self.half_exposure)
+
+
+def extent_of_parabola(acceleration: Any, half_exposure: Any, velocity: Any) -> Any:
+    r"""Distance from the lowest to the highest of $v t + a t^2$, $|t| \le T$; px, any shape.
+
+    $a\,(T + |v|/2a)^2$ where the path turns within the exposure, $|v| < 2aT$, and $2|v|T$ where
+    it does not.
+    """
+    space, speed = namespace_of(acceleration, half_exposure, velocity), abs(velocity)
+    turns_within = speed < 2 * acceleration * half_exposure
+    a = space.where(turns_within, acceleration, 1.0)
+    reach = half_exposure + speed / (2 * a)
+    return space.where(turns_within, (a * reach) * reach, 2 * speed * half_exposure)
 
 
 def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:

@@ -389,9 +389,13 @@ def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMoti
         numbers = tuple(as_float(number) for number in numbers)
     places = lambda s: (s.speeds, s.limits.max_top_speed, s.limits.max_pan)  # noqa: E731
     scene = eqx.tree_at(places, scene, numbers)
-    if scene.limits.frame_velocity is not None:
-        frame = as_float(scene.limits.frame_velocity + velocity.astype(top.dtype))
-        scene = eqx.tree_at(lambda s: s.limits.frame_velocity, scene, frame)
+    if scene.limits.pans == "stage":
+        before = scene.limits.frame_velocity
+        frame = velocity.astype(top.dtype)
+        frame = as_float(frame if before is None else before + frame)
+        scene = eqx.tree_at(
+            lambda s: s.limits.frame_velocity, scene, frame, is_leaf=lambda leaf: leaf is None
+        )
     if scene.tolerances is not None:
         tolerances = scene.tolerances.seen_from(velocity)
         scene = eqx.tree_at(lambda s: s.tolerances, scene, tolerances)

@@ -21,7 +21,7 @@ from mishutter.model.devices import (
     SwitchedShutter,
     device_of,
 )
-from mishutter.model.limits import Limits
+from mishutter.model.limits import Demand, Limits
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.scene import Burst, Scene
 from mishutter.model.scene_schema import (
@@ -48,6 +48,8 @@ EXAMPLE_PICTURE = "example"
 _NUM_FREQUENCIES = 256
 _DEVIATIONS = 3.0
 _MAX_TRAVEL = 1e4
+_MARGIN = 1e-9
+"""Share of a limit by which rounding may exceed it."""
 _GRAVITY = 9.80665e6
 """Standard gravity; um/s^2."""
 
@@ -132,7 +134,7 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def _limits_table(limits: Limits) -> dict[str, float]:
+def _limits_table(limits: Limits) -> dict[str, float | str]:
     table = {
         "max_stroke_px": limits.max_stroke,
         "max_top_speed_px_per_s": limits.max_top_speed,
@@ -143,7 +145,8 @@ def _limits_table(limits: Limits) -> dict[str, float]:
         "max_acceleration_px_per_s2": limits.max_acceleration,
         "max_jerk_px_per_s3": limits.max_jerk,
     }
-    return {key: float(value) for key, value in table.items() if value is not None}
+    numbers = {key: float(value) for key, value in table.items() if value is not None}
+    return numbers | {"pans": limits.pans}
 
 
 def _device_table(device: AbstractDevice) -> dict[str, float | int]:
@@ -318,6 +321,7 @@ def _limits(section: LimitsSection, pitch: float | None) -> Limits:
         max_travel=_in_px(section, "max_travel", ("px", "mm"), 1e3, pitch),
         max_acceleration=_in_px(section, "max_acceleration", ("px_per_s2", "g"), _GRAVITY, pitch),
         max_jerk=_in_px(section, "max_jerk", ("px_per_s3", "g_per_s"), _GRAVITY, pitch),
+        pans=section.pans,
     )
 
 
@@ -375,30 +379,39 @@ def _motion(
     T = half / 1000
     a = section.acceleration_px_per_s2
     a = section.stroke_px / T**2 if a is None else a  # type: ignore[operator]
-    key, margin = f"[motion] {given[0]}", 1 + 1e-9
     v = section.velocity_px_per_s
-    stroke, top = a * T**2, 2 * a * T + abs(v)
-    requirement = f"keep the stroke within max_stroke_px = {limits.max_stroke_px:g}"
-    require(stroke <= limits.max_stroke_px * margin, key, requirement, Bare(f"{stroke:g} px"))
-    requirement = (
-        f"keep the top speed within max_top_speed_px_per_s = {limits.max_top_speed_px_per_s:g}"
-    )
-    require(top <= limits.max_top_speed_px_per_s * margin, key, requirement, Bare(f"{top:g} px/s"))
-    most = limits.max_top_speed_px_per_s
-    most = most if limits.max_pan_px_per_s is None else limits.max_pan_px_per_s
-    requirement = f"keep within max_pan_px_per_s = {most:g}"
-    require(abs(v) <= most * margin, "[motion] velocity_px_per_s", requirement, v)
     motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
-    if reach.has_stage:
-        use = reach.stage_share(motion.acceleration, motion.half_exposure, motion.velocity)
-        requirement = "leave the stage room to run up and out within its travel and top speed"
-        require(float(use) <= margin, key, requirement, Bare(f"{float(use):.3g} times as much"))
-    most = reach.max_acceleration
-    if most is not None:
-        requirement = f"keep within max_acceleration, {float(most):g} px/s^2"
-        got = Bare(f"{2 * a:g} px/s^2")
-        require(2 * a <= float(most) * margin, key, requirement, got)
+    for name, demand in reach.demands(motion).items():
+        _require_met(name, demand, f"[motion] {given[0]}")
     return motion
+
+
+def _require_met(name: str, demand: Demand, key: str) -> None:
+    """Refuse a motion that takes more of a limit than there is."""
+    taken, there = float(demand.taken), float(demand.there)
+    requirement, got = {
+        "stroke": (f"keep the stroke within max_stroke_px = {there:g}", f"{taken:g} px"),
+        "top_speed": (
+            f"keep the top speed within max_top_speed_px_per_s = {there:g}",
+            f"{taken:g} px/s",
+        ),
+        "pan": (f"keep within max_pan_px_per_s = {there:g}", f"{taken:g}"),
+        "travel": (
+            "leave the stage room to run up and out within its travel and top speed",
+            f"{taken:.3g} times as much",
+        ),
+        "acceleration": (f"keep within max_acceleration, {there:g} px/s^2", f"{taken:g} px/s^2"),
+        "exposure_too_short": (
+            f"leave an exposure of at least {2e3 * taken:g} ms",
+            f"{2e3 * there:g} ms",
+        ),
+        "exposure_too_long": (
+            f"leave an exposure of at most {2e3 * there:g} ms",
+            f"{2e3 * taken:g} ms",
+        ),
+    }[name]
+    subject = "[motion] velocity_px_per_s" if name == "pan" else key
+    require(bool(demand.is_met(_MARGIN)), subject, requirement, Bare(got))
 
 
 def _picture(section: PictureSection, folder: Path) -> dict[str, Any]:

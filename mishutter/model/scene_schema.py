@@ -1,6 +1,6 @@
 """The keys of a scene file, their units and ranges."""
 
-from typing import Annotated, final
+from typing import Annotated, Literal, final
 
 from pydantic import Field
 
@@ -115,6 +115,7 @@ class LimitsSection(Section):
     max_acceleration_g: Annotated[float, Field(gt=0, le=1e6)] | None = None
     max_jerk_px_per_s3: Annotated[float, Field(gt=0, le=1e18)] | None = None
     max_jerk_g_per_s: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    pans: Literal["stage", "camera"] = "stage"
 
 
 @final

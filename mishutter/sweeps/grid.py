@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from mishutter._core import common_dtype, describe, require, shape_of
@@ -266,23 +265,12 @@ class Grid:
 @np.errstate(over="ignore")
 def outside_limits(frame: Frame, accelerations: np.ndarray, half_exposures: np.ndarray):
     """Bits of `REASONS` of the motion's limits at every point; shape `(a, t)`."""
-    limits, pan = frame.scene.limits, abs(frame.velocity)
     a, half = accelerations[:, None], half_exposures[None]
-    beyond = {
-        "stroke": a * half * half > float(limits.max_stroke) * (1 + _SLACK),
-        "top_speed": 2 * a * half + pan > float(limits.max_top_speed) * (1 + _SLACK),
-        "exposure_too_short": half < float(limits.min_half_exposure) * (1 - _SLACK),
-        "exposure_too_long": half > float(limits.max_half_exposure) * (1 + _SLACK),
-        "pan": np.asarray(pan > float(limits.max_pan) * (1 + _SLACK)),
-    }
-    if limits.has_stage:
-        share = limits.stage_share(*map(jnp.asarray, np.broadcast_arrays(a, half, frame.velocity)))
-        beyond["travel"] = np.asarray(share) > 1 + _SLACK
-    if limits.max_acceleration is not None:
-        beyond["acceleration"] = 2 * a > float(limits.max_acceleration) * (1 + _SLACK)
+    demands = frame.scene.limits.demands_of_parabolas(a, half, np.asarray(frame.velocity))
     bits = np.zeros((a.size, half.size), np.uint8)
-    for reason, flag in beyond.items():
-        bits |= flag.astype(np.uint8) << REASONS.index(reason)
+    for reason, demand in demands.items():
+        is_beyond = np.logical_not(demand.is_met(_SLACK))
+        bits |= is_beyond.astype(np.uint8) << REASONS.index(reason)
     return bits
 
 

@@ -238,6 +238,9 @@ def _best_snapshot(
         rates: e-/s; shape `(p, 1)`.
         noises: e-; shape `(1, r)`.
     """
+    if scene.limits.pans == "stage":
+        furthest = float(scene.limits.max_stroke) / (2 * half)
+        velocity = np.clip(velocity, -furthest, furthest)
     error = _snapshot_error(scene, half, velocity, rates, noises)
     flat = error.reshape(-1, *error.shape[2:])
     index = np.argmin(flat, axis=0)[None]
