@@ -13,7 +13,7 @@ from mishutter.cli.laboratory import CeilingOption, FloorOption
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
 if TYPE_CHECKING:
-    from mishutter.design import DriveTable
+    from mishutter.design import Design, DriveTable
 
 
 class FormatName(Enum):
@@ -123,6 +123,7 @@ def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
     save_figure(plot_drive(table), folder / "drive.png")
     path = table.stage_csv()
     if path is None:
+        note(f"no stage.csv: {_without_path(table.design)}")
         return [name, "drive.png"]
     write_text(folder / "stage.csv", path)
     beyond = table.travel_beyond_limit
@@ -132,6 +133,19 @@ def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
             "acceleration too, without which a search has a stage run up at once"
         )
     return [name, "drive.png", "stage.csv"]
+
+
+def _without_path(design: "Design") -> str:
+    """Why a design has no path of the stage, in words."""
+    velocity = float(design.motion.velocity)
+    if velocity == 0:
+        return "the sensor stays at rest"
+    if design.scene.limits.pans == "camera":
+        return f"the stage stays at rest while the camera pans at {velocity:g} px/s"
+    return (
+        f"the stage pans at {velocity:g} px/s, and how it comes to that is not limited: set "
+        "max_acceleration in [limits] of the scene"
+    )
 
 
 def _print_losses(document: dict[str, Any]) -> None:

@@ -77,6 +77,8 @@ _RIVALS = (
 _SNAPSHOTS = (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT)
 _WORTH_IT = 0.1
 """Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
+_OPEN = 1 - 1e-6
+"""Efficiency above which a profile is that of a shutter that stays open."""
 _TELLING = 0.005
 """Gain that a verdict tells; dB."""
 _STANDS_STILL = 0.05
@@ -625,10 +627,10 @@ _PURCHASES = {
 
 def _takes(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> frozenset[str]:
     """What a camera at rest with an ordinary shutter lacks for a design."""
-    of_stage = scene.limits.of_stage(motion)
+    is_open = isinstance(shutter, RectShutter) or float(shutter.efficiency()) > _OPEN
     takes = {
-        "a stage": float(of_stage.extent) >= _STANDS_STILL,
-        "a shutter": not isinstance(shutter, RectShutter),
+        "a stage": float(scene.limits.of_stage(motion).extent) >= _STANDS_STILL,
+        "a shutter": not is_open,
     }
     return frozenset(part for part, needed in takes.items() if needed)
 
