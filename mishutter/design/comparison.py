@@ -127,9 +127,9 @@ class Comparison:
 
     Attributes:
         rows: One a shutter and reading.
-        verdict: Two lines: what to build for this scene or to use instead; and how far physics
-            would let any camera go, what a better camera would bring and how far below the
-            nearest simpler one is.
+        verdict: What to build for this scene or to use instead; on a second line how far physics
+            would let any camera go; and where there is one a line on a better camera than that,
+            and one on the nearest simpler.
         gain: Gain of the best design that was given, or of the best coded camera, over the best
             snapshot, panned where that is allowed, both within the scene's tolerances; dB,
             negative where the snapshot is better.
@@ -527,7 +527,8 @@ def _with_verdict(rows: list[Row], given: Mapping[str, Entry], scene: Scene) -> 
     most = float(ceiling(scene))
     if most < max(map(_level, coded)):  # by dwelling at the speeds that are listed
         most = float(ceiling(scene, continuous=False))
-    lines = _verdict(list(at_best.values()), best if best.name in given else None, snapshot, most)
+    chosen_from, named = list(at_best.values()), best if best.name in given else None
+    lines = _verdict(chosen_from, named, snapshot, most)
     costs = None
     if scene.tolerances is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)
@@ -535,8 +536,8 @@ def _with_verdict(rows: list[Row], given: Mapping[str, Entry], scene: Scene) -> 
     return Comparison(tuple(rows), "\n".join(lines), gain, most, notes, costs)
 
 
-def _verdict(rows: Sequence[Row], given: Row | None, snapshot: Row, most: float) -> tuple[str, str]:
-    """What to build, and what stands beside it: the ceiling, a better and a simpler camera.
+def _verdict(rows: Sequence[Row], given: Row | None, snapshot: Row, most: float) -> list[str]:
+    """What to build, the ceiling, and what stands beside it.
 
     Args:
         rows: The rows at their own best motions, without a burst.
@@ -544,63 +545,76 @@ def _verdict(rows: Sequence[Row], given: Row | None, snapshot: Row, most: float)
         snapshot: The best snapshot.
         most: The ceiling; dB.
     """
-    top = _best(rows)
-    if given is not None and given.takes <= top.takes and _lead(top, given) < _WORTH_IT:
-        top = given
-    chosen = _simplest(rows, top, snapshot)
-    beside = _beside(rows, chosen)
+    chosen = _to_build(rows, given, snapshot)
+    beside = _beside(rows, chosen, given)
     if chosen.name in _SNAPSHOTS:
-        return (
+        return [
             "Do not build a coded camera for this scene: nothing beats a snapshot by "
             f"{_WORTH_IT} dB.",
-            f"Use an ordinary shutter: {_how(chosen.motion)}, {_level(chosen):.2f} dB.{beside} "
+            f"Use an ordinary shutter: {_how(chosen.motion)}, {_level(chosen):.2f} dB. "
             f"Ceiling: {most:.2f} dB.",
-        )
+            *beside,
+        ]
     if given is not None and chosen.takes < given.takes:
-        takes = " and ".join(sorted(chosen.takes, reverse=True)) or "neither stage nor shutter"
-        return (
+        return [
             f"Do not build {given.name} for this scene: {chosen.name} has {_level(chosen):.2f} dB.",
-            f"It takes {takes}: {_how(chosen.motion)}.{beside} Ceiling: {most:.2f} dB.",
-        )
-    other = "" if given in (None, chosen) else f" rather than {given.name}"
+            f"It takes {_named(chosen.takes)}: {_how(chosen.motion)}. Ceiling: {most:.2f} dB.",
+            *beside,
+        ]
     below = max(most - _level(chosen), 0.0)
-    return (
-        f"Build {chosen.name}{other}: {_level(chosen):.2f} dB, {_lead(chosen, snapshot):.2f} dB "
+    return [
+        f"Build {chosen.name}: {_level(chosen):.2f} dB, {_lead(chosen, snapshot):.2f} dB "
         f"above the {snapshot.name}.",
-        f"It is {below:.2f} dB below what any path and any shutter could reach "
-        f"({most:.2f} dB).{beside}",
-    )
+        f"It is {below:.2f} dB below what any path and any shutter could reach ({most:.2f} dB).",
+        *beside,
+    ]
 
 
-def _simplest(rows: Sequence[Row], top: Row, snapshot: Row) -> Row:
-    """The row to build: about as good as the best, with less than that takes where some is.
+def _to_build(rows: Sequence[Row], given: Row | None, snapshot: Row) -> Row:
+    """The row to build: about as good as the best, and with less where some row is.
 
-    A coded camera that is worth building is better than the best snapshot by as much.
+    What is given goes before others that are as good and take as much. A coded camera that is
+    worth building is better than the best snapshot by as much as that counts for.
     """
+    top = _best(rows)
     if _lead(top, snapshot) < _WORTH_IT:
         return snapshot
+    if given is not None and given.takes <= top.takes:
+        if _lead(top, given) < _WORTH_IT <= _lead(given, snapshot):
+            top = given
     about = [row for row in rows if row.takes < top.takes and _lead(top, row) < _WORTH_IT]
     worth = [row for row in about if _lead(row, snapshot) >= _WORTH_IT]
     return min([*worth, top], key=lambda row: (len(row.takes), -_level(row)))
 
 
-def _beside(rows: Sequence[Row], chosen: Row) -> str:
-    """What a better camera than the one to build would bring, and the nearest simpler one."""
-    sentences = []
-    top = _best(rows)
+def _beside(rows: Sequence[Row], chosen: Row, given: Row | None) -> list[str]:
+    """Sentences on a better camera than the one to build, and on the nearest simpler one."""
+    lines, top = [], _best(rows)
+    if given is not None and given is not chosen and given.takes == chosen.takes:
+        lines.append(f"{_beginning(given.name)} takes as much and has {_level(given):.2f} dB.")
     if _lead(top, chosen) >= _TELLING:
-        more = " and ".join(sorted(top.takes - chosen.takes, reverse=True))
-        with_more = f" with {more} too" if more else ""
-        name = f"{top.name[0].upper()}{top.name[1:]}"
-        lead = f"{_lead(top, chosen):.2f} more"
-        sentences.append(f" {name} has {_level(top):.2f} dB{with_more}: {lead}.")
-    simpler = [row for row in rows if _is_simpler(row, chosen)]
+        more = top.takes - chosen.takes
+        lines.append(
+            f"{_beginning(top.name)} has {_level(top):.2f} dB"
+            f"{f' with {_named(more)} too' if more else ''}: {_lead(top, chosen):.2f} more."
+        )
+    simpler = [row for row in rows if row is not given and _is_simpler(row, chosen)]
     if simpler and chosen.name not in _SNAPSHOTS:
         nearest = _best(simpler)
         below = _lead(chosen, nearest)
         side = f"{abs(below):.2f} dB {'below' if below >= 0 else 'above'} it"
-        sentences.append(f" The nearest simpler camera, {nearest.name}, is {side}.")
-    return "".join(sentences)
+        lines.append(f"The nearest simpler camera, {nearest.name}, is {side}.")
+    return lines
+
+
+def _named(takes: frozenset[str]) -> str:
+    """What a row takes, in words."""
+    return " and ".join(sorted(takes, reverse=True)) or "neither stage nor shutter"
+
+
+def _beginning(name: str) -> str:
+    """A name at the beginning of a sentence; one that somebody has given stays as it is."""
+    return f"{name[0].upper()}{name[1:]}" if name in (*_RIVALS, *baselines(), "optimised") else name
 
 
 def _is_simpler(row: Row, chosen: Row) -> bool:

@@ -75,8 +75,9 @@ def ceiling(
     ceiling is that of the continuous speeds: a design may exceed it on the list alone, by dwelling
     at speeds that are listed, and of few speeds it may be the higher of the two.
 
-    By default it is the lower of both where the list is in equal steps, and that of the list
-    elsewhere. `compare` shows the same number, and that of the list where a row dwells so.
+    By default it is the lower of both where the list has three or more speeds in equal steps, and
+    that of the list elsewhere. `compare` shows the same number, and that of the list where a row
+    dwells so.
 
     The highest of the values on all grids of frequencies that `evaluate` chooses between is
     returned, so that its own averages are bounded, up to rounding.
@@ -104,7 +105,7 @@ def ceiling(
     require(positive, "ceiling(max_half_exposure=...)", "be above 0 s", longest)
     half = float(np.asarray(longest))
     bounds = []
-    if continuous or (continuous is None and in_equal_steps(scene)):
+    if continuous or (continuous is None and _stands_for_range(scene)):
         bounds.append(times_of_cells(scene))
     if not continuous:
         bounds.append(times_of_list(scene, half))
@@ -164,14 +165,19 @@ def times_of_cells(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     subject, requirement = "ceiling(scene=...)", "hold two or more speeds in equal steps"
     steps = in_equal_steps(scene)
     require(steps, subject, f"{requirement} where it is `continuous`", scene.speeds)
-    speeds = np.asarray(scene.speeds, np.float64)
-    density = float(np.max(np.asarray(scene.weights))) * speeds.size / np.ptp(speeds)
+    speeds, weights = distinct_speeds(scene, folds=False)
+    density = float(np.max(weights)) * speeds.size / float(np.ptp(speeds))
     return np.array([NYQUIST_FREQUENCY]), np.array([density / 2])
 
 
 def in_equal_steps(scene: Scene) -> bool:
-    """Whether a scene lists two or more speeds in equal steps, as those that stand for a range."""
-    speeds = np.sort(np.asarray(scene.speeds, np.float64))
+    """Whether two or more speeds occur, in equal steps, as those that stand for a range."""
+    speeds = np.sort(distinct_speeds(scene, folds=False)[0].astype(np.float64))
     width = speeds[-1] - speeds[0]
     steps = np.diff(speeds) * (speeds.size - 1)
     return bool(width > 0) and np.allclose(steps, width, rtol=_STEP_TOLERANCE, atol=0)
+
+
+def _stands_for_range(scene: Scene) -> bool:
+    """Whether a list is taken for a range: two speeds alone are those of two objects."""
+    return in_equal_steps(scene) and distinct_speeds(scene, folds=False)[0].size > 2

@@ -199,11 +199,11 @@ class Limits(eqx.Module):
         self, *, extent: Any, top_speed: Any, half_exposure: Any, velocity: Any, acceleration: Any
     ) -> dict[str, Demand]:
         demands = {
-            "stroke": (extent, self.max_stroke),
-            "top_speed": (top_speed, self.max_top_speed),
             "exposure_too_short": (self.min_half_exposure, half_exposure),
             "exposure_too_long": (half_exposure, self.max_half_exposure),
             "pan": (abs(velocity), self.max_pan),
+            "top_speed": (top_speed, self.max_top_speed),
+            "stroke": (extent, self.max_stroke),
         }
         if self.max_acceleration is not None:
             demands["acceleration"] = (acceleration, self.max_acceleration)

@@ -382,20 +382,23 @@ def _motion(
     v = section.velocity_px_per_s
     motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
     for name, demand in reach.demands(motion).items():
-        _require_met(name, demand, f"[motion] {given[0]}")
+        _require_met(name, demand, f"[motion] {given[0]}", v)
     return motion
 
 
-def _require_met(name: str, demand: Demand, key: str) -> None:
+def _require_met(name: str, demand: Demand, key: str, velocity: float) -> None:
     """Refuse a motion that takes more of a limit than there is."""
     taken, there = float(demand.taken), float(demand.there)
     requirement, got = {
-        "stroke": (f"keep the stroke within max_stroke_px = {there:g}", f"{taken:g} px"),
+        "stroke": (
+            f"keep the stroke within max_stroke_px = {there:g}",
+            f"{taken:g} px{', the pan included' if velocity else ''}",
+        ),
         "top_speed": (
             f"keep the top speed within max_top_speed_px_per_s = {there:g}",
             f"{taken:g} px/s",
         ),
-        "pan": (f"keep within max_pan_px_per_s = {there:g}", f"{taken:g}"),
+        "pan": (f"keep within max_pan_px_per_s = {there:g}", repr(velocity)),
         "travel": (
             "leave the stage room to run up and out within its travel and top speed",
             f"{taken:.3g} times as much",

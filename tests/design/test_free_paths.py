@@ -19,7 +19,7 @@ from mishutter import (
     evaluate,
     optimise,
 )
-from mishutter.design.space import design_space, within_limits
+from mishutter.design.space import beyond_limits, design_space
 from mishutter.evaluation import ExpectedErrorLoss
 from mishutter.model import stage_path, stage_use_of_path
 
@@ -74,7 +74,7 @@ def test_every_path_is_within_the_limits(case):
     for box in boxes:
         *a, half, v = np.asarray(numbers(jnp.asarray(box)))
         found = FreeMotion(accelerations=np.array(a), half_exposure=half, velocity=v)
-        assert within_limits(where, found, RectShutter())
+        assert not beyond_limits(where, found, RectShutter())
         assert float(found.speed_gain) == pytest.approx(2 * np.mean(a) * half, rel=1e-12)
         assert found.mirrors or not mirrored
         shares.append(float(found.stroke) / NUMBERS["max_stroke"])
@@ -155,7 +155,7 @@ def test_a_free_path_is_better_than_a_parabola(found):
     )
     assert after > before + 0.1
     assert path.motion.mirrors
-    assert within_limits(scene(), path.motion, path.shutter)
+    assert not beyond_limits(scene(), path.motion, path.shutter)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 from support.designs import LIMITS, MOTION, SCENE
 
 from mishutter import Limits, ParabolicMotion, RectShutter, Scene, TukeyShutter, optimise
-from mishutter.design.space import design_space, within_limits
+from mishutter.design.space import beyond_limits, design_space
 from mishutter.model import panned, seen_from
 from mishutter.sweeps.grid import REASONS, Frame, outside_limits
 
@@ -59,7 +59,7 @@ def test_every_design_is_within_the_stage(stage, free):
         found = ParabolicMotion(acceleration=a, half_exposure=half, velocity=v)
         if "velocity" not in names:
             found = panned(found, velocity)
-        assert within_limits(scene, found, RectShutter())
+        assert not beyond_limits(scene, found, RectShutter())
         shares.append(float(scene.limits.stage_share(a, half, found.velocity)))
     assert max(shares) > 0.6
     slopes = np.asarray(jax.jacrev(numbers)(jnp.asarray(boxes[-1])))
@@ -98,8 +98,8 @@ def test_a_design_within_a_stage():
     free = ("half_exposure", "acceleration")
     held = optimise(scene, MOTION, TukeyShutter(0.6), free=free)
     roomy = optimise(SCENE, MOTION, TukeyShutter(0.6), free=free)
-    assert within_limits(scene, held.motion, held.shutter)
-    assert not within_limits(scene, roomy.motion, roomy.shutter)
+    assert not beyond_limits(scene, held.motion, held.shutter)
+    assert beyond_limits(scene, roomy.motion, roomy.shutter)
     assert held.loss > roomy.loss
     assert held.converged
 

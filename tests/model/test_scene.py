@@ -75,13 +75,13 @@ def test_weights_are_divided_by_their_sum(scale, dtype):
     ("stroke", "top", "half"), [(45.0, 20350.0, 4.5e-3), (45.0, 20.0, 0.05), (0.3, 2e4, 1e-3)]
 )
 def test_a_scene_without_a_motion_has_the_fullest(stroke, top, half):
-    """It uses up the stroke and the top speed, or what the exposures allow; it pans at 350 px/s."""
+    """It uses up the stroke and the top speed, or what the exposures allow, beside its pan."""
     limits = Limits(
         max_stroke=stroke, max_top_speed=top, min_half_exposure=1e-3, max_half_exposure=0.05
     )
     motion = Scene([0.0, 700.0], **LIGHT, limits=limits).motion
     assert float(motion.half_exposure) == pytest.approx(half)
-    shares = float(motion.stroke) / stroke, float(motion.top_speed) / top
+    shares = float(motion.extent) / stroke, float(motion.top_speed) / top
     assert max(shares) == pytest.approx(1)
 
 

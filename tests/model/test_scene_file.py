@@ -140,12 +140,36 @@ def test_an_acceleration_may_be_given(tmp_path):
 
 def test_a_velocity_may_be_given(tmp_path):
     """`velocity_px_per_s` is the `v` of `x = v t + a t^2`, within the largest pan and top speed."""
-    pans = "stroke_px = 45\nvelocity_px_per_s = {}"
+    turned = edited("max_stroke_px", 'max_stroke_px = 45\npans = "camera"')
     for velocity in (-11000.0, 0.0, 700.5):
-        motion = read_scene(written(tmp_path, edited("stroke_px", pans.format(velocity)))).motion
+        pans = turned.replace("\nstroke_px", f"\nvelocity_px_per_s = {velocity}\nstroke_px")
+        motion = read_scene(written(tmp_path, pans)).motion
         assert float(motion.velocity) == velocity
         assert float(motion.top_speed) == pytest.approx(9000 + abs(velocity), rel=1e-12)
     assert float(example_scene().motion.velocity) == 0
+
+
+def test_the_stroke_holds_the_pan_of_the_stage(tmp_path):
+    """A stage that pans needs room for that; where the camera turns the stage does not."""
+    pans = edited("max_stroke_px", 'max_stroke_px = 45\npans = "{}"')
+    pans = pans.replace("\nstroke_px = 45", "\nvelocity_px_per_s = 300\nstroke_px = 43")
+    read = {}
+    for kind in ("stage", "camera"):
+        path = written(tmp_path, pans.replace("{}", kind))
+        if kind == "stage":
+            with pytest.raises(
+                ValueError, match=r"max_stroke_px = 45; got 46\.\d+ px, the pan inc"
+            ):
+                read_scene(path)
+        else:
+            read[kind] = read_scene(path)
+    scene = read["camera"]
+    assert scene.limits.pans == "camera"
+    assert float(scene.motion.extent) > 45 > float(scene.motion.stroke)
+    (tmp_path / "again.toml").write_text(scene_text(scene))
+    assert read_scene(tmp_path / "again.toml").limits.pans == "camera"
+    with pytest.raises(ValueError, match="pans"):
+        read_scene(written(tmp_path, pans.replace("{}", "tripod")))
 
 
 def test_the_largest_pan_may_be_given(tmp_path):
