@@ -93,7 +93,7 @@ def test_a_point_at_a_limit_is_within_it(reason):
     """To a rounding of a thousand millionth, and no more."""
     for beyond, bits in ((1e-10, 0), (1e-8, 1 << REASONS.index(reason))):
         a, half, velocity = AT_A_LIMIT[reason](1 + beyond)
-        frame = Frame(scene_with([0.0], max_pan=1.5e3), velocity)
+        frame = Frame(scene_with([0.0], max_pan=1.5e3, pans="camera"), velocity)
         found = outside_limits(frame, np.array([a]), np.array([half]))
         assert found.item() == bits
 
