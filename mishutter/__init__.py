@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from mishutter.evaluation import AbstractLoss as AbstractLoss
     from mishutter.evaluation import DesignLoss as DesignLoss
     from mishutter.evaluation import ExpectedErrorLoss as ExpectedErrorLoss
+    from mishutter.evaluation import KnownSpeedLoss as KnownSpeedLoss
     from mishutter.evaluation import Metrics as Metrics
     from mishutter.evaluation import Plan as Plan
     from mishutter.evaluation import ToleranceCost as ToleranceCost
@@ -158,6 +159,7 @@ __all__ = [
     "GaussianShutter",
     "HannShutter",
     "IdealShutter",
+    "KnownSpeedLoss",
     "Layer",
     "Layers",
     "Limits",

@@ -15,6 +15,7 @@ class LossName(Enum):
     """Losses that `--loss` names."""
 
     EXPECTED_ERROR = "expected-error"
+    KNOWN_SPEED = "known-speed"
     DESIGN = "design"
 
 
@@ -54,7 +55,8 @@ LossOption = Annotated[
     LossName,
     typer.Option(
         "--loss",
-        help="What is made small: the expected error of the restored picture, or condition number, "
+        help="What is made small: the expected error of the picture restored by one filter for all "
+        "speeds, or (known-speed) by one that is told the speed; or (design) condition number, "
         "kernel difference and lost light, which know no noise and move the profile alone.",
     ),
 ]
@@ -106,6 +108,11 @@ def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
 
 def loss_of(name: LossName) -> "AbstractLoss":
     """The loss of a name."""
-    from mishutter.evaluation import DesignLoss, ExpectedErrorLoss
+    from mishutter.evaluation import DesignLoss, ExpectedErrorLoss, KnownSpeedLoss
 
-    return DesignLoss() if name is LossName.DESIGN else ExpectedErrorLoss()
+    losses = {
+        LossName.EXPECTED_ERROR: ExpectedErrorLoss,
+        LossName.KNOWN_SPEED: KnownSpeedLoss,
+        LossName.DESIGN: DesignLoss,
+    }
+    return losses[name]()

@@ -25,7 +25,8 @@ def print_report(report: "Report") -> None:
         columns = _columns(comparison)
         if reading == OWN_BEST_MOTION:
             print_table(reading.capitalize(), columns, [*cells, _ceiling(comparison, columns)])
-            print_text(_FOOT)
+            told = all(row.told for row in rows)
+            print_text(_OF_TOLD + _FOOT if told else _OF_UNTOLD + _FOOT)
             if comparison.costs is not None:
                 print_text("within dB  expected within the tolerances: what gain dB is of")
             print_text()
@@ -48,8 +49,9 @@ def print_report(report: "Report") -> None:
 
 COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
 """Columns of a comparison's rows."""
+_OF_UNTOLD = "PSNR dB    expected of one linear filter for all speeds\n"
+_OF_TOLD = "PSNR dB    expected of a linear filter that is told the speed\n"
 _FOOT = """\
-PSNR dB    expected of one linear filter
 gain dB    over the best snapshot
 light      share that the shutter passes
 stroke px  from mid-exposure to either end
@@ -97,7 +99,7 @@ def _cells(comparison: "Comparison", row: "Row") -> list[str]:
     last = "" if within is None else f"{float(within):.2f}"
     return [
         row.name if row.num_frames == 1 else f"{row.name}, {row.num_frames} frames",
-        f"{float(row.metrics.expected_psnr):.2f}",
+        f"{row.psnr:.2f}",
         f"{round(comparison.over_snapshot(row.level), 2) + 0.0:+.2f}",
         f"{float(row.metrics.efficiency):.3f}",
         f"{float(row.motion.stroke):.1f}",

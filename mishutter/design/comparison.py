@@ -27,6 +27,7 @@ from mishutter.evaluation import (
     AbstractLoss,
     Automatic,
     ExpectedErrorLoss,
+    KnownSpeedLoss,
     Metrics,
     Plan,
     ToleranceCosts,
@@ -79,6 +80,8 @@ _WORTH_IT = 0.1
 """Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
 _OPEN = 1 - 1e-6
 """Efficiency above which a profile is that of a shutter that stays open."""
+_SAME_LEVEL = 1e-4
+"""Difference of levels up to which two searches ended in one place; dB."""
 _TELLING = 0.005
 """Gain that a verdict tells; dB."""
 _STANDS_STILL = 0.05
@@ -98,10 +101,10 @@ class Row:
         shutter: The profile.
         motion: The motion it is measured on.
         loss: The loss that tuned it; None where none was given.
-        metrics: Its metrics; the expected PSNR of a burst is that of a decoder that is told the
-            speed.
+        metrics: Its metrics.
         takes: What a camera at rest with an ordinary shutter lacks for it: `"a stage"`,
             `"a shutter"`, both or neither.
+        told: Whether it is judged by a decoder that is told the speed.
         num_frames: Frames of the motion's exposure that are added up; 1 of all but a burst.
     """
 
@@ -112,13 +115,22 @@ class Row:
     loss: float | None
     metrics: Metrics
     takes: frozenset[str]
+    told: bool = False
     num_frames: int = 1
 
     @property
     def level(self) -> float:
-        """Expected PSNR that it is judged by: within the tolerances of a scene with any; dB."""
+        """Expected PSNR that it is judged by: within the tolerances of a scene with any; dB.
+
+        That of a decoder which is told the speed is of a camera as designed.
+        """
         within = self.metrics.toleranced_psnr
-        return float(self.metrics.expected_psnr if within is None else within)
+        return self.psnr if within is None or self.told else float(within)
+
+    @property
+    def psnr(self) -> float:
+        """Expected PSNR of the camera as designed, by the decoder that it is judged by; dB."""
+        return float(self.metrics.known_speed_psnr if self.told else self.metrics.expected_psnr)
 
 
 @dataclass(frozen=True)
@@ -156,7 +168,7 @@ class Comparison:
         """
         rows = [r for r in self.rows if r.reading == OWN_BEST_MOTION and r.name != BEST_BURST]
         return {
-            name: _best([row for row in rows if row.takes <= kind])
+            name: _plainest([row for row in rows if row.takes <= kind])
             for kind, name in _PURCHASES.items()
             if any(row.takes == kind for row in rows)
         }
@@ -243,6 +255,9 @@ def compare(
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
 
+    A comparison by `KnownSpeedLoss` judges every row by a decoder that is told the speed of the
+    picture, the others by one that is told none.
+
     *Own best motion*: exposure, velocity and acceleration, none included, tuned for each by the
     same loss within the scene's limits, from `motion` or from the motion of a `Design`; a
     `Design` that this loss found for this scene is finished and stays as it is. *Same motion*:
@@ -317,11 +332,13 @@ def compare(
         lambda: _bursts(scene),
     ]
     at_best = {}
+    told = isinstance(loss, KnownSpeedLoss)
     found = in_threads(lambda search: search(), searches, num_processors(), first_alone=False)
     for some in filter(None, found):
         step(some[0].name)
-        at_best |= {row.name: row for row in some}
+        at_best |= {row.name: replace(row, told=told or row.told) for row in some}
     names = [name for name in (*fixed, *_RIVALS) if name in at_best]
+    rows = [replace(row, told=told) for row in rows]
     return _with_verdict([at_best[name] for name in names] + rows, given, scene)
 
 
@@ -418,11 +435,10 @@ def _bursts(scene: Scene) -> list[Row]:
     if burst is None:
         return []
     measured = evaluate(burst.scene, burst.motion, RectShutter())
-    metrics = replace(measured, expected_psnr=measured.known_speed_psnr)
     motion = settled(burst.motion)
     takes = _takes(scene, motion, RectShutter())
     name, frames = BEST_BURST, burst.num_frames
-    return [Row(OWN_BEST_MOTION, name, RectShutter(), motion, None, metrics, takes, frames)]
+    return [Row(OWN_BEST_MOTION, name, RectShutter(), motion, None, measured, takes, True, frames)]
 
 
 def _coded_stills(
@@ -621,7 +637,7 @@ def _is_simpler(row: Row, chosen: Row) -> bool:
     """Whether a row takes less, or as much with a fixed kind of profile for a free one."""
     if row.takes < chosen.takes:
         return True
-    is_free = isinstance(command_of(chosen.shutter), SplineShutter)
+    is_free = "a shutter" in chosen.takes and isinstance(command_of(chosen.shutter), SplineShutter)
     is_fixed = not isinstance(command_of(row.shutter), SplineShutter)
     return row.takes == chosen.takes and is_free and is_fixed
 
@@ -697,6 +713,13 @@ def _best(rows: Sequence[Row]) -> Row:
     return max(rows, key=_level)
 
 
+def _plainest(rows: Sequence[Row]) -> Row:
+    """The best row; of equals one with an ordinary shutter."""
+    top = _best(rows)
+    equals = [row for row in rows if _lead(top, row) < _SAME_LEVEL]
+    return next((row for row in equals if isinstance(row.shutter, RectShutter)), top)
+
+
 def _level(row: Row) -> float:
     return row.level
 
@@ -732,7 +755,7 @@ def _line(row: Row) -> str:
     loss = "" if row.loss is None else f"{row.loss:.4f}"
     within = "" if m.toleranced_psnr is None else f"{float(m.toleranced_psnr):>11.2f}"
     return (
-        f"{row.name:<21}{float(m.expected_psnr):>9.2f}{float(m.condition_number):>8.2f}"
+        f"{row.name:<21}{row.psnr:>9.2f}{float(m.condition_number):>8.2f}"
         f"{float(m.kernel_difference):>8.4f}{float(m.relative_kernel_difference):>7.3f}"
         f"{float(m.efficiency):>7.3f}{float(m.bound_share):>7.3f}"
         f"{float(row.motion.stroke):>11.2f}{float(row.motion.velocity) + 0.0:>10.1f}"

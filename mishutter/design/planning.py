@@ -17,6 +17,7 @@ from mishutter.evaluation import (
     AbstractResponseLoss,
     ExpectedErrorLoss,
     Item,
+    KnownSpeedLoss,
     Plan,
     WeightedSum,
     as_loss,
@@ -72,7 +73,11 @@ def needs_of(loss: AbstractLoss | None) -> Needs:
         return Needs(terms=count)
     skipping = Plan(1, 1, 1, 1, skips=True)
     parts = [term.parts(skipping) for term in terms]  # type: ignore[attr-defined]
-    errors = [isinstance(t, ExpectedErrorLoss) for t, p in zip(terms, parts, strict=True) if p[1]]
+    errors = [
+        isinstance(t, ExpectedErrorLoss | KnownSpeedLoss)
+        for t, p in zip(terms, parts, strict=True)
+        if p[1]
+    ]
     kernels, spectra, differences = (any(flags) for flags in zip(*parts, strict=True))
     return Needs(kernels, differences, spectra, all(errors), count)
 

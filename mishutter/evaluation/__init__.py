@@ -22,6 +22,7 @@ from mishutter.evaluation.losses import AbstractLoss as AbstractLoss
 from mishutter.evaluation.losses import AbstractResponseLoss as AbstractResponseLoss
 from mishutter.evaluation.losses import DesignLoss as DesignLoss
 from mishutter.evaluation.losses import ExpectedErrorLoss as ExpectedErrorLoss
+from mishutter.evaluation.losses import KnownSpeedLoss as KnownSpeedLoss
 from mishutter.evaluation.losses import Parts as Parts
 from mishutter.evaluation.losses import WeightedSum as WeightedSum
 from mishutter.evaluation.losses import as_loss as as_loss

@@ -30,12 +30,18 @@ def without_tolerances(scene: Scene) -> Scene:
 
 def ensemble_weights(scene: Scene) -> Array:
     """Weights of the transfer functions of a scene, in their order; shape `(k * n,)`."""
+    if scene.tolerances is None:
+        return scene.weights
+    return (jnp.asarray(error_weights(scene))[:, None] * scene.weights[None]).ravel()
+
+
+def error_weights(scene: Scene) -> np.ndarray:
+    """How often each error within the tolerances occurs, whatever the speed; shape `(k,)`."""
     tolerances = scene.tolerances
     if tolerances is None:
-        return scene.weights
+        return np.ones(1, scene.weights.dtype)
     shares = (_normal(count)[1] for count in (tolerances.num_accelerations, tolerances.num_speeds))
-    errors = np.multiply.outer(*shares).ravel().astype(scene.weights.dtype)
-    return (jnp.asarray(errors)[:, None] * scene.weights[None]).ravel()
+    return np.multiply.outer(*shares).ravel().astype(scene.weights.dtype)
 
 
 def ensemble_of(

@@ -1,4 +1,4 @@
-"""What a search makes small: the interface of losses, their sums, and the two that there are."""
+"""What a search makes small: the interface of losses, their sums, and those that there are."""
 
 import inspect
 from abc import abstractmethod
@@ -17,6 +17,7 @@ from mishutter.evaluation.metrics import (
     expected_squared_error,
     freely_aligned,
     kernel_differences,
+    known_speed_squared_error,
 )
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced
 from mishutter.evaluation.response import Response, respond
@@ -264,10 +265,34 @@ class ExpectedErrorLoss(AbstractResponseLoss):
         if self.alignment == "free":
             response = freely_aligned(scene, motion, response, plan.num_frequencies)
         squared = expected_squared_error(scene, motion, response, plan.num_frequencies)
-        variance = scene.deviation.astype(squared.dtype) ** 2
-        textured = (variance > 0) & (squared > 0)
-        ratio = jnp.where(textured, squared, 1.0) / jnp.where(textured, variance, 1.0)
-        return jnp.where(textured, jnp.sqrt(ratio), 0.0)
+        return _over_contrast(scene, squared)
+
+
+@final
+class KnownSpeedLoss(AbstractResponseLoss):
+    r"""Expected RMS error over the picture's deviation, of a decoder that is told the speed.
+
+    The square root of `known_speed_squared_error` over $\sigma_f$, in the units of
+    `ExpectedErrorLoss`, which it never exceeds: each speed has a linear filter of its own. It is
+    that of `Metrics.known_speed_psnr`.
+    """
+
+    def parts(self, plan: Plan) -> Parts:
+        return Parts(kernels=False, spectra=True, differences=False)
+
+    def of_response(
+        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+    ) -> Array:
+        squared = known_speed_squared_error(scene, motion, response, plan.num_frequencies)
+        return _over_contrast(scene, squared)
+
+
+def _over_contrast(scene: Scene, squared: Array) -> Array:
+    """Root of a squared error over the picture's deviation; 0 for a picture without any."""
+    variance = scene.deviation.astype(squared.dtype) ** 2
+    textured = (variance > 0) & (squared > 0)
+    ratio = jnp.where(textured, squared, 1.0) / jnp.where(textured, variance, 1.0)
+    return jnp.where(textured, jnp.sqrt(ratio), 0.0)
 
 
 def _plain(weight: Any) -> Any:

@@ -17,6 +17,7 @@ from mishutter.blur import condition_number, safe_sqrt, support
 from mishutter.evaluation.ensembles import (
     drive_variance,
     ensemble_weights,
+    error_weights,
     without_tolerances,
 )
 from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced, sizes
@@ -225,7 +226,9 @@ def expected_squared_error(
 
 
 class _Moments(NamedTuple):
-    """A capture's picture and what disturbs it, in a common unit; shape `(k,)`.
+    """A capture's picture and what disturbs it, in a common unit.
+
+    Of all speeds together, shape `(k,)`, or of each, `(n, k)`.
 
     Attributes:
         mean: Mean response over speeds, without the pixel aperture; complex.
@@ -253,8 +256,14 @@ class _Moments(NamedTuple):
 
 
 def _moments(
-    scene: Scene, motion: AbstractMotion, response: Response, every_power: Array
+    scene: Scene,
+    motion: AbstractMotion,
+    response: Response,
+    every_power: Array,
+    *,
+    told: bool = False,
 ) -> _Moments:
+    """The moments of all speeds together, or of each where a decoder is told the speed."""
     dtype = response.efficiency.dtype
     num_kept = response.spectra.shape[1]
     power = every_power[:num_kept]
@@ -263,6 +272,9 @@ def _moments(
         _aperture(scene, every_power.size, np.dtype(dtype))[:num_kept],
     )
     weights = ensemble_weights(scene).astype(dtype)[:, None]
+    if told:
+        weights = jnp.asarray(error_weights(scene), dtype)[:, None, None]
+        spectra = spectra.reshape(weights.size, -1, num_kept)
     mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
     deviation = spectra - mean[None]
     spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0) * aperture
@@ -427,23 +439,27 @@ def freely_aligned(
     return eqx.tree_at(lambda r: r.spectra, response, displaced(response.spectra, found))
 
 
-def known_speed_squared_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
+def known_speed_squared_error(
+    scene: Scene,
+    motion: AbstractMotion,
+    response: Response,
+    num_frequencies: int | None = None,
+) -> Array:
     r"""Expected squared error of the best linear decoder that is told the speed; scalar.
 
-    Each speed has a Wiener filter of its own, and the picture, aperture, noise and units are
-    those of `expected_squared_error`:
-    $\sum_i p_i\,2\int_0^{1/2} S\,N/(S|H_i|^2 + N)\,df$. One filter for all speeds is never
-    better than this.
+    Each speed has a filter of its own, and the picture, aperture, noise and units are those of
+    `expected_squared_error`: without tolerances
+    $\sum_i p_i\,2\int_0^{1/2} S\,N/(S|H_i|^2 + N)\,df$. Within tolerances $m$ and $v$ of that
+    formula are over the errors about each speed. One filter for all speeds is never better than
+    this.
     """
+    num_kept = response.spectra.shape[1]
+    num_frequencies = num_kept if num_frequencies is None else num_frequencies
     dtype = response.efficiency.dtype
-    spectra = response.spectra
-    num_frequencies = spectra.shape[1]
     power = picture_power(scene, num_frequencies, np.dtype(dtype))
-    aperture = _aperture(scene, num_frequencies, np.dtype(dtype))
-    passed = (spectra.real**2 + spectra.imag**2) * aperture[None]
-    signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
-    share = _share(noise, signal[None] * passed + noise)
-    return jnp.mean(power * jnp.sum(scene.weights.astype(dtype)[:, None] * share, axis=0))
+    lost = _moments(scene, motion, response, power, told=True).lost
+    share = jnp.sum(scene.weights.astype(dtype)[:, None] * lost, axis=0)
+    return (jnp.sum(power[:num_kept] * share) + jnp.sum(power[num_kept:])) / num_frequencies
 
 
 def _aperture(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:

@@ -14,6 +14,7 @@ from mishutter import (
     ChippedShutter,
     DesignLoss,
     ExpectedErrorLoss,
+    KnownSpeedLoss,
     Limits,
     ParabolicMotion,
     Plan,
@@ -36,6 +37,7 @@ from mishutter.evaluation.response import folded
 LOSSES = {
     "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),
     "expected_error": ExpectedErrorLoss(),
+    "known_speed": KnownSpeedLoss(),
 }
 
 
