@@ -265,24 +265,25 @@ def _moments(
 ) -> _Moments:
     """The moments of all speeds together, or of each where a decoder is told the speed."""
     dtype = response.efficiency.dtype
-    num_kept = response.spectra.shape[1]
-    power = every_power[:num_kept]
-    spectra, aperture = (
-        response.spectra,
-        _aperture(scene, every_power.size, np.dtype(dtype))[:num_kept],
-    )
+    spectra, num_kept = response.spectra, response.spectra.shape[1]
     weights = ensemble_weights(scene).astype(dtype)[:, None]
     if told:
         weights = jnp.asarray(error_weights(scene), dtype)[:, None, None]
         spectra = spectra.reshape(weights.size, -1, num_kept)
+
+    def along(row: Array) -> Array:
+        """The frequencies that are kept of a row, along the last axis of the moments."""
+        return row[:num_kept].reshape((1,) * (spectra.ndim - 2) + (-1,))
+
+    aperture = along(_aperture(scene, every_power.size, np.dtype(dtype)))
     mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
     deviation = spectra - mean[None]
     spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0) * aperture
     if scene.tolerances is not None:
-        driven = drive_variance(scene, motion, response.efficiency, every_power.size)[:num_kept]
-        spread = spread + driven * aperture
+        driven = drive_variance(scene, motion, response.efficiency, every_power.size)
+        spread = spread + along(driven) * aperture
     coherent = (mean.real**2 + mean.imag**2) * aperture
-    signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
+    signal, noise = _signal_and_noise(scene, motion, response.efficiency, along(every_power))
     return _Moments(mean, coherent, spread, signal, noise)
 
 
