@@ -140,7 +140,7 @@ def test_a_profile_alone_may_be_traced(slug):
 
 def test_losses_add_and_take_factors():
     """A sum of weighted losses is the weighted sum of their values."""
-    first, second = LOSSES.values()
+    first, second, *_ = LOSSES.values()
     combined = 0.25 * first + second * 3.0
     shutter = TukeyShutter(0.6)
     expected = 0.25 * first(SCENE, MOTION, shutter, plan=SMALL) + 3.0 * second(
@@ -158,7 +158,7 @@ def test_losses_add_and_take_factors():
 @pytest.mark.parametrize("plan", [SMALL, None])
 def test_a_sum_without_any_weight_is_nothing(plan):
     """Whether or not terms that weigh nothing are left out."""
-    first, second = LOSSES.values()
+    first, second, *_ = LOSSES.values()
     assert float((0.0 * first + second * 0.0)(SCENE, MOTION, RectShutter(), plan=plan)) == 0
 
 
