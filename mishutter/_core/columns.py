@@ -31,20 +31,22 @@ def cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.split(",")]
 
 
-def number_rows(lines: Iterable[str], count: int, name: str) -> np.ndarray:
+def number_rows(lines: Iterable[str], count: int, name: str, *, least_rows: int = 1) -> np.ndarray:
     """Rows of finite numbers, `count` in each; shape `(rows, count)`.
 
     Raises:
-        ValueError: if a row is shorter or longer, or holds something else.
+        ValueError: if a row is shorter or longer, or holds something else, or there are fewer
+            than `least_rows`, 0 or 1.
     """
     rows = [cells(line) for line in lines]
-    require(bool(rows), name, "hold at least one row of numbers", Bare("none"))
+    enough = len(rows) >= least_rows
+    require(enough, name, "hold at least one row of numbers", Bare("none"))
     odd = next((row for row in rows if len(row) != count), None)
     if odd is not None:
         got = Bare(f"{len(odd)} in '{describe(Bare(','.join(odd)))}'")
         require(False, name, f"hold {count} {'value' if count == 1 else 'values'} a row", got)
     try:
-        numbers = np.array(rows, dtype=np.float64)
+        numbers = np.array(rows, dtype=np.float64).reshape(-1, count)
     except ValueError:
         wrong = next(cell for row in rows for cell in row if not _is_number(cell))
         require(False, name, "hold numbers alone below its heading", wrong)
@@ -64,7 +66,12 @@ def _is_number(cell: str) -> bool:
 
 
 def unit_columns(
-    lines: Sequence[str], name: str, known: Mapping[str, Units | None], needed: Sequence[str]
+    lines: Sequence[str],
+    name: str,
+    known: Mapping[str, Units | None],
+    needed: Sequence[str],
+    *,
+    least_rows: int = 1,
 ) -> dict[str, np.ndarray]:
     """Columns by their names, in SI units or pixels.
 
@@ -73,6 +80,7 @@ def unit_columns(
         name: The file's name in an error.
         known: Units of each column that may be there; None for any unit.
         needed: Columns that must be there.
+        least_rows: Fewest rows, 0 or 1.
 
     Raises:
         ValueError: if a name, a unit or a number is not as it must be.
@@ -94,7 +102,7 @@ def unit_columns(
         requirement = f"have `{column}` in {' or '.join(allowed or ())} by its second line"
         require(right, name, requirement, unit)
         factors.append(1.0 if allowed is None else allowed[unit])
-    numbers = number_rows(lines[2:], len(names), name)
+    numbers = number_rows(lines[2:], len(names), name, least_rows=least_rows)
     # Divides by the reciprocal where that is whole: 1e-3 is not exact, 1000 is.
     return {
         column: numbers[:, k] / round(1 / factor) if factor < 1 else numbers[:, k] * factor

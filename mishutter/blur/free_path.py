@@ -158,18 +158,12 @@ def path_ends(motion: AbstractMotion) -> tuple[Fraction, ...]:
     return tuple(dict.fromkeys(exact_ends(motion.durations, motion.accelerations.size)))
 
 
-def _lasting(motion: FreeMotion) -> np.ndarray:
-    """Indices of the pieces that have a length."""
-    ends = exact_ends(motion.durations, motion.accelerations.size)
-    return np.flatnonzero([after > before for before, after in itertools.pairwise(ends)])
-
-
 def num_runs(motion: AbstractMotion) -> int:
     """Number of runs of a path; as many as pieces where the accelerations are not known."""
     if not isinstance(motion, FreeMotion):
         return 1
     a = numbers_of(motion.accelerations)
-    lasting = _lasting(motion)
+    lasting = motion.lasting
     if not is_concrete(a):
         return lasting.size
     signs = np.sign(np.asarray(a)[lasting])
@@ -188,7 +182,7 @@ class Numbers(NamedTuple):
 def numbers(motion: FreeMotion, speed: Array) -> Numbers:
     """Numbers of a motion in the precision of the speed, that of the object over the sensor."""
     a, T = (x.astype(speed.dtype) for x in (motion.accelerations, motion.half_exposure))
-    return Numbers(a[_lasting(motion)], T, speed)
+    return Numbers(a[motion.lasting], T, speed)
 
 
 class FreePath(NamedTuple):

@@ -9,15 +9,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
-from mishutter._core import require, require_positive_int, write_bytes
-from mishutter.blur import binned_exposure
+from mishutter._core import common_dtype, require, require_positive_int, write_bytes
 from mishutter.design.drive_files import MAX_STEPS, drive_bytes, require_levels
 from mishutter.design.result import Design, metrics_to_dict, package_version
 from mishutter.evaluation import Metrics, evaluate, without_tolerances
-from mishutter.model import AbstractMotion, AbstractShutter, ChippedShutter, StillCamera, panned
+from mishutter.model import (
+    AbstractMotion,
+    ChippedShutter,
+    diffused,
+    panned,
+    piecewise,
+    slot_means,
+)
 
 _NUM_STEPS, _NUM_LEVELS = 256, 256
 """Of a table for a device that asks for no number of its own."""
@@ -225,14 +231,13 @@ def drive_table(
     require_positive_int("drive_table(num_levels=...)", num_levels)
     require(num_levels >= 2, "drive_table(num_levels=...)", "be at least 2", num_levels)
     require_levels("drive_table", floor, ceiling)
-    wanted = step_means(design.command, num_steps)
-    steps = (np.clip(ceiling * wanted, floor, ceiling) - floor) / (ceiling - floor)
-    level = np.rint(steps * (num_levels - 1))
-    if carries_error:
-        sums = np.concatenate([[0.0], np.cumsum(steps * (num_levels - 1))])
-        level = np.clip(np.diff(np.floor(sums + 0.5)), 0, num_levels - 1)
-    level = level.astype(int)
     half = float(design.motion.half_exposure)
+    dtype = common_dtype(*jax.tree.leaves((design.command, design.motion)))
+    wanted = np.asarray(slot_means(piecewise(design.command), num_steps, dtype), np.float64)
+    steps = (np.clip(ceiling * wanted, floor, ceiling) - floor) / (ceiling - floor)
+    if carries_error:
+        steps = np.asarray(diffused(steps, num_levels))
+    level = np.rint(steps * (num_levels - 1)).astype(int)
     return DriveTable(
         design=design,
         begin=(np.arange(num_steps) * (2 / num_steps) - 1) * half,
@@ -241,14 +246,3 @@ def drive_table(
         transmittance=floor + (ceiling - floor) * level / (num_levels - 1),
         num_levels=num_levels,
     )
-
-
-def step_means(shutter: AbstractShutter, num_steps: int) -> np.ndarray:
-    """Mean transmittance over equal steps of the exposure; shape `(num_steps,)`.
-
-    It is the exposure of a point that crosses one pixel a step before a camera at rest.
-    """
-    rest = StillCamera(half_exposure=jnp.asarray(1.0))
-    edges = np.arange(num_steps + 1) - num_steps / 2
-    light = binned_exposure(shutter, rest, speed=-num_steps / 2, edges=edges)
-    return np.clip(np.asarray(light, np.float64) * num_steps, 0, 1)

@@ -298,21 +298,22 @@ def _half_of(begin: np.ndarray, name: str) -> float:
 
 
 def _from_pulses(lines: list[str], name: str) -> _Samples:
-    columns = unit_columns(lines, name, _PULSES, tuple(_PULSES))
+    # A shutter that stays closed has a list without a row.
+    columns = unit_columns(lines, name, _PULSES, tuple(_PULSES), least_rows=0)
     wait, width = columns["wait"], columns["width"]
-    least = float(wait.min()) * 1e6
+    least = float(wait.min(initial=np.inf)) * 1e6
     require(least >= 0, name, "wait at least 0 us for each pulse", least)
-    least = float(width.min()) * 1e6
+    least = float(width.min(initial=np.inf)) * 1e6
     require(least > 0, name, "have pulses wider than 0 us", least)
     return _Samples(edges=np.cumsum(np.ravel(np.transpose([wait, width]))))
 
 
 def _steps_of_pulses(edges: np.ndarray, half: float, name: str) -> np.ndarray:
     """Mean of pulses over the fewest equal steps that have their edges, or over 2,048."""
-    shares = edges / (2 * half)
+    shares, last = edges / (2 * half), float(edges.max(initial=0.0))
     requirement = f"end its pulses within the exposure of {half * 2e6:g} us"
-    got = Bare(f"{edges[-1] * 1e6:g} us")
-    require(float(shares[-1]) <= 1 + _SAME, name, requirement, got)
+    got = Bare(f"{last * 1e6:g} us")
+    require(last / (2 * half) <= 1 + _SAME, name, requirement, got)
     counts = range(1, _MOST_PULSE_STEPS + 1)
     whole = (n for n in counts if np.all(np.abs(shares * n - np.rint(shares * n)) < 1e-6))
     count = next(whole, _MOST_PULSE_STEPS)

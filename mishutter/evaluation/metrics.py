@@ -97,8 +97,8 @@ def evaluate(
     these: the still object is the one that it keeps up with.
 
     Without acceleration a motion is a camera at rest, whose objects are aligned at
-    mid-exposure. So is one of a stroke below 9e-124 px (7e-16 px in float32). Derivatives
-    there are those of that alignment.
+    mid-exposure. So is one of a stroke below 1e-15 px. Derivatives there are those of that
+    alignment.
 
     Args:
         scene: Speeds, light and noise.

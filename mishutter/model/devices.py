@@ -33,7 +33,7 @@ from mishutter.model.shutters import (
     ChippedShutter,
     RectShutter,
 )
-from mishutter.model.shutters.base import SampledShutter, piecewise, within_unit
+from mishutter.model.shutters.base import SampledShutter, piecewise
 from mishutter.model.slots import diffused, slot_means
 
 NUM_SLOTS = 128
@@ -105,7 +105,6 @@ class AbstractDevice(eqx.Module):
     def slots(self, command: AbstractShutter, dtype: np.dtype) -> Array:
         """Level that is held over each slot; shape `(num_slots,)`."""
         means = slot_means(piecewise(command), self.num_slots or NUM_SLOTS, dtype)
-        means = within_unit(means)
         if self.levels is None:
             return means
         return diffused(means, self.levels, self.min_open, self.min_closed)
@@ -282,9 +281,9 @@ class SwitchedShutter(AbstractDevice):
 
     Args:
         num_slots: Equal slots of the exposure.
-        min_open: Fewest slots in a row that are open; one that reaches over an end of the
-            exposure may have been open before.
-        min_closed: Fewest slots in a row that are closed.
+        min_open: Fewest slots in a row that are open, at most all; a row that reaches over an end
+            of the exposure may be as long as it takes outside.
+        min_closed: Fewest slots in a row that are closed, alike.
         transmission: Share of the light that passes where it is open, $t$.
         leakage: Share of that which passes where it is closed, $\ell$.
 
@@ -312,8 +311,8 @@ class SwitchedShutter(AbstractDevice):
         self.transmission = as_float(transmission, "SwitchedShutter(transmission=...)")
         self.leakage = as_float(leakage, "SwitchedShutter(leakage=...)")
         self.num_slots = _slots(num_slots, "SwitchedShutter")
-        self.min_open = require_positive_int("SwitchedShutter(min_open=...)", min_open)
-        self.min_closed = require_positive_int("SwitchedShutter(min_closed=...)", min_closed)
+        self.min_open = _run(min_open, self.num_slots, "SwitchedShutter(min_open=...)")
+        self.min_closed = _run(min_closed, self.num_slots, "SwitchedShutter(min_closed=...)")
 
     def __check_init__(self) -> None:
         _check_losses(self)
@@ -366,6 +365,13 @@ def _slots(count: int, kind: str) -> int:
     subject = f"{kind}(num_slots=...)"
     count = require_positive_int(subject, count)
     require(2 <= count <= _MAX_SLOTS, subject, f"be 2 to {_MAX_SLOTS}", count)
+    return count
+
+
+def _run(count: int, num_slots: int, subject: str) -> int:
+    """Slots in a row."""
+    count = require_positive_int(subject, count)
+    require(count <= num_slots, subject, f"be at most num_slots = {num_slots}", count)
     return count
 
 

@@ -3,6 +3,7 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
+import itertools
 import operator
 from abc import abstractmethod
 from collections.abc import Callable
@@ -32,6 +33,9 @@ from mishutter._core import (
 
 Positions = Array | np.ndarray | np.floating
 """Numbers of NumPy where everything is known and NumPy asks, and of JAX elsewhere."""
+_LEAST_STROKE = 1e-15
+"""Stroke down to which a sensor is said to turn, px: powers of less leave the range of 32 bits, and
+64 do not tell it from none beside a pixel. It is one number, so that no precision decides."""
 
 
 class AbstractMotion(eqx.Module):
@@ -359,15 +363,29 @@ class FreeMotion(AbstractMotion):
     @property
     def greatest_acceleration(self) -> Array:
         """Greatest rate at which the velocity changes, twice that of $|a|$; px/s^2."""
-        return _number(lambda a: 2 * abs(a).max(), self.accelerations)
+        return _number(lambda a: 2 * abs(a[self.lasting]).max(), self.accelerations)
+
+    @property
+    def lasting(self) -> np.ndarray:
+        """Indices of the pieces that take time; shape `(k,)`."""
+        ends = exact_ends(self.durations, self.accelerations.size)
+        return np.flatnonzero([after > before for before, after in itertools.pairwise(ends)])
+
+    @property
+    def bend(self) -> Array:
+        r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
+        ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
+        shares = (np.diff(ends) / 2).astype(self.accelerations.dtype)
+        return _number(lambda a: (abs(a) * shares).sum(), self.accelerations)
 
     @property
     def mirrors(self) -> bool:
         """Whether the path beside its pan is known to be the same forwards and backwards."""
         if not is_concrete(self.accelerations):
             return False
-        a = np.asarray(self.accelerations)
-        same = self.durations is None or self.durations == self.durations[::-1]
+        a, lengths = np.asarray(self.accelerations)[self.lasting], self.durations
+        lengths = None if lengths is None else np.array(lengths)[self.lasting]
+        same = lengths is None or np.array_equal(lengths, lengths[::-1])
         return same and np.array_equal(a, a[::-1])
 
     def _velocities(self) -> Positions:
@@ -464,21 +482,24 @@ def extent_of_parabola(acceleration: Any, half_exposure: Any, velocity: Any) -> 
 def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
     """Whether objects are aligned at the vertex of their path; on the host where that is known.
 
-    On a sensor without a stroke to speak of, whose powers leave the range of its precision,
-    they are aligned at mid-exposure; and so on a free path without acceleration.
+    On a sensor without a stroke to speak of they are aligned at mid-exposure. That of a free path
+    is the stroke of a parabola that accelerates as much in the mean over the exposure.
     """
-    if isinstance(motion, FreeMotion):
-        known = is_concrete(motion.accelerations)
-        return np.any(np.asarray(motion.accelerations)) if known else jnp.any(motion.accelerations)
-    numbers = steady(motion).acceleration, motion.half_exposure
-    a, half = (np.asarray(x) if is_concrete(x) else x for x in numbers)
+    a, half = (
+        np.asarray(x) if is_concrete(x) else x for x in (_bend(motion), motion.half_exposure)
+    )
     with np.errstate(over="ignore"):
         return turns(a * half * half)
 
 
 def turns(stroke: Array | np.ndarray | np.floating) -> Any:
-    """Whether the sensor's path has a vertex within what its precision can tell."""
-    return stroke > float(np.finfo(stroke.dtype).tiny) ** 0.4
+    """Whether the sensor's path has a vertex to speak of."""
+    return stroke > _LEAST_STROKE
+
+
+def _bend(motion: AbstractMotion) -> Array | np.ndarray:
+    r"""The acceleration $a$, or the mean of $|a|$ on a free path; px/s^2."""
+    return motion.bend if isinstance(motion, FreeMotion) else steady(motion).acceleration
 
 
 def _together(*values: Any) -> tuple[Any, ...]:
@@ -506,9 +527,7 @@ def settled(motion: AbstractMotion) -> AbstractMotion:
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
     if isinstance(motion, StillCamera):
         return motion
-    free = isinstance(motion, FreeMotion)
-    signs = motion.accelerations if free else steady(motion).acceleration, has_vertex(motion)
-    if not any(is_known_zero(sign) for sign in signs):
+    if not any(is_known_zero(sign) for sign in (_bend(motion), has_vertex(motion))):
         return motion
     if is_known_zero(motion.velocity):
         return StillCamera(half_exposure=motion.half_exposure)

@@ -15,6 +15,7 @@ import numpy as np
 
 from mishutter._core import Bare, contents, in_section, parsed, require, validated
 from mishutter.model.devices import (
+    NUM_SLOTS,
     AbstractDevice,
     FirstOrderShutter,
     IdealShutter,
@@ -288,6 +289,9 @@ def _device(section: ShutterSection) -> AbstractDevice:
         requirement = "be left to shutters that are open or closed, without times and levels"
         is_switched = not lags and section.levels is None
         require(value is None or is_switched, f"[shutter] {key}", requirement, value)
+        most = section.num_slots or NUM_SLOTS
+        fits = value is None or value <= most
+        require(fits, f"[shutter] {key}", f"be at most num_slots = {most}", value)
     times = {
         "rise_time": fall if rise is None else rise,
         "fall_time": rise if fall is None else fall,

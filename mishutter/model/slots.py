@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from mishutter._core import compiled
 from mishutter.model.shutters import AbstractPiecewiseShutter
-from mishutter.model.shutters.base import uniform_breakpoints
+from mishutter.model.shutters.base import uniform_breakpoints, within_unit
 
 _TIE = 1e-5
 """Share of a level by which the upper of two equally near ones is preferred, so that no rounding
@@ -26,16 +26,19 @@ def slot_means(profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtyp
     slots, ends = (
         x.high for x in (uniform_breakpoints(num_slots, dtype), profile.breakpoints(dtype))
     )
-    begin = jnp.maximum(slots[:-1, None], ends[None, :-1])
-    width = jnp.minimum(slots[1:, None], ends[None, 1:]) - begin
-    shared = width > 0
-    width = jnp.where(shared, width, 0.0)
-    middle = jnp.where(shared, begin, ends[None, :-1]) + width / 2
-    before, after = middle - ends[None, :-1], ends[None, 1:] - middle
+    # Pieces and slots cut one another into as many cells as they are together.
+    edges = jnp.sort(jnp.concatenate([slots, ends[1:-1]]))
+    slot, piece = (jnp.searchsorted(x[1:-1], edges[:-1], side="right") for x in (slots, ends))
+    width = jnp.diff(edges)
+    middle = edges[:-1] + width / 2
+    before, after = middle - ends[piece], ends[piece + 1] - middle
     from_left = before <= after
-    piece = jnp.broadcast_to(jnp.arange(ends.size - 1), width.shape)
     mean = profile.piece_mean(piece, from_left, jnp.where(from_left, before, after), width)
-    return jnp.sum(width * jnp.where(shared, mean, 0.0), axis=1) / jnp.sum(width, axis=1)
+    light, time = (
+        jax.ops.segment_sum(jnp.where(width > 0, x, 0.0), slot, num_slots)
+        for x in (width * mean, width)
+    )
+    return within_unit(light / time)
 
 
 @compiled
@@ -45,8 +48,8 @@ def diffused(means: Array, levels: int, min_open: int = 1, min_closed: int = 1) 
     Args:
         means: Mean of the profile over each slot, in `[0, 1]`; shape `(n,)`.
         levels: How many levels there are, in equal steps from 0 to 1.
-        min_open: Fewest slots in a row at 1, for a device of two levels; runs that reach over an
-            end of the exposure may be as long as it takes outside.
+        min_open: Fewest slots in a row at 1, for a device of two levels. Runs at an end of the
+            exposure may be shorter: they last as long as it takes outside.
         min_closed: The same at 0.
     """
     steps = levels - 1
@@ -57,7 +60,8 @@ def diffused(means: Array, levels: int, min_open: int = 1, min_closed: int = 1) 
         level = jnp.clip(jnp.floor(wanted * steps + (0.5 + _TIE)) / steps, 0, 1)
         shortest = jnp.where(last > 0.5, min_open, min_closed)
         level = jnp.where((level != last) & (run < shortest), last, level)
-        run = jnp.where(level == last, run + 1, 1)
+        begins = last < 0  # as long before the exposure as it takes
+        run = jnp.where(begins, _LONG, jnp.where(level == last, run + 1, 1))
         return (wanted - level, level, run), level
 
     means = jax.lax.stop_gradient(means)

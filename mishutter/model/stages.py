@@ -207,6 +207,7 @@ def stage_path(
         require(jerk is None, "stage_path(max_jerk=...)", requirement, max_jerk)
         rates = 2 * np.asarray(motion.accelerations, float)
         lengths = half * np.diff(np.array(exact_ends(motion.durations, rates.size), float))
+        rates, lengths = rates[motion.lasting], lengths[motion.lasting]
         exposure = [(length, rate, 0.0) for length, rate in zip(lengths, rates, strict=True)]
     else:
         exposure = [(2 * half, own, 0.0)]

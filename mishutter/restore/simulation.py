@@ -1,5 +1,6 @@
 """Capture and restoration of one subject, however large, a few rows at a time."""
 
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -65,7 +66,7 @@ def capture_and_restore(
         border: As in `simulate_capture`, for a photograph.
         full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
         adc_bits: Bits of the converter; None for no rounding.
-        rows_at_once: How many rows.
+        rows_at_once: How many rows, at most.
         progress: Called with a sentence and the share done.
         plan: The argument of `simulate_capture` and of `deconvolve`.
 
@@ -100,11 +101,20 @@ def capture_and_restore(
             captured, restored = np.empty(shape, part.dtype), np.empty(shape, part.dtype)
         captured[first : first + rows_at_once] = part
     beyond = chosen.rows_beyond
-    for first in portions:
+    for first, past in itertools.pairwise(_mirrored_portions(num_rows, rows_at_once)):
         report("restoring", 0.5 + 0.5 * first / num_rows)
         above = min(first, beyond)
-        part = captured[first - above : first + rows_at_once + beyond]
+        part = captured[first - above : past + beyond]
         found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
-        restored[first : first + rows_at_once] = found[above : above + rows_at_once]
+        restored[first:past] = found[above : above + past - first]
     report("done", 1.0)
     return Simulation(captured, restored)
+
+
+def _mirrored_portions(num_rows: int, at_once: int) -> list[int]:
+    """Where portions of about equal size meet, which a picture turned over has too."""
+    count = -(-num_rows // at_once)
+    if num_rows % 2 and count % 2 == 0:
+        count += 1  # the middle row has a portion to be in
+    upper = -(-np.arange(count // 2 + 1) * num_rows // count)
+    return np.union1d(upper, num_rows - upper).tolist()

@@ -29,7 +29,6 @@ from mishutter import (
     drive_table,
     evaluate,
 )
-from mishutter.design.drive import step_means
 from mishutter.model import panned
 
 
@@ -45,8 +44,28 @@ def test_step_means_are_the_integral_of_the_profile():
     edges = np.linspace(-1, 1, 8)
     antiderivative = edges / 2 + np.sin(np.pi * edges) / (2 * np.pi)
     means = np.diff(antiderivative) / np.diff(edges)
-    assert np.allclose(step_means(HannShutter(), 7), means, rtol=1e-12)
-    assert np.allclose(step_means(ChippedShutter([0.1, 0.7, 0.4]), 3), [0.1, 0.7, 0.4], rtol=1e-12)
+    assert np.allclose(drive_table(a_design(HannShutter()), num_steps=7).wanted, means, rtol=1e-12)
+    chips = drive_table(a_design(ChippedShutter([0.1, 0.7, 0.4])), num_steps=3)
+    assert np.allclose(chips.wanted, [0.1, 0.7, 0.4], rtol=1e-12)
+
+
+def test_a_long_table_of_many_pieces_holds_means():
+    """Of 100,000 steps and 97 chips on another grid: time and memory go by their sum."""
+    levels = np.random.default_rng(4).uniform(size=97)
+    table = drive_table(a_design(ChippedShutter(levels)), num_steps=100_000)
+    edges = np.linspace(0, 97, 100_001)
+    passed = np.interp(edges, np.arange(98), np.concatenate([[0.0], np.cumsum(levels)]))
+    np.testing.assert_allclose(table.wanted, np.diff(passed) / np.diff(edges), atol=1e-9)
+
+
+@pytest.mark.parametrize("num_levels", [2, 6])
+def test_a_table_that_carries_its_error_is_diffused(num_levels):
+    """From the first step on, the light let through is that of the profile to half a level."""
+    made = {"num_steps": 83, "num_levels": num_levels, "floor": 0.01, "ceiling": 0.9}
+    table = drive_table(a_design(HannShutter()), carries_error=True, **made)
+    aimed = np.clip(0.9 * table.wanted, 0.01, 0.9)
+    lacking = np.cumsum(table.transmittance - aimed)
+    assert np.max(np.abs(lacking)) <= 0.501 * 0.89 / (num_levels - 1)
 
 
 def _scene(**parts):

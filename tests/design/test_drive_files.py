@@ -94,6 +94,16 @@ def test_pulses_come_back_bit_for_bit(tmp_path):
     assert np.array_equal(np.asarray(found.shutter.transmittances), table.transmittance)
 
 
+@pytest.mark.parametrize("chips", [[0.0] * 5, [1.0] * 5, [0.3, 0.4]], ids=["0", "1", "rounds to 0"])
+def test_pulses_of_one_level_come_back(chips, tmp_path):
+    """A shutter that never opens has a list without a pulse, one that never closes a whole one."""
+    table = drive_table(a_design(ChippedShutter(chips)), num_steps=5, num_levels=2)
+    table.save(tmp_path / "pulses.csv", form="pulses")
+    found = read_drive(tmp_path / "pulses.csv", PANNING)
+    assert found.shutter.transmittances.tolist() == [table.transmittance[0]]
+    assert found.motion is PANNING
+
+
 def test_pulses_of_any_edges_keep_their_light(tmp_path):
     """Edges on no grid are averaged over small steps: every pulse lasts as long as it did."""
     text = "wait,width\nus,us\n137.31,411.07\n1213.9,77.7\n3000.123,9000.456\n"

@@ -3,13 +3,14 @@
 import jax
 import numpy as np
 import pytest
-from support.designs import SCENE
+from support.designs import SCENE, SMALL
 from support.time_sampling import captured_row
 
 from mishutter import (
     FreeMotion,
     HannShutter,
     ParabolicMotion,
+    StillCamera,
     TukeyShutter,
     centred_kernel,
     evaluate,
@@ -29,9 +30,32 @@ def test_a_fitted_path_measures_as_its_parabola():
     """Every metric, to rounding, and the sizes that they are taken at."""
     found = evaluate(SCENE, FreeMotion.fit(PARABOLA, num_pieces=5), SHUTTER)
     expected = evaluate(SCENE, PARABOLA, SHUTTER)
-    figures = {name: value for name, value in vars(expected).items() if value is not None}
-    for name, value in figures.items():
+    for name, value in _figures(expected).items():
         np.testing.assert_allclose(getattr(found, name), value, rtol=1e-10, err_msg=name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("accelerations", "durations"),
+    [([0.0, 5000.0, 0.0], (1.0, 0.0, 2.0)), ([1e-30, 1e-30], None)],
+    ids=["a piece without length", "hardly any acceleration"],
+)
+def test_a_path_that_does_not_bend_measures_as_a_camera_at_rest(accelerations, durations):
+    """Every metric, whether the accelerations are known or traced."""
+
+    def measured(accelerations):
+        motion = FreeMotion(accelerations=accelerations, durations=durations, half_exposure=1e-3)
+        return _figures(evaluate(SCENE, motion, SHUTTER, plan=SMALL))
+
+    row = np.array(accelerations)
+    expected = _figures(evaluate(SCENE, StillCamera(half_exposure=1e-3), SHUTTER, plan=SMALL))
+    for found in (measured(row), jax.jit(measured)(row)):
+        for name, value in expected.items():
+            np.testing.assert_allclose(found[name], value, rtol=1e-10, err_msg=name)
+
+
+def _figures(metrics):
+    return {name: value for name, value in vars(metrics).items() if value is not None}
 
 
 def test_the_response_is_that_of_small_steps_in_time():

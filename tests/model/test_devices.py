@@ -348,6 +348,21 @@ def test_runs_of_a_switched_shutter_are_long_enough():
     assert runs_are_long_enough(rows, 2, 2).tolist() == [True, False, False]
 
 
+@pytest.mark.parametrize(
+    ("means", "shortest", "slots"),
+    [
+        ([0.8, 0.1, 0.1, 0.1, 0.9, 0.9, 0.3], (3, 2), [1, 0, 0, 0, 1, 1, 1]),
+        ([0.1, 0.1, 0.9, 0.9, 0.9, 0.2, 0.1, 0.7], (2, 5), [0, 0, 1, 1, 1, 0, 0, 0]),
+    ],
+    ids=["open", "closed"],
+)
+def test_a_run_from_before_the_exposure_ends_when_it_likes(means, shortest, slots):
+    """As a search has it, only runs that begin within the exposure are held."""
+    found = np.asarray(diffused(jnp.asarray(means), 2, *shortest))
+    np.testing.assert_array_equal(found, slots)
+    assert runs_are_long_enough(np.rint(found).astype(int)[None], *shortest).all()
+
+
 def test_slots_of_a_profile_of_ones_own():
     """Whose pieces are interpolants: the mean of a ramp over each slot."""
     light = SwitchedShutter(num_slots=8).light(Ramp(), HALF, np.dtype(float))
@@ -372,6 +387,14 @@ def test_slots_of_a_profile_of_ones_own():
         ),
         (lambda: SwitchedShutter(num_slots=1), r"num_slots=...\)` must be 2 to 4096; got 1"),
         (lambda: SwitchedShutter(min_open=0), r"min_open=...\)` must be a positive integer"),
+        (
+            lambda: SwitchedShutter(min_open=200),
+            r"`SwitchedShutter\(min_open=...\)` must be at most num_slots = 128; got 200\.",
+        ),
+        (
+            lambda: SwitchedShutter(num_slots=7, min_closed=8),
+            r"`SwitchedShutter\(min_closed=...\)` must be at most num_slots = 7; got 8\.",
+        ),
         (lambda: IdealShutter(levels=1), r"levels=...\)` must be 2 to 65536; got 1"),
         (
             lambda: SwitchedShutter(leakage=1.0),

@@ -9,7 +9,14 @@ import pytest
 from support.designs import SCENE
 
 from mishutter import FreeMotion, LinearMotion, ParabolicMotion, StillCamera
-from mishutter.model import has_vertex, panned, seen_from, settled, without_velocity
+from mishutter.model import (
+    has_vertex,
+    panned,
+    seen_from,
+    settled,
+    stage_path,
+    without_velocity,
+)
 
 PATH = FreeMotion(
     accelerations=[410.0, -95.0, 0.0, 700.0, 280.0],
@@ -48,7 +55,7 @@ def test_a_path_is_the_integral_of_its_accelerations():
     np.testing.assert_allclose(PATH.stroke, np.ptp(way), atol=1e-4)
     np.testing.assert_allclose(PATH.top_speed, np.max(np.abs(velocity)), atol=1e-3)
     np.testing.assert_allclose(PATH.speed_gain, np.max(np.abs(velocity + 12)), atol=1e-3)
-    assert PATH.greatest_acceleration == 1400.0
+    assert PATH.greatest_acceleration == 820.0
     assert PATH.exposure == 0.62
 
 
@@ -110,6 +117,52 @@ def test_kinds_of_motion():
     assert still.velocity == 0
     assert FreeMotion(accelerations=[2.0, 1.0, 2.0], half_exposure=0.3).mirrors
     assert not PATH.mirrors
+
+
+@pytest.mark.parametrize(
+    ("accelerations", "durations"),
+    [([0.0, 5000.0, 0.0], [1.0, 0.0, 2.0]), ([-7e4, 0.0, 0.0, 3e5], [0.0, 0.6, 1.7, 0.0])],
+)
+def test_pieces_without_length_bend_no_path(accelerations, durations):
+    """A straight path stays one, to whoever asks, with pieces that take no time."""
+    path = FreeMotion(
+        accelerations=accelerations, durations=durations, half_exposure=0.3, velocity=4.0
+    )
+    assert isinstance(settled(path), LinearMotion)
+    assert not has_vertex(path)
+    assert path.greatest_acceleration == 0.0
+    np.testing.assert_array_equal(path.alignment(np.array([-130.0, 250.0])), 0.0)
+
+
+def test_pieces_without_length_change_nothing_of_a_bent_path():
+    """Whether it mirrors itself, its greatest acceleration and its way from rest to rest."""
+    plain = FreeMotion(accelerations=[3.0, 1.0, 3.0], half_exposure=0.3, durations=[1.0, 2.5, 1.0])
+    path = FreeMotion(
+        accelerations=[3.0, -80.0, 1.0, 3.0, 20.0],
+        half_exposure=0.3,
+        durations=[1.0, 0.0, 2.5, 1.0, 0.0],
+    )
+    assert path.mirrors
+    assert path.greatest_acceleration == plain.greatest_acceleration == 6.0
+    for found, expected in zip(
+        stage_path(path, max_acceleration=7.0), stage_path(plain, max_acceleration=7.0), strict=True
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize(("stroke", "is_bent"), [(4e-16, False), (2e-15, True)])
+def test_a_free_path_bends_where_its_parabola_does(dtype, stroke, is_bent):
+    """From one stroke on, in both precisions, known or traced, of equal pieces or not."""
+    half = dtype(1.3e-3)
+    a = np.full(3, stroke / 1.3e-3**2, dtype)
+    parabola = ParabolicMotion(acceleration=a[0], half_exposure=half)
+    path = FreeMotion(accelerations=a, half_exposure=half, durations=[1.0, 0.25, 2.0])
+    back_and_forth = FreeMotion(accelerations=a * np.array([1, -1, 1], dtype), half_exposure=half)
+    for motion in (parabola, path, back_and_forth):
+        assert bool(has_vertex(motion)) is is_bent
+        assert bool(jax.jit(has_vertex)(motion)) is is_bent
+        assert isinstance(settled(motion), StillCamera) is not is_bent
 
 
 def test_precision_and_text():

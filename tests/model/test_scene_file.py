@@ -290,6 +290,14 @@ def test_what_a_shutter_is_made_with(tmp_path, keys, device):
     [
         ("delay_ms = 1.0", r"\[shutter\] delay_ms` must stand beside rise_ms or fall_ms"),
         ("rise_ms = 1.0\nmin_open_slots = 2", r"\[shutter\] min_open_slots` must be left to"),
+        (
+            "num_slots = 64\nmin_open_slots = 65",
+            r"\[shutter\] min_open_slots` must be at most num_slots = 64; got 65\.",
+        ),
+        (
+            "min_closed_slots = 129",
+            r"\[shutter\] min_closed_slots` must be at most num_slots = 128; got 129\.",
+        ),
         ("rise_ms = -1.0", r"\[shutter\] rise_ms"),
         ("num_slots = 1", r"\[shutter\] num_slots"),
     ],

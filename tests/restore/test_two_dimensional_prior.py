@@ -22,6 +22,7 @@ from mishutter.restore.decoders.linear import (
     expected_squared_error,
     mean_and_spread,
 )
+from mishutter.restore.decoders.total_variation import adjoint_differences, differences
 
 
 def portrait(rows=64):
@@ -108,9 +109,11 @@ def test_total_variation_finds_the_least_of_its_objective():
         waves = jnp.fft.rfft(picture)
         noise = model.noise + power * spread
         fit = jnp.sum(twice * (jnp.abs(data - mean * waves) ** 2 / noise + flat * abs2(waves)))
-        across = jnp.roll(picture, -1, axis=1) - picture
-        down = jnp.diff(picture, axis=0, append=picture[-1:])
-        return fit / 2 + 0.3 / error * jnp.sum(jnp.sqrt(across**2 + down**2 + 1e-10))
+        across = (jnp.roll(picture, -1, axis=1) - picture) ** 2
+        down = jnp.diff(picture, axis=0, prepend=picture[:1], append=picture[-1:]) ** 2
+        beside = jnp.pad(across, ((1, 1), (0, 0)))
+        square = (beside[:-1] + beside[1:] + down + jnp.roll(down, -1, axis=1)) / 2
+        return fit / 2 + 0.3 / error * jnp.sum(jnp.sqrt(square + 1e-10))
 
     def abs2(waves):
         return waves.real**2 + waves.imag**2
@@ -130,6 +133,21 @@ def test_total_variation_finds_the_least_of_its_objective():
     np.testing.assert_allclose(found, wanted, atol=1e-3)
     quick = np.asarray(ms.TotalVariationDecoder().restore(captured, model))
     np.testing.assert_allclose(quick, wanted, atol=0.1 * error)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 7])
+def test_the_differences_have_their_adjoint(rows):
+    """Inner products on either side agree, and twice applied they are the one of neighbours."""
+    rng = np.random.default_rng(11)
+    picture = jnp.asarray(rng.standard_normal((rows, 9)))
+    flow = jnp.asarray(rng.standard_normal((4, rows + 1, 9)))
+    found = jnp.sum(differences(picture) * flow)
+    np.testing.assert_allclose(found, jnp.sum(picture * adjoint_differences(flow)), rtol=1e-12)
+    beside = np.pad(picture, ((1, 1), (0, 0)), mode="edge")
+    beside = np.pad(beside, ((0, 0), (1, 1)), mode="wrap")
+    around = beside[:-2, 1:-1] + beside[2:, 1:-1] + beside[1:-1, :-2] + beside[1:-1, 2:]
+    twice = adjoint_differences(differences(picture))
+    np.testing.assert_allclose(twice, 4 * picture - around, atol=1e-14)
 
 
 @pytest.mark.slow
@@ -223,6 +241,26 @@ def test_portions_know_the_rows_beside_them(decoder, nearer):
     )
     assert off_apart > 1e-3
     assert off < off_apart / nearer
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rows", [40, 41])
+@pytest.mark.parametrize(
+    "decoder",
+    [ms.TotalVariationDecoder(), ms.RichardsonLucyDecoder(), ms.TikhonovDecoder()],
+    ids=["total variation", "Richardson-Lucy", "Tikhonov"],
+)
+def test_portions_of_a_picture_turned_over_are_the_same(decoder, rows):
+    """Of an even and an odd number of rows, which the portions do not divide."""
+    noise = 0.03 * np.random.default_rng(8).standard_normal((rows, 400, 1))
+    light = np.clip(portrait(rows)[..., None] + noise, 0, 1)
+    upright, over = (
+        ms.capture_and_restore(
+            x, dim(), camera(), ms.HannShutter(), decoder=decoder, rows_at_once=12
+        ).restored
+        for x in (light, light[::-1])
+    )
+    np.testing.assert_allclose(over[::-1], upright, atol=1e-12)
 
 
 @pytest.mark.slow

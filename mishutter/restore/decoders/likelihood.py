@@ -51,10 +51,10 @@ class RichardsonLucyDecoder(AbstractDecoder):
     The paper's, with the still object's kernel (its section 4.2), takes 30 plain steps from the
     capture on. By default they are accelerated, start from an estimate, and lead to
     $\max_f \sum_k [(g_k + d) \log((Hf)_k + d) - (Hf)_k] - \tfrac{0.3}{e p} \sum |\nabla f|$ with
-    differences in both directions. The mean response $H = \sum p_i H_i$ stands for all speeds;
-    $d = \sigma^2/p + \bar g/10$ counts noise of reading as that of so much more light, and
-    prevents steps that are too long to settle in the dark; $e$ is the root mean square error that
-    the ensemble filter is expected to leave. The steps are
+    $|\nabla f|$ that of the `TotalVariationDecoder`. The mean response $H = \sum p_i H_i$ stands
+    for all speeds; $d = \sigma^2/p + \bar g/10$ counts noise of reading as that of so much more
+    light, and prevents steps that are too long to settle in the dark; $e$ is the root mean square
+    error that the ensemble filter is expected to leave. The steps are
     $f \leftarrow f \cdot H^\top((g + d)/(Hf + d)) / (H^\top 1 - \tfrac{0.3}{e p} \nabla \cdot q)$,
     in turns with steps of $q$, $|q| \le 1$, along $\nabla f$ (Chambolle and Pock 2011).
 
@@ -231,7 +231,7 @@ def _restored(
 
 def _first_state(start: Array, accelerated: bool, penalised: bool) -> _State:
     nothing = jnp.zeros_like(start)
-    flow = jnp.stack([nothing, nothing]) if penalised else None
+    flow = differences(nothing) if penalised else None
     if accelerated:
         return _State(start, start, nothing, nothing, flow)
     return _State(start, None, None, None, flow)
@@ -251,8 +251,9 @@ def _extrapolated(state: _State) -> Array:
 
 def _next_flow(flow: Array, estimate: Array, weight: Array) -> Array:
     """A step along the differences, as long as is stable beside steps of the estimate."""
-    below = jnp.concatenate([estimate[1:], estimate[-1:]])
-    largest = jnp.maximum(jnp.maximum(estimate, jnp.roll(estimate, -1, axis=1)), below)
+    rows = jnp.pad(estimate, ((1, 1), (0, 0)), mode="edge")
+    pairs = jnp.maximum(rows, jnp.roll(rows, -1, axis=1))
+    largest = jnp.maximum(pairs[:-1], pairs[1:])
     longer = flow + differences(estimate) / (8 * weight * jnp.maximum(largest, _LEAST))[None]
     size = jnp.sum(longer**2, axis=0, keepdims=True)
     return longer / jnp.sqrt(jnp.maximum(size, 1))

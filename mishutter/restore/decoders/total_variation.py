@@ -1,5 +1,6 @@
 """Least squares with a penalty on total variation in two dimensions."""
 
+import math
 from typing import final
 
 import equinox as eqx
@@ -36,8 +37,10 @@ class TotalVariationDecoder(AbstractDecoder):
     direction method of multipliers. The mean response $m = \sum p_i H_i$ stands for all speeds
     and $v = \sum p_i |H_i - m|^2$ for how they differ: what a picture of power $S$ shows of it
     counts as noise. $e$ is the root mean square error that the ensemble filter is
-    expected to leave, the estimate that the steps begin from. Differences of neighbours are
-    within a row and between rows, and the picture is mirrored above and below.
+    expected to leave, the estimate that the steps begin from. $|\nabla f|^2$ is taken where four
+    pixels meet: the mean of the squares of the two differences within rows, and that of the two
+    between rows, so that no direction is preferred. Where two pixels meet at the upper or lower
+    border, it is half the square of their difference.
 
     Args:
         num_iterations: How many steps.
@@ -130,18 +133,23 @@ def _restored(spectrum: Array, length: int) -> Array:
 
 
 def differences(picture: Array) -> Array:
-    """Of neighbours in a row and in a column, 0 below the last; shape `(2, rows, length)`."""
+    r"""Of neighbours among four pixels that meet, over $\sqrt 2$; shape `(4, rows + 1, length)`.
+
+    Of the upper two, the lower two, the left two and the right two; rows beyond the picture have
+    none. Sums of squares over the four are the same of a picture that is turned over.
+    """
     across = jnp.roll(picture, -1, axis=1) - picture
-    down = jnp.diff(picture, axis=0, append=picture[-1:])
-    return jnp.stack([across, down])
+    down = jnp.diff(picture, axis=0, prepend=picture[:1], append=picture[-1:])
+    upper, lower = (jnp.pad(across, (rows, (0, 0))) for rows in ((1, 0), (0, 1)))
+    return jnp.stack([upper, lower, down, jnp.roll(down, -1, axis=1)]) / math.sqrt(2)
 
 
 def adjoint_differences(differences: Array) -> Array:
     """The adjoint of `differences`; shape `(rows, length)`."""
-    across, down = differences
-    inner = down[:-1]
-    beside = jnp.roll(across, 1, axis=1) - across
-    return beside + jnp.pad(inner, ((1, 0), (0, 0))) - jnp.pad(inner, ((0, 1), (0, 0)))
+    upper, lower, left, right = differences / math.sqrt(2)
+    across = upper[1:] + lower[:-1]
+    down = jnp.pad((left + jnp.roll(right, 1, axis=1))[1:-1], ((1, 1), (0, 0)))
+    return jnp.roll(across, 1, axis=1) - across + down[:-1] - down[1:]
 
 
 def _shrunk(differences: Array, threshold: Array) -> Array:
