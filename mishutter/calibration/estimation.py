@@ -20,6 +20,7 @@ from mishutter.model import (
     ParabolicMotion,
     Scene,
     SplineShutter,
+    require_scene,
     scene_text,
 )
 
@@ -95,6 +96,7 @@ class FittedCamera:
 
     def seen_through_lens(self, scene: Scene) -> Scene:
         """The scene behind the lens that was found."""
+        require_scene(scene)
         blur = as_float(np.asarray(self.lens_blur, scene.speeds.dtype))
         return eqx.tree_at(lambda s: s.lens_blur, scene, blur)
 
@@ -110,6 +112,7 @@ class FittedCamera:
         Limits are widened to hold it. Comments say each error bar, and what no key says: the
         profile.
         """
+        require_scene(scene)
         limits, wider = _limits_with(scene.limits, self.motion)
         built = eqx.tree_at(lambda s: s.limits, self.seen_through_lens(scene), limits)
         nothing = {"is_leaf": lambda leaf: leaf is None}

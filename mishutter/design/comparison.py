@@ -50,6 +50,7 @@ from mishutter.model import (
     TukeyShutter,
     baselines,
     is_straight,
+    require_scene,
     settled,
 )
 
@@ -252,6 +253,7 @@ def compare(
             something else than a shutter or a design is given, or JAX traces the scene or the
             motion.
     """
+    require_scene(scene)
     if isinstance(motion, Design):
         shutters = {"optimised": motion} if shutters is None else shutters
         motion = motion.motion

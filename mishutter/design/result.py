@@ -38,6 +38,7 @@ from mishutter.model import (
     Tolerances,
     command_of,
     profile_of,
+    require_scene,
     shutter_from_dict,
     shutter_to_dict,
     steady,
@@ -169,6 +170,7 @@ class Design:
             ValueError: as `read_drive`.
             OSError: if the file cannot be read.
         """
+        require_scene(scene)
         drive = read_drive(
             path,
             scene.motion if motion is None else motion,

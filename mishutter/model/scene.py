@@ -370,12 +370,22 @@ class Scene(eqx.Module):
         return slowest, jnp.max(jnp.where(occurs, self.speeds, -jnp.inf))
 
 
+def require_scene(scene: object) -> None:
+    """Refuse what is no scene, such as the path of its file."""
+    requirement = "be a `Scene`, as `Scene.load(path)` reads one from a file"
+    require(isinstance(scene, Scene), "scene", requirement, scene)
+
+
 def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMotion]:
     """A scene and a motion in the frame that pans with the sensor, where the exposure is the same.
 
     The velocity of the sensor is taken from all speeds. The motion has none left, and may gain
     as much less of the top speed.
+
+    Raises:
+        ValueError: if the scene is none.
     """
+    require_scene(scene)
     if is_known_zero(motion.velocity):
         return scene, without_velocity(motion)
     top, pan = scene.limits.max_top_speed, scene.limits.max_pan
