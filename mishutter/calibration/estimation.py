@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter._core import Bare, as_float, require, require_positive_int
+from mishutter._core import Bare, as_float, fields_text, require, require_positive_int
 from mishutter.calibration.likelihood import Setting, Solution, solved, spline_knots
 from mishutter.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.calibration.uncertainty import WIDEST, ErrorBars, error_bars
@@ -72,6 +72,10 @@ class FittedCamera:
     noise: tuple[np.ndarray, ...]
     chi_squared: float
     num_free: int
+
+    def __repr__(self) -> str:
+        """One line, without the levels of each picture."""
+        return fields_text(self)
 
     @property
     def lens_blur(self) -> float:

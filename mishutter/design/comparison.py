@@ -105,6 +105,10 @@ class Row:
     metrics: Metrics
     num_frames: int = 1
 
+    def __repr__(self) -> str:
+        """Name and level, of which the table has the rest."""
+        return f"Row({self.reading!r}, {self.name!r}, {self.level:.2f} dB, {_how(self.motion)})"
+
     @property
     def level(self) -> float:
         """Expected PSNR that it is judged by: within the tolerances of a scene with any; dB."""
@@ -135,6 +139,13 @@ class Comparison:
     ceiling: float
     notes: tuple[str, ...] = ()
     costs: ToleranceCosts | None = None
+
+    def __repr__(self) -> str:
+        """The number of rows and the first line of the verdict; `str` is the `text`."""
+        return f"Comparison({len(self.rows)} rows: {self.verdict.splitlines()[0]})"
+
+    def __str__(self) -> str:
+        return self.text()
 
     @property
     def rivals(self) -> dict[str, Row]:
