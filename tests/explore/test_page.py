@@ -60,6 +60,7 @@ def page(served):
     driver, address = served
     own = driver.current_window_handle
     driver.switch_to.new_window("tab")
+    chromium.resize(driver, 1280, 800)
     driver.get(address)
     chromium.wait(driver, "window.mishutter?.answers.table > 0")
     yield driver
