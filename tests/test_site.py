@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 import mishutter
 from docs.builder.links import broken_links
-from docs.builder.pages import ROOT, generated, write_pages, written
+from docs.builder.pages import ROOT, generated, with_links, write_pages, written
 from docs.builder.reference import public_names, scene_page, section_of, unit
 from mishutter.model.scene_schema import SceneFile
 
@@ -62,6 +62,9 @@ def test_links_lead_to_the_site_s_pages(tmp_path):
     assert (tmp_path / "files" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
     below = (tmp_path / "researchers" / "maps.md").read_text()
     assert "](../notebooks/03_acceleration_and_exposure.md)" in below
+    cell = "[kernels](../docs/researchers/kernels.md#deepinv)"
+    page = with_links(cell, "notebooks/04_capture_and_restore.ipynb", tmp_path)
+    assert page == "[kernels](../researchers/kernels.md#deepinv)"
 
 
 PAGE = '<html><body><h1 id="a">A</h1>{}</body></html>'

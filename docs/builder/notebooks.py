@@ -11,7 +11,7 @@ import nbformat
 from nbclient import NotebookClient
 from nbformat import NotebookNode
 
-from docs.builder.pages import ROOT
+from docs.builder.pages import ROOT, with_links
 
 FOLDER = ROOT / "notebooks"
 TIMEOUT = 900
@@ -56,15 +56,17 @@ def _shown(notebook: NotebookNode) -> list[NotebookNode]:
     return [output.data for cell in cells for output in cell.outputs if "data" in output]
 
 
-def write_notebook(name: str, folder: Path) -> None:
-    """Run a notebook and write it as a page, with its pictures, into a folder."""
+def write_notebook(name: str, pages: Path) -> None:
+    """Run a notebook and write it as a page of the site, with its pictures."""
+    folder = pages / "notebooks"
     folder.mkdir(parents=True, exist_ok=True)
     stem = Path(name).stem
     parts = []
     pictures = 0
     for cell in executed(name).cells:
         if cell.cell_type == "markdown":
-            parts.append(_with_blank_lines(cell.source))
+            text = with_links(cell.source, f"notebooks/{name}", pages)
+            parts.append(_with_blank_lines(text))
             continue
         parts.append(f"```python\n{cell.source}\n```")
         for output in cell.outputs:

@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -43,15 +42,25 @@ def write_pages(folder: Path) -> None:
     Raises:
         FileNotFoundError: if a page links to what is not there.
     """
-    places = written() | generated()
     for source, place in written().items():
         target = folder / place
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(_with_links(source, place, places, folder))
+        target.write_text(with_links((ROOT / source).read_text(), source, folder))
 
 
-def _with_links(source: str, place: str, places: Mapping[str, str], folder: Path) -> str:
-    """The text of a page whose links count from the page's place on the site."""
+def with_links(text: str, source: str, folder: Path) -> str:
+    """Text of a file of the repository, whose links count from its page's place on the site.
+
+    Args:
+        text: Markdown.
+        source: The file.
+        folder: The site's pages, beside which files are copied that it links to.
+
+    Raises:
+        FileNotFoundError: if it links to what is not there.
+    """
+    places = written() | generated()
+    place = places[source]
 
     def relinked(link: re.Match[str]) -> str:
         mark, text, path, anchor = link.groups()
@@ -66,5 +75,5 @@ def _with_links(source: str, place: str, places: Mapping[str, str], folder: Path
             shutil.copy(ROOT / name, folder / aim)
         return f"{mark}[{text}]({os.path.relpath(aim, Path(place).parent)}{anchor or ''})"
 
-    parts = _FENCES.split((ROOT / source).read_text())
+    parts = _FENCES.split(text)
     return "".join(part if part.startswith("```") else _LINK.sub(relinked, part) for part in parts)

@@ -209,7 +209,8 @@ def commands_page() -> str:
         "# Commands\n\nEvery command runs on the built-in scene where no file is given. Results go "
         "to standard output and all else to standard error; `--json` prints one strict JSON "
         "document. Files appear whole or not at all.\n\n"
-        "| exit code | meaning |\n|---|---|\n| 0 | done |\n| 2 | bad input: one line "
+        "| exit code | meaning |\n|---|---|\n| 0 | done, or the reader of a pipe left, as `head` "
+        "does |\n| 2 | bad input: one line "
         "`mishutter: error: <what must hold>; got <what came>` |\n| 130 | interrupted |\n"
         "| 143 | terminated |\n"
     )

@@ -43,7 +43,7 @@ def build() -> None:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", programs)  # of all kernels and the rest
         with ThreadPoolExecutor(2) as pool:
             names = sorted(path.name for path in FOLDER.glob("*.ipynb"))
-            runs = [pool.submit(write_notebook, name, PAGES / "notebooks") for name in names]
+            runs = [pool.submit(write_notebook, name, PAGES) for name in names]
             _write_generated()
             for run in runs:
                 run.result()

@@ -7,6 +7,7 @@ from mishutter._core.checks import as_float as as_float
 from mishutter._core.checks import as_numpy as as_numpy
 from mishutter._core.checks import common_dtype as common_dtype
 from mishutter._core.checks import describe as describe
+from mishutter._core.checks import fields_text as fields_text
 from mishutter._core.checks import is_concrete as is_concrete
 from mishutter._core.checks import known_beside as known_beside
 from mishutter._core.checks import named as named
@@ -22,6 +23,7 @@ from mishutter._core.checks import require_positive_int as require_positive_int
 from mishutter._core.checks import require_scalar as require_scalar
 from mishutter._core.checks import require_seed as require_seed
 from mishutter._core.checks import shape_of as shape_of
+from mishutter._core.checks import shown as shown
 from mishutter._core.columns import cells as cells
 from mishutter._core.columns import number_rows as number_rows
 from mishutter._core.columns import text_lines as text_lines

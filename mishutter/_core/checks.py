@@ -14,6 +14,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 import jax
@@ -222,3 +223,30 @@ def describe(value: object) -> str:
         return f"{type(value).__name__} too long to show"
     text = " ".join(text.split()) if "\n" in text else text
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+def shown(value: object) -> str:
+    """A short text of a value, as a part of the text of a larger thing."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    shape = getattr(value, "shape", None)
+    if shape is None or not is_concrete(value):
+        return repr(value)
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu" or array.ndim > 1 or array.size == 0:
+        return f"{array.dtype} of shape {shape}"
+    if array.ndim == 0:
+        return f"{array.item():.6g}"
+    low, high = f"{np.min(array):.6g}", f"{np.max(array):.6g}"
+    return f"{array.size} of {low}" if low == high else f"{array.size} from {low} to {high}"
+
+
+def fields_text(thing: Any) -> str:
+    """The name of a dataclass and its fields in one line, without those that are None.
+
+    The text that a module has of itself holds types in place of its numbers, and that of another
+    dataclass every number of an array.
+    """
+    values = {field.name: getattr(thing, field.name) for field in fields(thing)}
+    parts = (f"{name}={shown(x)}" for name, x in values.items() if x is not None)
+    return f"{type(thing).__name__}({', '.join(parts)})"

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter._core import Bare, as_float, require, require_positive_int
+from mishutter._core import Bare, as_float, fields_text, require, require_positive_int
 from mishutter.calibration.likelihood import Setting, Solution, solved, spline_knots
 from mishutter.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.calibration.uncertainty import WIDEST, ErrorBars, error_bars
@@ -20,6 +20,7 @@ from mishutter.model import (
     ParabolicMotion,
     Scene,
     SplineShutter,
+    require_scene,
     scene_text,
 )
 
@@ -72,6 +73,10 @@ class FittedCamera:
     chi_squared: float
     num_free: int
 
+    def __repr__(self) -> str:
+        """One line, without the levels of each picture."""
+        return fields_text(self)
+
     @property
     def lens_blur(self) -> float:
         """Standard deviation of the lens's Gaussian; px."""
@@ -95,6 +100,7 @@ class FittedCamera:
 
     def seen_through_lens(self, scene: Scene) -> Scene:
         """The scene behind the lens that was found."""
+        require_scene(scene)
         blur = as_float(np.asarray(self.lens_blur, scene.speeds.dtype))
         return eqx.tree_at(lambda s: s.lens_blur, scene, blur)
 
@@ -110,6 +116,7 @@ class FittedCamera:
         Limits are widened to hold it. Comments say each error bar, and what no key says: the
         profile.
         """
+        require_scene(scene)
         limits, wider = _limits_with(scene.limits, self.motion)
         built = eqx.tree_at(lambda s: s.limits, self.seen_through_lens(scene), limits)
         nothing = {"is_leaf": lambda leaf: leaf is None}

@@ -58,6 +58,7 @@ from mishutter.model import (
     Scene,
     is_straight,
     lens_response,
+    require_scene,
     without_velocity,
 )
 
@@ -126,6 +127,7 @@ def simulate_capture(
             no light and noise is asked for, or the picture is narrower than the blur with
             `border="scene"`.
     """
+    require_scene(scene)
     require_border("simulate_capture(border=...)", border)
     require_plan(plan)
     _check_noise(scene, key)

@@ -41,7 +41,7 @@ class _Exposure(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """A layer as it would be seen with nothing before it.
+    """A layer as it would be seen with nothing in front of it.
 
     Attributes:
         light: Light times matte at no displacement; shape `(channels, rows, period)`.

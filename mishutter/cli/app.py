@@ -4,7 +4,6 @@ Modules that take seconds to import are imported inside the commands.
 """
 
 import itertools
-import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +21,7 @@ from mishutter.cli.console import (
     ends_when_asked,
     error_line,
     kept,
+    may_be_left,
     note,
     print_text,
     progress_bar,
@@ -276,9 +276,15 @@ def _deliver(result: "Report", folder: Path | None, as_json: bool) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, or show its help where nothing is asked; the exit code."""
-    command = typer.main.get_command(app)
     given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     take_any_text()
+    with may_be_left():
+        return _run(given)
+    return 0
+
+
+def _run(given: Sequence[str]) -> int:
+    command = typer.main.get_command(app)
     try:
         with ends_when_asked():
             code = command.main(given, prog_name="mishutter", standalone_mode=False)
@@ -290,8 +296,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 0
+        raise
     except Exception as error:
         line = error_line(error, given)
         if line is None:

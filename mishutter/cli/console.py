@@ -10,7 +10,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from typing import Any
 
@@ -103,12 +103,13 @@ def _innermost(message: str) -> str:
 
 def write_error(line: str) -> None:
     """The one line of an error, on standard error."""
-    sys.stderr.write(f"mishutter: error: {line}\n")
+    note(f"mishutter: error: {line}")
 
 
 def note(text: str) -> None:
-    """A message about the run, on standard error."""
-    sys.stderr.write(text + "\n")
+    """A message about the run, on standard error; work goes on where nobody reads it."""
+    with suppress(BrokenPipeError):
+        sys.stderr.write(text + "\n")
 
 
 def write_json(document: Mapping[str, Any]) -> None:
@@ -272,6 +273,30 @@ def take_any_text() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+
+
+@contextmanager
+def may_be_left() -> Iterator[None]:
+    """Output whose reader may leave before its end, as `head` does, which is no failure.
+
+    Raises:
+        SystemExit: as the work within does; not where Typer or Rich end the process because a
+            pipe is closed.
+    """
+    streams = sys.stdout, sys.stderr  # Typer puts others in their place
+    try:
+        yield
+    except BrokenPipeError:
+        pass
+    except SystemExit as ending:
+        if not isinstance(ending.__context__, BrokenPipeError):
+            raise
+    finally:
+        for stream in streams:
+            try:
+                stream.flush()
+            except BrokenPipeError:  # Python would try once more at its end
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 @contextmanager

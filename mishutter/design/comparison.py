@@ -51,6 +51,7 @@ from mishutter.model import (
     baselines,
     command_of,
     is_straight,
+    require_scene,
     settled,
 )
 
@@ -118,6 +119,10 @@ class Row:
     told: bool = False
     num_frames: int = 1
 
+    def __repr__(self) -> str:
+        """Name and level, of which the table has the rest."""
+        return f"Row({self.reading!r}, {self.name!r}, {self.level:.2f} dB, {_how(self.motion)})"
+
     @property
     def level(self) -> float:
         """Expected PSNR that it is judged by: within the tolerances of a scene with any; dB.
@@ -158,6 +163,13 @@ class Comparison:
     ceiling: float
     notes: tuple[str, ...] = ()
     costs: ToleranceCosts | None = None
+
+    def __repr__(self) -> str:
+        """The number of rows and the first line of the verdict; `str` is the `text`."""
+        return f"Comparison({len(self.rows)} rows: {self.verdict.splitlines()[0]})"
+
+    def __str__(self) -> str:
+        return self.text()
 
     @property
     def rivals(self) -> dict[str, Row]:
@@ -290,6 +302,7 @@ def compare(
             something else than a shutter or a design is given, or JAX traces the scene or the
             motion.
     """
+    require_scene(scene)
     if isinstance(motion, Design):
         shutters = {"optimised": motion} if shutters is None else shutters
         motion = motion.motion

@@ -12,7 +12,13 @@ from typing import Any
 import jax
 import numpy as np
 
-from mishutter._core import common_dtype, require, require_positive_int, write_bytes
+from mishutter._core import (
+    common_dtype,
+    fields_text,
+    require,
+    require_positive_int,
+    write_bytes,
+)
 from mishutter.design.drive_files import MAX_STEPS, drive_bytes, require_levels
 from mishutter.design.result import Design, metrics_to_dict, package_version
 from mishutter.evaluation import Metrics, evaluate, without_tolerances
@@ -48,6 +54,10 @@ class DriveTable:
     level: np.ndarray
     transmittance: np.ndarray
     num_levels: int
+
+    def __repr__(self) -> str:
+        """One line, without the numbers of each step."""
+        return fields_text(self)
 
     @property
     def exposure(self) -> float:

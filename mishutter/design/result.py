@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mishutter._core import contents, parsed, require, strict_json, validated, write_text
+from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
 from mishutter.design.design_schema import (
     FORMAT,
     SavedDesign,
@@ -40,6 +40,7 @@ from mishutter.model import (
     is_known_zero,
     panned,
     profile_of,
+    require_scene,
     shutter_from_dict,
     shutter_to_dict,
     steady,
@@ -102,6 +103,32 @@ class Design:
     def metrics(self) -> Metrics:
         """Its metrics on its scene, computed at the first use."""
         return evaluate(self.scene, self.motion, self.shutter)
+
+    def __repr__(self) -> str:
+        """The camera and its loss in one line, of which nothing has to be computed."""
+        return (
+            f"Design({self.shutter!r}, {self.motion!r}, loss={shown(self.loss)}, "
+            f"converged={self.converged})"
+        )
+
+    def __str__(self) -> str:
+        """The camera, how good it is, and how it was found."""
+        m, motion = self.metrics, self.motion
+        within = "" if m.toleranced_psnr is None else f", {float(m.toleranced_psnr):.2f} within dB"
+        lines = {
+            "expected": f"{float(m.expected_psnr):.2f} dB by one linear filter{within}; "
+            f"{float(m.known_speed_psnr):.2f} dB by one that is told the speed",
+            "shutter": f"{self.shutter!r}, light {float(m.efficiency):.3f}",
+            "motion": f"{motion!r}, stroke {float(motion.stroke):.4g} px",
+            "kernel": f"condition {float(m.condition_number):.3g} at phase {float(m.phase):.3g} px "
+            f"over {m.dft_length} points, difference {float(m.kernel_difference):.3g}, "
+            f"relative {float(m.relative_kernel_difference):.3g}",
+            "loss": f"{self.loss:.6g} of {self.loss_name}; {self.best_start_loss:.6g} at the best "
+            f"start, gradient {self.certificate:.1e}",
+            "search": self.outcome,
+            "scene": repr(self.scene),
+        }
+        return "\n".join(["Design", *(f"  {name:<9} {text}" for name, text in lines.items())])
 
     def to_dict(self) -> dict[str, Any]:
         """Everything in the design as plain numbers, lists and text."""
@@ -171,6 +198,7 @@ class Design:
             ValueError: as `read_drive`.
             OSError: if the file cannot be read.
         """
+        require_scene(scene)
         wanted = scene.motion if motion is None else motion
         drive = read_drive(
             path,

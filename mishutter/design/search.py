@@ -67,6 +67,7 @@ from mishutter.model import (
     is_known_zero,
     is_straight,
     panned,
+    require_scene,
     seen_from,
     settled,
 )
@@ -191,6 +192,7 @@ def optimise(
         NonFiniteLossError: if the loss or its gradient is not finite.
         SearchFailedError: if `throw` and the search did not converge.
     """
+    require_scene(scene)
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
     shutter = None if shutter is None else command_of(shutter)
     if num_starts is not None:
@@ -745,6 +747,7 @@ def starting_shutter(scene: Scene, num_coefficients: int = _NUM_COEFFICIENTS) ->
     its pan, may not reach it. Through a device that lags it is not: the command has to be ahead of
     a symmetric light. Its precision is that of the speeds.
     """
+    require_scene(scene)
     require_known("starting_shutter", scene=(scene.speeds, scene.weights, scene.limits))
     slowest, fastest = (float(speed) for speed in scene.speed_range)
     middle = (slowest + fastest) / 2

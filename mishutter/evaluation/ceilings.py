@@ -41,7 +41,7 @@ from mishutter._core import (
 )
 from mishutter.evaluation.lengths import distinct_speeds, frequency_counts
 from mishutter.evaluation.needs import power_on_grid
-from mishutter.model import NYQUIST_FREQUENCY, Scene, frequencies, pixel_response
+from mishutter.model import NYQUIST_FREQUENCY, Scene, frequencies, pixel_response, require_scene
 
 _LOWEST, _NUM_EIGENVALUES = 1e-6, 2048
 """Frequencies at which eigenvalues are computed: the lowest, below that of every grid, cycles/px,
@@ -97,7 +97,7 @@ def ceiling(
         ValueError: if the scene is no scene or is traced, the exposure is not above 0, or a
             `continuous` list is not of two or more speeds in equal steps.
     """
-    require(isinstance(scene, Scene), "ceiling(scene=...)", "be a scene", scene)
+    require_scene(scene)
     require_known("ceiling", scene=scene, max_half_exposure=max_half_exposure)
     longest = scene.limits.max_half_exposure if max_half_exposure is None else max_half_exposure
     require_scalar("ceiling(max_half_exposure=...)", longest)

@@ -33,6 +33,7 @@ from mishutter.model import (
     has_vertex,
     on_steps,
     pixel_response,
+    require_scene,
 )
 
 
@@ -118,6 +119,7 @@ def evaluate(
     """
     everything = Parts(kernels=True, spectra=True, differences=True)
     within = None
+    require_scene(scene)
     if scene.tolerances is not None:
         within = squared_error_within(scene, motion, shutter, plan=plan)
         scene = without_tolerances(scene)

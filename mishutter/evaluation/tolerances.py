@@ -12,7 +12,7 @@ from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import expected_squared_error, unaware_squared_error
 from mishutter.evaluation.needs import PLANNED, Parts, Plan, chosen, reduced
 from mishutter.evaluation.response import Records, assembled, records
-from mishutter.model import TOLERANCE_NAMES, AbstractMotion, AbstractShutter, Scene
+from mishutter.model import TOLERANCE_NAMES, AbstractMotion, AbstractShutter, Scene, require_scene
 
 _UNITS = {
     "acceleration": ("%", 1e2),
@@ -108,6 +108,7 @@ def tolerance_costs(
     Raises:
         ValueError: if the scene has no tolerances, or JAX traces anything.
     """
+    require_scene(scene)
     require_known("tolerance_costs", scene=scene, motion=motion, shutter=shutter)
     tolerances = scene.tolerances
     if tolerances is None:

@@ -5,6 +5,7 @@ import ipaddress
 import json
 import logging
 import math
+import secrets
 import socket
 import sys
 from collections.abc import Callable, Iterator
@@ -34,6 +35,8 @@ from mishutter.explore.session import (
 )
 
 MOST_TABS = 16
+MOST_KEPT = 2 * MOST_TABS
+"""Sessions of tabs that are open or were, of which a tab that is loaded again finds its own."""
 _REST = 0.35
 """Time without a change after which a hand rests; s."""
 _SWITCH = 5e-4
@@ -152,10 +155,30 @@ class Explorer:
         self.started = started
         self.note = note
         self.tabs: set[_Tab] = set()
+        self.kept: dict[str, Session] = {}
         self.doing = "starting"
         self.is_warm = asyncio.Event()
         self.quick = ThreadPoolExecutor(1, "first")
         self.slow = ThreadPoolExecutor(1, "rest")
+
+    async def session(self, key: str) -> tuple[str, Session]:
+        """A new tab's session and the key to it, which goes on from that of an earlier key.
+
+        A tab that the browser has made a copy of has the key too, and keeps its own session.
+        """
+        earlier = self.kept.get(key)
+        if earlier is None:
+            found = Session(self.started)
+        else:
+            loop = asyncio.get_running_loop()
+            found = await loop.run_in_executor(self.quick, earlier.copy)
+            if all(tab.key != key for tab in self.tabs):
+                self.kept.pop(key, None)
+        key = secrets.token_urlsafe()
+        self.kept[key] = found
+        for oldest in list(self.kept)[:-MOST_KEPT]:
+            del self.kept[oldest]
+        return key, found
 
     async def warm(self) -> None:
         """Find the design of the first scene, and compile what sliders will need."""
@@ -252,6 +275,7 @@ class _Tab(tornado.websocket.WebSocketHandler):
 
     async def open(self, *args: str, **kwargs: str) -> None:
         explorer: Explorer = self.settings["explorer"]
+        self.key = ""
         self._latest: Request | None = None
         self._file = "photograph"
         self._asked = asyncio.Event()
@@ -260,14 +284,16 @@ class _Tab(tornado.websocket.WebSocketHandler):
             await self._send({"kind": "closed", "text": f"at most {MOST_TABS} tabs at a time"})
             self.close()
             return
-        self.session = Session(explorer.started)
         explorer.tabs.add(self)
+        self.key, self.session = await explorer.session(self.get_query_argument("key", ""))
         await self._send(
             {
                 "kind": "hello",
                 "fields": page_fields(),
                 "scene": explorer.started.tables,
+                "key": self.key,
                 "photographs": self.session.photographs,
+                "pins": self.session.pins,
                 "most": {"chips": NUM_CHIPS, "pins": MOST_PINS, "rows": MOST_ROWS},
                 "doing": explorer.doing,
             }

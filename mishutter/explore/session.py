@@ -1,5 +1,6 @@
 """One tab of the page: what it asked for, the designs that it has, and what is answered."""
 
+import copy
 import json
 import tempfile
 import tomllib
@@ -159,8 +160,13 @@ class Session:
         self._design = started.design
         self._key = "" if started.design is None else self._key_of(started.tables)
         self._is_finished = started.design is not None
-        self._comparison: Comparison | None = None
-        self._compared = ""
+        self._compared: tuple[str, Comparison] | None = None
+
+    def copy(self) -> "Session":
+        """Another session, which goes on from what this one has."""
+        other = copy.copy(self)
+        other._photographs, other._pins = dict(self._photographs), dict(self._pins)
+        return other
 
     def begin(self, design: Design) -> None:
         """Take the design that was found while the page was loading."""
@@ -205,7 +211,7 @@ class Session:
         }
         pictured = {name: row for name, row in wanted.items() if can_be_pictured(row)}
         follows = scene.picture is not None and bool(pictured)
-        shown = {"curves": others, "pins": list(self._pins), "pictured": follows}
+        shown = {"curves": others, "pins": self.pins, "pictured": follows}
         yield {"kind": "table", **table(comparison), **shown}
         if scene.picture is not None and follows:
             check()
@@ -230,13 +236,13 @@ class Session:
 
     def _compare(self, scene: Scene, request: Request, check: Check) -> Comparison:
         asked = json.dumps([self._key, request.drawn, list(self._pins)])
-        if self._comparison is None or asked != self._compared:
+        if self._compared is None or asked != self._compared[0]:
             entries: dict[str, Any] = {OPTIMISED: self._found, **self._pins}
             if request.drawn is not None:
                 entries[DRAWN] = _chips(request.drawn)
             found = compare(scene, self._found.motion, entries, step=lambda name: check())
-            self._comparison, self._compared = found, asked
-        return self._comparison
+            self._compared = asked, found
+        return self._compared[1]
 
     @property
     def _found(self) -> Design:
@@ -282,11 +288,11 @@ class Session:
         require(room, "pins", f"be at most {MOST_PINS}; take one away first", len(self._pins) + 1)
         name = free_name(name[:_MOST_NAME], self._pins)
         self._pins[name] = design
-        return {"pins": list(self._pins)}
+        return {"pins": self.pins}
 
     def _unpin(self, order: Order) -> dict[str, Any]:
         self._pins.pop(order.name, None)
-        return {"pins": list(self._pins)}
+        return {"pins": self.pins}
 
     def _load_scene(self, order: Order) -> dict[str, Any]:
         tables = _tables(order.text, order.name)
@@ -332,6 +338,11 @@ class Session:
     def photographs(self) -> list[str]:
         """Paths that a scene of this tab may name."""
         return list(self._photographs)
+
+    @property
+    def pins(self) -> list[str]:
+        """Names of the designs that are kept."""
+        return list(self._pins)
 
 
 def _around(tables: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

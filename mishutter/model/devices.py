@@ -20,6 +20,7 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import (
     DoubleWord,
     as_float,
+    fields_text,
     is_concrete,
     require,
     require_finite,
@@ -62,6 +63,10 @@ class AbstractDevice(eqx.Module):
 
     lags: eqx.AbstractClassVar[bool]
     """Whether the light depends on how long the exposure is."""
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
 
     @property
     @abstractmethod

@@ -24,6 +24,7 @@ from mishutter._core import (
     all_concrete,
     as_float,
     compiled,
+    fields_text,
     is_concrete,
     known_beside,
     namespace_of,
@@ -152,6 +153,10 @@ class Limits(eqx.Module):
                 f"be at most max_half_exposure = {float(self.max_half_exposure):g} s",
                 self.min_half_exposure,
             )
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
 
     @property
     def has_stage(self) -> bool:

@@ -1,6 +1,7 @@
 """A scene: the speeds that occur, the light, the noise and the limits of the sensor."""
 
 import os
+from dataclasses import fields
 from typing import final
 
 import equinox as eqx
@@ -13,6 +14,7 @@ from mishutter._core import (
     all_concrete,
     as_float,
     common_dtype,
+    fields_text,
     is_concrete,
     require,
     require_at_least,
@@ -20,6 +22,7 @@ from mishutter._core import (
     require_positive_int,
     require_scalar,
     shape_of,
+    shown,
 )
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.limits import Limits
@@ -62,6 +65,10 @@ class Burst(eqx.Module):
     def __init__(self, *, frames_per_s: ArrayLike, max_frames: int):
         self.frames_per_s = as_float(frames_per_s, "Burst(frames_per_s=...)")
         self.max_frames = require_positive_int("Burst(max_frames=...)", max_frames)
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
 
     def __check_init__(self) -> None:
         require_scalar("Burst(frames_per_s=...)", self.frames_per_s)
@@ -210,6 +217,17 @@ class Scene(eqx.Module):
             require_at_least("Scene(full_well=...)", self.full_well, "above 0", strict=True)
         known = isinstance(self.given_motion, AbstractMotion | None)
         require(known, "Scene(motion=...)", "be a motion", self.given_motion)
+
+    def __repr__(self) -> str:
+        """The speeds and the light in one line; `str` has everything."""
+        few = ("speeds", "photon_rate", "read_noise")
+        return f"Scene({', '.join(f'{name}={shown(getattr(self, name))}' for name in few)})"
+
+    def __str__(self) -> str:
+        """Everything that the scene has, one part a line."""
+        parts = {field.name: getattr(self, field.name) for field in fields(self)}
+        lines = (f"  {name:<17} {shown(x)}" for name, x in parts.items() if x is not None)
+        return "\n".join(["Scene", *lines])
 
     def _check_spectrum(self) -> None:
         subject, power = "Scene(power_spectrum=...)", self.power_spectrum
@@ -370,12 +388,22 @@ class Scene(eqx.Module):
         return slowest, jnp.max(jnp.where(occurs, self.speeds, -jnp.inf))
 
 
+def require_scene(scene: object) -> None:
+    """Refuse what is no scene, such as the path of its file."""
+    requirement = "be a `Scene`, as `Scene.load(path)` reads one from a file"
+    require(isinstance(scene, Scene), "scene", requirement, scene)
+
+
 def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMotion]:
     """A scene and a motion in the frame that pans with the sensor, where the exposure is the same.
 
     The velocity of the sensor is taken from all speeds. The motion has none left, and may gain
     as much less of the top speed.
+
+    Raises:
+        ValueError: if the scene is none.
     """
+    require_scene(scene)
     if is_known_zero(motion.velocity):
         return scene, without_velocity(motion)
     top, pan = scene.limits.max_top_speed, scene.limits.max_pan

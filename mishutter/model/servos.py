@@ -23,7 +23,14 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import as_float, is_concrete, require, require_finite, require_scalar
+from mishutter._core import (
+    as_float,
+    fields_text,
+    is_concrete,
+    require,
+    require_finite,
+    require_scalar,
+)
 from mishutter.model.motion import FreeMotion
 from mishutter.model.stages import StagePath
 
@@ -60,6 +67,10 @@ class SecondOrderStage(eqx.Module):
             require_finite(subject, value)
             if is_concrete(value):
                 require(float(value) > 0, subject, "be above 0", value)
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
 
     @property
     def natural_frequency(self) -> float:

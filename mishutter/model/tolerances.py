@@ -17,6 +17,7 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
     as_float,
+    fields_text,
     is_concrete,
     require,
     require_finite,
@@ -106,6 +107,10 @@ class Tolerances(eqx.Module):
             lasts = float(self.transmittance) == 0 or float(self.drive_step) > 0
             requirement = "be above 0 where the transmittance has an error"
             require(lasts, "Tolerances(drive_step=...)", requirement, self.drive_step)
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
 
     def seen_from(self, velocity: Array | np.ndarray) -> "Tolerances":
         """The tolerances in the frame of a sensor that pans, where its error is one of speeds."""

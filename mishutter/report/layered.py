@@ -1,4 +1,4 @@
-"""A background and an object that moves before it, in one exposure of each of several cameras."""
+"""A background and an object in front of it, in one exposure of each of several cameras."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -47,7 +47,7 @@ class LayeredCapture(NamedTuple):
 
 
 class LayeredScene(NamedTuple):
-    """A background and an object before it, and their speeds.
+    """A background and an object in front of it, and their speeds.
 
     Attributes:
         layers: Background and object.
@@ -59,7 +59,7 @@ class LayeredScene(NamedTuple):
 
 
 def layered_scene(picture: Picture, background_speed: float, object_speed: float) -> LayeredScene:
-    """A photograph, and an oval cut from another that moves before its middle.
+    """A photograph, and an oval cut from another that moves in front of its middle.
 
     Args:
         picture: The background; its middle is taken.

@@ -53,7 +53,7 @@ _LAYERED_WIDTH = 3.3
 """Of a panel of a layered scene, in inches."""
 _ONE_FILTER = (
     "Restored by one filter a camera,\nwhich is told no speed and no place.\n\n"
-    "PSNR in linear light: behind, where\nthe object never was; before, where\nit alone is."
+    "PSNR in linear light: behind, where\nthe object never was; in front,\nwhere it alone is."
 )
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
@@ -235,7 +235,7 @@ def _kind(linear: bool) -> str:
 
 
 def plot_layers(seen: LayeredScene, captures: Mapping[str, LayeredCapture]) -> Figure:
-    """A background and an object before it, captured and restored by each of several cameras.
+    """A background and an object in front of it, captured and restored by each of several cameras.
 
     Args:
         seen: The scene.
@@ -251,14 +251,14 @@ def plot_layers(seen: LayeredScene, captures: Mapping[str, LayeredCapture]) -> F
     figure = Drawing(figsize=(across * _LAYERED_WIDTH, 2 * height), layout="constrained")
     panels = figure.subplots(2, across, squeeze=False)
     back, front = (layer.speed for layer in seen.layers.layers)
-    _show(panels[0, 0], seen.truth, f"the scene: {back:g} px/s behind,\n{front:g} px/s before")
+    _show(panels[0, 0], seen.truth, f"the scene: {back:g} px/s behind,\n{front:g} px/s in front")
     panels[1, 0].axis("off")
     panels[1, 0].text(0.5, 0.5, _ONE_FILTER, ha="center", va="center", fontsize="small")
     for (name, found), (top, bottom) in zip(captures.items(), panels.T[1:], strict=True):
         _show(
             top, found.captured, f"{shown_name(name, 30)}, {found.exposure * 1e3:.3g} ms,\ncaptured"
         )
-        levels = f"behind {found.background_psnr:.1f} dB, before {found.object_psnr:.1f} dB"
+        levels = f"behind {found.background_psnr:.1f} dB, in front {found.object_psnr:.1f} dB"
         _show(bottom, found.restored, f"restored:\n{levels}")
     return figure
 

@@ -41,6 +41,7 @@ from mishutter.model import (
     Picture,
     Scene,
     as_parabolic,
+    require_scene,
     settled,
 )
 from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
@@ -219,6 +220,7 @@ def restore_by_each(
     Raises:
         ValueError: as `restore_photograph`.
     """
+    require_scene(scene)
     require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
     require_key("restore_photograph(key=...)", key)
     light = as_light(picture, "restore_photograph(picture=...)")

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import require_key, require_positive_int
 from mishutter.camera import Frames, Layers, simulate_capture
 from mishutter.evaluation import PLANNED, Automatic, Plan
-from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene
+from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene, require_scene
 from mishutter.restore.decoders import AbstractDecoder, EnsembleDecoder, blur_model
 from mishutter.restore.restoration import deconvolve
 
@@ -73,6 +73,7 @@ def capture_and_restore(
     Raises:
         ValueError: as `simulate_capture`.
     """
+    require_scene(scene)
     require_positive_int("capture_and_restore(rows_at_once=...)", rows_at_once)
     require_key("capture_and_restore(key=...)", key)
     chosen = EnsembleDecoder() if decoder is None else decoder

@@ -165,7 +165,8 @@ def _grid(
     search: tuple[AbstractLoss | Callable[..., Any] | None, int, int, int],
     plan: Plan | Automatic | None,
 ) -> Grid:
-    named_scenes = named("sweep(scenes=...)", scenes, Scene, "scene")
+    what = "scene, as `Scene.load(path)` reads one from a file,"
+    named_scenes = named("sweep(scenes=...)", scenes, Scene, what)
     require_known("sweep", scenes=named_scenes)
     metrics = [metrics] if isinstance(metrics, str) else metrics
     chosen = tuple(METRICS) if metrics is None else tuple(metrics)

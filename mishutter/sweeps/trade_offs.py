@@ -7,7 +7,7 @@ import numpy as np
 
 from mishutter._core import RowLike, require
 from mishutter.evaluation import distinct_speeds, num_frequencies, picture_power
-from mishutter.model import Scene, frequency_grid, pixel_response
+from mishutter.model import Scene, frequency_grid, pixel_response, require_scene
 
 if TYPE_CHECKING:
     import xarray
@@ -119,6 +119,7 @@ def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataA
     Raises:
         ValueError: if the sweep holds no expected PSNR.
     """
+    require_scene(scene)
     psnr = _psnr("gain_over_snapshot(dataset=...)", dataset)
     present = [n for n in ("photon_rate", "read_noise") if n in psnr.dims]
     light = {name: np.asarray(dataset[name]) for name in present}
@@ -151,6 +152,7 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
     Raises:
         ValueError: if it is not a sweep of the expected PSNR over both.
     """
+    require_scene(scene)
     subject = "light_map(dataset=...)"
     psnr = _psnr(subject, dataset)
     lit = all(name in psnr.dims for name in ("photon_rate", "read_noise"))
@@ -183,6 +185,7 @@ def best_snapshots(
     """
     import xarray
 
+    require_scene(scene)
     rates = _light("photon_rates", scene.photon_rate if photon_rates is None else photon_rates)
     noises = _light("read_noises", scene.read_noise if read_noises is None else read_noises)
     light = rates[:, None], noises[None]

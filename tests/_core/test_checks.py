@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from mishutter import (
+    ChippedShutter,
     ExpectedErrorLoss,
     HannShutter,
+    IdealShutter,
     Limits,
     ParabolicMotion,
     Scene,
+    SecondOrderStage,
     StillCamera,
     TukeyShutter,
     blur_kernel,
@@ -135,6 +138,33 @@ def test_a_motion_shows_its_numbers():
     shown = []
     jax.jit(lambda m: shown.append(repr(m)))(motion)
     assert shown[0].startswith("ParabolicMotion(acceleration=")
+
+
+@pytest.mark.parametrize(
+    ("thing", "text"),
+    [
+        (
+            Limits(max_stroke=38.5, max_top_speed=4800.0, max_half_exposure=0.04, max_pan=0.0),
+            "Limits(max_stroke=38.5, max_top_speed=4800, min_half_exposure=0.0001, "
+            "max_half_exposure=0.04, max_pan=0)",
+        ),
+        (IdealShutter(transmission=0.4), "IdealShutter(transmission=0.4, leakage=0)"),
+        (TukeyShutter(0.35), "TukeyShutter(taper=0.35)"),
+        (ChippedShutter([0.25, 1.0, 0.5]), "ChippedShutter(transmittances=3 from 0.25 to 1)"),
+        (SecondOrderStage(bandwidth=40.0), "SecondOrderStage(bandwidth=40, damping=0.7)"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_parts_of_a_camera_show_their_numbers(thing, text):
+    """In one line, without what they do not limit or have."""
+    assert repr(thing) == str(thing) == text
+
+
+def test_a_shutter_that_is_traced_shows_its_type():
+    """A print within `jax.jit` is what users look for errors with."""
+    texts = []
+    jax.jit(lambda taper: texts.append(str(TukeyShutter(taper))))(0.35)
+    assert re.fullmatch(r"TukeyShutter\(taper=.*Tracer.*float64.*\)", texts[0])
 
 
 def _scene(photon_rate=3e4, speed=310.0):

@@ -4,6 +4,7 @@ Mistakes are made in-process, where they are quick, and a few in a process of th
 see that nothing else reaches the terminal.
 """
 
+import contextlib
 import io
 import json
 import os
@@ -304,6 +305,51 @@ def test_a_bug_shows_itself(monkeypatch):
     monkeypatch.setattr("mishutter.model.example_scene", fail)
     with pytest.raises(TypeError, match="a bug"):
         cli.main(["compare"])
+
+
+@contextlib.contextmanager
+def unread():
+    """The end of a pipe to write to, whose reader has left."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as stream:
+        yield stream
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["example"], ["compare", "-h"]])
+def test_a_reader_that_leaves_is_no_failure(arguments, monkeypatch):
+    """The parser's text, a table's and plain text alike end with 0, and nothing is left to say."""
+    with unread() as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        assert cli.main(arguments) == 0
+        stream.flush()
+
+
+def test_an_error_that_nobody_reads_is_2(monkeypatch):
+    """Where standard error goes into the same pipe."""
+    with unread() as stream:
+        for name in ("stdout", "stderr"):
+            monkeypatch.setattr(sys, name, stream)
+        assert cli.main(["optimise", "no.toml"]) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("are_messages_read", [True, False])
+def test_a_design_whose_reader_leaves_is_kept(are_messages_read, small_scene, tmp_path):
+    """`mishutter optimise --out DIR | head -1` and `2>&1 | head -1` end with 0 and all files."""
+    options = [str(small_scene), *SMALL_SEARCH, "--out", str(tmp_path / "kept")]
+    with unread() as stream:
+        done = subprocess.run(
+            [sys.executable, "-m", "mishutter", "optimise", *options],
+            stdout=stream,
+            stderr=subprocess.PIPE if are_messages_read else stream,
+            text=True,
+            env=environment(),
+            check=False,
+        )
+    assert done.returncode == 0
+    assert "Traceback" not in (done.stderr or "")
+    assert {file.name for file in (tmp_path / "kept").iterdir()} > {"design.json", "profile.png"}
 
 
 @pytest.mark.slow

@@ -249,6 +249,14 @@ def test_the_table_as_text():
     np.testing.assert_allclose(cells, [21.5, *numbers, *shares, 22, 0, 20, 0.25], atol=6e-3)
 
 
+def test_a_comparison_prints_its_table():
+    """And shows its verdict alone, or a row's level, within something larger."""
+    found = verdict({"a": 21.5, BEST_SNAPSHOT: 24.0}, "a")
+    assert str(found) == found.text()
+    assert repr(found) == f"Comparison(2 rows: {found.verdict.splitlines()[0]})"
+    assert repr(found.row("a")).startswith("Row('own best motion', 'a', 21.50 dB, 20 ms, stroke")
+
+
 @pytest.mark.slow
 def test_designs_keep_or_start_from_their_own_motions():
     """What this loss found for this scene stays as it is; another design is tuned."""

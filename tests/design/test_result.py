@@ -25,6 +25,7 @@ from mishutter import (
     Tolerances,
     TriangleShutter,
     TukeyShutter,
+    drive_table,
 )
 from mishutter._core.files import strict_json
 from mishutter.design.result import motion_to_dict, shutter_from_dict, shutter_to_dict
@@ -66,6 +67,39 @@ DEVICES = {
     "gradual": FirstOrderShutter(rise_time=2e-3, fall_time=3e-3, num_slots=20, delay=1e-3),
     "switched": SwitchedShutter(num_slots=40, min_open=2, min_closed=3),
 }
+
+
+def test_a_design_is_printed_on_a_screen(design):
+    """The camera, its levels and its search, each in a line; in a list it is one line."""
+    whole = replace(design, history=np.linspace(0.5, 0.25, 300))
+    lines = str(whole).splitlines()
+    assert [line.split()[0] for line in lines[1:]] == (
+        "expected shutter motion kernel loss search scene".split()
+    )
+    assert max(map(len, lines)) < 200
+    assert lines[1].startswith(f"  expected  {float(design.metrics.expected_psnr):.2f} dB by one")
+    assert f"over {design.metrics.dft_length} points" in lines[4]
+    assert repr([whole]) == (
+        "[Design(SplineShutter(parameters=5 from 0.2 to 1, symmetric=False, num_coefficients=5), "
+        "ParabolicMotion(acceleration=220000.0, half_exposure=0.01, velocity=0.0), loss=0.25, "
+        "converged=True)]"
+    )
+    table = drive_table(whole, num_steps=50)
+    assert "\n" not in repr(table)
+    assert len(repr(table)) < 500
+
+
+def test_a_scene_is_printed_with_its_numbers():
+    """Each part in a line, none that it lacks, and none as the type of an array."""
+    device = IdealShutter(transmission=0.4)
+    scene = eqx.tree_at(lambda s: s.device, SCENE, device, is_leaf=lambda part: part is None)
+    lines = str(scene).splitlines()
+    assert lines[0] == "Scene"
+    assert "  speeds            5 from -2000 to 2000" in lines
+    assert "  photon_rate       100000" in lines
+    assert "  device            IdealShutter(transmission=0.4, leakage=0)" in lines
+    assert not any("None" in line or "f64[" in line for line in lines)
+    assert repr(SCENE) == "Scene(speeds=5 from -2000 to 2000, photon_rate=100000, read_noise=10)"
 
 
 @pytest.mark.slow

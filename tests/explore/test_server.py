@@ -1,14 +1,17 @@
 """The server of the page: for this machine alone, one state a tab, the latest request wins."""
 
 import asyncio
+import io
 import json
 import tomllib
 
+import numpy as np
 import pytest
 import tornado.httpclient
 import tornado.httpserver
 import tornado.netutil
 import tornado.websocket
+from PIL import Image
 from support.command_line import SMALL_SCENE
 
 from mishutter.explore import server
@@ -57,9 +60,10 @@ async def fetched(port, path="/", **headers):
     return await client.fetch(f"http://127.0.0.1:{port}{path}", headers=headers, raise_error=False)
 
 
-async def connected(port, **headers):
-    origin = {"Origin": f"http://127.0.0.1:{port}"}
-    request = tornado.httpclient.HTTPRequest(f"ws://127.0.0.1:{port}/tab", headers=origin | headers)
+async def connected(port, key="", **headers):
+    headers = {"Origin": f"http://127.0.0.1:{port}"} | headers
+    address = f"ws://127.0.0.1:{port}/tab?key={key}"
+    request = tornado.httpclient.HTTPRequest(address, headers=headers)
     TABS.append(await tornado.websocket.websocket_connect(request))
     return TABS[-1]
 
@@ -71,6 +75,14 @@ async def received(tab, kind):
             return message
         assert message["kind"] != "error", message["text"]
     return None
+
+
+def photograph_file():
+    """A picture of uneven grey, as a file's bytes."""
+    buffer = io.BytesIO()
+    grey = np.random.default_rng(3).integers(30, 220, (20, 90), dtype=np.uint8)
+    Image.fromarray(grey).save(buffer, "PNG")
+    return buffer.getvalue()
 
 
 def asked(number, light=2.3e5):
@@ -174,6 +186,69 @@ def test_tabs_do_not_share_state(started):
     pins, levels = served(started, talk)
     assert pins == [["mine"], []]
     assert levels[0] > levels[1] + 0.1
+
+
+def test_a_tab_that_is_loaded_again_has_its_pins_and_photograph(started):
+    """By the key that it was given; another key begins anew, and no key is given twice."""
+
+    async def talk(port):
+        tab = await connected(port)
+        first = await received(tab, "hello")
+        await tab.write_message(json.dumps({"kind": "pin", "name": "mine"}))
+        await received(tab, "pin")
+        await tab.write_message(json.dumps({"kind": "upload", "name": "mine.png"}))
+        await tab.write_message(photograph_file(), binary=True)
+        await received(tab, "uploaded")
+        tab.close()
+        again, other = [await connected(port, key) for key in (first["key"], "no-such")]
+        return first, await received(again, "hello"), await received(other, "hello")
+
+    first, again, other = served(started, talk)
+    assert (again["pins"], again["photographs"]) == (["mine"], ["mine.png"])
+    for beginning in (first, other):
+        assert (beginning["pins"], beginning["photographs"]) == ([], [])
+    assert len({first["key"], again["key"], other["key"]}) == 3
+
+
+def test_a_copy_of_a_tab_has_a_state_of_its_own(started):
+    """A browser copies the key with the tab: both go on from the pin, each with pins of its own."""
+
+    async def talk(port):
+        tab = await connected(port)
+        key = (await received(tab, "hello"))["key"]
+        await tab.write_message(json.dumps({"kind": "pin", "name": "shared"}))
+        await received(tab, "pin")
+        copy = await connected(port, key)
+        await received(copy, "hello")
+        pins = []
+        for each, name in ((tab, "left"), (copy, "right")):
+            await each.write_message(json.dumps({"kind": "pin", "name": name}))
+            pins.append((await received(each, "pin"))["pins"])
+        tab.close()
+        return pins, (await received(await connected(port, key), "hello"))["pins"]
+
+    pins, reloaded = served(started, talk)
+    assert pins == [["shared", "left"], ["shared", "right"]]
+    assert reloaded == ["shared", "left"]
+
+
+def test_sessions_that_are_kept_are_bounded(started):
+    """The oldest is forgotten, and a tab that comes for it begins anew."""
+
+    async def talk(port):
+        tab = await connected(port)
+        key = (await received(tab, "hello"))["key"]
+        await tab.write_message(json.dumps({"kind": "pin", "name": "mine"}))
+        await received(tab, "pin")
+        tab.close()
+        for _ in range(server.MOST_KEPT):
+            other = await connected(port)
+            await received(other, "hello")
+            other.close()
+            await asyncio.sleep(0.01)
+        return (await received(await connected(port, key), "hello"))["pins"]
+
+    assert served(started, talk) == []
 
 
 @pytest.mark.parametrize(

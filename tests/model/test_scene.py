@@ -1,13 +1,17 @@
 """A scene made in Python is refused where it is made, by the argument that is wrong."""
 
+import inspect
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+from support.command_line import environment
 
-from mishutter import Limits, Scene
+from mishutter import Limits, Scene, compare, evaluate, optimise
 
 LIGHT = {"photon_rate": 1e5, "read_noise": 3.0}
 
@@ -100,6 +104,77 @@ def test_a_scene_is_loaded_by_text_or_path(tmp_path):
     )
     for place in (path, str(path)):
         assert float(Scene.load(place).read_noise) == 2
+
+
+@pytest.mark.parametrize("place", ["scene.toml", Path("scenes") / "dim.toml", None])
+@pytest.mark.parametrize("function", [optimise, evaluate, compare])
+def test_a_path_is_no_scene(function, place):
+    """The line says what reads a file; where annotations are not checked it comes before all."""
+    with pytest.raises(ValueError, match=r"`scene` must be a `Scene`, as `Scene\.load\(path\)`"):
+        inspect.unwrap(function)(place, None, None)
+
+
+@pytest.mark.slow
+def test_every_public_function_says_what_reads_a_scene():
+    """Functions, methods and losses alike, in a process that checks no annotations."""
+    output = subprocess.run(
+        [sys.executable, "-c", _ALL_THAT_TAKE_A_SCENE],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment(),
+    ).stdout
+    answers = dict(line.split(" -> ") for line in output.splitlines())
+    assert {"optimise", "light_map", "sweep", "ExpectedErrorLoss.__call__"} < set(answers)
+    wrong = {name: line for name, line in answers.items() if "`Scene.load(path)`" not in line}
+    assert wrong == {}
+
+
+_ALL_THAT_TAKE_A_SCENE = """
+import inspect, sys
+import numpy as np
+import mishutter
+from mishutter import HannShutter, ParabolicMotion
+
+given = {
+    "motion": ParabolicMotion(acceleration=1e4, half_exposure=0.01),
+    "shutter": HannShutter(),
+    "captured": np.ones((8, 90)),
+    "scene": "scene.toml",
+    "scenes": "scene.toml",
+    "accelerations": [1e4],
+    "half_exposures": [0.01],
+    "shutters": {"Hann": HannShutter()},
+}
+
+
+def answer(function, names, **others):
+    try:
+        function(**{name: (given | others).get(name) for name in names})
+    except Exception as error:
+        return str(error).splitlines()[0]
+    return "nothing"
+
+
+def takes_scene(function):
+    parameters = inspect.signature(function).parameters.values()
+    needed = [p.name for p in parameters if p.default is p.empty and p.kind is not p.VAR_KEYWORD]
+    return needed if {"scene", "scenes"} & set(needed) else None
+
+
+for name in mishutter.__all__:
+    thing = getattr(mishutter, name)
+    if inspect.isfunction(thing):
+        if needed := takes_scene(thing):
+            print(name, answer(thing, needed), sep=" -> ")
+        continue
+    methods = inspect.getmembers(thing, inspect.isfunction) if inspect.isclass(thing) else ()
+    for method, function in methods:
+        needed = takes_scene(function) if method == "__call__" or method[0] != "_" else None
+        if needed and not getattr(function, "__isabstractmethod__", False) and "plan" not in needed:
+            itself = object.__new__(thing)  # of no numbers: the scene is looked at first
+            print(f"{name}.{method}", answer(function, needed, self=itself), sep=" -> ")
+"""
 
 
 def test_the_fastest_object_is_one_that_occurs():

@@ -1,4 +1,4 @@
-"""A background and an object before it: where each is judged, and what one filter makes of both."""
+"""A background and an object in front of it: where each is judged, what a filter makes of both."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_small_and_grey_pictures_make_a_scene(shape):
 
 @pytest.mark.slow
 def test_light_decides():
-    """The same capture in a thousandth of the light comes back worse, behind and before."""
+    """The same capture in a thousandth of the light comes back worse, behind and in front."""
     bright, dim = captures(3e8)["Hann"], captures(3e5)["Hann"]
     assert dim.background_psnr < bright.background_psnr - 1
     assert dim.object_psnr < bright.object_psnr - 1
@@ -87,9 +87,10 @@ def test_the_picture_of_layers_names_speeds_and_levels():
     found = captures(3e8)
     figure = plots.plot_layers(seen(), found)
     titles = [axes.get_title() for axes in figure.axes]
-    assert titles[0] == "the scene: 0 px/s behind,\n1500 px/s before"
+    assert titles[0] == "the scene: 0 px/s behind,\n1500 px/s in front"
     levels = [
-        f"behind {x.background_psnr:.1f} dB, before {x.object_psnr:.1f} dB" for x in found.values()
+        f"behind {each.background_psnr:.1f} dB, in front {each.object_psnr:.1f} dB"
+        for each in found.values()
     ]
     assert [t.splitlines()[1] for t in titles if t.startswith("restored")] == levels
     with pytest.raises(ValueError, match=r"plot_layers\(captures=...\)` must hold a capture"):

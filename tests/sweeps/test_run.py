@@ -393,7 +393,8 @@ def test_mistakes(slug):
 
 def test_no_scene():
     """An empty list of scenes is refused."""
-    with pytest.raises(ValueError, match=r"must hold at least one scene and nothing else; got"):
+    line = r"must hold at least one scene, as `Scene.load\(path\)` reads one from a file, and"
+    with pytest.raises(ValueError, match=line):
         sweep([], **grid())
 
 

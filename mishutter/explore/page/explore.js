@@ -6,7 +6,7 @@ const SENT = 5, OPTIMISED = "optimised", DRAWN = "drawn", STORED = "mishutter-ta
 
 const state = { scene: null, drawn: null, rows: [OPTIMISED, "best snapshot"], speed: null };
 let fields = [], photographs = [], most = { chips: 64, pins: 6, rows: 4 }, pins = [];
-let socket = null, retry = 500, number = 0, asking = false, committed = "", undo = [];
+let key = recalled()?.key ?? "", socket = null, retry = 500, number = 0, asking = false, committed = "", undo = [];
 let changes = [], curves = {}, comparison = null, hasTable = false, isFinished = false, styles = { [OPTIMISED]: 0, [DRAWN]: 1, "best snapshot": 2 };
 let drawing = false, stroke = null, profileScale = null, shots = [], lens = null, ticking = null;
 
@@ -16,7 +16,7 @@ window.mishutter = { latencies: [], answers: { first: 0, finished: 0, table: 0, 
 // ---------- connection
 
 function connect() {
-  const address = new URL("/tab", location.href);
+  const address = new URL(`/tab?key=${encodeURIComponent(key)}`, location.href);
   address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
   socket = new WebSocket(address);
   socket.addEventListener("open", () => { retry = 500; });
@@ -40,17 +40,18 @@ function receive(message) {
 
 function hello(message) {
   fields = message.fields; photographs = message.photographs; most = message.most;
-  pins = []; showPins();
-  const kept = recalled();
+  key = message.key; pins = message.pins;
+  const kept = recalled(), gone = (kept?.pins ?? []).filter((name) => !pins.includes(name));
   state.scene = kept?.scene ?? message.scene;
   state.drawn = kept?.drawn ?? null;
-  state.rows = kept?.rows ?? [OPTIMISED, "best snapshot"];
-  const path = state.scene.picture?.path;
-  if (path && !photographs.includes(path)) { state.scene.picture = { path: photographs[0] }; }
+  state.rows = (kept?.rows ?? [OPTIMISED, "best snapshot"]).filter((name) => !gone.includes(name));
   state.speed = kept?.speed ?? typicalSpeed();
   $("speed").value = state.speed;
-  committed = snapshot(); undo = [];
-  showFields();
+  undo = kept?.undo ?? [];
+  lose([...gone, ...withoutPhotograph()]);
+  committed = snapshot();
+  showFields(); showPins(); remember();
+  $("undo").disabled = undo.length === 0;
   doing({ text: message.doing });
   $("clear").disabled = state.drawn === null;
   ask();
@@ -60,11 +61,25 @@ function recalled() {
   try { return JSON.parse(sessionStorage.getItem(STORED)); } catch { return null; }
 }
 
+// A photograph that the server has no longer gives way to its first; its name, if that is so.
+function withoutPhotograph() {
+  const path = state.scene.picture?.path;
+  if (!path || photographs.includes(path)) return [];
+  state.scene.picture = { path: photographs[0] };
+  return [path];
+}
+
+function lose(names) {
+  $("lost").hidden = !names.length;
+  $("lost").textContent = `No longer here: ${names.join(", ")}. Load it again to have it.`;
+}
+
 const snapshot = () => JSON.stringify({ scene: state.scene, drawn: state.drawn });
 
 function commit() {
   const now = snapshot();
   if (now !== committed) {
+    lose([]);
     undo.push(committed);
     if (undo.length > MOST_UNDO) undo.shift();
     committed = now;
@@ -73,14 +88,19 @@ function commit() {
   remember();
 }
 
+// A store that is full forgets what could be taken back, and then everything.
 function remember() {
-  try { sessionStorage.setItem(STORED, JSON.stringify({ scene: state.scene, drawn: state.drawn, rows: state.rows, speed: state.speed })); } catch { /* a full store forgets */ }
+  const kept = { key, pins, ...state };
+  for (const text of [{ ...kept, undo }, kept].map((all) => JSON.stringify(all))) {
+    try { sessionStorage.setItem(STORED, text); return; } catch { sessionStorage.removeItem(STORED); }
+  }
 }
 
 function takeBack() {
   if (!undo.length) return;
   committed = undo.pop();
   Object.assign(state, JSON.parse(committed));
+  lose(withoutPhotograph());
   $("undo").disabled = undo.length === 0;
   $("clear").disabled = state.drawn === null;
   showFields(); remember(); ask();
@@ -117,7 +137,7 @@ function working(text) {
   ticking = setInterval(() => { $("state").textContent = `${text}, ${((performance.now() - since) / 1000).toFixed(0)} s`; }, 1000);
 }
 
-function tell(message) { if (message.pins) { pins = message.pins; showPins(); ask(); } }
+function tell(message) { if (message.pins) { pins = message.pins; showPins(); remember(); ask(); } }
 function count(kind) { window.mishutter.answers[kind] += 1; }
 
 function problem(text) {
@@ -571,8 +591,6 @@ function upload(file) {
 
 function loaded(message) {
   state.scene = message.scene;
-  const path = state.scene.picture?.path;
-  if (path && !photographs.includes(path)) state.scene.picture = {};
   problem(null); showFields(); commit(); ask();
 }
 

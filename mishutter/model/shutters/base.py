@@ -18,6 +18,7 @@ from mishutter._core import (
     all_concrete,
     as_float,
     common_dtype,
+    fields_text,
     fractions_as_words,
     require,
     require_finite,
@@ -53,6 +54,10 @@ class AbstractShutter(eqx.Module):
     means over an interval are known in closed form derives from `AbstractPiecewiseShutter`
     instead.
     """
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
 
     @abstractmethod
     def transmittance(self, tau: ArrayLike) -> Array:
