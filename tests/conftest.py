@@ -9,8 +9,11 @@ import gc
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import tempfile
 from collections import Counter
+from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "agg")
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # one for all workers and their subprocesses
@@ -19,13 +22,12 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # one for all workers and the
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA writes pages for programs that it reads
 # What tests compile themselves is compiled in a fifth of the time and run once or twice; programs
-# of the package are compiled as everywhere. One thread each, because there is a process a core.
+# of the package are compiled as everywhere. Workers find the controller's flags.
 # `.ci/run` compiles tests of the kernel's digits as users' functions are.
-os.environ.setdefault(
-    "XLA_FLAGS",
-    "--xla_cpu_multi_thread_eigen=false --xla_backend_optimization_level=0 "
-    "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1",
-)
+if "XLA_FLAGS" not in os.environ:
+    _ask = [sys.executable, str(Path(__file__).parent / "support" / "xla_flags.py")]
+    _answer = subprocess.run(_ask, capture_output=True, text=True, check=True)
+    os.environ["XLA_FLAGS"] = _answer.stdout
 
 # A shell that runs this in the background has interrupts ignored, also in every subprocess.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

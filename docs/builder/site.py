@@ -21,10 +21,8 @@ _QUICK = {
     "MPLBACKEND": "agg",
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     "TF_CPP_MIN_LOG_LEVEL": "3",
-    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false --xla_backend_optimization_level=1 "
-    "--xla_cpu_use_fusion_emitters=false",
 }
-"""Settings of the build where the user chose no others: most of it is compiling, as in tests."""
+"""Settings of the build where the user chose no others."""
 
 
 def build() -> None:

@@ -1,7 +1,7 @@
 """How the package's functions are compiled: in half of XLA's time, one thread tracing at a time."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
 from functools import lru_cache, wraps
 from typing import Any, ParamSpec, TypeVar
@@ -58,7 +58,7 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     @lru_cache
     def program() -> Any:
         compile_with: Any = eqx.filter_jit
-        return compile_with(traced, compiler_options=_known_options())
+        return compile_with(traced, compiler_options=_quick_options())
 
     within = eqx.filter_jit(function)
     known: set[Any] = set()
@@ -119,13 +119,20 @@ def _zero() -> jax.Array:
         return jax.device_put(np.zeros(()))
 
 
-@lru_cache
-def _known_options() -> dict[str, bool | int] | None:
-    """The choice, on a CPU and where this XLA still has it."""
-    if jax.default_backend() != "cpu":
-        return None
+def known_options(options: Mapping[str, bool | int]) -> dict[str, bool | int]:
+    """Those of XLA's `options` that the installed XLA knows: they come and go with its versions."""
+    return {name: value for name, value in options.items() if _is_known(name, value)}
+
+
+def _is_known(name: str, value: bool | int) -> bool:
     try:
-        jax.jit(lambda: 0, compiler_options=_QUICKLY).lower().compile()
+        jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
     except jax.errors.JaxRuntimeError:
-        return None
-    return _QUICKLY
+        return False
+    return True
+
+
+@lru_cache
+def _quick_options() -> dict[str, bool | int]:
+    """The choice, on a CPU."""
+    return known_options(_QUICKLY) if jax.default_backend() == "cpu" else {}

@@ -426,8 +426,8 @@ def test_four_devices_give_the_same(tmp_path):
     arrays = []
     for count in (1, 4):
         path = str(tmp_path / f"{count}.npz")
-        flags = f"--xla_force_host_platform_device_count={count}"
-        done = run_python(SWEEP_TO_FILE.format(folder=folder, path=path), XLA_FLAGS=flags)
+        code = SWEEP_TO_FILE.format(folder=folder, path=path)
+        done = run_python(code, JAX_NUM_CPU_DEVICES=str(count))
         assert done.stdout.strip() == str(count)
         arrays.append(dict(np.load(path)))
     for name, values in arrays[0].items():
