@@ -31,7 +31,7 @@ def text_of(content: bytes, name: str) -> str:
         except UnicodeDecodeError:
             text = content.decode("latin-1")
     is_text = _NO_TEXT.search(text) is None
-    require(is_text, name, "be text in UTF-8, UTF-16 or Latin-1", Bare("a file of other bytes"))
+    require(is_text, name, "be text, as CSV is, in UTF-8, UTF-16 or Latin-1", Bare("other bytes"))
     return text
 
 

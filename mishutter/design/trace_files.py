@@ -84,12 +84,9 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
     else:
         clocks, time = _time_by_settings(block, names, name)
     levels = [c for c in block.columns if c not in clocks]
-    if clocks and any(_at(names, c) for c in clocks):
-        unnamed = [c for c in levels if not _at(names, c)]
-        requirement = (
-            "have a name above each column of numbers (decimal commas need another separator)"
-        )
-        require(not unnamed, name, requirement, Bare(block.lines[0]))
+    unnamed = [c for c in levels if names and not _at(names, c)]
+    requirement = "have a name above each column of numbers (decimal commas need another separator)"
+    require(not unnamed, name, requirement, Bare(block.lines[0]))
     level = _numbers(block, _chosen(levels, names, column, name), name)
     trace = Trace(time, level)
     require_ascending(trace, name)
@@ -126,7 +123,10 @@ def _block(lines: list[str], name: str) -> _Block:
 
     stop = next(k for k in range(len(lines), 0, -1) if holds(lines[k - 1]))
     first = next(k for k in range(stop) if all(map(holds, lines[k : min(k + 3, stop)])))
-    header = [[c.lstrip("#% ") for c in _cells(line, separator)] for line in lines[:first]]
+    header = [_heading_cells(line, separator) for line in lines[:first]]
+    ragged = next((row for row in header if len(row) > 1 and len(_numeric(row)) == len(row)), None)
+    requirement = "hold as many numbers in each line (decimal commas need another separator)"
+    require(ragged is None, name, requirement, Bare(",".join(ragged or ())))
     return _Block(header, lines[first:stop], columns, separator)
 
 
@@ -139,6 +139,13 @@ def _separator(sample: Sequence[str]) -> str | None:
         return sum(bool(row) and len(_numeric(row)) == len(row) for row in rows)
 
     return max([*often, None], key=count)
+
+
+def _heading_cells(line: str, separator: str | None) -> list[str]:
+    """Cells of a line above the numbers, which may have separators where one column has none."""
+    if separator is None:
+        separator = next((s for s in "\t;," if s in line), None)
+    return [cell.lstrip("#% ") for cell in _cells(line, separator)]
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
@@ -207,8 +214,11 @@ def _headings(block: _Block) -> tuple[list[str], list[str]]:
     is_named = any(_split(cell)[0].casefold() in _TIMES for cell in below)
     is_unit = any(_bare(cell) in _UNITS for cell in below)
     if not is_named and (is_unit or _numeric(below)):
-        return above, below
-    return below, []
+        names, units = above, below
+    else:
+        names, units = below, []
+    # A line of one cell is the last of the settings, above columns without names.
+    return (names if sum(map(bool, names)) > 1 else []), units
 
 
 _HEADING = re.compile(r"(.*?)[\s_]*(?:[(\[]([^)\]]*)[)\]]|\bin\s+(\S+)|/\s*(\S+)|_(\w+))")
@@ -290,12 +300,12 @@ def _settings(block: _Block) -> Iterator[tuple[str, list[str]]]:
         yield _key(row[0]), [cell for cell in row[1:] if cell]
         for cell in row:
             for sign in "=:":
-                key, found, value = cell.partition(sign)
-                if found:
+                key, _, value = cell.partition(sign)
+                if value:
                     yield _key(key), [value.strip()]
     for above, below in pairwise(block.header):
         for key, value in zip(above, below, strict=False):
-            if _key(key) in (*_INTERVALS, *_STARTS):
+            if _key(key) in (*_INTERVALS, *_STARTS) and _number(value) is not None:
                 yield _key(key), [value]
 
 

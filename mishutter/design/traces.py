@@ -23,6 +23,8 @@ _LONGEST_GAP = 1 / 16
 """Longest step of a trace inside the exposure, in units of the exposure."""
 _STEADY = 0.1
 """Share of the swing by which the dark of a trace that is taken as inverted may vary."""
+_MOST = 4096
+"""About as many samples of a trace tell all of it to a fit."""
 _RIDGE = 1e-12
 """Share of the mean square of a B-spline that holds a coefficient which hardly a sample sees."""
 _LEAST_NOISE = 1e-4
@@ -90,11 +92,14 @@ def within_exposure(trace: Trace, half_exposure: float, middle: float, name: str
     requirement = (
         f"have at least {_LEAST} samples within the exposure of {half_exposure * 2e3:g} ms"
     )
-    require(count >= _LEAST, name, requirement, count)
+    first, last = float(np.min(trace.time)), float(np.max(trace.time))
+    span = f"times from {first:.4g} to {last:.4g} s, mid-exposure being at {middle:.4g} s"
+    require(count >= _LEAST, name, requirement, Bare(f"{count} of {span}"))
     ends = np.concatenate([[-1.0], tau[inside], [1.0]])
     gap = float(np.max(np.diff(ends))) / 2
     requirement = "cover the exposure in steps of at most 1/16 of it"
-    require(gap <= _LONGEST_GAP, name, requirement, Bare(f"{gap * half_exposure * 2e3:.3g} ms"))
+    got = Bare(f"{gap * half_exposure * 2e3:.3g} ms, {span}")
+    require(gap <= _LONGEST_GAP, name, requirement, got)
     return tau
 
 
@@ -109,12 +114,11 @@ def measured_profile(
 ) -> MeasuredProfile:
     r"""The profile that a noisy trace of unequal steps shows.
 
-    Cubic splines of 8 to 256 coefficients are fitted by least squares, each sample at its own
-    time, and the one of the smallest generalised cross-validation
+    Cubic splines of 8 to 256 coefficients within [0, 1] are fitted by least squares, each sample
+    at its own time, and the one of the smallest generalised cross-validation
     $\frac{1}{m}\lVert r\rVert^2 / (1 - n/m)^2$ (Craven and Wahba 1979) is taken: it needs no
-    level of noise, and gives one, $\lVert r\rVert^2/(m - n)$. Its coefficients are then
-    fitted within [0, 1]. A step of the shutter is as steep as the spline, 1/125 of the
-    exposure at the most coefficients.
+    level of noise, and gives one, $\lVert r\rVert^2/(m - n)$. A step of the shutter is as steep as
+    the spline, 1/125 of the exposure at the most coefficients.
 
     Args:
         trace: Times and levels.
@@ -143,14 +147,14 @@ def measured_profile(
     )
     require(closed is not None or dark.size >= _LEAST_CLOSED, name, requirement, int(dark.size))
     black = float(np.mean(dark)) if closed is None else closed
-    smooth = _smoothed(tau[inside], levels[inside] - black)
-    least, greatest = smooth.extremes
-    white = (greatest if greatest > -least else least) if opened is None else opened - black
+    swing = None if opened is None else opened - black
+    smooth = _smoothed(tau[inside], levels[inside] - black, swing)
+    white, (_, greatest) = smooth.white, smooth.extremes
     noise = float(np.sqrt(smooth.variance))
     requirement = "tell the open shutter from the closed one by more than its noise"
     got = Bare(f"levels {black:g} and {black + white:g}, noise {noise:.3g}")
     require(abs(white) > 2 * noise, name, requirement, got)
-    notes = clipping(levels)
+    notes = _clipping(levels)
     if white < 0 and opened is None:
         spread = max(float(np.std(dark)) if closed is None else 0.0, greatest)
         requirement = (
@@ -160,43 +164,72 @@ def measured_profile(
         got = Bare(f"a fall by {-white:.3g} from levels that go {spread:.3g} about {black:.4g}")
         require(spread < noise + _STEADY * abs(white), name, requirement, got)
         notes += (f"it falls where the shutter opens, from {black:.4g}: it is read as inverted",)
-    coefficients = bounded_coefficients(smooth.triangle, smooth.target / white)
-    shutter = SplineShutter(coefficients)
+    shutter = SplineShutter(smooth.coefficients)
     return MeasuredProfile(shutter, noise / abs(white), black, black + white, notes)
+
+
+def for_a_fit(trace: Trace, half_exposure: float, name: str) -> tuple[Trace, tuple[str, ...]]:
+    """A trace as the fit of a camera takes it: of few samples, in which light is upwards.
+
+    Neighbouring samples become their mean, within the exposure and outside it apart, as the
+    profile may jump at its ends. A trace without samples of the closed shutter stays upright.
+
+    Args:
+        trace: On the camera's clock.
+        half_exposure: $T$; s.
+        name: The trace's name in an error.
+
+    Returns:
+        The trace and the notes of `MeasuredProfile`.
+
+    Raises:
+        ValueError: as `measured_profile` does.
+    """
+    tau = np.asarray(trace.time) / half_exposure
+    is_known = int(np.sum(np.abs(tau) > 1)) >= _LEAST_CLOSED
+    closed = None if is_known else float(np.min(trace.level))
+    found = measured_profile(trace, half_exposure=half_exposure, closed=closed, name=name)
+    sign = 1.0 if found.opened > found.closed else -1.0
+    ends = np.searchsorted(tau, -1, side="left"), np.searchsorted(tau, 1, side="right")
+    first = np.unique([*range(0, tau.size, -(-tau.size // _MOST)), *ends])
+    first = first[first < tau.size]
+    count = np.diff([*first, tau.size])
+    time, level = (np.add.reduceat(np.asarray(each), first) / count for each in trace)
+    return Trace(time, sign * level), found.notes
 
 
 class _Smooth(NamedTuple):
     """A spline through a trace.
 
     Attributes:
-        score: Generalised cross-validation.
-        extremes: Its least and its greatest value.
-        variance: Of a sample about it.
-        triangle: The problem of least squares as one of few rows, as a QR factorisation gives
-            it; shape `(count, count)`.
-        target: Its right-hand side; shape `(count,)`.
+        score: Generalised cross-validation of the spline within [0, 1].
+        extremes: Least and greatest value of the spline that is not held there.
+        white: Level of the open shutter above the closed one.
+        variance: Of a sample about the spline within [0, 1].
+        coefficients: Of that; shape `(count,)`.
     """
 
     score: float
     extremes: tuple[float, float]
+    white: float
     variance: float
-    triangle: np.ndarray
-    target: np.ndarray
+    coefficients: np.ndarray
 
 
-def _smoothed(tau: np.ndarray, level: np.ndarray) -> _Smooth:
+def _smoothed(tau: np.ndarray, level: np.ndarray, white: float | None) -> _Smooth:
     """The spline whose generalised cross-validation is smallest."""
     longest = float(np.max(np.diff(tau)))
     most = min(tau.size // _SAMPLES_PER_COEFFICIENT, 3 + int(2 / longest))
-    splines = (_smooth(tau, level, count) for count in _COUNTS if count <= most)
+    splines = (_smooth(tau, level, count, white) for count in _COUNTS if count <= most)
     return min(splines, key=lambda each: each.score)
 
 
-def _smooth(tau: np.ndarray, level: np.ndarray, count: int) -> _Smooth:
-    """The spline of so many coefficients.
+def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None) -> _Smooth:
+    """The spline of so many coefficients, of levels above that of the closed shutter.
 
     It is found by normal equations, which take four numbers a sample where the whole basis takes
-    `count`. Those of B-splines that samples cover are well conditioned.
+    `count`. Those of B-splines that samples cover are well conditioned. Their triangle makes the
+    bounded problem one of `count` rows, whose squares add to those of the free spline.
     """
     from scipy.linalg import cholesky, solve_triangular
 
@@ -204,19 +237,24 @@ def _smooth(tau: np.ndarray, level: np.ndarray, count: int) -> _Smooth:
     squares = (basis.T @ basis).toarray()
     triangle = cholesky(squares + _RIDGE * np.trace(squares) / count * np.eye(count))
     target = solve_triangular(triangle, basis.T @ level, trans="T")
-    fitted = solve_triangular(triangle, target)
-    residual = float(np.sum((level - basis @ fitted) ** 2))
-    values = spline_basis(np.linspace(-1, 1, 1001), count) @ fitted
+    free = solve_triangular(triangle, target)
+    values = spline_basis(np.linspace(-1, 1, 1001), count) @ free
+    least, greatest = float(np.min(values)), float(np.max(values))
+    if white is None:
+        white = greatest if greatest > -least else least
+    coefficients = bounded_coefficients(triangle, target / (white or 1.0))
+    held = target - triangle @ coefficients * white
+    residual = float(np.sum((level - basis @ free) ** 2) + np.sum(held**2))
     return _Smooth(
         score=residual / (1 - count / tau.size) ** 2,
-        extremes=(float(np.min(values)), float(np.max(values))),
+        extremes=(least, greatest),
+        white=white,
         variance=residual / (tau.size - count),
-        triangle=triangle,
-        target=target,
+        coefficients=coefficients,
     )
 
 
-def clipping(level: np.ndarray) -> tuple[str, ...]:
+def _clipping(level: np.ndarray) -> tuple[str, ...]:
     """A sentence for each end at which a trace is cut off.
 
     Samples of a noisy signal do not stand at one level, its greatest or its least, for long: by
