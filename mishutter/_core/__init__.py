@@ -27,6 +27,7 @@ from mishutter._core.checks import shown as shown
 from mishutter._core.columns import cells as cells
 from mishutter._core.columns import number_rows as number_rows
 from mishutter._core.columns import text_lines as text_lines
+from mishutter._core.columns import text_of as text_of
 from mishutter._core.columns import unit_columns as unit_columns
 from mishutter._core.compiling import at_once as at_once
 from mishutter._core.compiling import compiled as compiled

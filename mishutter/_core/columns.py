@@ -1,26 +1,47 @@
 """Columns of numbers in text: a line of names, a line of units, then one line a row."""
 
+import codecs
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from mishutter._core.checks import Bare, describe, require
 
+_NO_TEXT = re.compile("[\0-\x08\x0e-\x19\x1b-\x1f]")
+"""Control characters that no text holds, as all kinds of binary files do."""
+
 Units = Mapping[str, float]
 """Units that a column may have, each with the factor that makes its numbers SI or pixels."""
+
+
+def text_of(content: bytes, name: str) -> str:
+    """Text of a file in UTF-8 or, by its byte order mark, UTF-16; any other bytes are Latin-1.
+
+    Latin-1 gives every byte a character, so that signs beside the numbers cannot stop a reader.
+
+    Raises:
+        ValueError: if the bytes are no text.
+    """
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        text = content.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")
+    is_text = _NO_TEXT.search(text) is None
+    require(is_text, name, "be text, as CSV is, in UTF-8, UTF-16 or Latin-1", Bare("other bytes"))
+    return text
 
 
 def text_lines(content: bytes, name: str) -> list[str]:
     """Lines of a text file, without those that are empty.
 
     Raises:
-        ValueError: if it is not UTF-8, or has no line.
+        ValueError: if it is no text, or has no line.
     """
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{name} must be UTF-8 text; got byte {error.start} of it.") from None
-    lines = [line.strip() for line in text.splitlines()]
+    lines = [line.strip() for line in text_of(content, name).splitlines()]
     lines = [line for line in lines if line]
     require(bool(lines), name, "hold at least one line", Bare("an empty file"))
     return lines

@@ -158,6 +158,7 @@ class _Picture(Section):
 @final
 class _Trace(Section):
     path: Annotated[str, Field(min_length=1)]
+    column: str | None = None
 
 
 @final
@@ -186,7 +187,8 @@ def read_measurements(path: str | Path) -> Measurements:
     s = file.sensor
     full = np.inf if s.full_level is None else s.full_level
     sensor = SensorLevels(s.electrons_per_level, s.read_noise_e, s.black_level, full)
-    trace = None if file.trace is None else read_trace(folder / file.trace.path)
+    t = file.trace
+    trace = None if t is None else read_trace(folder / t.path, column=t.column)
     return Measurements(pictures, sensor, trace)
 
 

@@ -36,6 +36,7 @@ from mishutter.cli.fit_command import fit
 from mishutter.cli.laboratory import (
     CeilingOption,
     ClosedOption,
+    ColumnOption,
     DriveOption,
     Files,
     FloorOption,
@@ -181,6 +182,7 @@ def compare(
     shutters: ShuttersOption = None,
     drive: DriveOption = None,
     measured: MeasuredOption = None,
+    column: ColumnOption = None,
     half_exposure_ms: HalfExposureOption = None,
     position_scale_px: PositionScaleOption = None,
     floor: FloorOption = 0.0,
@@ -201,7 +203,7 @@ def compare(
 
     scene = scene_of(scene_file)
     windows = {name: named_shutter(name) for name in shutters or []}
-    told = half_exposure_ms, position_scale_px, floor, ceiling, middle_ms, closed, opened
+    told = half_exposure_ms, position_scale_px, floor, ceiling, middle_ms, closed, opened, column
     if drive is not None or measured is not None:
         if designs is not None and len(designs) > 1:
             raise ValueError(

@@ -19,6 +19,7 @@ from mishutter.cli.console import (
 from mishutter.cli.laboratory import (
     CeilingOption,
     ClosedOption,
+    ColumnOption,
     DriveOption,
     Files,
     FloorOption,
@@ -72,6 +73,7 @@ def simulate(
     ] = None,
     drive: DriveOption = None,
     measured: MeasuredOption = None,
+    column: ColumnOption = None,
     half_exposure_ms: HalfExposureOption = None,
     position_scale_px: PositionScaleOption = None,
     floor: FloorOption = 0.0,
@@ -100,7 +102,7 @@ def simulate(
     json: JsonOption = False,
 ) -> None:
     """Capture a photograph, a layered scene or footage, and restore it."""
-    told = half_exposure_ms, position_scale_px, floor, ceiling, middle_ms, closed, opened
+    told = half_exposure_ms, position_scale_px, floor, ceiling, middle_ms, closed, opened, column
     files_of_camera = Files(design, drive, measured, *told)
     if shutter is not None and any((design, drive, measured)):
         which = "--design" if design is not None else "--drive or --measured"

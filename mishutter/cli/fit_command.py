@@ -50,10 +50,16 @@ def fit(
     start_jax()
     from mishutter.calibration import fit as fitted
     from mishutter.calibration import read_measurements
-    from mishutter.design import Design
+    from mishutter.design import Design, for_a_fit
 
     saved = Design.load(design)
     found = read_measurements(measurements)
+    if found.trace is not None:
+        half = float(saved.motion.half_exposure)
+        trace, sentences = for_a_fit(found.trace, half, f"{measurements}: trace")
+        found = found._replace(trace=trace)
+        for sentence in sentences:
+            note(f"{measurements}: trace: {sentence}")
     folder = None if out is None else writable_folder(out)
     with working("fitting"):
         camera = fitted(found, saved.motion, saved.shutter, num_coefficients=num_coefficients)
@@ -106,8 +112,22 @@ def _print(camera: "FittedCamera", levels: dict[str, Any]) -> None:
     each = zip(camera.coefficients, camera.coefficient_errors, strict=True)
     rows += [[f"transmittance {k}", f"{c:.4f}", f"{e:.2g}"] for k, (c, e) in enumerate(each)]
     print_table("The camera as built", ["number", "value", "error bar"], rows)
+    if max(camera.coefficients) > 1:
+        print_text(_above_open(camera))
     for line in camera.not_identifiable:
         print_text(f"Not identifiable: {line}.")
     print_text(f"Chi squared for each free level: {camera.reduced_chi_squared:.3f}.")
     rows = [[name, f"{level:.2f}"] for name, level in levels.items()]
     print_table("Expected behind this lens", ["camera", "PSNR / dB"], rows)
+
+
+def _above_open(camera: "FittedCamera") -> str:
+    """The meaning of coefficients that exceed the transmittance of an open shutter."""
+    k = int(camera.coefficients.argmax())
+    value = float(camera.coefficients[k])
+    bars = (value - 1) / float(camera.coefficient_errors[k])
+    return (
+        f"Transmittance {k}, of {value:.2f}, is {bars:.1f} error bars above an open shutter. Only "
+        "the shape of a profile is seen, and it is given the light that was sent: more than two "
+        "error bars say that the shutter passed less. The files have 1 there."
+    )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from mishutter.cli.console import note
 from mishutter.cli.options import as_path
 
 if TYPE_CHECKING:
@@ -31,8 +32,15 @@ MeasuredOption = Annotated[
         "--measured",
         metavar="FILE",
         parser=as_path,
-        help="Photodiode's trace in place of the shutter: columns time and level, a line of "
-        "names and one of units.",
+        help="Photodiode's trace in place of the shutter: text, as an oscilloscope exports it.",
+    ),
+]
+ColumnOption = Annotated[
+    str | None,
+    typer.Option(
+        "--measured-column",
+        metavar="NAME",
+        help="Column of levels of the trace; the only one, or that named level, without it.",
     ),
 ]
 HalfExposureOption = Annotated[
@@ -60,7 +68,11 @@ ClosedOption = Annotated[
 ]
 OpenOption = Annotated[
     float | None,
-    typer.Option("--open-level", help="Of the trace; the greatest of its fit without it."),
+    typer.Option(
+        "--open-level",
+        help="Of the trace, below --closed-level by an inverted photodiode; the extreme of its "
+        "fit without it.",
+    ),
 ]
 
 
@@ -78,6 +90,7 @@ class Files(NamedTuple):
         middle_ms: Mid-exposure on the clock of the trace.
         closed: Level of the trace where the shutter is closed.
         opened: Level of the trace where the shutter is open.
+        column: Name of the trace's column of levels.
     """
 
     design: Path | None
@@ -90,6 +103,7 @@ class Files(NamedTuple):
     middle_ms: float
     closed: float | None
     opened: float | None
+    column: str | None
 
     @property
     def is_from_laboratory(self) -> bool:
@@ -130,12 +144,14 @@ def _measured(scene: "Scene", motion: "AbstractMotion", files: Files, path: Path
     from mishutter.design import given_design, measured_profile, read_trace
 
     profile = measured_profile(
-        read_trace(path),
+        read_trace(path, column=files.column),
         half_exposure=float(motion.half_exposure),
         middle=files.middle_ms * 1e-3,
         closed=files.closed,
         opened=files.opened,
         name=str(path),
     )
+    for sentence in profile.notes:
+        note(f"{path}: {sentence}")
     outcome = f"Measured by {path.name}."
     return given_design(scene, motion, profile.shutter, outcome, is_measured=True)

@@ -35,7 +35,8 @@ from mishutter.design.search import without_pan as without_pan
 from mishutter.design.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.design.space import fills as fills
 from mishutter.design.starts import window_fits as window_fits
+from mishutter.design.trace_files import read_trace as read_trace
 from mishutter.design.traces import MeasuredProfile as MeasuredProfile
 from mishutter.design.traces import Trace as Trace
+from mishutter.design.traces import for_a_fit as for_a_fit
 from mishutter.design.traces import measured_profile as measured_profile
-from mishutter.design.traces import read_trace as read_trace

@@ -5,22 +5,13 @@ shutter counts as 0 and that of the open one as 1, so that a profile from a trac
 profile that is sent stands: what a scene's device loses of the light is not in it.
 """
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from mishutter._core import (
-    Bare,
-    contents,
-    require,
-    require_finite,
-    text_lines,
-    unit_columns,
-)
-from mishutter.model import SplineShutter, fitted_coefficients
+from mishutter._core import Bare, require, require_finite
+from mishutter.model import SplineShutter, bounded_coefficients, spline_basis
 
-_COLUMNS = {"time": {"ms": 1e-3, "s": 1.0, "us": 1e-6}, "level": None}
 _COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 """Coefficients of the splines that are tried."""
 _SAMPLES_PER_COEFFICIENT = 3
@@ -30,14 +21,23 @@ _LEAST_CLOSED = 8
 """Fewest samples outside the exposure that give the level of the closed shutter."""
 _LONGEST_GAP = 1 / 16
 """Longest step of a trace inside the exposure, in units of the exposure."""
+_STEADY = 0.1
+"""Share of the swing by which the dark of a trace that is taken as inverted may vary."""
+_MOST = 4096
+"""About as many samples of a trace tell all of it to a fit."""
+_RIDGE = 1e-12
+"""Share of the mean square of a B-spline that holds a coefficient which hardly a sample sees."""
+_LEAST_NOISE = 1e-4
+"""Noise below which, as a share of the swing, a trace is not taken as clipped."""
 
 
 class Trace(NamedTuple):
     """Levels of a photodiode behind the shutter.
 
     Attributes:
-        time: Ascending, on the camera's clock or any other; s, shape `(n,)`.
-        level: In any unit, proportional to the light but for an offset; shape `(n,)`.
+        time: Ascending, or equal where they are rounded, on any clock; s, shape `(n,)`.
+        level: In any unit, proportional to the light but for an offset, or to less of it where
+            the photodiode is inverted; shape `(n,)`.
     """
 
     time: np.ndarray
@@ -51,37 +51,24 @@ class MeasuredProfile(NamedTuple):
         shutter: The profile.
         noise: Standard deviation of one sample about it, transmittance.
         closed: Level of the closed shutter, in the unit of the trace.
-        opened: Level of the open one.
+        opened: Level of the open one, below that of the closed one by an inverted photodiode.
+        notes: Sentences for whoever trusts the profile: that the trace is cut off, or inverted.
     """
 
     shutter: SplineShutter
     noise: float
     closed: float
     opened: float
-
-
-def read_trace(path: str | Path) -> Trace:
-    """Read a trace: columns `time` and `level`, a line of names and one of units.
-
-    Times are in ms, s or us, levels in any unit.
-
-    Raises:
-        ValueError: if the file is no such trace, or its times do not ascend.
-        OSError: if it cannot be read.
-    """
-    name = str(path)
-    columns = unit_columns(text_lines(contents(path), name), name, _COLUMNS, tuple(_COLUMNS))
-    trace = Trace(columns["time"], columns["level"])
-    require_ascending(trace, name)
-    return trace
+    notes: tuple[str, ...] = ()
 
 
 def require_ascending(trace: Trace, name: str) -> None:
-    """Refuse a trace whose times do not ascend."""
+    """Refuse a trace whose times fall, or are all one; rounded ones may be equal."""
     time = np.asarray(trace.time)
-    rises = np.diff(time) > 0
-    fall = Bare(f"{time[1 + int(np.argmin(rises))]:g} s" if time.size > 1 else "one time")
-    require(bool(rises.size) and bool(rises.all()), name, "have times that ascend", fall)
+    steps = np.diff(time)
+    fall = Bare(f"{time[1 + int(np.argmax(steps < 0))]:g} s" if np.any(steps < 0) else "one time")
+    right = bool(np.all(steps >= 0)) and time.size > 0 and bool(time[-1] > time[0])
+    require(right, name, "have times that ascend", fall)
 
 
 def within_exposure(trace: Trace, half_exposure: float, middle: float, name: str) -> np.ndarray:
@@ -105,11 +92,14 @@ def within_exposure(trace: Trace, half_exposure: float, middle: float, name: str
     requirement = (
         f"have at least {_LEAST} samples within the exposure of {half_exposure * 2e3:g} ms"
     )
-    require(count >= _LEAST, name, requirement, count)
+    first, last = float(np.min(trace.time)), float(np.max(trace.time))
+    span = f"times from {first:.4g} to {last:.4g} s, mid-exposure being at {middle:.4g} s"
+    require(count >= _LEAST, name, requirement, Bare(f"{count} of {span}"))
     ends = np.concatenate([[-1.0], tau[inside], [1.0]])
     gap = float(np.max(np.diff(ends))) / 2
     requirement = "cover the exposure in steps of at most 1/16 of it"
-    require(gap <= _LONGEST_GAP, name, requirement, Bare(f"{gap * half_exposure * 2e3:.3g} ms"))
+    got = Bare(f"{gap * half_exposure * 2e3:.3g} ms, {span}")
+    require(gap <= _LONGEST_GAP, name, requirement, got)
     return tau
 
 
@@ -124,12 +114,11 @@ def measured_profile(
 ) -> MeasuredProfile:
     r"""The profile that a noisy trace of unequal steps shows.
 
-    Cubic splines of 8 to 256 coefficients are fitted by least squares, each sample at its own
-    time, and the one of the smallest generalised cross-validation
+    Cubic splines of 8 to 256 coefficients within [0, 1] are fitted by least squares, each sample
+    at its own time, and the one of the smallest generalised cross-validation
     $\frac{1}{m}\lVert r\rVert^2 / (1 - n/m)^2$ (Craven and Wahba 1979) is taken: it needs no
-    level of noise, and gives one, $\lVert r\rVert^2/(m - n)$. Its coefficients are then
-    fitted within [0, 1]. A step of the shutter is as steep as the spline, 1/125 of the
-    exposure at the most coefficients.
+    level of noise, and gives one, $\lVert r\rVert^2/(m - n)$. A step of the shutter is as steep as
+    the spline, 1/125 of the exposure at the most coefficients.
 
     Args:
         trace: Times and levels.
@@ -137,53 +126,153 @@ def measured_profile(
         middle: Mid-exposure on the clock of the trace; s.
         closed: Level of the closed shutter; by default the mean of the samples outside the
             exposure.
-        opened: Level of the open shutter; by default the greatest of the spline, so that the
-            fullest moment of the exposure counts as fully open.
+        opened: Level of the open shutter, above that of the closed one or, by an inverted
+            photodiode, below; by default the extreme of the spline on the side where it goes
+            farther, so that the fullest moment of the exposure counts as fully open.
         name: The trace's name in an error.
 
     Raises:
-        ValueError: if times do not ascend or leave a gap in the exposure, a number is not
-            finite, or the levels do not tell open from closed.
+        ValueError: if times fall or leave a gap in the exposure, a number is not finite, or the
+            levels do not tell open from closed.
     """
     for value in (trace.time, trace.level, middle):
         require_finite(name, value)
     require_ascending(trace, name)
     tau = within_exposure(trace, half_exposure, middle, name)
     inside = np.abs(tau) <= 1
-    dark = trace.level[~inside]
+    levels = np.asarray(trace.level, np.float64)
+    dark = levels[~inside]
     requirement = (
         f"have {_LEAST_CLOSED} samples outside the exposure, or a level of the closed shutter"
     )
     require(closed is not None or dark.size >= _LEAST_CLOSED, name, requirement, int(dark.size))
     black = float(np.mean(dark)) if closed is None else closed
-    at, level = tau[inside], trace.level[inside] - black
-    white, residual = _smoothed(at, level)
-    white = white if opened is None else opened - black
-    noise = float(np.sqrt(residual[0]))
+    swing = None if opened is None else opened - black
+    smooth = _smoothed(tau[inside], levels[inside] - black, swing)
+    white, (_, greatest) = smooth.white, smooth.extremes
+    noise = float(np.sqrt(smooth.variance))
     requirement = "tell the open shutter from the closed one by more than its noise"
     got = Bare(f"levels {black:g} and {black + white:g}, noise {noise:.3g}")
-    require(white > 2 * noise, name, requirement, got)
-    count = int(residual[1])
-    coefficients = fitted_coefficients(at, level / white, count, symmetric=False)
-    shutter = SplineShutter(coefficients)
-    return MeasuredProfile(shutter, noise / white, black, black + white)
+    require(abs(white) > 2 * noise, name, requirement, got)
+    notes = _clipping(levels)
+    if white < 0 and opened is None:
+        spread = max(float(np.std(dark)) if closed is None else 0.0, greatest)
+        requirement = (
+            "rise in the exposure, or fall there from a steady level, or be read with the levels "
+            "of the closed and the open shutter"
+        )
+        got = Bare(f"a fall by {-white:.3g} from levels that go {spread:.3g} about {black:.4g}")
+        require(spread < noise + _STEADY * abs(white), name, requirement, got)
+        notes += (f"it falls where the shutter opens, from {black:.4g}: it is read as inverted",)
+    shutter = SplineShutter(smooth.coefficients)
+    return MeasuredProfile(shutter, noise / abs(white), black, black + white, notes)
 
 
-def _smoothed(tau: np.ndarray, level: np.ndarray) -> tuple[float, tuple[float, int]]:
-    """Greatest value of the best spline, its residual variance and number of coefficients."""
-    from scipy.interpolate import BSpline
+def for_a_fit(trace: Trace, half_exposure: float, name: str) -> tuple[Trace, tuple[str, ...]]:
+    """A trace as the fit of a camera takes it: of few samples, in which light is upwards.
 
+    Neighbouring samples become their mean, within the exposure and outside it apart, as the
+    profile may jump at its ends. A trace without samples of the closed shutter stays upright.
+
+    Args:
+        trace: On the camera's clock.
+        half_exposure: $T$; s.
+        name: The trace's name in an error.
+
+    Returns:
+        The trace and the notes of `MeasuredProfile`.
+
+    Raises:
+        ValueError: as `measured_profile` does.
+    """
+    tau = np.asarray(trace.time) / half_exposure
+    is_known = int(np.sum(np.abs(tau) > 1)) >= _LEAST_CLOSED
+    closed = None if is_known else float(np.min(trace.level))
+    found = measured_profile(trace, half_exposure=half_exposure, closed=closed, name=name)
+    sign = 1.0 if found.opened > found.closed else -1.0
+    ends = np.searchsorted(tau, -1, side="left"), np.searchsorted(tau, 1, side="right")
+    first = np.unique([*range(0, tau.size, -(-tau.size // _MOST)), *ends])
+    first = first[first < tau.size]
+    count = np.diff([*first, tau.size])
+    time, level = (np.add.reduceat(np.asarray(each), first) / count for each in trace)
+    return Trace(time, sign * level), found.notes
+
+
+class _Smooth(NamedTuple):
+    """A spline through a trace.
+
+    Attributes:
+        score: Generalised cross-validation of the spline within [0, 1].
+        extremes: Least and greatest value of the spline that is not held there.
+        white: Level of the open shutter above the closed one.
+        variance: Of a sample about the spline within [0, 1].
+        coefficients: Of that; shape `(count,)`.
+    """
+
+    score: float
+    extremes: tuple[float, float]
+    white: float
+    variance: float
+    coefficients: np.ndarray
+
+
+def _smoothed(tau: np.ndarray, level: np.ndarray, white: float | None) -> _Smooth:
+    """The spline whose generalised cross-validation is smallest."""
     longest = float(np.max(np.diff(tau)))
-    best = None
-    for count in _COUNTS:
-        if count * _SAMPLES_PER_COEFFICIENT > tau.size or longest > 2 / (count - 3):
-            continue
-        knots = np.concatenate([[-1.0] * 3, np.linspace(-1, 1, count - 2), [1.0] * 3])
-        basis = BSpline.design_matrix(tau, knots, 3).toarray()
-        fitted, *_ = np.linalg.lstsq(basis, level, rcond=None)
-        squares = float(np.sum((level - basis @ fitted) ** 2))
-        score = squares / (1 - count / tau.size) ** 2
-        if best is None or score < best[0]:
-            greatest = float(np.max(BSpline(knots, fitted, 3)(np.linspace(-1, 1, 1001))))
-            best = score, greatest, (squares / (tau.size - count), count)
-    return best[1:]  # type: ignore[index]
+    most = min(tau.size // _SAMPLES_PER_COEFFICIENT, 3 + int(2 / longest))
+    splines = (_smooth(tau, level, count, white) for count in _COUNTS if count <= most)
+    return min(splines, key=lambda each: each.score)
+
+
+def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None) -> _Smooth:
+    """The spline of so many coefficients, of levels above that of the closed shutter.
+
+    It is found by normal equations, which take four numbers a sample where the whole basis takes
+    `count`. Those of B-splines that samples cover are well conditioned. Their triangle makes the
+    bounded problem one of `count` rows, whose squares add to those of the free spline.
+    """
+    from scipy.linalg import cholesky, solve_triangular
+
+    basis = spline_basis(tau, count)
+    squares = (basis.T @ basis).toarray()
+    triangle = cholesky(squares + _RIDGE * np.trace(squares) / count * np.eye(count))
+    target = solve_triangular(triangle, basis.T @ level, trans="T")
+    free = solve_triangular(triangle, target)
+    values = spline_basis(np.linspace(-1, 1, 1001), count) @ free
+    least, greatest = float(np.min(values)), float(np.max(values))
+    if white is None:
+        white = greatest if greatest > -least else least
+    coefficients = bounded_coefficients(triangle, target / (white or 1.0))
+    held = target - triangle @ coefficients * white
+    residual = float(np.sum((level - basis @ free) ** 2) + np.sum(held**2))
+    return _Smooth(
+        score=residual / (1 - count / tau.size) ** 2,
+        extremes=(least, greatest),
+        white=white,
+        variance=residual / (tau.size - count),
+        coefficients=coefficients,
+    )
+
+
+def _clipping(level: np.ndarray) -> tuple[str, ...]:
+    """A sentence for each end at which a trace is cut off.
+
+    Samples of a noisy signal do not stand at one level, its greatest or its least, for long: by
+    chance, at even odds for each, no run is as long as twice the binary logarithm of their number.
+    Where noise is less than a step of the converter nothing can be told. Neighbouring second
+    differences of noise have opposite signs, by which it is told from a smooth signal.
+    """
+    bend = np.diff(level, 2)
+    noise = float(np.sqrt(max(np.median(-bend[1:] * bend[:-1]), 0.0))) if bend.size > 1 else 0.0
+    sentences = []
+    for word, extreme in (("above", float(np.max(level))), ("below", float(np.min(level)))):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], level == extreme, [False]])))
+        longest = int(np.max(np.diff(edges)[::2]))
+        if longest > 2 * np.log2(level.size) and noise > _LEAST_NOISE * np.ptp(level):
+            share = float(np.mean(level == extreme))
+            sentences.append(
+                f"it is clipped, with {share:.2g} of its samples at exactly {extreme:.6g}: what "
+                f"went {word} that is lost, and the profile flat there; take it again at a "
+                "coarser vertical scale"
+            )
+    return tuple(sentences)

@@ -85,9 +85,11 @@ from mishutter.model.shutters.base import within_unit as within_unit
 from mishutter.model.shutters.polynomials import PolynomialShutter as PolynomialShutter
 from mishutter.model.shutters.polynomials import in_one_form as in_one_form
 from mishutter.model.shutters.polynomials import profile_of as profile_of
+from mishutter.model.shutters.spline import bounded_coefficients as bounded_coefficients
 from mishutter.model.shutters.spline import coefficient_times as coefficient_times
 from mishutter.model.shutters.spline import fitted_boxes as fitted_boxes
 from mishutter.model.shutters.spline import fitted_coefficients as fitted_coefficients
+from mishutter.model.shutters.spline import spline_basis as spline_basis
 from mishutter.model.slots import diffused as diffused
 from mishutter.model.slots import runs_are_long_enough as runs_are_long_enough
 from mishutter.model.slots import slot_means as slot_means

@@ -104,7 +104,7 @@ BAD = {
         "must hold an edge: levels at its ends that differ by more than the noise; got 7 and 7",
     ),
     "not-toml": ("[[picture]\n", b"1", "bench.toml must be a TOML file; got: "),
-    "not-text": (PICTURE, b"\x89PNG\r\n\x1a\n\x00", "must be UTF-8 text; got byte 0"),
+    "not-text": (PICTURE, b"\x89PNG\r\n\x1a\n\x00", "must be text, as CSV is, in UTF-8, UTF-16"),
     "no-such-file": (
         '[[picture]]\npath = "gone.csv"\n',
         b"1",
@@ -147,7 +147,7 @@ BAD = {
     "trace-in-minutes": (
         PICTURE + '\n[trace]\npath = "{1}"\n',
         b"time,level\nmin,V\n0,2\n1,3\n",
-        "must have `time` in ms or s or us by its second line; got 'min'",
+        "must name s, ms, us or ns as the unit of a column of times, as `time (s),level` above ",
     ),
     "trace-unordered": (
         PICTURE + '\n[trace]\npath = "{1}"\n',

@@ -1,4 +1,4 @@
-"""Drive tables there and back: what each format keeps, and traces in place of a shutter.
+"""Drive tables there and back: what each format keeps.
 
 A format keeps a drive to its own resolution: text and arrays to rounding, a Rigol word to
 half of 1/16,383, a list of pulses to the step. What a file lacks is that of the design.
@@ -14,17 +14,13 @@ from support.drive import a_design
 from mishutter import (
     ChippedShutter,
     Design,
-    HannShutter,
     IdealShutter,
     ParabolicMotion,
     Scene,
     SplineShutter,
-    Trace,
     drive_table,
     evaluate,
-    measured_profile,
     read_drive,
-    read_trace,
 )
 from mishutter.design import DRIVE_FORMATS
 from mishutter.model import panned
@@ -220,61 +216,3 @@ def test_formats_that_do_not_fit_are_refused():
         a_table().save("never", form="raf")
     with pytest.raises(ValueError, match=r"must be open or closed in each step .*; got 256 levels"):
         a_table().save("never", form="pulses")
-
-
-# Traces
-
-
-def noisy_trace(noise, seed=3):
-    rng = np.random.default_rng(seed)
-    time = np.sort(rng.uniform(-1.3, 1.3, 3000)) * HALF
-    level = 0.21 + 1.7 * np.asarray(HannShutter().transmittance(time / HALF))
-    return Trace(time + 2e-3, level + 1.7 * noise * rng.standard_normal(time.size))
-
-
-def test_a_noisy_trace_of_unequal_steps_is_the_shutter():
-    """Levels, noise and profile of a Hann shutter are found within what the noise allows."""
-    found = measured_profile(noisy_trace(0.05), half_exposure=HALF, middle=2e-3)
-    assert found.noise == pytest.approx(0.05, rel=0.06)
-    assert found.closed == pytest.approx(0.21, abs=5 * 1.7 * 0.05 / np.sqrt(690))
-    assert found.opened == pytest.approx(1.91, abs=0.08)
-    tau = np.linspace(-1, 1, 401)
-    error = np.asarray(found.shutter.transmittance(tau)) - np.asarray(
-        HannShutter().transmittance(tau)
-    )
-    assert np.sqrt(np.mean(error**2)) < 0.02
-
-
-def test_levels_that_are_given_are_taken():
-    """A half-open shutter is half open where the level of the open one is known."""
-    trace = noisy_trace(1e-3)
-    levels = {"closed": 0.21, "opened": 0.21 + 2 * 1.7}
-    found = measured_profile(trace, half_exposure=HALF, middle=2e-3, **levels)
-    assert (found.closed, found.opened) == pytest.approx((0.21, 3.61))
-    assert float(np.max(found.shutter.transmittance(np.linspace(-1, 1, 99)))) == pytest.approx(
-        0.5, abs=2e-3
-    )
-
-
-@pytest.mark.slow
-def test_fine_detail_takes_more_coefficients():
-    """Cross-validation finds as many as the profile needs, and no more for a smooth one."""
-    smooth = measured_profile(noisy_trace(0.05), half_exposure=HALF, middle=2e-3)
-    time = np.linspace(-1.2, 1.2, 2400) * HALF
-    wave = 0.5 + 0.45 * np.sin(40 * time / HALF)
-    wave = np.where(np.abs(time) <= HALF, wave, 0.0)
-    wavy = measured_profile(Trace(time, wave), half_exposure=HALF, opened=1.0)
-    assert smooth.shutter.num_coefficients <= 16
-    assert wavy.shutter.num_coefficients >= 96
-    tau = np.linspace(-1, 1, 333)
-    fitted = np.asarray(wavy.shutter.transmittance(tau))
-    np.testing.assert_allclose(fitted, 0.5 + 0.45 * np.sin(40 * tau), atol=2e-3)
-
-
-def test_times_of_a_trace_are_in_the_unit_that_it_names(tmp_path):
-    """Seconds, milliseconds and microseconds are told apart by the second line."""
-    for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
-        (tmp_path / "t.csv").write_text(f"level,time\nmV,{unit}\n3,1.5\n4,2.5\n")
-        trace = read_trace(tmp_path / "t.csv")
-        np.testing.assert_allclose(trace.time, np.array([1.5, 2.5]) * factor, rtol=1e-15)
-        assert trace.level.tolist() == [3, 4]

@@ -42,7 +42,11 @@ def words(*values):
 
 DRIVES = {
     "empty": ("d.csv", "", "must hold at least one line; got an empty file"),
-    "picture": ("d.csv", b"\x89PNG\r\n\x1a\n\x00\xff", "must be UTF-8 text; got byte 0"),
+    "picture": (
+        "d.csv",
+        b"\x89PNG\r\n\x1a\n\x00\xff",
+        "must be text, as CSV is, in UTF-8, UTF-16 o",
+    ),
     "prose": ("d.csv", "once upon a time\n", "must be a drive table of a known format (csv, "),
     "wrong-unit": (
         "d.csv",
@@ -171,11 +175,11 @@ TRACES = {
     ),
     "trace-in-minutes": (
         trace(units="min,V"),
-        "must have `time` in ms or s or us by its second line; got 'min'",
+        "must name s, ms, us or ns as the unit of a column of times, as `time (s),level` above ",
     ),
     "trace-in-seconds": (
         trace(units="s,V"),
-        "must have at least 32 samples within the exposure of 20 ms; got 1",
+        "must have at least 32 samples within the exposure of 20 ms; got 1 of times from -12 to 12",
     ),
     "trace-gap": (
         trace(lambda t, v: (t[(t < 2) | (t > 5)], v[(t < 2) | (t > 5)])),
@@ -195,10 +199,18 @@ TRACES = {
     ),
     "trace-nan": (
         trace(lambda t, v: (t, np.where(t > 3, np.nan, v))),
-        "must hold finite numbers; got 3.1,nan",
+        "must hold finite numbers below 9.9e+37, others being an instrument's sign for a signal ",
     ),
     "trace-without-level": (
-        trace(names="time,time"),
-        "must have each column once; got 'time'",
+        trace(names="time,time", units="ms,ms"),
+        "must have a column of levels beside the times; got none",
+    ),
+    "trace-of-light-elsewhere": (
+        trace(lambda t, v: (3 * t + 23, v)),
+        "must rise in the exposure, or fall there from a steady level, or be read with the levels",
+    ),
+    "trace-of-bytes": (
+        "\0" + trace(),
+        "must be text, as CSV is, in UTF-8, UTF-16 or Latin-1; got other bytes",
     ),
 }

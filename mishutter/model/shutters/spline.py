@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -36,6 +36,9 @@ from mishutter.model.shutters.bernstein import (
     split_control,
 )
 from mishutter.model.shutters.polynomials import profile_of
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _DEGREE = 3
 _FIT_SAMPLES_PER_PIECE = 16
@@ -198,18 +201,29 @@ def fitted_coefficients(
     tau: np.ndarray, target: np.ndarray, count: int, symmetric: bool
 ) -> np.ndarray:
     """Least-squares coefficients in [0, 1] of a profile's values at times; shape `(count,)`."""
-    from scipy.interpolate import BSpline
-    from scipy.optimize import lsq_linear
-
     target = target.astype(np.float64)
     if symmetric:
         target = (target + target[::-1]) / 2
-    basis = BSpline.design_matrix(tau, _knots(count), _DEGREE).toarray()
+    return bounded_coefficients(spline_basis(tau, count).toarray(), target)
+
+
+def bounded_coefficients(basis: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Coefficients in [0, 1] of the least squares, those at a bound exactly; shape `(count,)`."""
+    from scipy.optimize import lsq_linear
+
     solution = np.clip(lsq_linear(basis, target, bounds=(0, 1), tol=1e-14).x, 0, 1)
     return np.where(np.abs(solution - np.round(solution)) < 1e-9, np.round(solution), solution)
 
 
-def _knots(count: int) -> np.ndarray:
+def spline_basis(tau: np.ndarray, count: int) -> "csr_array":
+    """B-splines at normalised times in [-1, 1], four a row; sparse, shape `(times, count)`."""
+    from scipy.interpolate import BSpline
+
+    return BSpline.design_matrix(tau, spline_knots(count), _DEGREE)
+
+
+def spline_knots(count: int) -> np.ndarray:
+    """Knots of a spline of so many coefficients on [-1, 1]; shape `(count + 4,)`."""
     inner = np.linspace(-1, 1, count - _DEGREE + 1)
     return np.concatenate([np.full(_DEGREE, -1.0), inner, np.full(_DEGREE, 1.0)])
 
@@ -219,7 +233,7 @@ def coefficient_times(count: int) -> np.ndarray:
 
     Coefficients that are the values of a straight line there make the spline that line.
     """
-    return sliding_window_view(_knots(count)[1:-1], _DEGREE).mean(axis=1)
+    return sliding_window_view(spline_knots(count)[1:-1], _DEGREE).mean(axis=1)
 
 
 @lru_cache
@@ -229,7 +243,7 @@ def bezier_extraction(count: int) -> np.ndarray:
     Knots are inserted until each has full multiplicity (Boehm's algorithm); the
     coefficients are then the control points of the pieces.
     """
-    knots, rows = _knots(count), np.eye(count)
+    knots, rows = spline_knots(count), np.eye(count)
     for knot in np.linspace(-1, 1, count - _DEGREE + 1)[1:-1]:
         for _ in range(_DEGREE - 1):
             knots, rows = _insert_knot(knots, rows, knot)
