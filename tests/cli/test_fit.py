@@ -104,7 +104,11 @@ BAD = {
         "must hold an edge: levels at its ends that differ by more than the noise; got 7 and 7",
     ),
     "not-toml": ("[[picture]\n", b"1", "bench.toml must be a TOML file; got: "),
-    "not-text": (PICTURE, b"\x89PNG\r\n\x1a\n\x00", "must be UTF-8 text; got byte 0"),
+    "not-text": (
+        PICTURE,
+        b"\x89PNG\r\n\x1a\n\x00",
+        "must hold the levels of a picture as CSV or .npy; got ",
+    ),
     "no-such-file": (
         '[[picture]]\npath = "gone.csv"\n',
         b"1",
@@ -119,6 +123,7 @@ BAD = {
         b"1",
         "`picture[0].speed_px_per_s` must be at most 1e+07; got 300000000.0",
     ),
+    "a-tiff": (PICTURE, b"II*\0\x08\0\0\0", "a picture as CSV or .npy; got a file that is neither"),
     "no-electrons": (
         "[sensor]\nelectrons_per_level = 0\n" + PICTURE,
         b"1",
@@ -159,7 +164,7 @@ BAD = {
 
 @pytest.mark.parametrize("slug", BAD)
 def test_each_bad_file_is_one_line(slug, folder, tmp_path, capsys):
-    """Twenty-four lists of measurements, pictures and traces that are none."""
+    """Twenty-five lists of measurements, pictures and traces that are none."""
     text, content, message = BAD[slug]
     good = ",".join(["0"] * 20 + ["900"] * 3 + ["0"] * 20).encode()
     (tmp_path / "picture").write_bytes(good if "trace" in slug else content)
