@@ -43,8 +43,8 @@ VIDEO_SUFFIXES = (
 _READ = "read_frames(path=...)"
 _LOG_PREFIX = re.compile(r"^(\[[^]]*\]\s*)+")
 """FFmpeg's names and addresses of the parts that speak."""
-_EVEN = ("-an", "-fps_mode", "cfr")
-"""Has FFmpeg show each frame for as long as its neighbours, by repeating those that last longer."""
+_ONCE = ("-an", "-fps_mode", "vfr")
+"""Has FFmpeg give each frame once, at its time in steps of the frame rate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +132,9 @@ def read_frames(
     require(is_video, _READ, f"name a folder of pictures or a video ({kinds})", str(path))
     try:
         if path.suffix.lower() == _GIF:
-            count, durations = _durations_of_gif(path)
-            frames = _frames_of_gif(path)
+            durations, frames = _durations_of_gif(path), _frames_of_gif(path)
         else:
-            count, durations = _count(path), None
-            frames = _frames_of_video(path)
+            durations, frames = _durations_of_video(path), _frames_of_video(path)
     except ImportError as error:
         raise ValueError(
             f"`{_READ}` must name a video while FFmpeg is installed, as the extra "
@@ -147,9 +145,9 @@ def read_frames(
         raise ValueError(
             f"`{_READ}` must name a whole video; got {str(path)!r}: {reason.removesuffix('.')}."
         ) from error
-    require(count >= 1, _READ, "hold at least one frame", str(path))
+    require(len(durations) >= 1, _READ, "hold at least one frame", str(path))
     light = (light_of(Decoded(frame, None, 255.0), path, *told) for frame in frames)
-    return Frames(light, count, border, durations)
+    return Frames(light, len(durations), border, durations)
 
 
 def expose_frames(
@@ -253,16 +251,17 @@ def _pictures(names: Sequence[Path], white: float | None, linear: bool) -> Itera
         yield picture.light
 
 
-def _durations_of_gif(path: Path) -> tuple[int, tuple[float, ...] | None]:
-    """How many frames a GIF has, and how long each shows; None if it does not say so."""
+def _durations_of_gif(path: Path) -> tuple[float, ...]:
+    """How long each frame of a GIF shows; equally long if it does not say so."""
     from PIL import Image, ImageSequence
 
     with Image.open(path, formats=("GIF",)) as file:
         durations = tuple(float(f.info.get("duration", 0)) for f in ImageSequence.Iterator(file))
-    is_told = any(durations)
-    if is_told and not all(durations):
+    if not any(durations):
+        return (1.0,) * len(durations)
+    if not all(durations):
         raise ValueError(f"frame {durations.index(0)} shows for no time")
-    return len(durations), durations if is_told else None
+    return durations
 
 
 def _frames_of_gif(path: Path) -> Iterator[np.ndarray]:
@@ -273,8 +272,8 @@ def _frames_of_gif(path: Path) -> Iterator[np.ndarray]:
             yield np.asarray(frame.convert("RGB"))
 
 
-def _count(path: Path) -> int:
-    """How many frames `_frames_of_video` gives, of a file that FFmpeg reads without failing.
+def _durations_of_video(path: Path) -> tuple[float, ...]:
+    """How long each of the `_frames_of_video` shows, of a file that FFmpeg reads without failing.
 
     Raises:
         ValueError: with FFmpeg's reason.
@@ -282,16 +281,19 @@ def _count(path: Path) -> int:
     from imageio_ffmpeg import get_ffmpeg_exe
 
     quietly = (get_ffmpeg_exe(), "-nostdin", "-v", "error", "-xerror")
-    command = [*quietly, "-i", str(path), *_EVEN, "-f", "framecrc", "-"]
+    command = [*quietly, "-i", str(path), *_ONCE, "-f", "framecrc", "-"]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     said = [_LOG_PREFIX.sub("", line) for line in done.stderr.splitlines() if line.strip()]
     if done.returncode:
         raise ValueError(said[0] if said else f"FFmpeg ended with code {done.returncode}")
-    count = sum(not line.startswith("#") for line in done.stdout.splitlines())
+    # Number of the stream, times of decoding and showing, duration, and what is of no use here.
+    lines = [line.split(",") for line in done.stdout.splitlines() if not line.startswith("#")]
     if said:
-        doubt = f"{path}: {count} frames are read, and FFmpeg says: {said[0]}"
+        doubt = f"{path}: {len(lines)} frames are read, and FFmpeg says: {said[0]}"
         warnings.warn(doubt, PictureWarning, stacklevel=3)
-    return count
+    begins = [float(line[2]) for line in lines]
+    ends = [*begins[1:], *(begins[-1] + float(line[3]) for line in lines[-1:])]
+    return tuple(end - begin for begin, end in zip(begins, ends, strict=True))
 
 
 def _frames_of_video(path: Path) -> Iterator[np.ndarray]:
@@ -299,7 +301,7 @@ def _frames_of_video(path: Path) -> Iterator[np.ndarray]:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # ffmpeg is started by a fork
-        footage = imageio_ffmpeg.read_frames(str(path), output_params=[*_EVEN])
+        footage = imageio_ffmpeg.read_frames(str(path), output_params=[*_ONCE])
         columns, rows = next(footage)["size"]  # type: ignore[call-overload]
     for frame in footage:
         yield np.frombuffer(frame, np.uint8).reshape(rows, columns, 3)  # type: ignore[arg-type]

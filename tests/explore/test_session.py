@@ -248,7 +248,7 @@ def test_numbers_of_an_upload_may_be_told(started):
     assert whiter == pytest.approx(plain * (255 / 300) ** 2.2, rel=1e-5)
     assert linear > 1.2 * plain
     assert (found[1].picture_white, found[2].picture_linear) == (300.0, True)
-    with pytest.raises(ValueError, match=r"\[picture\] white must stand beside the path"):
+    with pytest.raises(ValueError, match=r"`\[picture\] white` must stand beside the path"):
         sessions.built(TABLES | {"picture": {"path": "example", "white": 3.0}}, {})
 
 
