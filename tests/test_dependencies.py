@@ -21,8 +21,8 @@ EXTRAS = [
     for name in ("cluster", "explore", "video")
     for t in PROJECT["optional-dependencies"][name]
 ]
-NEVER_IMPORTED = {"jaxlib", "imageio-ffmpeg"}
-"""Packages that are declared for others: a build of jaxlib to avoid, and a plugin of imageio."""
+NEVER_IMPORTED = {"jaxlib"}
+"""A package that is declared for others: a build of it to avoid."""
 
 
 @pytest.mark.parametrize("count", [16_384, 20_000, 70_001])

@@ -195,6 +195,9 @@ def read_measurements(path: str | Path) -> Measurements:
 def _levels(path: Path) -> np.ndarray:
     content, name = contents(path), str(path)
     if not content.startswith(b"\x93NUMPY"):
+        is_text = b"\0" not in content or content.startswith((b"\xff\xfe", b"\xfe\xff"))
+        got = Bare("a file that is neither")
+        require(is_text, name, "hold the levels of a picture as CSV or .npy", got)
         lines = text_lines(content, name)
         return number_rows(lines, lines[0].count(",") + 1, name)
     try:

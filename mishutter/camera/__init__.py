@@ -12,6 +12,7 @@ from mishutter.camera.capture import noisy as noisy
 from mishutter.camera.capture import simulate_capture as simulate_capture
 from mishutter.camera.capture import skips as skips
 from mishutter.camera.capture import through_optics as through_optics
+from mishutter.camera.footage import VIDEO_SUFFIXES as VIDEO_SUFFIXES
 from mishutter.camera.footage import Frames as Frames
 from mishutter.camera.footage import read_frames as read_frames
 from mishutter.camera.layers import Layer as Layer

@@ -1,49 +1,89 @@
 """High-speed footage exposed under a shutter by a moving sensor."""
 
+import re
+import subprocess
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import ArrayLike
 
-from mishutter._core import Bare, common_dtype, require, require_positive_int, shape_of
+from mishutter._core import (
+    Bare,
+    common_dtype,
+    require,
+    require_finite,
+    require_positive_int,
+    shape_of,
+)
 from mishutter.blur import path_ends, waves_on_dft
 from mishutter.camera.rows import PAD_MODES, continued, period_of
 from mishutter.model import (
-    GAMMA,
+    PICTURE_SUFFIXES,
     AbstractMotion,
     AbstractShutter,
+    Decoded,
     Optics,
     Picture,
+    PictureWarning,
+    checked_white,
+    examined,
+    light_of,
     piecewise,
-    read_picture,
 )
 
-PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+_GIF = ".gif"
+VIDEO_SUFFIXES = (
+    *(".3gp", ".asf", ".avi", ".flv", _GIF, ".m2ts", ".m4v", ".mkv", ".mov", ".mp4"),
+    *(".mpeg", ".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv"),
+)
+"""How the names of video files end. FFmpeg also reads single pictures, and some of them wrongly."""
+_READ = "read_frames(path=...)"
+_LOG_PREFIX = re.compile(r"^(\[[^]]*\]\s*)+")
+"""FFmpeg's names and addresses of the parts that speak."""
+_ONCE = ("-an", "-fps_mode", "vfr")
+"""Has FFmpeg give each frame once, at its time in steps of the frame rate."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frames of a camera at rest, evenly spread over the exposure, each shown for its share.
+    """Frames of a camera at rest, spread over the exposure, each shown for its share.
 
     Attributes:
         frames: Light of each frame, white = 1, shape `(rows, columns, channels)`; an
             array, a list, or an iterator that is read once.
         num_frames: How many there are.
         border: How each goes on beyond its ends: `"reflect"`, `"edge"`, `"wrap"`, `"zero"`.
+        durations: How long each shows, in any one unit; equally long by default.
     """
 
     frames: Iterable[np.ndarray | Picture]
     num_frames: int
     border: str = "reflect"
+    durations: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         require_positive_int("Frames(num_frames=...)", self.num_frames)
         require(
             self.border in PAD_MODES, "Frames(border=...)", f"be one of {[*PAD_MODES]}", self.border
         )
+        if self.durations is not None:
+            subject, durations = "Frames(durations=...)", self.durations
+            one_each = np.shape(durations) == (self.num_frames,)
+            require(one_each, subject, f"be {self.num_frames}, one a frame", shape_of(durations))
+            require_finite(subject, np.asarray(durations))
+            least = float(np.min(durations))
+            require(least > 0, subject, "be above 0", least)
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Times at which frames begin, and the last ends, in half exposures from its middle."""
+        if self.durations is None:
+            return np.linspace(-1, 1, self.num_frames + 1)
+        shown = np.concatenate([[0.0], np.cumsum(np.asarray(self.durations, np.float64))])
+        return 2 * (shown / shown[-1]) - 1
 
     @staticmethod
     def of(frames: np.ndarray | list, border: str = "reflect") -> "Frames":
@@ -52,35 +92,62 @@ class Frames:
         return Frames(frames, len(frames), border)
 
 
-def read_frames(path: str | Path, border: str = "reflect") -> Frames:
+def read_frames(
+    path: str | Path,
+    border: str = "reflect",
+    *,
+    white: ArrayLike | None = None,
+    linear: bool = False,
+) -> Frames:
     """Frames from a folder of pictures, in the order of their names, or from a video file.
 
-    Frames are read one by one as they are exposed. Video needs an imageio plug-in, which
-    the extra `mishutter[video]` installs; its values are gamma-coded as pictures are.
+    Frames are read one by one as they are exposed, and show for as long as the file says. Video
+    other than GIF needs FFmpeg, which the extra `mishutter[video]` installs; its values are
+    gamma-coded as pictures are.
+
+    Args:
+        path: The folder, or the file, whose name ends as those of videos do.
+        border: As in `Frames`.
+        white: As in `read_picture`.
+        linear: As in `read_picture`.
 
     Raises:
         OSError: if there is no such file or folder.
         ValueError: if it holds no frames, or cannot be decoded.
+
+    Warns:
+        PictureWarning: as `read_picture`, once for a folder; or if FFmpeg has met errors.
     """
-    path, subject = Path(path), "read_frames(path=...)"
+    path, told = Path(path), (checked_white("read_frames(white=...)", white), linear)
     if not path.exists():
         raise FileNotFoundError(
-            f"`{subject}` must name a folder or a video; got {str(path)!r}, not found."
+            f"`{_READ}` must name a folder or a video; got {str(path)!r}, not found."
         )
     if path.is_dir():
         names = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
-        require(len(names) >= 1, subject, "hold pictures", str(path))
-        return Frames((read_picture(name).light for name in names), len(names), border)
+        require(len(names) >= 1, _READ, "hold pictures", str(path))
+        return Frames(_pictures(names, *told), len(names), border)
+    kinds = ", ".join(suffix[1:] for suffix in VIDEO_SUFFIXES)
+    is_video = path.suffix.lower() in VIDEO_SUFFIXES
+    require(is_video, _READ, f"name a folder of pictures or a video ({kinds})", str(path))
     try:
-        count = sum(1 for _ in _video(path))
-    except Exception as error:
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        if path.suffix.lower() == _GIF:
+            durations, frames = _durations_of_gif(path), _frames_of_gif(path)
+        else:
+            durations, frames = _durations_of_video(path), _frames_of_video(path)
+    except ImportError as error:
         raise ValueError(
-            f"`{subject}` must name a video that imageio reads (its extra: "
-            f"mishutter[video]); got {str(path)!r}: {reason}."
+            f"`{_READ}` must name a video while FFmpeg is installed, as the extra "
+            f"mishutter[video] does; got {str(path)!r}: {error}."
         ) from error
-    require(count >= 1, subject, "hold at least one frame", str(path))
-    return Frames(_video(path), count, border)
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(
+            f"`{_READ}` must name a whole video; got {str(path)!r}: {reason.removesuffix('.')}."
+        ) from error
+    require(len(durations) >= 1, _READ, "hold at least one frame", str(path))
+    light = (light_of(Decoded(frame, None, 255.0), path, *told) for frame in frames)
+    return Frames(light, len(durations), border, durations)
 
 
 def expose_frames(
@@ -105,7 +172,7 @@ def expose_frames(
         ValueError: if frames differ in shape, hold values that are not light, or are not
             as many as was said.
     """
-    position, light, number = _nodes(shutter, motion, frames.num_frames)
+    position, light, number = _nodes(shutter, motion, frames.ends)
     reach = int(np.ceil(np.max(np.abs(position))))
     total, shape, dtype, period, num_seen = None, None, None, 0, 0
     for index, frame in enumerate(frames.frames):
@@ -138,7 +205,7 @@ _PX_A_PANEL = 2.0
 
 
 def _nodes(
-    shutter: AbstractShutter, motion: AbstractMotion, num_frames: int
+    shutter: AbstractShutter, motion: AbstractMotion, shown: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions of the sensor, px, the light there, and the frame that shows; shape `(q,)` each."""
     half = float(motion.half_exposure)
@@ -148,12 +215,11 @@ def _nodes(
     breaks = np.append(breaks, np.array(path_ends(motion), float))
     fastest = float(motion.top_speed) * half
     count = _NUM_PANELS + int(np.ceil(2 * fastest / _PX_A_PANEL))
-    shown = np.linspace(-1, 1, num_frames + 1)
     ends = np.unique(np.concatenate([np.linspace(-1, 1, count + 1), shown, np.clip(breaks, -1, 1)]))
     width = np.diff(ends)[:, None]
     tau = ends[:-1, None] + width * (_NODES + 1) / 2
     light = width / 4 * _WEIGHTS * np.asarray(shutter.transmittance(tau.astype(dtype)), np.float64)
-    number = np.clip(np.searchsorted(shown, tau) - 1, 0, num_frames - 1)
+    number = np.clip(np.searchsorted(shown, tau) - 1, 0, shown.size - 2)
     time = tau * half
     return np.asarray(motion.position(time)).ravel(), light.ravel(), number.ravel()
 
@@ -174,13 +240,68 @@ def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
     return light
 
 
-def _video(path: Path) -> Iterator[np.ndarray]:
-    import imageio.v3 as iio
+def _pictures(names: Sequence[Path], white: float | None, linear: bool) -> Iterator[np.ndarray]:
+    """Light of pictures, with one warning for all of them."""
+    is_said = False
+    for name in names:
+        picture, doubts = examined(name, white, linear)
+        if doubts and not is_said:
+            warnings.warn(doubts[0], PictureWarning, stacklevel=2)
+            is_said = True
+        yield picture.light
+
+
+def _durations_of_gif(path: Path) -> tuple[float, ...]:
+    """How long each frame of a GIF shows; equally long if it does not say so."""
+    from PIL import Image, ImageSequence
+
+    with Image.open(path, formats=("GIF",)) as file:
+        durations = tuple(float(f.info.get("duration", 0)) for f in ImageSequence.Iterator(file))
+    if not any(durations):
+        return (1.0,) * len(durations)
+    if not all(durations):
+        raise ValueError(f"frame {durations.index(0)} shows for no time")
+    return durations
+
+
+def _frames_of_gif(path: Path) -> Iterator[np.ndarray]:
+    from PIL import Image, ImageSequence
+
+    with Image.open(path, formats=("GIF",)) as file:
+        for frame in ImageSequence.Iterator(file):
+            yield np.asarray(frame.convert("RGB"))
+
+
+def _durations_of_video(path: Path) -> tuple[float, ...]:
+    """How long each of the `_frames_of_video` shows, of a file that FFmpeg reads without failing.
+
+    Raises:
+        ValueError: with FFmpeg's reason.
+    """
+    from imageio_ffmpeg import get_ffmpeg_exe
+
+    quietly = (get_ffmpeg_exe(), "-nostdin", "-v", "error", "-xerror")
+    command = [*quietly, "-i", str(path), *_ONCE, "-f", "framecrc", "-"]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+    said = [_LOG_PREFIX.sub("", line) for line in done.stderr.splitlines() if line.strip()]
+    if done.returncode:
+        raise ValueError(said[0] if said else f"FFmpeg ended with code {done.returncode}")
+    # Number of the stream, times of decoding and showing, duration, and what is of no use here.
+    lines = [line.split(",") for line in done.stdout.splitlines() if not line.startswith("#")]
+    if said:
+        doubt = f"{path}: {len(lines)} frames are read, and FFmpeg says: {said[0]}"
+        warnings.warn(doubt, PictureWarning, stacklevel=3)
+    begins = [float(line[2]) for line in lines]
+    ends = [*begins[1:], *(begins[-1] + float(line[3]) for line in lines[-1:])]
+    return tuple(end - begin for begin, end in zip(begins, ends, strict=True))
+
+
+def _frames_of_video(path: Path) -> Iterator[np.ndarray]:
+    import imageio_ffmpeg
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # ffmpeg is started by a fork
-        footage = iio.imiter(path)
-        first = next(footage, None)
-    for frame in () if first is None else chain([first], footage):
-        frame = frame[..., None] if frame.ndim == 2 else frame[..., :3]
-        yield (frame.astype(np.float32) / np.iinfo(frame.dtype).max) ** np.float32(GAMMA)
+        footage = imageio_ffmpeg.read_frames(str(path), output_params=[*_ONCE])
+        columns, rows = next(footage)["size"]  # type: ignore[call-overload]
+    for frame in footage:
+        yield np.frombuffer(frame, np.uint8).reshape(rows, columns, 3)  # type: ignore[arg-type]

@@ -22,7 +22,7 @@ from mishutter._core import (
     validated,
 )
 from mishutter.camera.rows import PAD_MODES
-from mishutter.model import Picture, Speed, read_opacity, read_picture
+from mishutter.model import Picture, Speed, White, read_opacity, read_picture
 
 _FARTHEST = 10**9
 """Columns or rows that a layer's corner may lie from the sensor's."""
@@ -105,6 +105,8 @@ class Layers:
 
 class _LayerEntry(Section):
     picture: _Name
+    white: White | None = None
+    linear: bool = False
     matte: _Name | None = None
     speed_px_per_s: Speed = 0.0
     left: _Place = 0
@@ -129,6 +131,8 @@ def read_layers(path: str | Path) -> Layers:
 
     [[layers]]                    # the background, opaque, as large as the sensor
     picture = "street.png"
+    white = 4095                  # value of its file that is white, where not that of its depth
+    linear = true                 # its numbers are linear light
 
     [[layers]]
     picture = "car.png"           # its alpha is its matte
@@ -155,7 +159,7 @@ def read_layers(path: str | Path) -> Layers:
 
 
 def _layer(entry: _LayerEntry, folder: Path) -> Layer:
-    picture = read_picture(folder / entry.picture)
+    picture = read_picture(folder / entry.picture, white=entry.white, linear=entry.linear)
     if entry.matte is not None:
         picture = Picture(picture.light, _matte(folder / entry.matte, picture), picture.name)
     return Layer(picture, entry.speed_px_per_s, entry.left, entry.top)

@@ -18,6 +18,7 @@ from mishutter.cli.camera import reproduce, simulate
 from mishutter.cli.console import (
     AGAIN,
     InterruptedWorkError,
+    doubts_as_notes,
     ends_when_asked,
     error_line,
     kept,
@@ -45,6 +46,7 @@ from mishutter.cli.laboratory import (
     MiddleOption,
     OpenOption,
     PositionScaleOption,
+    StepsOption,
     cameras,
 )
 from mishutter.cli.options import (
@@ -187,6 +189,7 @@ def compare(
     position_scale_px: PositionScaleOption = None,
     floor: FloorOption = 0.0,
     ceiling: CeilingOption = 1.0,
+    drive_steps: StepsOption = None,
     middle_ms: MiddleOption = 0.0,
     closed: ClosedOption = None,
     opened: OpenOption = None,
@@ -203,7 +206,9 @@ def compare(
 
     scene = scene_of(scene_file)
     windows = {name: named_shutter(name) for name in shutters or []}
-    told = half_exposure_ms, position_scale_px, floor, ceiling, middle_ms, closed, opened, column
+    levels_and_steps = floor, ceiling, drive_steps
+    of_trace = middle_ms, closed, opened, column
+    told = half_exposure_ms, position_scale_px, *levels_and_steps, *of_trace
     if drive is not None or measured is not None:
         if designs is not None and len(designs) > 1:
             raise ValueError(
@@ -288,7 +293,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(given: Sequence[str]) -> int:
     command = typer.main.get_command(app)
     try:
-        with ends_when_asked():
+        with ends_when_asked(), doubts_as_notes():
             code = command.main(given, prog_name="mishutter", standalone_mode=False)
         if code == _INTERRUPTED:  # before there was anything to say of it
             note(f"mishutter: interrupted: {AGAIN}")

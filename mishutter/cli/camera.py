@@ -28,17 +28,17 @@ from mishutter.cli.laboratory import (
     MiddleOption,
     OpenOption,
     PositionScaleOption,
+    StepsOption,
     cameras,
 )
 from mishutter.cli.options import JsonOption, SceneArgument, as_path, scene_of
 
 if TYPE_CHECKING:
     from mishutter.camera import Frames, Layers
-    from mishutter.model import Picture
+    from mishutter.model import Picture, Scene
 
 _NUM_TICKS = 100
 _LINEAR = "PSNR / dB, linear light"
-_VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".gif", ".webm")
 
 
 class DecoderName(Enum):
@@ -63,6 +63,17 @@ def simulate(
             "photograph without one.",
         ),
     ] = None,
+    white: Annotated[
+        float | None,
+        typer.Option(
+            "--white",
+            help="Value of the subject's file that is white, as 4095 of 12 bits; the greatest of "
+            "its depth without it.",
+        ),
+    ] = None,
+    linear: Annotated[
+        bool, typer.Option("--linear", help="The subject's numbers are linear light.")
+    ] = False,
     design: Annotated[
         Path | None,
         typer.Option("--design", metavar="FILE", parser=as_path, help="Saved design to use."),
@@ -78,6 +89,7 @@ def simulate(
     position_scale_px: PositionScaleOption = None,
     floor: FloorOption = 0.0,
     ceiling: CeilingOption = 1.0,
+    drive_steps: StepsOption = None,
     middle_ms: MiddleOption = 0.0,
     closed: ClosedOption = None,
     opened: OpenOption = None,
@@ -102,7 +114,9 @@ def simulate(
     json: JsonOption = False,
 ) -> None:
     """Capture a photograph, a layered scene or footage, and restore it."""
-    told = half_exposure_ms, position_scale_px, floor, ceiling, middle_ms, closed, opened, column
+    levels_and_steps = floor, ceiling, drive_steps
+    of_trace = middle_ms, closed, opened, column
+    told = half_exposure_ms, position_scale_px, *levels_and_steps, *of_trace
     files_of_camera = Files(design, drive, measured, *told)
     if shutter is not None and any((design, drive, measured)):
         which = "--design" if design is not None else "--drive or --measured"
@@ -120,7 +134,7 @@ def simulate(
     motion = scene.motion if chosen is None else chosen.motion
     window = "hann" if shutter is None else shutter
     profile = named_shutter(window) if chosen is None else chosen.shutter
-    seen = _subject(subject, scene.picture)
+    seen = _subject(subject, scene, white, linear)
     if speed and not isinstance(seen, Picture):
         raise ValueError(f"`--speed` must be left out but for a photograph; got {speed:g}.")
     folder = writable_folder(out)
@@ -201,22 +215,31 @@ def reproduce(
     note(f"{folder}: REPRODUCTION.md, figures.json, figure_3.png to figure_6.png")
 
 
-def _subject(path: Path | None, picture: str | None) -> "Picture | Layers | Frames":
-    from mishutter.camera import is_layers_file, read_frames, read_layers
-    from mishutter.model import read_picture
-    from mishutter.report import scene_picture
+def _subject(
+    path: Path | None, scene: "Scene", white: float | None, linear: bool
+) -> "Picture | Layers | Frames":
+    from mishutter.camera import VIDEO_SUFFIXES, is_layers_file, read_frames, read_layers
+    from mishutter.model import read_picture, scene_picture
 
+    if path is None or is_layers_file(path):
+        what = "the scene's photograph" if path is None else "a layered scene"
+        for option, is_told in (("--white", white is not None), ("--linear", linear)):
+            if is_told:
+                raise ValueError(
+                    f"`{option}` must be a key of the file that names the pictures of {what}; "
+                    "got an option."
+                )
     if path is None:
-        if picture is None:
+        if scene.picture is None:
             raise ValueError(
                 "`--subject` must be given where the scene has no picture; got nothing."
             )
-        return scene_picture(picture)
+        return scene_picture(scene)
     if is_layers_file(path):
         return read_layers(path)
-    if path.is_dir() or path.suffix.lower() in _VIDEOS:
-        return read_frames(path)
-    return read_picture(path)
+    if path.is_dir() or path.suffix.lower() in VIDEO_SUFFIXES:
+        return read_frames(path, white=white, linear=linear)
+    return read_picture(path, white=white, linear=linear)
 
 
 def _decoder(name: DecoderName) -> Any:

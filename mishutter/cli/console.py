@@ -9,6 +9,7 @@ import sys
 import textwrap
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
@@ -110,6 +111,24 @@ def note(text: str) -> None:
     """A message about the run, on standard error; work goes on where nobody reads it."""
     with suppress(BrokenPipeError):
         sys.stderr.write(text + "\n")
+
+
+@contextmanager
+def doubts_as_notes() -> Iterator[None]:
+    """A note, once, for each doubt about a picture's file, in place of Python's warning."""
+    said: set[str] = set()
+    with warnings.catch_warnings():
+        otherwise = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+            if category.__name__ != "PictureWarning":
+                otherwise(message, category, *place)
+            elif str(message) not in said:
+                said.add(str(message))
+                note(str(message))
+
+        warnings.showwarning = show
+        yield
 
 
 def write_json(document: Mapping[str, Any]) -> None:

@@ -59,6 +59,14 @@ FloorOption = Annotated[float, typer.Option("--floor", help="Transmittance of th
 CeilingOption = Annotated[
     float, typer.Option("--ceiling", help="Transmittance of the highest level.")
 ]
+StepsOption = Annotated[
+    int | None,
+    typer.Option(
+        "--drive-steps",
+        min=1,
+        help="Steps of the exposure, of a Rigol file that a generator has filled up with zeros.",
+    ),
+]
 MiddleOption = Annotated[
     float, typer.Option("--mid-exposure-ms", help="Mid-exposure on the clock of the trace.")
 ]
@@ -87,6 +95,7 @@ class Files(NamedTuple):
         position_scale_px: Of positions in [-1, 1].
         floor: Transmittance of the lowest level.
         ceiling: Transmittance of the highest level.
+        num_steps: Steps of the exposure, of a file that is filled up.
         middle_ms: Mid-exposure on the clock of the trace.
         closed: Level of the trace where the shutter is closed.
         opened: Level of the trace where the shutter is open.
@@ -100,6 +109,7 @@ class Files(NamedTuple):
     position_scale_px: float | None
     floor: float
     ceiling: float
+    num_steps: int | None
     middle_ms: float
     closed: float | None
     opened: float | None
@@ -132,6 +142,7 @@ def cameras(scene: "Scene", files: Files) -> "dict[str, Design]":
             position_scale=files.position_scale_px,
             floor=files.floor,
             ceiling=files.ceiling,
+            num_steps=files.num_steps,
         )
         motion = driven.motion
         found[AS_DRIVEN] = driven

@@ -181,6 +181,8 @@ class SavedScene(Part):
     stage: SavedStage | None = None
     tolerances: SavedTolerances | None = None
     picture: str | None = None
+    picture_white: float | None = None
+    picture_linear: bool = False
 
 
 @final

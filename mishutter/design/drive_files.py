@@ -5,7 +5,7 @@ r"""Drive tables as files that laboratories load, written and read back.
 | `csv` | names, units, one row a step | half exposure, transmittance, position | nothing |
 | `column` | one column, -1 to 1 | drive | half exposure, levels |
 | `keysight` | `SampleRate=` and columns | half exposure, drive, position, gate | levels, scale |
-| `rigol` | 16-bit little-endian words, the low 14 bits | drive | half exposure, levels |
+| `rigol` | 16-bit little-endian words, the low 14 bits | drive | half exposure, levels, steps |
 | `npy` | (channels, samples): drive, position, gate | those | half exposure, levels, scale |
 | `pulses` | time closed and time open of each pulse, us | open and closed | half exposure |
 
@@ -28,6 +28,7 @@ from mishutter._core import (
     number_rows,
     require,
     require_finite,
+    require_positive_int,
     text_lines,
     unit_columns,
 )
@@ -35,6 +36,10 @@ from mishutter.model import AbstractMotion, ChippedShutter, FreeMotion, Paraboli
 
 MAX_STEPS = 100_000
 _WORDS = (1 << 14) - 1
+_LEAST_FILLED = 8192
+"""Words up to which the smallest generator fills a file with zeros."""
+_FILL = 1 / 8
+"""Share of such a file that is taken to be filled up where it ends in zeros."""
 _MOST_PULSE_STEPS = 2048
 """Equal steps that a list of pulses becomes where no fewer have its edges."""
 _SAME = 1e-8
@@ -42,7 +47,8 @@ _SAME = 1e-8
 _STRAY = 1e-3
 """Distance from a parabola, relative to the travel, below which a sensor follows it."""
 _RATES = {"": 1.0, "Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
-_HARDWARE = ("Y1", "Y2", "SampleMarker1", "SyncMarker1")
+_MARKERS = ("SampleMarker1", "SyncMarker1", "SampleMarker2", "SyncMarker2")
+_HARDWARE = ("Y1", "Y2", *_MARKERS)
 _PULSES = {"wait": {"us": 1e-6}, "width": {"us": 1e-6}}
 _TABLE = {
     "begin": {"ms": 1e-3},
@@ -185,6 +191,7 @@ def read_drive(
     position_scale: float | None = None,
     floor: float = 0.0,
     ceiling: float = 1.0,
+    num_steps: int | None = None,
 ) -> Drive:
     """Read a drive table of any of `DRIVE_FORMATS`, also one that was edited, as it is.
 
@@ -198,6 +205,7 @@ def read_drive(
         position_scale: Position at a value of 1, px; without it positions on a scale are left out.
         floor: Transmittance of the lowest level, of a file that holds drives alone.
         ceiling: Transmittance of the highest level of such a file.
+        num_steps: Steps of the exposure, of a Rigol file that a generator has filled up with zeros.
 
     Raises:
         ValueError: if the file is none of them, or an argument is out of its range; the line says
@@ -210,8 +218,10 @@ def read_drive(
             require_finite(f"read_drive({key}=...)", value)
             require(value > 0, f"read_drive({key}=...)", "be above 0", value)
     require_levels("read_drive", floor, ceiling)
+    if num_steps is not None:
+        require_positive_int("read_drive(num_steps=...)", num_steps)
     name = str(path)
-    found = _samples(contents(path), name)
+    found = _samples(contents(path), name, num_steps)
     half = _half_exposure(found, motion, half_exposure, name)
     if found.edges is not None:
         steps = _steps_of_pulses(found.edges, half, name)
@@ -219,6 +229,8 @@ def read_drive(
         steps = floor + (ceiling - floor) * (found.drive + 1) / 2
     else:
         steps = np.asarray(found.transmittance)
+    same = num_steps is None or num_steps == len(steps)
+    require(same, name, f"have the {num_steps} steps that were told", len(steps))
     require(len(steps) <= MAX_STEPS, name, f"hold at most {MAX_STEPS} steps", len(steps))
     position = found.position
     if found.share is not None and position_scale is not None:
@@ -235,11 +247,11 @@ def require_levels(function: str, floor: float, ceiling: float) -> None:
     require(floor < ceiling <= 1, subject, f"lie above the floor {floor:g} and up to 1", ceiling)
 
 
-def _samples(content: bytes, name: str) -> _Samples:
+def _samples(content: bytes, name: str, num_steps: int | None) -> _Samples:
     if content.startswith(b"\x93NUMPY"):
         return _from_npy(content, name)
     if name.lower().endswith(".raf"):
-        return _from_rigol(content, name)
+        return _from_rigol(content, name, num_steps)
     lines = text_lines(content, name)
     names = cells(lines[0])
     if set(names) & {"begin", "transmittance"}:
@@ -376,13 +388,36 @@ def _gated(
     return drive, None if share is None else _within("a position", share, -1.0, name)
 
 
-def _from_rigol(content: bytes, name: str) -> _Samples:
+def _from_rigol(content: bytes, name: str, num_steps: int | None) -> _Samples:
     even = len(content) > 0 and len(content) % 2 == 0
     require(even, name, "hold 16-bit words, 2 bytes a step", Bare(f"{len(content)} bytes"))
     words = np.frombuffer(content, "<u2")
     highest = int(words.max())
     require(highest <= _WORDS, name, f"hold words of 14 bits, up to {_WORDS}", highest)
+    words = _without_fill(words, name, num_steps)
     return _Samples(drive=2 * words.astype(np.float64) / _WORDS - 1)
+
+
+def _without_fill(words: np.ndarray, name: str, num_steps: int | None) -> np.ndarray:
+    """The words of the exposure, without the zeros up to the length that a generator takes.
+
+    A profile may be closed at its ends: how many of the zeros are its own must be told where they
+    are many more than those at its beginning.
+    """
+    if num_steps is not None:
+        rest = words[num_steps:]
+        is_fill = not rest.any()
+        got = Bare(f"{np.count_nonzero(rest)} other words")
+        require(is_fill, name, f"hold zeros alone after {num_steps} steps", got)
+        return words[:num_steps]
+    before = int(np.argmax(words > 0))
+    after = int(np.argmax(words[::-1] > 0)) if words.any() else words.size
+    is_filled = words.size >= _LEAST_FILLED and after - before > _FILL * words.size
+    requirement = "hold the exposure alone, or be read with `num_steps` or `--drive-steps`"
+    require(
+        not is_filled, name, requirement, Bare(f"{words.size} words, the last {after} of them 0")
+    )
+    return words
 
 
 def _from_npy(content: bytes, name: str) -> _Samples:

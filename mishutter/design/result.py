@@ -182,6 +182,7 @@ class Design:
         position_scale: float | None = None,
         floor: float = 0.0,
         ceiling: float = 1.0,
+        num_steps: int | None = None,
     ) -> "Design":
         """The design that a drive table makes of a scene's camera; nothing is searched for.
 
@@ -193,6 +194,7 @@ class Design:
             position_scale: As in `read_drive`.
             floor: As in `read_drive`.
             ceiling: As in `read_drive`.
+            num_steps: As in `read_drive`.
 
         Raises:
             ValueError: as `read_drive`.
@@ -207,6 +209,7 @@ class Design:
             position_scale=position_scale,
             floor=floor,
             ceiling=ceiling,
+            num_steps=num_steps,
         )
         made = drive.motion
         if scene.limits.pans == "camera" and not is_known_zero(wanted.velocity):

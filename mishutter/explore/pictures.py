@@ -6,6 +6,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from mishutter._core import require
 from mishutter.camera import kernel_layout
 from mishutter.design import Row
 from mishutter.model import (
+    PICTURE_FORMATS,
+    PICTURE_SUFFIXES,
     Picture,
     Scene,
     picture_arguments,
@@ -25,7 +28,6 @@ from mishutter.restore import EnsembleDecoder, least_columns, restore_by_each
 
 MOST_BYTES = 32 << 20
 MOST_PIXELS = 30_000_000
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _ROWS, _COLUMNS = 112, 400
 """Of the part that is captured: as much as is restored in a second."""
 
@@ -43,32 +45,48 @@ class Photograph:
     arguments: Mapping[str, Any]
 
 
-def photograph(place: str, picture: Picture) -> Photograph:
-    """A photograph by the name that a scene file has for it."""
-    first = max(0, (picture.light.shape[0] - _ROWS) // 2)
-    part = Picture(light=picture.light[first : first + _ROWS].copy(), name=picture.name)
-    return Photograph(part, picture_arguments(place, picture))
+Reader = Callable[[float | None, bool], Photograph]
+"""A photograph by the arguments `white` and `linear` of `read_picture`."""
 
 
-def uploaded(name: str, content: bytes) -> Photograph:
+def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
+    """A photograph by the name that a scene file has for it; one that was just read is kept."""
+
+    @lru_cache(maxsize=1)
+    def taken(white: float | None, linear: bool) -> Photograph:
+        picture = read(white, linear)
+        first = max(0, (picture.light.shape[0] - _ROWS) // 2)
+        part = Picture(light=picture.light[first : first + _ROWS].copy(), name=picture.name)
+        return Photograph(part, picture_arguments(place, picture, white, linear))
+
+    return taken
+
+
+def uploaded(name: str, content: bytes) -> Reader:
     """A photograph from the bytes of a file, checked as files are.
 
     Raises:
-        ValueError: if it is no PNG, JPEG or TIFF, damaged or too large.
+        ValueError: if it is no picture that is read, damaged or too large.
     """
     suffix = Path(name).suffix.lower()
-    require(suffix in _SUFFIXES, "a photograph", "be a PNG, JPEG or TIFF file", name)
+    kinds = f"be a {PICTURE_FORMATS} file"
+    require(suffix in PICTURE_SUFFIXES, "a photograph", kinds, name)
     size = f"at most {MOST_BYTES >> 20} MiB"
     require(0 < len(content) <= MOST_BYTES, "a photograph", f"hold {size}", len(content))
     _require_few_pixels(name, content)
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / f"photograph{suffix}"
-        place.write_bytes(content)
-        try:
-            picture = read_picture(place)
-        except (ValueError, OSError) as error:
-            raise ValueError(str(error).replace(str(place), name)) from None
-    return photograph(name, picture)
+
+    def read(white: float | None, linear: bool) -> Picture:
+        with tempfile.TemporaryDirectory() as folder:
+            place = Path(folder) / f"photograph{suffix}"
+            place.write_bytes(content)
+            try:
+                return read_picture(place, white=white, linear=linear)
+            except (ValueError, OSError) as error:
+                raise ValueError(str(error).replace(str(place), name)) from None
+
+    found = reader(name, read)
+    found(None, False)
+    return found
 
 
 def _require_few_pixels(name: str, content: bytes) -> None:
@@ -82,7 +100,7 @@ def _require_few_pixels(name: str, content: bytes) -> None:
                 count = file.width * file.height
         except Exception as error:  # of many kinds, by what is damaged
             raise ValueError(
-                f"{name} must be a PNG, JPEG or TIFF picture; got: {type(error).__name__}."
+                f"{name} must be a {PICTURE_FORMATS} picture; got: {type(error).__name__}."
             ) from None
     require(count <= MOST_PIXELS, name, f"have at most {MOST_PIXELS:,} pixels", count)
 

@@ -25,7 +25,7 @@ from mishutter.explore.answers import (
     with_room,
 )
 from mishutter.explore.fields import scene_text
-from mishutter.explore.pictures import Photograph, photograph, restored, uploaded
+from mishutter.explore.pictures import Reader, reader, restored, uploaded
 from mishutter.model import (
     EXAMPLE_PICTURE,
     ChippedShutter,
@@ -91,7 +91,7 @@ class Beginning:
     """
 
     tables: dict[str, Any]
-    photographs: Mapping[str, Photograph]
+    photographs: Mapping[str, Reader]
     design: Design | None = None
 
     def scene(self) -> Scene:
@@ -108,11 +108,14 @@ def beginning(path: Path | None) -> Beginning:
     """
     text = example_scene_text() if path is None else path.read_text("utf-8")
     tables = _tables(text, "example_scene.toml" if path is None else str(path))
-    photographs = {EXAMPLE_PICTURE: photograph(EXAMPLE_PICTURE, example_picture())}
+    photographs = {EXAMPLE_PICTURE: reader(EXAMPLE_PICTURE, lambda *_: example_picture())}
     section = tables.get("picture", {})
     place = section.get("path") if isinstance(section, Mapping) else None
     if path is not None and isinstance(place, str) and place not in photographs:
-        photographs[place] = photograph(place, read_picture(path.parent / place))
+        own = path.parent / place
+        photographs[place] = reader(
+            place, lambda white, linear: read_picture(own, white=white, linear=linear)
+        )
     started = Beginning(tables, photographs)
     started.scene()
     return started
@@ -128,21 +131,19 @@ def _tables(text: str, name: str) -> dict[str, Any]:
     return {key: table for key, table in tables.items() if key != "motion"}
 
 
-def built(tables: Mapping[str, Any], photographs: Mapping[str, Photograph]) -> Scene:
+def built(tables: Mapping[str, Any], photographs: Mapping[str, Reader]) -> Scene:
     """The scene of some tables; it may name those photographs alone, and no other file.
 
     Raises:
         ValueError: if it is no scene, or names another photograph.
     """
-    file = validated(SceneFile, tables, _SCENE, in_section)
-    place = file.picture.path
-    if place is None:
-        return scene_of_tables(tables, _SCENE, Path())
-    known = ", ".join(photographs)
-    require(place in photographs, "[picture] path", f"be one of {known}, or uploaded", place)
-    levels = set(tables["picture"]) - {"path"}
-    require(not levels, "[picture] path", "stand alone in its section", ", ".join(levels))
-    return scene_of_tables(tables, _SCENE, Path(), photographs[place].arguments)
+
+    def arguments(place: str, white: float | None, linear: bool) -> Mapping[str, Any]:
+        known = ", ".join(photographs)
+        require(place in photographs, "[picture] path", f"be one of {known}, or uploaded", place)
+        return photographs[place](white, linear).arguments
+
+    return scene_of_tables(tables, _SCENE, Path(), arguments)
 
 
 class Session:
@@ -215,7 +216,8 @@ class Session:
         yield {"kind": "table", **table(comparison), **shown}
         if scene.picture is not None and follows:
             check()
-            taken = self._photographs[scene.picture]
+            read = self._photographs[scene.picture]
+            taken = read(scene.picture_white, scene.picture_linear)
             yield {
                 "kind": "photograph",
                 **restored(taken, scene, pictured, request.speed, check),

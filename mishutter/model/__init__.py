@@ -9,7 +9,11 @@ from mishutter.model.devices import command_of as command_of
 from mishutter.model.devices import device_of as device_of
 from mishutter.model.images import GAMMA as GAMMA
 from mishutter.model.images import Picture as Picture
+from mishutter.model.images import PictureWarning as PictureWarning
+from mishutter.model.images import checked_white as checked_white
+from mishutter.model.images import examined as examined
 from mishutter.model.images import example_picture as example_picture
+from mishutter.model.images import light_of as light_of
 from mishutter.model.images import read_opacity as read_opacity
 from mishutter.model.images import read_picture as read_picture
 from mishutter.model.images import row_power_spectrum as row_power_spectrum
@@ -40,6 +44,9 @@ from mishutter.model.optics import frequency_grid as frequency_grid
 from mishutter.model.optics import lens_response as lens_response
 from mishutter.model.optics import on_steps as on_steps
 from mishutter.model.optics import pixel_response as pixel_response
+from mishutter.model.picture_files import PICTURE_FORMATS as PICTURE_FORMATS
+from mishutter.model.picture_files import PICTURE_SUFFIXES as PICTURE_SUFFIXES
+from mishutter.model.picture_files import Decoded as Decoded
 from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY
 from mishutter.model.scene import NUM_FREQUENCIES as NUM_FREQUENCIES
 from mishutter.model.scene import NYQUIST_FREQUENCY as NYQUIST_FREQUENCY
@@ -53,9 +60,11 @@ from mishutter.model.scene_file import example_scene_text as example_scene_text
 from mishutter.model.scene_file import picture_arguments as picture_arguments
 from mishutter.model.scene_file import read_scene as read_scene
 from mishutter.model.scene_file import scene_of_tables as scene_of_tables
+from mishutter.model.scene_file import scene_picture as scene_picture
 from mishutter.model.scene_file import scene_text as scene_text
 from mishutter.model.scene_schema import SceneFile as SceneFile
 from mishutter.model.scene_schema import Speed as Speed
+from mishutter.model.scene_schema import White as White
 from mishutter.model.servos import SecondOrderStage as SecondOrderStage
 from mishutter.model.shutters import RASKAR_CODE as RASKAR_CODE
 from mishutter.model.shutters import AbstractAdjustableShutter as AbstractAdjustableShutter

@@ -1,17 +1,27 @@
-"""Pictures in and out: any PNG, JPEG or TIFF to linear light, and back to a 16-bit PNG.
+"""Pictures in and out: files of many formats to linear light, and back to a 16-bit PNG.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
 import importlib.util
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import ArrayLike
 
-from mishutter._core import Bare, require, require_positive_int, shape_of, write_bytes
-from mishutter.model.picture_files import MAX_PIXELS, decoded, deep_png
+from mishutter._core import (
+    Bare,
+    require,
+    require_finite,
+    require_positive_int,
+    require_scalar,
+    shape_of,
+    write_bytes,
+)
+from mishutter.model.picture_files import MAX_PIXELS, PICTURE_FORMATS, Decoded, decoded, deep_png
 
 GAMMA = 2.2
 """Exponent of the coding of pictures (the paper's section 4.2)."""
@@ -20,6 +30,12 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 _READ = "read_picture(path=...)"
 _WRITE = "write_picture(path=...)"
+_DEPTHS = (8, 10, 12, 14)
+"""Bits that cameras have, and whose values their software writes as they are into 16."""
+
+
+class PictureWarning(UserWarning):
+    """A picture may mean something else than it was read as."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,39 +88,86 @@ class RowSpectrum(NamedTuple):
     deviation: float
 
 
-def read_picture(path: str | Path) -> Picture:
+def read_picture(
+    path: str | Path, *, white: ArrayLike | None = None, linear: bool = False
+) -> Picture:
     """Read a picture into linear light.
 
-    Whole-number pictures (8 or 16 bits; grey, RGB, alpha, palette, CMYK) are scaled to
-    `[0, 1]` and raised to the power 2.2; colour profiles are not applied. Floating-point
-    TIFFs are taken to be linear light already. A picture is turned upright as its
-    orientation tag says. Of a file with several pages the first is read.
+    Whole numbers (up to 16 bits; grey, RGB, alpha, palette, CMYK) are divided by the greatest that
+    the file's depth allows, or by `white`, and raised to the power 2.2 unless they are `linear`;
+    colour profiles are not applied. Floating-point TIFFs are linear light already. A picture is
+    turned upright as its orientation tag says. Of a file with several pages the first that is not
+    marked as reduced is read. A band of a TIFF is opacity where the file says so.
 
     Args:
-        path: A PNG, JPEG or TIFF file.
+        path: A PNG, JPEG, TIFF, BMP, WebP, PGM or PPM file.
+        white: Value of the file that is white: 4095 for 12 bits, also where they stand in 16.
+        linear: Whether the file's numbers are linear light.
 
     Returns:
         The picture; see `Picture`.
 
     Raises:
         OSError: if there is no such file, or it cannot be read.
-        ValueError: if it is not a picture, damaged, larger than 150 megapixels, or
-            holds a value that is not light.
+        ValueError: if it is not a picture of these formats, damaged, larger than 150 megapixels,
+            or holds a value that is not light or is above `white`.
+
+    Warns:
+        PictureWarning: if all values fit in fewer bits than the file has, or it has more pages.
     """
-    path = Path(path)
-    values, gamma = _values(path)
-    has_matte = values.shape[2] in (2, 4)
-    colour = values[..., :-1] if has_matte else values
-    matte = np.ascontiguousarray(values[..., -1]) if has_matte else None
-    light = np.ascontiguousarray(colour) if gamma == 1.0 else colour ** np.float32(gamma)
-    return Picture(light=light, matte=matte, name=path.stem)
+    picture, doubts = examined(path, white, linear)
+    for doubt in doubts:
+        warnings.warn(doubt, PictureWarning, stacklevel=2)
+    return picture
+
+
+def examined(
+    path: str | Path, white: ArrayLike | None, linear: bool
+) -> tuple[Picture, tuple[str, ...]]:
+    """A picture as `read_picture` reads it, and what is in doubt, a sentence each."""
+    path, white = Path(path), checked_white("read_picture(white=...)", white)
+    file = _file(path)
+    light = light_of(file, path, white, linear)
+    matte = None if file.alpha is None else np.ascontiguousarray(file.alpha)
+    return Picture(light=light, matte=matte, name=path.stem), _doubts(file, path, white)
+
+
+def light_of(file: Decoded, path: Path, white: float | None, linear: bool) -> np.ndarray:
+    """Linear light of a picture's colours, white = 1; shape `(rows, columns, channels)`, float32.
+
+    Args:
+        file: The picture.
+        path: Where it came from.
+        white: The argument of `read_picture`.
+        linear: The argument of `read_picture`.
+
+    Raises:
+        ValueError: if a value is not finite, below 0 or above white.
+    """
+    shares = np.ascontiguousarray(_shares(file, path, white))
+    is_light = linear or np.issubdtype(file.colour.dtype, np.floating)
+    return shares if is_light else shares ** np.float32(GAMMA)
+
+
+def checked_white(subject: str, white: ArrayLike | None) -> float | None:
+    """A value of white as a number of Python.
+
+    Raises:
+        ValueError: if it is no finite number above 0.
+    """
+    if white is None:
+        return None
+    require_scalar(subject, white)
+    require_finite(subject, white)
+    require(bool(np.asarray(white) > 0), subject, "be above 0", white)
+    return float(np.asarray(white))
 
 
 def read_opacity(path: str | Path) -> np.ndarray:
     """Read a grey picture as opacity: its values as the file holds them, without gamma.
 
     Args:
-        path: A PNG, JPEG or TIFF file; of one in colour the luminance is taken.
+        path: A picture as `read_picture` reads; of one in colour the luminance is taken.
 
     Returns:
         Opacity in `[0, 1]`; shape `(rows, columns)`, float32.
@@ -113,9 +176,8 @@ def read_opacity(path: str | Path) -> np.ndarray:
         OSError: as `read_picture`.
         ValueError: as `read_picture`.
     """
-    values, _ = _values(Path(path))
-    colour = values[..., : 1 if values.shape[2] < 3 else 3]
-    return np.clip(Picture(np.ascontiguousarray(colour)).luminance, 0, 1)
+    path = Path(path)
+    return np.clip(Picture(_shares(_file(path), path, None)).luminance, 0, 1)
 
 
 def example_picture() -> Picture:
@@ -213,8 +275,8 @@ def row_power_spectrum(picture: Picture, num_frequencies: int = 256) -> RowSpect
     return RowSpectrum(binned * scale, mean, deviation)
 
 
-def _pixels(path: Path) -> np.ndarray:
-    """Pixels as `decoded` gives them, or one line that says why not."""
+def _file(path: Path) -> Decoded:
+    """A picture as `decoded` gives it, or one line that says why not."""
     if not path.exists():
         raise FileNotFoundError(f"`{_READ}` must name a file; got {str(path)!r}, not found.")
     if path.is_dir():
@@ -230,29 +292,35 @@ def _pixels(path: Path) -> np.ndarray:
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(
-            f"`{_READ}` must name a whole PNG, JPEG or TIFF picture of at most "
+            f"`{_READ}` must name a whole {PICTURE_FORMATS} picture of at most "
             f"{MAX_PIXELS // 10**6} megapixels; got {str(path)!r}: {reason}."
         ) from error
 
 
-def _values(path: Path) -> tuple[np.ndarray, float]:
-    """Values in `[0, 1]`, shape `(rows, columns, channels)`, and their gamma."""
-    raw = _pixels(path)
-    raw = raw[..., None] if raw.ndim == 2 else raw
-    layout = raw.ndim == 3 and raw.shape[2] in (1, 2, 3, 4) and min(raw.shape) > 0
-    require(layout, _READ, "name a grey or RGB picture, with or without alpha", f"{path}")
-    if np.issubdtype(raw.dtype, np.floating):
-        finite = bool(np.all(np.isfinite(raw)))
+def _shares(file: Decoded, path: Path, white: float | None) -> np.ndarray:
+    """Values over that of white; shape `(rows, columns, channels)`, float32."""
+    colour, full = file.colour, file.full if white is None else float(white)
+    if np.issubdtype(colour.dtype, np.floating):
+        finite = bool(np.all(np.isfinite(colour)))
         require(finite, _READ, "hold finite pixels", f"NaN or infinite pixels in {str(path)!r}")
-        low, high = float(raw.min()), float(raw.max())
-        inside = low >= 0 and high <= 1
-        got = f"[{low:g}, {high:g}] in {str(path)!r}"
-        require(inside, _READ, "hold floating-point light in [0, 1]", got)
-        values, gamma = raw.astype(np.float32), 1.0
-    elif raw.dtype in (np.uint8, np.uint16):
-        values, gamma = raw.astype(np.float32) / np.iinfo(raw.dtype).max, GAMMA
-    elif raw.dtype == bool:
-        values, gamma = raw.astype(np.float32), 1.0
-    else:
-        raise ValueError(f"`{_READ}` must hold 8 or 16 bits a channel; got {raw.dtype}.")
-    return values, gamma
+    least, most = colour.min(), colour.max()
+    worst = least if least < 0 else most
+    requirement = f"hold values from 0 to white, {full:g}"
+    inside = bool(least >= 0 and most <= full)
+    require(inside, _READ, requirement, Bare(f"{worst} in {str(path)!r}"))
+    return colour.astype(np.float32) / np.float32(full)
+
+
+def _doubts(file: Decoded, path: Path, white: float | None) -> tuple[str, ...]:
+    """What a file may mean otherwise than it is read."""
+    doubts = []
+    most = int(file.colour.max()) if file.full == np.iinfo(np.uint16).max else 0
+    if white is None and 0 < most < 1 << _DEPTHS[-1]:
+        depth = next(bits for bits in _DEPTHS if most < 1 << bits)
+        doubts.append(
+            f"{path}: its greatest value is {most} of 65535, as of {depth} bits in 16; "
+            f"they are read right with `white` {(1 << depth) - 1}"
+        )
+    if file.is_first:
+        doubts.append(f"{path}: it holds several pictures, of which the first is read")
+    return tuple(doubts)

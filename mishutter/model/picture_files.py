@@ -2,43 +2,79 @@
 
 import logging
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from PIL import Image
+    from tifffile import TiffFile, TiffPage
+
 MAX_PIXELS = 150_000_000
 """The reader refuses a larger picture before it decodes it."""
+PICTURE_FORMATS = "PNG, JPEG, TIFF, BMP, WebP, PGM or PPM"
+"""Formats that are read; each of them is tested to be read right, and any other is refused."""
+PICTURE_SUFFIXES = (
+    ".png",
+    *(".jpg", ".jpeg"),
+    *(".tif", ".tiff"),
+    ".bmp",
+    ".webp",
+    *(".pgm", ".ppm"),
+)
+"""How the names of such files end; what a file is, its contents say."""
+_BY_PILLOW = ("PNG", "JPEG", "MPO", "TIFF", "BMP", "WEBP", "PPM")
+"""Pillow's names for these formats; a telephone's JPEG with further pictures in it is an MPO."""
 _ORIENTATION = 274
 """Number of the TIFF and EXIF tag that says how a picture is stored."""
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _TIFF_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = range(3)
 """TIFF's numbers for the meaning of a pixel's values."""
-_PREMULTIPLIED_ALPHA = 1
-"""TIFF's number for an opacity that multiplies the stored colours."""
+_CONVERTED = {3: "palette", 5: "CMYK", 6: "YCbCr"}
+"""TIFF's numbers for colours that Pillow converts to RGB."""
+_PREMULTIPLIED_ALPHA, _PLAIN_ALPHA = 1, 2
+"""TIFF's numbers for a band of opacity, which multiplies the stored colours or does not."""
 
 # Prevents a second line on standard error beside the error of a damaged file.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 
-def decoded(path: Path) -> np.ndarray:
-    """Pixels as the file holds them, upright; `(rows, columns)` or with channels last.
+class Decoded(NamedTuple):
+    """Values of a picture as its file holds them, upright.
+
+    Attributes:
+        colour: Grey, or red, green and blue; shape `(rows, columns, 1 or 3)`.
+        alpha: Opacity in `[0, 1]`, if the file holds one; shape `(rows, columns)`.
+        full: Value that is white by what the file says of its depth.
+        is_first: Whether it is the first of several pictures in the file.
+    """
+
+    colour: np.ndarray
+    alpha: np.ndarray | None
+    full: float
+    is_first: bool = False
+
+
+def decoded(path: Path) -> Decoded:
+    """A picture as its file holds it.
 
     Raises:
         OSError: if the file cannot be read.
-        Exception: with the reason, if it is not a picture, damaged or of too many pixels.
+        Exception: with the reason, if it is not a picture of a kind that is read, damaged or of
+            too many pixels.
     """
     with path.open("rb") as file:
         head = file.read(25)
-    pixels = None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         if head.startswith(_TIFF_SIGNATURES):
-            pixels = _decoded_tiff(path)
-        elif head.startswith(_PNG_SIGNATURE) and head[24:] == b"\x10":
-            pixels = _decoded_deep_png(path)
-        return _decoded_by_pillow(path) if pixels is None else pixels
+            return _decoded_tiff(path)
+        if head.startswith(_PNG_SIGNATURE) and head[24:] == b"\x10":
+            return _decoded_deep_png(path)
+        return _decoded_by_pillow(path)
 
 
 def deep_png(pixels: np.ndarray) -> bytes:
@@ -54,56 +90,111 @@ def deep_png(pixels: np.ndarray) -> bytes:
     return bytes(imagecodecs.png_encode(pixels, png.COMPRESSION.SPEED, **options))
 
 
-def _decoded_deep_png(path: Path) -> np.ndarray:
-    """Pixels of a PNG of 16 bits a channel, of which Pillow would keep 8 in colour."""
+def _decoded_deep_png(path: Path) -> Decoded:
+    """A PNG of 16 bits a channel, of which Pillow would keep 8 in colour."""
     import imagecodecs
     from PIL import Image
 
     with Image.open(path) as file:
         _require_size(file.width, file.height)
         orientation = file.getexif().get(_ORIENTATION, 1)
-    return _upright(imagecodecs.png_decode(path.read_bytes()), orientation)
+        is_first = _is_first(file)
+    pixels = _upright(imagecodecs.png_decode(path.read_bytes()), orientation)
+    return _with_alpha_last(pixels, is_first)
 
 
-def _decoded_tiff(path: Path) -> np.ndarray | None:
-    """Pixels of a TIFF's first page, or None of one whose colours Pillow must convert.
+def _with_alpha_last(pixels: np.ndarray, is_first: bool) -> Decoded:
+    """Grey or colour, with opacity in the last of two or four channels."""
+    pixels = pixels[..., None] if pixels.ndim == 2 else pixels
+    full = float(np.iinfo(pixels.dtype).max)
+    if pixels.shape[2] not in (2, 4):
+        return Decoded(pixels, None, full, is_first)
+    return Decoded(pixels[..., :-1], _share(pixels[..., -1], full), full, is_first)
+
+
+def _share(alpha: np.ndarray, full: float) -> np.ndarray:
+    return np.clip(alpha.astype(np.float32) / np.float32(full), 0, 1)
+
+
+def _decoded_tiff(path: Path) -> Decoded:
+    """The first of a TIFF's pictures that is none of reduced size and no mask.
 
     Black is 0, and opacity does not multiply the colours, whatever the file holds.
     """
     import tifffile
 
     with tifffile.TiffFile(path) as file:
-        page: Any = file.pages[0]
+        pages = _whole_pages(file)
+        index, page = next(pages, (None, None))
+        if page is None:
+            raise ValueError("a TIFF of reduced pictures alone")
+        is_first = next(pages, None) is not None
         _require_size(page.imagewidth, page.imagelength)
-        if page.bitspersample not in (1, 2, 4, 8, 16, 32, 64):
-            raise ValueError(f"{page.bitspersample} bits a channel")
-        is_direct = page.photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB)
-        if not is_direct or page.bitspersample < 8:
-            return None
-        pixels = page.asarray()
-        if pixels.ndim == 3 and page.planarconfig == 2:
-            pixels = np.moveaxis(pixels, 0, -1)
-        if page.photometric == _WHITE_IS_ZERO:
-            pixels = _full_scale(pixels) - pixels
-        if page.extrasamples == (_PREMULTIPLIED_ALPHA,):
-            pixels = _divided_by_alpha(pixels)
-        tag = page.tags.get(_ORIENTATION)
-        return _upright(pixels, 1 if tag is None else tag.value)
+        meaning = page.photometric
+        if meaning in _CONVERTED or (meaning <= _BLACK_IS_ZERO and _has_few_bits(page)):
+            if not _has_few_bits(page, most=8):
+                raise ValueError(f"{_CONVERTED[meaning]} of {page.bitspersample} bits a channel")
+            if index is None:
+                raise ValueError("a TIFF whose picture lies within a page of another")
+            return _decoded_by_pillow(path, index)._replace(is_first=is_first)
+        if meaning not in (_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB):
+            raise ValueError(f"a TIFF whose values are {getattr(meaning, 'name', meaning)}")
+        tag = page.tags.get(_ORIENTATION) or file.pages[0].tags.get(_ORIENTATION)
+        found = _direct(page, 1 if tag is None else tag.value)
+        return found._replace(is_first=is_first)
 
 
-def _full_scale(values: np.ndarray) -> Any:
-    """The value that means white, or opaque."""
-    return np.iinfo(values.dtype).max if np.issubdtype(values.dtype, np.integer) else 1
+def _whole_pages(file: "TiffFile") -> Iterator[tuple[int | None, "TiffPage"]]:
+    """Pictures of full size, and the number of the page that each is; None of one within a page.
+
+    Raw files begin with a small picture, and have the others within its page.
+    """
+    for index, page in enumerate(file.pages):
+        within: Any = getattr(page, "pages", None) or ()
+        for number, each in ((index, page), *((None, inner) for inner in within)):
+            if not (each.is_reduced or each.is_mask):
+                yield number, each
 
 
-def _divided_by_alpha(pixels: np.ndarray) -> np.ndarray:
+def _has_few_bits(page: "TiffPage", most: int = 7) -> bool:
+    """Whether channels have as few bits as Pillow reads."""
+    return isinstance(page.bitspersample, int) and page.bitspersample <= most
+
+
+def _direct(page: "TiffPage", orientation: int) -> Decoded:
+    """Values of a page that are grey, or red, green and blue, as they are."""
+    bits, dtype = page.bitspersample, page.dtype
+    if not isinstance(bits, int) or dtype is None or dtype.kind not in "uf" or bits > 64:
+        raise ValueError(f"{bits} bits a channel, {'of no kind' if dtype is None else dtype.name}")
+    if dtype.kind == "u" and bits > 16:
+        raise ValueError(f"whole numbers of {bits} bits a channel")
+    pixels = page.asarray()
+    if page.samplesperpixel > 1 and page.planarconfig == 2:
+        pixels = np.moveaxis(pixels, 0, -1)
+    pixels = pixels if page.samplesperpixel > 1 else pixels.reshape(*pixels.shape[:2], 1)
+    num_colours, extras = 3 if page.photometric == _RGB else 1, list(page.extrasamples)
+    extra = pixels.shape[2] - num_colours
+    if extra < 0 or (num_colours == 1 and extra > 1):
+        raise ValueError(f"a TIFF of {pixels.shape[2]} bands that are not said to be colours")
+    full = float((1 << bits) - 1) if dtype.kind == "u" else 1.0
+    colour, alpha = pixels[..., :num_colours], None
+    if page.photometric == _WHITE_IS_ZERO:
+        colour = (full - colour).astype(dtype)
+    kinds = [kind for kind in extras if kind in (_PREMULTIPLIED_ALPHA, _PLAIN_ALPHA)]
+    if kinds:
+        alpha = _share(pixels[..., num_colours + extras.index(kinds[0])], full)
+        if kinds[0] == _PREMULTIPLIED_ALPHA:
+            colour = _divided_by_alpha(colour, alpha, full)
+        alpha = _upright(alpha, orientation)
+    return Decoded(_upright(colour, orientation), alpha, full)
+
+
+def _divided_by_alpha(colour: np.ndarray, alpha: np.ndarray, full: float) -> np.ndarray:
     """Colours without the opacity that multiplies them; black where they are clear."""
-    alpha, full = pixels[..., -1:].astype(np.float64), _full_scale(pixels)
-    colour = pixels[..., :-1] * np.divide(full, alpha, out=np.zeros_like(alpha), where=alpha > 0)
-    colour = np.rint(colour) if full > 1 else colour
-    return np.concatenate(
-        [np.minimum(colour, full).astype(pixels.dtype), pixels[..., -1:]], axis=-1
-    )
+    share = alpha[..., None].astype(np.float64)
+    plain = colour * np.divide(1, share, out=np.zeros_like(share), where=share > 0)
+    plain = np.rint(plain) if colour.dtype.kind == "u" else plain
+    return np.minimum(plain, full).astype(colour.dtype)
 
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
@@ -118,17 +209,43 @@ def _require_size(columns: int, rows: int) -> None:
         raise ValueError(f"{columns} x {rows} pixels")
 
 
-def _decoded_by_pillow(path: Path) -> np.ndarray:
+def _is_first(file: "Image.Image") -> bool:
+    """Whether a file goes on with pictures of equal standing: not with a telephone's previews."""
+    return file.format != "MPO" and getattr(file, "n_frames", 1) > 1
+
+
+def _decoded_by_pillow(path: Path, page: int = 0) -> Decoded:
     from PIL import Image, ImageOps
 
     with Image.open(path) as file:
+        if file.format not in _BY_PILLOW:
+            raise ValueError(f"a {file.format} file")
         _require_size(file.width, file.height)
+        is_first = _is_first(file)
+        if page:
+            file.seek(page)
+        if file.format == "PPM":
+            return _decoded_map(file)
         upright = ImageOps.exif_transpose(file)
         has_alpha = "transparency" in upright.info or upright.mode in ("LA", "PA", "RGBA", "La")
-        if upright.mode in ("L", "RGB", "RGBA", "LA", "F", "I", "I;16", "I;16B"):
+        if upright.mode in ("L", "RGB", "RGBA", "LA"):
             wanted = "RGBA" if has_alpha and upright.mode in ("L", "RGB") else upright.mode
         else:
             wanted = "RGBA" if has_alpha else "L" if upright.mode == "1" else "RGB"
         pixels = np.asarray(upright.convert(wanted) if wanted != upright.mode else upright)
-    # Pillow holds the 16 bits of a PGM in 32.
-    return pixels.astype(np.uint16) if pixels.dtype == np.int32 else pixels
+    return _with_alpha_last(pixels, is_first)
+
+
+def _decoded_map(file: "Image.Image") -> Decoded:
+    """A grey or colour map, whose heading says which value is white."""
+    how: Any = file.tile[0][3]  # type: ignore[attr-defined]
+    white = how[-1] if isinstance(how, tuple) else 65535 if how == "I;16B" else 255
+    if file.mode not in ("1", "L", "I", "RGB"):
+        raise ValueError("a map of floating-point values")
+    if file.mode == "RGB" and white > 255:
+        raise ValueError("a PPM of more than 8 bits a channel")
+    pixels = np.asarray(file.convert("L") if file.mode == "1" else file)
+    # Pillow stretches values to 8 or 16 bits, and rounds them; as whole numbers they come back.
+    stretch = white / (65535 if file.mode == "I" else 255)
+    values = np.rint(pixels * stretch).astype(np.uint16 if white > 255 else np.uint8)
+    return Decoded(values[..., None] if values.ndim == 2 else values, None, float(white))

@@ -25,6 +25,7 @@ from mishutter._core import (
     shown,
 )
 from mishutter.model.devices import AbstractDevice
+from mishutter.model.images import checked_white
 from mishutter.model.limits import Limits
 from mishutter.model.motion import (
     AbstractMotion,
@@ -108,6 +109,8 @@ class Scene(eqx.Module):
         motion: Motion to start from or to compare at; by default the `fullest_motion` of the
             limits about the middle of the speeds.
         picture: Path of the photograph to show results on; None for none.
+        picture_white: The argument `white` of `read_picture`, which reads the photograph.
+        picture_linear: The argument `linear` of `read_picture`.
 
     Raises:
         ValueError: if a value is not finite, out of its range or of another kind, no
@@ -131,6 +134,8 @@ class Scene(eqx.Module):
     tolerances: Tolerances | None
     given_motion: AbstractMotion | None
     picture: str | None = eqx.field(static=True)
+    picture_white: float | None = eqx.field(static=True)
+    picture_linear: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -152,6 +157,8 @@ class Scene(eqx.Module):
         tolerances: Tolerances | None = None,
         motion: AbstractMotion | None = None,
         picture: str | os.PathLike[str] | None = None,
+        picture_white: ArrayLike | None = None,
+        picture_linear: bool = False,
     ):
         self.speeds = as_float(speeds, "Scene(speeds=...)")
         count = max(self.speeds.size, 1)
@@ -176,6 +183,8 @@ class Scene(eqx.Module):
         self.tolerances = tolerances
         self.given_motion = motion
         self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
+        self.picture_white = checked_white("Scene(picture_white=...)", picture_white)
+        self.picture_linear = picture_linear
 
     def __check_init__(self) -> None:
         shape = self.speeds.shape

@@ -6,10 +6,10 @@ is one line that names the key as `[section] key`.
 
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +21,12 @@ from mishutter.model.devices import (
     IdealShutter,
     SwitchedShutter,
     device_of,
+)
+from mishutter.model.images import (
+    Picture,
+    example_picture,
+    read_picture,
+    row_power_spectrum,
 )
 from mishutter.model.limits import Demand, Limits
 from mishutter.model.motion import ParabolicMotion
@@ -40,9 +46,8 @@ from mishutter.model.scene_schema import (
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.tolerances import Tolerances
 
-if TYPE_CHECKING:
-    from mishutter.model.images import Picture
-
+Photographs = Callable[[str, float | None, bool], Mapping[str, Any]]
+"""The `picture_arguments` of a photograph, by `path`, `white` and `linear` of a scene file."""
 EXAMPLE_PICTURE = "example"
 """What `[picture] path` says for the photograph that scikit-image ships."""
 
@@ -102,7 +107,11 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
             "lens_blur_px": float(scene.lens_blur),
         },
         "limits": _limits_table(scene.limits),
-        "picture": {"path": scene.picture},
+        "picture": {
+            "path": scene.picture,
+            "white": scene.picture_white,
+            "linear": scene.picture_linear or None,
+        },
     }
     if scene.full_well is not None:
         tables["sensor"]["full_well_e"] = float(scene.full_well)
@@ -187,7 +196,7 @@ def _scene(data: bytes, name: str, folder: Path) -> Scene:
 
 
 def scene_of_tables(
-    tables: Any, name: str, folder: Path, picture: Mapping[str, Any] | None = None
+    tables: Any, name: str, folder: Path, photographs: Photographs | None = None
 ) -> Scene:
     """The scene of a file's tables.
 
@@ -195,8 +204,8 @@ def scene_of_tables(
         tables: The contents of the file.
         name: The file's name in an error.
         folder: Relative paths are taken from it.
-        picture: The `picture_arguments` of a photograph that has been read, in place of what the
-            file says of one.
+        photographs: `picture_arguments` of photographs by what a file says of them, in place of
+            their files.
 
     Raises:
         ValueError: as `read_scene`.
@@ -204,13 +213,13 @@ def scene_of_tables(
     """
     file = validated(SceneFile, tables, name, in_section)
     try:
-        return _built(file, folder, picture)
+        return _built(file, folder, photographs)
     except (ValueError, OSError) as error:
         kind = ValueError if isinstance(error, ValueError) else type(error)
         raise kind(f"{name}: {error}") from None
 
 
-def _built(file: SceneFile, folder: Path, picture: Mapping[str, Any] | None) -> Scene:
+def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Scene:
     speeds, weights = _speeds(file.speeds)
     limits = _limits(file.limits, file.sensor.pixel_pitch_um)
     travel = float(np.max(np.abs(speeds))) * 2 * file.limits.max_half_exposure_ms / 1000
@@ -235,7 +244,7 @@ def _built(file: SceneFile, folder: Path, picture: Mapping[str, Any] | None) -> 
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
         tolerances=_tolerances(file.tolerances),
         motion=_motion(file.motion, file.limits, limits),
-        **(_picture(file.picture, folder) if picture is None else picture),
+        **_picture(file.picture, folder, photographs),
     )
 
 
@@ -421,25 +430,54 @@ def _require_met(name: str, demand: Demand, key: str, velocity: float) -> None:
     require(bool(demand.is_met(_MARGIN)), subject, requirement, Bare(got))
 
 
-def _picture(section: PictureSection, folder: Path) -> dict[str, Any]:
+def _picture(
+    section: PictureSection, folder: Path, photographs: Photographs | None
+) -> Mapping[str, Any]:
     """Arguments of `Scene` that a photograph, or what stands for one, gives."""
     levels = {"mean_level": section.mean_level, "deviation": section.deviation}
     given = {name: value for name, value in levels.items() if value is not None}
+    own = section.path not in (None, EXAMPLE_PICTURE)
+    for key in ("white", "linear"):
+        requirement = "stand beside the path of a photograph of one's own"
+        got = Bare("no path" if section.path is None else section.path)
+        require(own or getattr(section, key) is None, f"[picture] {key}", requirement, got)
     if section.path is None:
         return given
-    from mishutter.model.images import example_picture, read_picture
-
     require(not given, f"[picture] {next(iter(given), '')}", "not stand beside path", section.path)
-    if section.path == EXAMPLE_PICTURE:
-        place, picture = EXAMPLE_PICTURE, example_picture()
-    else:
-        place = str((folder / section.path).absolute())
-        picture = read_picture(place)
-    return picture_arguments(place, picture)
+    coding = section.white, bool(section.linear)
+    if photographs is not None:
+        return photographs(section.path, *coding)
+    place = str((folder / section.path).absolute()) if own else EXAMPLE_PICTURE
+    return picture_arguments(place, _picture_at(place, *coding), *coding)
 
 
-def picture_arguments(place: str, picture: "Picture") -> dict[str, Any]:
-    """Arguments of `Scene` that a photograph gives, named by the place that it came from."""
-    from mishutter.model.images import row_power_spectrum
+def scene_picture(scene: Scene) -> Picture:
+    """The photograph that a scene names.
 
-    return {"picture": place, **row_power_spectrum(picture, _NUM_FREQUENCIES)._asdict()}
+    Raises:
+        OSError: if it cannot be read.
+        ValueError: if there is none, or it is no picture.
+    """
+    require(scene.picture is not None, "Scene(picture=...)", "name a photograph", scene.picture)
+    return _picture_at(str(scene.picture), scene.picture_white, scene.picture_linear)
+
+
+def _picture_at(place: str, white: float | None, linear: bool) -> Picture:
+    if place == EXAMPLE_PICTURE:
+        return example_picture()
+    return read_picture(place, white=white, linear=linear)
+
+
+def picture_arguments(
+    place: str, picture: Picture, white: float | None = None, linear: bool = False
+) -> dict[str, Any]:
+    """Arguments of `Scene` that a photograph gives.
+
+    Args:
+        place: The place that it came from.
+        picture: The photograph.
+        white: The argument of `read_picture` that it was read with.
+        linear: The argument of `read_picture` that it was read with.
+    """
+    spectrum = row_power_spectrum(picture, _NUM_FREQUENCIES)._asdict()
+    return {"picture": place, "picture_white": white, "picture_linear": linear, **spectrum}

@@ -15,6 +15,8 @@ LongestStroke = Annotated[float, Field(ge=1e-3, le=1e4)]
 """A sensor that may move by less than a thousandth of a pixel stands still."""
 TopSpeed = Annotated[float, Field(ge=1e-3, le=1e7)]
 Share = Annotated[float, Field(ge=0, le=1)]
+White = Annotated[float, Field(gt=0, le=1e9)]
+"""Value of a picture's file that is white."""
 
 
 @final
@@ -145,6 +147,8 @@ class PictureSection(Section):
     """The photograph, or what stands for one."""
 
     path: Annotated[str, Field(min_length=1)] | None = None
+    white: White | None = None
+    linear: bool | None = None
     mean_level: Share | None = None
     deviation: Annotated[float, Field(ge=0, le=0.5)] | None = None
 

@@ -7,7 +7,6 @@ from mishutter.report.document import write_report as write_report
 from mishutter.report.fit_plots import plot_fit as plot_fit
 from mishutter.report.photographs import photograph_of as photograph_of
 from mishutter.report.photographs import photographs as photographs
-from mishutter.report.photographs import scene_picture as scene_picture
 from mishutter.report.plots import motion_text as motion_text
 from mishutter.report.plots import plot_capture as plot_capture
 from mishutter.report.plots import plot_drive as plot_drive

@@ -17,15 +17,12 @@ from mishutter.design import (
     Design,
     Row,
 )
-from mishutter.model import (
-    Scene,
-)
+from mishutter.model import Scene, scene_picture
 from mishutter.report.layered import layered_captures, layered_scene
 from mishutter.report.photographs import (
     ENSEMBLE,
     Photographs,
     pictured_speeds,
-    scene_picture,
     shown_speeds,
 )
 from mishutter.restore import RestoredPhotograph
@@ -104,7 +101,7 @@ def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
     from mishutter.report import plots
 
     slowest, typical = shown_speeds(report.scene)[0], pictured_speeds(report.scene)[0]
-    seen = layered_scene(scene_picture(str(report.scene.picture)), slowest, typical)
+    seen = layered_scene(scene_picture(report.scene), slowest, typical)
     few = {name: row for name, row in rows.items() if name in (*report.names[:1], *_SNAPSHOTS)}
     return plots.plot_layers(seen, layered_captures(seen, report.scene, few))
 

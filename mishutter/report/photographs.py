@@ -7,14 +7,7 @@ import numpy as np
 
 from mishutter.camera import kernel_layout
 from mishutter.design import Row
-from mishutter.model import (
-    EXAMPLE_PICTURE,
-    AbstractMotion,
-    Picture,
-    Scene,
-    example_picture,
-    read_picture,
-)
+from mishutter.model import AbstractMotion, Picture, Scene, scene_picture
 from mishutter.restore import (
     AbstractDecoder,
     EnsembleDecoder,
@@ -73,7 +66,7 @@ def photograph_of(
     """
     if scene.picture is None:
         return None
-    picture = _middle_rows(scene_picture(scene.picture))
+    picture = _middle_rows(scene_picture(scene))
     motions = [row.motion for row in rows.values()]
     width, enough = picture.light.shape[1], least_columns(longest_kernel(scene, motions))
     if width >= enough:
@@ -144,16 +137,6 @@ def longest_kernel(scene: Scene, motions: Iterable[AbstractMotion]) -> int:
     """
     speeds = np.asarray(scene.speeds).tolist()
     return max(kernel_layout(motion, *speeds, 0.0)[0] for motion in motions)
-
-
-def scene_picture(place: str) -> Picture:
-    """The photograph that a scene names.
-
-    Raises:
-        OSError: if it cannot be read.
-        ValueError: if it is no picture.
-    """
-    return example_picture() if place == EXAMPLE_PICTURE else read_picture(place)
 
 
 def _middle_rows(picture: Picture) -> Picture:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.time_sampling import captured_footage, captured_layers, captured_picture
+from support.videos import film
 
 import mishutter as ms
 from mishutter.camera.noise import _RUN, noise_variance, recorded, shot_electrons
@@ -502,16 +503,12 @@ def test_footage_from_a_folder_and_a_video(tmp_path):
 @pytest.mark.filterwarnings("ignore")
 def test_footage_from_a_video_of_one_frame(tmp_path):
     """A video with one frame is captured as a picture; what is no video gets one line."""
-    iio = pytest.importorskip("imageio.v3")
-    pytest.importorskip("imageio_ffmpeg")
-    film = (rows(32, 48, 3)[None] * 255).astype(np.uint8)
-    iio.imwrite(tmp_path / "one.mp4", film, fps=25)
-    video = ms.read_frames(tmp_path / "one.mp4")
+    video = ms.read_frames(film(tmp_path / "one.mp4", "-pix_fmt", "yuv420p", num_frames=1))
     assert video.num_frames == 1
     found = ms.simulate_capture(video, SCENE, MOVING, ms.HannShutter())
-    assert found.shape == (32, 48, 3)
+    assert found.shape == (96, 160, 3)
     (tmp_path / "bad.mp4").write_text("no video")
-    with pytest.raises(ValueError, match="must name a video that imageio reads"):
+    with pytest.raises(ValueError, match="must name a whole video; got"):
         ms.read_frames(tmp_path / "bad.mp4")
 
 
@@ -528,6 +525,11 @@ def test_layers_from_a_file(tmp_path):
     (tmp_path / "scene.toml").write_text(text)
     scene = ms.Layers.load(tmp_path / "scene.toml")
     np.testing.assert_allclose(scene.layers[1].matte, matte, atol=1e-4)
+    told = text.replace('back.png"', 'back.png"\nwhite = 65545\nlinear = true')
+    (tmp_path / "told.toml").write_text(told)
+    light = ms.Layers.load(tmp_path / "told.toml").layers[0].picture.light
+    wanted = scene.layers[0].picture.light ** (1 / 2.2) * (65535 / 65545)
+    np.testing.assert_allclose(light, wanted, atol=1e-6)
     assert (scene.layers[1].speed, scene.layers[1].left) == (-40.5, 3)
     refusals = {
         "matte.png": (

@@ -14,7 +14,8 @@ import warnings
 import numpy as np
 import pytest
 from PIL import Image
-from support.command_line import SMALL_SCENE, environment, refused
+from support.command_line import SMALL_SCENE, environment, messages, refused
+from support.videos import film
 
 import mishutter as ms
 from mishutter import cli
@@ -145,16 +146,20 @@ def two_sizes(path):
 
 BAD = {
     "nan": ("a.tif", no_light, 'must hold finite pixels; got "NaN or infinite pixels'),
-    "above-white": ("a.tif", float_tiff(CODED[..., 0] / 50), "light in [0, 1]; got"),
+    "above-white": (
+        "a.tif",
+        float_tiff(CODED[..., 0] / 50),
+        "must hold values from 0 to white, 1; got",
+    ),
     "bomb": ("a.png", bomb, "at most 150 megapixels; got"),
-    "cut": ("a.jpg", cut, "must name a whole PNG, JPEG or TIFF picture"),
-    "text": ("a.png", lambda p: p.write_text("none"), "must name a whole PNG, JPEG or TIFF"),
+    "cut": ("a.jpg", cut, "must name a whole PNG, JPEG, TIFF"),
+    "text": ("a.png", lambda p: p.write_text("none"), "must name a whole PNG, JPEG, TIFF"),
     "missing": ("a.png", lambda p: None, "not found"),
     "matte": ("a.toml", wrong_matte, "must be as large as its picture, 43 x 11 px; got"),
     "layers": ("a.toml", lambda p: p.write_text("[[layers]]"), "picture` must be given; got"),
     "no-frames": ("frames", lambda p: p.mkdir(), "must hold pictures; got"),
     "frames-differ": ("frames", two_sizes, "must all have shape (11, 43, 1); got"),
-    "no-video": ("a.mp4", lambda p: p.write_text("none"), "must name a video that imageio reads"),
+    "no-video": ("a.mp4", lambda p: p.write_text("none"), "must name a whole video; got"),
 }
 
 
@@ -182,6 +187,7 @@ USAGE = {
         ["--design", "d.json", "--shutter", "hann"],
         "`--shutter` must be left out with --design; got 'hann'",
     ),
+    "white": (["--white", "-3"], "`read_picture(white=...)` must be above 0; got -3"),
     "seed": (
         ["--seed", str(1 << 63)],
         "`--seed` must be at most 9223372036854775807; got '9223372036854775808'",
@@ -224,6 +230,35 @@ def test_quality_is_that_of_a_photograph(subject, tmp_path, scene, capsys):
     assert ("no quality: " in printed.err) == (subject != "a.png")
 
 
+@pytest.mark.filterwarnings("default::mishutter.model.PictureWarning")
+def test_a_picture_of_few_bits_is_noted_and_may_be_told(tmp_path, scene, capsys):
+    """Untold, one line says what its white may be; `--white` and `--linear` make it light."""
+    import tifffile
+
+    deep = CODED[..., :3].astype(np.uint16) * 16 + 5
+    tifffile.imwrite(tmp_path / "a.tif", deep, photometric="rgb")
+    given = ["simulate", scene, "--subject", tmp_path / "a.tif", "--noiseless", "--out"]
+    levels = []
+    for told in ([], ["--white", "4095"], ["--white", "4095", "--linear"]):
+        out = tmp_path / f"out{len(told)}"
+        assert cli.main([str(word) for word in (*given, out, *told, "--json")]) == 0
+        said = [line for line in messages(capsys.readouterr().err) if "bits in 16" in line]
+        assert len(said) == (not told)
+        levels.append(ms.read_picture(out / "restored.png").light.mean())
+    assert levels[0] < 0.01
+    assert levels[1] == pytest.approx(((deep / 4095) ** 2.2).mean(), rel=0.05)
+    assert levels[2] == pytest.approx((deep / 4095).mean(), rel=0.05)
+
+
+def test_numbers_are_told_where_the_picture_is_named(tmp_path, scene, capsys):
+    """Options speak of the subject's file: other pictures have keys where their files are named."""
+    (tmp_path / "a.toml").write_text('[[layers]]\npicture = "a.png"')
+    for told in (["--white", "900"], ["--linear"]):
+        for subject in ([], ["--subject", tmp_path / "a.toml"]):
+            line = refused(capsys, "simulate", scene, *subject, *told, "--out", tmp_path / "out")
+            assert f"`{told[0]}` must be a key of the file that names the pictures" in line
+
+
 def test_simulate_needs_a_subject(tmp_path, scene, capsys):
     """A scene without a picture needs one on the command line."""
     assert "`--subject` must be given" in refused(capsys, "simulate", scene, "--out", tmp_path)
@@ -239,15 +274,12 @@ def test_reproduce_usage(capsys):
 @pytest.mark.slow
 def test_one_frame_of_video(tmp_path, scene):
     """A video of one frame, and a folder of one picture, are footage like any other."""
-    iio = pytest.importorskip("imageio.v3")
-    pytest.importorskip("imageio_ffmpeg")
-    film = np.repeat(np.repeat(CODED[None, :, :, :3], 4, axis=1), 4, axis=2)[:, :32, :160]
+    film(tmp_path / "one.m4v", "-pix_fmt", "yuv420p", num_frames=1)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        iio.imwrite(tmp_path / "one.mp4", np.ascontiguousarray(film), fps=25)
+        warnings.simplefilter("ignore", ResourceWarning)  # FFmpeg's pipes
         (tmp_path / "frames").mkdir()
         saved(CODED[..., 0])(tmp_path / "frames" / "1.png")
-        for name, shape in (("one.mp4", (32, 160, 3)), ("frames", (ROWS, COLUMNS, 1))):
+        for name, shape in (("one.m4v", (96, 160, 3)), ("frames", (ROWS, COLUMNS, 1))):
             out = tmp_path / f"out of {name}"
             arguments = ["simulate", scene, "--subject", tmp_path / name, "--out", out, "--json"]
             assert cli.main([str(argument) for argument in arguments]) == 0

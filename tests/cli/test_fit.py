@@ -119,6 +119,7 @@ BAD = {
         b"1",
         "`picture[0].speed_px_per_s` must be at most 1e+07; got 300000000.0",
     ),
+    "a-tiff": (PICTURE, b"II*\0\x08\0\0\0", "a picture as CSV or .npy; got a file that is neither"),
     "no-electrons": (
         "[sensor]\nelectrons_per_level = 0\n" + PICTURE,
         b"1",
@@ -159,7 +160,7 @@ BAD = {
 
 @pytest.mark.parametrize("slug", BAD)
 def test_each_bad_file_is_one_line(slug, folder, tmp_path, capsys):
-    """Twenty-four lists of measurements, pictures and traces that are none."""
+    """Twenty-five lists of measurements, pictures and traces that are none."""
     text, content, message = BAD[slug]
     good = ",".join(["0"] * 20 + ["900"] * 3 + ["0"] * 20).encode()
     (tmp_path / "picture").write_bytes(good if "trace" in slug else content)

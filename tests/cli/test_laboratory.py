@@ -81,6 +81,10 @@ OPTIONS = {
         ["compare", "--drive", "{d}", "--half-exposure-ms", "0"],
         "`read_drive(half_exposure=...)` must be above 0; got 0.0",
     ),
+    "drive-steps": (
+        ["simulate", "--drive", "{d}", "--drive-steps", "3"],
+        "must have the 3 steps that were told; got 2",
+    ),
     "floor": (["compare", "--drive", "{d}", "--floor", "2"], "must lie in [0, 1); got 2.0"),
     "bytes-to-the-terminal": (
         ["export", "{j}", "--format", "rigol"],

@@ -145,6 +145,57 @@ def test_a_rigol_file_is_what_its_maker_describes(tmp_path):
     assert (tmp_path / "table.RAF").read_bytes() == expected
 
 
+@pytest.mark.parametrize("length", [8192, 16384])
+def test_a_rigol_file_that_is_filled_up_is_read_by_its_steps(length, tmp_path):
+    """The zeros up to a generator's length are no part of the exposure, where that is told."""
+    path, profile = tmp_path / "drive.RAF", np.array([0, 3000, 16383, 0, 9001, 0])
+    words = np.zeros(length, "<u2")
+    words[: profile.size] = profile
+    path.write_bytes(words.tobytes())
+    with pytest.raises(ValueError, match=rf"got {length} words, the last {length - 5} of them 0"):
+        read_drive(path, MOTION)
+    found = read_drive(path, MOTION, num_steps=6, **LEVELS).shutter.transmittances
+    np.testing.assert_allclose(found, 0.02 + 0.83 * profile / 16383, rtol=1e-12)
+    design = Design.from_drive(path, SCENE, MOTION, num_steps=6)
+    np.testing.assert_allclose(design.shutter.transmittances, profile / 16383, rtol=1e-12)
+    with pytest.raises(ValueError, match="hold zeros alone after 4 steps; got 1 other words"):
+        read_drive(path, MOTION, num_steps=4)
+
+
+def test_a_rigol_file_may_be_closed_at_both_of_its_ends(tmp_path):
+    """A profile of a generator's own length whose ends are alike is not taken for one filled up."""
+    path, words = tmp_path / "drive.RAF", np.zeros(8192, "<u2")
+    words[2500:5900] = 11000
+    path.write_bytes(words.tobytes())
+    steps = np.asarray(read_drive(path, MOTION).shutter.transmittances)
+    assert steps.mean() == pytest.approx(11000 / 16383 * 3400 / 8192, rel=1e-12)
+
+
+def test_steps_that_are_told_are_those_of_the_file(tmp_path):
+    """A file that is not filled up has its own number of steps."""
+    path = tmp_path / "drive.csv"
+    a_table().save(path, form="column")
+    assert read_drive(path, MOTION, num_steps=37).shutter.transmittances.shape == (37,)
+    with pytest.raises(ValueError, match="must have the 36 steps that were told; got 37"):
+        read_drive(path, MOTION, num_steps=36)
+
+
+@pytest.mark.parametrize(
+    "markers", [("SampleMarker1", "SampleMarker2"), ("SyncMarker2", "SampleMarker1", "SyncMarker1")]
+)
+def test_a_keysight_file_may_have_more_markers(markers, tmp_path):
+    """`SampleMarker1` is the gate; markers of another output say nothing of the exposure."""
+    drive, gate = [-0.9, 0.3, 0.7, -0.2], [1, 1, 1, 0]
+    columns = {name: gate if name == "SampleMarker1" else [0, 1, 0, 1] for name in markers}
+    rows = zip(drive, *columns.values(), strict=True)
+    text = "\n".join(",".join(map(str, row)) for row in rows)
+    head = f"SampleRate=200\nSetConfig=true\nY1,{','.join(markers)}\n"
+    (tmp_path / "drive.csv").write_text(head + text + "\n")
+    found = read_drive(tmp_path / "drive.csv", OTHER)
+    np.testing.assert_allclose(found.shutter.transmittances, [0.05, 0.65, 0.85], rtol=1e-12)
+    assert float(found.motion.half_exposure) == pytest.approx(3 / 200 / 2)
+
+
 def test_a_table_edited_by_hand_is_taken_as_it_is(tmp_path):
     """Columns that are not needed may go, and a transmittance that changed is what is sent."""
     path = tmp_path / "mine.csv"

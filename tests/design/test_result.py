@@ -19,6 +19,7 @@ from mishutter import (
     IdealShutter,
     LinearMotion,
     RectShutter,
+    Scene,
     SplineShutter,
     StillCamera,
     SwitchedShutter,
@@ -115,6 +116,21 @@ def test_a_saved_design_has_its_device_and_tolerances(design, device, tmp_path):
     assert eqx.tree_equal(read.scene.device, device)
     assert eqx.tree_equal(read.scene.tolerances, tolerances)
     assert eqx.tree_equal(read.shutter, light)
+
+
+def test_a_saved_design_knows_how_its_photograph_is_read(design, tmp_path):
+    """White and whether numbers are light come back; a file from before has the depth's white."""
+    given = {"picture": "a.tif", "picture_white": 4095, "picture_linear": True}
+    scene = Scene([31.0, -420.0], photon_rate=2e5, read_noise=3.0, **given)
+    path = tmp_path / "design.json"
+    replace(design, scene=scene).save(path)
+    read = Design.load(path).scene
+    assert {name: getattr(read, name) for name in given} == given
+    document = json.loads(path.read_text())
+    del document["scene"]["picture_white"], document["scene"]["picture_linear"]
+    path.write_text(json.dumps(document))
+    read = Design.load(path).scene
+    assert (read.picture_white, read.picture_linear) == (None, False)
 
 
 @pytest.mark.slow

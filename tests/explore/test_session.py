@@ -196,7 +196,7 @@ def test_a_scene_is_saved_loaded_and_written_as_commands(started):
         ({"speeds": {"list_px_per_s": [1e6] * 5}}, "travel at most"),
         ({"speeds": {"list_px_per_s": [1.0] * 1001}}, "at most 1000"),
         ({"picture": {"path": "/etc/hostname"}}, "be one of example"),
-        ({"picture": {"path": "example", "mean_level": 0.2}}, "stand alone"),
+        ({"picture": {"path": "example", "mean_level": 0.2}}, "not stand beside path"),
         ({"picture": {"path": "../../../etc/passwd"}}, "be one of example"),
     ],
 )
@@ -210,7 +210,7 @@ def test_a_scene_that_is_none_is_refused_in_a_line(started, change, line):
 @pytest.mark.parametrize(
     ("name", "content", "line"),
     [
-        ("notes.txt", b"text", "be a PNG, JPEG or TIFF file"),
+        ("notes.txt", b"text", "be a PNG, JPEG, TIFF"),
         ("broken.png", b"\x89PNG\r\n\x1a\n" + b"x" * 40, "broken.png must be a PNG"),
         ("half.png", picture_file(40, 300)[:-400], "half.png"),
         ("empty.png", b"", "hold at most 32 MiB"),
@@ -234,6 +234,22 @@ def test_a_picture_of_too_many_pixels_is_refused_by_its_header(started, monkeypa
     monkeypatch.setattr(pictures, "read_picture", None)
     with pytest.raises(ValueError, match="at most 500 pixels"):
         Session(started).upload("bomb.png", picture_file(40, 300))
+
+
+def test_numbers_of_an_upload_may_be_told(started):
+    """The page's scene has the keys of a file, by which the photograph is read again."""
+    session = Session(started)
+    session.upload("mine.png", picture_file(20, 80))
+    found = []
+    for told in ({}, {"white": 300.0}, {"linear": True}):
+        scene = TABLES | {"picture": {"path": "mine.png", **told}}
+        found.append(sessions.built(scene, session._photographs))
+    plain, whiter, linear = (float(scene.mean_level) for scene in found)
+    assert whiter == pytest.approx(plain * (255 / 300) ** 2.2, rel=1e-5)
+    assert linear > 1.2 * plain
+    assert (found[1].picture_white, found[2].picture_linear) == (300.0, True)
+    with pytest.raises(ValueError, match=r"`\[picture\] white` must stand beside the path"):
+        sessions.built(TABLES | {"picture": {"path": "example", "white": 3.0}}, {})
 
 
 def test_an_upload_takes_the_place_of_the_one_before(started):

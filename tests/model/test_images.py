@@ -72,27 +72,6 @@ def test_cmyk_jpeg(tmp_path):
     np.testing.assert_allclose(read.light ** (1 / GAMMA) * 255, smooth, atol=12)
 
 
-def test_sixteen_bits_of_what_pillow_alone_reads(tmp_path):
-    """A grey map keeps all of its bits too."""
-    coded = CODED[..., 0].astype(np.uint16) * 251 + 3
-    head = b"P5 %d %d 65535\n" % (COLUMNS, ROWS)
-    (tmp_path / "a.pgm").write_bytes(head + coded.astype(">u2").tobytes())
-    read = ms.read_picture(tmp_path / "a.pgm")
-    np.testing.assert_allclose(read.light[..., 0], as_light(coded), atol=1e-6)
-
-
-@pytest.mark.parametrize("channels", [1, 3])
-def test_sixteen_bit_tiff(tmp_path, channels):
-    """A 16-bit TIFF keeps all of its bits."""
-    import tifffile
-
-    coded = CODED[..., :channels].astype(np.uint16) * 251 + 3
-    kind = "rgb" if channels == 3 else "minisblack"
-    tifffile.imwrite(tmp_path / "a.tif", coded.squeeze(), photometric=kind)
-    read = ms.read_picture(tmp_path / "a.tif")
-    np.testing.assert_allclose(read.light, as_light(coded), atol=1e-6)
-
-
 @pytest.mark.parametrize("compression", ["lzw", "zlib", "zstd"])
 @pytest.mark.parametrize("separate", [False, True])
 @pytest.mark.parametrize("tile", [None, (16, 112)])
@@ -118,7 +97,7 @@ def test_sixteen_bit_tiff_compressed(tmp_path, predictor, tile, separate, compre
     )
     np.testing.assert_allclose(ms.read_picture(path).light, as_light(coded), atol=1e-6)
     path.write_bytes(path.read_bytes()[:2000])
-    with pytest.raises(ValueError, match="must name a whole PNG, JPEG or TIFF"):
+    with pytest.raises(ValueError, match="must name a whole PNG, JPEG, TIFF"):
         ms.read_picture(path)
 
 
@@ -134,7 +113,7 @@ def test_float_tiff_is_light_already(tmp_path):
     with pytest.raises(ValueError, match=r"must hold finite pixels; got .*NaN"):
         ms.read_picture(tmp_path / "n.tif")
     tifffile.imwrite(tmp_path / "h.tif", 3 * (CODED[..., 0] / 255).astype(np.float32))
-    with pytest.raises(ValueError, match=r"in \[0, 1\]; got .*\[0.*, 3\]"):
+    with pytest.raises(ValueError, match=r"must hold values from 0 to white, 1; got 3\.0 in"):
         ms.read_picture(tmp_path / "h.tif")
 
 
@@ -175,16 +154,6 @@ def test_pictures_stand_upright(tmp_path, orientation, depth):
         np.testing.assert_allclose(read, as_light(turned(coded, orientation)), atol=1e-6)
 
 
-def test_a_tiff_that_holds_black_as_its_largest_value(tmp_path):
-    """White is where the file says it is, at 16 bits too."""
-    import tifffile
-
-    coded = CODED[..., 0].astype(np.uint16) * 251 + 3
-    tifffile.imwrite(tmp_path / "w.tif", 65535 - coded, photometric="miniswhite")
-    read = ms.read_picture(tmp_path / "w.tif")
-    np.testing.assert_allclose(read.light, as_light(coded[..., None]), atol=1e-6)
-
-
 @pytest.mark.parametrize("depth", [np.uint8, np.uint16, np.float32])
 def test_colour_that_opacity_is_multiplied_into(tmp_path, depth):
     """A TIFF with associated alpha is read as the same picture with its alpha apart."""
@@ -201,23 +170,6 @@ def test_colour_that_opacity_is_multiplied_into(tmp_path, depth):
     seen = read.matte > 0.2
     apart = CODED[..., :3] / 255 if full == 1 else as_light(CODED[..., :3])
     np.testing.assert_allclose(read.light[seen], apart[seen], atol=0.03 if full == 255 else 2e-4)
-
-
-def test_a_tiff_of_a_depth_that_pictures_do_not_have(tmp_path):
-    """Twelve bits, and whole numbers of 32, are refused, not taken for 16."""
-    from PIL import Image
-
-    wide = Image.fromarray(CODED[..., 0].astype(np.int32) * 70001)
-    wide.save(tmp_path / "i.tif", compression="tiff_lzw")
-    with pytest.raises(ValueError, match="must hold 8 or 16 bits a channel; got int32"):
-        ms.read_picture(tmp_path / "i.tif")
-    Image.fromarray(CODED[..., 0]).save(tmp_path / "t.tif")
-    whole, depth = (tmp_path / "t.tif").read_bytes(), struct.pack("<HHI", 258, 3, 1)
-    assert whole.count(depth) == 1
-    twelve = whole.replace(depth + struct.pack("<H", 8), depth + struct.pack("<H", 12))
-    (tmp_path / "t.tif").write_bytes(twelve)
-    with pytest.raises(ValueError, match=r"t.tif': 12 bits a channel"):
-        ms.read_picture(tmp_path / "t.tif")
 
 
 def test_a_picture_is_known_by_what_it_holds(tmp_path):
@@ -259,7 +211,7 @@ def test_refusals(tmp_path):
     (tmp_path / "text.png").write_text("not a picture")
     (tmp_path / "empty.tif").write_bytes(b"")
     for name in ("cut.jpg", "cut.png", "text.png", "empty.tif"):
-        with pytest.raises(ValueError, match=f"must name a whole PNG, JPEG or TIFF.*{name}"):
+        with pytest.raises(ValueError, match=f"must name a whole PNG, JPEG, TIFF.*{name}"):
             ms.read_picture(tmp_path / name)
     with pytest.raises(FileNotFoundError, match=r"must name a file; got .*none.png', not found"):
         ms.read_picture(tmp_path / "none.png")
@@ -301,7 +253,7 @@ def test_a_damaged_tiff_is_one_line(tmp_path):
     code = f"import mishutter; mishutter.read_picture({str(path)!r})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stderr.startswith("Traceback")
-    assert "must name a whole PNG, JPEG or TIFF" in done.stderr.splitlines()[-1]
+    assert "must name a whole PNG, JPEG, TIFF" in done.stderr.splitlines()[-1]
 
 
 def test_a_boundless_tiff(tmp_path):

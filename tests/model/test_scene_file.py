@@ -3,6 +3,7 @@
 import re
 
 import equinox as eqx
+import imagecodecs
 import numpy as np
 import pytest
 from support.bad_scenes import EXAMPLE, LINES, edited
@@ -20,7 +21,7 @@ from mishutter import (
     Tolerances,
 )
 from mishutter.model.images import example_picture, row_power_spectrum, write_picture
-from mishutter.model.scene_file import example_scene, read_scene, scene_text
+from mishutter.model.scene_file import example_scene, read_scene, scene_picture, scene_text
 
 
 def written(folder, text, name="scene.toml"):
@@ -65,6 +66,26 @@ def test_picture_paths_start_at_the_file(tmp_path, monkeypatch):
     assert scene.mean_level == pytest.approx(light.mean(), abs=1e-4)
     monkeypatch.chdir(folder)
     assert read_scene("scene.toml").picture == str(folder / "photo.png")
+
+
+@pytest.mark.parametrize(
+    ("told", "coded"), [("white = 4095", 2.2), ("white = 4000.5\nlinear = true", 1.0)]
+)
+def test_a_picture_is_read_as_its_keys_say(told, coded, tmp_path):
+    """Twelve bits in sixteen have their white, and numbers that are light are taken as it."""
+    levels = np.random.default_rng(6).integers(90, 4000, (13, 37)).astype(np.uint16)
+    (tmp_path / "photo.png").write_bytes(imagecodecs.png_encode(levels))
+    scene = Scene.load(written(tmp_path, edited("path", f'path = "photo.png"\n{told}')))
+    light = (levels / scene.picture_white) ** coded
+    assert scene.mean_level == pytest.approx(light.mean(), rel=1e-5)
+    assert scene.deviation == pytest.approx(light.std(), rel=1e-5)
+    np.testing.assert_allclose(scene_picture(scene).light[..., 0], light, rtol=1e-5)
+    again = read_scene(written(tmp_path, scene_text(scene), "again.toml"))
+    assert eqx.tree_equal(again.mean_level, scene.mean_level)
+    assert (again.picture_white, again.picture_linear) == (
+        scene.picture_white,
+        scene.picture_linear,
+    )
 
 
 def test_without_a_picture_levels_may_be_given(tmp_path):

@@ -121,6 +121,17 @@ DRIVES = {
         keysight(["0.5,0,1"], rate="SampleRate=7 Bd"),
         "must have a SampleRate above 0 in Hz, kHz, MHz or GHz; got '7 Bd'",
     ),
+    "third-marker": (
+        "d.csv",
+        keysight(["0.5,0"], heading="Y1,SampleMarker3"),
+        "must have columns of Y1, Y2, SampleMarker1, SyncMarker1, SampleMarker2, SyncMarker2; got",
+    ),
+    "filled-up": (
+        "d.raf",
+        words(*([9000] * 64 + [0] * 8128)),
+        "must hold the exposure alone, or be read with `num_steps` or `--drive-steps`; got 8192 "
+        "words, the last 8128 of them 0",
+    ),
     "no-shutter": (
         "d.csv",
         keysight(["0.5"], heading="Y2"),

@@ -198,6 +198,21 @@ LINES = {
         'path = "example"\nmean_level = 0.2',
         "`[picture] mean_level` must not stand beside path; got 'example'",
     ),
+    "white-of-nothing": (
+        "path",
+        "white = 4095",
+        "`[picture] white` must stand beside the path of a photograph of one's own; got no path",
+    ),
+    "light-of-the-example": (
+        "path",
+        'path = "example"\nlinear = true',
+        "`[picture] linear` must stand beside the path of a photograph of one's own; got example",
+    ),
+    "white-that-is-black": (
+        "path",
+        'path = "photo.png"\nwhite = 0',
+        "`[picture] white` must be above 0; got 0",
+    ),
     "level-above-white": ("path", "mean_level = 1.2", "must be at most 1; got 1.2"),
 }
 """Slug to the line that is replaced, by what it starts with; its replacement; the error."""
