@@ -104,7 +104,11 @@ BAD = {
         "must hold an edge: levels at its ends that differ by more than the noise; got 7 and 7",
     ),
     "not-toml": ("[[picture]\n", b"1", "bench.toml must be a TOML file; got: "),
-    "not-text": (PICTURE, b"\x89PNG\r\n\x1a\n\x00", "must be text, as CSV is, in UTF-8, UTF-16"),
+    "not-text": (
+        PICTURE,
+        b"\x89PNG\r\n\x1a\n\x00",
+        "must hold the levels of a picture as CSV or .npy; got ",
+    ),
     "no-such-file": (
         '[[picture]]\npath = "gone.csv"\n',
         b"1",
