@@ -37,7 +37,8 @@ def with_stage(scene: Scene, stage: dict[str, float] | None) -> Scene:
     if stage is None:
         return scene
     names = ("max_stroke", "max_top_speed", "min_half_exposure", "max_half_exposure", "max_pan")
-    limits = Limits(**{name: getattr(scene.limits, name) for name in names}, **stage)
+    numbers = {name: getattr(scene.limits, name) for name in names} | stage
+    limits = Limits(pans=scene.limits.pans, **numbers)
     return eqx.tree_at(
         lambda s: (s.limits, s.given_motion), scene, (limits, None), is_leaf=_is_none
     )

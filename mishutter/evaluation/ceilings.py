@@ -104,13 +104,16 @@ def ceiling(
     positive = np.asarray(longest).dtype.kind in "fiu" and float(np.asarray(longest)) > 0
     require(positive, "ceiling(max_half_exposure=...)", "be above 0 s", longest)
     half = float(np.asarray(longest))
-    bounds = []
+    bounds: list[tuple[np.ndarray, np.ndarray]] = []
     if continuous or (continuous is None and _stands_for_range(scene)):
         bounds.append(times_of_cells(scene))
     if not continuous:
         bounds.append(times_of_list(scene, half))
     counts = frequency_counts()
-    errors = [min(_least_error(scene, half, *bound, count) for count in counts) for bound in bounds]
+    errors = [
+        min(_least_error(scene, half, knots, times, count) for count in counts)
+        for knots, times in bounds
+    ]
     with np.errstate(divide="ignore"):
         return as_float(-10 * np.log10(max(errors)).astype(scene.speeds.dtype))
 

@@ -12,7 +12,7 @@ T \le \begin{cases} \sqrt{S/a} - |v|/2a & |v| < \sqrt{Sa}\\ S/2|v| & \text{else.
 
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from typing import Any, Literal, NamedTuple, final
+from typing import Any, Literal, NamedTuple, cast, final
 
 import equinox as eqx
 import jax
@@ -289,7 +289,7 @@ class Limits(eqx.Module):
         """The `stage_share` of a motion; scalar."""
         velocity = jnp.asarray(motion.velocity)
         if isinstance(motion, FreeMotion):
-            path = self.of_stage(motion)
+            path = cast(FreeMotion, self.of_stage(motion))
             speed = jnp.abs(self._pan_of_camera(velocity)) - jnp.abs(self._frame(velocity))
             share = self._share_of(stage_use_of_path(path, self.max_acceleration), speed)
             return jnp.maximum(share, path.extent / self.max_stroke)

@@ -42,7 +42,7 @@ def slot_means(profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtyp
 
 
 @compiled
-def diffused(means: Array, levels: int, min_open: int = 1, min_closed: int = 1) -> Array:
+def diffused(means: Array | np.ndarray, levels: int, min_open: int = 1, min_closed: int = 1) -> Array:
     """The levels that slots take, as transmittances; shape `(n,)`, without a derivative.
 
     Args:
