@@ -42,7 +42,9 @@ def slot_means(profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtyp
 
 
 @compiled
-def diffused(means: Array | np.ndarray, levels: int, min_open: int = 1, min_closed: int = 1) -> Array:
+def diffused(
+    means: Array | np.ndarray, levels: int, min_open: int = 1, min_closed: int = 1
+) -> Array:
     """The levels that slots take, as transmittances; shape `(n,)`, without a derivative.
 
     Args:
@@ -64,7 +66,7 @@ def diffused(means: Array | np.ndarray, levels: int, min_open: int = 1, min_clos
         run = jnp.where(begins, _LONG, jnp.where(level == last, run + 1, 1))
         return (wanted - level, level, run), level
 
-    means = jax.lax.stop_gradient(means)
+    means = jax.lax.stop_gradient(jnp.asarray(means))
     first = jnp.zeros_like(means[0]), jnp.full_like(means[0], -1.0), jnp.asarray(_LONG, jnp.int32)
     return jax.lax.scan(step, first, means)[1]
 

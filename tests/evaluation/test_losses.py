@@ -22,6 +22,7 @@ from mishutter import (
     Scene,
     SplineShutter,
     StillCamera,
+    Tolerances,
     TukeyShutter,
     blur_kernel,
     condition_number,
@@ -73,6 +74,22 @@ def test_the_expected_error_is_in_units_of_the_contrast():
         assert np.isclose(found, 10 ** (-psnr / 20) / deviation, rtol=1e-12)
     grey = Scene([-700.0, 250.0], photon_rate=2e5, read_noise=4.0, deviation=0.0)
     assert float(ExpectedErrorLoss()(grey, MOTION, shutter)) == 0
+
+
+@pytest.mark.slow
+def test_a_decoder_that_is_told_the_speed_leaves_less():
+    """Its loss is that of the metric, and below that of one filter; so it is within tolerances."""
+    shutter, light = TukeyShutter(0.6), {"photon_rate": 2e5, "read_noise": 4.0, "deviation": 0.17}
+    scene = Scene([-700.0, 250.0], **light)
+    told, untold = KnownSpeedLoss(), ExpectedErrorLoss()
+    level = float(evaluate(scene, MOTION, shutter).known_speed_psnr)
+    found = float(told(scene, MOTION, shutter))
+    assert np.isclose(found, 10 ** (-level / 20) / 0.17, rtol=1e-12)
+    assert found < float(untold(scene, MOTION, shutter))
+    built = Scene([-700.0, 250.0], **light, tolerances=Tolerances(acceleration=0.04, speed=60.0))
+    assert found < float(told(built, MOTION, shutter)) < float(untold(built, MOTION, shutter))
+    one = Scene([250.0], **light, tolerances=Tolerances(acceleration=0.04, speed=60.0))
+    np.testing.assert_allclose(told(one, MOTION, shutter), untold(one, MOTION, shutter), rtol=1e-12)
 
 
 def test_a_spectral_zero_counts_as_the_working_precision():
