@@ -8,6 +8,7 @@ from mishutter._core.checks import as_numpy as as_numpy
 from mishutter._core.checks import common_dtype as common_dtype
 from mishutter._core.checks import describe as describe
 from mishutter._core.checks import fields_text as fields_text
+from mishutter._core.checks import floating_light as floating_light
 from mishutter._core.checks import is_concrete as is_concrete
 from mishutter._core.checks import known_beside as known_beside
 from mishutter._core.checks import named as named

@@ -59,18 +59,19 @@ def known_beside(value: Any, parameter: Any) -> Any:
 
 
 def common_dtype(*values: RowLike) -> np.dtype:
-    """Floating dtype that the arrays among `values` share; JAX's default without any.
+    """Floating dtype of JAX that the arrays among `values` share; its default without any.
 
     Python numbers adapt to the arrays beside them, and a mix of precisions
     widens, also under strict promotion. Half precision, in which no integral of this
-    package means anything, counts as single.
+    package means anything, counts as single, and what is longer than double as double; numbers
+    in another order of bytes, as FITS files hold them, count as any other.
     """
     dtypes = [np.dtype(v.dtype) for v in values if isinstance(v, np.ndarray | np.generic | Array)]
     floating = [d for d in dtypes if jnp.issubdtype(d, jnp.floating)]
     if not floating:
         return np.dtype(jnp.result_type(float))
-    widest = max([np.dtype(np.float32), *floating], key=lambda d: d.itemsize)
-    return np.dtype(jax.dtypes.canonicalize_dtype(widest))
+    single = max(d.itemsize for d in floating) <= np.dtype(np.float32).itemsize
+    return np.dtype(jax.dtypes.canonicalize_dtype(np.float32 if single else np.float64))
 
 
 def as_float(value: RowLike, subject: str | None = None) -> Array:
@@ -89,6 +90,20 @@ def as_float(value: RowLike, subject: str | None = None) -> Array:
     if not all_concrete(value):
         return jnp.asarray(value, dtype=dtype)
     return on_device(np.asarray(value, dtype))
+
+
+def floating_light(value: Any, subject: str) -> Any:
+    """Light of a picture as a floating array: NumPy's of light that is known, JAX's of other.
+
+    Raises:
+        ValueError: if it holds whole numbers, as a file has for its levels, or no real numbers.
+    """
+    array = np.asarray(value) if is_concrete(value) else value
+    coded = jnp.issubdtype(array.dtype, jnp.integer)
+    requirement = "hold light, white = 1, as floating-point numbers: `read_picture` reads files so"
+    require(not coded, subject, requirement, Bare(array.dtype.name))
+    require(_is_real(array), subject, "be real numbers", value)
+    return array.astype(common_dtype(array), copy=False)
 
 
 def on_device(value: Any) -> Any:

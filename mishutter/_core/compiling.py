@@ -1,8 +1,8 @@
 """How the package's functions are compiled: in half of XLA's time, one thread tracing at a time."""
 
 import threading
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from functools import lru_cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -33,10 +33,6 @@ class _Tracing(threading.local):
 _TRACING = _Tracing()
 
 
-class _NotAllowedError(Exception):
-    """A function would be traced by a thread that does not hold the lock."""
-
-
 def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
     """`eqx.filter_jit` by XLA's older generator of CPU code, lightly optimised.
 
@@ -45,47 +41,31 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     Values that are known there are computed at once, and stay known.
 
     One thread traces at a time. Threads share what JAX knows of the functions in a program,
-    among that derivative rules, and JAX fails where two of them trace one rule at once. A trace
-    comes before the call: JAX takes a longer way at every call like one that has failed once.
+    among that derivative rules, and JAX fails where two of them trace one rule at once.
     """
 
     @wraps(function)
-    def traced(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        if not _TRACING.allowed:
-            raise _NotAllowedError
-        return function(*args, **kwargs)
+    def alone(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        with _TRACING.lock:
+            _TRACING.allowed = True
+            try:
+                return function(*args, **kwargs)
+            finally:
+                _TRACING.allowed = False
 
     @lru_cache
     def program() -> Any:
         compile_with: Any = eqx.filter_jit
-        return compile_with(traced, compiler_options=_quick_options())
+        return compile_with(alone, compiler_options=_quick_options())
 
     within = eqx.filter_jit(function)
-    known: set[Any] = set()
 
     @wraps(function)
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        leaves, structure = jax.tree.flatten((args, kwargs))
-        if _TRACING.allowed or not all_concrete(leaves):
+        if _TRACING.allowed or not all_concrete((args, kwargs)):
             return within(*args, **kwargs)
-        signature = structure, *map(_kind_of, leaves)
         with at_once():
-            if signature not in known:
-                trace_alone(*args, **kwargs)
-                known.add(signature)
-            # JAX has forgotten the trace where its caches were cleared.
-            with suppress(_NotAllowedError):
-                return program()(*args, **kwargs)
-            trace_alone(*args, **kwargs)
             return program()(*args, **kwargs)
-
-    def trace_alone(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> None:
-        with _TRACING.lock:
-            _TRACING.allowed = True
-            try:
-                program().lower(*args, **kwargs)
-            finally:
-                _TRACING.allowed = False
 
     return call
 
@@ -95,22 +75,17 @@ def in_a_program() -> bool:
     return _TRACING.allowed
 
 
-def _kind_of(leaf: Any) -> Any:
-    """The part of an argument that a trace depends on."""
-    dtype = getattr(leaf, "dtype", None)
-    if dtype is None:
-        return type(leaf), leaf
-    return leaf.shape, dtype, getattr(leaf, "weak_type", False)
-
-
-def at_once() -> AbstractContextManager[None]:
+@contextmanager
+def at_once() -> Iterator[None]:
     """Computes what is known while a function is traced that calls for it, and so still known.
 
-    Nothing where none is traced: in `jax.ensure_compile_time_eval` a program that is traced there
-    runs each operation on constants by a small program of that operation alone.
+    It also decorates a function whose arguments must be known. Nothing where none is traced: in
+    `jax.ensure_compile_time_eval` a program that is traced there runs each operation on constants
+    by a small program of that operation alone.
     """
     in_a_trace = not is_concrete(jax.lax.stop_gradient(_zero()))
-    return jax.ensure_compile_time_eval() if in_a_trace else nullcontext()
+    with jax.ensure_compile_time_eval() if in_a_trace else nullcontext():
+        yield
 
 
 @lru_cache

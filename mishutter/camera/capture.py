@@ -15,8 +15,8 @@ from mishutter._core import (
     alone_in_blas,
     as_numpy,
     at_once,
-    common_dtype,
     compiled,
+    floating_light,
     is_concrete,
     namespace_of,
     require,
@@ -289,7 +289,7 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
 def as_light(picture: Picture | ArrayLike, subject: str) -> Planes:
     """The light of a picture as an array: `(rows, columns)` or with channels last."""
     if isinstance(picture, Picture):
-        return np.asarray(picture.light, common_dtype(picture.light))
+        return floating_light(picture.light, subject)
     light = as_pixels(picture, subject)
     least = float(np.min(np.asarray(light))) if is_concrete(light) else 0.0
     require(least >= 0, subject, "be at least 0", least)
@@ -302,11 +302,7 @@ def as_pixels(picture: ArrayLike, subject: str) -> Planes:
     require(len(shape) >= 2, subject, "have rows and columns", shape)
     require(0 not in shape, subject, "hold at least one pixel", shape)
     require_finite(subject, picture)
-    coded = getattr(picture, "dtype", None) in (np.uint8, np.uint16)
-    requirement = "hold light, white = 1, as `read_picture` makes it of what a file holds"
-    require(not coded, subject, requirement, getattr(picture, "dtype", None))
-    space: Any = np if is_concrete(picture) else jnp
-    return space.asarray(picture, common_dtype(picture))
+    return floating_light(picture, subject)
 
 
 def _recorded(

@@ -13,6 +13,7 @@ from jaxtyping import ArrayLike
 from mishutter._core import (
     Bare,
     common_dtype,
+    floating_light,
     require,
     require_finite,
     require_positive_int,
@@ -225,13 +226,11 @@ def _nodes(
 
 
 def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
-    light = frame.light if isinstance(frame, Picture) else np.asarray(frame)
-    light = light[..., None] if light.ndim == 2 else light
     subject = "Frames(frames=...)"
+    light = floating_light(frame.light if isinstance(frame, Picture) else frame, subject)
+    light = light[..., None] if light.ndim == 2 else light
     layout = light.ndim == 3 and light.shape[2] in (1, 3) and min(light.shape) > 0
     require(layout, subject, "be pictures", shape_of(light))
-    floating = np.issubdtype(light.dtype, np.floating)
-    require(floating, subject, "hold light as floating-point numbers", str(light.dtype))
     finite = bool(np.all(np.isfinite(light)))
     require(finite, subject, "hold finite light", Bare("a value that is not"))
     require(bool(np.min(light) >= 0), subject, "hold light of at least 0", np.min(light))

@@ -12,6 +12,7 @@ import numpy as np
 from mishutter._core import (
     alone_in_blas,
     as_numpy,
+    at_once,
     in_threads,
     named,
     num_processors,
@@ -256,6 +257,7 @@ class Comparison:
 
 
 @alone_in_blas()
+@at_once()
 def compare(
     scene: Scene,
     motion: AbstractMotion | Design,

@@ -135,7 +135,7 @@ def _best_of(each_met: "Sequence[_Met]") -> tuple[np.ndarray, np.ndarray]:
     """The least loss of several parts after each step, until none goes on, and where."""
     losses, places = np.stack([x.loss for x in each_met]), np.stack([x.theta for x in each_met])
     taken = np.any(np.isfinite(losses), axis=0)
-    best = np.nanargmin(losses[:, taken], axis=0), np.arange(np.sum(taken))
+    best = np.argmin(losses[:, taken], axis=0), np.arange(np.sum(taken))
     return losses[:, taken][best], places[:, taken][best]
 
 
@@ -158,7 +158,7 @@ class _State(NamedTuple):
 
 
 class _Met(NamedTuple):
-    """The least loss after each of some steps, NaN for those not taken, and where it was."""
+    """The least loss after each of some steps, infinite for those not taken, and where it was."""
 
     loss: Array | np.ndarray
     theta: Array | np.ndarray
@@ -232,7 +232,7 @@ def _advance(objective: AbstractObjective, state: _State, num_steps: ArrayLike, 
         return (count < num_steps) & jnp.any(~state.done) & jnp.all(finite)
 
     dtype, size = state.theta.dtype, state.theta.shape[1]
-    met = _Met(jnp.full(capacity, jnp.nan, dtype), jnp.zeros((capacity, size), dtype))
+    met = _Met(jnp.full(capacity, jnp.inf, dtype), jnp.zeros((capacity, size), dtype))
     first = (jnp.zeros((), jnp.int32), state, met, jnp.ones_like(state.done))
     _, state, met, finite = jax.lax.while_loop(unfinished, body, first)
     return state, met, finite

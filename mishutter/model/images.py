@@ -14,6 +14,7 @@ from jaxtyping import ArrayLike
 
 from mishutter._core import (
     Bare,
+    floating_light,
     require,
     require_finite,
     require_positive_int,
@@ -54,6 +55,7 @@ class Picture:
 
     def __post_init__(self) -> None:
         subject = "Picture(light=...)"
+        object.__setattr__(self, "light", floating_light(self.light, subject))
         shape = np.shape(self.light)
         sized = len(shape) == 3 and shape[2] in (1, 3) and min(shape) > 0
         require(sized, subject, "have shape (rows, columns, 1 or 3)", shape_of(self.light))
@@ -212,11 +214,12 @@ def write_picture(path: str | Path, light: Picture | np.ndarray) -> None:
         ValueError: if the array has another shape or holds values that are not finite.
     """
     path = Path(path)
-    array = light.light if isinstance(light, Picture) else np.asarray(light)
+    subject = "write_picture(light=...)"
+    array = floating_light(light.light if isinstance(light, Picture) else light, subject)
     array = array[..., None] if array.ndim == 2 else array
     shape = array.shape
     sized = array.ndim == 3 and shape[2] in (1, 3, 4) and min(shape) > 0
-    require(sized, "write_picture(light=...)", "be a picture", shape_of(array))
+    require(sized, subject, "be a picture", shape_of(array))
     if not path.parent.is_dir():
         raise FileNotFoundError(
             f"`{_WRITE}` must lie in a folder that exists; got {str(path.parent)!r}."
@@ -224,9 +227,9 @@ def write_picture(path: str | Path, light: Picture | np.ndarray) -> None:
     if path.is_dir():
         raise IsADirectoryError(f"`{_WRITE}` must name a file; got the folder {str(path)!r}.")
 
-    coded = array.astype(np.result_type(array, np.float32))
+    coded = array.copy()
     finite = bool(np.all(np.isfinite(coded)))
-    require(finite, "write_picture(light=...)", "be finite", Bare("a value that is not"))
+    require(finite, subject, "be finite", Bare("a value that is not"))
     np.clip(coded, 0, 1, out=coded)
     coded[..., :3] **= 1 / GAMMA
     coded *= 65535

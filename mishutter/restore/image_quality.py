@@ -8,7 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
-from mishutter._core import require, require_finite, require_positive_int, shape_of
+from mishutter._core import (
+    floating_light,
+    require,
+    require_finite,
+    require_positive_int,
+    shape_of,
+)
 from mishutter.model import to_display
 
 _ROWS_AT_ONCE = 128
@@ -183,7 +189,8 @@ def _weights(name: str, shape: tuple, matte: ArrayLike) -> np.ndarray:
 
 
 def _alike(name: str, reference: ArrayLike, estimate: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    true, found = np.asarray(reference), np.asarray(estimate)
+    true = floating_light(reference, f"{name}(reference=...)")
+    found = floating_light(estimate, f"{name}(estimate=...)")
     alike = true.shape == found.shape and true.size > 0
     require(alike, f"{name}(estimate=...)", f"have shape {true.shape}", shape_of(found))
     for argument, values in (("reference", true), ("estimate", found)):

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import require_key, require_positive_int
-from mishutter.camera import Frames, Layers, simulate_capture
+from mishutter.camera import Frames, Layers, as_light, simulate_capture
 from mishutter.evaluation import PLANNED, Automatic, Plan
 from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene, require_scene
 from mishutter.restore.decoders import AbstractDecoder, EnsembleDecoder, blur_model
@@ -86,7 +86,7 @@ def capture_and_restore(
         exposed = simulate_capture(subject, scene, motion, shutter, key=key, **options)
         light = np.asarray(exposed)
     else:
-        light = subject.light if isinstance(subject, Picture) else np.asarray(subject)
+        light = as_light(subject, "capture_and_restore(subject=...)")
     model = blur_model(scene, motion, shutter, plan=plan)
     captured = restored = np.zeros((0, 0, 1))
     num_rows = light.shape[0]

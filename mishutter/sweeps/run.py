@@ -11,6 +11,7 @@ import numpy as np
 
 from mishutter._core import (
     RowLike,
+    at_once,
     named,
     require,
     require_known,
@@ -40,6 +41,7 @@ Progress = Callable[[int, int], None]
 _LOG = logging.getLogger("mishutter.sweep")
 
 
+@at_once()
 def sweep(
     scenes: Scene | Sequence[Any] | Mapping[str, Any],
     *,

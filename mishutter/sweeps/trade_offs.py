@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mishutter._core import RowLike, require
+from mishutter._core import RowLike, as_float, at_once, require
 from mishutter.evaluation import distinct_speeds, num_frequencies, picture_power
 from mishutter.model import Scene, frequency_grid, pixel_response, require_scene
 
@@ -166,6 +166,7 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
     return gain.to_dataset(name="gain").assign(places)
 
 
+@at_once()
 def best_snapshots(
     scene: Scene, photon_rates: RowLike | None = None, read_noises: RowLike | None = None
 ) -> "xarray.Dataset":
@@ -253,9 +254,10 @@ def _best_snapshot(
 
 
 def _light(name: str, values: RowLike) -> np.ndarray:
-    row = np.atleast_1d(np.asarray(values))
+    subject = f"best_snapshots({name}=...)"
+    row = np.atleast_1d(np.asarray(as_float(values, subject)))
     right = row.ndim == 1 and bool(np.all((row >= 0) & np.isfinite(row)))
-    require(right, f"best_snapshots({name}=...)", "be finite, at least 0 and one row", row)
+    require(right, subject, "be finite, at least 0 and one row", row)
     return row
 
 

@@ -104,6 +104,19 @@ def test_half_precision_counts_as_single(half):
     assert kernel.dtype == np.float32
 
 
+@pytest.mark.parametrize("kind", [">f8", np.longdouble, ">i4"])
+def test_numbers_of_other_makers_are_plain_ones(kind):
+    """In another order of bytes, or longer than double, they are the nearest that JAX has."""
+    row = np.array([-300, 25, 410], kind)
+    plain = row.astype(float)
+    assert np.array_equal(as_float(row), plain)
+    assert as_float(row).dtype == common_dtype(row) == np.float64
+    scene = Scene(row, photon_rate=row[2], read_noise=row[1])
+    assert np.array_equal(scene.speeds, plain)
+    motion = ParabolicMotion(acceleration=row[2], half_exposure=0.25)
+    assert motion.acceleration == 410.0
+
+
 @pytest.mark.parametrize("kind", [ParabolicMotion, StillCamera])
 def test_motions_are_of_one_number_each(kind):
     """Many are stacked by `jax.vmap`; a row in one of them would meet the taps."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mishutter._core import compiling
-from mishutter._core.compiling import compiled
+from mishutter._core.compiling import at_once, compiled
 from mishutter._core.parallel import in_threads
 
 
@@ -92,19 +92,34 @@ def test_threads_may_differentiate_one_function_at_a_time():
         assert np.array_equal(found, expected)
 
 
-def test_no_call_fails_inside_jax(monkeypatch):
-    """JAX takes a longer way at every call like one that has failed once."""
-    failures = []
+def test_without_compiling_it_says_the_same():
+    """`jax.disable_jit` runs it operation by operation, and what it calls."""
+    inner = compiled(_doubled_cube)
+    program, x = compiled(lambda y: inner(y) + inner(2 * y)), jnp.linspace(0.3, 2.9, 7)
+    with jax.disable_jit():
+        found = program(x)
+    assert np.allclose(found, _doubled_cube(x) + _doubled_cube(2 * x), rtol=1e-15)
+    assert not compiling.in_a_program()
 
-    class Counted(Exception):
-        def __init__(self):
-            failures.append(self)
 
-    monkeypatch.setattr(compiling, "_NotAllowedError", Counted)
-    double = compiling.compiled(lambda x: 2 * x)
-    for size in (3, 4, 3):
-        np.testing.assert_array_equal(double(np.ones(size)), np.full(size, 2.0))
-        np.testing.assert_array_equal(double(jnp.ones(size)), np.full(size, 2.0))
-    assert not failures
-    jax.clear_caches()
-    np.testing.assert_array_equal(double(np.ones(3)), np.full(3, 2.0))
+def test_the_operation_that_made_a_nan_is_named():
+    """`jax.debug_nans` runs a program again to find it, and leaves others alone."""
+    logarithm = compiled(jnp.log)
+    with jax.debug_nans(True):
+        assert np.isclose(logarithm(1.7), np.log(1.7))
+        with pytest.raises(FloatingPointError, match="encountered in log"):
+            logarithm(-1.7)
+        assert np.isclose(logarithm(2.3), np.log(2.3))
+
+
+def test_a_function_of_known_numbers_may_be_called_in_a_trace():
+    """Decorated so, it finds numbers there, as it does elsewhere."""
+
+    @at_once()
+    def whole(x):
+        return float(jnp.sum(jnp.sin(x)))
+
+    known = jnp.array([0.4, 1.3])
+    expected = np.sin(0.4) + np.sin(1.3)
+    assert np.isclose(jax.jit(lambda y: y * whole(known))(1.7), 1.7 * expected)
+    assert np.isclose(jax.grad(lambda y: y * whole(known))(1.7), expected)

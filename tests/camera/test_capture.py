@@ -452,7 +452,7 @@ def test_footage_that_stands_still_is_a_layer(kind):
 FOOTAGE = {
     "negative": ([-rows()], "`Frames(frames=...)` must hold light of at least 0; got -"),
     "nan": ([np.nan * rows()], "`Frames(frames=...)` must hold finite light; got"),
-    "coded": ([np.ones((2, 3, 1), np.uint8)], "must hold light as floating-point numbers; got"),
+    "coded": ([np.ones((2, 3, 1), np.uint8)], "must hold light, white = 1, as floating-point numb"),
     "two-channels": ([np.ones((2, 3, 2))], "must be pictures; got shape (2, 3, 2)"),
     "two-sizes": ([rows(), rows(5)], "must all have shape (7, 260, 3); got shape (5, 260, 3)"),
 }
@@ -628,6 +628,36 @@ def test_half_precision_is_computed_in_single():
     assert found.dtype == np.float32
     wanted = ms.simulate_capture(picture.astype(np.float32), SCENE, MOVING, ms.HannShutter())
     np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("kind", [">f4", ">f8", np.longdouble])
+def test_numbers_of_other_makers(kind):
+    """In another order of bytes, as FITS files hold them, or longer, they are the same light."""
+    picture = rows().astype(kind)
+    precision = np.float32 if picture.itemsize == 4 else np.float64
+    plain = rows().astype(precision)
+    for capture in (ms.simulate_capture, ms.capture_and_restore):
+        of_plain = capture(plain, SCENE, MOVING, ms.HannShutter())
+        of_these = capture(picture, SCENE, MOVING, ms.HannShutter())
+        np.testing.assert_array_equal(np.asarray(of_these), np.asarray(of_plain))
+    assert ms.Picture(picture).light.dtype == precision
+    found = ms.deconvolve(picture, SCENE, MOVING, ms.HannShutter())
+    wanted = ms.deconvolve(plain, SCENE, MOVING, ms.HannShutter())
+    np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("kind", ["u1", "<u2", ">u2", "i2", "i4", "u4"])
+def test_levels_are_no_light(kind):
+    """Whole numbers, as files hold them, are refused wherever light is asked for."""
+    levels = (rows() * 120).astype(kind)
+    message = f"as floating-point numbers.*; got {levels.dtype.name}"
+    for takes in (ms.simulate_capture, ms.deconvolve, ms.capture_and_restore):
+        with pytest.raises(ValueError, match=message):
+            takes(levels, SCENE, MOVING, ms.HannShutter())
+    with pytest.raises(ValueError, match=rf"`Picture\(light=...\)` must .*{message}"):
+        ms.Picture(levels)
+    with pytest.raises(ValueError, match=rf"`psnr\(estimate=...\)` must .*{message}"):
+        ms.psnr(rows(), levels)
 
 
 def test_pictures_that_are_none():

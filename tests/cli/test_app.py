@@ -17,6 +17,7 @@ import time
 from importlib.metadata import version
 
 import equinox as eqx
+import jax
 import numpy as np
 import pytest
 from PIL import Image
@@ -456,6 +457,15 @@ def test_json_is_one_strict_document(optimised):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_a_search_makes_no_nan(small_scene, capsys):
+    """With `jax_debug_nans`, which ends with the operation that makes one, it runs to its end."""
+    jax.clear_caches()
+    with jax.debug_nans(True):
+        assert cli.main(["optimise", str(small_scene), *SMALL_SEARCH]) == 0
+    assert "dB" in capsys.readouterr().out
+
+
 def test_a_saved_design_has_the_same_metrics(optimised):
     """`design.json` loads back to the metrics that were printed."""
     folder, text = optimised

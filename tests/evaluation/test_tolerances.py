@@ -181,6 +181,20 @@ def test_tolerances_of_nothing_cost_nothing():
 
 
 @pytest.mark.slow
+def test_costs_of_what_is_known_in_a_trace():
+    """A function that JAX compiles may ask for them where none of their arguments is traced."""
+    scene = _with(Tolerances(acceleration=0.06, delay=3e-4))
+    alone, found = tolerance_costs(scene, MOTION, SHUTTER), []
+
+    def asks(x):
+        found.append(tolerance_costs(scene, MOTION, SHUTTER))
+        return x * found[0].rows[-1].cost
+
+    assert jax.jit(asks)(1.7) == pytest.approx(1.7 * alone.rows[-1].cost, rel=1e-9)
+    assert found[0].text() == alone.text()
+
+
+@pytest.mark.slow
 def test_no_filter_beats_the_best():
     """An unaware decoder loses more than one that knows, and costs grow with the tolerance."""
     costs = tolerance_costs(_with(LOOSE), MOTION, SHUTTER)

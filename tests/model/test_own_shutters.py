@@ -182,6 +182,18 @@ def test_single_precision_follows():
     np.testing.assert_allclose(found, exact, rtol=0, atol=4e-7)
 
 
+@pytest.mark.parametrize(
+    "shutter",
+    [DeclaredSlit(jnp.asarray(0.51)), LeafShutter(jnp.asarray(0.37), jnp.asarray(0.29))],
+    ids=["jumps", "bends"],
+)
+def test_one_that_is_known_may_be_closed_over(shutter):
+    """In a function that JAX compiles or differentiates it is checked, and is what it is alone."""
+    light = float(jnp.asarray(piecewise(shutter).efficiency()))
+    assert jax.jit(lambda x: x * shutter.efficiency())(1.7) == pytest.approx(1.7 * light, rel=1e-14)
+    assert jax.grad(lambda x: x * shutter.efficiency())(1.7) == pytest.approx(light, rel=1e-14)
+
+
 def test_coordinates_are_shares_of_the_bounds():
     """And give the shutter back; a shutter without bounds has none."""
     shutter = LeafShutter(0.14, 0.25)

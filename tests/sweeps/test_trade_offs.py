@@ -1,5 +1,6 @@
 """What a sweep says of its scene: fronts, best points, gains, and the known results."""
 
+import jax
 import numpy as np
 import pytest
 from support.sweeps import LIMITS, SCENE, SHUTTERS, grid
@@ -84,6 +85,13 @@ def test_a_front_of_ones_own_senses(swept):
     assert float(least) in front.expected_psnr.values
     assert front.sizes["point"] == np.unique(front.efficiency).size
     assert np.all(np.diff(front.expected_psnr) <= 0)
+
+
+def test_the_best_snapshot_of_what_is_known_in_a_trace():
+    """A function that JAX compiles may ask for it where the scene is not traced."""
+    alone = best_snapshots(SCENE, [3e3, 4e4])
+    level = jax.jit(lambda x: x * best_snapshots(SCENE, [3e3, 4e4]).expected_psnr.values)(1.7)
+    np.testing.assert_array_equal(level, 1.7 * alone.expected_psnr.values)
 
 
 MISTAKES = {

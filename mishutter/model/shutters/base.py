@@ -17,6 +17,7 @@ from mishutter._core import (
     DoubleWord,
     all_concrete,
     as_float,
+    at_once,
     common_dtype,
     fields_text,
     fractions_as_words,
@@ -318,6 +319,7 @@ def piecewise(shutter: AbstractShutter) -> AbstractPiecewiseShutter:
     return SampledShutter(shutter)
 
 
+@at_once()
 def _check_transmittance(shutter: AbstractShutter) -> None:
     subject = f"{type(shutter).__name__}.transmittance"
     try:
@@ -325,8 +327,7 @@ def _check_transmittance(shutter: AbstractShutter) -> None:
     except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
         requirement = "be made of functions that JAX can trace, as those of `jax.numpy`"
         require(False, subject, requirement, Bare(type(error).__name__))
-    with jax.ensure_compile_time_eval():
-        found = np.asarray(shutter.transmittance(jnp.asarray(_UNIFORM)))
+    found = np.asarray(shutter.transmittance(jnp.asarray(_UNIFORM)))
     alike = found.shape == _UNIFORM.shape
     require(alike, subject, "have the shape of its argument", shape_of(found))
     require(np.isrealobj(found), subject, "be real", Bare(found.dtype))
@@ -356,8 +357,7 @@ def _check_discontinuities(shutter: AbstractShutter, subject: str) -> None:
     tau = np.clip(
         ends[:-1, None] + length * share, ends[:-1, None] + beside, ends[1:, None] - beside
     )
-    with jax.ensure_compile_time_eval():
-        values = np.asarray(shutter.transmittance(jnp.asarray(tau)), np.float64)
+    values = np.asarray(shutter.transmittance(jnp.asarray(tau)), np.float64)
     control = values[:, : nodes.size] @ to_control.T
     powers = np.vander(_PROBES, _DEGREE + 1, increasing=True)
     fitted = control @ power_matrix(_DEGREE) @ powers.T
