@@ -10,7 +10,9 @@ from support.command_line import refused
 from support.drive import a_design
 from support.laboratory import COMMAND, expected, recorded
 
-from mishutter import Design, Scene, cli
+from mishutter import Design, FittedCamera, ParabolicMotion, Scene, SplineShutter, cli
+from mishutter.calibration.estimation import Estimate
+from mishutter.cli import fit_command
 
 SPEEDS = (-1500.0, 0.0, 1700.0)
 HEAD = "[sensor]\nread_noise_e = 3\n"
@@ -78,6 +80,35 @@ def test_all_cameras_stand_side_by_side(folder, tmp_path, capsys):
     assert again.motion.acceleration == built.motion.acceleration
     found = float(again.metrics.expected_psnr)
     assert found == pytest.approx(levels["re-designed for what was built"], abs=6e-3)
+
+
+def a_camera(**changes):
+    """A fitted camera whose fifth coefficient is above 1."""
+    motion = ParabolicMotion(acceleration=3.1e5, half_exposure=0.01, velocity=-180.0)
+    coefficients = np.array([0.05, 0.3, 0.71, 0.97, 1.06, 0.94, 0.66, 0.27, 0.08])
+    numbers = {
+        "shutter": SplineShutter(np.minimum(coefficients, 1)),
+        "coefficients": coefficients,
+        "coefficient_errors": np.full(9, 0.025),
+        "estimates": {"lens_blur_px": Estimate(0.62, 0.01)},
+        "not_identifiable": (),
+        "names": ("a.csv",),
+        "levels": (np.arange(9.0),),
+        "expected": (np.arange(9.0),),
+        "noise": (np.ones(9),),
+        "chi_squared": 5.0,
+        "num_free": 3,
+    }
+    return FittedCamera(motion=motion, **numbers | changes)
+
+
+def test_a_transmittance_above_1_is_printed_with_its_meaning(capsys):
+    """1.06 is told in error bars above an open shutter; coefficients up to 1 take no sentence."""
+    fit_command._print(a_camera(), {"as built": 27.3})
+    out = " ".join(capsys.readouterr().out.split())
+    assert "Transmittance 4, of 1.06, is 2.4 error bars above an open shutter. Only the" in out
+    fit_command._print(a_camera(coefficients=np.linspace(0, 1, 9)), {"as built": 27.3})
+    assert "above an open" not in capsys.readouterr().out
 
 
 PICTURE = '[[picture]]\npath = "{0}"\n'

@@ -12,6 +12,8 @@ from support.bad_drives import DRIVES, TRACES, trace
 from support.command_line import SMALL_SCENE, refused
 from support.designs import MOTION, SCENE
 from support.drive import a_design
+from support.exports import HALF as PULSE_HALF
+from support.exports import pulse, tektronix_mso
 
 from mishutter import (
     Design,
@@ -174,6 +176,30 @@ def test_compare_takes_designed_driven_and_measured(folder, tmp_path, capsys, mo
     hann = np.asarray(HannShutter().transmittance(np.linspace(-1, 1, 99)))
     found = np.asarray(cameras["as measured"].command.transmittance(np.linspace(-1, 1, 99)))
     np.testing.assert_allclose(found, hann, atol=3e-3)
+
+
+@pytest.mark.slow
+def test_an_export_of_several_channels_is_read_by_options(folder, tmp_path, capsys, monkeypatch):
+    """A channel by name, an inverted photodiode by its levels, and what is odd as a note."""
+    time, level = pulse()
+    time = time * 13e-3 / PULSE_HALF  # the scene's exposure
+    (tmp_path / "scope.csv").write_text(tektronix_mso(time, np.minimum(level, 1.1), channels=2))
+    seen = []
+    monkeypatch.setattr(app, "_compared", lambda *given: seen.append(given))
+    monkeypatch.setattr(app, "_deliver", lambda *given: None)
+    files = ["compare", folder / "scene.toml", "--measured", tmp_path / "scope.csv"]
+    line = refused(capsys, *files)
+    assert "must have one column of levels, or be read with the name of one as its `column`" in line
+    levels = ["--closed-level", "-0.05", "--open-level", "-1.25"]
+    given = [str(x) for x in (*files, "--measured-column", "CH2", *levels)]
+    assert cli.main(given) == 0
+    assert "scope.csv: it is clipped, with 0.14 of its samples at exactly -1.1: what" in (
+        capsys.readouterr().err
+    )
+    tau = np.linspace(-0.35, 0.35, 9)
+    found = np.asarray(seen[0][2]["as measured"].command.transmittance(tau))
+    wanted = np.minimum(np.cos(np.pi * tau / 2) ** 3, (1.1 - 0.05) / 1.2)
+    np.testing.assert_allclose(found, wanted, atol=0.02)
 
 
 def test_a_camera_that_is_given_is_not_tuned():
