@@ -71,7 +71,7 @@ function withoutPhotograph() {
 
 function lose(names) {
   $("lost").hidden = !names.length;
-  $("lost").textContent = `No longer here: ${names.join(", ")}. Load it again to have it.`;
+  $("lost").textContent = `No longer here: ${names.join(", ")}; load again what is needed.`;
 }
 
 const snapshot = () => JSON.stringify({ scene: state.scene, drawn: state.drawn });
