@@ -2,9 +2,9 @@
 
 import logging
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -139,7 +139,8 @@ def _decoded_tiff(path: Path) -> Decoded:
             return _decoded_by_pillow(path, index)._replace(is_first=is_first)
         if meaning not in (_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB):
             raise ValueError(f"a TIFF whose values are {getattr(meaning, 'name', meaning)}")
-        tag = page.tags.get(_ORIENTATION) or file.pages.first.tags.get(_ORIENTATION)
+        first: Any = file.pages[0]
+        tag = page.tags.get(_ORIENTATION) or first.tags.get(_ORIENTATION)
         found = _direct(page, 1 if tag is None else tag.value)
         return found._replace(is_first=is_first)
 
@@ -149,8 +150,9 @@ def _whole_pages(file: "TiffFile") -> Iterator[tuple[int | None, "TiffPage"]]:
 
     Raw files begin with a small picture, and have the others within its page.
     """
-    for index, page in enumerate(cast("Sequence[TiffPage]", file.pages)):
-        within: Any = getattr(page, "pages", None) or ()
+    pages: Any = file.pages
+    for index, page in enumerate(pages):
+        within = page.pages or ()
         for number, each in ((index, page), *((None, inner) for inner in within)):
             if not (each.is_reduced or each.is_mask):
                 yield number, each
