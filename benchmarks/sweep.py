@@ -1,8 +1,9 @@
-"""How much faster is a sweep than a Python loop, and does its memory grow with the grid?
+"""How much faster is a sweep than a Python loop, how good are its profiles, and is it small?
 
 Fixed shutters against `evaluate` and optimised profiles against `optimise`, each looped over
-a random sample of the same grid after a first call; the peak memory of a large sweep into a
-store. `python -m benchmarks.sweep [fixed] [optimised] [memory]` runs some of them.
+a random sample of the same grid after a first call; 200 profiles of four sweeps against `optimise`,
+by as many starts and by four times as many; the peak memory of a large sweep into a store.
+`python -m benchmarks.sweep [fixed] [optimised] [profiles] [memory]` runs some of them.
 """
 
 import sys
@@ -20,7 +21,9 @@ import numpy as np  # noqa: E402
 from benchmarks import harness  # noqa: E402
 from mishutter import (  # noqa: E402
     ExpectedErrorLoss,
+    Limits,
     ParabolicMotion,
+    Scene,
     TukeyShutter,
     baselines,
     evaluate,
@@ -119,6 +122,58 @@ def optimised() -> dict:
     }
 
 
+WIDE = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.04)
+FOUR = {
+    "nine of 2,800 px/s": Scene.uniform(
+        max_speed=2800.0, num_speeds=9, photon_rate=1e5, read_noise=8.0, limits=WIDE
+    ),
+    "lopsided": Scene(
+        [-300.0, 100.0, 1500.0], [0.1, 0.5, 0.4], photon_rate=3e4, read_noise=4.0, limits=WIDE
+    ),
+    "one way": Scene([500.0, 800.0, 1100.0], photon_rate=3e5, read_noise=8.0, limits=WIDE),
+    "bimodal": Scene(
+        [-1900.0, -1700.0, -1500.0, 2100.0, 2600.0], photon_rate=1e6, read_noise=3.0, limits=WIDE
+    ),
+}
+"""Scenes whose losses have many minima."""
+NUM_MORE = 48
+"""Starts that have four times as many as there are by default."""
+
+
+def profiles() -> dict:
+    """Fifty profiles of each of four sweeps against `optimise`, both ways."""
+    excess, missed, unconverged = [], [], 0
+    grid = {
+        "accelerations": np.geomspace(3e3, 3e5, 10),
+        "half_exposures": np.geomspace(1e-3, 9e-3, 5),
+    }
+    few = {"metrics": ["expected_psnr"], "shutters": {"Hann": SHUTTERS["Hann"]}}
+    for name, scene in FOUR.items():
+        dataset = sweep(scene, optimise=True, **grid, **few)
+        inside = dataset.outside.values == 0
+        unconverged += int(np.sum(~dataset.converged.values[inside]))
+        start, found = starting_shutter(scene), []
+        for at, motion in sampled(dataset, int(np.sum(inside))):
+            designs = [
+                optimise(scene, motion, start, free="shutter", num_starts=count)
+                for count in (None, NUM_MORE)
+            ]
+            found.append([float(dataset.loss[at]) / design.loss - 1 for design in designs])
+        of_scene, of_more = np.transpose(found)
+        print(name, len(found), np.min(of_scene), np.max(of_scene), np.max(of_more))
+        excess += list(of_scene)
+        missed += list(of_more)
+    return {
+        "what": f"{len(excess)} profiles of four sweeps",
+        "points": len(excess),
+        "not converged": unconverged,
+        "above optimise": max(excess),
+        "below optimise": -min(excess),
+        "above four times the starts": max(missed),
+        "of these above by 0.2 %": int(np.sum(np.array(missed) > 2e-3)),
+    }
+
+
 def memory() -> dict:
     """A large grid into a store; the peak of the whole process as the grid is filled."""
     points, peaks = [], []
@@ -183,11 +238,14 @@ def picture(rows: list[dict]) -> None:
 
 def main() -> None:
     """Measure, print; store and draw what was measured when all was."""
-    known = {"fixed": fixed, "optimised": optimised, "memory": memory}
+    known = {"fixed": fixed, "optimised": optimised, "profiles": profiles, "memory": memory}
     chosen = [name for name in sys.argv[1:] if name in known] or list(known)
     rows = [known[name]() for name in chosen]
     columns = ["what", "points", "sweep ms/point", "loop ms/point", "ratio", "worst difference"]
-    text = harness.table(rows, [*columns, "peak GiB"])
+    timed = [row for row in rows if "sweep ms/point" in row]
+    tables = [harness.table(timed, [*columns, "peak GiB"])] if timed else []
+    tables += [harness.table([row], list(row)) for row in rows if row not in timed]
+    text = "\n\n".join(tables)
     if chosen != list(known):
         print(text)
         return
@@ -197,7 +255,7 @@ def main() -> None:
     notes = (
         "Loops call `evaluate` for each shutter, or `optimise`, at random points of the same grid. "
         "Both sides are compiled before they are timed. The difference is of the expected PSNR, "
-        "relative, and of the loss. "
+        "relative, and of the loss. Profiles are compared by their loss, as a share of it. "
         f"The load was {machine['load']:.1f} on {machine['cores']} cores, of which a sweep uses "
         "all and a loop one."
     )

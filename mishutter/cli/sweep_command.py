@@ -97,7 +97,7 @@ def sweep(
     velocities = _values("--velocity", velocity, log=False)
     start_jax()
     from mishutter.model import named_shutter
-    from mishutter.sweeps import frames_of, require_within
+    from mishutter.sweeps import frames_of, require_some_inside, require_within
     from mishutter.sweeps import sweep as run
 
     scene = scene_of(scene_file)
@@ -138,6 +138,7 @@ def sweep(
             scheduler=scheduler,
             progress=progress,
         )
+    require_some_inside(_RANGES, dataset.outside.values)
     _deliver(dataset, scene, folder, json)
 
 

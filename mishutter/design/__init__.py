@@ -26,7 +26,6 @@ from mishutter.design.result import shutter_from_dict as shutter_from_dict
 from mishutter.design.result import shutter_to_dict as shutter_to_dict
 from mishutter.design.search import Outcome as Outcome
 from mishutter.design.search import SearchFailedError as SearchFailedError
-from mishutter.design.search import best_profile as best_profile
 from mishutter.design.search import moved_by_default as moved_by_default
 from mishutter.design.search import optimise as optimise
 from mishutter.design.search import starting_shutter as starting_shutter
@@ -34,7 +33,6 @@ from mishutter.design.search import with_device as with_device
 from mishutter.design.search import without_pan as without_pan
 from mishutter.design.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.design.space import fills as fills
-from mishutter.design.starts import window_fits as window_fits
 from mishutter.design.trace_files import read_trace as read_trace
 from mishutter.design.traces import MeasuredProfile as MeasuredProfile
 from mishutter.design.traces import Trace as Trace

@@ -30,6 +30,7 @@ from mishutter.evaluation import (
     folded,
     one_real_number,
     picture_power,
+    plan_of_traced_search,
     records,
     require_sizes,
     size_class,
@@ -80,7 +81,9 @@ class DesignObjective(AbstractObjective):
 
     def __call__(self, box: Array) -> Array:
         shutter, motion = self.space.at(box)
-        return value_of(self.loss, self.scene, motion, shutter, self.plan).astype(box.dtype)
+        with plan_of_traced_search(self.plan):
+            value = value_of(self.loss, self.scene, motion, shutter, self.plan)
+        return value.astype(box.dtype)
 
     @property
     def batches(self) -> bool:
@@ -127,9 +130,7 @@ class SpectralObjective(AbstractObjective):
     @property
     def seen(self) -> "SpectralLoss":
         """The loss by what is seen of a design, the same for every kind of shutter and motion."""
-        unseen = {"num_taps": 1, "dft_length": 1, "loss_dft_length": None, "num_nodes": 1}
-        plan = replace(self.plan, **unseen, folds=False, still=False)
-        return SpectralLoss(self.loss, self.scene, plan)
+        return SpectralLoss(self.loss, self.scene, _plan_of_spectra(self.plan))
 
     @property
     def shares_its_loss(self) -> bool:
@@ -212,7 +213,9 @@ def objective_of(
     linear = linear and (scene.device is None or scene.device.is_linear)
     alone = plan.skips and space.free == ("shutter",) and linear
     if alone and isinstance(loss, AbstractResponseLoss):
-        basis, layout = _basis(space, scene, plan, loss.parts(plan))
+        parts = loss.parts(plan)
+        basis, layout = _basis(space, scene, plan, parts)
+        plan = _plan_of_spectra(plan) if parts == _ONLY_SPECTRA else plan
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
     if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
         require_sizes(plan.num_taps, plan.num_frequencies, kernels=False, spectra=True)
@@ -224,6 +227,12 @@ def objective_of(
             space = space.without_shutter()
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
+
+
+def _plan_of_spectra(plan: Plan) -> Plan:
+    """A plan without the sizes that a loss of transfer functions does not see: more are equal."""
+    unseen = {"num_taps": 1, "dft_length": 1, "loss_dft_length": None, "num_nodes": 1}
+    return replace(plan, **unseen, folds=False, still=False)
 
 
 def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjective:

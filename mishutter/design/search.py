@@ -87,6 +87,9 @@ _MAX_STEPS = 300
 """Steps of a descent, and of a polish, at most, by default."""
 _NUM_COEFFICIENTS = 24
 """Coefficients of a free-form profile, by default."""
+_NUM_PROFILES, _COVERED = 12, 5
+"""Profiles that are polished by default where nothing else moves, and for how many times as many
+the cover is that they are the lowest of."""
 _NUM_GIVEN = 4
 """Starts at most, up to a quarter of them, that are the given design and baselines' profiles."""
 _ROUNDS_OF_LEVELS = 3
@@ -154,6 +157,9 @@ def optimise(
     A free path begins at the best design of constant acceleration, and at paths that turn faster
     or slower than it towards their ends; without `progress` beyond that design.
 
+    Where a free-form profile moves alone, L-BFGS-B polishes as many profiles as there are starts:
+    the lowest of these and of many more all over the space.
+
     Where at most four coordinates move, the starts are the given design and the best of a
     grid, and are polished directly. The result is never worse than the best start.
 
@@ -174,7 +180,8 @@ def optimise(
             `"acceleration"`; all that can by default, by a loss that sees light. And `"path"`,
             with the acceleration: a `FreeMotion`.
         num_coefficients: Coefficients of the free-form profile where no shutter is given.
-        num_starts: How many descents; by default 16, and more where speeds are few.
+        num_starts: How many descents; by default 12 for a profile alone, 16 otherwise, and more
+            where speeds are few.
         seed: Of the starts.
         max_steps: Steps of the descent, and of the polish, at most.
         progress: Called with the step and the smallest loss so far.
@@ -575,13 +582,17 @@ def _best_of_space(
 ) -> _End:
     needed, space = reduced(scene, plan), space.holding(motion for _, motion in known)
     objective = objective_of(loss, needed, space, plan)
-    num_speeds = needed.speeds.size
-    starts = start_boxes(space, num_starts or _NUM_STARTS * max(1, _FEW_SPEEDS // num_speeds), seed)
+    is_profile = space.free == ("shutter",) and isinstance(space.shutter, SplineShutter)
+    by_default = _NUM_STARTS * max(1, _FEW_SPEEDS // needed.speeds.size)
+    starts = start_boxes(space, num_starts or (_NUM_PROFILES if is_profile else by_default), seed)
     before = np.array([box_at(space, *each) for each in known], starts.dtype)
     if space.num_path_coordinates:
         starts = path_boxes(space, np.concatenate([before, starts[:1]]))
         num_polished = _NUM_POLISHED if space.num_profile_coordinates else 1
         found = _polishable(objective, starts, num_polished)
+    elif is_profile and space.size > GRID_COORDINATES:
+        starts = np.concatenate([before.reshape(-1, space.size), starts])
+        found = _from_cover(objective, space, scene, starts, seed)
     elif space.size > GRID_COORDINATES:
         starts = _with_valleys(objective, space, scene, starts, seed)
         starts = np.concatenate([before, starts]) if known else starts
@@ -593,7 +604,12 @@ def _best_of_space(
         found = _from_grid(objective, starts)
     best = np.argsort(found.losses, kind="stable")[: found.num_polished]
     steps_to_tell = min(_STEPS_TO_TELL, max_steps)
-    ends = [polish(objective, found.boxes[index], max_steps=steps_to_tell) for index in best]
+    ends, num_steps = [], found.history.size
+    for index in best:
+        ends.append(polish(objective, found.boxes[index], max_steps=steps_to_tell))
+        num_steps += ends[-1].num_steps
+        if progress is not None:
+            progress(min(num_steps, max_steps), min(end.loss for end in ends))
     polished = min(ends, key=lambda end: end.loss)
     polished = finished(objective, polished, space.bends, max_steps=max_steps)
     box, value, certificate = polished.box, polished.loss, polished.certificate
@@ -611,45 +627,6 @@ def _best_of_space(
         best_start_loss=found.best_start_loss,
         plan=plan,
     )
-
-
-def best_profile(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    starts: np.ndarray,
-    *,
-    loss: AbstractLoss,
-    max_steps: int,
-    plan: Plan | Automatic | None = PLANNED,
-    known: tuple[np.ndarray, float] | None = None,
-) -> tuple[np.ndarray, float]:
-    """The best of descents from given profiles on a motion that is held.
-
-    Args:
-        scene: Speeds, light and noise.
-        motion: Motion of the sensor.
-        shutter: A profile of the kind that is searched.
-        starts: Points of its box; shape `(n, size)`.
-        loss: The loss to be minimised.
-        max_steps: Steps of each descent, at most.
-        plan: The plan of the computation.
-        known: A point of the box and its loss, which are returned where no start is better.
-
-    Returns:
-        The best point of the box, `(size,)`, and its loss.
-    """
-    scene, motion = seen_from(scene, motion)
-    space = design_space(scene, motion, shutter, "shutter")
-    plan = _plan(scene, space, loss, plan)
-    objective = objective_of(loss, reduced(scene, plan), space, plan)
-    starts = starts.astype(space.dtype)
-    if known is not None:
-        box, least = known
-        if np.min(losses_at(objective, starts)) >= least - _SAME * abs(least):
-            return box, least
-    found = _descended(objective, space, starts, max_steps, None)
-    return found.boxes[0], float(found.losses[0])
 
 
 def _plan(
@@ -718,6 +695,16 @@ def _measured(objective: AbstractObjective, descent: Descent) -> np.ndarray:
     losses = np.full(rough.size, np.inf)
     losses[steps] = losses_at(objective, descent.trail[steps])
     return np.minimum.accumulate(losses)
+
+
+def _from_cover(
+    objective: AbstractObjective, space: DesignSpace, scene: Scene, starts: np.ndarray, seed: int
+) -> _Found:
+    """As many profiles as there are starts: the lowest of these and of a cover."""
+    profiles = cover(space, scene, _COVERED * len(starts), seed)
+    boxes = np.concatenate([starts, profiles.astype(starts.dtype)])
+    lowest = np.argsort(screened(objective, boxes), kind="stable")[: len(starts)]
+    return _polishable(objective, boxes[lowest], len(starts))
 
 
 def _from_grid(objective: AbstractObjective, starts: np.ndarray) -> _Found:

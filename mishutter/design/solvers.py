@@ -213,10 +213,12 @@ def polish(
             )
         return loss, gradient
 
-    unit = abs(float(value_and_gradient(box)[0])) or 1.0
+    unit = 0.0
 
     def relative(x):
+        nonlocal unit
         loss, gradient = value_and_gradient(x)
+        unit = unit or abs(float(loss)) or 1.0
         return float(loss / unit), np.asarray(gradient / unit, np.float64)
 
     low = np.zeros_like(box) if low is None else low

@@ -18,6 +18,7 @@ from mishutter.evaluation.lengths import extent as extent
 from mishutter.evaluation.lengths import num_frequencies as num_frequencies
 from mishutter.evaluation.lengths import require_sizes as require_sizes
 from mishutter.evaluation.lengths import size_class as size_class
+from mishutter.evaluation.lengths import too_long as too_long
 from mishutter.evaluation.losses import AbstractLoss as AbstractLoss
 from mishutter.evaluation.losses import AbstractResponseLoss as AbstractResponseLoss
 from mishutter.evaluation.losses import DesignLoss as DesignLoss
@@ -43,6 +44,7 @@ from mishutter.evaluation.needs import folds_speeds as folds_speeds
 from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds
 from mishutter.evaluation.needs import nothing_moves as nothing_moves
+from mishutter.evaluation.needs import plan_of_traced_search as plan_of_traced_search
 from mishutter.evaluation.needs import power_on_grid as power_on_grid
 from mishutter.evaluation.needs import reduced as reduced
 from mishutter.evaluation.needs import require_plan as require_plan

@@ -195,6 +195,14 @@ def longest_within_limits(scene: Scene) -> float:
     return min(4 * float(stroke), _MAX_LENGTH - 1.0) if is_concrete(stroke) else _UNKNOWN_REACH
 
 
+def too_long(
+    num_taps: np.ndarray, num_frequencies: np.ndarray, *, kernels: bool, spectra: bool
+) -> np.ndarray:
+    """Whether `require_sizes` refuses designs of some sizes; the shape of these."""
+    long_kernels = kernels & (num_taps > _MAX_LENGTH)
+    return np.asarray(long_kernels | (spectra & (num_frequencies > _OF_ONE_SPEED[2])))
+
+
 def require_sizes(
     num_taps: int,
     num_frequencies: int,

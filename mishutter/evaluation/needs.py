@@ -56,6 +56,13 @@ class Automatic(Enum):
 
 PLANNED = Automatic.PLANNED
 
+plan_of_traced_search = jax.make_user_context(None)
+"""The plan of the search whose loss is being traced: what the loss calls knows its sizes by that.
+
+JAX counts it among what a trace depends on, so that a function that a user has compiled is traced
+anew for another search.
+"""
+
 
 @dataclass(frozen=True)
 class Item:
@@ -137,18 +144,21 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     One size for all of them makes designs comparable (the condition number depends on
     the DFT length) and lets them share one compiled program. Of a motion or speeds that
     are being traced nothing is known but the limits, and where those are traced too a
-    kernel of up to 256 px is provided for; what is only differentiated is known. The DFT of a
-    loss follows from the limits alone, whatever the motion.
+    kernel of up to 256 px is provided for; what is only differentiated is known. In a loss that
+    a search traces, sizes are at least those of the search's plan. The DFT of a loss follows
+    from the limits alone, whatever the motion.
     """
     scene, motion = seen_from(*numbers_of((scene, motion)))
     longest = longest_within_limits(scene)
     known = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
     found = furthest(scene, motion) if known else Extent(longest, longest, longest)
-    return replace(
+    own = replace(
         sized_for(max(found.reach, longest), max(found.velocity, longest)),
         num_frequencies=int(num_frequencies(scene, found.spread)),
         loss_dft_length=sized_for(longest, longest).dft_length,
     )
+    plan_of_search = plan_of_traced_search.value
+    return own if known or plan_of_search is None else larger(plan_of_search, own)
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:

@@ -15,14 +15,14 @@ from mishutter.evaluation import (
     Sizes,
     measure,
     motions_at,
-    require_sizes,
     rules_of,
     scenes_for,
     shapes_of,
     sizes_of,
+    too_long,
 )
 from mishutter.model import AbstractShutter, ParabolicMotion, Scene
-from mishutter.sweeps.grid import REASONS, Block, Grid, outside_limits
+from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, outside_limits
 from mishutter.sweeps.search import basis_of, coefficients_of, search
 
 Arrays = dict[str, np.ndarray]
@@ -57,25 +57,26 @@ class Engine:
         self.scenes = [frame.seen for frame in grid.frames]
         axes = grid.accelerations, grid.half_exposures
         self.outside = [outside_limits(frame, *axes) for frame in grid.frames]
-        places = list(zip(self.scenes, self.outside, strict=True))
-        self.sizes = [self._sizes(scene, outside == 0) for scene, outside in places]
+        self.sizes = [*map(self._sizes, self.scenes, self.outside)]
         self.shapes = shapes_of(self.sizes)
-        each = [self._kit(shutter, [shutter]) for shutter in grid.shutters.values()]
-        self.kits, self.basis = each, None
-        if grid.search is not None:
-            self.basis = self._kit(*basis_of(grid.search))
+        self.kits = [self._kit(shutter, [shutter]) for shutter in grid.shutters.values()]
+        profiles = () if grid.search is None else grid.search.profiles
+        kinds = {profile.symmetric: profile for profile in profiles}
+        self.bases = {kind: self._kit(each, basis_of(each)) for kind, each in kinds.items()}
 
-    def _sizes(self, scene: Scene, inside: np.ndarray) -> Sizes:
-        """Sizes of the points within limits."""
+    def _sizes(self, scene: Scene, outside: np.ndarray) -> Sizes:
+        """Sizes of the points within limits; marks in `outside` those that are too large."""
         grid = self.grid
-        sizes = sizes_of(scene, self._motions(*np.nonzero(inside)), skips=grid.skips)
-        require_sizes(
-            *(int(x.max(initial=0)) for x in (sizes.num_taps, sizes.num_frequencies)),
+        rows, columns = np.nonzero(outside == 0)
+        sizes = sizes_of(scene, self._motions(rows, columns), skips=grid.skips)
+        is_too_long = too_long(
+            sizes.num_taps,
+            sizes.num_frequencies,
             kernels=bool(set(grid.metrics) & set(KERNEL_METRICS)),
             spectra=bool(set(grid.metrics) & set(SPECTRUM_METRICS)) or grid.search is not None,
-            subject="sweep(accelerations=...)",
         )
-        return sizes
+        outside[rows[is_too_long], columns[is_too_long]] = _mark("blur_too_long")
+        return Sizes(*(size[~is_too_long] for size in sizes))
 
     def _motions(self, rows: np.ndarray, columns: np.ndarray) -> ParabolicMotion:
         """The motions of some points, on a leading axis."""
@@ -106,7 +107,7 @@ class Engine:
 
     def computed(self, blocks: Iterable[Block]) -> Iterator[Arrays]:
         """The variables of blocks, in order; with a search some blocks at a time."""
-        count = num_threads(np.array(jax.devices())) if self.basis is not None else 1
+        count = num_threads(np.array(jax.devices())) if self.bases else 1
         return in_threads(self.compute, blocks, count)
 
     def compute(self, block: Block) -> Arrays:
@@ -124,15 +125,20 @@ class Engine:
         }
         arrays["outside"] = everywhere[at]
         found = [self._measured(kit, block.frame, motions, sizes) for kit in self.kits]
-        if grid.search is not None and self.basis is not None:
-            scene = self.scenes[block.frame]
-            boxes, losses = search(grid.search, scene, motions, rows, columns, grid.skips)
-            coefficients = coefficients_of(boxes, grid.search)
+        if grid.search is not None:
+            scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
+            best = search(grid.search, scene, motions, profile, grid.skips)
+            coefficients = coefficients_of(best.boxes, profile)
             arrays |= {
                 name: _placed(x, inside)
-                for name, x in (("coefficients", coefficients), ("loss", losses))
+                for name, x in (
+                    ("coefficients", coefficients),
+                    ("loss", best.losses),
+                    ("converged", best.converged),
+                )
             }
-            found.append(self._measured(self.basis, block.frame, motions, sizes, boxes))
+            basis = self.bases[profile.symmetric]
+            found.append(self._measured(basis, block.frame, motions, sizes, best.boxes))
         for name in grid.metrics:
             arrays[name] = _placed(np.stack([x[name] for x in found], axis=1), inside)
         if grid.full_well is not None:
@@ -180,7 +186,7 @@ class Engine:
         rates = own if grid.photon_rates is None else grid.photon_rates
         electrons = efficiency[..., None] * 2 * half[:, None, None] * rates
         full = electrons > full_well
-        bits = np.where(full, np.uint8(1 << REASONS.index("full_well")), np.uint8(0))
+        bits = np.where(full, _mark("full_well"), MARKS.type(0))
         bits = bits | arrays["outside"][:, :, None, None]
         arrays["outside"] = bits if by_light else bits[..., 0]
         for name in grid.metrics:
@@ -188,6 +194,11 @@ class Engine:
                 arrays[name][full] = np.nan
             else:
                 arrays[name][np.all(full, axis=3)] = np.nan
+
+
+def _mark(reason: str) -> np.unsignedinteger:
+    """The bit of a reason in `outside`."""
+    return MARKS.type(1 << REASONS.index(reason))
 
 
 def _placed(values: np.ndarray, inside: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from mishutter._core import common_dtype, describe, require, shape_of
 from mishutter.design import package_version, scene_to_dict, shutter_to_dict, without_pan
 from mishutter.evaluation import AbstractLoss
-from mishutter.model import AbstractShutter, LinearMotion, Scene, seen_from
+from mishutter.model import AbstractShutter, LinearMotion, Scene, SplineShutter, seen_from
 
 METRICS = {
     "condition_number": ("condition number of a still object's kernel", "1"),
@@ -35,11 +35,14 @@ REASONS = (
     "pan",
     "travel",
     "acceleration",
+    "blur_too_long",
 )
 """Why a point is left out, in the order of the bits of `outside`."""
+MARKS = np.dtype(np.uint16)
+"""Of `outside`: as many bits as there are reasons, at least."""
 
 OPTIMISED = "optimised"
-FORMAT = 2
+FORMAT = 3
 _SLACK = 1e-9
 _BLOCK_ROW = 128
 _BLOCK_BYTES = 1 << 24
@@ -51,17 +54,29 @@ class Search(NamedTuple):
 
     Attributes:
         loss: The loss to minimise.
-        num_coefficients: Coefficients of the profile.
-        symmetric: Whether it is a symmetric one.
-        max_steps: Steps of each descent, at most.
+        profiles: A profile of the kind that is searched in each frame, to start from.
+        max_steps: Steps of each search, at most.
         seed: Of the random starts.
     """
 
     loss: AbstractLoss
-    num_coefficients: int
-    symmetric: bool
+    profiles: tuple[SplineShutter, ...]
     max_steps: int
     seed: int
+
+    @property
+    def num_coefficients(self) -> int:
+        """Coefficients of each profile."""
+        return self.profiles[0].num_coefficients
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that decides the profiles beside the scenes, as plain numbers and text."""
+        return {
+            "loss": repr(self.loss),
+            "num_coefficients": self.num_coefficients,
+            "max_steps": self.max_steps,
+            "seed": self.seed,
+        }
 
 
 class Frame(NamedTuple):
@@ -191,8 +206,8 @@ class Grid:
         if "condition_number" in self.metrics:
             found |= dict.fromkeys(("num_taps", "dft_length"), np.dtype(np.int32))
         if self.search is not None:
-            found |= {"loss": self.dtype, "coefficients": self.dtype}
-        return found | {"outside": np.dtype(np.uint8)}
+            found |= {"loss": self.dtype, "coefficients": self.dtype, "converged": np.dtype(bool)}
+        return found | {"outside": MARKS}
 
     @cached_property
     def block_shape(self) -> tuple[int, int]:
@@ -234,9 +249,7 @@ class Grid:
 
     def describe(self) -> dict[str, Any]:
         """Everything that decides the results, as plain numbers and text."""
-        search = None
-        if self.search is not None:
-            search = self.search._asdict() | {"loss": repr(self.search.loss)}
+        search = None if self.search is None else self.search.describe()
         return {
             "format": FORMAT,
             "mishutter": package_version(),
@@ -267,10 +280,10 @@ def outside_limits(frame: Frame, accelerations: np.ndarray, half_exposures: np.n
     """Bits of `REASONS` of the motion's limits at every point; shape `(a, t)`."""
     a, half = accelerations[:, None], half_exposures[None]
     demands = frame.scene.limits.demands_of_parabolas(a, half, np.asarray(frame.velocity))
-    bits = np.zeros((a.size, half.size), np.uint8)
+    bits = np.zeros((a.size, half.size), MARKS)
     for reason, demand in demands.items():
         is_beyond = np.logical_not(demand.is_met(_SLACK))
-        bits |= is_beyond.astype(np.uint8) << REASONS.index(reason)
+        bits |= is_beyond.astype(MARKS) << REASONS.index(reason)
     return bits
 
 
@@ -278,7 +291,17 @@ def require_within(
     subject: str, frames: Sequence[Frame], accelerations: np.ndarray, half_exposures: np.ndarray
 ) -> None:
     """Refuse a grid of which no point is within the limits, by the limits that it breaks."""
-    outside = np.stack([outside_limits(frame, accelerations, half_exposures) for frame in frames])
+    outside = [outside_limits(frame, accelerations, half_exposures) for frame in frames]
+    require_some_inside(subject, np.stack(outside))
+
+
+def require_some_inside(subject: str, outside: np.ndarray) -> None:
+    """Refuse a grid all of whose points are left out, by the reasons for that.
+
+    Args:
+        subject: The argument to blame.
+        outside: Bits of `REASONS`; any shape.
+    """
     counts = {
         reason.replace("_", " "): int(np.count_nonzero(outside & (1 << bit)))
         for bit, reason in enumerate(REASONS)

@@ -28,7 +28,7 @@ from mishutter.evaluation import (
     Plan,
     as_loss,
 )
-from mishutter.model import AbstractShutter, Scene, SplineShutter, TukeyShutter, baselines
+from mishutter.model import AbstractShutter, Scene, TukeyShutter, baselines
 from mishutter.sweeps.blocks import Engine
 from mishutter.sweeps.cluster import compute_remotely, connection
 from mishutter.sweeps.grid import METRICS, OPTIMISED, Frame, Grid, Search, checked_axis
@@ -52,7 +52,7 @@ def sweep(
     optimise: bool = False,
     loss: AbstractLoss | Callable[..., Any] | None = None,
     num_coefficients: int = 24,
-    max_steps: int = 40,
+    max_steps: int = 300,
     seed: int = 0,
     metrics: str | Sequence[str] | None = None,
     photon_rates: RowLike | None = None,
@@ -83,7 +83,7 @@ def sweep(
         loss: The loss that the profile minimises, a loss or a function of scene, motion and
             shutter; the expected error by default.
         num_coefficients: Coefficients of the profile.
-        max_steps: Steps of each descent, at most.
+        max_steps: Steps of the search at each point, at most.
         seed: Of the random starts.
         metrics: Which field or fields of `Metrics` to keep; all by default.
         photon_rates: Light to measure under in place of the scene's, e-/s at white,
@@ -219,10 +219,9 @@ def _search(
 ) -> Search:
     require_positive_int("sweep(max_steps=...)", max_steps)
     require_seed("sweep(seed=...)", seed)
-    starts = [starting_shutter(frame.seen, num_coefficients) for frame in frames]
-    symmetric = all(isinstance(s, SplineShutter) and s.symmetric for s in starts)
+    profiles = tuple(starting_shutter(frame.seen, num_coefficients) for frame in frames)
     chosen = as_loss(ExpectedErrorLoss() if loss is None else loss, "sweep(loss=...)")
-    return Search(chosen, num_coefficients, symmetric, max_steps, seed)
+    return Search(chosen, profiles, max_steps, seed)
 
 
 def _shutters(given: Mapping[str, Any] | None) -> dict[str, AbstractShutter]:

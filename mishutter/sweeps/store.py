@@ -41,6 +41,7 @@ _OTHERS = {
     "dft_length": ("points of the DFT of the condition number", "1"),
     "loss": ("loss of the optimised profile", "1"),
     "coefficients": ("B-spline coefficients of the optimised profile", "1"),
+    "converged": ("whether the search for the profile converged", "1"),
     "outside": ("why a point is left out; 0 where it is not", "1"),
 }
 

@@ -143,6 +143,18 @@ def test_nothing_within_limits(slug, also, scene_file, tmp_path, capsys):
 
 
 @pytest.mark.slow
+def test_points_that_are_too_long_to_compute_are_left_out(capsys):
+    """The others of a grid of the built-in scene are mapped; a grid of none other is refused."""
+    ranges = ["--acceleration", "20:2000:4", "--half-exposure", "0.05:1:4", "--log"]
+    assert cli.main(["sweep", *ranges, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert 0 < document["num_within_limits"] < document["num_points"] == 16
+    few = ["--acceleration", "1:2:2", "--half-exposure", "0.6:0.7:2"]
+    line = refused(capsys, "sweep", *few)
+    assert "got 4 outside them, 4 by blur too long" in line
+
+
+@pytest.mark.slow
 def test_pictures_and_optimised_profiles(scene_file, tmp_path):
     """`--optimise --out` writes the announced pictures, and the search is at least as good."""
     out = tmp_path / "made"

@@ -4,6 +4,7 @@ import re
 import sys
 from functools import partial
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,6 +28,8 @@ from mishutter import (
     SplineShutter,
     StillCamera,
     TukeyShutter,
+    evaluate,
+    example_scene,
     optimise,
     starting_shutter,
 )
@@ -438,6 +441,39 @@ def test_a_loss_that_is_a_plain_number_is_flat(free):
     assert design.converged
 
 
+def _open_for_long(scene, motion, shutter):
+    """The expected error, and a price of every moment at which the shutter is closed."""
+    return ExpectedErrorLoss()(scene, motion, shutter) + 0.01 * (1 - shutter.efficiency())
+
+
+def _known_speed(scene, motion, shutter):
+    """The level that a decoder reaches which knows each speed."""
+    return -evaluate(scene, motion, shutter).known_speed_psnr
+
+
+FOUR_SPEEDS = Scene([-310.0, -120.0, 120.0, 310.0], photon_rate=1e5, read_noise=5.0)
+OWN_LOSSES = {
+    "loss": (_open_for_long, FOUR_SPEEDS),
+    "compiled": (jax.jit(_open_for_long), FOUR_SPEEDS),
+    "metrics": (_known_speed, example_scene()),
+}
+OWN_FREQUENCIES = 1e-3
+"""Difference of a loss that picks its frequencies by a motion that it knows, and in a search by all
+motions: either number of them is good to 0.01 dB."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slug", OWN_LOSSES)
+def test_a_loss_of_the_package_s_own_functions_needs_no_plan(slug):
+    """It is searched over all that can move, wherever light falls there, from scene to scene."""
+    loss, scene = OWN_LOSSES[slug]
+    for searched in (eqx.tree_at(lambda s: s.limits.max_stroke, scene, jnp.asarray(7.3)), scene):
+        design = optimise(searched, loss=loss, num_starts=2, max_steps=8)
+        value = float(loss(searched, design.motion, design.shutter))
+        np.testing.assert_allclose(value, design.loss, rtol=OWN_FREQUENCIES)
+        assert design.loss <= design.best_start_loss
+
+
 @pytest.mark.slow
 def test_descents_are_the_same_on_any_number_of_processors(monkeypatch):
     """Five starts for one, two and eight: shares of five, three and one."""
@@ -472,6 +508,20 @@ def test_the_worse_half_of_the_starts_is_given_up(monkeypatch, free):
     assert np.sum(kept.losses[worse] < found.losses[worse]) > 4
     assert np.min(found.losses) <= np.min(kept.losses) * (1 + 1e-6)
     assert found.losses.shape == kept.losses.shape == (18,)
+
+
+@pytest.mark.slow
+def test_a_search_for_a_profile_tells_how_far_it_is():
+    """Steps ascend, the loss never does, and the last is that of the design."""
+    calls = []
+    design = optimise(
+        SCENE, MOTION, PROFILE, free="shutter", progress=lambda *call: calls.append(call)
+    )
+    steps, losses = zip(*calls, strict=True)
+    assert len(calls) > 4
+    assert all(np.diff(steps) >= 0)
+    assert all(np.diff(losses) <= 0)
+    np.testing.assert_allclose(losses[-1], design.loss, rtol=1e-6)
 
 
 @pytest.mark.slow

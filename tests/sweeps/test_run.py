@@ -60,11 +60,12 @@ def test_limits_are_masks_with_a_reason(swept):
     """A point is NaN where a limit is broken, and only there; the bits name every limit."""
     a, half = ACCELERATIONS[:, None], HALF_EXPOSURES[None]
     bits = swept.outside.values
-    assert list(swept.outside.attrs["flag_masks"]) == [1 << bit for bit in range(8)]
+    assert list(swept.outside.attrs["flag_masks"]) == [1 << bit for bit in range(9)]
     names = swept.outside.attrs["flag_meanings"].split()
     exposures = ["exposure_too_short", "exposure_too_long"]
     of_stage = ["travel", "acceleration"]
-    assert names == ["stroke", "top_speed", *exposures, "full_well", "pan", *of_stage]
+    of_limits = ["stroke", "top_speed", *exposures, "full_well", "pan", *of_stage]
+    assert names == [*of_limits, "blur_too_long"]
     broken = {
         "stroke": a * half**2 > float(LIMITS.max_stroke),
         "top_speed": 2 * a * half + 135.0 > float(LIMITS.max_top_speed),
@@ -307,6 +308,33 @@ def test_numbers_that_overflow_are_outside():
     found = sweep(SCENE, **grid(**points))
     assert differences(found, SCENE, SHUTTERS, inside_points(found)) == []
     assert inside_points(found) == [(0, 0), (1, 0)]
+
+
+TOO_LONG = {
+    "kernels": ([-2500.0, 900.0, 2500.0], [20.0, 60.0, 3e4], None, [(0, 0), (0, 1)]),
+    "spectra": ([-3e6, 1e5, 3e6], [0.0], ["expected_psnr"], [(0, 1)]),
+    "neither": ([-2500.0, 900.0, 2500.0], [20.0], ["efficiency"], []),
+}
+"""Speeds, accelerations, metrics, and the points whose light falls too far to compute these."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slug", TOO_LONG)
+def test_a_point_that_is_too_long_to_compute_is_left_out(slug):
+    """Light of one speed falls over at most 65,536 px, of all over 93,600; others are computed."""
+    speeds, accelerations, metrics, too_long = TOO_LONG[slug]
+    scene = Scene(speeds, photon_rate=2e5, read_noise=6.0, limits=LIMITS)
+    axes = {"accelerations": accelerations, "half_exposures": [1e-3, 0.02 if metrics else 2e-3]}
+    found = sweep(scene, **grid(**axes), metrics=metrics)
+    bit = found.outside.attrs["flag_meanings"].split().index("blur_too_long")
+    marked = [tuple(index) for index in np.argwhere((found.outside.values >> bit) & 1)]
+    assert marked == too_long
+    if metrics is None:
+        assert differences(found, scene, SHUTTERS, inside_points(found)) == []
+    for name in found.data_vars:
+        if name not in ("outside", "num_taps", "dft_length"):
+            nothing = np.all(np.isnan(found[name].values), axis=-1)
+            np.testing.assert_array_equal(nothing, found.outside.values > 0)
 
 
 def test_the_windows_of_a_sweep_that_names_none():
