@@ -32,7 +32,7 @@ from mishutter import (
     evaluate,
     fit,
 )
-from mishutter.calibration.response import FINE, collected, kernels
+from mishutter.calibration.response import FINE, MOVED, collected, kernels
 from mishutter.design import GIVEN
 
 ELECTRONS = 1e5
@@ -60,7 +60,7 @@ def test_expected_levels_are_those_of_a_sum_over_instants(target):
     a = float(BUILT.acceleration)
     coefficients = PROFILE.coefficients
     taps = kernels(coefficients, BUILT.acceleration, BUILT.half_exposure, relative, 800)
-    begin = 41.3 - relative**2 / (4 * a) - 1 / FINE
+    begin = 41.3 - relative**2 / (4 * a) - MOVED / FINE
     edge = jnp.full(len(SPEEDS), target == "edge")
     found = np.asarray(collected(taps, begin, jnp.asarray(BLUR), edge, 112))
     for row, speed in zip(found, SPEEDS, strict=True):
