@@ -1,5 +1,6 @@
 """A camera as it was built, fitted to what it recorded."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
@@ -9,7 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from mishutter._core import Bare, as_float, fields_text, require, require_positive_int
-from mishutter.calibration.likelihood import Setting, Solution, solved, spline_knots
+from mishutter.calibration.likelihood import (
+    Setting,
+    Solution,
+    likeliest_start,
+    solved,
+    spline_knots,
+)
 from mishutter.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.calibration.uncertainty import WIDEST, ErrorBars, error_bars
 from mishutter.design import Design, Trace, given_design
@@ -27,6 +34,8 @@ from mishutter.model import (
 _SPEEDS = tuple(0.1 * k for k in range(-6, 7))
 """Normalised speeds from which a fit of an unknown one starts."""
 _LEAST_STROKE = 1.0
+_IMPLAUSIBLE = 0.003
+"""Share of right fits whose residuals are that great, or that small, below which one is doubted."""
 
 
 class Estimate(NamedTuple):
@@ -78,6 +87,10 @@ class FittedCamera:
         return fields_text(self)
 
     @property
+    def _num_degrees(self) -> int:
+        return max(sum(row.size for row in self.levels) - self.num_free, 1)
+
+    @property
     def lens_blur(self) -> float:
         """Standard deviation of the lens's Gaussian; px."""
         return self.estimates["lens_blur_px"].value
@@ -85,8 +98,39 @@ class FittedCamera:
     @property
     def reduced_chi_squared(self) -> float:
         """Sum of squares over noise for each level that is free; near 1 of a model that holds."""
-        count = sum(row.size for row in self.levels)
-        return self.chi_squared / max(count - self.num_free, 1)
+        return self.chi_squared / self._num_degrees
+
+    @property
+    def chance(self) -> float:
+        """Share of right fits in which noise alone leaves a greater sum of squares."""
+        from scipy.stats import chi2
+
+        return float(chi2.sf(self.chi_squared, self._num_degrees))
+
+    @property
+    def doubt(self) -> str | None:
+        """Why residuals are implausible, and what to try; None where they may be noise."""
+        reduced = self.reduced_chi_squared
+        if self.chance < _IMPLAUSIBLE:
+            each = zip(self.levels, self.expected, self.noise, strict=True)
+            squares = [float(np.mean(((row - mean) / noise) ** 2)) for row, mean, noise in each]
+            worst = int(np.argmax(squares))
+            return (
+                f"residuals are implausibly large: chi squared for each free level is "
+                f"{reduced:.3g}, which noise alone exceeds in {self.chance:.1g} of fits, and "
+                f"{squares[worst]:.3g} in {self.names[worst]}. The numbers may be wrong by many "
+                "error bars. Check the speeds and their signs, the half exposure and the sensor's "
+                "electrons per level, read noise and black level; then try more coefficients, a "
+                "trace, a design nearer to the camera, or one picture fewer"
+            )
+        if 1 - self.chance < _IMPLAUSIBLE:
+            return (
+                f"residuals are implausibly small: chi squared for each free level is "
+                f"{reduced:.3g}. Error bars are too long if the sensor has more electrons per "
+                "level or less read noise than was told, and too short if pictures were smoothed "
+                "or resampled. Check both"
+            )
+        return None
 
     def band(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The profile less and plus two error bars, which are at most 1; shapes of `tau`."""
@@ -107,7 +151,7 @@ class FittedCamera:
     def design(self, scene: Scene) -> Design:
         """The camera as built, as a design like any other, on a scene behind its lens."""
         seen = self.seen_through_lens(scene)
-        outcome = "Fitted to measurements."
+        outcome = "Fitted to measurements" + ", which it does not explain" * bool(self.doubt) + "."
         return given_design(seen, self.motion, self.shutter, outcome, is_measured=True)
 
     def scene_text(self, scene: Scene) -> str:
@@ -130,6 +174,7 @@ class FittedCamera:
             "": [
                 "A camera as it was built: [motion], from measurements; numbers with error bars.",
                 *(f"Not identifiable: {line}." for line in self.not_identifiable),
+                *([f"Implausible: {self.doubt}."] if self.doubt else []),
             ],
             "optics": [said.pop("lens_blur_px")],
             "shutter": [
@@ -149,6 +194,8 @@ class FittedCamera:
             "transmittance_errors": self.coefficient_errors.tolist(),
             "not_identifiable": list(self.not_identifiable),
             "reduced_chi_squared": self.reduced_chi_squared,
+            "chance": self.chance,
+            "doubt": self.doubt,
         }
 
 
@@ -202,7 +249,9 @@ def fit(
         num_coefficients: Coefficients of the profile.
 
     Returns:
-        The camera, error bars, what is not identifiable, and residuals.
+        The camera, error bars, what is not identifiable, and residuals. Where noise alone leaves
+        residuals that great or that small in fewer than 3 fits of 1,000, `doubt` says so, and a
+        warning does.
 
     Raises:
         ValueError: if a picture is saturated or shows no target, the acceleration comes out at
@@ -216,18 +265,17 @@ def fit(
     require(stroke >= _LEAST_STROKE, "fit(motion=...)", requirement, Bare(f"{stroke:g} px"))
     setting = Setting.of(given, motion, shutter, num_coefficients)
     unknown = any(picture.speed is None for picture in given.pictures)
-    levels = np.asarray(setting.arrays.levels)
-    starts = map(setting.start, _SPEEDS if unknown else (0.0,))
-    near = setting.near_sent()
-    ends = [solved(setting, start, setting.noise(levels), near) for start in starts]
-    best = min(ends, key=lambda each: each.loss)
-    best = solved(setting, best.values, setting.noise(best.expected), near)
+    best = likeliest_start(setting, _SPEEDS if unknown else (0.0,))
+    best = solved(setting, best.values, setting.noise(best.expected), setting.near_sent())
     best, bars = error_bars(setting, best)
     share = float(best.values[0])
     requirement = "show a camera like the one that was sent"
     got = Bare(f"{share:.3g} times its acceleration")
     require(0.5 < share < 2, "fit(measurements=...)", requirement, got)
-    return _camera(setting, best, bars)
+    camera = _camera(setting, best, bars)
+    if camera.doubt:
+        warnings.warn(f"fit: {camera.doubt}.", stacklevel=2)
+    return camera
 
 
 def _measurements(

@@ -5,7 +5,8 @@ is fitted anew with what the last fit expects (iterated reweighting). Optimistix
 Levenberg-Marquardt minimises.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ from jaxtyping import Array
 from mishutter._core import compiled, require
 from mishutter.blur import support
 from mishutter.calibration.measurements import END, Measurements, SensorLevels, TargetPicture
-from mishutter.calibration.response import FINE, collected, kernels
+from mishutter.calibration.response import FINE, MOVED, collected, kernels
 from mishutter.design import Trace, measured_profile
 from mishutter.model import (
     AbstractMotion,
@@ -41,6 +42,11 @@ _CHANGE = 1e-3
 
 It ends well above the rounding of the sum of squares, which would have steps refused in vain.
 """
+_WIDTHS = (4.0, 2.0, 1.0)
+"""Standard deviations of the Gaussians that smooth pictures for a start; px."""
+_NUM_STARTS = 3
+_LEAST_BLUR = 0.3
+"""Blur of the lens from which a fit starts at least; px."""
 _PIN = 1e3
 """What is pinned stays to a thousandth of its scale."""
 _MARGIN = 1.3
@@ -203,6 +209,13 @@ class Setting:
         """Whether each parameter is pinned by itself."""
         return np.any(np.abs(self.pins.rows) == _PIN, axis=0)
 
+    def smoothed(self, width: float) -> "Setting":
+        """The same of pictures behind one more Gaussian lens; px."""
+        from scipy.ndimage import gaussian_filter1d
+
+        levels = gaussian_filter1d(self.arrays.levels, width, axis=1, mode="nearest")
+        return replace(self, arrays=self.arrays._replace(levels=levels))
+
     def near_sent(self) -> "Ties":
         """Coefficients tied to those that were sent."""
         rows = np.eye(len(self.names))[4 : 4 + len(self.coefficients)]
@@ -301,7 +314,7 @@ def _expected(values: Array, arrays: _Arrays, num_taps: int) -> Array:
     position, gain, background = x[4 + count : -2].reshape(num_pictures, 3).T
     relative = jnp.where(arrays.is_unknown, speed, arrays.speeds) - v
     taps = kernels(coefficients, a, arrays.half_exposure, relative, num_taps)
-    begin = position - relative**2 / (4 * a) - 1 / FINE
+    begin = position - relative**2 / (4 * a) - MOVED / FINE
     light = collected(taps, begin, blur, arrays.is_edge, num_columns)
     return background[:, None] + gain[:, None] * light
 
@@ -447,3 +460,34 @@ def solved(
     loss = float(np.sum(residual[:-1] ** 2))
     residual, matrix = (setting.without_bounds(x)[: -len(rows)] for x in (residual, matrix))
     return Solution(loss, values, residual, matrix, expected, noise)
+
+
+def likeliest_start(setting: Setting, shares: Sequence[float]) -> Solution:
+    """The best of several first rounds, in which the profile is held near the one that was sent.
+
+    A picture shows a jump of the profile as a step at a place of its own, and a camera whose
+    steps lie where some pictures have them, but not all, is a minimum. Smoothed pictures have
+    fewer of these; but the more they are smoothed, the farther their camera is from the right
+    one. Fits of pictures smoothed by several widths therefore start the first rounds.
+
+    Args:
+        setting: What is fitted.
+        shares: Normalised speeds from which a fit of an unknown one starts. The best three of the
+            first width go on to the others.
+    """
+    noise, near = setting.noise(np.asarray(setting.arrays.levels)), setting.near_sent()
+    first_round = partial(solved, noise=noise, ties=near)
+    starts, ends = [setting.start(share) for share in shares], []
+    for width in _WIDTHS:
+        smooth = setting.smoothed(width)
+        tried = [first_round(smooth, _with_blur(start, width**2)) for start in starts]
+        order = np.argsort([each.loss for each in tried])
+        ends.append(first_round(setting, _with_blur(tried[order[0]].values, -(width**2))))
+        starts = [starts[k] for k in order[:_NUM_STARTS]]
+    return min(ends, key=lambda each: each.loss)
+
+
+def _with_blur(values: np.ndarray, added: float) -> np.ndarray:
+    """Parameters whose lens has a variance that is greater by so much; px^2."""
+    variance = max(float(values[3]) ** 2 + added, _LEAST_BLUR**2)
+    return np.concatenate([values[:3], [np.sqrt(variance)], values[4:]])

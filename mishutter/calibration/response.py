@@ -20,6 +20,8 @@ from mishutter.model import ParabolicMotion, SplineShutter
 
 FINE = 8
 """Taps of a pixel."""
+MOVED = 2
+"""Taps by which light is moved within a kernel at most."""
 _SHARPEST = 1e-3
 """Standard deviation of the lens's Gaussian that stands for none; px."""
 _REACH = 15.5
@@ -29,9 +31,9 @@ _REACH = 15.5
 def kernels(
     coefficients: Array, acceleration: Array, half_exposure: Array, relative: Array, num_taps: int
 ) -> Array:
-    r"""Kernels of a spline of any coefficients, in taps of 1/8 px; shape `(speeds, taps + 2)`.
+    r"""Kernels of a spline of any coefficients, in taps of 1/8 px; shape `(speeds, taps + 4)`.
 
-    The first is one before the vertex.
+    The first is two before the vertex.
 
     A profile $w$ that noise, or a step of the minimiser, takes out of [0, 1] is
     $(1 + 2r) w' - r$ of one, $w'$, inside.
@@ -52,27 +54,43 @@ def kernels(
 
     of_shutters = jax.vmap(one, in_axes=(0, None))
     inside, opened = jnp.moveaxis(jax.vmap(of_shutters, in_axes=(None, 0))(both, relative), 1, 0)
-    return _about_their_centroids(span * inside - _REACH * opened)
+    return _as_light_lies(span * inside - _REACH * opened)
 
 
-def _about_their_centroids(taps: Array) -> Array:
-    r"""Taps that give light to their neighbours, which brings its first moment to where it is.
+def _as_light_lies(taps: Array) -> Array:
+    r"""Taps of even light that have the moments of the light of the kernel, up to the fourth.
 
     Light is as dense as $g(x)/2\sqrt{x}$ about the vertex, and by far not spread evenly over the
     first taps. With $A_k$ and $c_k$ the integral and the centroid of $1/2\sqrt{x}$ in a tap, and
-    $g$ linear about $c_k$, the first moment about the tap's middle is
-    $g_k A_k (c_k - k - \frac12) + g'_k \int (x - c_k)^2/2\sqrt{x}\,dx$. As much light goes to one
-    neighbour as comes from the other, so that the second moment stays. The row begins one tap
-    before the vertex, and ends one later.
+    $g$ linear about $c_k$, its moments about the tap's middle are
+    $g_k\int x^p/2\sqrt{x}\,dx + g'_k\int (x - c_k)x^p/2\sqrt{x}\,dx$. Five neighbouring taps
+    share its light so that they have these moments. The row begins so many taps before the
+    vertex, and ends as many later, as light is moved.
     """
-    k = np.arange(taps.shape[1], dtype=np.float64)
-    area = np.sqrt(k + 1) - np.sqrt(k)
-    centroid = ((k + 1) ** 1.5 - k**1.5) / (3 * area)
-    square = ((k + 1) ** 2.5 - k**2.5) / 5 - centroid**2 * area
+    k = np.arange(taps.shape[1], dtype=np.float64)[:, None]
+    nodes, weights = np.polynomial.legendre.leggauss(6)  # exact of polynomials in sqrt(x)
+    low, high = np.sqrt(k), np.sqrt(k + 1)
+    weight = (high - low) / 2 * weights
+    x = ((high + low) / 2 + (high - low) / 2 * nodes) ** 2 - (k + 0.5)
+    area = np.sum(weight, axis=1)
+    from_centroid = x - (np.sum(weight * x, axis=1) / area)[:, None]
+    powers = np.arange(2 * MOVED + 1)
+    moments, slopes = (
+        np.einsum("kn,knp->kp", each, x[..., None] ** powers)
+        for each in (weight / area[:, None], weight * from_centroid)
+    )
+    taken = np.arange(-MOVED, MOVED + 1)[None, :]
+    power = powers[:, None] + 1
+    even = ((taken + 0.5) ** power - (taken - 0.5) ** power) / power
+    shares, moved = (
+        jnp.asarray(np.linalg.solve(even, each.T), taps.dtype)[:, None]
+        for each in (moments, slopes)
+    )
     slope: Any = jnp.gradient(taps / jnp.asarray(area, taps.dtype)[None], axis=1)
-    offset, square = (jnp.asarray(x, taps.dtype)[None] for x in (centroid - k - 0.5, square))
-    moment = jnp.pad((taps * offset + slope * square) / 2, ((0, 0), (2, 2)))
-    return jnp.pad(taps, ((0, 0), (1, 1))) + moment[:, :-2] - moment[:, 2:]
+    light = shares * taps[None] + moved * slope[None]
+    return sum(
+        jnp.pad(each, ((0, 0), (place, 2 * MOVED - place))) for place, each in enumerate(light)
+    )
 
 
 def collected(taps: Array, begin: Array, blur: Array, is_edge: Array, num_columns: int) -> Array:

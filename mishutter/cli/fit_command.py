@@ -1,5 +1,6 @@
 """The command that finds a camera in what it recorded: `fit`."""
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 AS_BUILT = "as built"
 REDESIGNED = "re-designed for what was built"
+IMPLAUSIBLE = ": IMPLAUSIBLE, see the warning"
 
 
 def fit(
@@ -61,7 +63,8 @@ def fit(
         for sentence in sentences:
             note(f"{measurements}: trace: {sentence}")
     folder = None if out is None else writable_folder(out)
-    with working("fitting"):
+    with working("fitting"), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "fit: ")  # it is said below, without a line of code
         camera = fitted(found, saved.motion, saved.shutter, num_coefficients=num_coefficients)
     with working("measuring each camera"):
         cameras = _cameras(camera, saved, drive, redesign)
@@ -71,6 +74,8 @@ def fit(
         write_json(camera.to_dict() | {"expected_psnr_db": levels, "files": files})
     else:
         _print(camera, levels)
+    if camera.doubt:
+        note(f"mishutter: warning: {camera.doubt}.")
     if files:
         note(f"{folder}: {', '.join(files)}")
 
@@ -116,7 +121,10 @@ def _print(camera: "FittedCamera", levels: dict[str, Any]) -> None:
         print_text(_above_open(camera))
     for line in camera.not_identifiable:
         print_text(f"Not identifiable: {line}.")
-    print_text(f"Chi squared for each free level: {camera.reduced_chi_squared:.3f}.")
+    print_text(
+        f"Chi squared for each free level: {camera.reduced_chi_squared:.3f}, which noise alone "
+        f"exceeds in {camera.chance:.2g} of fits{IMPLAUSIBLE * bool(camera.doubt)}."
+    )
     rows = [[name, f"{level:.2f}"] for name, level in levels.items()]
     print_table("Expected behind this lens", ["camera", "PSNR / dB"], rows)
 

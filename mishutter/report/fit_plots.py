@@ -28,7 +28,9 @@ def plot_fit(camera: FittedCamera, sent: AbstractShutter) -> Figure:
         if index == 0:
             left.legend(fontsize=8)
             left.set_title("rows of each picture", fontsize=9)
-            right.set_title("what the fit leaves", fontsize=9)
+            doubt = " (implausible)" * bool(camera.doubt)
+            chi = f"chi squared {camera.reduced_chi_squared:.3g} for each free level{doubt}"
+            right.set_title(f"what the fit leaves: {chi}", fontsize=9)
         if index == count - 1:
             left.set_xlabel("column / px")
             right.set_xlabel("column / px")

@@ -111,6 +111,26 @@ def test_a_transmittance_above_1_is_printed_with_its_meaning(capsys):
     assert "above an open" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_an_implausible_fit_is_said_aloud(folder, tmp_path, capsys):
+    """Electrons per level that are three times what they are stand as a doubt wherever it goes."""
+    text = (folder / "bench.toml").read_text()
+    bench = folder / "other_sensor.toml"
+    bench.write_text(text.replace("[sensor]\n", "[sensor]\nelectrons_per_level = 3.0\n"))
+    given = [bench, "--design", folder / "design.json", "--coefficients", "9", "--out", tmp_path]
+    assert cli.main(["fit", *map(str, given)]) == 0
+    out, err = capsys.readouterr()
+    assert ": IMPLAUSIBLE, see the warning." in out.replace("\n", " ")
+    assert "mishutter: warning: residuals are implausibly large: chi squared" in err
+    assert (
+        "# Implausible: residuals are implausibly large" in (tmp_path / "as_built.toml").read_text()
+    )
+    assert cli.main(["fit", *map(str, given[:-2]), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["doubt"].startswith("residuals are implausibly large")
+    assert "mishutter: warning: residuals" in err
+
+
 PICTURE = '[[picture]]\npath = "{0}"\n'
 BAD = {
     "no-picture": (HEAD, b"", "`picture` must be given; got nothing"),

@@ -37,6 +37,13 @@ def expected(speed, target, *, position, columns=112, blur=BLUR, motion=BUILT, s
     return total
 
 
+def centred(speed, *, motion=BUILT, columns=112):
+    """Position at which the path of a target lies in the middle of the columns; px."""
+    time = np.linspace(-1, 1, 101) * float(motion.half_exposure)
+    path = np.asarray(motion.position(time)) - speed * time
+    return float(columns - np.min(path) - np.max(path)) / 2
+
+
 def recorded(light, electrons, rng, *, background=40.0, read_noise=3.0, per_level=1.0):
     """Whole levels of one row of pixels with Poisson and read noise."""
     charge = rng.poisson(light * electrons + background) + read_noise * rng.standard_normal(
