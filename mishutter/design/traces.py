@@ -52,7 +52,8 @@ class MeasuredProfile(NamedTuple):
         noise: Standard deviation of one sample about it, transmittance.
         closed: Level of the closed shutter, in the unit of the trace.
         opened: Level of the open one, below that of the closed one by an inverted photodiode.
-        notes: Sentences for whoever trusts the profile: that the trace is cut off, or inverted.
+        notes: Sentences for whoever trusts the profile: that the trace is cut off or
+            inverted, or its levels are those of a shutter that rests open.
     """
 
     shutter: SplineShutter
@@ -164,6 +165,9 @@ def measured_profile(
         got = Bare(f"a fall by {-white:.3g} from levels that go {spread:.3g} about {black:.4g}")
         require(spread < noise + _STEADY * abs(white), name, requirement, got)
         notes += (f"it falls where the shutter opens, from {black:.4g}: it is read as inverted",)
+    outside = float(np.mean(dark) - black) / white if dark.size >= _LEAST_CLOSED else 0.0
+    if outside > 0.5:
+        notes += (f"by these levels the shutter is open outside the exposure, by {outside:.2f}",)
     shutter = SplineShutter(smooth.coefficients)
     return MeasuredProfile(shutter, noise / abs(white), black, black + white, notes)
 

@@ -193,7 +193,7 @@ def test_an_export_of_several_channels_is_read_by_options(folder, tmp_path, caps
     levels = ["--closed-level", "-0.05", "--open-level", "-1.25"]
     given = [str(x) for x in (*files, "--measured-column", "CH2", *levels)]
     assert cli.main(given) == 0
-    assert "scope.csv: it is clipped, with 0.14 of its samples at exactly -1.1: what" in (
+    assert "scope.csv: it is clipped, with 0.15 of its samples at exactly -1.1: what" in (
         capsys.readouterr().err
     )
     tau = np.linspace(-0.35, 0.35, 9)
