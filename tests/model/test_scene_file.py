@@ -126,9 +126,14 @@ def test_one_speed_of_a_range_is_its_middle(tmp_path):
         np.testing.assert_allclose(scene.speeds, [300.0])
 
 
+def without_stage(text):
+    """A scene file whose stage takes any path within the stroke and the top speed."""
+    return re.sub(r"^max_(travel|acceleration)_.*\n", "", text, flags=re.MULTILINE)
+
+
 def test_without_a_motion_the_limits_are_used_up(tmp_path):
     """The default motion is the longest stroke at the highest speed, within the exposures."""
-    text = re.sub(r"\[motion\].*?(?=\n#)", "", EXAMPLE, flags=re.DOTALL)
+    text = re.sub(r"\[motion\].*?(?=\n#)", "", without_stage(EXAMPLE), flags=re.DOTALL)
     scene = read_scene(written(tmp_path, text))
     assert scene.motion.stroke == pytest.approx(45, rel=1e-12)
     assert scene.motion.top_speed == pytest.approx(2e4, rel=1e-12)
@@ -140,7 +145,7 @@ def test_without_a_motion_the_limits_are_used_up(tmp_path):
 )
 def test_without_a_motion_an_exposure_may_be_the_limit(limit, stroke, top_speed, tmp_path):
     """Where it is too short for the stroke, or too long for the speed."""
-    text = edited(limit.split()[0], limit)
+    text = without_stage(edited(limit.split()[0], limit))
     text = re.sub(r"\[motion\].*?(?=\n#)", "", text, flags=re.DOTALL)
     motion = read_scene(written(tmp_path, text)).motion
     assert motion.stroke == pytest.approx(stroke, rel=1e-12)
@@ -210,23 +215,21 @@ def test_the_largest_pan_may_be_given(tmp_path):
 
 def test_stages_have_units(tmp_path):
     """Travel in px or mm, acceleration and jerk in px or g, by the pitch of the pixels."""
-    assert example_scene().limits.max_travel is None
-    metric = (
-        "max_stroke_px = 45\nmax_travel_mm = 0.5\nmax_acceleration_g = 0.4\nmax_jerk_g_per_s = 900"
-    )
-    text = edited("max_stroke_px", metric)
+    built_in = example_scene().limits
+    assert float(built_in.max_travel) == pytest.approx(250 / 3.45, rel=1e-14)
+    assert float(built_in.max_acceleration) == pytest.approx(0.8 * 9.80665e6 / 3.45, rel=1e-14)
+    assert built_in.max_jerk is None
+    text = edited("max_travel_mm", "max_travel_mm = 0.5\nmax_jerk_g_per_s = 900")
+    text = text.replace("max_acceleration_g = 0.8", "max_acceleration_g = 0.4")
     with pytest.raises(ValueError, match=r"`\[sensor\] pixel_pitch_um` must be given where max_tr"):
-        read_scene(written(tmp_path, text))
-    pitched = text.replace("read_noise_e = 8.0", "read_noise_e = 8.0\npixel_pitch_um = 3.45")
-    limits = read_scene(written(tmp_path, pitched)).limits
+        read_scene(written(tmp_path, text.replace("pixel_pitch_um = 3.45\n", "")))
+    limits = read_scene(written(tmp_path, text)).limits
     assert float(limits.max_travel) == pytest.approx(500 / 3.45, rel=1e-14)
     assert float(limits.max_acceleration) == pytest.approx(0.4 * 9.80665e6 / 3.45, rel=1e-14)
     assert float(limits.max_jerk) == pytest.approx(900 * 9.80665e6 / 3.45, rel=1e-14)
     with pytest.raises(ValueError, match="must leave the stage room to run up and out"):
-        read_scene(
-            written(tmp_path, edited("max_stroke_px", "max_stroke_px = 45\nmax_travel_px = 44"))
-        )
-    both = edited("max_stroke_px", "max_stroke_px = 45\nmax_travel_px = 300\nmax_travel_mm = 1")
+        read_scene(written(tmp_path, edited("max_travel_mm", "max_travel_px = 44")))
+    both = edited("max_travel_mm", "max_travel_mm = 1\nmax_travel_px = 300")
     with pytest.raises(ValueError, match="max_travel_mm` must not stand beside max_travel_px"):
         read_scene(written(tmp_path, both))
 
