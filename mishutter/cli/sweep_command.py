@@ -202,7 +202,7 @@ def _half_exposures_of(scene: "Scene") -> "np.ndarray":
 def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray", pan: float) -> "np.ndarray":
     """Decades below the largest acceleration that any of the exposures allows beside a pan.
 
-    Of a pan that leaves no speed to gain it is that without, which is outside the limits too.
+    Of a pan that leaves no speed or no stroke it is that without, which is outside the limits too.
     """
     import numpy as np
 
@@ -210,6 +210,8 @@ def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray", pan: float) 
     ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
     half_exposures = np.clip(half_exposures, *ends)
     by_stroke = np.asarray(limits.acceleration_by_stroke(half_exposures, pan))
+    without_pan = np.asarray(limits.acceleration_by_stroke(half_exposures))
+    by_stroke = np.where(by_stroke > 0, by_stroke, without_pan)
     top = float(limits.max_top_speed)
     by_speed = (top - pan if pan < top else top) / (2 * half_exposures)
     largest = np.minimum(by_stroke, by_speed)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import equinox as eqx
@@ -54,6 +54,7 @@ from mishutter.model import (
     is_straight,
     require_scene,
     settled,
+    without_velocity,
 )
 
 SAME_MOTION = "same motion"
@@ -104,8 +105,7 @@ class Row:
         motion: The motion it is measured on.
         loss: The loss that tuned it; None where none was given.
         metrics: Its metrics.
-        takes: What a camera at rest with an ordinary shutter lacks for it: `"a stage"`,
-            `"a shutter"`, both or neither.
+        turns: Whether turning the camera makes the pan, and not the stage.
         told: Whether it is judged by a decoder that is told the speed.
         num_frames: Frames of the motion's exposure that are added up; 1 of all but a burst.
     """
@@ -116,13 +116,25 @@ class Row:
     motion: AbstractMotion
     loss: float | None
     metrics: Metrics
-    takes: frozenset[str]
+    turns: bool = False
     told: bool = False
     num_frames: int = 1
 
     def __repr__(self) -> str:
         """Name and level, of which the table has the rest."""
         return f"Row({self.reading!r}, {self.name!r}, {self.level:.2f} dB, {_how(self.motion)})"
+
+    @cached_property
+    def takes(self) -> frozenset[str]:
+        """What a camera at rest with an ordinary shutter lacks for it: a stage, a shutter, both."""
+        of_stage = without_velocity(self.motion) if self.turns else self.motion
+        stays_open = isinstance(self.shutter, RectShutter)
+        stays_open = stays_open or float(self.shutter.efficiency()) > _OPEN
+        takes = {
+            "a stage": float(of_stage.extent) >= _STANDS_STILL,
+            "a shutter": not stays_open,
+        }
+        return frozenset(part for part, needed in takes.items() if needed)
 
     @property
     def level(self) -> float:
@@ -329,7 +341,7 @@ def compare(
             motion,
             None,
             measured(shutter),
-            _takes(scene, motion, shutter),
+            _turns(scene),
         )
         for name, shutter in fixed.items()
     ]
@@ -451,9 +463,8 @@ def _bursts(scene: Scene) -> list[Row]:
         return []
     measured = evaluate(burst.scene, burst.motion, RectShutter())
     motion = settled(burst.motion)
-    takes = _takes(scene, motion, RectShutter())
-    name, frames = BEST_BURST, burst.num_frames
-    return [Row(OWN_BEST_MOTION, name, RectShutter(), motion, None, measured, takes, True, frames)]
+    row = Row(OWN_BEST_MOTION, BEST_BURST, RectShutter(), motion, None, measured, told=True)
+    return [replace(row, turns=_turns(scene), num_frames=burst.num_frames)]
 
 
 def _coded_stills(
@@ -534,8 +545,13 @@ def _are_equal(first: Any, second: Any) -> bool:
 
 def _row(name: str, design: Design) -> Row:
     shutter, motion = design.shutter, design.motion
-    takes = _takes(design.scene, motion, shutter)
-    return Row(OWN_BEST_MOTION, name, shutter, motion, design.loss, design.metrics, takes)
+    turns = _turns(design.scene)
+    return Row(OWN_BEST_MOTION, name, shutter, motion, design.loss, design.metrics, turns)
+
+
+def _turns(scene: Scene) -> bool:
+    """Whether the camera is turned to pan."""
+    return scene.limits.pans == "camera"
 
 
 _NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
@@ -668,16 +684,6 @@ _PURCHASES = {
     frozenset({"a shutter"}): "a shutter",
     frozenset({"a stage", "a shutter"}): "both",
 }
-
-
-def _takes(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> frozenset[str]:
-    """What a camera at rest with an ordinary shutter lacks for a design."""
-    is_open = isinstance(shutter, RectShutter) or float(shutter.efficiency()) > _OPEN
-    takes = {
-        "a stage": float(scene.limits.of_stage(motion).extent) >= _STANDS_STILL,
-        "a shutter": not is_open,
-    }
-    return frozenset(part for part, needed in takes.items() if needed)
 
 
 def _of_device(scene: Scene) -> tuple[str, ...]:

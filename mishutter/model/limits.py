@@ -231,11 +231,15 @@ class Limits(eqx.Module):
         return panned(motion, motion.velocity + self._frame(jnp.asarray(motion.velocity)))
 
     def acceleration_by_stroke(self, half_exposure: Any, velocity: ArrayLike = 0.0) -> Any:
-        """Largest $a$ that the stroke leaves beside a pan; px/s^2, shape of `half_exposure`."""
+        """Largest $a$ that the stroke leaves beside a pan, 0 where it holds no more than that.
+
+        In px/s^2, of the shape of `half_exposure`.
+        """
         half, stroke = half_exposure, known_beside(half_exposure, self.max_stroke)
         by_pan = self._speed_of_stage(known_beside(half, velocity)) * half
-        left = namespace_of(half).maximum(stroke - 2 * by_pan, 0)
-        return (stroke - by_pan + safe_root(stroke * left)) / 2 / half / half
+        space, left = namespace_of(half), stroke - 2 * by_pan
+        of_stroke = stroke - by_pan + safe_root(stroke * space.maximum(left, 0))
+        return space.where(left >= 0, of_stroke, 0.0) / 2 / half / half
 
     def velocity_by_stroke(self, acceleration: Array, half_exposure: Array) -> Array | None:
         """Greatest $|v|$ that the stroke leaves beside an acceleration; px/s, None for any."""

@@ -92,7 +92,7 @@ USAGE = {
     "speed-as-text": (["simulate", "--speed", "x"], "`--speed` must be a number; got 'x'"),
     "unknown-loss": (
         ["optimise", "--loss", "beauty"],
-        "`--loss` must be one of 'expected-error', 'design'; got 'beauty'",
+        "`--loss` must be one of 'expected-error', 'known-speed', 'design'; got 'beauty'",
     ),
     "unknown-freedom": (
         ["optimise", "--free", "price"],
@@ -166,8 +166,8 @@ def narrow(path):
 
 PICTURES = {
     "one-pixel": ("photo.png", one_pixel, "must have rows of at least 8 px; got"),
-    "truncated": ("photo.jpg", truncated_jpeg, "must name a whole PNG, JPEG or TIFF picture"),
-    "text": ("photo.png", text_as_picture, "must name a whole PNG, JPEG or TIFF picture"),
+    "truncated": ("photo.jpg", truncated_jpeg, "must name a whole PNG, JPEG, TIFF"),
+    "text": ("photo.png", text_as_picture, "must name a whole PNG, JPEG, TIFF"),
     "narrow": ("photo.png", narrow, "must have rows of at least 8 px; got"),
 }
 

@@ -36,7 +36,6 @@ from mishutter.design.comparison import (
     SAME_MOTION,
     Row,
     _is_finished,
-    _takes,
     _with_verdict,
     taken_names,
 )
@@ -92,7 +91,6 @@ def made_up(levels):
             motion,
             0.25,
             replace(metrics, expected_psnr=jnp.asarray(level)),
-            _takes(SCENE, motion, shutter),
         )
         for name, level in levels.items()
         for motion, shutter in [OF_THEIR_KIND.get(name, (MOTION, HannShutter()))]
