@@ -1,12 +1,13 @@
 """What does an optimised shutter gain, on six scenes of different light and speed?
 
 Expected PSNR (best single linear filter, each shutter at its own best motion, velocity and
-exposure) of the optimised profile over windows, snapshots and the best coded still, in dB.
-README.md names a camera for each scene.
+exposure) of the optimised profile over windows, snapshots and the best coded still, in dB, with
+as many digits as docs/scenes.md quotes, which names a camera for each scene.
 """
 
 import time
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -41,29 +42,49 @@ NOTE = (
 )
 _SLIDES = Path(__file__).parent.parent / "notebooks" / "slides.toml"
 _POLARISED = IdealShutter(transmission=0.4)
+_TENTH = 0.1
+"""Of a stage's resonance, the frequency of the sine of all its travel that it is sent at most."""
+
+
+def _on_stage(limits: Limits, *, travel_um: float, resonance_hz: float, pixel_um: float) -> Limits:
+    """Limits of a sensor that a piezo stage moves, by its data sheet."""
+    rate = 2 * np.pi * _TENTH * resonance_hz
+    names = ("max_stroke", "max_top_speed", "min_half_exposure", "max_half_exposure")
+    return Limits(
+        **{name: getattr(limits, name) for name in names},
+        max_travel=travel_um / pixel_um,
+        max_acceleration=rate**2 * travel_um / 2 / pixel_um,
+    )
 
 
 def scenes() -> dict[str, Scene]:
     """The built-in scene, four others with the same photograph's spectrum, and the slides."""
     given = example_scene()
     picture = row_power_spectrum(example_picture(), 256)._asdict()
-    common = {**picture, "limits": given.limits, "motion": given.motion}
     both_ways = np.linspace(-1, 1, 9)
     wide = Limits(max_stroke=120, max_top_speed=3e4, min_half_exposure=5e-4, max_half_exposure=0.1)
-    wide_common = {**common, "limits": wide}
+    p622 = {"travel_um": 250.0, "resonance_hz": 400.0}
+    p629 = {"travel_um": 1500.0, "resonance_hz": 125.0}
+
+    def common(limits: Limits, pixel_um: float, stage: dict[str, float]) -> dict[str, Any]:
+        return {**picture, "limits": _on_stage(limits, pixel_um=pixel_um, **stage)}
+
     return {
         "built-in: dim, both ways to 4,500 px/s": given,
         "night: 1e4 e-/s, read noise 5 e-": Scene(
-            4500 * both_ways, photon_rate=1e4, read_noise=5.0, **common
+            4500 * both_ways, photon_rate=1e4, read_noise=5.0, **common(given.limits, 4.5, p622)
         ),
         "daylight: 2e7 e-/s, read noise 3 e-, no exposure under 1 ms": Scene(
-            4500 * both_ways, photon_rate=2e7, read_noise=3.0, **common
+            4500 * both_ways, photon_rate=2e7, read_noise=3.0, **common(given.limits, 3.76, p622)
         ),
         "street: one way, 500 to 3,000 px/s": Scene(
-            np.linspace(500, 3000, 9), photon_rate=2e5, read_noise=4.0, **common
+            np.linspace(500, 3000, 9),
+            photon_rate=2e5,
+            read_noise=4.0,
+            **common(given.limits, 4.5, p622),
         ),
         "slow, long stroke: both ways to 900 px/s": Scene(
-            900 * both_ways, photon_rate=5e4, read_noise=8.0, **wide_common
+            900 * both_ways, photon_rate=5e4, read_noise=8.0, **common(wide, 6.45, p629)
         ),
         "slides: moved by hand, LED strobe": Scene.load(_SLIDES),
     }
@@ -79,10 +100,10 @@ def compared(scene: Scene) -> dict[str, str]:
     snapshot = max(float(table.row(r).metrics.expected_psnr) for r in RIVALS[3:5])
     over = {r: level - float(table.row(r).metrics.expected_psnr) for r in RIVALS}
     return {
-        "optimised dB": f"{level:.3f}",
+        "optimised dB": f"{level:.2f}",
         "stroke px": f"{float(design.motion.stroke):.1f}",
         "pan px/s": f"{float(design.motion.velocity) + 0.0:.0f}",
-        **{f"over {rival}": f"{round(gain, 3) + 0.0:+.3f}" for rival, gain in over.items()},
+        **{f"over {rival}": f"{round(gain, 2) + 0.0:+.2f}" for rival, gain in over.items()},
         "ceiling dB": f"{table.ceiling:.2f}",
         "through 40 %": f"{dim - snapshot:+.2f}",
     }

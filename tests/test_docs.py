@@ -4,6 +4,7 @@ Modules name the paper that they cite.
 """
 
 import ast
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 from support.pages import Reader, blocks, here_documents, is_shown
 
+from mishutter.model import example_scene_text
 from mishutter.model.shutters import kinds
 
 ROOT = Path(__file__).parents[1]
@@ -137,3 +139,43 @@ def test_modules_that_speak_of_the_paper_name_it(path):
     text = path.read_text()
     if re.search(r"\b[Tt]he\s+paper\b", text):
         assert TITLE in text
+
+
+SCENES = {
+    "the built-in scene": example_scene_text(),
+    **{f"notebooks/{path.name}": path.read_text() for path in (ROOT / "notebooks").glob("*.toml")},
+    **{
+        f"{name} of {page.relative_to(ROOT)}": text
+        for page in CODE
+        for name, text in here_documents(page).items()
+        if name.endswith(".toml")
+    },
+}
+
+
+@pytest.mark.parametrize("slug", SCENES)
+def test_a_scene_whose_sensor_moves_says_what_its_stage_does(slug):
+    """Its travel from rest to rest and its acceleration, without which it could not be built."""
+    limits = tomllib.loads(SCENES[slug]).get("limits", {})
+    if "max_stroke_px" in limits:
+        assert limits.keys() & {"max_travel_px", "max_travel_mm"}
+        assert limits.keys() & {"max_acceleration_px_per_s2", "max_acceleration_g"}
+
+
+def test_six_scenes_have_the_figures_that_were_measured():
+    """The page quotes the benchmark digit by digit; a row over two rivals is over the better."""
+    measured = json.loads((ROOT / "benchmarks" / "results" / "scenes.json").read_text())["rows"]
+    page = (ROOT / "docs" / "scenes.md").read_text()
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if " dB" not in line]
+    shown = {row[0]: row[1:] for row in rows if len(row) == _SIX_COLUMNS}
+    assert len(measured) == 6
+    for row in measured:
+        over = [row[f"over {rival}"] for rival in ("Hann", "rect", "best Tukey")]
+        snapshot = min((row[f"over best {kind}snapshot"] for kind in ("", "panned ")), key=float)
+        gains = [*over, snapshot, row["over best coded still"], row["through 40 %"]]
+        gains = [gain.replace("+0.00", "0") for gain in gains]
+        name = next(name for name in shown if name.split(":")[0] == row["scene"].split(":")[0])
+        assert shown[name] == [row["optimised dB"], *gains[:-1], row["ceiling dB"], gains[-1]]
+
+
+_SIX_COLUMNS = 9
