@@ -20,7 +20,7 @@ from support import laboratory as lab  # noqa: E402
 import mishutter as ms  # noqa: E402
 from benchmarks import harness  # noqa: E402
 
-TRIALS = 40
+TRIALS = 30
 COLUMNS = 128
 FASTEST = max(lab.SPEEDS)
 WHOLE = ms.SensorLevels(read_noise=3.0)

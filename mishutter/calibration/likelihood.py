@@ -468,7 +468,8 @@ def likeliest_start(setting: Setting, shares: Sequence[float]) -> Solution:
     A picture shows a jump of the profile as a step at a place of its own, and a camera whose
     steps lie where some pictures have them, but not all, is a minimum. Smoothed pictures have
     fewer of these; but the more they are smoothed, the farther their camera is from the right
-    one. Fits of pictures smoothed by several widths therefore start the first rounds.
+    one. First rounds therefore start at fits of pictures smoothed by several widths, and one at
+    the camera that was sent.
 
     Args:
         setting: What is fitted.
@@ -484,6 +485,7 @@ def likeliest_start(setting: Setting, shares: Sequence[float]) -> Solution:
         order = np.argsort([each.loss for each in tried])
         ends.append(first_round(setting, _with_blur(tried[order[0]].values, -(width**2))))
         starts = [starts[k] for k in order[:_NUM_STARTS]]
+    ends.append(first_round(setting, starts[0]))
     return min(ends, key=lambda each: each.loss)
 
 

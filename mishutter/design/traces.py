@@ -194,9 +194,8 @@ def for_a_fit(trace: Trace, half_exposure: float, name: str) -> tuple[Trace, tup
     closed = None if is_known else float(np.min(trace.level))
     found = measured_profile(trace, half_exposure=half_exposure, closed=closed, name=name)
     sign = 1.0 if found.opened > found.closed else -1.0
-    ends = np.searchsorted(tau, -1, side="left"), np.searchsorted(tau, 1, side="right")
-    steps = np.arange(0, tau.size, -(-tau.size // _MOST))
-    first = np.unique(np.concatenate([steps, ends]))
+    ends = [np.searchsorted(tau, -1, side="left"), np.searchsorted(tau, 1, side="right")]
+    first = np.unique(np.append(np.arange(0, tau.size, -(-tau.size // _MOST)), ends))
     first = first[first < tau.size]
     count = np.diff([*first, tau.size])
     time, level = (np.add.reduceat(np.asarray(each), first) / count for each in trace)

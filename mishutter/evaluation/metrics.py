@@ -92,7 +92,8 @@ def evaluate(
     The definitions and their sources are those of the functions below. A motion that is
     traced may have kernels as long as the scene's limits allow, and those of a scene that is
     traced be 256 px long, and pass objects at twice as many px per half exposure: more is an
-    error when it is run.
+    error when it is run. In a loss that `optimise` traces they may be as long as the search
+    takes them.
 
     A sensor that pans sees every speed less its velocity, and is measured as one at rest among
     these: the still object is the one that it keeps up with.

@@ -265,9 +265,11 @@ def chosen(
         most = int(2 * (found.num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
         requirement = f"be passed at no more than {most} px per half exposure"
         motion = _refused(motion, velocity > most, requirement)
-        furthest = most_spread(found.num_frequencies)
-        requirement = f"spread light over at most {furthest:.0f} px"
-        motion = _refused(motion, spread_of_traced(scene, motion) > furthest, requirement)
+        # A search is rough where it may be, on fewer frequencies than hold all light.
+        if plan_of_traced_search.value is None:
+            furthest = most_spread(found.num_frequencies)
+            requirement = f"spread light over at most {furthest:.0f} px"
+            motion = _refused(motion, spread_of_traced(scene, motion) > furthest, requirement)
     return found, scene, motion
 
 

@@ -186,7 +186,7 @@ LEAKING = SplineShutter(0.05 + 0.9 * SplineShutter.fit(HannShutter(), 12).coeffi
 ELSEWHERE = {
     "slower-stage": (0.948, 0.114, (-260.0, 40.0, 1710.0, 2700.0), 0.55, 1e5),
     "panning-stage": (0.976, 0.119, (640.0, 2230.0, 830.0, 2700.0), 0.78, 3e5),
-    "objects-one-way": (1.019, 0.029, (450.0, 2250.0, 2060.0, 2700.0), 0.48, 1e5),
+    "faster-objects": (0.915, 0.104, (2650.0, 2110.0, -1240.0, 2700.0), 0.83, 3e5),
 }
 
 
@@ -195,14 +195,14 @@ ELSEWHERE = {
 def test_no_fit_ends_in_a_minimum_beside_the_right_one(slug):
     """A camera is found whose pictures, but for a step in some, are those of other cameras.
 
-    From the camera that was sent, the minimiser ends at a chi squared of 20 to 30,000 more, which
-    is 8 to 200 error bars off in acceleration or velocity.
+    From the camera that was sent, the minimiser ends 13 error bars off in acceleration and 14 in
+    velocity, at 1.5 in chi squared for each free level, or at a stage that accelerates backwards.
     """
     acceleration, velocity, speeds, blur, electrons = ELSEWHERE[slug]
     a = acceleration * float(SENT.acceleration)
     v = velocity * float(SENT.top_speed)
     built = ParabolicMotion(acceleration=a, half_exposure=HALF, velocity=v)
-    rng, given = np.random.default_rng(3), []
+    rng, given = np.random.default_rng(4), []
     for speed in speeds:
         where = {"position": centred(speed, motion=built, columns=128) + 0.3, "columns": 128}
         light = expected(speed, "point", blur=blur, motion=built, shutter=LEAKING, **where)

@@ -73,7 +73,9 @@ def test_losses_are_those_of_optimise(slug):
 
 
 WIDE = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.04)
-LOPSIDED = Scene([-300, 100, 1500], [0.1, 0.5, 0.4], photon_rate=3e4, read_noise=4.0, limits=WIDE)
+LOPSIDED = Scene(
+    [-300.0, 100.0, 1500.0], [0.1, 0.5, 0.4], photon_rate=3e4, read_noise=4.0, limits=WIDE
+)
 FAST = Scene.uniform(max_speed=2800.0, photon_rate=1e5, read_noise=8.0, limits=WIDE)
 SHIVER = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8.0, limits=WIDE)
 VALLEYS = {
