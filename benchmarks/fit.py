@@ -41,7 +41,7 @@ class Case(NamedTuple):
     rows: int = 1
     told: bool = True
     sent: ms.AbstractShutter = lab.COMMAND
-    count: int = 9
+    num_coefficients: int = 9
 
     @property
     def kind(self) -> str:
@@ -52,10 +52,10 @@ class Case(NamedTuple):
 CASES = {
     "points": Case("point", (1e5, 1e5), WHOLE),
     "points, 12 bits": Case("point", (6e4, 6e4), TWELVE),
-    "points, Hann": Case("point", (2e4, 5e5), WHOLE, sent=HANN, count=12),
+    "points, Hann": Case("point", (2e4, 5e5), WHOLE, sent=HANN, num_coefficients=12),
     "edges": Case("edge", (1e5, 1e5), WHOLE),
     "edges, 12 bits": Case("edge", (1.2e4, 1.2e4), TWELVE, rows=8),
-    "edges, Hann": Case("edge", (2e4, 5e5), WHOLE, sent=HANN, count=12),
+    "edges, Hann": Case("edge", (2e4, 5e5), WHOLE, sent=HANN, num_coefficients=12),
     "points, one unknown speed": Case("point", (6e4, 6e4), TWELVE, told=False),
 }
 TEXT = """## A camera fitted to what it recorded
@@ -105,7 +105,7 @@ def drawn(case: Case, rng: np.random.Generator) -> Camera:
         half_exposure=T,
         velocity=2 * a * T * rng.uniform(-0.08, 0.08),
     )
-    sent = np.asarray(ms.SplineShutter.fit(case.sent, case.count).coefficients)
+    sent = np.asarray(ms.SplineShutter.fit(case.sent, case.num_coefficients).coefficients)
     if case.sent is HANN:
         leak = rng.uniform(0.02, 0.08)
         profile = leak + (1 - 2 * leak) * sent
@@ -146,7 +146,7 @@ def truth(case: Case, camera: Camera) -> dict[str, float]:
     named = {"acceleration": a, "lens blur": camera.lens_blur}
     named |= {"velocity": v, "delay": -v / (2 * a) * 1e3} if case.told else {}
     named |= {} if case.told else {"speed over the sensor": abs(camera.speeds[0] - v)}
-    sent = ms.SplineShutter.fit(case.sent, case.count)
+    sent = ms.SplineShutter.fit(case.sent, case.num_coefficients)
     scale = float(sent.efficiency()) / float(camera.profile.efficiency())
     profile = np.asarray(camera.profile.coefficients) * scale
     return named | {f"transmittance {k}": c for k, c in enumerate(profile)}
@@ -179,7 +179,9 @@ def trial(case: Case, seed: list[int]) -> dict:
     start = time.perf_counter(), time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        fitted = ms.fit(shown, lab.SENT, case.sent, sensor=case.sensor, num_coefficients=case.count)
+        fitted = ms.fit(
+            shown, lab.SENT, case.sent, sensor=case.sensor, num_coefficients=case.num_coefficients
+        )
     seconds = time.perf_counter() - start[0], time.process_time() - start[1]
     numbers = found(fitted)
     scores = {}

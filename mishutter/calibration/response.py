@@ -88,9 +88,10 @@ def _as_light_lies(taps: Array) -> Array:
     )
     slope: Any = jnp.gradient(taps / jnp.asarray(area, taps.dtype)[None], axis=1)
     light = shares * taps[None] + moved * slope[None]
-    return sum(
+    moved_light = [
         jnp.pad(each, ((0, 0), (place, 2 * MOVED - place))) for place, each in enumerate(light)
-    )
+    ]
+    return jnp.sum(jnp.stack(moved_light), axis=0)
 
 
 def collected(taps: Array, begin: Array, blur: Array, is_edge: Array, num_columns: int) -> Array:

@@ -1,6 +1,6 @@
 """The best profile at each point of a block: the one that `optimise` finds on its motion."""
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import numpy as np
@@ -52,7 +52,7 @@ def search(
             max_steps=settings.max_steps,
             plan=automatic(scene, motion, profile) if skips else None,
         )
-        boxes[index] = design.command.parameters
+        boxes[index] = cast(SplineShutter, design.command).parameters
         losses[index], converged[index] = design.loss, design.converged
     return Profiles(boxes, losses, converged)
 
