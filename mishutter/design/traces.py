@@ -194,8 +194,8 @@ def for_a_fit(trace: Trace, half_exposure: float, name: str) -> tuple[Trace, tup
     closed = None if is_known else float(np.min(trace.level))
     found = measured_profile(trace, half_exposure=half_exposure, closed=closed, name=name)
     sign = 1.0 if found.opened > found.closed else -1.0
-    ends = np.searchsorted(tau, -1, side="left"), np.searchsorted(tau, 1, side="right")
-    first = np.unique([*range(0, tau.size, -(-tau.size // _MOST)), *ends])
+    ends = [np.searchsorted(tau, -1, side="left"), np.searchsorted(tau, 1, side="right")]
+    first = np.unique(np.append(np.arange(0, tau.size, -(-tau.size // _MOST)), ends))
     first = first[first < tau.size]
     count = np.diff([*first, tau.size])
     time, level = (np.add.reduceat(np.asarray(each), first) / count for each in trace)
@@ -240,7 +240,7 @@ def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None)
     basis = spline_basis(tau, count)
     squares = (basis.T @ basis).toarray()
     triangle = cholesky(squares + _RIDGE * np.trace(squares) / count * np.eye(count))
-    target = solve_triangular(triangle, basis.T @ level, trans="T")
+    target = solve_triangular(triangle, basis.T @ level, trans=1)
     free = solve_triangular(triangle, target)
     values = spline_basis(np.linspace(-1, 1, 1001), count) @ free
     least, greatest = float(np.min(values)), float(np.max(values))

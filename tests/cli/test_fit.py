@@ -8,9 +8,11 @@ import pytest
 from support.bad_drives import npy
 from support.command_line import refused
 from support.drive import a_design
+from support.exports import HALF as PULSE_HALF
+from support.exports import keysight, pulse
 from support.laboratory import COMMAND, expected, recorded
 
-from mishutter import Design, FittedCamera, ParabolicMotion, Scene, SplineShutter, cli
+from mishutter import Design, FittedCamera, ParabolicMotion, Scene, SplineShutter, calibration, cli
 from mishutter.calibration.estimation import Estimate
 from mishutter.cli import fit_command
 
@@ -80,6 +82,30 @@ def test_all_cameras_stand_side_by_side(folder, tmp_path, capsys):
     assert again.motion.acceleration == built.motion.acceleration
     found = float(again.metrics.expected_psnr)
     assert found == pytest.approx(levels["re-designed for what was built"], abs=6e-3)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_trace_is_brought_upright_for_the_fit(sign, folder, tmp_path, capsys, monkeypatch):
+    """The fit takes few samples in which light is upwards; what is odd of them is a note."""
+    time, level = pulse(9000)
+    text = keysight(time * 0.01 / PULSE_HALF, sign * level)
+    (tmp_path / "scope.csv").write_text(text)
+    listed = (folder / "bench.toml").read_text().replace('path = "', f'path = "{folder}/')
+    (tmp_path / "bench.toml").write_text(listed + '[trace]\npath = "scope.csv"\n')
+    taken = []
+
+    def stop(found, *_, **__):
+        taken.append(found.trace)
+        raise ValueError("enough")
+
+    monkeypatch.setattr(calibration, "fit", stop)
+    given = [tmp_path / "bench.toml", "--design", folder / "design.json"]
+    assert cli.main(["fit", *map(str, given)]) == 2
+    assert ("it is read as inverted" in capsys.readouterr().err) == (sign < 0)
+    (trace,) = taken
+    assert trace.time.size < 4500
+    middle = np.abs(trace.time) < 1e-3
+    assert np.mean(trace.level[middle]) > np.mean(trace.level[:99]) + 1
 
 
 def a_camera(**changes):
