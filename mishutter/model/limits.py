@@ -187,7 +187,7 @@ class Limits(eqx.Module):
             half_exposure: $T$; s.
             velocity: $v$; px/s.
         """
-        of_stage = velocity * (self.pans == "stage")
+        of_stage = np.asarray(velocity * (self.pans == "stage"))
         demands = self._demands(
             extent=extent_of_parabola(acceleration, half_exposure, of_stage),
             top_speed=2 * acceleration * half_exposure + np.abs(velocity),
@@ -236,9 +236,10 @@ class Limits(eqx.Module):
         In px/s^2, of the shape of `half_exposure`.
         """
         half, stroke = half_exposure, known_beside(half_exposure, self.max_stroke)
+        root = np.sqrt if isinstance(half, np.ndarray) else safe_root
         by_pan = self._speed_of_stage(known_beside(half, velocity)) * half
         space, left = namespace_of(half), stroke - 2 * by_pan
-        of_stroke = stroke - by_pan + safe_root(stroke * space.maximum(left, 0))
+        of_stroke = stroke - by_pan + root(stroke * space.maximum(left, 0))
         return space.where(left >= 0, of_stroke, 0.0) / 2 / half / half
 
     def velocity_by_stroke(self, acceleration: Array, half_exposure: Array) -> Array | None:
@@ -391,6 +392,7 @@ class Limits(eqx.Module):
         if self.pans == "stage":
             quickest = space.maximum(space.abs(velocity), stroke / (4 * longest))
             T = space.minimum(T, stroke / (4 * quickest))
+        T, velocity = space.asarray(T), space.asarray(velocity)
         acceleration = space.minimum(self.acceleration_by_stroke(T, velocity), left / (2 * T))
         if self.has_stage:
             numbers = acceleration, T, velocity, shortest

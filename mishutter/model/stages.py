@@ -18,13 +18,13 @@ rest, and from it, takes $t_1 = |U|/A + A/J$, or $2\sqrt{|U|/J}$ where $A$ is no
 ($|U| J < A^2$), and half as far as at $|U|$ throughout.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import namespace_of, require, require_finite, require_known, require_scalar
+from mishutter._core import require, require_finite, require_known, require_scalar
 from mishutter.model.motion import AbstractMotion, FreeMotion, exact_ends
 
 
@@ -108,10 +108,10 @@ def _stopping(
     return velocity * time / 2
 
 
-def safe_root(square: Any) -> Any:
+def safe_root(square: Array) -> Array:
     """Square root whose derivative at 0 is 0."""
-    space, positive = namespace_of(square), square > 0
-    return space.where(positive, space.sqrt(space.where(positive, square, 1.0)), 0.0)
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
 class StagePath(NamedTuple):
