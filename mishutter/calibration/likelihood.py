@@ -45,6 +45,9 @@ It ends well above the rounding of the sum of squares, which would have steps re
 _WIDTHS = (4.0, 2.0, 1.0)
 """Standard deviations of the Gaussians that smooth pictures for a start; px."""
 _NUM_STARTS = 3
+_LIKELIER = 9.0
+"""Fall of the sum of squares from which a start goes before the camera that was sent: noise, or a
+number that nothing tells, makes smaller ones."""
 _LEAST_BLUR = 0.3
 """Blur of the lens from which a fit starts at least; px."""
 _PIN = 1e3
@@ -485,8 +488,9 @@ def likeliest_start(setting: Setting, shares: Sequence[float]) -> Solution:
         order = np.argsort([each.loss for each in tried])
         ends.append(first_round(setting, _with_blur(tried[order[0]].values, -(width**2))))
         starts = [starts[k] for k in order[:_NUM_STARTS]]
-    ends.append(first_round(setting, starts[0]))
-    return min(ends, key=lambda each: each.loss)
+    sent = first_round(setting, starts[0])
+    best = min(ends, key=lambda each: each.loss)
+    return best if best.loss < sent.loss - _LIKELIER else sent
 
 
 def _with_blur(values: np.ndarray, added: float) -> np.ndarray:
