@@ -620,10 +620,13 @@ def _verdict(rows: Sequence[Row], given: Row | None, snapshot: Row, most: float)
 def _to_build(rows: Sequence[Row], given: Row | None, snapshot: Row) -> Row:
     """The row to build: about as good as the best, and with less where some row is.
 
-    What is given goes before others that are as good and take as much. A coded camera that is
-    worth building is better than the best snapshot by as much as that counts for.
+    What is given goes before others that are as good and take as much, and where it pays before
+    a profile on a free path, which asks more of a stage. A coded camera that is worth building is
+    better than the best snapshot by as much as that counts for.
     """
     top = _best(rows)
+    if given is not None and _lead(given, snapshot) >= _WORTH_IT:
+        top = _best([row for row in rows if row.name != SHAPED_ON_FREE_PATH])
     if _lead(top, snapshot) < _WORTH_IT:
         return snapshot
     if given is not None and given.takes <= top.takes:

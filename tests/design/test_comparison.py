@@ -34,6 +34,7 @@ from mishutter.design.comparison import (
     CODED_AT_REST,
     OWN_BEST_MOTION,
     SAME_MOTION,
+    SHAPED_ON_FREE_PATH,
     Row,
     _is_finished,
     _with_verdict,
@@ -200,6 +201,17 @@ def test_more_never_brings_less():
     brings = {takes: row.level for takes, row in found.rivals.items()}
     assert brings == {"nothing": 23.25, "a stage": 23.5, "a shutter": 23.25, "both": 23.5}
     assert found.rivals["both"].name == "rect"
+
+
+def test_a_free_path_is_advised_where_the_design_does_not_pay():
+    """One that pays stays, and what the path would bring is told beside it."""
+    levels = {"a": 24.0, SHAPED_ON_FREE_PATH: 24.75, BEST_SNAPSHOT: 23.5}
+    pays = verdict(levels, "a").verdict.splitlines()
+    assert pays[0] == "Build a: 24.00 dB, 0.50 dB above the best snapshot."
+    assert pays[2] == "Shaped on a free path has 24.75 dB: 0.75 more."
+    found = verdict(levels | {BEST_SNAPSHOT: 23.95}, "a").verdict.splitlines()
+    assert found[0] == "Build shaped on a free path: 24.75 dB, 0.80 dB above the best snapshot."
+    assert found[2] == "a takes as much and has 24.00 dB."
 
 
 def test_gains_are_over_the_best_snapshot_that_is_allowed():
