@@ -201,10 +201,10 @@ def scene_with(speeds, **limits):
 
 MIDDLES = {
     "symmetric": (scene_with([-500.0, 0.0, 500.0]), 0.0),
-    "one-way": (scene_with([400.0, 900.0, 1200.0]), 800.0),
-    "other-way": (scene_with([-400.0, -900.0]), -650.0),
-    "fast": (scene_with([9e3, 1.1e4]), 2e3),
-    "slow-pan": (scene_with([400.0, 1200.0], max_pan=300.0), 300.0),
+    "one-way": (scene_with([400.0, 900.0, 1200.0], pans="camera"), 800.0),
+    "other-way": (scene_with([-400.0, -900.0], pans="camera"), -650.0),
+    "fast": (scene_with([9e3, 1.1e4], pans="camera"), 2e3),
+    "slow-pan": (scene_with([400.0, 1200.0], max_pan=300.0, pans="camera"), 300.0),
     "no-pan": (scene_with([400.0, 1200.0], max_pan=0.0), 0.0),
 }
 

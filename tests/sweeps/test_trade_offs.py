@@ -207,7 +207,7 @@ def test_best_snapshots_under_each_light():
 @pytest.mark.slow
 def test_a_snapshot_that_pans_at_one_of_two_speeds():
     """Of two speeds without a common path the frequent one is followed, not their middle."""
-    scene = limited([-900.0, 2100.0], [0.1, 0.9], light=(1e3, 6.0))
+    scene = limited([-900.0, 2100.0], [0.1, 0.9], light=(1e3, 6.0), pans="camera")
     assert best_snapshots(scene).velocity.item() == pytest.approx(2100.0, rel=0.05)
     at_middle = LinearMotion(half_exposure=1e-3, velocity=600.0)
     held = optimise(scene, at_middle, RectShutter(), free="half_exposure")
