@@ -640,7 +640,8 @@ def _to_build(rows: Sequence[Row], given: Row | None, snapshot: Row) -> Row:
 def _beside(rows: Sequence[Row], chosen: Row, given: Row | None) -> list[str]:
     """Sentences on a better camera than the one to build, and on the nearest simpler one."""
     lines, top = [], _best(rows)
-    if given is not None and given is not chosen and given.takes == chosen.takes:
+    is_other = given is not None and given is not chosen and chosen.name not in _SNAPSHOTS
+    if given is not None and is_other and given.takes == chosen.takes:
         lines.append(f"{_beginning(given.name)} takes as much and has {_level(given):.2f} dB.")
     if _lead(top, chosen) >= _TELLING:
         more = top.takes - chosen.takes
