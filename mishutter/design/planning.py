@@ -147,13 +147,14 @@ def _design_at(space: DesignSpace, box: ArrayLike) -> tuple[AbstractShutter, Abs
 def _corners(space: DesignSpace) -> list[np.ndarray]:
     """Ends of the motion's coordinates; of two speeds, the middle velocity makes one.
 
-    A path travels furthest where all of its acceleration is in one piece of each half.
+    A path travels furthest where all of its acceleration is in one piece, or in one of each half.
     """
     profile = np.full(space.num_profile_coordinates, 0.5)
-    paths = np.eye(space.num_path_coordinates // (1 if space.path_mirrors else 2))
+    paths = np.eye(space.num_path_coordinates)
     if paths.size and not space.path_mirrors:
-        ends = paths[0], paths[-1]
-        paths = np.array([[*first, *last] for first, last in product(ends, ends)])
+        first, last = np.split(paths, 2)
+        pairs = [one + other for one, other in product(first[[0, -1]], last[[0, -1]])]
+        paths = np.concatenate([paths, pairs])
     shapes = [np.concatenate([profile, path]) for path in paths] or [profile]
     ends = [(0, 0.5, 1) if name == "velocity" else (0, 1) for name in space.free_of_motion]
     return [np.concatenate(corner) for corner in product(shapes, product(*ends))]

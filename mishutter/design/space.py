@@ -14,9 +14,9 @@ electrons and no more, a half exposure ends where white fills it, sooner the mor
 lets through. So a given motion within the limits is a point of the box.
 
 A free path has equal pieces. Coordinates of it are the logarithms of the shares that they have in
-the acceleration, which is their mean before mid-exposure and after it: so the speed gained to
-either end stays $2aT$, and in the middle of the box the path is a parabola. Where the sensor sees
-as many objects to either side, it is the same forwards and backwards.
+the acceleration, which is their mean: so the speeds gained to both ends are $2aT$ on the mean, and
+in the middle of the box the path is a parabola. Where the sensor sees as many objects to either
+side, it is the same forwards and backwards.
 
 Coordinates are those of the profile that is sent to the scene's device. The shutter of a design
 is the transmittance that light sees.
@@ -171,13 +171,12 @@ class DesignSpace(eqx.Module):
         return shutter, ParabolicMotion(acceleration=acceleration, **numbers)
 
     def _pieces(self, shape: Array) -> Array | None:
-        """Accelerations of a free path's pieces, of mean 1 before mid-exposure and after it."""
+        """Accelerations of a free path's pieces, of mean 1."""
         if not self.num_path_coordinates:
             return None
         shares = jnp.exp((2 * shape - 1) * math.log(_MOST_PIECES_DIFFER))
-        halves = [shares] if self.path_mirrors else jnp.split(shares, 2)
-        halves = [half / jnp.mean(half) for half in halves]
-        return jnp.concatenate([halves[0][::-1], halves[0]] if self.path_mirrors else halves)
+        pieces = shares / jnp.mean(shares)
+        return jnp.concatenate([pieces[::-1], pieces]) if self.path_mirrors else pieces
 
     @property
     def free_of_motion(self) -> tuple[str, ...]:
@@ -195,7 +194,11 @@ class DesignSpace(eqx.Module):
 
     def holding(self, motions: Iterable[AbstractMotion]) -> "DesignSpace":
         """The space that reaches down to motions which keep up with fewer objects than it asks."""
-        gains = [float(motion.speed_gain) for motion in motions if not is_straight(motion)]
+        gains = [
+            2 * float(_mean_acceleration(motion)) * float(motion.half_exposure)
+            for motion in motions
+            if not is_straight(motion)
+        ]
         least = np.asarray(min([float(self.demand), *gains]), self.dtype)
         return replace(self, demand=on_device(least))
 
@@ -364,7 +367,7 @@ class DesignSpace(eqx.Module):
 
     def _meeting(self, bounds: tuple[Array, Array], pieces: Array) -> Array:
         """Half exposure at which a path comes to its stroke and its top speed together; s."""
-        speed = _longest(pieces) * self.limits.max_top_speed
+        speed = _longest(pieces) * self.limits.max_top_speed / jnp.max(_gains(pieces))
         return jnp.clip(2 * self.limits.max_stroke / speed, *bounds)
 
     def _shape_of(self, motion: AbstractMotion) -> Array:
@@ -372,11 +375,11 @@ class DesignSpace(eqx.Module):
         count = self.num_path_coordinates
         if not isinstance(motion, FreeMotion):
             return jnp.full(count, 0.5)
-        a = motion.accelerations
-        halves = [jnp.maximum(half, 0) for half in jnp.split(a, 2)]
-        shares = [half / jnp.where(jnp.any(half > 0), jnp.mean(half), 1.0) for half in halves]
-        mirrored = (shares[0][::-1] + shares[1]) / 2
-        shares = mirrored if self.path_mirrors else jnp.concatenate(shares)
+        shares = jnp.maximum(motion.accelerations, 0)
+        shares = shares / jnp.where(jnp.any(shares > 0), jnp.mean(shares), 1.0)
+        if self.path_mirrors:
+            before, after = jnp.split(shares, 2)
+            shares = (before[::-1] + after) / 2
         least = jnp.asarray(1 / _MOST_PIECES_DIFFER, shares.dtype)
         logarithm = jnp.log(jnp.maximum(shares, least)) / math.log(_MOST_PIECES_DIFFER)
         return jnp.clip((1 + logarithm) / 2, 0, 1)
@@ -384,22 +387,26 @@ class DesignSpace(eqx.Module):
     def _velocity_bounds(
         self, acceleration: Array, half: Array, pieces: Array | None
     ) -> tuple[Array, Array]:
-        left = jnp.maximum(self.limits.max_top_speed - 2 * acceleration * half, 0)
-        most = jnp.minimum(left, self.limits.max_pan)
+        most = to_the_left = self._largest_pan(acceleration, half, pieces)
+        if pieces is not None:  # to the left is to the right on the path that is run backwards
+            to_the_left = self._largest_pan(acceleration, half, pieces[::-1])
+        bounds = -to_the_left, most
+        return jnp.clip(self.slowest, *bounds), jnp.clip(self.fastest, *bounds)
+
+    def _largest_pan(self, acceleration: Array, half: Array, pieces: Array | None) -> Array:
+        """Greatest velocity to the right at mid-exposure that the limits leave a path; px/s."""
+        gain = 2 * acceleration * half
+        if pieces is not None:
+            gain = gain * _gains(pieces)[1]
+        most = jnp.clip(self.limits.max_top_speed - gain, 0, self.limits.max_pan)
         by_stroke = self.limits.velocity_by_stroke(acceleration, half)
         if by_stroke is not None and pieces is None:
             most = jnp.minimum(most, by_stroke)
         if self.limits.has_stage or (by_stroke is not None and pieces is not None):
             rest = jnp.zeros_like(most)
             numbers = {"acceleration": acceleration, "half_exposure": half, "velocity": rest}
-            largest = partial(self.limits.largest, "velocity", rest, most, numbers)
-            most = to_the_left = largest(pieces)
-            if pieces is not None:  # to the left is to the right on the path that is run backwards
-                to_the_left = largest(pieces[::-1])
-            least = -to_the_left
-        else:
-            least = -most
-        return jnp.clip(self.slowest, least, most), jnp.clip(self.fastest, least, most)
+            most = self.limits.largest("velocity", rest, most, numbers, pieces)
+        return most
 
     def light(self, shutter: AbstractShutter, half_exposure: Array) -> AbstractShutter:
         """The transmittance that light sees where a profile is sent to the device.
@@ -439,11 +446,12 @@ class DesignSpace(eqx.Module):
     def _acceleration_bounds(
         self, half_exposure: Array, pieces: Array | None = None
     ) -> tuple[Array, Array]:
-        longest = strongest = jnp.ones_like(half_exposure)
+        longest = strongest = quickest = jnp.ones_like(half_exposure)
         if pieces is not None:
             longest, strongest = _longest(pieces), jnp.max(pieces)
+            quickest = jnp.max(_gains(pieces))
         by_stroke = self.limits.acceleration_by_stroke(half_exposure) / longest
-        by_speed = self.limits.max_top_speed / (2 * half_exposure)
+        by_speed = self.limits.max_top_speed / (2 * half_exposure * quickest)
         high = jnp.minimum(jnp.minimum(by_stroke, by_speed), self.strongest)
         if self.limits.max_acceleration is not None:
             high = jnp.minimum(high, self.limits.max_acceleration / (2 * strongest))
@@ -461,6 +469,11 @@ def _mean_acceleration(motion: AbstractMotion) -> Array:
     if isinstance(motion, FreeMotion):
         return jnp.mean(motion.accelerations)
     return steady(motion).acceleration
+
+
+def _gains(pieces: Array) -> Array:
+    """How much of the speed $2aT$ a path gains before mid-exposure, and after it; shape `(2,)`."""
+    return jnp.mean(pieces.reshape(2, -1), axis=1)
 
 
 def _longest(pieces: Array) -> Array:
