@@ -46,13 +46,15 @@ ALLOWED = 0.02
 NUM_COEFFICIENTS, DEGREE = 24, 3
 NODES_PER_PIECE, NUM_FREQUENCIES = 16, 256
 """Gauss nodes for each polynomial piece of a profile, and frequencies; figures have twice both."""
-NUM_SCREENED, NUM_DESCENTS, NUM_STEPS = 2000, 8, 300
+NUM_SCREENED, NUM_DESCENTS, NUM_STEPS = 2000, 5, 200
 NUM_PIECES = 12
 """Pieces of constant acceleration of a free path, as many as the package's have."""
 MOST_PIECES_DIFFER = 20.0
 """How many times more or less than their mean, about, pieces of a free path accelerate."""
 NUM_INSTANTS = 20_001
 """Instants at which the package's paths are sampled."""
+SAME_LEVEL = 1e-4
+"""Levels within which the comparison takes the plainer of two rows for the better; dB."""
 SLACK = 1e-5
 """Share of a limit by which sampling and rounding may exceed it."""
 LEAST_SHARE = 0.02
@@ -344,10 +346,10 @@ def error_of(
     return 10 * jnp.log10(jnp.mean(numbers.power * lost))
 
 
-def _positions(track: Track, tau: np.ndarray) -> jax.Array:
+def _positions(track: Track, tau: Any) -> jax.Array:
     """Positions at times in half exposures; px, shape of `tau`."""
     velocity, position = ends_of(track)
-    piece = np.clip((tau + 1) / 2 * NUM_PIECES, 0, NUM_PIECES - 1).astype(int)
+    piece = jnp.clip((tau + 1) / 2 * NUM_PIECES, 0, NUM_PIECES - 1).astype(int)
     time = (tau - (2 * piece / NUM_PIECES - 1)) * track.half
     return position[piece] + velocity[piece] * time + track.accelerations[piece] * time**2
 
@@ -402,7 +404,7 @@ def search(
 
     def descended(x: np.ndarray) -> np.ndarray:
         function = lambda x: tuple(np.asarray(y) for y in _with_gradient(x, numbers, mode))  # noqa: E731
-        rules = {"maxiter": NUM_STEPS, "ftol": 1e-8}
+        rules = {"maxiter": NUM_STEPS, "ftol": 1e-7}
         bounds = [(0, 1)] * x.size
         found = minimize(
             function, x, jac=True, method="SLSQP", bounds=bounds, constraints=rest, options=rules
@@ -481,13 +483,12 @@ def measured_anew(scene: Scene, shutter: AbstractShutter, motion: AbstractMotion
     profile = np.ones(NUM_COEFFICIENTS)
     if isinstance(shutter, SplineShutter):
         profile = np.asarray(shutter.coefficients)
-    is_free = isinstance(motion, FreeMotion)
-    a = motion.accelerations if is_free else steady(motion).acceleration
+    a = motion.accelerations if isinstance(motion, FreeMotion) else steady(motion).acceleration
     track = Track(
         float(motion.half_exposure), float(motion.velocity), np.ones(NUM_PIECES) * np.asarray(a)
     )
     numbers, accelerates = numbers_of(scene, 2), bool(np.max(a) > 0)
-    is_free = is_free and accelerates
+    is_free = isinstance(motion, FreeMotion) and accelerates
     return -float(error_of(profile, track, numbers, accelerates=accelerates, is_free=is_free))
 
 
@@ -517,9 +518,12 @@ def most_used(scene: Scene, motion: AbstractMotion) -> float:
 
 
 def purchases_rise(table: Comparison) -> bool:
-    """Whether no purchase is worse than one that it holds."""
-    levels = {takes: row.level for takes, row in table.rivals.items()}
-    return all(levels[a] <= levels[b] for a in levels for b in levels if a < b)
+    """Whether no purchase is worse than one that it holds, by more than equals may differ."""
+    levels = {name: row.level for name, row in table.rivals.items()}
+    pairs = [("nothing", "a stage"), ("nothing", "a shutter")]
+    pairs += [("a stage", "both"), ("a shutter", "both")]
+    known = [(less, more) for less, more in pairs if less in levels and more in levels]
+    return all(levels[less] <= levels[more] + SAME_LEVEL for less, more in known)
 
 
 def command_agrees(scene: Scene, *, of_photograph: bool) -> bool:
