@@ -46,7 +46,7 @@ ALLOWED = 0.02
 NUM_COEFFICIENTS, DEGREE = 24, 3
 NODES_PER_PIECE, NUM_FREQUENCIES = 16, 256
 """Gauss nodes for each polynomial piece of a profile, and frequencies; figures have twice both."""
-NUM_SCREENED, NUM_DESCENTS, NUM_STEPS = 2000, 5, 200
+NUM_SCREENED, NUM_DESCENTS, NUM_STEPS = 1000, 3, 150
 NUM_PIECES = 12
 """Pieces of constant acceleration of a free path, as many as the package's have."""
 MOST_PIECES_DIFFER = 20.0
