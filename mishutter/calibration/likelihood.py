@@ -45,9 +45,12 @@ It ends well above the rounding of the sum of squares, which would have steps re
 _WIDTHS = (4.0, 2.0, 1.0)
 """Standard deviations of the Gaussians that smooth pictures for a start; px."""
 _NUM_STARTS = 3
-_LIKELIER = 9.0
-"""Fall of the sum of squares from which a start goes before the camera that was sent: noise, or a
-number that nothing tells, makes smaller ones."""
+_LIKELIER = 1.0
+"""Fall of the sum of squares from which another start is preferred to the camera that was sent.
+
+It prevents rounding from choosing between two ends of which neither is likelier, and keeps the
+one that is nearer to what was sent.
+"""
 _LEAST_BLUR = 0.3
 """Blur of the lens from which a fit starts at least; px."""
 _PIN = 1e3
