@@ -1,0 +1,213 @@
+"""Pictures of a point or an edge on a slide, and the file that lists them."""
+
+import io
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple, final
+
+import numpy as np
+from pydantic import Field
+
+from mishutter._core import (
+    Bare,
+    Section,
+    contents,
+    number_rows,
+    parsed,
+    require,
+    require_finite,
+    shape_of,
+    text_lines,
+    validated,
+)
+from mishutter.hardware.trace_files import read_trace
+from mishutter.hardware.traces import Trace
+
+TARGETS = ("point", "edge")
+END = 4
+"""Columns at either end of a picture that the blur must not reach."""
+_CLEAR = 6.0
+"""Standard deviations of noise above which a difference of levels is a step, a point or a blur."""
+
+
+@dataclass(frozen=True)
+class SensorLevels:
+    """The conversion of electrons to a sensor's levels.
+
+    Attributes:
+        electrons_per_level: Electrons that raise the level by 1; e-.
+        read_noise: Standard deviation of the read noise; e-.
+        black_level: Level of a pixel that no light reaches.
+        full_level: Level from which on a pixel is saturated.
+    """
+
+    electrons_per_level: float = 1.0
+    read_noise: float = 0.0
+    black_level: float = 0.0
+    full_level: float = np.inf
+
+    def __post_init__(self) -> None:
+        for name in ("electrons_per_level", "read_noise", "black_level"):
+            require_finite(f"SensorLevels({name}=...)", getattr(self, name))
+        is_positive = self.electrons_per_level > 0
+        subject = "SensorLevels(electrons_per_level=...)"
+        require(is_positive, subject, "be above 0", self.electrons_per_level)
+        is_noise = self.read_noise >= 0
+        require(is_noise, "SensorLevels(read_noise=...)", "be at least 0", self.read_noise)
+
+    def variance(self, level: np.ndarray, is_rounded: bool) -> np.ndarray:
+        r"""Variance of a level, $(\mu - b)/e + (\sigma/e)^2$, and 1/12 if rounded; levels^2."""
+        shot = np.maximum(level - self.black_level, 0) / self.electrons_per_level
+        read = (self.read_noise / self.electrons_per_level) ** 2
+        return np.maximum(shot + read, 1e-12) + (1 / 12 if is_rounded else 0.0)
+
+
+@dataclass(frozen=True)
+class TargetPicture:
+    """A picture of a point light or of an upright edge that moves along the rows.
+
+    Attributes:
+        levels: Rows of the picture, which show the same; `(rows, columns)` or `(columns,)`.
+        target: `"point"` or `"edge"`.
+        speed: Speed of the target, px/s; None for an unknown one, which all such pictures share.
+        name: Name in errors and pictures.
+        is_rounded: Whether all levels are whole numbers.
+    """
+
+    levels: np.ndarray
+    target: str = "point"
+    speed: float | None = 0.0
+    name: str = "TargetPicture(levels=...)"
+    is_rounded: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        levels = np.asarray(self.levels)
+        name = self.name
+        require(levels.ndim in (1, 2) and levels.size > 0, name, "have rows", shape_of(levels))
+        require(
+            self.target in TARGETS, "TargetPicture(target=...)", "be point or edge", self.target
+        )
+        require_finite(name, levels)
+        is_wide = levels.shape[-1] >= 4 * END
+        require(is_wide, name, f"have at least {4 * END} columns", int(levels.shape[-1]))
+        if self.speed is not None:
+            require_finite("TargetPicture(speed=...)", self.speed)
+        object.__setattr__(self, "is_rounded", bool(np.all(levels == np.rint(levels))))
+        object.__setattr__(self, "levels", np.atleast_2d(levels.astype(np.float64)))
+
+    def profile(self, sensor: SensorLevels) -> np.ndarray:
+        """Mean of the rows; shape `(columns,)`.
+
+        Raises:
+            ValueError: if a pixel is saturated, the blur reaches an end, or there is no target.
+        """
+        highest = float(self.levels.max())
+        requirement = f"stay below the full level {sensor.full_level:g} in every pixel"
+        require(highest < sensor.full_level, self.name, requirement, highest)
+        profile = self.levels.mean(axis=0)
+        noise = np.sqrt(sensor.variance(profile, self.is_rounded) / len(self.levels))
+        threshold = _CLEAR * float(noise.max())
+        for end in (profile[:END], profile[-END:]):
+            change = abs(float(np.mean(end[: END // 2]) - np.mean(end[END // 2 :])))
+            requirement = f"end in {END} columns that the blur does not reach"
+            got = Bare(f"levels that change by {change:.3g} there")
+            require(change <= threshold, self.name, requirement, got)
+        left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
+        got = Bare(f"{left:.4g} and {right:.4g}")
+        if self.target == "edge":
+            requirement = "hold an edge: levels at its ends that differ by more than the noise"
+            require(abs(right - left) > threshold, self.name, requirement, got)
+        else:
+            requirement = "hold a point: the same level at both ends"
+            require(abs(right - left) <= threshold, self.name, requirement, got)
+            peak = float(profile.max()) - left
+            requirement = "hold a point: light above the level of its ends"
+            require(peak > threshold, self.name, requirement, Bare(f"{peak:.3g} above"))
+        return profile
+
+
+class Measurements(NamedTuple):
+    """The measurements of one camera.
+
+    Attributes:
+        pictures: Pictures of targets.
+        sensor: The conversion of electrons to levels.
+        trace: A photodiode's trace, on the camera's clock; None for none.
+    """
+
+    pictures: tuple[TargetPicture, ...]
+    sensor: SensorLevels
+    trace: Trace | None = None
+
+
+@final
+class _Sensor(Section):
+    electrons_per_level: Annotated[float, Field(gt=0)] = 1.0
+    read_noise_e: Annotated[float, Field(ge=0)] = 0.0
+    black_level: float = 0.0
+    full_level: float | None = None
+
+
+@final
+class _Picture(Section):
+    path: Annotated[str, Field(min_length=1)]
+    target: Literal["point", "edge"] = "point"
+    speed_px_per_s: Annotated[float, Field(ge=-1e7, le=1e7)] | None = None
+
+
+@final
+class _Trace(Section):
+    path: Annotated[str, Field(min_length=1)]
+    column: str | None = None
+
+
+@final
+class _File(Section):
+    sensor: _Sensor = _Sensor()
+    picture: Annotated[list[_Picture], Field(min_length=1)]
+    trace: _Trace | None = None
+
+
+def read_measurements(path: str | Path) -> Measurements:
+    """Read a TOML file that lists pictures, the figures of the sensor, and perhaps a trace.
+
+    A picture is CSV, one line a row, or `.npy` of rows and columns. All pictures without a speed
+    share an unknown one.
+
+    Raises:
+        ValueError: if a file does not hold what it must.
+        OSError: if a file cannot be read.
+    """
+    name, folder = str(path), Path(path).parent
+    file = validated(_File, parsed(tomllib.loads, contents(path), name, "TOML"), name)
+    pictures = tuple(
+        TargetPicture(_levels(folder / p.path), p.target, p.speed_px_per_s, str(folder / p.path))
+        for p in file.picture
+    )
+    figures = file.sensor
+    sensor = SensorLevels(
+        electrons_per_level=figures.electrons_per_level,
+        read_noise=figures.read_noise_e,
+        black_level=figures.black_level,
+        full_level=np.inf if figures.full_level is None else figures.full_level,
+    )
+    entry = file.trace
+    trace = None if entry is None else read_trace(folder / entry.path, column=entry.column)
+    return Measurements(pictures, sensor, trace)
+
+
+def _levels(path: Path) -> np.ndarray:
+    content, name = contents(path), str(path)
+    if not content.startswith(b"\x93NUMPY"):
+        is_text = b"\0" not in content or content.startswith((b"\xff\xfe", b"\xfe\xff"))
+        got = Bare("a file that is neither")
+        require(is_text, name, "hold the levels of a picture as CSV or .npy", got)
+        lines = text_lines(content, name)
+        return number_rows(lines, lines[0].count(",") + 1, name)
+    try:
+        levels = np.load(io.BytesIO(content), allow_pickle=False)
+    except (ValueError, EOFError, OSError, SyntaxError) as error:
+        raise ValueError(f"{name} must be a whole .npy file; got: {error}.") from None
+    require(levels.dtype.kind in "fiu", name, "hold real numbers", Bare(levels.dtype))
+    return levels
