@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import DoubleWord, multiply, two_sum, word
-from mishutter.blur.free_derivatives import course_of
-from mishutter.blur.free_path import RefinedShutter, free_path, numbers, path_ends
+from mishutter.blur.free_derivatives import differentiable_path
+from mishutter.blur.free_path import RefinedShutter, free_path, path_ends, path_parameters
 from mishutter.blur.trajectory import path, valued
 from mishutter.model import AbstractPiecewiseShutter, FreeMotion
 
@@ -98,9 +98,9 @@ def free_panels(
     offset, length, ends = _divided(profile, np.dtype(frequency.dtype))
     tau = DoubleWord(*(jnp.append(x[:, :-1], x[-1:, -1]) for x in ends))
     where = jnp.repeat(place, length.shape[1])
-    given, cuts = numbers(motion, s.high), path_ends(motion)
+    given, cuts = path_parameters(motion, s.high), path_ends(motion)
     exact = free_path(given, s.low, cuts, tau, where, from_lowest=False)
-    course = course_of(given, cuts, exact, tau, where, False)
+    smooth_path = differentiable_path(given, cuts, exact, tau, where, False)
     sign = jnp.where(exact.stroke < 0, -1.0, 1.0).astype(length.dtype)
     turn = 2 * jnp.pi * frequency
 
@@ -110,15 +110,15 @@ def free_panels(
     def shaped(row: Array) -> Array:
         return (sign * row).reshape(length.shape)
 
-    slope = turn * valued(course.velocity, exact.velocity)
-    phase = cycles(course.position, exact.position)
+    slope = turn * valued(smooth_path.velocity, exact.velocity)
+    phase = cycles(smooth_path.position, exact.position)
     panel = Panels(
         offset[:, :-1],
         length,
-        shaped(turn * course.stroke),
+        shaped(turn * smooth_path.stroke),
         (shaped(slope[:-1]), shaped(slope[1:])),
         (shaped(phase[:-1]), shaped(phase[1:])),
-        shaped(cycles(course.vertex, exact.vertex)),
+        shaped(cycles(smooth_path.vertex, exact.vertex)),
     )
     return panel, (sign < 0).reshape(length.shape)
 
