@@ -1,4 +1,4 @@
-"""Ground floor: argument checks, double-double numbers, validation and files."""
+"""Argument checks, compilation, threads, double words, validation and files."""
 
 from mishutter._core.checks import Bare as Bare
 from mishutter._core.checks import RowLike as RowLike

@@ -9,19 +9,19 @@ import numpy as np
 from mishutter._core.checks import Bare, describe, require
 
 _NO_TEXT = re.compile("[\0-\x08\x0e-\x19\x1b-\x1f]")
-"""Control characters that no text holds, as all kinds of binary files do."""
+"""Control characters, which binary files contain and text does not."""
 
 Units = Mapping[str, float]
-"""Units that a column may have, each with the factor that makes its numbers SI or pixels."""
+"""Allowed units of a column, each with its factor to SI units or pixels."""
 
 
 def text_of(content: bytes, name: str) -> str:
-    """Text of a file in UTF-8 or, by its byte order mark, UTF-16; any other bytes are Latin-1.
+    """Text of a file in UTF-8 or, by its byte order mark, UTF-16; otherwise in Latin-1.
 
-    Latin-1 gives every byte a character, so that signs beside the numbers cannot stop a reader.
+    Latin-1 has a character for every byte, so that no symbol beside the numbers is an error.
 
     Raises:
-        ValueError: if the bytes are no text.
+        ValueError: if the bytes are not text.
     """
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         text = content.decode("utf-16", errors="replace")
@@ -36,10 +36,10 @@ def text_of(content: bytes, name: str) -> str:
 
 
 def text_lines(content: bytes, name: str) -> list[str]:
-    """Lines of a text file, without those that are empty.
+    """Lines of a text file that are not empty.
 
     Raises:
-        ValueError: if it is no text, or has no line.
+        ValueError: if the file is not text or has no such line.
     """
     lines = [line.strip() for line in text_of(content, name).splitlines()]
     lines = [line for line in lines if line]
@@ -56,12 +56,12 @@ def number_rows(lines: Iterable[str], count: int, name: str, *, least_rows: int 
     """Rows of finite numbers, `count` in each; shape `(rows, count)`.
 
     Raises:
-        ValueError: if a row is shorter or longer, or holds something else, or there are fewer
-            than `least_rows`, 0 or 1.
+        ValueError: if a row has another length or anything but finite numbers, or if there are
+            fewer rows than `least_rows`, 0 or 1.
     """
     rows = [cells(line) for line in lines]
-    enough = len(rows) >= least_rows
-    require(enough, name, "hold at least one row of numbers", Bare("none"))
+    is_enough = len(rows) >= least_rows
+    require(is_enough, name, "hold at least one row of numbers", Bare("none"))
     odd = next((row for row in rows if len(row) != count), None)
     if odd is not None:
         got = Bare(f"{len(odd)} in '{describe(Bare(','.join(odd)))}'")
@@ -72,9 +72,10 @@ def number_rows(lines: Iterable[str], count: int, name: str, *, least_rows: int 
         wrong = next(cell for row in rows for cell in row if not _is_number(cell))
         require(False, name, "hold numbers alone below its heading", wrong)
         raise
-    finite = np.isfinite(numbers).all(axis=1)
-    if not finite.all():
-        require(False, name, "hold finite numbers", Bare(",".join(rows[int(np.argmin(finite))])))
+    is_finite = np.isfinite(numbers).all(axis=1)
+    if not is_finite.all():
+        row = rows[int(np.argmin(is_finite))]
+        require(False, name, "hold finite numbers", Bare(",".join(row)))
     return numbers
 
 
@@ -99,12 +100,12 @@ def unit_columns(
     Args:
         lines: A line of names, one of units, and the rows.
         name: The file's name in an error.
-        known: Units of each column that may be there; None for any unit.
-        needed: Columns that must be there.
+        known: Columns that the file may have, with their units; None for any unit.
+        needed: Columns that the file must have.
         least_rows: Fewest rows, 0 or 1.
 
     Raises:
-        ValueError: if a name, a unit or a number is not as it must be.
+        ValueError: if a name, a unit or a number is not valid.
     """
     names = cells(lines[0])
     for column in names:
