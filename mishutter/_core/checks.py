@@ -32,7 +32,7 @@ def all_concrete(tree: Any) -> bool:
     return all(is_concrete(leaf) for leaf in jax.tree.leaves(tree))
 
 
-def numbers_of(tree: Any) -> Any:
+def primal_values(tree: Any) -> Any:
     """Replaces `jax.grad` tracers by their primal values; `jit` tracers stay."""
     return jax.tree.map(lambda x: x if is_concrete(x) else jax.lax.stop_gradient(x), tree)
 
@@ -52,7 +52,7 @@ def namespace_of(*values: Any) -> Any:
     return np if all(isinstance(x, np.ndarray) for x in values) else jnp
 
 
-def known_beside(value: Any, parameter: Any) -> Any:
+def as_array_like(value: Any, parameter: Any) -> Any:
     """Converts a concrete parameter to NumPy if `value` is a NumPy array."""
     is_numpy = isinstance(value, np.ndarray) and is_concrete(parameter)
     return np.asarray(parameter) if is_numpy else parameter
@@ -89,7 +89,7 @@ def as_float(value: RowLike, subject: str | None = None) -> Array:
         return value
     if not all_concrete(value):
         return jnp.asarray(value, dtype=dtype)
-    return on_device(np.asarray(value, dtype))
+    return device_constant(np.asarray(value, dtype))
 
 
 def floating_light(value: Any, subject: str) -> Any:
@@ -101,12 +101,12 @@ def floating_light(value: Any, subject: str) -> Any:
     array = np.asarray(value) if is_concrete(value) else value
     is_integer = jnp.issubdtype(array.dtype, jnp.integer)
     requirement = "hold light, white = 1, as floating-point numbers: `read_picture` reads files so"
-    require(not is_integer, subject, requirement, Bare(array.dtype.name))
+    require(not is_integer, subject, requirement, Unquoted(array.dtype.name))
     require(_is_real(array), subject, "be real numbers", value)
     return array.astype(common_dtype(array), copy=False)
 
 
-def on_device(value: Any) -> Any:
+def device_constant(value: Any) -> Any:
     """Converts NumPy arrays to concrete JAX arrays, also while a function is traced.
 
     `jnp.asarray` would compile a program. A tree of arrays takes little longer than one array.
@@ -135,7 +135,7 @@ def require_known(function: str, **arguments: object) -> None:
     """Refuses traced arguments, for functions whose computation depends on their numbers."""
     for name, value in arguments.items():
         concrete, subject = all_concrete(value), f"{function}({name}=...)"
-        require(concrete, subject, "be of known numbers", Bare("some that JAX traces"))
+        require(concrete, subject, "be of known numbers", Unquoted("some that JAX traces"))
 
 
 def require_finite(subject: str, value: RowLike) -> None:
@@ -212,7 +212,7 @@ def _is_whole(value: object, least: int) -> bool:
     return is_integer and int(value) >= least  # type: ignore[call-overload]
 
 
-class Bare(str):
+class Unquoted(str):
     """Text that an error shows without quotes."""
 
     __slots__ = ()
@@ -221,9 +221,9 @@ class Bare(str):
         return str(self)
 
 
-def shape_of(value: object) -> Bare:
+def shape_of(value: object) -> Unquoted:
     """The shape of a value, for an error message."""
-    return Bare(f"shape {np.shape(value)}")  # type: ignore[arg-type]
+    return Unquoted(f"shape {np.shape(value)}")  # type: ignore[arg-type]
 
 
 def describe(value: object) -> str:

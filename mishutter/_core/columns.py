@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from mishutter._core.checks import Bare, describe, require
+from mishutter._core.checks import Unquoted, describe, require
 
 _NO_TEXT = re.compile("[\0-\x08\x0e-\x19\x1b-\x1f]")
 """Control characters, which binary files contain and text does not."""
@@ -31,7 +31,9 @@ def text_of(content: bytes, name: str) -> str:
         except UnicodeDecodeError:
             text = content.decode("latin-1")
     is_text = _NO_TEXT.search(text) is None
-    require(is_text, name, "be text, as CSV is, in UTF-8, UTF-16 or Latin-1", Bare("other bytes"))
+    require(
+        is_text, name, "be text, as CSV is, in UTF-8, UTF-16 or Latin-1", Unquoted("other bytes")
+    )
     return text
 
 
@@ -43,7 +45,7 @@ def text_lines(content: bytes, name: str) -> list[str]:
     """
     lines = [line.strip() for line in text_of(content, name).splitlines()]
     lines = [line for line in lines if line]
-    require(bool(lines), name, "hold at least one line", Bare("an empty file"))
+    require(bool(lines), name, "hold at least one line", Unquoted("an empty file"))
     return lines
 
 
@@ -61,10 +63,10 @@ def number_rows(lines: Iterable[str], count: int, name: str, *, least_rows: int 
     """
     rows = [cells(line) for line in lines]
     is_enough = len(rows) >= least_rows
-    require(is_enough, name, "hold at least one row of numbers", Bare("none"))
+    require(is_enough, name, "hold at least one row of numbers", Unquoted("none"))
     odd = next((row for row in rows if len(row) != count), None)
     if odd is not None:
-        got = Bare(f"{len(odd)} in '{describe(Bare(','.join(odd)))}'")
+        got = Unquoted(f"{len(odd)} in '{describe(Unquoted(','.join(odd)))}'")
         require(False, name, f"hold {count} {'value' if count == 1 else 'values'} a row", got)
     try:
         numbers = np.array(rows, dtype=np.float64).reshape(-1, count)
@@ -75,7 +77,7 @@ def number_rows(lines: Iterable[str], count: int, name: str, *, least_rows: int 
     is_finite = np.isfinite(numbers).all(axis=1)
     if not is_finite.all():
         row = rows[int(np.argmin(is_finite))]
-        require(False, name, "hold finite numbers", Bare(",".join(row)))
+        require(False, name, "hold finite numbers", Unquoted(",".join(row)))
     return numbers
 
 
@@ -113,10 +115,10 @@ def unit_columns(
         require(names.count(column) == 1, name, "have each column once", column)
     for column in needed:
         requirement = f"have a column of the name {column}"
-        require(column in names, name, requirement, Bare(lines[0]))
-    require(len(lines) > 1, name, "have a line of units below its names", Bare("one line"))
+        require(column in names, name, requirement, Unquoted(lines[0]))
+    require(len(lines) > 1, name, "have a line of units below its names", Unquoted("one line"))
     units, factors = cells(lines[1]), []
-    got = Bare(f"{len(units)} units of {len(names)} columns")
+    got = Unquoted(f"{len(units)} units of {len(names)} columns")
     require(len(units) == len(names), name, "have a unit for each column in its second line", got)
     for column, unit in zip(names, units, strict=True):
         allowed = known[column]

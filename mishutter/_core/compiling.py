@@ -64,19 +64,19 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
         if _TRACING.allowed or not all_concrete((args, kwargs)):
             return within(*args, **kwargs)
-        with at_once():
+        with outside_trace():
             return program()(*args, **kwargs)
 
     return call
 
 
-def in_a_program() -> bool:
+def is_tracing() -> bool:
     """Whether this thread traces a program of the package; nothing is evaluated eagerly there."""
     return _TRACING.allowed
 
 
 @contextmanager
-def at_once() -> Iterator[None]:
+def outside_trace() -> Iterator[None]:
     """Evaluates concrete operands eagerly inside an outer trace.
 
     It is also a decorator, for a function whose arguments must be concrete. Outside a trace it has

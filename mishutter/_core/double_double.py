@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core.checks import on_device
+from mishutter._core.checks import device_constant
 
 
 class DoubleWord(NamedTuple):
@@ -105,4 +105,4 @@ def fractions_as_words(exact: Sequence[Fraction], dtype: np.dtype) -> DoubleWord
     """Fractions as double words; shape `(n,)`."""
     high = np.array([float(x) for x in exact]).astype(dtype)
     low = [float(x - Fraction(float(h))) for x, h in zip(exact, high, strict=True)]
-    return DoubleWord(*on_device((high, np.array(low, dtype))))
+    return DoubleWord(*device_constant((high, np.array(low, dtype))))

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mishutter._core.checks import Bare, describe
+from mishutter._core.checks import Unquoted, describe
 
 Place = tuple[Any, ...]
 """Path to a key: the names of its tables, its own name, and indices of lists."""
@@ -80,7 +80,7 @@ def validated(
     first = min(problems, key=lambda p: p["type"] != "extra_forbidden")
     if first["type"] == "extra_forbidden":
         raise ValueError(f"{name}: {_unknown_key(model, first['loc'], key_name)}")
-    got = Bare("nothing") if first["type"] == "missing" else first["input"]
+    got = Unquoted("nothing") if first["type"] == "missing" else first["input"]
     subject = f"`{key_name(first['loc'])}`" if first["loc"] else "the file"
     raise ValueError(f"{name}: {subject} must {requirement(first)}; got {describe(got)}.")
 

@@ -31,7 +31,7 @@ from mishutter._core import (
     is_concrete,
     multiply,
     negate,
-    numbers_of,
+    primal_values,
     reciprocal,
     two_product,
     word,
@@ -172,7 +172,7 @@ def num_runs(motion: AbstractMotion) -> int:
     """Number of runs of a path; the number of its pieces if the accelerations are traced."""
     if not isinstance(motion, FreeMotion):
         return 1
-    a = numbers_of(motion.accelerations)
+    a = primal_values(motion.accelerations)
     lasting = motion.lasting
     if not is_concrete(a):
         return lasting.size

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import DoubleWord, all_concrete, compiled, on_device
+from mishutter._core import DoubleWord, all_concrete, compiled, device_constant
 from mishutter.blur.free_path import RefinedShutter, refined
 from mishutter.model import (
     FEW_PIECES,
@@ -30,26 +30,26 @@ _SPARE_NODES = 2
 the error of the fastest waves from 5e-12 to 3e-15."""
 
 
-class LitNodes(NamedTuple):
+class ExposureQuadrature(NamedTuple):
     """Quadrature nodes over the exposure, weighted by the transmittance.
 
     Attributes:
         tau: Normalised times; shape `(q,)`.
-        light: Quadrature weights times transmittance there; shape `(q,)`.
+        weight: Quadrature weight times transmittance there; shape `(q,)`.
         efficiency: Mean transmittance over the exposure; scalar.
     """
 
     tau: Array
-    light: Array
+    weight: Array
     efficiency: Array
 
 
-def lit_nodes(
+def exposure_quadrature(
     shutter: AbstractShutter,
     num_nodes: int,
     dtype: np.dtype,
     path_ends: tuple[Fraction, ...] = (),
-) -> LitNodes:
+) -> ExposureQuadrature:
     """About `num_nodes` quadrature nodes over the exposure of a shutter.
 
     Zero-weight nodes pad to a common length, so that all shutters share one compiled program.
@@ -65,7 +65,7 @@ def lit_nodes(
 
 def _nodes_of_polynomials(
     shutter: PolynomialShutter, num_nodes: int, path_ends: tuple[Fraction, ...]
-) -> LitNodes:
+) -> ExposureQuadrature:
     """Nodes of panels that end where polynomials or pieces of a path end."""
     ends = np.union1d(shutter.ends.high, np.array(path_ends[1:-1], np.float64))
     panels = []
@@ -73,11 +73,11 @@ def _nodes_of_polynomials(
         nodes, weights = _panel_rule(1, math.ceil(num_nodes * width / 2) + _SPARE_NODES)
         panels.append((begin + width * nodes, width / 2 * weights))
     tau, shares = map(np.concatenate, zip(*panels, strict=True))
-    light, dtype = shares * shutter.known_at(tau), np.dtype(shutter.powers.dtype)
+    weight, dtype = shares * shutter.known_at(tau), np.dtype(shutter.powers.dtype)
     padding = (0, _padded_length(num_nodes, tau.size) - tau.size)
-    padded = (np.pad(part, padding).astype(dtype) for part in (tau, light))
+    padded = (np.pad(part, padding).astype(dtype) for part in (tau, weight))
     efficiency = np.asarray(shutter.known_efficiency(), dtype)
-    return LitNodes(*on_device((*padded, efficiency)))
+    return ExposureQuadrature(*device_constant((*padded, efficiency)))
 
 
 def _padded_length(num_nodes: int, actual: int) -> int:
@@ -89,19 +89,19 @@ def _padded_length(num_nodes: int, actual: int) -> int:
 @compiled
 def _nodes_of_pieces(
     shutter: AbstractShutter, num_nodes: int, dtype: np.dtype, path_ends: tuple[Fraction, ...]
-) -> LitNodes:
+) -> ExposureQuadrature:
     profile = piecewise(shutter)
     profile = refined(profile, path_ends, dtype)[0] if path_ends else profile
     ends = profile.breakpoints(dtype)
     few = ends.high.size <= FEW_PIECES + 1 and not profile.equal_pieces and not path_ends
     rule = _shared_panels if few else _own_panels
-    tau, light = rule(profile, ends, num_nodes)
+    tau, weight = rule(profile, ends, num_nodes)
     padding = (0, _padded_length(num_nodes, tau.size) - tau.size)
-    efficiency = light_let_through(profile, dtype)
-    return LitNodes(jnp.pad(tau, padding), jnp.pad(light, padding), efficiency)
+    efficiency = mean_transmittance(profile, dtype)
+    return ExposureQuadrature(jnp.pad(tau, padding), jnp.pad(weight, padding), efficiency)
 
 
-def light_let_through(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:
+def mean_transmittance(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:
     """Efficiency of a profile, its mean transmittance, in a given precision; scalar."""
     return integrated_transmittance(profile).astype(dtype) / 2
 
@@ -119,8 +119,8 @@ def _own_panels(
     length = jnp.diff(ends)[:, None]
     offset = length * jnp.asarray(nodes, ends.dtype)[None]
     shares = length / 2 * jnp.asarray(weights, ends.dtype)[None]
-    light = shares * profile.piece_transmittance(offset)
-    return (ends[:-1, None] + offset).ravel(), light.ravel()
+    weight = shares * profile.piece_transmittance(offset)
+    return (ends[:-1, None] + offset).ravel(), weight.ravel()
 
 
 def _shared_panels(
@@ -147,8 +147,8 @@ def _shared_panels(
     share = jnp.where(is_used, panel - first + nodes, 0.5) / num_panels
     each = profile.piece_transmittance(length[:, None, None] * share[None])
     transmittance = jnp.take_along_axis(each, piece[None, :, None], axis=0)[0]
-    light = jnp.where(is_used, piece_length / num_panels * (weights / 2), 0.0) * transmittance
-    return (begin + piece_length * share).ravel(), light.ravel()
+    weight = jnp.where(is_used, piece_length / num_panels * (weights / 2), 0.0) * transmittance
+    return (begin + piece_length * share).ravel(), weight.ravel()
 
 
 @lru_cache

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from mishutter._core import (
-    Bare,
     Section,
+    Unquoted,
     contents,
     number_rows,
     parsed,
@@ -109,20 +109,22 @@ class TargetPicture:
             slope = abs(float(np.mean(end[: END // 2]) - np.mean(end[END // 2 :])))
             flat = slope <= _CLEAR * float(noise.max())
             requirement = f"end in {END} columns that the blur does not reach"
-            require(flat, self.name, requirement, Bare(f"levels that change by {slope:.3g} there"))
+            require(
+                flat, self.name, requirement, Unquoted(f"levels that change by {slope:.3g} there")
+            )
         left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
         clear = _CLEAR * float(noise.max())
         if self.target == "edge":
             requirement = "hold an edge: levels at its ends that differ by more than the noise"
-            got = Bare(f"{left:.4g} and {right:.4g}")
+            got = Unquoted(f"{left:.4g} and {right:.4g}")
             require(abs(right - left) > clear, self.name, requirement, got)
         else:
             dark = abs(right - left) <= clear
-            got = Bare(f"{left:.4g} and {right:.4g}")
+            got = Unquoted(f"{left:.4g} and {right:.4g}")
             require(dark, self.name, "hold a point: the same level at both ends", got)
             peak = float(profile.max()) - left
             requirement = "hold a point: light above the level of its ends"
-            require(peak > clear, self.name, requirement, Bare(f"{peak:.3g} above"))
+            require(peak > clear, self.name, requirement, Unquoted(f"{peak:.3g} above"))
         return profile
 
 
@@ -196,7 +198,7 @@ def _levels(path: Path) -> np.ndarray:
     content, name = contents(path), str(path)
     if not content.startswith(b"\x93NUMPY"):
         is_text = b"\0" not in content or content.startswith((b"\xff\xfe", b"\xfe\xff"))
-        got = Bare("a file that is neither")
+        got = Unquoted("a file that is neither")
         require(is_text, name, "hold the levels of a picture as CSV or .npy", got)
         lines = text_lines(content, name)
         return number_rows(lines, lines[0].count(",") + 1, name)
@@ -204,5 +206,5 @@ def _levels(path: Path) -> np.ndarray:
         levels = np.load(io.BytesIO(content), allow_pickle=False)
     except (ValueError, EOFError, OSError, SyntaxError) as error:
         raise ValueError(f"{name} must be a whole .npy file; got: {error}.") from None
-    require(levels.dtype.kind in "fiu", name, "hold real numbers", Bare(levels.dtype))
+    require(levels.dtype.kind in "fiu", name, "hold real numbers", Unquoted(levels.dtype))
     return levels
