@@ -117,12 +117,12 @@ def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place],
     """An error about an unknown key; it suggests the nearest key of its table, or of any table."""
     *tables, key = place
     names = tuple(part for part in tables if isinstance(part, str))
-    known = [p for p in _known_keys(model) if p != names]
-    siblings = [p for p in known if p[:-1] == names]
+    places = [p for p in _known_keys(model) if p != names]
+    siblings = [p for p in places if p[:-1] == names]
     nearest = (
         [p for p in siblings if key and p[-1].startswith(key)]
         or _close(key, siblings, cutoff=0.5)
-        or _close(key, known, cutoff=0.6)
+        or _close(key, places, cutoff=0.6)
     )
     hint = f", perhaps `{key_name(nearest[0])}`" if nearest else ""
     where = f"`{key_name(tuple(tables))}`" if tables else "the file"

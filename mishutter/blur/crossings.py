@@ -156,8 +156,8 @@ def _nearest(equal_pieces: bool, track: Path, tau: Array, edge: DoubleWord, mome
     piece = jnp.zeros_like(moment, jnp.int32)
     for k in range(1, last):
         beyond = distance(edge, DoubleWord(*(x[k] for x in track.position)))
-        turned = track.velocity[k] >= 0
-        is_past = jnp.where(AFTER, ~turned | (beyond >= 0), ~turned & (beyond < 0))
+        is_after = track.velocity[k] >= 0
+        is_past = jnp.where(AFTER, ~is_after | (beyond >= 0), ~is_after & (beyond < 0))
         piece += is_past.astype(jnp.int32)
     is_late = moment > at((tau[1:] + tau[:-1]) / 2, piece)
     return piece + is_late.astype(jnp.int32)

@@ -330,11 +330,11 @@ def _rise_between_branches(apart: Array, primal: KernelPrimal) -> tuple[Array, A
     # integral of the curvature between them instead of their difference.
     (_, begin), (_, end) = primal.parts
     inside = mirrored & ~is_held
-    whole = inside[begin] & inside[end] & (after.piece[begin] == after.piece[end])
+    in_one_piece = inside[begin] & inside[end] & (after.piece[begin] == after.piece[end])
     start, width = after.part((begin,)), primal.width[1]
     slope, centre = partial(_slope, profile, start, width=width), middle[begin] + width / 2
     curvatures = [_derivative(slope, centre + place * apart) for place in (-_ASIDE, _ASIDE)]
-    both = jnp.where(whole, apart * width * (sum(curvatures) / 2), rise[end] - rise[begin])
+    both = jnp.where(in_one_piece, apart * width * (sum(curvatures) / 2), rise[end] - rise[begin])
     return is_mirrored[begin] & is_mirrored[end], both
 
 

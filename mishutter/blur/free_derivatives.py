@@ -127,8 +127,8 @@ def _attach_path_jvp_rule(primals, tangents, *, track, primal):
         rows = (None,) * len(zeros) if by_path is None else by_path
         pairs = zip(rows, zeros, strict=True)
         by = DifferentiablePath(*(zero if row is None else row for row, zero in pairs))
-        moved = _change(track, primal, by, d_edges, 0.0 if by_shift is None else by_shift)
-        changes.append(first_derivative(moved, primals))
+        path_change = _change(track, primal, by, d_edges, 0.0 if by_shift is None else by_shift)
+        changes.append(first_derivative(path_change, primals))
     return same, sum(changes[1:], changes[0]) if changes else None
 
 
@@ -167,8 +167,8 @@ def _change(
     jumps = jnp.pad(steps(primal.profile, primal.tau.high[1:-1]) != 0, 1, constant_values=True)
     joins = primal.is_held & ~looked_up(jumps, x.nearest)
     is_held, at_vertex = primal.is_held & ~joins, x.velocity == 0
-    fixed = is_held | at_vertex
-    pace = jnp.where(fixed, 1.0, x.velocity)
+    is_fixed = is_held | at_vertex
+    pace = jnp.where(is_fixed, 1.0, x.velocity)
     after = x._replace(
         piece=jnp.where(joins, jnp.minimum(x.nearest, last - 1), x.piece),
         from_left=joins | x.from_left,
@@ -185,12 +185,12 @@ def _change(
     own = jnp.arange(track.turns.size) == track.lowest_index
     low = jnp.where(own & track.from_lowest, 0.0, by.vertex - by.origin)
     base = jnp.where(turns, looked_up(low, x.piece), looked_up(by.position - by.origin, x.nearest))
-    moved = by_shift - (base + since * (d_pace + since * d_stroke))
+    displacement = by_shift - (base + since * (d_pace + since * d_stroke))
     d_velocity = d_pace + 2 * since * d_stroke
     middle = (by_edge[first] + by_edge[second]) / 2
     edges = [jnp.where(joins[k], middle, by_edge[k]) for k in (first, second)]
     moments = [
-        jnp.where(fixed[k], 0.0, (moved[k] + edge) / pace[k])
+        jnp.where(is_fixed[k], 0.0, (displacement[k] + edge) / pace[k])
         for k, edge in zip((first, second), edges, strict=True)
     ]
 
@@ -207,16 +207,16 @@ def _change(
     d_distance += to_end * (looked_up(by.velocity, leaving) - to_end * d_stroke[first])
     gain = looked_up(track.velocity, entering) - looked_up(track.velocity, leaving)
     gain += 2 * (from_start * stroke[second] + to_end * stroke[first])
-    whole, duration = begin.piece == end.piece, sign * primal.width
+    in_one_piece, duration = begin.piece == end.piece, sign * primal.width
     mean_velocity = (d_velocity[first] + d_velocity[second]) / 2
-    d_distance = jnp.where(whole, duration * mean_velocity, d_distance)
-    gain = jnp.where(whole, 2 * stroke[first] * duration, gain)
+    d_distance = jnp.where(in_one_piece, duration * mean_velocity, d_distance)
+    gain = jnp.where(in_one_piece, 2 * stroke[first] * duration, gain)
     d_duration = ((edges[1] - edges[0]) - d_distance) / pace[second] - moments[0] * (
         gain / pace[second]
     )
 
     inner, outer = (jnp.where(is_held, 0.0, transmittance)[k] for k in (first, second))
-    is_free = ~(fixed[first] | fixed[second])
+    is_free = ~(is_fixed[first] | is_fixed[second])
     one_sided = sign * (outer * moments[1] - inner * moments[0])
     brighter = jnp.where(inner > outer, *moments)
     rise = opaque_to_fusion(rise_over, primal)

@@ -144,7 +144,7 @@ def refined(
     begin, end = (DoubleWord(*(x[part] for x in cuts)) for part in (slice(-1), slice(1, None)))
     left, right = (DoubleWord(*(x[owner + side] for x in own)) for side in (0, 1))
     lead, trail = distance(begin, left), distance(right, end)
-    whole = RefinedShutter(
+    refined_profile = RefinedShutter(
         profile=profile,
         ends=cuts,
         owner=owner,
@@ -155,7 +155,7 @@ def refined(
         panels_per_piece=count,
         smooth_length=profile.smooth_length,
     )
-    return whole, jnp.asarray(place, jnp.int32)
+    return refined_profile, jnp.asarray(place, jnp.int32)
 
 
 def path_ends(motion: AbstractMotion) -> tuple[Fraction, ...]:
@@ -376,7 +376,7 @@ def _located(
     index = jnp.arange(track.velocity.size, dtype=jnp.int32)
     falls = (track.velocity < 0) & (index >= run.first) & (index <= run.past)
     turn = run.first + jnp.sum(falls, dtype=jnp.int32)
-    piece = _last_passed(track, run, turn, edge)
+    piece = _crossed_piece(track, run, turn, edge)
     is_early, is_late = piece < run.first, piece >= run.past
     holds_vertex = (piece == turn - 1) & ~is_early & ~is_late
     piece = jnp.clip(piece, run.first, run.past - 1)
@@ -408,7 +408,7 @@ def _located(
     return Crossings(piece, from_left, offset, nearest, moment, speed), is_held
 
 
-def _last_passed(track: FreePath, run: MonotoneRun, turn: Array, edge: DoubleWord) -> Array:
+def _crossed_piece(track: FreePath, run: MonotoneRun, turn: Array, edge: DoubleWord) -> Array:
     """Index of the piece in which each branch passes an edge, or the one outside; `(2, n + 1)`.
 
     Breakpoints from `turn` on lie on the branch after the vertex. A binary search yields the first
@@ -419,10 +419,10 @@ def _last_passed(track: FreePath, run: MonotoneRun, turn: Array, edge: DoubleWor
     count = jnp.broadcast_to(first, (2, edge.high.size)).astype(jnp.int32)
     bits = track.velocity.size.bit_length()
 
-    def halve(index: Array, count: Array) -> Array:
-        probe = count + jnp.left_shift(jnp.int32(1), bits - 1 - index)
-        some = jnp.clip(probe - 1, 0, track.velocity.size - 1)
-        beyond = distance(edge, DoubleWord(*(looked_up(x, some) for x in track.position)))
+    def halve(step: Array, count: Array) -> Array:
+        probe = count + jnp.left_shift(jnp.int32(1), bits - 1 - step)
+        index = jnp.clip(probe - 1, 0, track.velocity.size - 1)
+        beyond = distance(edge, DoubleWord(*(looked_up(x, index) for x in track.position)))
         passes = jnp.where(AFTER, beyond > 0, beyond < 0)
         return jnp.where((probe <= past) & passes, probe, count)
 

@@ -360,18 +360,18 @@ def _branch_exposures(
 
     here, there = (x.part(k).by_breakpoints(tau.high) for k in parts(num_taps))
     length = at(lengths(profile.equal_pieces, tau), here.piece)
-    whole = here.piece == there.piece
+    in_one_piece = here.piece == there.piece
     entered = there.inner(AFTER, length) - here.inner(AFTER, length)
-    width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
+    width = jnp.where(held_here & in_one_piece, entered, here.outer(AFTER, length))
     # A breakpoint that moves between crossings lengthens one cell as it shortens the next, so
     # these widths carry no derivative: `attach_breakpoint_jvp` attaches it.
-    width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(whole, within, width)), width)
+    width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(in_one_piece, within, width)), width)
     in_pieces = tau.high.size > 2
     width = materialised(width) if in_pieces else width
     crossing, breakpoint, constant = _places(x, tau)
     entering, leaving = (crossing[k] for k in parts(num_taps))
     next_piece = jnp.where(is_free, breakpoint[0] + here.piece + AFTER.astype(np.int32), constant)
-    end = jnp.where(whole, leaving, next_piece)
+    end = jnp.where(in_one_piece, leaving, next_piece)
     boundaries = CellBoundaries(entering, end, from_vertex, x, is_held)
     cells = jax.lax.stop_gradient({"start": here, "is_after": AFTER, "boundaries": boundaries})
     exposure, cut = cell_exposure(profile, here.offset, width, times, **cells), None
@@ -397,10 +397,10 @@ def _free_exposure(
 ) -> Array:
     """Exposure between edges, in units of tau, on a free path of `count` runs; shape `(n,)`."""
     ends = path_ends(motion)
-    whole, place = refined(profile, ends, np.dtype(speed.dtype))
+    refined_profile, place = refined(profile, ends, np.dtype(speed.dtype))
     s, low = speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
     parameters = path_parameters(motion, s)
-    tau = jax.lax.stop_gradient(whole.ends)
+    tau = jax.lax.stop_gradient(refined_profile.ends)
     track = free_path(parameters, low, ends, tau, place, from_lowest=from_vertex)
     smooth_path = differentiable_path(parameters, ends, track, tau, place, from_vertex)
     rows = DoubleWord(*(jnp.broadcast_to(x, edges.high.shape)[: num_taps + 1] for x in edges))
@@ -420,17 +420,17 @@ def _free_exposure(
         stroke = looked_up(own_track.stroke, x.piece)[parts(num_taps)[1]]
         exposure, width, cut = _branch_exposures(
             num_taps,
-            whole,
-            whole.ends,
+            refined_profile,
+            refined_profile.ends,
             own_track.velocity,
             x,
             within=time_between(gap, u, v, stroke),
             is_held=is_held,
-            times=BoundaryTimes(whole.ends.high),
+            times=BoundaryTimes(refined_profile.ends.high),
             from_vertex=from_vertex,
             run=run,
         )
-        primal = KernelPrimal(whole, tau, x, own_edges.high, gap, width, is_held, cut)
+        primal = KernelPrimal(refined_profile, tau, x, own_edges.high, gap, width, is_held, cut)
         exposure = attach_path_jvp(
             sum_over_branches(exposure),
             jax.tree.map(lambda x: run.sign * x, smooth_path),

@@ -145,8 +145,8 @@ def _shared_panels(
     begin, piece_length, num_panels, first = (x[piece][:, None] for x in columns)
     is_used = panel < past[-1]
     share = jnp.where(is_used, panel - first + nodes, 0.5) / num_panels
-    each = profile.piece_transmittance(length[:, None, None] * share[None])
-    transmittance = jnp.take_along_axis(each, piece[None, :, None], axis=0)[0]
+    values = profile.piece_transmittance(length[:, None, None] * share[None])
+    transmittance = jnp.take_along_axis(values, piece[None, :, None], axis=0)[0]
     weight = jnp.where(is_used, piece_length / num_panels * (weights / 2), 0.0) * transmittance
     return (begin + piece_length * share).ravel(), weight.ravel()
 

@@ -145,8 +145,8 @@ def _panel_ends(
     left = two_sum(jnp.broadcast_to(ends.high[:-1, None], offset.shape), offset)
     high = left.high.at[:, -1].set(ends.high[1:])
     low = (left.low + ends.low[:-1, None]).at[:, -1].set(ends.low[1:])
-    each = jnp.broadcast_to(length[:, None] / count, offset[:, 1:].shape)
-    return offset, each, DoubleWord(high, low)
+    lengths = jnp.broadcast_to(length[:, None] / count, offset[:, 1:].shape)
+    return offset, lengths, DoubleWord(high, low)
 
 
 def turns_far(panel: Panels) -> Array:
