@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import all_concrete, compiled, on_device
+from mishutter._core import all_concrete, compiled, device_constant
 from mishutter.blur import condition_number, safe_sqrt, support
 from mishutter.evaluation.ensembles import (
     drive_variance,
@@ -538,7 +538,7 @@ def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     total = space.mean(power)
     lit = total > 0
     scaled = power / space.where(lit, total, 1.0) * deviation**2
-    return on_device(scaled) if isinstance(scaled, np.ndarray) else scaled
+    return device_constant(scaled) if isinstance(scaled, np.ndarray) else scaled
 
 
 def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Array:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mishutter._core import RowLike, as_float, at_once, require
+from mishutter._core import RowLike, as_float, outside_trace, require
 from mishutter.evaluation import distinct_speeds, num_frequencies, picture_power
 from mishutter.model import Scene, frequency_grid, pixel_response, require_scene
 
@@ -166,7 +166,7 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
     return gain.to_dataset(name="gain").assign(places)
 
 
-@at_once()
+@outside_trace()
 def best_snapshots(
     scene: Scene, photon_rates: RowLike | None = None, read_noises: RowLike | None = None
 ) -> "xarray.Dataset":
