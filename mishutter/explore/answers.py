@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from mishutter.evaluation import (
@@ -110,11 +111,19 @@ def _near(scene: Scene, before: Design, change: float) -> list[ParabolicMotion]:
 
 
 def _reach(scene: Scene, half_exposure: float, velocity: float) -> float:
-    """The largest acceleration within the stroke and the top speed; px/s^2."""
+    """The largest acceleration within stroke, top speed, and what the stage reaches; px/s^2."""
     limits = scene.limits
     left = max(float(limits.max_top_speed) - abs(velocity), 0.0)
     by_stroke = float(limits.acceleration_by_stroke(np.asarray(half_exposure), velocity))
-    return min(by_stroke, left / (2 * half_exposure))
+    most = min(by_stroke, left / (2 * half_exposure))
+    if not limits.has_stage:
+        return most
+    if limits.max_acceleration is not None:
+        most = min(most, float(limits.max_acceleration) / 2)
+    numbers = {"acceleration": 0.0, "half_exposure": half_exposure, "velocity": velocity}
+    arrays = {name: jnp.asarray(value, scene.speeds.dtype) for name, value in numbers.items()}
+    rest, end = jnp.zeros((), scene.speeds.dtype), jnp.asarray(most, scene.speeds.dtype)
+    return float(limits.largest("acceleration", rest, end, arrays))
 
 
 def curves(

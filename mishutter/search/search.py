@@ -16,6 +16,7 @@ from jaxtyping import Array
 from mishutter._core import (
     alone_in_blas,
     outside_trace,
+    require,
     require_known,
     require_positive_int,
     require_seed,
@@ -202,6 +203,8 @@ def optimise(
     """
     require_scene(scene)
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
+    known = isinstance(shutter, AbstractShutter | None)
+    require(known, "optimise(shutter=...)", "be a shutter, as `HannShutter()`", shutter)
     shutter = None if shutter is None else command_of(shutter)
     if num_starts is not None:
         require_positive_int("optimise(num_starts=...)", num_starts)
