@@ -35,6 +35,7 @@ from mishutter.evaluation.metrics import evaluate as evaluate
 from mishutter.evaluation.metrics import picture_power as picture_power
 from mishutter.evaluation.metrics import spectral_levels as spectral_levels
 from mishutter.evaluation.metrics import squared_error_within as squared_error_within
+from mishutter.evaluation.needs import ONLY_SPECTRA as ONLY_SPECTRA
 from mishutter.evaluation.needs import PLANNED as PLANNED
 from mishutter.evaluation.needs import Automatic as Automatic
 from mishutter.evaluation.needs import Item as Item
@@ -61,6 +62,10 @@ from mishutter.evaluation.response import light_in_time as light_in_time
 from mishutter.evaluation.response import pixel_responses as pixel_responses
 from mishutter.evaluation.response import records as records
 from mishutter.evaluation.response import spectra_of as spectra_of
+from mishutter.evaluation.sensor_view import SampledView as SampledView
+from mishutter.evaluation.sensor_view import sampled_view as sampled_view
+from mishutter.evaluation.sensor_view import sensor_view as sensor_view
+from mishutter.evaluation.sensor_view import transmittance as transmittance
 from mishutter.evaluation.tolerances import ToleranceCost as ToleranceCost
 from mishutter.evaluation.tolerances import ToleranceCosts as ToleranceCosts
 from mishutter.evaluation.tolerances import tolerance_costs as tolerance_costs

@@ -33,6 +33,7 @@ from mishutter.evaluation.response import (
     assembled,
     kernels_and_light,
 )
+from mishutter.evaluation.sensor_view import transmittance
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -313,7 +314,7 @@ def _kernel_numbers(
     def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
         motion, need, box = design
         own = shutter.at(box[1:]) if is_own else shutter  # type: ignore[attr-defined]
-        profile = piecewise(scene.light(own, motion))
+        profile = transmittance(scene, motion, own)
         speeds = scene.speeds if set(metrics) & set(KERNEL_METRICS[1:]) else scene.speeds[:0]
         speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
         plan = Plan(_TAPS, _TAPS, 1, 1)

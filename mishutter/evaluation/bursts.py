@@ -18,9 +18,10 @@ from jaxtyping import Array
 from mishutter._core import at_once, compiled, require_known
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import known_speed_squared_error
-from mishutter.evaluation.needs import Plan, reduced, sizes
+from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
 from mishutter.evaluation.response import Response, respond
-from mishutter.model import AbstractMotion, LinearMotion, RectShutter, Scene, seen_from
+from mishutter.evaluation.sensor_view import sampled_view
+from mishutter.model import AbstractMotion, LinearMotion, RectShutter, Scene
 
 _TOLERANCE = 1e-4
 """Of the logarithm of the exposure."""
@@ -123,10 +124,8 @@ def _added_up(scene: Scene, num_frames: int) -> Scene:
 
 
 def _error(scene: Scene, motion: AbstractMotion, plan: Plan) -> float:
-    seen, still = seen_from(scene, motion)
-    kept = reduced(seen, plan)
-    response = respond(kept, still, RectShutter(), plan, kernels=False, differences=False)
-    return float(_known_speed_error(kept, still, response))
+    view = sampled_view(scene, motion, RectShutter(), plan, ONLY_SPECTRA)
+    return float(_known_speed_error(view.scene, view.motion, respond(view)))
 
 
 @compiled

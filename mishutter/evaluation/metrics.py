@@ -20,14 +20,21 @@ from mishutter.evaluation.ensembles import (
     error_weights,
     without_tolerances,
 )
-from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced, sizes
+from mishutter.evaluation.needs import (
+    EVERY_PART,
+    ONLY_SPECTRA,
+    PLANNED,
+    Automatic,
+    Plan,
+    sizes,
+)
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
+from mishutter.evaluation.sensor_view import SampledView, sampled_view
 from mishutter.model import (
     CORNER_FREQUENCY,
     AbstractMotion,
     AbstractShutter,
     Scene,
-    as_parabolic,
     frequencies,
     frequency_grid,
     has_vertex,
@@ -118,22 +125,25 @@ def evaluate(
         RuntimeError: if a motion or a scene that is traced has longer kernels or faster
             objects; under `jax.jit` JAX makes an error of its own of it.
     """
-    everything = Parts(kernels=True, spectra=True, differences=True)
     within = None
     require_scene(scene)
     if scene.tolerances is not None:
         within = squared_error_within(scene, motion, shutter, plan=plan)
         scene = without_tolerances(scene)
-    plan, scene, motion = chosen(plan, scene, motion, shutter, lambda _: everything)
-    if plan.num_kept is not None:  # and as many nodes in time as all frequencies ask for
-        num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
-        plan = replace(plan, num_kept=None, num_nodes=num_nodes)
-    kept = reduced(scene, plan)
-    recorded = records(kept, motion, shutter, plan)
-    metrics = measured(kept, as_parabolic(motion), recorded, plan)
+    view = _at_every_frequency(sampled_view(scene, motion, shutter, plan, EVERY_PART))
+    metrics = measured(view.scene, view.motion, records(view), view.plan)
     if within is None:
         return metrics
     return replace(metrics, toleranced_psnr=-10 * jnp.log10(within))
+
+
+def _at_every_frequency(view: SampledView) -> SampledView:
+    """A view whose plan keeps every frequency, and has as many nodes in time as these ask for."""
+    plan = view.plan
+    if plan.num_kept is None:
+        return view
+    num_nodes = max(plan.num_nodes, sizes(view.scene, view.motion).num_nodes)
+    return view._replace(plan=replace(plan, num_kept=None, num_nodes=num_nodes))
 
 
 def squared_error_within(
@@ -144,11 +154,8 @@ def squared_error_within(
     plan: Plan | Automatic | None = PLANNED,
 ) -> Array:
     """The `expected_squared_error` of a design within the scene's tolerances; scalar."""
-    parts = Parts(kernels=False, spectra=True, differences=False)
-    plan, scene, motion = chosen(plan, scene, motion, shutter, lambda _: parts)
-    kept = reduced(scene, plan)
-    recorded = records(kept, motion, shutter, plan, *parts)
-    return _error_of_records(kept, as_parabolic(motion), recorded, plan)
+    view = sampled_view(scene, motion, shutter, plan, ONLY_SPECTRA)
+    return _error_of_records(view.scene, view.motion, records(view), view.plan)
 
 
 @compiled
@@ -359,13 +366,12 @@ def spectral_levels(
     scene = without_tolerances(scene)
     weights = np.asarray(scene.weights)
     speeds = np.unique(np.asarray(scene.speeds)[weights > 0])
-    parts = Parts(kernels=False, spectra=True, differences=False)
-    plan, seen, moved = chosen(PLANNED, scene, motion, shutter, lambda _: parts)
-    kept = reduced(seen, plan)
-    recorded = records(kept, moved, shutter, plan, *parts)
-    lost, errors = map(np.asarray, _levels_of_records(kept, as_parabolic(moved), recorded, plan))
+    view = sampled_view(scene, motion, shutter, PLANNED, ONLY_SPECTRA)
+    plan = view.plan
+    levels = _levels_of_records(view.scene, view.motion, records(view), plan)
+    lost, errors = map(np.asarray, levels)
     relative = speeds - float(motion.velocity)
-    known = np.asarray(kept.speeds)
+    known = np.asarray(view.scene.speeds)
     relative, known = (np.abs(relative), np.abs(known)) if plan.folds else (relative, known)
     places = np.argmin(np.abs(relative[:, None] - known[None]), axis=1)
     with np.errstate(divide="ignore"):

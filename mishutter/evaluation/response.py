@@ -35,6 +35,7 @@ from mishutter.blur import (
 from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.lengths import aligned, require_sizes, size_class
 from mishutter.evaluation.needs import Plan
+from mishutter.evaluation.sensor_view import SampledView
 from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
@@ -42,11 +43,10 @@ from mishutter.model import (
     FreeMotion,
     Scene,
     Tolerances,
-    as_parabolic,
+    canonical_motion,
     has_vertex,
     in_one_form,
     piecewise,
-    settled,
     steady,
     turns,
 )
@@ -76,21 +76,6 @@ class Response(eqx.Module):
     efficiency: Array
 
 
-def respond(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    plan: Plan,
-    *,
-    kernels: bool = True,
-    spectra: bool = True,
-    differences: bool = True,
-) -> Response:
-    """Response of a design to a scene, with the parts that are asked for."""
-    parts = kernels, spectra, differences
-    return assembled(scene, records(scene, motion, shutter, plan, *parts), plan)
-
-
 class Records(NamedTuple):
     """Kernels and transfer functions of a design at some speeds, before they are combined.
 
@@ -105,39 +90,35 @@ class Records(NamedTuple):
     efficiency: Array
 
 
-def records(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    plan: Plan,
-    kernels: bool = True,
-    spectra: bool = True,
-    differences: bool = True,
-) -> Records:
+def respond(view: SampledView) -> Response:
+    """Response of a design to a scene, with the parts that its view asks for."""
+    return assembled(view.scene, records(view), view.plan)
+
+
+def records(view: SampledView) -> Records:
     """Kernels and transfer functions, each by one compiled program for all its callers.
 
-    The motion has no velocity: the scene is `seen_from` it. The shutter is sent to the scene's
-    device. Without `differences`, or where nothing in the scene moves, only the kernel at rest
-    is computed.
+    Without differences among the parts, or where nothing in the scene moves, only the kernel at
+    rest is computed.
     """
+    scene, motion, profile, plan, parts = view
+    kernels, spectra = parts.kernels, parts.spectra
     require_sizes(plan.num_taps, plan.num_frequencies, kernels=kernels, spectra=spectra)
-    dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
-    profile = piecewise(scene.light(shutter, motion))
+    dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, profile)))
     if all_concrete((profile, motion, scene.speeds)):
         profile = in_one_form(profile, dtype)
     taps = response = light = None
     if kernels:
-        moving = scene.speeds if differences and not plan.still else scene.speeds[:0]
+        moving = scene.speeds if parts.differences and not plan.still else scene.speeds[:0]
         taps, light = _known_kernels(profile, motion, _with_rest(moving), plan.num_taps)
     if spectra:
         nodes = lit_nodes(profile, plan.num_nodes, dtype, path_ends(motion))
-        grid = plan.num_frequencies, plan.num_kept
-        response = spectra_of(scene, nodes, as_parabolic(motion), *grid)
+        response = spectra_of(scene, nodes, motion, plan.num_frequencies, plan.num_kept)
         light = nodes.efficiency
     light = _only_light(profile, motion, scene.speeds) if light is None else light
     nothing = np.zeros(0, dtype)
-    parts = (nothing if part is None else part for part in (taps, response, light))
-    return Records(*(on_device(x) if isinstance(x, np.ndarray) else x for x in parts))
+    parts_or_nothing = (nothing if part is None else part for part in (taps, response, light))
+    return Records(*(on_device(x) if isinstance(x, np.ndarray) else x for x in parts_or_nothing))
 
 
 def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
@@ -201,7 +182,7 @@ def kernels_at_speeds(
     Kernels at known speeds are computed eight at a time, of shutters `in_one_form`, and cut
     from longer ones: one compiled program serves every kind and any number of speeds and taps.
     """
-    kernels = _known_kernels(shutter, motion, speeds, num_taps)[0]
+    kernels = _known_kernels(shutter, canonical_motion(motion), speeds, num_taps)[0]
     if not isinstance(kernels, np.ndarray):
         return kernels
     return on_device(kernels)
@@ -213,7 +194,6 @@ def _known_kernels(
     speeds: Array | np.ndarray,
     num_taps: int,
 ) -> tuple[Array | np.ndarray, Array]:
-    motion = as_parabolic(settled(motion))
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
     first = kernel_phase(motion, num_taps)
     if not all_concrete((shutter, motion, speeds)):

@@ -557,6 +557,15 @@ def as_parabolic(motion: AbstractMotion) -> AbstractMotion:
     return ParabolicMotion(**{name: getattr(motion, name) for name in numbers})
 
 
+def canonical_motion(motion: AbstractMotion) -> AbstractMotion:
+    """The motion as programs take it: a `ParabolicMotion`, or a `FreeMotion` that may bend.
+
+    Raises:
+        ValueError: if it is no motion.
+    """
+    return as_parabolic(settled(motion))
+
+
 def panned(motion: AbstractMotion, velocity: ArrayLike) -> AbstractMotion:
     """The motion at another velocity."""
     half = motion.half_exposure

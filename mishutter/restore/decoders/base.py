@@ -24,6 +24,7 @@ from mishutter.evaluation import (
     Plan,
     needed_speeds,
     picture_power,
+    sensor_view,
 )
 from mishutter.model import (
     NUM_FREQUENCIES,
@@ -31,7 +32,6 @@ from mishutter.model import (
     AbstractShutter,
     Optics,
     Scene,
-    seen_from,
 )
 
 
@@ -155,8 +155,7 @@ def _known_blur(
     plan: Plan | Automatic | None,
     least_taps: int,
 ) -> BlurModel:
-    scene, motion = seen_from(scene, motion)
-    shutter = scene.light(shutter, motion)
+    scene, motion, shutter, _ = sensor_view(scene, motion, shutter)
     speeds = np.asarray(scene.speeds)
     num_taps, _ = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     weights = np.asarray(scene.weights, np.float64)
