@@ -18,11 +18,9 @@ from mishutter._core import compiled, in_threads, num_threads
 from mishutter.blur import BLOCK, LitNodes, condition_number, lit_nodes
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.lengths import (
-    extents,
     longest_within_limits,
     num_frequencies,
     occurring_speeds,
-    spread_of,
 )
 from mishutter.evaluation.metrics import bound_share, differences_from, expected_squared_error
 from mishutter.evaluation.needs import Plan, folds_speeds, reduced, sized_for
@@ -39,8 +37,10 @@ from mishutter.model import (
     AbstractShutter,
     ParabolicMotion,
     Scene,
+    aligned,
     has_vertex,
     piecewise,
+    reach_of_parabola,
     steady,
 )
 
@@ -138,10 +138,12 @@ def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
     half = np.asarray(motions.half_exposure, np.float64)
     a = np.asarray(steady(motions).acceleration, np.float64)
     stroke = np.where(turns, a * half * half, 0.0)
-    reach, velocity = extents(float(scene.max_speed), stroke, half)
+    reach, velocity = reach_of_parabola(stroke, float(scene.max_speed) * half)
     held = _by_whole(np.minimum(np.maximum(reach, longest), _FURTHEST), lambda x: sized_for(x, 0.0))
     num_taps, dft_length = (_each(held, name) for name in ("num_taps", "dft_length"))
-    counts = num_frequencies(scene, spread_of(occurring_speeds(scene), stroke, half))
+    speeds = occurring_speeds(scene).reshape(-1, *(1,) * np.ndim(stroke))
+    spread = np.asarray(aligned(stroke[None], speeds * half).extent)[0]
+    counts = num_frequencies(scene, spread)
     aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
     aside = np.where(turns, 0, aside).astype(int)
     lit = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)

@@ -31,7 +31,6 @@ from mishutter.model import (
     NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
-    FreeMotion,
     ParabolicMotion,
     Scene,
     frequencies,
@@ -290,8 +289,7 @@ def is_symmetric(shutter: AbstractShutter) -> bool:
 def folds_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
     """Whether the kernels of `+s` and `-s` are known to be one on a motion without velocity."""
     at_once = scene.device is None or scene.device.follows_at_once
-    mirrors = not isinstance(motion, FreeMotion) or motion.mirrors
-    return at_once and mirrors and is_symmetric(shutter)
+    return at_once and motion.mirrors and is_symmetric(shutter)
 
 
 def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:

@@ -1,5 +1,7 @@
 """The problem of a design: motions, scenes and their files, images, shutters."""
 
+from mishutter.model.alignment import aligned as aligned
+from mishutter.model.alignment import reach_of_parabola as reach_of_parabola
 from mishutter.model.devices import AbstractDevice as AbstractDevice
 from mishutter.model.devices import FirstOrderShutter as FirstOrderShutter
 from mishutter.model.devices import IdealShutter as IdealShutter
@@ -36,7 +38,6 @@ from mishutter.model.motion import is_straight as is_straight
 from mishutter.model.motion import panned as panned
 from mishutter.model.motion import settled as settled
 from mishutter.model.motion import steady as steady
-from mishutter.model.motion import turns as turns
 from mishutter.model.motion import without_velocity as without_velocity
 from mishutter.model.optics import WIDEST_BLUR as WIDEST_BLUR
 from mishutter.model.optics import Optics as Optics
