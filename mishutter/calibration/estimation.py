@@ -15,7 +15,6 @@ from mishutter.calibration.likelihood import (
     Solution,
     likeliest_start,
     solved,
-    spline_knots,
 )
 from mishutter.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.calibration.uncertainty import WIDEST, ErrorBars, error_bars
@@ -29,6 +28,7 @@ from mishutter.model import (
     SplineShutter,
     require_scene,
     scene_text,
+    spline_knots,
 )
 
 _SPEEDS = tuple(0.1 * k for k in range(-6, 7))

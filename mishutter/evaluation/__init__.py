@@ -32,7 +32,6 @@ from mishutter.evaluation.losses import value_of as value_of
 from mishutter.evaluation.metrics import Metrics as Metrics
 from mishutter.evaluation.metrics import SpectralLevels as SpectralLevels
 from mishutter.evaluation.metrics import evaluate as evaluate
-from mishutter.evaluation.metrics import picture_power as picture_power
 from mishutter.evaluation.metrics import spectral_levels as spectral_levels
 from mishutter.evaluation.metrics import squared_error_within as squared_error_within
 from mishutter.evaluation.needs import ONLY_SPECTRA as ONLY_SPECTRA
@@ -46,11 +45,13 @@ from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds
 from mishutter.evaluation.needs import nothing_moves as nothing_moves
 from mishutter.evaluation.needs import plan_of_traced_search as plan_of_traced_search
-from mishutter.evaluation.needs import power_on_grid as power_on_grid
 from mishutter.evaluation.needs import reduced as reduced
 from mishutter.evaluation.needs import require_plan as require_plan
 from mishutter.evaluation.needs import sized_for as sized_for
 from mishutter.evaluation.needs import sizes as sizes
+from mishutter.evaluation.power import lost_share as lost_share
+from mishutter.evaluation.power import picture_power as picture_power
+from mishutter.evaluation.power import power_on_grid as power_on_grid
 from mishutter.evaluation.response import Records as Records
 from mishutter.evaluation.response import Response as Response
 from mishutter.evaluation.response import aligned_spectra as aligned_spectra

@@ -21,7 +21,13 @@ from mishutter.evaluation.metrics import known_speed_squared_error
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.sensor_view import sampled_view
-from mishutter.model import AbstractMotion, LinearMotion, RectShutter, Scene
+from mishutter.model import (
+    AbstractMotion,
+    LinearMotion,
+    RectShutter,
+    Scene,
+    filling_half_exposure,
+)
 
 _TOLERANCE = 1e-4
 """Of the logarithm of the exposure."""
@@ -60,7 +66,9 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
     shortest, longest = (
         2 * float(x) for x in (scene.limits.min_half_exposure, scene.limits.max_half_exposure)
     )
-    most = min(1 / float(scene.burst.frames_per_s), longest, _filling(scene))
+    most = min(1 / float(scene.burst.frames_per_s), longest)
+    if scene.full_well is not None:
+        most = min(most, 2 * float(filling_half_exposure(scene.full_well, scene.photon_rate)))
     best, least = None, math.inf
     for count in range(1, scene.burst.max_frames + 1):
         before_last = (count - 1) / float(scene.burst.frames_per_s)
@@ -106,12 +114,6 @@ def _pan(scene: Scene, duration: float) -> np.ndarray:
         most = min(most, float(limits.max_stroke) / duration)
     middle = sum(float(speed) for speed in scene.speed_range) / 2
     return np.asarray(np.clip(middle, -most, most), scene.speeds.dtype)
-
-
-def _filling(scene: Scene) -> float:
-    """Exposure over which white fills a pixel through an open shutter; s."""
-    rate = float(scene.photon_rate)
-    return math.inf if scene.full_well is None or rate == 0 else float(scene.full_well) / rate
 
 
 def _added_up(scene: Scene, num_frames: int) -> Scene:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import all_concrete, compiled, on_device
+from mishutter._core import compiled
 from mishutter.blur import condition_number, safe_sqrt, support
 from mishutter.evaluation.ensembles import (
     drive_variance,
@@ -28,17 +28,17 @@ from mishutter.evaluation.needs import (
     Plan,
     sizes,
 )
+from mishutter.evaluation.power import lost_share, picture_power, share
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
 from mishutter.evaluation.sensor_view import SampledView, sampled_view
 from mishutter.model import (
-    CORNER_FREQUENCY,
     AbstractMotion,
     AbstractShutter,
     Scene,
     frequencies,
     frequency_grid,
     has_vertex,
-    on_steps,
+    noise_power,
     pixel_response,
     require_scene,
 )
@@ -231,8 +231,8 @@ def expected_squared_error(
     num_kept = response.spectra.shape[1]
     num_frequencies = num_kept if num_frequencies is None else num_frequencies
     power = picture_power(scene, num_frequencies, np.dtype(response.efficiency.dtype))
-    share = _moments(scene, motion, response, power).lost
-    return (jnp.sum(power[:num_kept] * share) + jnp.sum(power[num_kept:])) / num_frequencies
+    lost = _moments(scene, motion, response, power).lost
+    return (jnp.sum(power[:num_kept] * lost) + jnp.sum(power[num_kept:])) / num_frequencies
 
 
 class _Moments(NamedTuple):
@@ -262,7 +262,7 @@ class _Moments(NamedTuple):
     @property
     def lost(self) -> Array:
         """Share of the picture's power that `expected_squared_error` counts as lost."""
-        return _share(self.signal * self.spread + self.noise, self.total)
+        return lost_share(self.signal, self.coherent, self.spread, self.noise)
 
 
 def _moments(
@@ -390,11 +390,11 @@ def _levels_of_records(
     power = picture_power(scene, plan.num_frequencies, dtype)
     seen = _moments(scene, motion, response, power)
     aperture = _aperture(scene, plan.num_frequencies, dtype)
-    share = _share(seen.signal, seen.total)
-    passed = (share * aperture).astype(seen.mean.dtype) * jnp.conj(seen.mean)
+    gain = share(seen.signal, seen.total)
+    passed = (gain * aperture).astype(seen.mean.dtype) * jnp.conj(seen.mean)
     left = 1 - passed[None] * response.spectra
     # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.
-    kept = share * seen.coherent * _share(seen.noise, seen.total)
+    kept = gain * seen.coherent * share(seen.noise, seen.total)
     errors = jnp.mean(power[None] * (left.real**2 + left.imag**2 + kept[None]), axis=1)
     return seen.lost, errors
 
@@ -426,7 +426,7 @@ def freely_aligned(
     weights = ensemble_weights(scene).astype(dtype)[:, None]
     signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
     passed = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0) * aperture
-    weight = jax.lax.stop_gradient(power * aperture * _share(signal, signal * passed + noise))
+    weight = jax.lax.stop_gradient(power * aperture * share(signal, signal * passed + noise))
     weight = weight[None]
     turns = 2 * np.pi * frequency_grid(num_frequencies, np.dtype(dtype))[None, :num_kept]
 
@@ -468,8 +468,8 @@ def known_speed_squared_error(
     dtype = response.efficiency.dtype
     power = picture_power(scene, num_frequencies, np.dtype(dtype))
     lost = _moments(scene, motion, response, power, told=True).lost
-    share = jnp.sum(scene.weights.astype(dtype)[:, None] * lost, axis=0)
-    return (jnp.sum(power[:num_kept] * share) + jnp.sum(power[num_kept:])) / num_frequencies
+    lost = jnp.sum(scene.weights.astype(dtype)[:, None] * lost, axis=0)
+    return (jnp.sum(power[:num_kept] * lost) + jnp.sum(power[num_kept:])) / num_frequencies
 
 
 def _aperture(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
@@ -490,39 +490,9 @@ def _signal_and_noise(
     read_noise = scene.read_noise.astype(dtype)
     largest = jnp.maximum(jnp.maximum(electrons, jnp.sqrt(electrons)), read_noise)
     unit = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1.0))
-    light = electrons / unit
-    noise = efficiency * scene.mean_level.astype(dtype) * light / unit
-    noise = noise + (read_noise / unit) ** 2
-    return power * light**2, noise
-
-
-def _share(part: Array, total: Array) -> Array:
-    """Share of the picture's power that is lost: `part / total`, all of it where both are 0."""
-    dark = total <= 0
-    # The derivative of a quotient squares its divisor, so the divisor is scaled to nearly 1.
-    scale = jax.lax.stop_gradient(1 / jnp.where(dark, 1.0, total))
-    return jnp.where(dark, 1.0, (part * scale) / jnp.where(dark, 1.0, total * scale))
-
-
-def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
-    r"""Power spectrum of the picture's rows on the frequency grid; shape `(m,)`.
-
-    $1/(f^2 + 0.01^2)$ where the scene brings none; no power above the cutoff of the optics.
-    It is scaled so that $2\int_0^{1/2} S\,df$, its mean over the grid, is the variance.
-    """
-    known = all_concrete((scene.power_spectrum, scene.cutoff_frequency, scene.deviation))
-    space = np if known else jnp
-    frequency = frequencies(num_frequencies).astype(dtype)
-    if scene.power_spectrum is None:
-        power = 1 / (frequency**2 + CORNER_FREQUENCY**2)
-    else:
-        power = on_steps(space.asarray(scene.power_spectrum, dtype), num_frequencies)
-    cutoff, deviation = (space.asarray(x, dtype) for x in (scene.cutoff_frequency, scene.deviation))
-    power = space.where(frequency <= cutoff, power, 0)
-    total = space.mean(power)
-    lit = total > 0
-    scaled = power / space.where(lit, total, 1.0) * deviation**2
-    return on_device(scaled) if isinstance(scaled, np.ndarray) else scaled
+    mean_level = scene.mean_level.astype(dtype)
+    noise = noise_power(efficiency, mean_level, electrons, read_noise, unit=unit)
+    return power * (electrons / unit) ** 2, noise
 
 
 def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Array:

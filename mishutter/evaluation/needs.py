@@ -26,15 +26,13 @@ from mishutter.evaluation.lengths import (
     num_frequencies,
     size_class,
 )
+from mishutter.evaluation.power import spectrum_on_grid
 from mishutter.model import (
-    CORNER_FREQUENCY,
     NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
     ParabolicMotion,
     Scene,
-    frequencies,
-    on_steps,
     seen_from,
 )
 
@@ -246,7 +244,9 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
 
     Scenes that differ only in their numbers get the same shapes, and share programs.
     """
-    power = _power_on_grid(scene, plan)
+    power = scene.power_spectrum
+    if is_concrete(power):
+        power = spectrum_on_grid(scene, plan.num_frequencies, np.dtype(scene.speeds.dtype))
     if not (plan.skips and scene.speeds_known):
         return scene.bare(power_spectrum=power)
     speeds, weights = distinct_speeds(scene, folds=plan.folds)
@@ -290,22 +290,3 @@ def folds_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter)
     """Whether the kernels of `+s` and `-s` are known to be one on a motion without velocity."""
     at_once = scene.device is None or scene.device.follows_at_once
     return at_once and motion.mirrors and is_symmetric(shutter)
-
-
-def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
-    """The scene's power spectrum at the plan's frequencies, where it is known."""
-    given = scene.power_spectrum
-    return _spectrum(scene, plan.num_frequencies) if is_concrete(given) else given
-
-
-def power_on_grid(scene: Scene, num_frequencies: int) -> np.ndarray:
-    """Power of the picture's rows at frequencies that the optics pass, in arbitrary units."""
-    passed = frequencies(num_frequencies) <= float(scene.cutoff_frequency)
-    return _spectrum(scene, num_frequencies) * passed * (float(scene.deviation) > 0)
-
-
-def _spectrum(scene: Scene, num_frequencies: int) -> np.ndarray:
-    if scene.power_spectrum is None:
-        grid = frequencies(num_frequencies)
-        return (1 / (grid**2 + CORNER_FREQUENCY**2)).astype(scene.speeds.dtype)
-    return np.asarray(on_steps(np.asarray(scene.power_spectrum), num_frequencies))

@@ -46,6 +46,8 @@ from mishutter.model.optics import frequency_grid as frequency_grid
 from mishutter.model.optics import lens_response as lens_response
 from mishutter.model.optics import on_steps as on_steps
 from mishutter.model.optics import pixel_response as pixel_response
+from mishutter.model.photons import filling_half_exposure as filling_half_exposure
+from mishutter.model.photons import noise_power as noise_power
 from mishutter.model.picture_files import PICTURE_FORMATS as PICTURE_FORMATS
 from mishutter.model.picture_files import PICTURE_SUFFIXES as PICTURE_SUFFIXES
 from mishutter.model.picture_files import Decoded as Decoded
@@ -101,6 +103,7 @@ from mishutter.model.shutters.spline import coefficient_times as coefficient_tim
 from mishutter.model.shutters.spline import fitted_boxes as fitted_boxes
 from mishutter.model.shutters.spline import fitted_coefficients as fitted_coefficients
 from mishutter.model.shutters.spline import spline_basis as spline_basis
+from mishutter.model.shutters.spline import spline_knots as spline_knots
 from mishutter.model.slots import diffused as diffused
 from mishutter.model.slots import runs_are_long_enough as runs_are_long_enough
 from mishutter.model.slots import slot_means as slot_means

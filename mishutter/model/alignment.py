@@ -43,8 +43,8 @@ class Reach(NamedTuple):
         velocity: Its greatest velocity; px per half exposure.
     """
 
-    length: np.ndarray
-    velocity: np.ndarray
+    length: Lengths
+    velocity: Lengths
 
 
 def turns(stroke: Lengths) -> Any:
@@ -82,7 +82,7 @@ def aligned(stroke: Lengths, smear: Lengths) -> Alignment:
     )
 
 
-def reach_of_parabola(stroke: np.ndarray, smear: np.ndarray) -> Reach:
+def reach_of_parabola(stroke: Lengths, smear: Lengths) -> Reach:
     """How far light travels on parabolas, of objects up to a speed.
 
     Args:

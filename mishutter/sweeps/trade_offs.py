@@ -6,8 +6,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mishutter._core import RowLike, as_float, at_once, require
-from mishutter.evaluation import distinct_speeds, num_frequencies, picture_power
-from mishutter.model import Scene, frequency_grid, pixel_response, require_scene
+from mishutter.evaluation import distinct_speeds, lost_share, num_frequencies, power_on_grid
+from mishutter.model import (
+    Scene,
+    filling_half_exposure,
+    frequencies,
+    noise_power,
+    pixel_response,
+    require_scene,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -193,8 +200,7 @@ def best_snapshots(
     low, high = float(scene.limits.min_half_exposure), float(scene.limits.max_half_exposure)
     longest = np.full((1, 1), high)
     if scene.full_well is not None:
-        with np.errstate(divide="ignore"):
-            filling = float(scene.full_well) / (2 * np.asarray(rates, np.float64)[:, None])
+        filling = filling_half_exposure(scene.full_well, rates)[:, None]
         longest = np.clip(filling, low, high)
     half = np.geomspace(np.full_like(longest, low), longest, _NUM_EXPOSURES)[:, None]
     ratio = (longest / low) ** (1 / (_NUM_EXPOSURES - 1))
@@ -299,13 +305,11 @@ def _error_of_pans(
     count: int,
 ) -> np.ndarray:
     """The same over a number of frequencies; `(n, p, r)`."""
-    dtype = np.dtype(scene.speeds.dtype)
-    frequency = np.asarray(frequency_grid(count, dtype), np.float64)
-    power = np.asarray(picture_power(scene, count, dtype), np.float64)
+    frequency, power = frequencies(count), power_on_grid(scene, count)
     speeds, weights = (np.asarray(x, np.float64) for x in (scene.speeds, scene.weights))
     travel = 2 * (speeds - velocity[..., None]) * half[..., None]
     electrons = rates * 2 * half
-    noise = float(scene.mean_level) * electrons + noises**2
+    noise = noise_power(1.0, float(scene.mean_level), electrons, noises)
     total = np.zeros(np.broadcast_shapes(electrons.shape, noise.shape))
     blur = float(scene.lens_blur)
     num_parts = -(-count * max(travel.size, total.size) // _NUM_AT_A_TIME)
@@ -315,10 +319,7 @@ def _error_of_pans(
         mean = responses @ weights
         spread = ((responses - mean[..., None]) ** 2) @ weights
         signal = level * electrons**2
-        whole = signal * (mean**2 + spread) + noise
-        left = signal * spread + noise
-        share = np.divide(left, whole, where=whole > 0, out=np.ones_like(whole))
-        total += np.sum(level * share, axis=0)
+        total += np.sum(level * lost_share(signal, mean**2, spread, noise), axis=0)
     return total / count
 
 
