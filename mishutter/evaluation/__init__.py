@@ -2,6 +2,7 @@
 
 from mishutter.evaluation.batch import KERNEL_METRICS as KERNEL_METRICS
 from mishutter.evaluation.batch import SPECTRUM_METRICS as SPECTRUM_METRICS
+from mishutter.evaluation.batch import LightLevels as LightLevels
 from mishutter.evaluation.batch import Rules as Rules
 from mishutter.evaluation.batch import Sizes as Sizes
 from mishutter.evaluation.batch import measure as measure

@@ -107,6 +107,18 @@ class Rules(NamedTuple):
     efficiency: Array
 
 
+class LightLevels(NamedTuple):
+    """Light and noise that designs are measured in, each with each.
+
+    Attributes:
+        photon_rates: Photo-electrons a second at a white pixel; e-/s, shape `(p,)`.
+        read_noises: e-; shape `(r,)`.
+    """
+
+    photon_rates: Array | np.ndarray
+    read_noises: Array | np.ndarray
+
+
 class _Need(NamedTuple):
     """Numbers that the loops need of a design; its attributes are scalars.
 
@@ -206,8 +218,9 @@ def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtyp
         return np.pad(rows, ((0, 0), (0, length - rows.shape[1])))
 
     tau, light = (np.stack([whole(rule[part]) for rule in found]) for part in (0, 1))
-    arrays = jnp.asarray(tau[:, 0]), jnp.asarray(light), jnp.asarray(blocks)
-    return Rules(*arrays, found[0].efficiency)
+    return Rules(
+        jnp.asarray(tau[:, 0]), jnp.asarray(light), jnp.asarray(blocks), found[0].efficiency
+    )
 
 
 @compiled
@@ -227,7 +240,7 @@ def measure(
     sizes: Sizes,
     *,
     metrics: Sequence[str],
-    light: tuple[np.ndarray, np.ndarray],
+    light: LightLevels,
     boxes: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Some of the `Metrics` of a shutter, or of one a design, on `n` motions; by name.
@@ -240,7 +253,7 @@ def measure(
         shapes: Sizes that hold all designs.
         sizes: Sizes that each design asks for.
         metrics: Which are wanted. Expected PSNRs have the shape `(n, p, r)`, others `(n,)`.
-        light: Photon rates, e-/s, shape `(p,)`, and read noises, e-, shape `(r,)`.
+        light: Light and noise that each design is measured in.
         boxes: Coordinates of each design's own shutter, shape `(n, k)`, where the rules are of
             `k + 1`: of a closed one and of each coordinate open; None for one shutter.
     """
@@ -257,11 +270,10 @@ def measure(
         kernels = partial(_kernel_numbers, shutter, boxes is not None, scene, shapes, of_kernels)
         found |= _by_parts(kernels, each, np.arange(count))
     if of_picture:
-        rates, noises = (jnp.asarray(x, dtype) for x in light)
+        levels = LightLevels(*(jnp.asarray(x, dtype) for x in light))
         for number in np.unique(sizes.num_frequencies):
             seen = reduced(scene, Plan(1, 1, int(number), 1))
-            given = rules, seen, (rates, noises), int(number)
-            picture = partial(_picture_numbers, *given, of_picture)
+            picture = partial(_picture_numbers, rules, seen, levels, int(number), of_picture)
             index = np.flatnonzero(sizes.num_frequencies == number)
             for name, values in _by_parts(picture, each, index).items():
                 whole = found.setdefault(name, np.zeros((count, *values.shape[1:]), dtype))
@@ -352,21 +364,26 @@ def _condition(kernel: Array, length: int) -> Array:
 def _picture_numbers(
     rules: Rules,
     scene: Scene,
-    light: tuple[Array, Array],
+    light: LightLevels,
     num_frequencies: int,
     metrics: tuple[str, ...],
     each: Any,
 ) -> dict[str, Array]:
     """Metrics of transfer functions."""
-    rates, noises = (x.ravel() for x in jnp.meshgrid(*light, indexing="ij"))
+    each_pair = jnp.meshgrid(light.photon_rates, light.read_noises, indexing="ij")
+    rates, noises = (x.ravel() for x in each_pair)
 
     def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
         motion, need, box = design
         efficiency, at = box @ rules.efficiency, need.rule
         nodes = LitNodes(rules.tau[at], box @ rules.light[at], efficiency)
-        speeds = scene.speeds, scene.weights
         spectra = aligned_spectra(
-            nodes, motion, *speeds, num_frequencies, num_blocks=rules.num_blocks[at]
+            nodes,
+            motion,
+            scene.speeds,
+            scene.weights,
+            num_frequencies,
+            num_blocks=rules.num_blocks[at],
         )
         nothing = jnp.zeros(0, box.dtype)
         response = Response(nothing, nothing, nothing, spectra, efficiency)
@@ -377,7 +394,8 @@ def _picture_numbers(
 
         found = {}
         if "expected_psnr" in metrics:
-            errors = jax.lax.map(error, (rates, noises)).reshape(light[0].size, light[1].size)
+            shape = light.photon_rates.size, light.read_noises.size
+            errors = jax.lax.map(error, (rates, noises)).reshape(shape)
             found["expected_psnr"] = -10 * jnp.log10(errors)
         if "bound_share" in metrics:
             found["bound_share"] = bound_share(scene, motion, response)

@@ -192,8 +192,8 @@ def kernel_differences(
     scene's speeds), and the same over $\sqrt{\overline{h_0^2}}$. The means are over the
     taps that the fastest object reaches. The derivative where all kernels agree is 0.
     """
-    squares = (jnp.sum(x**2) for x in (response.differences, response.still_kernel))
-    return differences_from(scene, motion, *squares)
+    difference, still = (jnp.sum(x**2) for x in (response.differences, response.still_kernel))
+    return differences_from(scene, motion, difference, still)
 
 
 def differences_from(

@@ -7,6 +7,7 @@ import itertools
 import operator
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, cast, final
@@ -185,8 +186,9 @@ class AbstractSteadyMotion(AbstractMotion):
 
     def _stroke_and_smear(self, tau: RowLike, speed: RowLike) -> tuple[Any, Any, Any]:
         """Times, the stroke, and travel in half the exposure, as arrays of one kind."""
-        numbers = tau, speed, self.velocity, self.acceleration, self.half_exposure
-        tau, s, v, a, T = _together(*numbers)
+        tau, s, v, a, T = _together(
+            tau, speed, self.velocity, self.acceleration, self.half_exposure
+        )
         return tau, (a * T) * T, (s - v) * T
 
     @property
@@ -631,10 +633,13 @@ def is_known_zero(value: Any) -> bool:
 
 def as_parabolic(motion: AbstractMotion) -> AbstractMotion:
     """The same motion as the one kind that holds all but free ones, for programs that serve all."""
-    if isinstance(motion, FreeMotion):
+    if not isinstance(motion, AbstractSteadyMotion):
         return motion
-    numbers = ("acceleration", "half_exposure", "velocity")
-    return ParabolicMotion(**{name: getattr(motion, name) for name in numbers})
+    return ParabolicMotion(
+        acceleration=motion.acceleration,
+        half_exposure=motion.half_exposure,
+        velocity=motion.velocity,
+    )
 
 
 def canonical_motion(motion: AbstractMotion) -> AbstractMotion:
@@ -648,18 +653,9 @@ def canonical_motion(motion: AbstractMotion) -> AbstractMotion:
 
 def panned(motion: AbstractMotion, velocity: ArrayLike) -> AbstractMotion:
     """The motion at another velocity."""
-    half = motion.half_exposure
-    if isinstance(motion, FreeMotion):
-        return FreeMotion(
-            accelerations=motion.accelerations,
-            half_exposure=half,
-            velocity=velocity,
-            durations=motion.durations,
-        )
     if isinstance(motion, AbstractStraightMotion):
-        return LinearMotion(half_exposure=half, velocity=velocity)
-    a = steady(motion).acceleration
-    return ParabolicMotion(acceleration=a, half_exposure=half, velocity=velocity)
+        return LinearMotion(half_exposure=motion.half_exposure, velocity=velocity)
+    return replace(motion, velocity=velocity)
 
 
 def without_velocity(motion: AbstractMotion) -> AbstractMotion:
