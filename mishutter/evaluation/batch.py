@@ -150,7 +150,8 @@ def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
     half = np.asarray(motions.half_exposure, np.float64)
     a = np.asarray(steady(motions).acceleration, np.float64)
     stroke = np.where(turns, a * half * half, 0.0)
-    reach, velocity = reach_of_parabola(stroke, float(scene.max_speed) * half)
+    smear = float(scene.max_speed) * half
+    reach, velocity = map(np.asarray, reach_of_parabola(stroke, smear))
     held = _by_whole(np.minimum(np.maximum(reach, longest), _FURTHEST), lambda x: sized_for(x, 0.0))
     num_taps, dft_length = (_each(held, name) for name in ("num_taps", "dft_length"))
     speeds = occurring_speeds(scene).reshape(-1, *(1,) * np.ndim(stroke))

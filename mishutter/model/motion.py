@@ -106,7 +106,7 @@ class AbstractMotion(eqx.Module):
 
     @property
     @abstractmethod
-    def bend(self) -> Array:
+    def bend(self) -> Array | np.ndarray:
         r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
 
     @property
@@ -197,7 +197,7 @@ class AbstractSteadyMotion(AbstractMotion):
         return True
 
     @property
-    def bend(self) -> Array:
+    def bend(self) -> Array | np.ndarray:
         """The acceleration $a$; px/s^2."""
         return self.acceleration
 
@@ -466,7 +466,7 @@ class FreeMotion(AbstractMotion):
         return np.flatnonzero([after > before for before, after in itertools.pairwise(ends)])
 
     @property
-    def bend(self) -> Array:
+    def bend(self) -> Array | np.ndarray:
         r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
         shares = (np.diff(ends) / 2).astype(self.accelerations.dtype)

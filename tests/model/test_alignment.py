@@ -51,6 +51,6 @@ def test_noise_is_that_of_equation_four_in_every_unit():
 
 def test_white_fills_a_pixel_when_its_electrons_do():
     """After $2T$ at half the transmittance half the electrons are there; without light, never."""
-    half = filling_half_exposure(900.0, [2e4, 0.0], 0.5)
+    half = filling_half_exposure(900.0, np.array([2e4, 0.0]), 0.5)
     assert half[0] * 2 * 2e4 * 0.5 == pytest.approx(900.0, rel=1e-14)
     assert np.isinf(half[1])
