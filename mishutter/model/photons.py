@@ -39,4 +39,4 @@ def filling_half_exposure(
     """
     rate = np.asarray(photon_rate, np.float64) * np.asarray(throughput, np.float64)
     with np.errstate(divide="ignore"):
-        return np.asarray(full_well, np.float64) / (2 * rate)
+        return np.asarray(np.asarray(full_well, np.float64) / (2 * rate))
