@@ -24,10 +24,12 @@ from mishutter.evaluation.losses import AbstractLoss as AbstractLoss
 from mishutter.evaluation.losses import AbstractResponseLoss as AbstractResponseLoss
 from mishutter.evaluation.losses import DesignLoss as DesignLoss
 from mishutter.evaluation.losses import ExpectedErrorLoss as ExpectedErrorLoss
+from mishutter.evaluation.losses import FoundSpeedLoss as FoundSpeedLoss
 from mishutter.evaluation.losses import KnownSpeedLoss as KnownSpeedLoss
 from mishutter.evaluation.losses import Parts as Parts
 from mishutter.evaluation.losses import WeightedSum as WeightedSum
 from mishutter.evaluation.losses import as_loss as as_loss
+from mishutter.evaluation.losses import loss_of_decoder as loss_of_decoder
 from mishutter.evaluation.losses import one_real_number as one_real_number
 from mishutter.evaluation.losses import value_of as value_of
 from mishutter.evaluation.metrics import Metrics as Metrics

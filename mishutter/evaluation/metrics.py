@@ -34,6 +34,7 @@ from mishutter.evaluation.sensor_view import SampledView, sampled_view
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    DecoderSpeed,
     Scene,
     frequencies,
     frequency_grid,
@@ -42,6 +43,9 @@ from mishutter.model import (
     pixel_response,
     require_scene,
 )
+
+FOUND_SHARE = 0.8
+"""Share, in decibels, of what being told the speed brings that a decoder keeps which finds it."""
 
 
 @final
@@ -79,6 +83,24 @@ class Metrics(eqx.Module):
     dft_length: int = eqx.field(static=True)
     num_taps: int = eqx.field(static=True)
     toleranced_psnr: Array | None = None
+
+    @property
+    def found_speed_psnr(self) -> Array:
+        """PSNR expected of a decoder that finds the speed in the picture; dB.
+
+        A share of the way from `expected_psnr` to `known_speed_psnr` (`FoundSpeedLoss`).
+        """
+        told, untold = self.known_speed_psnr, self.expected_psnr
+        return jnp.where(told == untold, untold, untold + FOUND_SHARE * (told - untold))
+
+    def psnr_of(self, decoder_speed: DecoderSpeed) -> Array:
+        """PSNR expected of the decoder that knows so much of the speed; dB."""
+        levels = {
+            "unknown": self.expected_psnr,
+            "found": self.found_speed_psnr,
+            "told": self.known_speed_psnr,
+        }
+        return levels[decoder_speed]
 
     def __repr__(self) -> str:
         """The values of the metrics; the `repr` of a module shows types alone."""

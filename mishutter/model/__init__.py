@@ -55,6 +55,7 @@ from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY
 from mishutter.model.scene import NUM_FREQUENCIES as NUM_FREQUENCIES
 from mishutter.model.scene import NYQUIST_FREQUENCY as NYQUIST_FREQUENCY
 from mishutter.model.scene import Burst as Burst
+from mishutter.model.scene import DecoderSpeed as DecoderSpeed
 from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene import require_scene as require_scene
 from mishutter.model.scene import seen_from as seen_from

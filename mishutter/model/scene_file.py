@@ -128,6 +128,8 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
         tables["rivals"] = {"frames_per_s": frames, "max_frames": scene.burst.max_frames}
     if scene.tolerances is not None:
         tables["tolerances"] = _tolerances_table(scene.tolerances)
+    if scene.decoder_speed != "unknown":
+        tables["decoder"] = {"speed": scene.decoder_speed}
     if isinstance(scene.given_motion, ParabolicMotion):
         tables["motion"] = {
             "half_exposure_ms": float(scene.given_motion.half_exposure) * 1e3,
@@ -243,6 +245,7 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         stage=None if file.stage is None else _stage(file.stage),
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
         tolerances=_tolerances(file.tolerances),
+        decoder_speed=file.decoder.speed,
         motion=_motion(file.motion, file.limits, limits),
         **_picture(file.picture, folder, photographs),
     )

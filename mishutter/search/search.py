@@ -24,10 +24,10 @@ from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
     Automatic,
-    ExpectedErrorLoss,
     Plan,
     as_loss,
     evaluate,
+    loss_of_decoder,
     reduced,
 )
 from mishutter.hardware import Design
@@ -106,7 +106,6 @@ class Outcome(Enum):
     STALLED = "The search stopped where no step lowered the loss, short of its tolerance."
 
 
-_EXPECTED_ERROR = ExpectedErrorLoss()
 _NO_ACCELERATION = "Acceleration does not pay: at constant velocity the loss is no larger."
 _NO_PATH = "A free path does not pay: at constant acceleration the loss is no larger."
 _OF_SLOTS = "No other level of one slot, or of two near one another, lowers the loss."
@@ -124,7 +123,7 @@ def optimise(
     motion: AbstractMotion | None = None,
     shutter: AbstractShutter | None = None,
     *,
-    loss: AbstractLoss | Callable[..., Any] = _EXPECTED_ERROR,
+    loss: AbstractLoss | Callable[..., Any] | None = None,
     free: str | Iterable[str] | None = None,
     num_coefficients: int = _NUM_COEFFICIENTS,
     num_starts: int | None = None,
@@ -175,7 +174,7 @@ def optimise(
         shutter: Profile to start from, as it is sent to the scene's device, whose kind is kept;
             by default the free-form `starting_shutter` of the scene.
         loss: The loss to be minimised, or a function of scene, motion and shutter; the
-            expected error by default.
+            expected error by default, of the decoder that the scene names.
         free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
             `"acceleration"`; all that can by default, by a loss that sees light. And `"path"`,
             with the acceleration: a `FreeMotion`.
@@ -208,7 +207,7 @@ def optimise(
         require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
-    loss = as_loss(loss, "optimise(loss=...)")
+    loss = as_loss(loss_of_decoder(scene) if loss is None else loss, "optimise(loss=...)")
     search = partial(
         _optimised,
         loss=loss,

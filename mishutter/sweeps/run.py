@@ -23,9 +23,9 @@ from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
     Automatic,
-    ExpectedErrorLoss,
     Plan,
     as_loss,
+    loss_of_decoder,
 )
 from mishutter.model import AbstractShutter, Scene, TukeyShutter, baselines
 from mishutter.search import starting_shutter
@@ -81,7 +81,7 @@ def sweep(
         optimise: Whether the best profile at each point is found as well; it is the
             shutter `"optimised"`, and its B-spline `coefficients` are kept.
         loss: The loss that the profile minimises, a loss or a function of scene, motion and
-            shutter; the expected error by default.
+            shutter; the expected error by default, of the decoder that the scenes name.
         num_coefficients: Coefficients of the profile.
         max_steps: Steps of the search at each point, at most.
         seed: Of the random starts.
@@ -223,7 +223,10 @@ def _search(frames: Sequence[Frame], options: _SearchOptions) -> Search:
     require_positive_int("sweep(max_steps=...)", options.max_steps)
     require_seed("sweep(seed=...)", options.seed)
     profiles = tuple(starting_shutter(frame.seen, options.num_coefficients) for frame in frames)
-    loss = ExpectedErrorLoss() if options.loss is None else options.loss
+    loss, decoders = options.loss, {frame.scene.decoder_speed for frame in frames}
+    requirement = "name one decoder_speed, where no loss is given"
+    require(loss is not None or len(decoders) == 1, "sweep(scenes=...)", requirement, decoders)
+    loss = loss_of_decoder(frames[0].scene) if loss is None else loss
     return Search(as_loss(loss, "sweep(loss=...)"), profiles, options.max_steps, options.seed)
 
 
