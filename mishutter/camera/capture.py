@@ -14,11 +14,11 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import (
     alone_in_blas,
     as_numpy,
-    at_once,
     compiled,
     floating_light,
     is_concrete,
     namespace_of,
+    outside_trace,
     require,
     require_finite,
     require_key,
@@ -216,7 +216,7 @@ def captured_response(
     """Responses at some speeds as a capture has them, on the grid of a DFT; `(s, k)`, complex."""
     relative = np.asarray(speeds, np.float64) - float(motion.velocity)
     fastest = float(np.max(np.abs(relative), initial=0.0))
-    with at_once():
+    with outside_trace():
         speed_gain = float(motion.speed_gain)
     velocity = (speed_gain + fastest) * float(motion.half_exposure)
     still, num_nodes = without_velocity(motion), nodes_for(velocity)

@@ -9,12 +9,12 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
     as_numpy,
-    at_once,
     compiled,
+    device_constant,
     is_concrete,
     namespace_of,
     num_processors,
-    on_device,
+    outside_trace,
     require,
     require_positive_int,
 )
@@ -83,8 +83,10 @@ def _keys(key: Array) -> tuple[Array, Array]:
 
 def fixed_key() -> Array:
     """The key of noise where none is given: `jax.random.key(0)` of JAX's own generator."""
-    with at_once():
-        return jax.random.wrap_key_data(on_device(np.zeros(2, np.uint32)), impl="threefry2x32")
+    with outside_trace():
+        return jax.random.wrap_key_data(
+            device_constant(np.zeros(2, np.uint32)), impl="threefry2x32"
+        )
 
 
 def shot_electrons(key: Array, mean: Array | np.ndarray) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import compiled, in_threads, num_threads
-from mishutter.blur import BLOCK, LitNodes, condition_number, lit_nodes
+from mishutter.blur import BLOCK, ExposureQuadrature, condition_number, exposure_quadrature
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.lengths import (
     longest_within_limits,
@@ -210,7 +210,7 @@ def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtyp
         lambda *x: np.stack([np.asarray(each) for each in x]), *map(piecewise, shutters)
     )
     found = _rules(profiles, len(shutters), shapes.node_counts, dtype)
-    lit = [np.flatnonzero(np.any(np.asarray(rule.light) != 0, axis=0)) for rule in found]
+    lit = [np.flatnonzero(np.any(np.asarray(rule.weight) != 0, axis=0)) for rule in found]
     blocks = np.array([-(-(x[-1] + 1) // BLOCK) if x.size else 0 for x in lit], np.int32)
     length = max(1, int(blocks.max())) * BLOCK
 
@@ -227,8 +227,8 @@ def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtyp
 @compiled
 def _rules(
     profiles: Any, num_profiles: int, node_counts: tuple[int, ...], dtype: np.dtype
-) -> list[LitNodes]:
-    rules = [partial(lit_nodes, num_nodes=count, dtype=dtype) for count in node_counts]
+) -> list[ExposureQuadrature]:
+    rules = [partial(exposure_quadrature, num_nodes=count, dtype=dtype) for count in node_counts]
     return [jax.vmap(rule, axis_size=num_profiles)(profiles) for rule in rules]
 
 
@@ -377,7 +377,7 @@ def _picture_numbers(
     def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
         motion, need, box = design
         efficiency, at = box @ rules.efficiency, need.rule
-        nodes = LitNodes(rules.tau[at], box @ rules.light[at], efficiency)
+        nodes = ExposureQuadrature(rules.tau[at], box @ rules.light[at], efficiency)
         spectra = aligned_spectra(
             nodes,
             motion,

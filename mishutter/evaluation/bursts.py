@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import at_once, compiled, require_known
+from mishutter._core import compiled, outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import known_speed_squared_error
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
@@ -48,7 +48,7 @@ class BurstOfFrames(NamedTuple):
     scene: Scene
 
 
-@at_once()
+@outside_trace()
 def best_burst(scene: Scene) -> BurstOfFrames | None:
     """The burst of least error by a decoder that is told the speed; None without `scene.burst`.
 

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, is_concrete, require
+from mishutter._core import Unquoted, is_concrete, require
 from mishutter.model import NUM_FREQUENCIES, AbstractMotion, Scene
 
 _MAX_LENGTH = 1 << 16
@@ -148,7 +148,7 @@ def require_sizes(
     require(not kernels or num_taps <= _MAX_LENGTH, subject, requirement, num_taps)
     most = _OF_ONE_SPEED[2]
     furthest = f"spread light over at most {most_spread(most):.0f} px {where}"
-    got = Bare(f"what takes {num_frequencies} frequencies")
+    got = Unquoted(f"what takes {num_frequencies} frequencies")
     require(not spectra or num_frequencies <= most, subject, furthest, got)
 
 

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter._core import all_concrete, is_concrete, numbers_of, require
+from mishutter._core import all_concrete, is_concrete, primal_values, require
 from mishutter.blur import default_num_frequencies
 from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.lengths import (
@@ -140,7 +140,7 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     a search traces, sizes are at least those of the search's plan. The DFT of a loss follows
     from the limits alone, whatever the motion.
     """
-    scene, motion = seen_from(*numbers_of((scene, motion)))
+    scene, motion = seen_from(*primal_values((scene, motion)))
     longest = longest_within_limits(scene)
     known = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
     found = furthest(scene, motion) if known else Extent(longest, longest, longest)

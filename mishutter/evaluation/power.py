@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import all_concrete, is_concrete, namespace_of, on_device
+from mishutter._core import all_concrete, device_constant, is_concrete, namespace_of
 from mishutter.model import CORNER_FREQUENCY, Scene, frequencies, on_steps
 
 _DOUBLE = np.dtype(np.float64)
@@ -17,7 +17,7 @@ def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     """The `power_on_grid` of a scene that may be traced."""
     known = all_concrete((scene.power_spectrum, scene.cutoff_frequency, scene.deviation))
     if known:
-        return on_device(power_on_grid(scene, num_frequencies, dtype))
+        return device_constant(power_on_grid(scene, num_frequencies, dtype))
     return jnp.asarray(_power(scene, num_frequencies, dtype))
 
 

@@ -17,15 +17,15 @@ from mishutter._core import (
     all_concrete,
     common_dtype,
     compiled,
+    device_constant,
     is_concrete,
     namespace_of,
-    on_device,
 )
 from mishutter.blur import (
-    LitNodes,
+    ExposureQuadrature,
     aligned_kernel,
-    light_let_through,
-    lit_nodes,
+    exposure_quadrature,
+    mean_transmittance,
     num_runs,
     path_ends,
     sum_of_waves,
@@ -110,13 +110,15 @@ def records(view: SampledView) -> Records:
         moving = scene.speeds if parts.differences and not plan.still else scene.speeds[:0]
         taps, light = _known_kernels(profile, motion, _with_rest(moving), plan.num_taps)
     if spectra:
-        nodes = lit_nodes(profile, plan.num_nodes, dtype, path_ends(motion))
+        nodes = exposure_quadrature(profile, plan.num_nodes, dtype, path_ends(motion))
         response = spectra_of(scene, nodes, motion, plan.num_frequencies, plan.num_kept)
         light = nodes.efficiency
     light = _only_light(profile, motion, scene.speeds) if light is None else light
     nothing = np.zeros(0, dtype)
     parts_or_nothing = (nothing if part is None else part for part in (taps, response, light))
-    return Records(*(on_device(x) if isinstance(x, np.ndarray) else x for x in parts_or_nothing))
+    return Records(
+        *(device_constant(x) if isinstance(x, np.ndarray) else x for x in parts_or_nothing)
+    )
 
 
 def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
@@ -154,7 +156,7 @@ def _with_rest(speeds: Array) -> Array | np.ndarray:
 
 @eqx.filter_jit
 def _only_light(profile: AbstractPiecewiseShutter, motion: AbstractMotion, speeds: Array) -> Array:
-    return light_let_through(profile, common_dtype(*jax.tree.leaves((speeds, motion, profile))))
+    return mean_transmittance(profile, common_dtype(*jax.tree.leaves((speeds, motion, profile))))
 
 
 def kernel_phase(motion: AbstractMotion, num_taps: int) -> float | Array:
@@ -183,7 +185,7 @@ def kernels_at_speeds(
     kernels = _known_kernels(shutter, canonical_motion(motion), speeds, num_taps)[0]
     if not isinstance(kernels, np.ndarray):
         return kernels
-    return on_device(kernels)
+    return device_constant(kernels)
 
 
 def _known_kernels(
@@ -231,7 +233,7 @@ def kernels_and_light(
         rule = {"from_vertex": turns, "count": runs}
         return aligned_kernel(shutter, motion, speed, num_taps, first, **rule)
 
-    light = light_let_through(piecewise(shutter), np.dtype(speeds.dtype))
+    light = mean_transmittance(piecewise(shutter), np.dtype(speeds.dtype))
     of_each = partial(jax.lax.map, one) if in_turn else jax.vmap(one)
     return of_each(jnp.asarray(speeds)), light
 
@@ -270,8 +272,8 @@ def light_in_time(
 ) -> tuple[Array | np.ndarray, Array | np.ndarray]:
     """Normalised times and the light at them, of shape `(1, q)`; NumPy arrays where known."""
     dtype = common_dtype(*jax.tree.leaves((motion, shutter)))
-    nodes = lit_nodes(shutter, num_nodes, dtype, path_ends(motion))
-    tau, light = nodes.tau, nodes.light
+    nodes = exposure_quadrature(shutter, num_nodes, dtype, path_ends(motion))
+    tau, light = nodes.tau, nodes.weight
     if all_concrete((tau, light)):
         tau, light = np.asarray(tau, np.float64), np.asarray(light, np.float64)
     return tau[None], light[None]
@@ -279,7 +281,7 @@ def light_in_time(
 
 @compiled
 def aligned_spectra(
-    nodes: LitNodes,
+    nodes: ExposureQuadrature,
     motion: AbstractMotion,
     speeds: Array,
     weights: Array,
@@ -293,7 +295,7 @@ def aligned_spectra(
     `num_blocks` from so many first blocks of nodes, and without a derivative.
     """
     position = _positions(nodes.tau, motion, speeds, weights > 0)
-    light, num_kept = nodes.light[None], num_kept or num_frequencies
+    light, num_kept = nodes.weight[None], num_kept or num_frequencies
     if num_blocks is None:
         return sum_of_waves(position, light, num_frequencies, num_kept)
     return waves_of_blocks(position, light, num_frequencies, num_kept, num_blocks)
@@ -309,7 +311,7 @@ def _positions(tau: Array, motion: AbstractMotion, speeds: Array, occurs: Array)
 
 def spectra_of(
     scene: Scene,
-    nodes: LitNodes,
+    nodes: ExposureQuadrature,
     motion: AbstractMotion,
     num_frequencies: int,
     num_kept: int | None = None,
@@ -323,7 +325,7 @@ def spectra_of(
 
 @compiled
 def _scattered_spectra(
-    nodes: LitNodes,
+    nodes: ExposureQuadrature,
     motion: AbstractMotion,
     speeds: Array,
     weights: Array,
@@ -343,4 +345,4 @@ def _scattered_spectra(
 
     position = jax.vmap(at_error)(accelerations, scattered)
     rows = position.reshape(-1, position.shape[-1])
-    return sum_of_waves(rows, nodes.light[None], num_frequencies, num_kept or num_frequencies)
+    return sum_of_waves(rows, nodes.weight[None], num_frequencies, num_kept or num_frequencies)

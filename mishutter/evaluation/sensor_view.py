@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import all_concrete, numbers_of
+from mishutter._core import all_concrete, primal_values
 from mishutter.blur import support
 from mishutter.evaluation.lengths import most_spread, spread_of_traced
 from mishutter.evaluation.needs import (
@@ -118,7 +118,7 @@ def sampled_view(
         everything = chosen is None
         chosen = sizes(view.scene, still) if everything else automatic(view.scene, still, shutter)
     wanted = parts if isinstance(parts, Parts) else parts(chosen)
-    if not isinstance(plan, Plan) and not all_concrete(numbers_of((view.scene.speeds, still))):
+    if not isinstance(plan, Plan) and not all_concrete(primal_values((view.scene.speeds, still))):
         still = _refused_beyond(chosen, view.scene, still, wanted)
     return SampledView(reduced(view.scene, chosen), still, piecewise(view.shutter), chosen, wanted)
 

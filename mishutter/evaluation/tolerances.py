@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from mishutter._core import at_once, compiled, require_known
+from mishutter._core import compiled, outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import expected_squared_error, unaware_squared_error
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Plan
@@ -93,7 +93,7 @@ class ToleranceCosts:
         return "\n".join([*lines, self.verdict])
 
 
-@at_once()
+@outside_trace()
 def tolerance_costs(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
 ) -> ToleranceCosts:

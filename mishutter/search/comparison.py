@@ -12,10 +12,10 @@ import numpy as np
 from mishutter._core import (
     alone_in_blas,
     as_numpy,
-    at_once,
     in_threads,
     named,
     num_processors,
+    outside_trace,
     require,
     require_known,
 )
@@ -272,7 +272,7 @@ class Comparison:
 
 
 @alone_in_blas()
-@at_once()
+@outside_trace()
 def compare(
     scene: Scene,
     motion: AbstractMotion | Design,

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import common_dtype, compiled
-from mishutter.blur import LitNodes, lit_nodes, path_ends
+from mishutter.blur import ExposureQuadrature, exposure_quadrature, path_ends
 from mishutter.evaluation import (
     AbstractLoss,
     AbstractResponseLoss,
@@ -100,7 +100,7 @@ class Exposure(NamedTuple):
         motion: Motion of the sensor.
     """
 
-    nodes: LitNodes
+    nodes: ExposureQuadrature
     motion: AbstractMotion
 
 
@@ -115,7 +115,7 @@ class SpectralObjective(AbstractObjective):
     loss: AbstractResponseLoss
     scene: Scene
     space: DesignSpace
-    nodes: LitNodes | None
+    nodes: ExposureQuadrature | None
     plan: Plan = eqx.field(static=True)
 
     def __call__(self, box: Array) -> Array:
@@ -149,7 +149,7 @@ class Exposures(eqx.Module):
     """The part of the design at each point of a box that transfer functions see."""
 
     space: DesignSpace
-    nodes: LitNodes | None
+    nodes: ExposureQuadrature | None
     num_nodes: int = eqx.field(static=True)
 
     def at(self, box: Array) -> Exposure:
@@ -157,7 +157,9 @@ class Exposures(eqx.Module):
         shutter, motion = self.space.at(box)
         nodes = self.nodes
         if nodes is None:
-            nodes = lit_nodes(shutter, self.num_nodes, np.dtype(box.dtype), path_ends(motion))
+            nodes = exposure_quadrature(
+                shutter, self.num_nodes, np.dtype(box.dtype), path_ends(motion)
+            )
         return Exposure(nodes, as_parabolic(motion))
 
 
@@ -225,7 +227,7 @@ def objective_of(
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free and not space.lags:
             light = space.light(space.shutter, space.motion.half_exposure)
-            nodes = lit_nodes(light, plan.num_nodes, space.dtype, path_ends(space.motion))
+            nodes = exposure_quadrature(light, plan.num_nodes, space.dtype, path_ends(space.motion))
             space = space.without_shutter()
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)

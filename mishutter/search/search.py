@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 from mishutter._core import (
     alone_in_blas,
-    at_once,
+    outside_trace,
     require_known,
     require_positive_int,
     require_seed,
@@ -117,7 +117,7 @@ class SearchFailedError(RuntimeError):
 
 
 @alone_in_blas()
-@at_once()
+@outside_trace()
 def optimise(
     scene: Scene,
     motion: AbstractMotion | None = None,
@@ -728,7 +728,7 @@ def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
     return Outcome.STEPS_USED if steps_used else Outcome.STALLED
 
 
-@at_once()
+@outside_trace()
 def starting_shutter(scene: Scene, num_coefficients: int = _NUM_COEFFICIENTS) -> SplineShutter:
     """The free-form profile a search starts from: symmetric if the scene's speeds are.
 

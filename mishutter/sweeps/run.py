@@ -11,8 +11,8 @@ import numpy as np
 
 from mishutter._core import (
     RowLike,
-    at_once,
     named,
+    outside_trace,
     require,
     require_known,
     require_positive_int,
@@ -41,7 +41,7 @@ Progress = Callable[[int, int], None]
 _LOG = logging.getLogger("mishutter.sweep")
 
 
-@at_once()
+@outside_trace()
 def sweep(
     scenes: Scene | Sequence[Any] | Mapping[str, Any],
     *,

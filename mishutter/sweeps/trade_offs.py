@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mishutter._core import RowLike, as_float, at_once, require
+from mishutter._core import RowLike, as_float, outside_trace, require
 from mishutter.evaluation import (
     LightLevels,
     distinct_speeds,
@@ -179,7 +179,7 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
     return gain.to_dataset(name="gain").assign(places)
 
 
-@at_once()
+@outside_trace()
 def best_snapshots(
     scene: Scene, photon_rates: RowLike | None = None, read_noises: RowLike | None = None
 ) -> "xarray.Dataset":

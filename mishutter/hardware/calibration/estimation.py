@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter._core import Bare, as_float, fields_text, require, require_positive_int
+from mishutter._core import Unquoted, as_float, fields_text, require, require_positive_int
 from mishutter.hardware.calibration.likelihood import (
     Setting,
     Solution,
@@ -273,7 +273,7 @@ def fit(
     require(num_coefficients >= 4, "fit(num_coefficients=...)", "be at least 4", num_coefficients)
     stroke = float(motion.stroke)
     requirement = f"have a stroke of at least {_LEAST_STROKE:g} px"
-    require(stroke >= _LEAST_STROKE, "fit(motion=...)", requirement, Bare(f"{stroke:g} px"))
+    require(stroke >= _LEAST_STROKE, "fit(motion=...)", requirement, Unquoted(f"{stroke:g} px"))
     setting = Setting.of(data, motion, shutter, num_coefficients)
     is_unknown = any(picture.speed is None for picture in data.pictures)
     best = likeliest_start(setting, _SPEEDS if is_unknown else (0.0,))
@@ -281,7 +281,7 @@ def fit(
     best, bars = error_bars(setting, best)
     share = float(best.values[0])
     requirement = "show a camera like the one that was sent"
-    got = Bare(f"{share:.3g} times its acceleration")
+    got = Unquoted(f"{share:.3g} times its acceleration")
     require(0.5 < share < 2, "fit(measurements=...)", requirement, got)
     camera = _camera(setting, best, bars)
     if camera.doubt:

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from mishutter._core import (
-    Bare,
     Section,
+    Unquoted,
     contents,
     number_rows,
     parsed,
@@ -111,10 +111,10 @@ class TargetPicture:
         for end in (profile[:END], profile[-END:]):
             change = abs(float(np.mean(end[: END // 2]) - np.mean(end[END // 2 :])))
             requirement = f"end in {END} columns that the blur does not reach"
-            got = Bare(f"levels that change by {change:.3g} there")
+            got = Unquoted(f"levels that change by {change:.3g} there")
             require(change <= threshold, self.name, requirement, got)
         left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
-        got = Bare(f"{left:.4g} and {right:.4g}")
+        got = Unquoted(f"{left:.4g} and {right:.4g}")
         if self.target == "edge":
             requirement = "hold an edge: levels at its ends that differ by more than the noise"
             require(abs(right - left) > threshold, self.name, requirement, got)
@@ -123,7 +123,7 @@ class TargetPicture:
             require(abs(right - left) <= threshold, self.name, requirement, got)
             peak = float(profile.max()) - left
             requirement = "hold a point: light above the level of its ends"
-            require(peak > threshold, self.name, requirement, Bare(f"{peak:.3g} above"))
+            require(peak > threshold, self.name, requirement, Unquoted(f"{peak:.3g} above"))
         return profile
 
 
@@ -201,7 +201,7 @@ def _levels(path: Path) -> np.ndarray:
     content, name = contents(path), str(path)
     if not content.startswith(b"\x93NUMPY"):
         is_text = b"\0" not in content or content.startswith((b"\xff\xfe", b"\xfe\xff"))
-        got = Bare("a file that is neither")
+        got = Unquoted("a file that is neither")
         require(is_text, name, "hold the levels of a picture as CSV or .npy", got)
         lines = text_lines(content, name)
         return number_rows(lines, lines[0].count(",") + 1, name)
@@ -209,5 +209,5 @@ def _levels(path: Path) -> np.ndarray:
         levels = np.load(io.BytesIO(content), allow_pickle=False)
     except (ValueError, EOFError, OSError, SyntaxError) as error:
         raise ValueError(f"{name} must be a whole .npy file; got: {error}.") from None
-    require(levels.dtype.kind in "fiu", name, "hold real numbers", Bare(levels.dtype))
+    require(levels.dtype.kind in "fiu", name, "hold real numbers", Unquoted(levels.dtype))
     return levels

@@ -11,7 +11,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import alone_in_blas, at_once, require_known
+from mishutter._core import alone_in_blas, outside_trace, require_known
 from mishutter.camera import (
     captured_response,
     kernel_layout,
@@ -98,7 +98,7 @@ class BlurModel(eqx.Module):
 
     def responses_at(self, speeds: np.ndarray, length: int) -> np.ndarray:
         """Responses at speeds relative to the sensor, px/s, `(s,)`; `(s, length // 2 + 1)`."""
-        with at_once():
+        with outside_trace():
             found = captured_response(self.motion, self.shutter, speeds.tolist(), length)
         return np.asarray(found) * self.optics.response(length)
 
@@ -161,7 +161,7 @@ def blur_model(
         ValueError: if light would fall over more than 8,192 px.
     """
     require_known("blur_model", scene=scene, motion=motion)
-    with at_once():  # numbers also where the capture is traced
+    with outside_trace():  # numbers also where the capture is traced
         return _known_blur(scene, motion, shutter, plan, least_taps)
 
 
