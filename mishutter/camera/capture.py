@@ -46,6 +46,7 @@ from mishutter.evaluation import (
     Plan,
     pixel_responses,
     require_plan,
+    sensor_view,
     sized_for,
 )
 from mishutter.model import (
@@ -131,7 +132,7 @@ def simulate_capture(
     require_border("simulate_capture(border=...)", border)
     require_plan(plan)
     _check_noise(scene, key)
-    shutter = scene.light(shutter, motion)
+    shutter = sensor_view(scene, motion, shutter).shutter
     if isinstance(picture, Layers | Frames):
         alone = speed == 0 and displacement == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., displacement=..., border=...)"

@@ -35,17 +35,6 @@ def white_electrons(scene: Scene, motion: AbstractMotion) -> Number:
     return rate * exposure
 
 
-def noise_variance(
-    scene: Scene, motion: AbstractMotion, efficiency: ArrayLike, mean_level: ArrayLike | None = None
-) -> Number:
-    r"""$N = \eta\bar f/p + (\sigma/p)^2$ per pixel, in units of a fully open exposure."""
-    level = scene.mean_level if mean_level is None else mean_level
-    numbers = efficiency, level, scene.read_noise, white_electrons(scene, motion)
-    efficiency, level, read_noise, electrons = as_numpy(*numbers)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return (efficiency * level + read_noise**2 / electrons) / electrons
-
-
 def recorded(
     light: Array | np.ndarray,
     electrons: ArrayLike,

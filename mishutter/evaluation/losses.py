@@ -20,8 +20,9 @@ from mishutter.evaluation.metrics import (
     kernel_differences,
     known_speed_squared_error,
 )
-from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced
+from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Automatic, Parts, Plan
 from mishutter.evaluation.response import Response, respond
+from mishutter.evaluation.sensor_view import sampled_view
 from mishutter.model import AbstractMotion, AbstractShutter, Scene
 
 ALIGNMENTS = ("vertex", "free")
@@ -147,10 +148,8 @@ class AbstractResponseLoss(AbstractLoss):
         *,
         plan: Plan | Automatic | None = PLANNED,
     ) -> Array:
-        plan, scene, motion = chosen(plan, scene, motion, shutter, self.parts)
-        kept = reduced(scene, plan)
-        response = respond(kept, motion, shutter, plan, **self.parts(plan)._asdict())
-        return _of_response(self, kept, motion, response, plan)
+        view = sampled_view(scene, motion, shutter, plan, self.parts)
+        return _of_response(self, view.scene, view.motion, respond(view), view.plan)
 
 
 @compiled
@@ -258,7 +257,7 @@ class ExpectedErrorLoss(AbstractResponseLoss):
         require(known, "ExpectedErrorLoss(alignment=...)", requirement, self.alignment)
 
     def parts(self, plan: Plan) -> Parts:
-        return Parts(kernels=False, spectra=True, differences=False)
+        return ONLY_SPECTRA
 
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
@@ -279,7 +278,7 @@ class KnownSpeedLoss(AbstractResponseLoss):
     """
 
     def parts(self, plan: Plan) -> Parts:
-        return Parts(kernels=False, spectra=True, differences=False)
+        return ONLY_SPECTRA
 
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan

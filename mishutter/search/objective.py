@@ -25,6 +25,7 @@ from mishutter.evaluation import (
     Plan,
     Records,
     Response,
+    SampledView,
     assembled,
     folded,
     one_real_number,
@@ -34,6 +35,7 @@ from mishutter.evaluation import (
     require_sizes,
     size_class,
     spectra_of,
+    transmittance,
     value_of,
 )
 from mishutter.model import (
@@ -328,7 +330,8 @@ def _records_of_each(
     """Records of a closed profile, and of one with each coordinate alone at 1; one program."""
 
     def one(corner: Array) -> Records:
-        return records(scene, motion, profile.at(corner), plan, *parts_wanted)
+        passed = transmittance(scene, motion, profile.at(corner))
+        return records(SampledView(scene, motion, passed, plan, parts_wanted))
 
     dtype = common_dtype(motion.half_exposure, scene.speeds)
     corners = jnp.eye(num_coordinates + 1, num_coordinates, -1, dtype=dtype)

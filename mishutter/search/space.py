@@ -49,6 +49,7 @@ from mishutter.model import (
     as_parabolic,
     at_coordinates,
     coordinates,
+    filling_half_exposure,
     is_adjustable,
     is_known_zero,
     is_straight,
@@ -597,7 +598,7 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
     if shutter is not None:
         light = float(scene.light(shutter, scene.limits.max_half_exposure).efficiency())
     longest = 2 * rate * light * float(scene.limits.max_half_exposure)
-    return full_well / (2 * rate * light) if longest > full_well else None
+    return float(filling_half_exposure(full_well, rate, light)) if longest > full_well else None
 
 
 def _held_by_kind(motion: AbstractMotion) -> set[str]:

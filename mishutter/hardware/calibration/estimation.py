@@ -15,7 +15,6 @@ from mishutter.hardware.calibration.likelihood import (
     Solution,
     likeliest_start,
     solved,
-    spline_knots,
 )
 from mishutter.hardware.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.hardware.calibration.uncertainty import WIDEST, ErrorBars, error_bars
@@ -30,6 +29,7 @@ from mishutter.model import (
     SplineShutter,
     require_scene,
     scene_text,
+    spline_knots,
 )
 
 _SPEEDS = tuple(0.1 * k for k in range(-6, 7))

@@ -31,6 +31,7 @@ from mishutter.model import (
     AbstractShutter,
     ParabolicMotion,
     SplineShutter,
+    spline_knots,
 )
 
 _HOLD = 0.1
@@ -312,11 +313,6 @@ def _gain(picture: TargetPicture, profile: np.ndarray) -> float:
     """Strength of a target in a picture: the sum of a point, the step of an edge; levels."""
     left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
     return right - left if picture.target == "edge" else float(np.sum(profile - (left + right) / 2))
-
-
-def spline_knots(count: int) -> np.ndarray:
-    """Knots of a cubic spline of `count` coefficients on [-1, 1]; shape `(count + 4,)`."""
-    return np.concatenate([[-1.0] * 3, np.linspace(-1, 1, count - 2), [1.0] * 3])
 
 
 def _moments(coefficients: np.ndarray) -> np.ndarray:
