@@ -49,8 +49,8 @@ _OCTAVES = ((0.008, 0.018), (0.018, 0.04), (0.04, 0.09), (0.09, 0.2))
 _LEAST_POWER = 1e-14
 """Least variance of the noise: prevents a logarithm of 0 where a camera has none."""
 LITTLE = "Little in the picture tells the speed."
-_DEVIATIONS = 3
-"""Errors by which the speeds of parts of a picture must differ to be two."""
+_DENIED = 0.01
+"""Probability of the speed of all rows below which a band of them is said to have another."""
 _NUM_STEPS, _NUM_MORE_STEPS = 12, 4
 """Towards the likeliest spectrum for all speeds, and from there on for each."""
 _LOWEST = 2
@@ -327,6 +327,10 @@ class Posterior(NamedTuple):
         first = self.mode < 2 and self.speeds[0] != 0
         return self.speeds.size > 1 and (first or self.mode >= self.speeds.size - 2)
 
+    def around(self, speed: float) -> float:
+        """Probability of being nearly a speed."""
+        return float(self.weights @ (np.abs(self.speeds - speed) <= 2 * self.reach))
+
     def trusted(self, share: float) -> bool:
         """Whether so much of the probability is near the mode, and the mode at no end."""
         return bool(self.weights @ self.near >= share) and not self.at_end
@@ -466,17 +470,21 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
         return SpeedEstimate(found.speed, found.error, not doubt, speeds, flat, doubt)
     parts = parts_of(light, model, speeds, noise, known)
     whole = posterior_of([part for band in parts for part in band], speeds, reach, known)
-    weights, doubt = whole.weights, ""
+    each = [posterior_of(band, speeds, reach, known) for band in parts]
+    weights, doubt, sure = whole.weights, "", whole.trusted(known.trust)
     if whole.at_end:
         doubt = "The speed may lie beyond those of the scene."
-    elif not whole.trusted(known.trust):
+    elif not sure:
         doubt = LITTLE
-    each = [posterior_of(band, speeds, reach, known) for band in parts]
-    apart = _disagreeing([p for p in each if p.trusted(known.trust)])
-    if apart:
+    denials = [p for p in each if p.around(whole.speed) < _DENIED]
+    denials = [p for p in denials if sure or p.trusted(known.trust)]
+    if denials:
+        odd = min(denials, key=lambda p: p.around(whole.speed))
+        doubt = (
+            f"Some rows seem to move at {odd.speed:,.0f} px/s past the sensor, where all rows "
+            f"together do at {whole.speed:,.0f}."
+        )
         weights = np.mean([p.weights for p in each], axis=0)
-        first, second = sorted(round(p.speed) for p in apart)
-        doubt = f"Some rows move at {first:,} and others at {second:,} px/s past the sensor."
     return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt)
 
 
@@ -487,7 +495,9 @@ def luminance(planes: np.ndarray, model: BlurModel) -> tuple[np.ndarray, float]:
     share = np.array(LUMINANCE) if len(planes) == len(LUMINANCE) else equal
     levels = np.maximum(planes.mean(axis=(1, 2), dtype=np.float64), 0)
     noise = share**2 @ (levels / model.electrons + model.read_variance)
-    light = np.tensordot(share.astype(np.float32), planes.astype(np.float32), 1)
+    light = np.zeros(planes.shape[1:], np.float32)
+    for weight, plane in zip(share.astype(np.float32), planes, strict=True):
+        light += weight * plane.astype(np.float32)
     return light, max(float(noise), _LEAST_POWER)
 
 
@@ -509,13 +519,3 @@ def parts_of(
 
     found = list(in_threads(evidence, tiles, num_processors()))
     return [[e for i, e in found if i == index] for index in range(tiles[-1][0] + 1)]
-
-
-def _disagreeing(each: list[Posterior]) -> tuple[Posterior, Posterior] | None:
-    """The slowest and the fastest of some bands, if no error bar explains how they differ."""
-    if len(each) < 2:
-        return None
-    slow, fast = min(each, key=lambda p: p.speed), max(each, key=lambda p: p.speed)
-    gap = fast.speed - slow.speed
-    explained = _DEVIATIONS * np.hypot(slow.error, fast.error) + fast.reach
-    return (slow, fast) if gap > explained else None
