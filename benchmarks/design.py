@@ -35,13 +35,13 @@ from mishutter import (  # noqa: E402
     optimise,
 )
 from mishutter._core.parallel import alone_in_blas  # noqa: E402
-from mishutter.design.many_starts import descend  # noqa: E402
-from mishutter.design.objective import AbstractObjective, objective_of  # noqa: E402
-from mishutter.design.planning import plan as plan_of_scene  # noqa: E402
-from mishutter.design.solvers import loss_and_gradient  # noqa: E402
-from mishutter.design.space import design_space  # noqa: E402
-from mishutter.design.starts import start_boxes  # noqa: E402
 from mishutter.evaluation.needs import needed_speeds, reduced, sizes  # noqa: E402
+from mishutter.search.many_starts import descend  # noqa: E402
+from mishutter.search.objective import AbstractObjective, objective_of  # noqa: E402
+from mishutter.search.planning import plan as plan_of_scene  # noqa: E402
+from mishutter.search.solvers import loss_and_gradient  # noqa: E402
+from mishutter.search.space import design_space  # noqa: E402
+from mishutter.search.starts import start_boxes  # noqa: E402
 
 NUM_STEPS = 150
 MARKERS = "osv^<>DPX*"

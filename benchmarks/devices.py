@@ -20,7 +20,6 @@ from mishutter import (
     evaluate,
     optimise,
 )
-from mishutter.design import with_device, without_pan
 from mishutter.model import (
     AbstractDevice,
     AbstractMotion,
@@ -28,6 +27,7 @@ from mishutter.model import (
     ChippedShutter,
     steady,
 )
+from mishutter.search import with_device, without_pan
 
 BANDWIDTHS = (30, 100, 1000)
 """Hz, at which a first-order device passes half the power: 10 to 90 % takes 0.35 over it."""

@@ -11,34 +11,12 @@ if TYPE_CHECKING:
     from mishutter.blur import blur_kernel as blur_kernel
     from mishutter.blur import condition_number as condition_number
     from mishutter.blur import transfer_function as transfer_function
-    from mishutter.calibration import FittedCamera as FittedCamera
-    from mishutter.calibration import SensorLevels as SensorLevels
-    from mishutter.calibration import TargetPicture as TargetPicture
-    from mishutter.calibration import fit as fit
-    from mishutter.calibration import read_measurements as read_measurements
     from mishutter.camera import Frames as Frames
     from mishutter.camera import Layer as Layer
     from mishutter.camera import Layers as Layers
     from mishutter.camera import centred_kernel as centred_kernel
     from mishutter.camera import read_frames as read_frames
     from mishutter.camera import simulate_capture as simulate_capture
-    from mishutter.design import Comparison as Comparison
-    from mishutter.design import Design as Design
-    from mishutter.design import Drive as Drive
-    from mishutter.design import DriveTable as DriveTable
-    from mishutter.design import MeasuredProfile as MeasuredProfile
-    from mishutter.design import NonFiniteLossError as NonFiniteLossError
-    from mishutter.design import Outcome as Outcome
-    from mishutter.design import SearchFailedError as SearchFailedError
-    from mishutter.design import Trace as Trace
-    from mishutter.design import compare as compare
-    from mishutter.design import drive_table as drive_table
-    from mishutter.design import measured_profile as measured_profile
-    from mishutter.design import optimise as optimise
-    from mishutter.design import plan as plan
-    from mishutter.design import read_drive as read_drive
-    from mishutter.design import read_trace as read_trace
-    from mishutter.design import starting_shutter as starting_shutter
     from mishutter.evaluation import AbstractLoss as AbstractLoss
     from mishutter.evaluation import DesignLoss as DesignLoss
     from mishutter.evaluation import ExpectedErrorLoss as ExpectedErrorLoss
@@ -50,6 +28,20 @@ if TYPE_CHECKING:
     from mishutter.evaluation import ceiling as ceiling
     from mishutter.evaluation import evaluate as evaluate
     from mishutter.evaluation import tolerance_costs as tolerance_costs
+    from mishutter.hardware import Design as Design
+    from mishutter.hardware import Drive as Drive
+    from mishutter.hardware import DriveTable as DriveTable
+    from mishutter.hardware import FittedCamera as FittedCamera
+    from mishutter.hardware import MeasuredProfile as MeasuredProfile
+    from mishutter.hardware import SensorLevels as SensorLevels
+    from mishutter.hardware import TargetPicture as TargetPicture
+    from mishutter.hardware import Trace as Trace
+    from mishutter.hardware import drive_table as drive_table
+    from mishutter.hardware import fit as fit
+    from mishutter.hardware import measured_profile as measured_profile
+    from mishutter.hardware import read_drive as read_drive
+    from mishutter.hardware import read_measurements as read_measurements
+    from mishutter.hardware import read_trace as read_trace
     from mishutter.model import RASKAR_CODE as RASKAR_CODE
     from mishutter.model import AbstractAdjustableShutter as AbstractAdjustableShutter
     from mishutter.model import AbstractDevice as AbstractDevice
@@ -108,6 +100,14 @@ if TYPE_CHECKING:
     from mishutter.restore import restore_photograph as restore_photograph
     from mishutter.restore import richardson_lucy as richardson_lucy
     from mishutter.restore import ssim as ssim
+    from mishutter.search import Comparison as Comparison
+    from mishutter.search import NonFiniteLossError as NonFiniteLossError
+    from mishutter.search import Outcome as Outcome
+    from mishutter.search import SearchFailedError as SearchFailedError
+    from mishutter.search import compare as compare
+    from mishutter.search import optimise as optimise
+    from mishutter.search import plan as plan
+    from mishutter.search import starting_shutter as starting_shutter
     from mishutter.sweeps import best_points as best_points
     from mishutter.sweeps import best_snapshots as best_snapshots
     from mishutter.sweeps import gain_over as gain_over
@@ -133,7 +133,7 @@ else:
 
 __version__ = "0.1.0"
 
-_FOLDERS = ("model", "blur", "evaluation", "design", "camera", "restore", "sweeps", "calibration")
+_FOLDERS = ("model", "blur", "evaluation", "hardware", "search", "camera", "restore", "sweeps")
 """Where public names are from, in an order in which each folder imports those before it alone."""
 
 __all__ = [

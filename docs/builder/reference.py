@@ -41,10 +41,10 @@ _FOLDERS = {
     "model": "Scenes, shutters and motions",
     "blur": "Kernels and transfer functions",
     "evaluation": "Metrics, losses and ceilings",
-    "design": "Search and comparison",
+    "search": "Search and comparison",
     "camera": "Captures",
     "restore": "Restoration",
-    "calibration": "A camera as it was built",
+    "hardware": "Designs as files, drive tables, traces and cameras as built",
     "sweeps": "Maps",
     "report": "Pictures",
 }

@@ -69,8 +69,8 @@ from mishutter.cli.plan_command import plan, plan_of_search, plan_text
 from mishutter.cli.sweep_command import sweep
 
 if TYPE_CHECKING:
-    from mishutter.design import Design
     from mishutter.evaluation import AbstractLoss
+    from mishutter.hardware import Design
     from mishutter.model import AbstractMotion, AbstractShutter, Scene
     from mishutter.report import Report
 
@@ -90,7 +90,7 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> bool:
     if wanted:
-        from mishutter.design import package_version
+        from mishutter.hardware import package_version
 
         print_text(f"mishutter {package_version()}")
         raise typer.Exit
@@ -138,7 +138,7 @@ def optimise(
 ) -> None:
     """Design a shutter for a scene, and show it beside the windows one would have picked."""
     start_jax()
-    from mishutter.design import optimise as search
+    from mishutter.search import optimise as search
 
     scene, chosen = scene_of(scene_file), loss_of(loss)
     folder = None if out is None else writable_folder(out)
@@ -201,8 +201,9 @@ def compare(
 ) -> None:
     """Show given shutters, saved designs, drive tables or traces beside the baselines."""
     start_jax()
-    from mishutter.design import Design, taken_names
+    from mishutter.hardware import Design
     from mishutter.model import named_shutter
+    from mishutter.search import taken_names
 
     scene = scene_of(scene_file)
     windows = {name: named_shutter(name) for name in shutters or []}
@@ -245,9 +246,9 @@ def _compared(
     num_seeds: int,
     every: bool,
 ) -> "Report":
-    from mishutter.design import compare as beside_baselines
     from mishutter.model import baselines
     from mishutter.report import Report, photograph_of, photographs, shown_rows
+    from mishutter.search import compare as beside_baselines
 
     total = len({*given, *baselines()}) + 3
     with progress_bar("comparing", total) as update:

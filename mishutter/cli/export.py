@@ -13,7 +13,7 @@ from mishutter.cli.laboratory import CeilingOption, FloorOption
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
 if TYPE_CHECKING:
-    from mishutter.design import Design, DriveTable
+    from mishutter.hardware import Design, DriveTable
 
 
 class FormatName(Enum):
@@ -84,7 +84,7 @@ def export(
     if form in _BINARY and out is None and not json:
         raise ValueError(f"`--out` must be given for a file of bytes; got --format {form.value}.")
     start_jax()
-    from mishutter.design import Design, drive_bytes, drive_table
+    from mishutter.hardware import Design, drive_bytes, drive_table
 
     saved = Design.load(design)
     folder = None if out is None else writable_folder(out)
@@ -115,7 +115,7 @@ def export(
 
 
 def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
-    from mishutter.design import DRIVE_FORMATS
+    from mishutter.hardware import DRIVE_FORMATS
     from mishutter.report import plot_drive, save_figure
 
     name = f"drive{DRIVE_FORMATS[form.value]}"

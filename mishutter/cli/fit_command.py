@@ -13,8 +13,7 @@ from mishutter.cli.laboratory import AS_DESIGNED, AS_DRIVEN
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
 if TYPE_CHECKING:
-    from mishutter.calibration import FittedCamera
-    from mishutter.design import Design
+    from mishutter.hardware import Design, FittedCamera
     from mishutter.model import Scene
 
 AS_BUILT = "as built"
@@ -50,9 +49,8 @@ def fit(
 ) -> None:
     """Find a camera as it was built, with error bars, and what it is worth."""
     start_jax()
-    from mishutter.calibration import fit as fitted
-    from mishutter.calibration import read_measurements
-    from mishutter.design import Design, for_a_fit
+    from mishutter.hardware import Design, for_a_fit, read_measurements
+    from mishutter.hardware import fit as fitted
 
     saved = Design.load(design)
     found = read_measurements(measurements)
@@ -84,7 +82,8 @@ def _cameras(
     camera: "FittedCamera", saved: "Design", drive: Path | None, redesign: bool
 ) -> "dict[str, Design]":
     """Cameras on the scene behind the lens that was found, which all of them have."""
-    from mishutter.design import GIVEN, Design, optimise
+    from mishutter.hardware import GIVEN, Design
+    from mishutter.search import optimise
 
     seen = camera.seen_through_lens(saved.scene)
     found = {AS_DESIGNED: replace(saved, scene=seen, loss_name=GIVEN)}

@@ -10,7 +10,7 @@ from mishutter.cli.console import note
 from mishutter.cli.options import as_path
 
 if TYPE_CHECKING:
-    from mishutter.design import Design
+    from mishutter.hardware import Design
     from mishutter.model import AbstractMotion, Scene
 
 AS_DESIGNED = "as designed"
@@ -123,7 +123,7 @@ class Files(NamedTuple):
 
 def cameras(scene: "Scene", files: Files) -> "dict[str, Design]":
     """The camera as designed, as driven and as measured, as far as there is a file of each."""
-    from mishutter.design import GIVEN, Design
+    from mishutter.hardware import GIVEN, Design
 
     found: dict[str, Design] = {}
     motion = scene.motion
@@ -152,7 +152,7 @@ def cameras(scene: "Scene", files: Files) -> "dict[str, Design]":
 
 
 def _measured(scene: "Scene", motion: "AbstractMotion", files: Files, path: Path) -> "Design":
-    from mishutter.design import given_design, measured_profile, read_trace
+    from mishutter.hardware import given_design, measured_profile, read_trace
 
     profile = measured_profile(
         read_trace(path, column=files.column),

@@ -56,8 +56,8 @@ def plan_of_search(
     fixed: bool = False,
 ) -> "Plan":
     """The plan of what `optimise` searches first, or of one measurement where all is fixed."""
-    from mishutter.design import moved_by_default, starting_shutter
-    from mishutter.design import plan as planned
+    from mishutter.search import moved_by_default, starting_shutter
+    from mishutter.search import plan as planned
 
     motion, names, start = scene.motion, names_of(free), starting_shutter(scene, num_coefficients)
     if names is None:

@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING
 from mishutter.cli.console import print_table, print_text
 
 if TYPE_CHECKING:
-    from mishutter.design import Comparison, Design, Row
     from mishutter.evaluation import ToleranceCosts
+    from mishutter.hardware import Design
     from mishutter.report import Report
     from mishutter.restore import RestoredPhotograph
+    from mishutter.search import Comparison, Row
 
 
 def print_report(report: "Report") -> None:
     """The verdict, the comparison and the photograph's table, on standard output."""
-    from mishutter.design import OWN_BEST_MOTION, fills
+    from mishutter.search import OWN_BEST_MOTION, fills
 
     comparison = report.comparison
     print_text(comparison.verdict)

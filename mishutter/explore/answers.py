@@ -7,16 +7,6 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from mishutter.design import (
-    BEST_BURST,
-    OWN_BEST_MOTION,
-    Comparison,
-    Design,
-    Row,
-    fills,
-    optimise,
-    plan,
-)
 from mishutter.evaluation import (
     ExpectedErrorLoss,
     SpectralLevels,
@@ -26,6 +16,7 @@ from mishutter.evaluation import (
     sizes,
     spectral_levels,
 )
+from mishutter.hardware import Design
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -36,6 +27,7 @@ from mishutter.model import (
     settled,
     steady,
 )
+from mishutter.search import BEST_BURST, OWN_BEST_MOTION, Comparison, Row, fills, optimise, plan
 
 OPTIMISED = "optimised"
 _LOSS = ExpectedErrorLoss()

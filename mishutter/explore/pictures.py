@@ -14,7 +14,6 @@ import numpy as np
 
 from mishutter._core import require
 from mishutter.camera import kernel_layout
-from mishutter.design import Row
 from mishutter.model import (
     PICTURE_FORMATS,
     PICTURE_SUFFIXES,
@@ -25,6 +24,7 @@ from mishutter.model import (
     to_display,
 )
 from mishutter.restore import EnsembleDecoder, least_columns, restore_by_each
+from mishutter.search import Row
 
 MOST_BYTES = 32 << 20
 MOST_PIXELS = 30_000_000

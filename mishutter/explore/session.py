@@ -14,7 +14,6 @@ import numpy as np
 from pydantic import Field
 
 from mishutter._core import Section, in_section, parsed, require, strict_json, validated
-from mishutter.design import Comparison, Design, compare, optimise
 from mishutter.explore.answers import (
     OPTIMISED,
     can_be_pictured,
@@ -26,6 +25,7 @@ from mishutter.explore.answers import (
 )
 from mishutter.explore.fields import scene_text
 from mishutter.explore.pictures import Reader, reader, restored, uploaded
+from mishutter.hardware import Design
 from mishutter.model import (
     EXAMPLE_PICTURE,
     ChippedShutter,
@@ -37,6 +37,7 @@ from mishutter.model import (
     read_picture,
     scene_of_tables,
 )
+from mishutter.search import Comparison, compare, optimise
 
 DRAWN = "drawn"
 NUM_CHIPS = 64
@@ -365,7 +366,7 @@ def _around(tables: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 def free_name(name: str, taken: Mapping[str, Any]) -> str:
     """A name that is not that of a row, with a number behind it where it would be."""
-    from mishutter.design import taken_names
+    from mishutter.search import taken_names
 
     used = {*taken, *taken_names(), OPTIMISED, DRAWN}
     tries = (name, *(f"{name} {number}" for number in range(2, len(used) + 3)))

@@ -12,7 +12,6 @@ import numpy as np
 
 from mishutter._core import write_text
 from mishutter.blur import blur_kernel, condition_number
-from mishutter.design import optimise
 from mishutter.evaluation import ExpectedErrorLoss
 from mishutter.model import (
     RASKAR_CODE,
@@ -49,6 +48,7 @@ from mishutter.paper.figures import (
 from mishutter.paper.page import report_page, statements
 from mishutter.report import save_figure
 from mishutter.restore import RestoredPhotograph, ghost_energy
+from mishutter.search import optimise
 
 TABLE_STROKE = 45.0
 """Where the published condition numbers come out (phase 0)."""

@@ -6,17 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mishutter._core import strict_json, write_text
-from mishutter.design import (
-    BEST_BURST,
-    BEST_CODED_STILL,
-    BEST_PANNED_SNAPSHOT,
-    BEST_SNAPSHOT,
-    BEST_TUKEY,
-    OWN_BEST_MOTION,
-    Comparison,
-    Design,
-    Row,
-)
+from mishutter.hardware import Design
 from mishutter.model import Scene, scene_picture
 from mishutter.report.layered import layered_captures, layered_scene
 from mishutter.report.photographs import (
@@ -26,6 +16,16 @@ from mishutter.report.photographs import (
     shown_speeds,
 )
 from mishutter.restore import RestoredPhotograph
+from mishutter.search import (
+    BEST_BURST,
+    BEST_CODED_STILL,
+    BEST_PANNED_SNAPSHOT,
+    BEST_SNAPSHOT,
+    BEST_TUKEY,
+    OWN_BEST_MOTION,
+    Comparison,
+    Row,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

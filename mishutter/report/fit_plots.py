@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from mishutter.calibration import FittedCamera
+from mishutter.hardware import FittedCamera
 from mishutter.model import AbstractShutter
 from mishutter.report.plots import line_styles
 

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mishutter.camera import Layer, Layers, fixed_key, simulate_capture
-from mishutter.design import Row
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -18,6 +17,7 @@ from mishutter.model import (
 )
 from mishutter.report.photographs import longest_kernel
 from mishutter.restore import blur_model, deconvolve
+from mishutter.search import Row
 
 OPEN_SHUTTER = "open shutter"
 _OBJECT = "astronaut.png"

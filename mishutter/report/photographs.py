@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mishutter.camera import kernel_layout
-from mishutter.design import Row
 from mishutter.model import AbstractMotion, Picture, Scene, scene_picture
 from mishutter.restore import (
     AbstractDecoder,
@@ -17,6 +16,7 @@ from mishutter.restore import (
     least_columns,
     restore_by_each,
 )
+from mishutter.search import Row
 
 Update = Callable[[str], None]
 

@@ -19,13 +19,13 @@ from matplotlib.patches import Rectangle
 
 from mishutter._core import require, write_bytes
 from mishutter.blur import support
-from mishutter.design import DriveTable
 from mishutter.evaluation import (
     kernel_phase,
     kernels_at_speeds,
     picture_power,
     spectral_levels,
 )
+from mishutter.hardware import DriveTable
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,

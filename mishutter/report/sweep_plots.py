@@ -18,7 +18,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from mishutter._core import require, require_positive_int
-from mishutter.design import shutter_from_dict
+from mishutter.hardware import shutter_from_dict
 from mishutter.model import Scene, SplineShutter
 from mishutter.report.plots import Drawing, line_styles, save_figure, shown_name
 from mishutter.sweeps import OBJECTIVES, OPTIMISED, gain_over_snapshot, pareto_front

@@ -12,9 +12,10 @@ import jax
 import numpy as np
 
 from mishutter._core import common_dtype, describe, require, shape_of
-from mishutter.design import package_version, scene_to_dict, shutter_to_dict, without_pan
 from mishutter.evaluation import AbstractLoss
+from mishutter.hardware import package_version, scene_to_dict, shutter_to_dict
 from mishutter.model import AbstractShutter, LinearMotion, Scene, SplineShutter, seen_from
+from mishutter.search import without_pan
 
 METRICS = {
     "condition_number": ("condition number of a still object's kernel", "1"),

@@ -19,7 +19,6 @@ from mishutter._core import (
     require_seed,
 )
 from mishutter.camera import skips
-from mishutter.design import starting_shutter
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
@@ -29,6 +28,7 @@ from mishutter.evaluation import (
     as_loss,
 )
 from mishutter.model import AbstractShutter, Scene, TukeyShutter, baselines
+from mishutter.search import starting_shutter
 from mishutter.sweeps.blocks import Engine
 from mishutter.sweeps.cluster import compute_remotely, connection
 from mishutter.sweeps.grid import METRICS, OPTIMISED, Frame, Grid, Search, checked_axis

@@ -5,9 +5,9 @@ from typing import NamedTuple, cast
 import jax
 import numpy as np
 
-from mishutter.design import optimise
 from mishutter.evaluation import automatic
 from mishutter.model import AbstractMotion, ParabolicMotion, Scene, SplineShutter, steady
+from mishutter.search import optimise
 from mishutter.sweeps.grid import Search
 
 

@@ -33,7 +33,7 @@ from support.command_line import (
 
 from mishutter import cli, example_scene, read_scene
 from mishutter.cli.console import working
-from mishutter.design.result import Design
+from mishutter.hardware.design import Design
 from mishutter.model.images import write_picture
 
 
@@ -186,7 +186,7 @@ def test_the_output_folder_is_tried_before_the_search(tmp_path, capsys, monkeypa
     """A folder that takes no files is refused before anything is computed."""
     place = tmp_path / "file"
     place.write_text("in the way")
-    monkeypatch.setattr("mishutter.design.plan", None)
+    monkeypatch.setattr("mishutter.search.plan", None)
     line = refused(capsys, "optimise", "--out", place)
     assert "`--out` must be a folder that takes files; got" in line
 

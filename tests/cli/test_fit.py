@@ -13,8 +13,8 @@ from support.exports import keysight, pulse
 from support.laboratory import COMMAND, expected, recorded
 
 from mishutter import Design, FittedCamera, ParabolicMotion, Scene, SplineShutter, calibration, cli
-from mishutter.calibration.estimation import Estimate
 from mishutter.cli import fit_command
+from mishutter.hardware.calibration.estimation import Estimate
 
 SPEEDS = (-1500.0, 0.0, 1700.0)
 HEAD = "[sensor]\nread_noise_e = 3\n"

@@ -25,9 +25,9 @@ from mishutter import (
     read_drive,
 )
 from mishutter.cli import app
-from mishutter.design import GIVEN, given_design
-from mishutter.design.comparison import _is_finished
+from mishutter.hardware import GIVEN, given_design
 from mishutter.model import panned, seen_from
+from mishutter.search.comparison import _is_finished
 
 LEVEL = (0.55 + 0.3 * np.sin(np.arange(11 * 90) * 0.37).reshape(11, 90)) * 255
 

@@ -25,8 +25,8 @@ from mishutter import (
     evaluate,
     plan,
 )
-from mishutter.design.objective import SpectralLoss
 from mishutter.evaluation.needs import PLANNED
+from mishutter.search.objective import SpectralLoss
 
 RELATIVE = {np.float64: 1e-11, np.float32: 2e-5}
 """Two ways to round the same speeds, carried through a loss or a metric."""
@@ -170,7 +170,7 @@ def test_velocities_in_a_batch():
 def test_the_loss_of_a_search_is_that_of_shifted_speeds():
     """Whatever part of it is computed from spectra that were written down before."""
     from mishutter.blur import lit_nodes
-    from mishutter.design.objective import Exposure
+    from mishutter.search.objective import Exposure
 
     nodes = lit_nodes(TukeyShutter(0.37), SMALL.num_nodes, np.dtype(float))
     found = [

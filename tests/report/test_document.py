@@ -22,17 +22,6 @@ from mishutter import (
     evaluate,
 )
 from mishutter.cli.tables import print_report
-from mishutter.design.comparison import (
-    BEST_BURST,
-    BEST_CODED_STILL,
-    BEST_PANNED_SNAPSHOT,
-    BEST_SNAPSHOT,
-    BEST_TUKEY,
-    OWN_BEST_MOTION,
-    SAME_MOTION,
-    Comparison,
-    Row,
-)
 from mishutter.model.images import write_picture
 from mishutter.report import Report, document, shown_rows, write_report
 from mishutter.report.document import pictured_rows
@@ -42,6 +31,17 @@ from mishutter.report.photographs import (
     photograph_of,
     photographs,
     shown_speeds,
+)
+from mishutter.search.comparison import (
+    BEST_BURST,
+    BEST_CODED_STILL,
+    BEST_PANNED_SNAPSHOT,
+    BEST_SNAPSHOT,
+    BEST_TUKEY,
+    OWN_BEST_MOTION,
+    SAME_MOTION,
+    Comparison,
+    Row,
 )
 
 DESIGNS = {

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import mishutter as ms
-from mishutter.design import Row
 from mishutter.report import plots
 from mishutter.report.layered import (
     OPEN_SHUTTER,
@@ -13,6 +12,7 @@ from mishutter.report.layered import (
     layered_captures,
     layered_scene,
 )
+from mishutter.search import Row
 
 HALF = 0.009
 MOTION = ms.ParabolicMotion(acceleration=24 / HALF**2, half_exposure=HALF)

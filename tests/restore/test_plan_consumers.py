@@ -11,10 +11,10 @@ import pytest
 from support.random_scenes import random_scene
 
 import mishutter as ms
-from mishutter.design.objective import objective_of
-from mishutter.design.planning import full_sizes, plan
-from mishutter.design.space import FREE_NAMES, design_space
 from mishutter.evaluation.needs import reduced
+from mishutter.search.objective import objective_of
+from mishutter.search.planning import full_sizes, plan
+from mishutter.search.space import FREE_NAMES, design_space
 
 LOSSES = (ms.ExpectedErrorLoss(), ms.DesignLoss())
 FREE = (("shutter",), ("acceleration", "half_exposure"), FREE_NAMES)

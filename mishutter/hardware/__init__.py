@@ -1,0 +1,27 @@
+"""What is sent to hardware and measured of it: design files, drive tables, traces, calibration."""
+
+from mishutter.hardware.calibration import FittedCamera as FittedCamera
+from mishutter.hardware.calibration import SensorLevels as SensorLevels
+from mishutter.hardware.calibration import TargetPicture as TargetPicture
+from mishutter.hardware.calibration import fit as fit
+from mishutter.hardware.calibration import read_measurements as read_measurements
+from mishutter.hardware.design import GIVEN as GIVEN
+from mishutter.hardware.design import Design as Design
+from mishutter.hardware.design import given_design as given_design
+from mishutter.hardware.design import metrics_to_dict as metrics_to_dict
+from mishutter.hardware.design import motion_to_dict as motion_to_dict
+from mishutter.hardware.design import package_version as package_version
+from mishutter.hardware.design import scene_to_dict as scene_to_dict
+from mishutter.hardware.design import shutter_from_dict as shutter_from_dict
+from mishutter.hardware.design import shutter_to_dict as shutter_to_dict
+from mishutter.hardware.drive import DriveTable as DriveTable
+from mishutter.hardware.drive import drive_table as drive_table
+from mishutter.hardware.drive_files import DRIVE_FORMATS as DRIVE_FORMATS
+from mishutter.hardware.drive_files import Drive as Drive
+from mishutter.hardware.drive_files import drive_bytes as drive_bytes
+from mishutter.hardware.drive_files import read_drive as read_drive
+from mishutter.hardware.trace_files import read_trace as read_trace
+from mishutter.hardware.traces import MeasuredProfile as MeasuredProfile
+from mishutter.hardware.traces import Trace as Trace
+from mishutter.hardware.traces import for_a_fit as for_a_fit
+from mishutter.hardware.traces import measured_profile as measured_profile

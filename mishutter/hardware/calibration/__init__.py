@@ -1,0 +1,7 @@
+"""A camera as it was built, from what it recorded."""
+
+from mishutter.hardware.calibration.estimation import FittedCamera as FittedCamera
+from mishutter.hardware.calibration.estimation import fit as fit
+from mishutter.hardware.calibration.measurements import SensorLevels as SensorLevels
+from mishutter.hardware.calibration.measurements import TargetPicture as TargetPicture
+from mishutter.hardware.calibration.measurements import read_measurements as read_measurements

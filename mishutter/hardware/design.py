@@ -1,0 +1,341 @@
+"""A finished design: kept, written to one file, and read back to the same numbers."""
+
+import json
+from dataclasses import dataclass, fields
+from functools import cached_property
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
+from mishutter.evaluation import Metrics, Plan, evaluate
+from mishutter.hardware.design_schema import (
+    FORMAT,
+    SavedDesign,
+    SavedFirstOrderShutter,
+    SavedIdealShutter,
+    SavedMotion,
+    SavedScene,
+    SavedSwitchedShutter,
+)
+from mishutter.hardware.drive_files import read_drive
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    Burst,
+    FirstOrderShutter,
+    FreeMotion,
+    IdealShutter,
+    Limits,
+    LinearMotion,
+    ParabolicMotion,
+    Scene,
+    SecondOrderStage,
+    StillCamera,
+    SwitchedShutter,
+    Tolerances,
+    command_of,
+    is_known_zero,
+    panned,
+    profile_of,
+    require_scene,
+    shutter_from_dict,
+    shutter_to_dict,
+    steady,
+)
+
+_PROFILE_POINTS = 1001
+_DEVICES = {
+    SavedFirstOrderShutter: FirstOrderShutter,
+    SavedIdealShutter: IdealShutter,
+    SavedSwitchedShutter: SwitchedShutter,
+}
+GIVEN = "none: the camera is given"
+"""The name of the loss of a design that no search has found, and none tunes."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """A shutter and a motion, how good they are, and how they were found.
+
+    Attributes:
+        shutter: The transmittance that light sees.
+        motion: The sensor's motion.
+        scene: The scene it was designed for.
+        loss: Final loss.
+        history: Smallest loss known so far: after each step of the descents, or each start of a
+            grid, and last after the polish.
+        converged: Whether the search met its tolerance.
+        outcome: How the search ended, in a sentence.
+        certificate: Projected-gradient norm in the unit box of designs; where limits of the
+            motion meet, by the slopes that lead down on either side.
+        loss_name: The loss that was made small.
+        best_start_loss: Smallest loss among the starts.
+        plan: The plan of the search; None where that is not known.
+        straight: The best design without acceleration, where the search has set one beside
+            this; it is not written to a file.
+        blind_psnr: Expected PSNR where the best design of a device that follows every command is
+            sent to the scene's; dB. None where these are the same.
+    """
+
+    shutter: AbstractShutter
+    motion: AbstractMotion
+    scene: Scene
+    loss: float
+    history: np.ndarray
+    converged: bool
+    outcome: str
+    certificate: float
+    loss_name: str
+    best_start_loss: float
+    plan: Plan | None = None
+    straight: "Design | None" = None
+    blind_psnr: float | None = None
+
+    @property
+    def command(self) -> AbstractShutter:
+        """The profile that is sent to the scene's device: the shutter itself without one."""
+        return command_of(self.shutter)
+
+    @cached_property
+    def metrics(self) -> Metrics:
+        """Its metrics on its scene, computed at the first use."""
+        return evaluate(self.scene, self.motion, self.shutter)
+
+    def __repr__(self) -> str:
+        """The camera and its loss in one line, of which nothing has to be computed."""
+        return (
+            f"Design({self.shutter!r}, {self.motion!r}, loss={shown(self.loss)}, "
+            f"converged={self.converged})"
+        )
+
+    def __str__(self) -> str:
+        """The camera, how good it is, and how it was found."""
+        m, motion = self.metrics, self.motion
+        within = "" if m.toleranced_psnr is None else f", {float(m.toleranced_psnr):.2f} within dB"
+        lines = {
+            "expected": f"{float(m.expected_psnr):.2f} dB by one linear filter{within}; "
+            f"{float(m.known_speed_psnr):.2f} dB by one that is told the speed",
+            "shutter": f"{self.shutter!r}, light {float(m.efficiency):.3f}",
+            "motion": f"{motion!r}, stroke {float(motion.stroke):.4g} px",
+            "kernel": f"condition {float(m.condition_number):.3g} at phase {float(m.phase):.3g} px "
+            f"over {m.dft_length} points, difference {float(m.kernel_difference):.3g}, "
+            f"relative {float(m.relative_kernel_difference):.3g}",
+            "loss": f"{self.loss:.6g} of {self.loss_name}; {self.best_start_loss:.6g} at the best "
+            f"start, gradient {self.certificate:.1e}",
+            "search": self.outcome,
+            "scene": repr(self.scene),
+        }
+        return "\n".join(["Design", *(f"  {name:<9} {text}" for name, text in lines.items())])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything in the design as plain numbers, lists and text."""
+        parts = {
+            "format": FORMAT,
+            "mishutter": package_version(),
+            "shutter": shutter_to_dict(self.command),
+            "motion": motion_to_dict(self.motion),
+            "metrics": metrics_to_dict(self.metrics),
+        }
+        own = {name: value for name, value in vars(self).items() if name != "straight"}
+        saved = SavedDesign.model_validate(own | parts, from_attributes=True).model_dump()
+        # Without the numbers of other kinds of motion.
+        return saved | {"motion": parts["motion"]}
+
+    def save(self, path: str | Path) -> None:
+        """Write the design to one JSON file, whole or not at all.
+
+        Raises:
+            ValueError: if the shutter is of a kind that the file format does not know.
+            OSError: if the file cannot be written.
+        """
+        write_text(path, strict_json(self.to_dict()) + "\n")
+
+    @staticmethod
+    def load(path: str | Path) -> "Design":
+        """Read a design; its metrics are evaluated anew.
+
+        Raises:
+            ValueError: if the file is not a design of this format.
+            OSError: if it cannot be read.
+        """
+        name = str(path)
+        data = parsed(json.loads, contents(path), name, "JSON")
+        is_design = isinstance(data, dict) and "format" in data
+        require(is_design, name, "be a design saved by mishutter", type(data).__name__)
+        require(data["format"] == FORMAT, name, f"be of design format {FORMAT}", data["format"])
+        file = validated(SavedDesign, data, name)
+        try:
+            return _built(file)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+
+    @staticmethod
+    def from_drive(
+        path: str | Path,
+        scene: Scene,
+        motion: AbstractMotion | None = None,
+        *,
+        half_exposure: float | None = None,
+        position_scale: float | None = None,
+        floor: float = 0.0,
+        ceiling: float = 1.0,
+        num_steps: int | None = None,
+    ) -> "Design":
+        """The design that a drive table makes of a scene's camera; nothing is searched for.
+
+        Args:
+            path: A file of any of `DRIVE_FORMATS`.
+            scene: The scene that it is measured on.
+            motion: The motion that the table was made for; the scene's by default.
+            half_exposure: As in `read_drive`.
+            position_scale: As in `read_drive`.
+            floor: As in `read_drive`.
+            ceiling: As in `read_drive`.
+            num_steps: As in `read_drive`.
+
+        Raises:
+            ValueError: as `read_drive`.
+            OSError: if the file cannot be read.
+        """
+        require_scene(scene)
+        wanted = scene.motion if motion is None else motion
+        drive = read_drive(
+            path,
+            scene.limits.of_stage(wanted),
+            half_exposure=half_exposure,
+            position_scale=position_scale,
+            floor=floor,
+            ceiling=ceiling,
+            num_steps=num_steps,
+        )
+        made = drive.motion
+        if scene.limits.pans == "camera" and not is_known_zero(wanted.velocity):
+            made = panned(made, made.velocity + wanted.velocity)
+        return given_design(scene, made, drive.shutter, f"Read from {Path(path).name}.")
+
+    def write_profile(self, path: str | Path) -> None:
+        """Write the profile as CSV with a line of units: time, normalised time, transmittance.
+
+        Raises:
+            OSError: if the file cannot be written.
+        """
+        tau = np.linspace(-1, 1, _PROFILE_POINTS)
+        dtype = self.motion.half_exposure.dtype
+        transmittance, _ = profile_of(self.shutter, tau.astype(dtype))
+        time = tau * float(self.motion.half_exposure) * 1e3
+        rows = [
+            f"{t:.9g},{x:.9g},{w:.9g}" for t, x, w in zip(time, tau, transmittance, strict=True)
+        ]
+        write_text(path, "\n".join(["time,tau,transmittance", "ms,1,1", *rows]) + "\n")
+
+
+def given_design(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    outcome: str,
+    *,
+    is_measured: bool = False,
+) -> Design:
+    """A camera that is given, as hardware or as measurements, rather than searched for.
+
+    Args:
+        scene: The scene that it is measured on.
+        motion: Its motion.
+        shutter: The profile that it is sent.
+        outcome: Where it comes from, in a sentence.
+        is_measured: Whether the profile is that of light, which has been through the device: its
+            lag is in the profile already, and its transmission and leakage are not.
+    """
+    if is_measured and scene.device is not None:
+        dtype = np.dtype(scene.speeds.dtype)
+        light = scene.device.without_lag.light(shutter, motion.half_exposure, dtype)
+    else:
+        light = scene.light(shutter, motion)
+    return Design(
+        shutter=light,
+        motion=motion,
+        scene=scene,
+        loss=np.nan,
+        history=np.zeros(0),
+        converged=False,
+        outcome=outcome,
+        certificate=np.nan,
+        loss_name=GIVEN,
+        best_start_loss=np.nan,
+    )
+
+
+def package_version() -> str:
+    """Version of the installed package."""
+    try:
+        return version("mishutter")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def metrics_to_dict(metrics: Metrics) -> dict[str, float | int]:
+    """Metrics as plain numbers."""
+    return {
+        name: value if isinstance(value, int) else float(value)
+        for name, value in vars(metrics).items()
+        if value is not None
+    }
+
+
+def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
+    """Kind and numbers of a motion."""
+    numbers = {
+        "half_exposure": float(motion.half_exposure),
+        "velocity": float(motion.velocity),
+    }
+    if isinstance(motion, FreeMotion):
+        durations = motion.durations and list(motion.durations)
+        path = {"accelerations": motion.accelerations.tolist(), "durations": durations}
+        return {"kind": "FreeMotion"} | path | numbers
+    steady_part = {"acceleration": float(steady(motion).acceleration)}
+    return {"kind": type(motion).__name__} | steady_part | numbers
+
+
+def scene_to_dict(scene: Scene) -> dict[str, Any]:
+    """Numbers of a scene."""
+    return SavedScene.model_validate(scene, from_attributes=True).model_dump()
+
+
+def _built(file: SavedDesign) -> Design:
+    motion = _motion(file.motion)
+    scene = file.scene.model_dump()
+    kinds = {
+        "limits": Limits,
+        "device": _DEVICES.get(type(file.scene.device)),
+        "burst": Burst,
+        "stage": SecondOrderStage,
+        "tolerances": Tolerances,
+    }
+    made = {name: kind(**scene[name]) for name, kind in kinds.items() if scene[name] is not None}
+    scene |= made | {"motion": motion}
+    whole = Scene(**scene)
+    parts = {
+        "shutter": whole.light(shutter_from_dict(file.shutter.model_dump()), motion),
+        "motion": motion,
+        "scene": whole,
+        "history": np.array(file.history),
+        "plan": None if file.plan is None else Plan.from_dict(file.plan.model_dump()),
+    }
+    names = [field.name for field in fields(Design) if field.name != "straight"]
+    return Design(**{name: getattr(file, name) for name in names} | parts)
+
+
+def _motion(saved: SavedMotion) -> AbstractMotion:
+    numbers = {"half_exposure": saved.half_exposure, "velocity": saved.velocity}
+    if saved.kind == "FreeMotion":
+        path = saved.model_dump(include={"accelerations", "durations"})
+        return FreeMotion(**path, **numbers)
+    if saved.kind == "ParabolicMotion":
+        return ParabolicMotion(acceleration=saved.acceleration, **numbers)  # type: ignore[arg-type]
+    if saved.kind == "LinearMotion":
+        return LinearMotion(**numbers)
+    return StillCamera(half_exposure=saved.half_exposure)

@@ -1,0 +1,258 @@
+r"""The drive table of a shutter: a level for each step of the exposure.
+
+A liquid-crystal shutter is driven in equal steps of time, at one of a finite number of
+levels between a floor above 0 and a ceiling below 1. The table lists the levels, and its
+metrics tell the loss by them.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from mishutter._core import (
+    common_dtype,
+    fields_text,
+    require,
+    require_positive_int,
+    write_bytes,
+)
+from mishutter.evaluation import Metrics, evaluate, without_tolerances
+from mishutter.hardware.design import Design, metrics_to_dict, package_version
+from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes, require_levels
+from mishutter.model import (
+    AbstractMotion,
+    ChippedShutter,
+    diffused,
+    panned,
+    piecewise,
+    slot_means,
+)
+
+_NUM_STEPS, _NUM_LEVELS = 256, 256
+"""Of a table for a device that asks for no number of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class DriveTable:
+    """Drive levels over an exposure, and the sensor's path beside them.
+
+    Attributes:
+        design: The design that is driven.
+        begin: Beginning of each step, from mid-exposure; s, shape `(n,)`.
+        wanted: Mean over each step of the profile that the design sends; shape `(n,)`.
+        level: Drive level of each step; whole numbers, shape `(n,)`.
+        transmittance: Transmittance at that level; shape `(n,)`.
+        num_levels: How many levels there are.
+    """
+
+    design: Design
+    begin: np.ndarray
+    wanted: np.ndarray
+    level: np.ndarray
+    transmittance: np.ndarray
+    num_levels: int
+
+    def __repr__(self) -> str:
+        """One line, without the numbers of each step."""
+        return fields_text(self)
+
+    @property
+    def exposure(self) -> float:
+        """Exposure that the steps share; s."""
+        return float(self.design.motion.exposure)
+
+    @property
+    def position(self) -> np.ndarray:
+        """Position of the stage at the beginning of each step, without a pan of the camera; px."""
+        return np.asarray(self._of_stage.position(self.begin))
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity of the stage there; px/s."""
+        return np.asarray(self._of_stage.velocity_at(self.begin))
+
+    @property
+    def _of_stage(self) -> AbstractMotion:
+        return self.design.scene.limits.of_stage(self.design.motion)
+
+    @property
+    def position_scale(self) -> float:
+        """Position that a value of 1 stands for in the formats of -1 to 1; px."""
+        return float(np.max(np.abs(self.position))) or 1.0
+
+    def shutter(self) -> ChippedShutter:
+        """The shutter that the levels make."""
+        return ChippedShutter(self.transmittance)
+
+    def metrics(self) -> Metrics:
+        """Metrics of the driven shutter on the design's motion and scene."""
+        return evaluate(self.design.scene, self.design.motion, self.shutter())
+
+    def blind_metrics(self) -> Metrics | None:
+        """Metrics of the design where its stage is sent the path itself, not what `stage_csv` says.
+
+        None where the scene does not say how its stage follows, or its limits no `stage_path`.
+        """
+        scene = self.design.scene
+        path = scene.limits.stage_path(self.design.motion)
+        if scene.stage is None or path is None:
+            return None
+        made = scene.stage.made_of(path)
+        if scene.limits.pans == "camera":
+            made = panned(made, made.velocity + self.design.motion.velocity)
+        return evaluate(without_tolerances(scene), made, self.design.shutter)
+
+    def to_csv(self) -> str:
+        """The table as text: a line of names, a line of units, then one a step."""
+        columns = (self.begin * 1e3, self.wanted, self.level, self.transmittance)
+        rows = zip(*columns, self.position, self.velocity, strict=True)
+        lines = [
+            "begin,wanted_transmittance,level,transmittance,sensor_position,sensor_velocity",
+            "ms,1,1,1,px,px/s",
+        ]
+        lines += [f"{t:.9g},{w:.9g},{n:d},{v:.9g},{x:.9g},{u:.9g}" for t, w, n, v, x, u in rows]
+        return "\n".join(lines) + "\n"
+
+    def stage_csv(self) -> str | None:
+        """The sensor's path from rest to rest as text, at equal steps of time.
+
+        Rows are at the steps of the table, and as many between each two as make 256 of an exposure
+        in fewer steps: a stage that is sent so few positions leaves its path. Where the scene says
+        how its stage follows, the last column is what to send to it. None where the limits have no
+        `stage_path`.
+        """
+        path = self.design.scene.limits.stage_path(self.design.motion)
+        if path is None:
+            return None
+        count = self.begin.size * -(-_NUM_STEPS // self.begin.size)
+        step = self.exposure / count
+        before, after = (
+            int(np.ceil(length / step * (1 - 1e-9)))
+            for length in (self.begin[0] - path.times[0], path.times[-1] + self.begin[0])
+        )
+        requirement = f"have a run-up and a run-out of at most {MAX_STEPS} steps"
+        require(max(before, after) <= MAX_STEPS, "design", requirement, max(before, after))
+        times = self.begin[0] + step * np.arange(-before, count + after + 1)
+        position, velocity = path.at(times)
+        index = np.arange(times.size) - before
+        begun, ended = times > path.times[0], times >= path.times[-1]
+        parts = np.select(
+            [~begun, index < 0, index < count, ~ended],
+            ["rest", "run-up", "exposure", "run-out"],
+            "rest",
+        )
+        columns = {"sensor_position,px": position, "sensor_velocity,px/s": velocity}
+        stage = self.design.scene.stage
+        if stage is not None:
+            columns["sent_position,px"] = stage.sent_for(path, times)
+        names, units = zip(*(name.split(",") for name in columns), strict=True)
+        lines = [",".join(["time", "part", *names]), ",".join(["ms", "", *units])]
+        for time, part, *numbers in zip(times * 1e3, parts, *columns.values(), strict=True):
+            lines.append(",".join([f"{time:.9g}", part, *(f"{x:.9g}" for x in numbers)]))
+        return "\n".join(lines) + "\n"
+
+    @property
+    def travel_beyond_limit(self) -> float | None:
+        """Travel of the `stage_csv` where it is more than the limits allow; px.
+
+        That may be where they let a stage run up at once. None elsewhere.
+        """
+        limits = self.design.scene.limits
+        path = limits.stage_path(self.design.motion)
+        if path is None or limits.max_travel is None:
+            return None
+        return path.travel if path.travel > float(limits.max_travel) * (1 + 1e-6) else None
+
+    def save(self, path: str | Path, *, form: str = "csv") -> None:
+        """Write the table in a format that a laboratory loads, whole or not at all.
+
+        Args:
+            path: The file.
+            form: One of `DRIVE_FORMATS`; `read_drive` says what travels with each.
+
+        Raises:
+            ValueError: if there is no such format, or pulses are asked for of more than two levels.
+            OSError: if the file cannot be written.
+        """
+        write_bytes(path, drive_bytes(self, form))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table and what is measured of it, as plain numbers."""
+        blind = self.blind_metrics()
+        of_blind = {} if blind is None else {"metrics_of_blind_stage": metrics_to_dict(blind)}
+        return {
+            "mishutter": package_version(),
+            "num_levels": self.num_levels,
+            "half_exposure_ms": float(self.design.motion.half_exposure) * 1e3,
+            "position_scale_px": self.position_scale,
+            "step_ms": self.exposure * 1e3 / self.begin.size,
+            "begin_ms": (self.begin * 1e3).tolist(),
+            "wanted_transmittance": self.wanted.tolist(),
+            "level": self.level.tolist(),
+            "transmittance": self.transmittance.tolist(),
+            "sensor_position_px": self.position.tolist(),
+            "sensor_velocity_px_per_s": self.velocity.tolist(),
+            "metrics": metrics_to_dict(self.metrics()),
+            "metrics_of_design": metrics_to_dict(self.design.metrics),
+        } | of_blind
+
+
+def drive_table(
+    design: Design,
+    *,
+    num_steps: int | None = None,
+    num_levels: int | None = None,
+    floor: float = 0.0,
+    ceiling: float = 1.0,
+    carries_error: bool = False,
+) -> DriveTable:
+    r"""Levels that come nearest to a design's profile.
+
+    Step $k$ takes the level nearest to the mean of $c\,w(\tau)$ over it, with $c$ the
+    ceiling: a profile that the hardware cannot open fully keeps its shape. Level $j$ of $n$
+    lets $\text{floor} + (\text{ceiling} - \text{floor})\,j/(n - 1)$ through. Where errors are
+    carried, the sums of levels from the first step on are nearest instead, as one-dimensional
+    error diffusion makes them: two levels then make a profile of the right light.
+
+    Args:
+        design: The design to be driven.
+        num_steps: Steps of the exposure, at most 100,000; by default the slots of the scene's
+            device, or 256.
+        num_levels: Drive levels, at least 2; by default those of the device, or 256.
+        floor: Transmittance of the lowest level.
+        ceiling: Transmittance of the highest level, above `floor` and at most 1.
+        carries_error: Whether each step makes up for what those before it lack.
+
+    Raises:
+        ValueError: if there is no design, or a count or a transmittance is out of its range.
+    """
+    require(isinstance(design, Design), "drive_table(design=...)", "be a `Design`", design)
+    device = design.scene.device
+    if num_steps is None:
+        num_steps = (device and device.num_slots) or _NUM_STEPS
+    if num_levels is None:
+        num_levels = (device and device.levels) or _NUM_LEVELS
+    require_positive_int("drive_table(num_steps=...)", num_steps)
+    few = num_steps <= MAX_STEPS
+    require(few, "drive_table(num_steps=...)", f"be at most {MAX_STEPS}", num_steps)
+    require_positive_int("drive_table(num_levels=...)", num_levels)
+    require(num_levels >= 2, "drive_table(num_levels=...)", "be at least 2", num_levels)
+    require_levels("drive_table", floor, ceiling)
+    half = float(design.motion.half_exposure)
+    dtype = common_dtype(*jax.tree.leaves((design.command, design.motion)))
+    wanted = np.asarray(slot_means(piecewise(design.command), num_steps, dtype), np.float64)
+    steps = (np.clip(ceiling * wanted, floor, ceiling) - floor) / (ceiling - floor)
+    if carries_error:
+        steps = np.asarray(diffused(steps, num_levels))
+    level = np.rint(steps * (num_levels - 1)).astype(int)
+    return DriveTable(
+        design=design,
+        begin=(np.arange(num_steps) * (2 / num_steps) - 1) * half,
+        wanted=wanted,
+        level=level,
+        transmittance=floor + (ceiling - floor) * level / (num_levels - 1),
+        num_levels=num_levels,
+    )

@@ -1,0 +1,329 @@
+"""Traces as instruments write them: a block of numbers in text, and what stands beside it.
+
+Oscilloscopes export text of many layouts, and none is known here by its maker. The block is where
+lines hold numbers in the same columns. Its headings, and the settings above it or beside it, say
+which column is the time and in which unit, or how long a step is where no column is.
+"""
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from mishutter._core import Bare, contents, require, text_of
+from mishutter.hardware.traces import Trace, require_ascending
+
+_UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3} | dict.fromkeys(
+    ("s", "sec", "second", "seconds"), 1.0
+)
+"""Units of time, case-folded, which makes one of both micro signs; s."""
+_TIMES = ("time", "t")
+"""Names of a column of times, case-folded."""
+_INTERVALS = ("sample interval", "sampling interval", "sampling period", "increment", "interval")
+_INTERVALS += ("xinc", "xincr", "tinc")
+_STARTS = ("start", "xorg", "xzero", "t0")
+_CLOCK_UNITS = ("horizontal units", "horz_units", "xunits", "xunit")
+"""Settings, case-folded, as makers name them."""
+_OVERRANGE = 9.9e37
+"""Number that stands for a signal out of range, as SCPI has it for an infinite one."""
+_NUM_SAMPLES = 9
+"""Lines by which separator and columns are found, spread over the file."""
+_NUM_BESIDE = 64
+"""Lines of the block beside which settings may stand."""
+_CLOSE = 0.01
+"""Share by which a column's mean step may be off the sample interval."""
+_HOW = "as `time (s),level` above its numbers would say"
+
+
+class _Block(NamedTuple):
+    """Lines of numbers, and what else a file holds.
+
+    Attributes:
+        header: Cells of the lines above.
+        lines: Lines of numbers.
+        columns: Columns that are numbers in each of them.
+        separator: Character between cells; None for white space.
+    """
+
+    header: list[list[str]]
+    lines: list[str]
+    columns: tuple[int, ...]
+    separator: str | None
+
+
+def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
+    """Read a trace from text, as an oscilloscope exports it: numbers in columns under a header.
+
+    Columns are separated by commas, semicolons, tabs or white space; with any but the first,
+    decimals may have commas. The header names a unit of time (s, ms, us or ns) for one column, or
+    a sample interval where there is no such column; then time counts from the first sample where
+    the header does not say when that was. Lines without numbers above and below are passed over.
+
+    Args:
+        path: A file in UTF-8, UTF-16 or Latin-1.
+        column: Name of the column of levels; by default the only one, or that named `level`.
+
+    Raises:
+        ValueError: if the file does not say what its columns are, a number is missing or out of
+            the instrument's range, or times fall.
+        OSError: if it cannot be read.
+    """
+    name = str(path)
+    block = _block(text_of(contents(path), name).splitlines(), name)
+    names, units = _headings(block)
+    factors = {c: _factor(_at(units, c), _at(names, c)) for c in block.columns}
+    clocks = [c for c, factor in factors.items() if factor is not None]
+    if clocks:
+        factor = factors[clocks[0]]
+        time = _in_seconds(_numbers(block, clocks[0], name), factor or 1.0)
+    else:
+        clocks, time = _time_by_settings(block, names, name)
+    levels = [c for c in block.columns if c not in clocks]
+    unnamed = [c for c in levels if names and not _at(names, c)]
+    requirement = "have a name above each column of numbers (decimal commas need another separator)"
+    require(not unnamed, name, requirement, Bare(block.lines[0]))
+    level = _numbers(block, _chosen(levels, names, column, name), name)
+    trace = Trace(time, level)
+    require_ascending(trace, name)
+    return trace
+
+
+def _in_seconds(numbers: np.ndarray, factor: float) -> np.ndarray:
+    # Divides by the reciprocal where that is whole: 1e-3 is not exact, 1000 is.
+    return numbers / round(1 / factor)
+
+
+def _at(cells: Sequence[str], column: int) -> str:
+    return cells[column] if column < len(cells) else ""
+
+
+# The block
+
+
+def _block(lines: list[str], name: str) -> _Block:
+    """The lines of numbers of a file, by those columns that most of its lines have."""
+    lines = [line for line in lines if line.strip()]
+    requirement = f"hold lines of numbers in columns, {_HOW}"
+    require(bool(lines), name, requirement, Bare("an empty file"))
+    places = np.unique(np.linspace(0, len(lines) - 1, _NUM_SAMPLES).astype(int))
+    sample = [lines[k] for k in places[::-1]]
+    separator = _separator(sample)
+    patterns = Counter(_numeric(_cells(line, separator)) for line in sample)
+    patterns.pop((), None)
+    require(bool(patterns), name, requirement, Bare(lines[0]))
+    columns = patterns.most_common(1)[0][0]
+
+    def holds(line: str) -> bool:
+        return set(columns) <= set(_numeric(_cells(line, separator)))
+
+    stop = next(k for k in range(len(lines), 0, -1) if holds(lines[k - 1]))
+    first = next(k for k in range(stop) if all(map(holds, lines[k : min(k + 3, stop)])))
+    header = [_heading_cells(line, separator) for line in lines[:first]]
+    ragged = next((row for row in header if len(row) > 1 and len(_numeric(row)) == len(row)), None)
+    requirement = "hold as many numbers in each line (decimal commas need another separator)"
+    require(ragged is None, name, requirement, Bare(",".join(ragged or ())))
+    return _Block(header, lines[first:stop], columns, separator)
+
+
+def _separator(sample: Sequence[str]) -> str | None:
+    """The separator with which most lines are of numbers alone."""
+    often = [s for s in "\t;," if 2 * sum(s in line for line in sample) > len(sample)]
+
+    def count(separator: str | None) -> int:
+        rows = [[c for c in _cells(line, separator) if c] for line in sample]
+        return sum(bool(row) and len(_numeric(row)) == len(row) for row in rows)
+
+    return max([*often, None], key=count)
+
+
+def _heading_cells(line: str, separator: str | None) -> list[str]:
+    """Cells of a line above the numbers, which may have separators where one column has none."""
+    if separator is None:
+        separator = next((s for s in "\t;," if s in line), None)
+    return [cell.lstrip("#% ") for cell in _cells(line, separator)]
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return re.sub(r"\s+(?=[(\[])", "", line).split()
+    try:
+        row = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    except csv.Error:  # a cell of 128 KiB or more, which is no number
+        row = [line]
+    return [cell.strip() for cell in row]
+
+
+def _numeric(cells: Sequence[str]) -> tuple[int, ...]:
+    """Places of the cells that are numbers."""
+    return tuple(k for k, cell in enumerate(cells) if _number(cell) is not None)
+
+
+def _number(cell: str) -> float | None:
+    text = cell.strip().replace("\u221e", "inf")
+    try:
+        return float(text if "." in text else text.replace(",", "."))
+    except ValueError:
+        return None
+
+
+def _numbers(block: _Block, column: int, name: str) -> np.ndarray:
+    """A column of the block; shape `(n,)`."""
+    separator = block.separator
+    has_commas = separator != "," or '"' in block.lines[0]
+    has_commas = has_commas and any("," in line for line in block.lines)
+    try:
+        numbers = np.loadtxt(
+            block.lines,
+            delimiter=separator,
+            quotechar='"',
+            usecols=column,
+            converters=(lambda cell: float(cell.replace(",", "."))) if has_commas else None,
+            ndmin=1,
+        )
+    except ValueError:
+        numbers = np.array([np.nan])
+    if not np.all(np.abs(numbers) < _OVERRANGE):
+        _refuse_row(block, column, name)
+    return numbers
+
+
+def _refuse_row(block: _Block, column: int, name: str) -> None:
+    """Name the first row of a column that is no number, or one that stands for no number."""
+    for line in block.lines:
+        number = _number(_at(_cells(line, block.separator), column))
+        requirement = "hold numbers alone from the first row of them to the last"
+        require(number is not None, name, requirement, Bare(line))
+        requirement = (
+            f"hold finite numbers below {_OVERRANGE:g}, others being an instrument's sign for a "
+            "signal out of its range"
+        )
+        require(abs(number or 0.0) < _OVERRANGE, name, requirement, Bare(line))
+
+
+# What is said of it
+
+
+def _headings(block: _Block) -> tuple[list[str], list[str]]:
+    """Cells that name the columns, and those below them that hold their units, if any do."""
+    above, below = ([], [], *block.header)[-2:]
+    is_named = any(_split(cell)[0].casefold() in _TIMES for cell in below)
+    is_unit = any(_bare(cell) in _UNITS for cell in below)
+    if not is_named and (is_unit or _numeric(below)):
+        names, units = above, below
+    else:
+        names, units = below, []
+    # A line of one cell is the last of the settings, above columns without names.
+    return (names if sum(map(bool, names)) > 1 else []), units
+
+
+_HEADING = re.compile(r"(.*?)[\s_]*(?:[(\[]([^)\]]*)[)\]]|\bin\s+(\S+)|/\s*(\S+)|_(\w+))")
+
+
+def _split(heading: str) -> tuple[str, str]:
+    """Name and unit of a heading such as `time (s)`, `Time(s)`, `in s`, `time/ms` or `time_us`."""
+    found = _HEADING.fullmatch(heading.strip())
+    if found is None:
+        return heading.strip(), ""
+    name, *units = found.groups()
+    return name, next(unit.strip() for unit in units if unit is not None)
+
+
+def _bare(unit: str) -> str:
+    return unit.strip("()[] ").casefold()
+
+
+def _factor(unit: str, heading: str) -> float | None:
+    """Seconds in the unit of a column, by the cell of units or the heading; None for another."""
+    return _UNITS.get(_bare(unit), _UNITS.get(_bare(_split(heading)[1])))
+
+
+def _chosen(levels: Sequence[int], names: Sequence[str], column: str | None, name: str) -> int:
+    """The column of levels."""
+    require(bool(levels), name, "have a column of levels beside the times", Bare("none"))
+    said = Bare(", ".join(_at(names, c) or "one without a name" for c in levels))
+    if column is None:
+        alone = levels if len(levels) == 1 else _of_name(levels, names, "level")
+        requirement = "have one column of levels, or be read with the name of one as its `column`"
+    else:
+        alone = _of_name(levels, names, column)
+        requirement = f"have one column of levels of the name {column}"
+    require(len(alone) == 1, name, requirement, said)
+    return alone[0]
+
+
+def _of_name(columns: Sequence[int], names: Sequence[str], name: str) -> list[int]:
+    wanted = name.strip().casefold()
+    texts = {c: (_at(names, c), _split(_at(names, c))[0]) for c in columns}
+    return [c for c, each in texts.items() if wanted in [text.casefold() for text in each]]
+
+
+def _time_by_settings(
+    block: _Block, names: Sequence[str], name: str
+) -> tuple[list[int], np.ndarray]:
+    """The column that no level is in, if there is one, and the times, of a block without units."""
+    settings = dict(_settings(block))
+    unit = next((settings[key] for key in _CLOCK_UNITS if key in settings), [""])
+    told = _UNITS.get(unit[0].casefold())
+    factor = 1.0 if told is None else told
+    interval = _quantity(settings, _INTERVALS, factor)
+    start = _quantity(settings, _STARTS, factor) or 0.0
+    named = [c for c in block.columns if _split(_at(names, c))[0].casefold() in _TIMES]
+    requirement = f"name s, ms, us or ns as the unit of a column of times, {_HOW}"
+    rows = [",".join(row) for row in block.header[-2:]]
+    got = Bare(" / ".join(rows) or block.lines[0])
+    column = (*named, *block.columns)[0]
+    is_told = told is not None and (bool(named) or (interval is None and len(block.columns) > 1))
+    require(is_told or interval is not None, name, requirement, got)
+    numbers = _numbers(block, column, name)
+    times = _in_seconds(numbers, factor)
+    if is_told or interval is None:
+        return [column], times
+    step = (numbers[-1] - numbers[0]) / max(numbers.size - 1, 1)
+    if len(block.columns) > 1 and abs(step * factor - interval) <= _CLOSE * interval:
+        return [column], times
+    if len(block.columns) > 1 and bool(np.all(np.diff(numbers) == 1)):
+        return [column], start + interval * numbers
+    return [], start + interval * np.arange(numbers.size)
+
+
+def _settings(block: _Block) -> Iterator[tuple[str, list[str]]]:
+    """Settings and their values: beside their names, below them, or after `=` in one cell."""
+    first = block.columns[0]
+    beside = [_cells(line, block.separator)[:first] for line in block.lines[:_NUM_BESIDE]]
+    rows = [row for row in (*block.header, *beside) if row]
+    for row in rows:
+        yield _key(row[0]), [cell for cell in row[1:] if cell]
+        for cell in row:
+            for sign in "=:":
+                key, _, value = cell.partition(sign)
+                if value:
+                    yield _key(key), [value.strip()]
+    for above, below in pairwise(block.header):
+        for key, value in zip(above, below, strict=False):
+            if _key(key) in (*_INTERVALS, *_STARTS) and _number(value) is not None:
+                yield _key(key), [value]
+
+
+def _key(text: str) -> str:
+    return text.strip(" :").casefold()
+
+
+_QUANTITY = re.compile(r"([-+]?[\d.,]+(?:e[-+]?\d+)?)\s*(\S*)", re.IGNORECASE)
+
+
+def _quantity(settings: dict[str, list[str]], keys: Sequence[str], factor: float) -> float | None:
+    """A time among the settings, in its own unit or, without one, in that of the clock; s."""
+    for key in keys:
+        first, *others = settings.get(key) or [""]
+        found = _QUANTITY.fullmatch(first.rpartition(":")[2].strip())
+        number = None if found is None else _number(found[1])
+        if found is None or number is None:
+            continue
+        units = [text.casefold() for text in (found[2], *others[:1])]
+        return number * next((_UNITS[unit] for unit in units if unit in _UNITS), factor)
+    return None

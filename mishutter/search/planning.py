@@ -1,0 +1,328 @@
+"""The plan of a scene leaves out the work that cannot change a result."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import product
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+
+from mishutter._core import compiled, require_known
+from mishutter.evaluation import (
+    AbstractLoss,
+    AbstractResponseLoss,
+    ExpectedErrorLoss,
+    Item,
+    KnownSpeedLoss,
+    Plan,
+    WeightedSum,
+    as_loss,
+    distinct_speeds,
+    extent,
+    folds_speeds,
+    larger,
+    nothing_moves,
+    power_on_grid,
+    size_class,
+    sized_for,
+    sizes,
+)
+from mishutter.model import (
+    AbstractAdjustableShutter,
+    AbstractMotion,
+    AbstractShutter,
+    Scene,
+    seen_from,
+    settled,
+)
+from mishutter.search.space import FREE_NAMES, DesignSpace, design_space
+
+
+@dataclass(frozen=True)
+class Needs:
+    """The numbers that a loss, or all metrics, are made from.
+
+    Attributes:
+        kernels: Whether a kernel is.
+        differences: Whether kernels of moving objects are.
+        spectra: Whether transfer functions are.
+        only_error: Whether these only serve the expected error, which a frequency
+            without power adds nothing to.
+        terms: Terms of the loss that were given, and that have weight.
+    """
+
+    kernels: bool = True
+    differences: bool = True
+    spectra: bool = True
+    only_error: bool = False
+    terms: tuple[int, int] = (1, 1)
+
+
+def needs_of(loss: AbstractLoss | None) -> Needs:
+    """The needs of a loss; everything where they are not known."""
+    if loss is None:
+        return Needs()
+    given = loss.needed(skips=False) if isinstance(loss, WeightedSum) else [(loss, 1.0)]
+    kept = loss.needed(skips=True) if isinstance(loss, WeightedSum) else given
+    count = len(given), len(kept)
+    terms = [term for term, _ in kept]
+    if not all(isinstance(term, AbstractResponseLoss) for term in terms):
+        return Needs(terms=count)
+    skipping = Plan(1, 1, 1, 1, skips=True)
+    parts = [term.parts(skipping) for term in terms]  # type: ignore[attr-defined]
+    errors = [
+        isinstance(t, ExpectedErrorLoss | KnownSpeedLoss)
+        for t, p in zip(terms, parts, strict=True)
+        if p[1]
+    ]
+    kernels, spectra, differences = (any(flags) for flags in zip(*parts, strict=True))
+    return Needs(kernels, differences, spectra, all(errors), count)
+
+
+def plan(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    loss: AbstractLoss | Callable[..., Any] | None = None,
+    free: str | Iterable[str] = (),
+) -> Plan:
+    """Plan the computation of a scene, with the reason for each part that is left out.
+
+    Only work that cannot change a result beyond rounding is left out.
+
+    Args:
+        scene: Speeds, light, noise, spectrum and limits; concrete.
+        motion: Motion of the sensor; where it is free, that to start from.
+        shutter: Transmittance over the exposure; where it is free, that to start from.
+        loss: The loss whose value is planned; by default all that `evaluate` measures.
+        free: Parts that a search may move: `"shutter"`, `"path"`, `"half_exposure"`,
+            `"velocity"`, `"acceleration"`.
+
+    Returns:
+        The plan. It prints as a table, and every `plan=` takes it.
+
+    Raises:
+        ValueError: if `free` names what cannot move.
+    """
+    require_known("plan", motion=motion)
+    names = (free,) if isinstance(free, str) else tuple(free)
+    motion = settled(motion)
+    if "velocity" not in names:
+        scene, motion = seen_from(scene, motion)
+    space = design_space(scene, motion, shutter, names) if names else None
+    loss = None if loss is None else as_loss(loss, "plan(loss=...)")
+    return exact_plan(scene, motion, shutter, needs_of(loss), space)
+
+
+def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) -> Plan:
+    """Everything, in sizes that hold every design of a space."""
+    if space is None:
+        return sizes(scene, motion)
+    dtype = space.dtype
+    corners = [corner.astype(dtype) for corner in _corners(space)]
+    spaces = [space]
+    if "acceleration" in space.free and "path" not in space.free:
+        spaces.append(space.without_acceleration())
+    motions = [design_at(each, corner)[1] for each in spaces for corner in corners]
+    return reduce(larger, [sizes(scene, motion) for motion in motions])
+
+
+def design_at(space: DesignSpace, box: np.ndarray) -> tuple[AbstractShutter, AbstractMotion]:
+    """The design at a point of the box."""
+    shutter, motion = _design_at(space.of_any_motion, space.widened(box))
+    if "shutter" not in space.free:
+        shutter = space.light(space.shutter, motion.half_exposure)
+    return shutter, settled(motion)
+
+
+@compiled
+def _design_at(space: DesignSpace, box: ArrayLike) -> tuple[AbstractShutter, AbstractMotion]:
+    return space.at(jnp.asarray(box))
+
+
+def _corners(space: DesignSpace) -> list[np.ndarray]:
+    """Ends of the motion's coordinates; of two speeds, the middle velocity makes one.
+
+    A path travels furthest where all of its acceleration is in one piece, or in one of each half.
+    """
+    profile = np.full(space.num_profile_coordinates, 0.5)
+    paths = np.eye(space.num_path_coordinates)
+    if paths.size and not space.path_mirrors:
+        first, last = np.split(paths, 2)
+        pairs = [one + other for one, other in product(first[[0, -1]], last[[0, -1]])]
+        paths = np.concatenate([paths, pairs])
+    shapes = [np.concatenate([profile, path]) for path in paths] or [profile]
+    ends = [(0, 0.5, 1) if name == "velocity" else (0, 1) for name in space.free_of_motion]
+    return [np.concatenate(corner) for corner in product(shapes, product(*ends))]
+
+
+def exact_plan(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    needs: Needs,
+    space: DesignSpace | None,
+) -> Plan:
+    """The plan that leaves out all work that cannot change a result."""
+    full = full_sizes(scene, motion, space)
+    pans = space is not None and "velocity" in space.free
+    one_sided = space is not None and "path" in space.free and not space.path_mirrors
+    folds = folds_speeds(scene, motion, shutter) and not (pans or one_sided)
+    still = not pans and nothing_moves(scene)
+    num_kept = _frequencies_with_power(scene, full) if needs.only_error else full.num_frequencies
+    num_taps, num_nodes = full.num_taps, full.num_nodes
+    if space is None or set(space.free) == {"shutter"}:
+        tight = _sizes_of_motion(scene, motion, num_kept / full.num_frequencies, space is None)
+        num_taps = min(num_taps, tight.num_taps)
+        num_nodes = min(num_nodes, tight.num_nodes) if needs.only_error else num_nodes
+    kept = replace(
+        full,
+        num_taps=num_taps,
+        num_nodes=num_nodes,
+        num_kept=num_kept if num_kept < full.num_frequencies else None,
+        skips=True,
+        folds=folds,
+        still=still,
+    )
+    return replace(kept, items=items_of(scene, shutter, full, kept, needs, space))
+
+
+def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: bool) -> Plan:
+    """Sizes for one motion, to one of two an octave, so that near scenes share a program.
+
+    Where a search follows, they hold every speed that the motion keeps up with, so that
+    scenes of other speeds share its program too.
+    """
+    reach, velocity, _ = extent(scene, motion)
+    longest = 0.0 if alone else 4 * float(motion.stroke)
+    tight = sized_for(max(reach, longest), share * max(velocity, longest))
+    return replace(
+        tight, num_taps=size_class(tight.num_taps), num_nodes=size_class(tight.num_nodes)
+    )
+
+
+def _frequencies_with_power(scene: Scene, full: Plan) -> int:
+    """How many of the lowest frequencies hold all power, to one of two sizes an octave."""
+    lit = np.flatnonzero(power_on_grid(scene, full.num_frequencies))
+    last = lit[-1] + 1 if lit.size else 1
+    return min(full.num_frequencies, size_class(max(16, int(last))))
+
+
+def items_of(
+    scene: Scene,
+    shutter: AbstractShutter,
+    full: Plan,
+    kept: Plan,
+    needs: Needs,
+    space: DesignSpace | None,
+) -> tuple[Item, ...]:
+    """The table of an exact plan, beside a full one."""
+    return (
+        _speeds_item(scene, kept.folds, kept.still),
+        _kernels_item(needs, kept.still),
+        _taps_item(full, kept, needs, space),
+        Item(
+            "DFT length",
+            *_pair(full.dft_length),
+            "four times the longest kernel; real taps, "
+            f"hence {full.dft_length // 2 + 1} frequencies",
+        ),
+        *_spectra_items(full, kept, needs, space),
+        *_terms_items(needs),
+        *_search_items(shutter, space),
+        _precision_item(scene),
+    )
+
+
+def _pair(count: int) -> tuple[str, str]:
+    return str(count), str(count)
+
+
+def _speeds_item(scene: Scene, folds: bool, still: bool) -> Item:
+    given, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
+    every = distinct_speeds(scene, folds=False)[0].size
+    kept = distinct_speeds(scene, folds=folds)[0].size
+    why = []
+    never = int(np.sum(weights == 0))
+    if never:
+        why.append(f"{never} never occur")
+    if given.size - never > every:
+        why.append(f"{given.size - never - every} repeated")
+    if every > kept:
+        why.append(f"{every - kept} mirrored: a symmetric shutter does the same to +s and -s")
+    if still:
+        why.append("nothing moves")
+    return Item("speeds", str(given.size), str(kept), "; ".join(why) or "each occurs once")
+
+
+def _kernels_item(needs: Needs, still: bool) -> Item:
+    if not needs.kernels:
+        return Item("kernels", "all", "none", "the loss is made from transfer functions")
+    if still:
+        return Item("kernels", "all", "at rest", "nothing moves: no invariance to measure")
+    if not needs.differences:
+        return Item("kernels", "all", "at rest", "invariance has no weight")
+    return Item("kernels", "all", "all", "invariance is measured")
+
+
+def _taps_item(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | None) -> Item:
+    if not needs.kernels:
+        return Item("taps", str(full.num_taps), "0", "no kernel is computed")
+    return Item("taps", str(full.num_taps), str(kept.num_taps), _reach(space))
+
+
+def _reach(space: DesignSpace | None) -> str:
+    if space is None:
+        return "what the fastest object reaches on this motion"
+    if set(space.free) == {"shutter"}:
+        return "what any object reaches that this motion keeps up with"
+    return "the motion is free within the limits"
+
+
+def _spectra_items(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | None) -> list[Item]:
+    if not needs.spectra:
+        return [
+            Item("frequencies", str(full.num_frequencies), "0", "no transfer function is needed"),
+            Item("nodes in time", str(full.num_nodes), "0", "no transfer function is needed"),
+        ]
+    if kept.num_kept is not None:
+        why = "the picture on the sensor holds no power above"
+    else:
+        why = "all hold power" if needs.only_error else "the bound's share needs all"
+    count = str(kept.num_kept or full.num_frequencies)
+    reach = _reach(space) if needs.only_error else "beside a zero the bound's share shows them"
+    return [
+        Item("frequencies", str(full.num_frequencies), count, why),
+        Item("nodes in time", str(full.num_nodes), str(kept.num_nodes), reach),
+    ]
+
+
+def _terms_items(needs: Needs) -> list[Item]:
+    given, kept = needs.terms
+    if given == kept == 1:
+        return []
+    why = "the others have weight 0" if kept < given else "each has weight"
+    return [Item("terms of the loss", str(given), str(kept), why)]
+
+
+def _search_items(shutter: AbstractShutter, space: DesignSpace | None) -> list[Item]:
+    if space is None:
+        return []
+    every = [name for name in FREE_NAMES if name != "path" or name in space.free]
+    fixed = [name for name in every if name not in space.free]
+    why = f"{', '.join(fixed)} not free" if fixed else "all are free"
+    items = [Item("free parameters", str(len(every)), str(len(space.free)), why)]
+    linear = isinstance(shutter, AbstractAdjustableShutter) and shutter.linear
+    if linear and set(space.free) == {"shutter"}:
+        why = "each coordinate's response is computed once, before the search"
+        items.append(Item("a step of the search", "responses", "one product", why))
+    return items
+
+
+def _precision_item(scene: Scene) -> Item:
+    name = np.dtype(scene.speeds.dtype).name
+    return Item("precision", name, name, "as given")

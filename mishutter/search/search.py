@@ -1,0 +1,753 @@
+"""The design search: many starts, a polish, and an honest end."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from enum import Enum
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import (
+    alone_in_blas,
+    at_once,
+    require_known,
+    require_positive_int,
+    require_seed,
+)
+from mishutter.evaluation import (
+    PLANNED,
+    AbstractLoss,
+    Automatic,
+    ExpectedErrorLoss,
+    Plan,
+    as_loss,
+    evaluate,
+    reduced,
+)
+from mishutter.hardware import Design
+from mishutter.model import (
+    AbstractDevice,
+    AbstractMotion,
+    AbstractShutter,
+    ChippedShutter,
+    FreeMotion,
+    RectShutter,
+    Scene,
+    SplineShutter,
+    TukeyShutter,
+    command_of,
+    is_adjustable,
+    is_known_zero,
+    is_straight,
+    panned,
+    require_scene,
+    seen_from,
+    settled,
+)
+from mishutter.search.cover import cover, lowest_of_valleys, screened
+from mishutter.search.many_starts import Descent, Progress, descend, num_lasting
+from mishutter.search.objective import AbstractObjective, objective_of, roughly
+from mishutter.search.planning import design_at, full_sizes
+from mishutter.search.planning import plan as plan_of_scene
+from mishutter.search.slots import searched_slots
+from mishutter.search.solvers import certificate_at, finished, is_minimum, losses_at, polish
+from mishutter.search.space import (
+    DesignSpace,
+    all_that_can_move,
+    beyond_limits,
+    design_space,
+    mirrors,
+    num_free_pieces,
+)
+from mishutter.search.starts import (
+    GRID_COORDINATES,
+    box_at,
+    lowest_places,
+    path_boxes,
+    start_boxes,
+)
+
+_NUM_POLISHED = 3
+"""Ends that are polished. Where the motion is held, the lowest one led to the lowest minimum in 48
+of 48 searches over scenes, losses and seeds: it is polished alone."""
+_STEPS_TO_TELL = 60
+"""Steps of a polish after which the best of several is told; it alone goes on."""
+_SAME = 1e-5
+"""Difference of losses, as a share of them, up to which two descents ended in one place."""
+_NUM_STARTS, _FEW_SPEEDS = 16, 8
+"""Starts by default, and speeds fewer than which have more of them, in proportion: these take less
+time, and the loss has more valleys, as each of the speeds alone decides what is open."""
+_MAX_STEPS = 300
+"""Steps of a descent, and of a polish, at most, by default."""
+_NUM_COEFFICIENTS = 24
+"""Coefficients of a free-form profile, by default."""
+_NUM_PROFILES, _COVERED = 12, 5
+"""Profiles that are polished by default where nothing else moves, and for how many times as many
+the cover is that they are the lowest of."""
+_NUM_GIVEN = 4
+"""Starts at most, up to a quarter of them, that are the given design and baselines' profiles."""
+_ROUNDS_OF_LEVELS = 3
+"""How often slots and motion are searched by turns, at most."""
+_SEEN = 1e-4
+"""Fall of a loss, as a share of it, that a history shows."""
+
+
+class Outcome(Enum):
+    """How a search ended."""
+
+    CONVERGED = "The search converged: the projected gradient is below its tolerance."
+    STEPS_USED = "The search used up its steps before the projected gradient fell below tolerance."
+    STALLED = "The search stopped where no step lowered the loss, short of its tolerance."
+
+
+_EXPECTED_ERROR = ExpectedErrorLoss()
+_NO_ACCELERATION = "Acceleration does not pay: at constant velocity the loss is no larger."
+_NO_PATH = "A free path does not pay: at constant acceleration the loss is no larger."
+_OF_SLOTS = "No other level of one slot, or of two near one another, lowers the loss."
+_OUTSIDE = "What was held of the motion is outside the scene's limits."
+
+
+class SearchFailedError(RuntimeError):
+    """A search with `throw=True` did not converge."""
+
+
+@alone_in_blas()
+@at_once()
+def optimise(
+    scene: Scene,
+    motion: AbstractMotion | None = None,
+    shutter: AbstractShutter | None = None,
+    *,
+    loss: AbstractLoss | Callable[..., Any] = _EXPECTED_ERROR,
+    free: str | Iterable[str] | None = None,
+    num_coefficients: int = _NUM_COEFFICIENTS,
+    num_starts: int | None = None,
+    seed: int = 0,
+    max_steps: int = _MAX_STEPS,
+    progress: Progress | None = None,
+    throw: bool = False,
+    plan: Plan | Automatic | None = PLANNED,
+) -> Design:
+    r"""Search for the design of least loss within the scene's limits.
+
+    Where the acceleration may move, sensors that do not accelerate are searched as well, and the
+    better of the two designs is returned; of equals, the one without. Where all may move, the
+    speeds are the same in both directions and the search starts without a pan, it stays without:
+    by symmetry the loss is stationary there. `free` can name it all the same. By a loss that does
+    not see how much light an exposure brings, as `DesignLoss`, the profile alone moves unless
+    `free` says otherwise: on the motion given or the scene's, or on that of the best design by the
+    expected error.
+
+    Optimistix BFGS descends from many starts at once: the given design, baselines' profiles
+    and, where a free-form profile moves, the lowest of valleys all over the space; after 20
+    steps, and every 10 from there, the worse half of the starts is given up, until four or an
+    eighth are left. SciPy's box-constrained L-BFGS-B polishes the three best that differ, and
+    the best of these to the end, on either side of where limits meet if it ends there.
+    Where the scene's device follows a command late, or at few levels, the search is by the light
+    that it makes of the command. The best design of a device that follows every command comes
+    first, and is among the starts as that device would be driven by it (`Design.blind_psnr`).
+    Levels are rounded by error diffusion, and searched slot by slot.
+
+    A free path begins at the best design of constant acceleration, and at paths that turn faster
+    or slower than it towards their ends; without `progress` beyond that design.
+
+    Where a free-form profile moves alone, L-BFGS-B polishes as many profiles as there are starts:
+    the lowest of these and of many more all over the space.
+
+    Where at most four coordinates move, the starts are the given design and the best of a
+    grid, and are polished directly. The result is never worse than the best start.
+
+    Where acceleration moves, a design keeps up ($2aT$) with every object that occurs or with
+    what the given motion keeps up with, whichever is less: a given motion within the limits is
+    always among the starts, and one that gives up rare fast objects lets the search give them
+    up too.
+
+    Args:
+        scene: Speeds, light, noise and limits.
+        motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest, and
+            a `LinearMotion` does not accelerate.
+        shutter: Profile to start from, as it is sent to the scene's device, whose kind is kept;
+            by default the free-form `starting_shutter` of the scene.
+        loss: The loss to be minimised, or a function of scene, motion and shutter; the
+            expected error by default.
+        free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
+            `"acceleration"`; all that can by default, by a loss that sees light. And `"path"`,
+            with the acceleration: a `FreeMotion`.
+        num_coefficients: Coefficients of the free-form profile where no shutter is given.
+        num_starts: How many descents; by default 12 for a profile alone, 16 otherwise, and more
+            where speeds are few.
+        seed: Of the starts.
+        max_steps: Steps of the descent, and of the polish, at most.
+        progress: Called with the step and the smallest loss so far.
+        throw: Whether an end other than convergence raises.
+        plan: The plan of the computation, made for the whole space by default; None computes
+            everything.
+
+    Returns:
+        The best design found, how the search ended in a sentence, and the
+        projected-gradient norm as the certificate. A part of the motion that is held is not
+        moved into the limits; where it lies outside, a second sentence says so.
+
+    Raises:
+        ValueError: if `free` names nothing that can move, a count is not positive, `seed` is
+            negative, or `loss` is none, or gives something else than one real number; or if
+            JAX traces the scene, the motion or the shutter.
+        NonFiniteLossError: if the loss or its gradient is not finite.
+        SearchFailedError: if `throw` and the search did not converge.
+    """
+    require_scene(scene)
+    require_known("optimise", scene=scene, motion=motion, shutter=shutter)
+    shutter = None if shutter is None else command_of(shutter)
+    if num_starts is not None:
+        require_positive_int("optimise(num_starts=...)", num_starts)
+    require_positive_int("optimise(max_steps=...)", max_steps)
+    require_seed("optimise(seed=...)", seed)
+    loss = as_loss(loss, "optimise(loss=...)")
+    search = partial(
+        _optimised,
+        loss=loss,
+        free=free,
+        num_coefficients=num_coefficients,
+        num_starts=num_starts,
+        seed=seed,
+        max_steps=max_steps,
+        progress=progress,
+        plan=plan,
+    )
+    device, given = scene.device, (free,) if isinstance(free, str) else free
+    moves = shutter is None or is_adjustable(shutter) if given is None else "shutter" in given
+    if moves and device is not None and (device.lags or device.levels is not None):
+        best = _through_device(scene, device, motion, shutter, search)
+    else:
+        best = search(scene, motion, shutter)
+    if throw and not best.converged:
+        raise SearchFailedError(best.outcome)
+    return best
+
+
+@alone_in_blas()
+def on_free_path(
+    design: Design,
+    start: AbstractMotion,
+    *,
+    loss: AbstractLoss,
+    shaped: bool = False,
+    beside: Sequence[Design] = (),
+    plan: Plan | Automatic | None = PLANNED,
+) -> Design:
+    """The best design on a free path that begins at the motion of another.
+
+    It is what `optimise(free={"path", ...})` returns where that finds the other on its way, and
+    never worse than the designs that it begins with.
+
+    Args:
+        design: The best design of constant acceleration; of a `SplineShutter` where it is shaped.
+        start: The motion to begin with where that does not accelerate.
+        loss: The loss that it was found by.
+        shaped: Whether the profile moves too, or is held.
+        beside: Designs of an open shutter to begin with as well.
+        plan: The plan of the computation.
+    """
+    scene, command = design.scene, design.command
+    free = free_by_default(scene, start, None if shaped else command)
+    names = tuple(name for name in (*free, "path") if shaped or name != "shutter")
+    device = scene.device
+    if shaped and device is not None and device.levels is not None:
+        best = optimise(scene, start, command, free=names, loss=loss, plan=plan)
+    else:
+        rules = {"num_starts": None, "seed": 0, "max_steps": _MAX_STEPS, "progress": None}
+        known = tuple((open_like(command), each.motion) for each in beside)
+        best = _beyond(design, start, names, loss=loss, plan=plan, known=known, **rules)
+    return min((best, design, *beside), key=lambda each: each.loss)
+
+
+def open_like(shutter: AbstractShutter) -> AbstractShutter:
+    """A shutter that stays open, as a profile of the kind of another."""
+    if not isinstance(shutter, SplineShutter):
+        return RectShutter()
+    return SplineShutter.fit(RectShutter(), shutter.num_coefficients, symmetric=shutter.symmetric)
+
+
+Known = tuple[tuple[AbstractShutter, AbstractMotion], ...]
+"""Commands and motions that a search starts from, beside its own."""
+
+
+def _optimised(
+    scene: Scene,
+    motion: AbstractMotion | None,
+    shutter: AbstractShutter | None,
+    *,
+    loss: AbstractLoss,
+    free: str | Iterable[str] | None,
+    progress: Progress | None,
+    plan: Plan | Automatic | None,
+    known: Known = (),
+    **rules: Any,
+) -> Design:
+    """The best design whose light can be differentiated by what moves."""
+    names = (free,) if isinstance(free, str) else free
+    if names is not None and "path" in names:
+        rules |= {"loss": loss, "progress": progress, "plan": plan, "known": known}
+        return _on_free_path(scene, motion, shutter, tuple(names), **rules)
+    if names is None:
+        motion, names = moved_by_default(scene, motion, shutter, loss)
+    motion = settled(scene.motion if motion is None else motion)
+    rules |= {"loss": loss, "known": known}
+    ends = _searched(scene, motion, shutter, names, plan=plan, progress=progress, **rules)
+    best, *straight = (_design(end, scene, loss, rules["max_steps"]) for end in ends)
+    if straight:
+        best = _better(best, straight[0])
+        if "shutter" in names and "half_exposure" in names:
+            best = replace(best, straight=straight[0])
+    return best
+
+
+def _on_free_path(
+    scene: Scene,
+    motion: AbstractMotion | None,
+    shutter: AbstractShutter | None,
+    names: tuple[str, ...],
+    *,
+    plan: Plan | Automatic | None,
+    known: Known,
+    **rules: Any,
+) -> Design:
+    """The better of the best design whose acceleration is constant, and of one from there on.
+
+    Without a free path among the motions given, it begins with that of the first.
+    """
+    start = scene.motion if motion is None else motion
+    given = start if isinstance(start, FreeMotion) else None
+    start = settled(start) if given is None else scene.fullest_motion
+    num_free_pieces(scene, given or FreeMotion.fit(start))
+    steady_names = [name for name in (*names, "acceleration") if name != "path"]
+    steady_plan = PLANNED if isinstance(plan, Plan) else plan
+    rules |= {"known": known}
+    design = _optimised(scene, start, shutter, free=steady_names, plan=steady_plan, **rules)
+    return _beyond(design, start, names, given=given, plan=plan, **rules)
+
+
+def _beyond(
+    design: Design,
+    start: AbstractMotion,
+    names: Sequence[str],
+    *,
+    given: FreeMotion | None = None,
+    plan: Plan | Automatic | None,
+    known: Known,
+    **rules: Any,
+) -> Design:
+    """The better of a design whose acceleration is constant, and of one from there on.
+
+    It begins with a path that is given, or with that of the design, or where that does not
+    accelerate of `start`, and with what is known.
+    """
+    path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
+    scene, known = design.scene, (*known, (design.command, design.motion))
+    ends = _searched(scene, path, design.command, names, plan=plan, known=known, **rules)
+    found = _design(ends[0], scene, rules["loss"], rules["max_steps"])
+    if found.loss >= design.loss * (1 - _SAME):
+        return replace(design, outcome=f"{design.outcome} {_NO_PATH}")
+    history = np.append(design.history, np.minimum(found.history, design.history[-1]))
+    return replace(found, history=history, best_start_loss=design.best_start_loss)
+
+
+def _through_device(
+    scene: Scene,
+    device: AbstractDevice,
+    motion: AbstractMotion | None,
+    shutter: AbstractShutter | None,
+    search: partial[Design],
+) -> Design:
+    """The best design by the light that a device makes of its command.
+
+    The design for a device that follows every command is found first, and is among the starts, as
+    it is sent blindly. Levels are left out until the end, and then searched slot by slot.
+    """
+    ideal = with_device(scene, device.without_lag)
+    blind = found = search(ideal, motion, shutter)
+    relaxed = with_device(scene, device.relaxed)
+    if device.lags:
+        known = tuple((each.command, each.motion) for each in (blind, blind.straight) if each)
+        found = search(relaxed, motion, shutter, known=known)
+    if device.levels is not None:
+        found = _of_levels(scene, relaxed, (found, blind), search)
+    sent = scene.light(blind.command, blind.motion)
+    blind_psnr = float(evaluate(scene, blind.motion, sent).expected_psnr)
+    return replace(found, scene=scene, blind_psnr=blind_psnr)
+
+
+def _of_levels(
+    scene: Scene, relaxed: Scene, designs: Sequence[Design], search: partial[Design]
+) -> Design:
+    """The better of designs for a device without levels, as good as its levels allow.
+
+    A free-form command is rounded, and its slots and its motion are searched by turns.
+    """
+    loss, given = search.keywords["loss"], search.keywords["free"]
+    device: AbstractDevice = scene.device  # type: ignore[assignment]
+    sent = [_sent(scene, each.command, each.motion, each, loss) for each in designs]
+    place = int(np.argmin([each.loss for each in sent]))
+    found, best = designs[place], sent[place]
+    if not isinstance(found.command, SplineShutter | ChippedShutter):
+        return best
+    if given is None:
+        given = free_by_default(scene, found.motion, None) if loss.sees_light else ()
+    movable = set(all_that_can_move(scene, found.motion, None)) - {"shutter"}
+    names = tuple(movable & set((given,) if isinstance(given, str) else given))
+    for _ in range(_ROUNDS_OF_LEVELS):
+        command: ChippedShutter = best.command  # type: ignore[assignment]
+        slots = _slot_by_slot(relaxed, command, best.motion, device, search.keywords)
+        better = _sent(scene, ChippedShutter(slots), best.motion, best, loss)
+        if names:
+            tuned = search(relaxed, best.motion, better.command, free=names)
+            tuned = _sent(scene, better.command, tuned.motion, tuned, loss)
+            better = min(better, tuned, key=lambda each: each.loss)
+        worthwhile = better.loss < best.loss - _SAME * abs(best.loss)
+        best = min(best, better, key=lambda each: each.loss)
+        if not (worthwhile and names):
+            break
+    return replace(best, outcome=f"{found.outcome} {_OF_SLOTS}", converged=found.converged)
+
+
+def _slot_by_slot(
+    scene: Scene,
+    command: ChippedShutter,
+    motion: AbstractMotion,
+    device: AbstractDevice,
+    rules: dict[str, Any],
+) -> Array:
+    """Levels of the slots at which no change lowers the loss on a motion; shape `(n,)`."""
+    scene, motion = seen_from(scene, motion)
+    space = design_space(scene, motion, command, "shutter")
+    plan = _plan(scene, space, rules["loss"], rules["plan"])
+    objective = objective_of(rules["loss"], reduced(scene, plan), space, plan)
+    levels = np.asarray(command.transmittances)
+    return jax.device_put(searched_slots(objective, levels, device).levels)
+
+
+def _sent(
+    scene: Scene,
+    command: AbstractShutter,
+    motion: AbstractMotion,
+    design: Design,
+    loss: AbstractLoss,
+) -> Design:
+    """A design with the light that the scene's device makes of a command."""
+    light = scene.light(command, motion)
+    value = float(loss(scene, motion, light))
+    history = np.append(design.history, value)
+    return replace(
+        design,
+        shutter=light,
+        motion=motion,
+        scene=scene,
+        loss=value,
+        history=history,
+        straight=None,
+    )
+
+
+def with_device(scene: Scene, device: AbstractDevice | None) -> Scene:
+    """A scene whose shutters are made with another device."""
+    return eqx.tree_at(lambda s: s.device, scene, device, is_leaf=_is_device)
+
+
+def _is_device(part: Any) -> bool:
+    return part is None or isinstance(part, AbstractDevice)
+
+
+def _better(design: Design, straight: Design) -> Design:
+    """The better of two designs, the second of which has no acceleration; of equals, that."""
+    history = np.append(design.history, np.minimum(straight.history, design.history[-1]))
+    start_loss = min(design.best_start_loss, straight.best_start_loss)
+    better = design
+    if straight.loss <= design.loss * (1 + _SAME):
+        better = replace(straight, outcome=f"{straight.outcome} {_NO_ACCELERATION}")
+    return replace(better, history=history, best_start_loss=start_loss)
+
+
+def _design(end: "_End", scene: Scene, loss: AbstractLoss, max_steps: int) -> Design:
+    outcome = _outcome(end.certificate, end.loss, end.num_steps >= max_steps)
+    inside = not beyond_limits(scene, end.motion, end.shutter)
+    return Design(
+        shutter=end.shutter,
+        motion=end.motion,
+        scene=scene,
+        loss=end.loss,
+        history=end.history,
+        converged=outcome is Outcome.CONVERGED,
+        outcome=outcome.value if inside else f"{outcome.value} {_OUTSIDE}",
+        certificate=end.certificate,
+        loss_name=repr(loss),
+        best_start_loss=end.best_start_loss,
+        plan=end.plan,
+    )
+
+
+def moved_by_default(
+    scene: Scene,
+    motion: AbstractMotion | None,
+    shutter: AbstractShutter | None,
+    loss: AbstractLoss,
+) -> tuple[AbstractMotion, tuple[str, ...]]:
+    """The motion to start from, and the parts that a search by a loss moves by default.
+
+    A profile that a loss without an eye for light designs is held to the motion; without one, and
+    without one in the scene, to that of the best design by the expected error.
+    """
+    start = settled(scene.motion if motion is None else motion)
+    names = free_by_default(scene, start, shutter)
+    if loss.sees_light or "shutter" not in names:
+        return start, names
+    if motion is None and scene.given_motion is None:
+        start = optimise(scene, start, shutter).motion
+    return start, ("shutter",)
+
+
+def free_by_default(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter | None
+) -> tuple[str, ...]:
+    """Parts that a search moves by default: all that can, but for a pan that symmetry rules out.
+
+    No shutter stands for a free-form profile.
+    """
+    names = all_that_can_move(scene, motion, shutter)
+    if float(motion.velocity) == 0 and mirrors(scene, 0.0):
+        return tuple(name for name in names if name != "velocity")
+    return names
+
+
+def _searched(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter | None,
+    names: str | Iterable[str],
+    *,
+    plan: Plan | Automatic | None,
+    num_coefficients: int = _NUM_COEFFICIENTS,
+    **rules: Any,
+) -> "list[_End]":
+    """The best design, and where the acceleration may move the best that has none.
+
+    A velocity that is held is that of the frame that the search is done in.
+    """
+    frame = motion
+    if "velocity" not in names:
+        scene, motion = seen_from(scene, motion)
+    if shutter is None:
+        pans = "velocity" in names
+        shutter = starting_shutter(scene if pans else without_pan(scene), num_coefficients)
+    space = design_space(scene, motion, shutter, names)
+    plan = _plan(scene, space, rules["loss"], plan)
+    ends = [_best_of_space(scene, space, plan=plan, **rules)]
+    if "acceleration" in space.free and "path" not in space.free:
+        rules["progress"] = None
+        ends.append(_best_of_space(scene, space.without_acceleration(), plan=plan, **rules))
+    if "velocity" in names or is_known_zero(frame.velocity):
+        return ends
+    return [end._replace(motion=panned(end.motion, frame.velocity)) for end in ends]
+
+
+class _End(NamedTuple):
+    """The best design of a space, and how it was found."""
+
+    shutter: AbstractShutter
+    motion: AbstractMotion
+    loss: float
+    certificate: float
+    num_steps: int
+    history: np.ndarray
+    best_start_loss: float
+    plan: Plan
+
+
+def _best_of_space(
+    scene: Scene,
+    space: DesignSpace,
+    *,
+    loss: AbstractLoss,
+    plan: Plan,
+    num_starts: int | None,
+    seed: int,
+    max_steps: int,
+    progress: Progress | None,
+    known: Known,
+) -> _End:
+    needed, space = reduced(scene, plan), space.holding(motion for _, motion in known)
+    objective = objective_of(loss, needed, space, plan)
+    is_profile = space.free == ("shutter",) and isinstance(space.shutter, SplineShutter)
+    by_default = _NUM_STARTS * max(1, _FEW_SPEEDS // needed.speeds.size)
+    starts = start_boxes(space, num_starts or (_NUM_PROFILES if is_profile else by_default), seed)
+    before = np.array([box_at(space, *each) for each in known], starts.dtype)
+    if space.num_path_coordinates:
+        starts = path_boxes(space, np.concatenate([before, starts[:1]]))
+        num_polished = _NUM_POLISHED if space.num_profile_coordinates else 1
+        found = _polishable(objective, starts, num_polished)
+    elif is_profile and space.size > GRID_COORDINATES:
+        starts = np.concatenate([before.reshape(-1, space.size), starts])
+        found = _from_cover(objective, space, scene, starts, seed)
+    elif space.size > GRID_COORDINATES:
+        starts = _with_valleys(objective, space, scene, starts, seed)
+        starts = np.concatenate([before, starts]) if known else starts
+        found = _descended(objective, space, starts, max_steps, progress)
+    else:
+        if known:  # the best of what is known takes the place of the given design
+            before = np.concatenate([before, starts[:1]])
+            starts[0] = before[np.argmin(losses_at(objective, before))]
+        found = _from_grid(objective, starts)
+    best = np.argsort(found.losses, kind="stable")[: found.num_polished]
+    steps_to_tell = min(_STEPS_TO_TELL, max_steps)
+    ends, num_steps = [], found.history.size
+    for index in best:
+        ends.append(polish(objective, found.boxes[index], max_steps=steps_to_tell))
+        num_steps += ends[-1].num_steps
+        if progress is not None:
+            progress(min(num_steps, max_steps), min(end.loss for end in ends))
+    polished = min(ends, key=lambda end: end.loss)
+    polished = finished(objective, polished, space.bends, max_steps=max_steps)
+    box, value, certificate = polished.box, polished.loss, polished.certificate
+    if float(found.losses[best[0]]) < value:
+        box, value = found.boxes[best[0]], float(found.losses[best[0]])
+        certificate = certificate_at(objective, box, space.bends)
+    shutter, motion = design_at(space, box)
+    return _End(
+        shutter=shutter,
+        motion=motion,
+        loss=value,
+        certificate=certificate,
+        num_steps=polished.num_steps,
+        history=np.append(found.history, min(value, found.history[-1])),
+        best_start_loss=found.best_start_loss,
+        plan=plan,
+    )
+
+
+def _plan(
+    scene: Scene, space: DesignSpace, loss: AbstractLoss, plan: Plan | Automatic | None
+) -> Plan:
+    """The plan that an argument `plan=` of a search stands for."""
+    if isinstance(plan, Plan):
+        return plan
+    if plan is None:
+        return full_sizes(scene, space.motion, space)
+    return plan_of_scene(scene, space.motion, space.shutter, loss=loss, free=space.free)
+
+
+class _Found(NamedTuple):
+    """Points to polish the best of: losses, the history so far, and the least at a start."""
+
+    boxes: np.ndarray
+    losses: np.ndarray
+    history: np.ndarray
+    best_start_loss: float
+    num_polished: int
+
+
+def _with_valleys(
+    objective: AbstractObjective, space: DesignSpace, scene: Scene, starts: np.ndarray, seed: int
+) -> np.ndarray:
+    """Starts, the later of which give way to the lowest of valleys all over the space."""
+    num_given = min(_NUM_GIVEN, math.ceil(len(starts) / 4))
+    if num_given == len(starts) or not isinstance(space.shutter, SplineShutter):
+        return starts
+    boxes = cover(space, scene, len(starts), seed).astype(starts.dtype)
+    losses = screened(roughly(objective, space), boxes)
+    num_wanted = len(starts) - num_given
+    places = lowest_of_valleys(boxes, losses, space.num_profile_coordinates, num_wanted)
+    return np.concatenate([starts[:num_given], boxes[places]])
+
+
+def _descended(
+    objective: AbstractObjective,
+    space: DesignSpace,
+    starts: np.ndarray,
+    max_steps: int,
+    progress: Progress | None,
+) -> _Found:
+    """The starts, and where descents on the rough objective lead from them."""
+    rough = roughly(objective, space)
+    first = losses_at(objective, starts)
+    descent = descend(rough, jax.device_put(starts), max_steps=max_steps, progress=progress)
+    history = descent.history if rough is objective else _measured(objective, descent)
+    last = descent.boxes[np.argsort(descent.losses, kind="stable")[: num_lasting(len(starts))]]
+    boxes = np.concatenate([last, starts])
+    losses = np.concatenate([losses_at(objective, last), first])
+    order = np.argsort(losses, kind="stable")
+    steps = np.diff(losses[order], prepend=-np.inf)
+    kept = order[steps > _SAME * np.abs(losses[order])]
+    num_polished = 1 if space.free == ("shutter",) else _NUM_POLISHED
+    return _Found(boxes[kept], losses[kept], history, float(np.min(first)), num_polished)
+
+
+def _measured(objective: AbstractObjective, descent: Descent) -> np.ndarray:
+    """History of a rough descent by the whole objective, wherever it fell by some."""
+    rough, steps = descent.history, [0]
+    for step, value in enumerate(rough):
+        if rough[steps[-1]] - value > _SEEN * abs(value):
+            steps.append(step)
+    losses = np.full(rough.size, np.inf)
+    losses[steps] = losses_at(objective, descent.trail[steps])
+    return np.minimum.accumulate(losses)
+
+
+def _from_cover(
+    objective: AbstractObjective, space: DesignSpace, scene: Scene, starts: np.ndarray, seed: int
+) -> _Found:
+    """As many profiles as there are starts: the lowest of these and of a cover."""
+    profiles = cover(space, scene, _COVERED * len(starts), seed)
+    boxes = np.concatenate([starts, profiles.astype(starts.dtype)])
+    lowest = np.argsort(screened(objective, boxes), kind="stable")[: len(starts)]
+    return _polishable(objective, boxes[lowest], len(starts))
+
+
+def _from_grid(objective: AbstractObjective, starts: np.ndarray) -> _Found:
+    """The given design and the best of a grid."""
+    losses = losses_at(objective, starts)
+    chosen = np.union1d(0, lowest_places(losses)[:_NUM_POLISHED])
+    losses = losses[chosen]
+    history = np.minimum.accumulate(losses)
+    return _Found(starts[chosen], losses, history, float(history[-1]), _NUM_POLISHED)
+
+
+def _polishable(objective: AbstractObjective, starts: np.ndarray, num_polished: int) -> _Found:
+    """Few starts, which are polished as they are: the lowest alone where no profile moves."""
+    losses = losses_at(objective, starts)
+    history = np.minimum.accumulate(losses)
+    return _Found(starts, losses, history, float(history[-1]), num_polished)
+
+
+def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
+    if is_minimum(certificate, loss):
+        return Outcome.CONVERGED
+    return Outcome.STEPS_USED if steps_used else Outcome.STALLED
+
+
+@at_once()
+def starting_shutter(scene: Scene, num_coefficients: int = _NUM_COEFFICIENTS) -> SplineShutter:
+    """The free-form profile a search starts from: symmetric if the scene's speeds are.
+
+    Where the camera pans, that is about the velocity in their middle; a stage, whose stroke holds
+    its pan, may not reach it. Through a device that lags it is not: the command has to be ahead of
+    a symmetric light. Its precision is that of the speeds.
+    """
+    require_scene(scene)
+    require_known("starting_shutter", scene=(scene.speeds, scene.weights, scene.limits))
+    slowest, fastest = (float(speed) for speed in scene.speed_range)
+    middle = (slowest + fastest) / 2
+    turns = scene.limits.pans == "camera" and abs(middle) <= float(scene.limits.max_pan)
+    symmetric = mirrors(scene, middle if turns else 0.0)
+    symmetric &= scene.device is None or not scene.device.lags
+    taper = np.asarray(0.5, scene.speeds.dtype)
+    return SplineShutter.fit(TukeyShutter(taper), num_coefficients, symmetric=symmetric)
+
+
+def without_pan(scene: Scene) -> Scene:
+    """The scene with a sensor that may not pan."""
+    return eqx.tree_at(lambda s: s.limits.max_pan, scene, jnp.zeros_like(scene.limits.max_pan))

@@ -1,0 +1,141 @@
+"""Where a search begins: baselines' profiles and random ones, or a grid of a few coordinates."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Array
+from numpy.lib.stride_tricks import sliding_window_view
+
+from mishutter._core import compiled
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    GaussianShutter,
+    HannShutter,
+    RectShutter,
+    SplineShutter,
+    TriangleShutter,
+    TukeyShutter,
+    as_parabolic,
+    fitted_boxes,
+)
+from mishutter.search.space import DesignSpace
+
+GRID_COORDINATES = 4
+"""Up to so many coordinates a search begins on a grid."""
+_GRID_POINTS = {1: (17,), 2: (5, 9), 3: (4, 5, 7), 4: (4, 4, 3, 7)}
+"""Points along each coordinate, ends included, as many a best design lies at one: most along
+the last, the acceleration, over which a condition number rises and falls with every pixel."""
+
+_TILTS = (0.1, -0.1, 0.3, -0.3)
+"""How far from the given path others are at either end of it, in the unit box."""
+
+
+def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
+    """Points to descend from; shape `(n, size)`, `n = num_starts` above three coordinates.
+
+    The given design first, then the baselines' profiles and random ones, at the given
+    motion and at random motions by turns.
+    """
+    given = box_at(space, space.shutter, space.motion)
+    if given.size <= GRID_COORDINATES:
+        return np.concatenate([given[None], _grid(given.size).astype(given.dtype)])
+    count = space.num_profile_coordinates
+    profiles = _baseline_boxes(space)
+    random = np.random.default_rng(seed)
+    boxes = np.tile(given, (num_starts, 1))
+    for index in range(1, num_starts):
+        if count:
+            named = index <= len(profiles)
+            profile = profiles[index - 1] if named else _random_profile(random, count)
+            boxes[index, :count] = profile
+        if index % 2 or not count:
+            boxes[index, count:] = random.uniform(size=given.size - count)
+    return boxes
+
+
+def box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion) -> np.ndarray:
+    """The point of a box that is nearest to a design; shape `(size,)`."""
+    own = space.shutter
+    if isinstance(shutter, SplineShutter) and isinstance(own, SplineShutter):
+        if shutter.symmetric and not own.symmetric:
+            shutter = SplineShutter(shutter.coefficients)
+    whole = space.of_any_motion
+    shutter = shutter if "shutter" in space.free or space.lags else whole.shutter
+    box = _box_at(whole, shutter, as_parabolic(motion))
+    return np.asarray(space.narrowed(np.asarray(box)))
+
+
+@compiled
+def _box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
+    return space.box(shutter, motion)
+
+
+def path_boxes(space: DesignSpace, boxes: np.ndarray) -> np.ndarray:
+    """Designs, and others beside each whose paths turn faster or slower towards their ends.
+
+    Args:
+        space: The space, with a free path.
+        boxes: Points of it; shape `(n, size)`.
+    """
+    first = space.num_profile_coordinates
+    outwards = np.linspace(-1, 1, space.num_path_coordinates, dtype=boxes.dtype)
+    if not space.path_mirrors:
+        outwards = 2 * np.abs(outwards) - 1
+    path = slice(first, first + outwards.size)
+    tilted = [boxes]
+    for tilt in _TILTS:
+        tilted.append(boxes.copy())
+        tilted[-1][:, path] = np.clip(boxes[:, path] + boxes.dtype.type(tilt) * outwards, 0, 1)
+    return np.concatenate(tilted)
+
+
+def _grid(num_coordinates: int) -> np.ndarray:
+    """A coarse grid of the unit box, the last coordinate running fastest."""
+    axes = [np.linspace(0, 1, points) for points in _GRID_POINTS[num_coordinates]]
+    grid = np.meshgrid(*axes, indexing="ij")
+    return np.stack(grid, axis=-1).reshape(-1, num_coordinates)
+
+
+def _random_profile(random: np.random.Generator, count: int) -> np.ndarray:
+    """White noise and a random walk about one half, mixed: profiles of every roughness."""
+    roughness = random.uniform()
+    noise = random.standard_normal(count)
+    walk = np.cumsum(noise) / np.sqrt(count)
+    return np.clip(0.5 + roughness * noise / 2 + (1 - roughness) * walk, 0, 1)
+
+
+def _baseline_boxes(space: DesignSpace) -> list[np.ndarray]:
+    shutter = space.shutter
+    if not ("shutter" in space.free and isinstance(shutter, SplineShutter)):
+        return []
+    return window_fits(shutter.num_coefficients, shutter.symmetric)
+
+
+@lru_cache
+def window_fits(num_coefficients: int, symmetric: bool) -> list[np.ndarray]:
+    """Windows as splines that a search starts from, the likeliest first; shape `(p,)` each."""
+    windows = (
+        HannShutter(),
+        TukeyShutter(0.5),
+        RectShutter(),
+        TriangleShutter(),
+        GaussianShutter(),
+        TukeyShutter(0.25),
+        TukeyShutter(0.75),
+    )
+    return fitted_boxes(windows, num_coefficients, symmetric=symmetric)
+
+
+def lowest_places(losses: np.ndarray) -> np.ndarray:
+    """Places in order of loss, first those of a grid that no neighbour is lower than.
+
+    The design before the grid, which has no neighbours, is one of these.
+    """
+    shape = next(n for n in _GRID_POINTS.values() if math.prod(n) == losses.size - 1)
+    on_grid, window = losses[1:].reshape(shape), (3,) * len(shape)
+    around = sliding_window_view(np.pad(on_grid, 1, constant_values=np.inf), window)
+    over_window = tuple(range(on_grid.ndim, around.ndim))
+    in_valley = np.append(True, on_grid <= np.min(around, axis=over_window))
+    return np.lexsort((losses, ~in_valley))

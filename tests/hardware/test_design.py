@@ -1,0 +1,321 @@
+"""A design on disk gives back the same numbers, or one line that says why not."""
+
+import json
+import re
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+from support.designs import MOTION, SCENE, SMALL
+
+from mishutter import (
+    ChippedShutter,
+    Design,
+    FirstOrderShutter,
+    GaussianShutter,
+    HannShutter,
+    IdealShutter,
+    LinearMotion,
+    RectShutter,
+    Scene,
+    SplineShutter,
+    StillCamera,
+    SwitchedShutter,
+    Tolerances,
+    TriangleShutter,
+    TukeyShutter,
+    drive_table,
+)
+from mishutter._core.files import strict_json
+from mishutter.evaluation.needs import Item
+from mishutter.hardware.design import motion_to_dict, shutter_from_dict, shutter_to_dict
+from mishutter.model import panned
+
+SHUTTERS = {
+    "rect": RectShutter(),
+    "hann": HannShutter(),
+    "triangle": TriangleShutter(),
+    "gaussian": GaussianShutter(0.31),
+    "tukey": TukeyShutter(0.61),
+    "chips": ChippedShutter([0.1, 0.9, 1.0, 0.3]),
+    "spline": SplineShutter([0.2, 0.7, 0.9, 1.0, 0.4]),
+    "symmetric": SplineShutter([0.2, 0.7, 0.9], symmetric=True, num_coefficients=5),
+}
+
+
+@pytest.fixture(scope="module")
+def design():
+    shutter = SHUTTERS["spline"]
+    return Design(
+        shutter=shutter,
+        motion=MOTION,
+        scene=SCENE,
+        loss=0.25,
+        history=np.array([0.5, 0.25]),
+        converged=True,
+        outcome="The search converged.",
+        certificate=1e-9,
+        loss_name="ExpectedErrorLoss()",
+        best_start_loss=0.5,
+    )
+
+
+DEVICES = {
+    "slots": IdealShutter(num_slots=14, transmission=0.8),
+    "levels": IdealShutter(levels=5, leakage=0.02),
+    "gradual": FirstOrderShutter(rise_time=2e-3, fall_time=3e-3, num_slots=20, delay=1e-3),
+    "switched": SwitchedShutter(num_slots=40, min_open=2, min_closed=3),
+}
+
+
+def test_a_design_is_printed_on_a_screen(design):
+    """The camera, its levels and its search, each in a line; in a list it is one line."""
+    whole = replace(design, history=np.linspace(0.5, 0.25, 300))
+    lines = str(whole).splitlines()
+    assert [line.split()[0] for line in lines[1:]] == (
+        "expected shutter motion kernel loss search scene".split()
+    )
+    assert max(map(len, lines)) < 200
+    assert lines[1].startswith(f"  expected  {float(design.metrics.expected_psnr):.2f} dB by one")
+    assert f"over {design.metrics.dft_length} points" in lines[4]
+    assert repr([whole]) == (
+        "[Design(SplineShutter(parameters=5 from 0.2 to 1, symmetric=False, num_coefficients=5), "
+        "ParabolicMotion(acceleration=220000.0, half_exposure=0.01, velocity=0.0), loss=0.25, "
+        "converged=True)]"
+    )
+    table = drive_table(whole, num_steps=50)
+    assert "\n" not in repr(table)
+    assert len(repr(table)) < 500
+
+
+def test_a_scene_is_printed_with_its_numbers():
+    """Each part in a line, none that it lacks, and none as the type of an array."""
+    device = IdealShutter(transmission=0.4)
+    scene = eqx.tree_at(lambda s: s.device, SCENE, device, is_leaf=lambda part: part is None)
+    lines = str(scene).splitlines()
+    assert lines[0] == "Scene"
+    assert "  speeds            5 from -2000 to 2000" in lines
+    assert "  photon_rate       100000" in lines
+    assert "  device            IdealShutter(transmission=0.4, leakage=0)" in lines
+    assert not any("None" in line or "f64[" in line for line in lines)
+    assert repr(SCENE) == "Scene(speeds=5 from -2000 to 2000, photon_rate=100000, read_noise=10)"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+def test_a_saved_design_has_its_device_and_tolerances(design, device, tmp_path):
+    """The device is of its own kind, and makes the same light of the same command."""
+    tolerances = Tolerances(acceleration=0.02, delay=2e-4, num_accelerations=5, num_speeds=7)
+    places = lambda s: (s.device, s.tolerances)  # noqa: E731
+    scene = eqx.tree_at(places, SCENE, (device, tolerances), is_leaf=lambda x: x is None)
+    light = scene.light(design.shutter, MOTION)
+    replace(design, scene=scene, shutter=light).save(tmp_path / "design.json")
+    read = Design.load(tmp_path / "design.json")
+    assert eqx.tree_equal(read.scene.device, device)
+    assert eqx.tree_equal(read.scene.tolerances, tolerances)
+    assert eqx.tree_equal(read.shutter, light)
+
+
+def test_a_saved_design_knows_how_its_photograph_is_read(design, tmp_path):
+    """White and whether numbers are light come back; a file from before has the depth's white."""
+    given = {"picture": "a.tif", "picture_white": 4095, "picture_linear": True}
+    scene = Scene([31.0, -420.0], photon_rate=2e5, read_noise=3.0, **given)
+    path = tmp_path / "design.json"
+    replace(design, scene=scene).save(path)
+    read = Design.load(path).scene
+    assert {name: getattr(read, name) for name in given} == given
+    document = json.loads(path.read_text())
+    del document["scene"]["picture_white"], document["scene"]["picture_linear"]
+    path.write_text(json.dumps(document))
+    read = Design.load(path).scene
+    assert (read.picture_white, read.picture_linear) == (None, False)
+
+
+@pytest.mark.slow
+def test_a_saved_design_gives_back_its_metrics(design, tmp_path):
+    """One JSON file, loaded to bit-identical metrics, shutter and scene."""
+    path = tmp_path / "design.json"
+    design.save(path)
+    loaded = Design.load(path)
+    same = jax.tree.map(lambda x, y: bool(x == y), design.metrics, loaded.metrics)
+    assert jax.tree.all(same)
+    assert loaded.to_dict() == design.to_dict()
+    assert [file.name for file in tmp_path.iterdir()] == ["design.json"]
+
+
+def test_an_infinite_condition_number_is_strict_json(design, tmp_path):
+    """JSON has no token for infinity: a closed shutter's design still reads anywhere."""
+    closed = ChippedShutter([0.0, 0.0])
+    replace(design, shutter=closed).save(tmp_path / "design.json")
+
+    def refuse(token):
+        raise AssertionError(token)
+
+    text = (tmp_path / "design.json").read_text()
+    assert json.loads(text, parse_constant=refuse)["metrics"]["condition_number"] == "Infinity"
+    assert np.isposinf(Design.load(tmp_path / "design.json").metrics.condition_number)
+
+
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_every_kind_of_shutter_survives(slug):
+    """The same transmittance after a round trip through JSON."""
+    data = json.loads(json.dumps(shutter_to_dict(SHUTTERS[slug])))
+    tau = np.linspace(-1.1, 1.1, 45)
+    restored = shutter_from_dict(data)
+    assert np.array_equal(restored.transmittance(tau), SHUTTERS[slug].transmittance(tau))
+
+
+def test_a_still_camera_is_written_as_one():
+    """The motion's kind is kept."""
+    assert motion_to_dict(StillCamera(half_exposure=0.002))["kind"] == "StillCamera"
+
+
+def test_the_profile_is_a_table_with_units(design, tmp_path):
+    """CSV: names, units, then time in ms over the whole exposure."""
+    design.write_profile(tmp_path / "profile.csv")
+    lines = (tmp_path / "profile.csv").read_text().splitlines()
+    assert lines[:2] == ["time,tau,transmittance", "ms,1,1"]
+    rows = np.array([[float(x) for x in line.split(",")] for line in lines[2:]])
+    assert np.isclose(rows[0, 0], -10)
+    assert np.isclose(rows[-1, 0], 10)
+    assert np.all((rows[:, 2] >= 0) & (rows[:, 2] <= 1))
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda data: data | {"format": 99}, "be of design format 1; got"),
+        (lambda data: [1, 2], "be a design saved by mishutter; got"),
+        (lambda data: data | {"shutter": {"kind": "Iris"}}, "be one of"),
+    ],
+)
+def test_another_file_is_refused(design, tmp_path, change, text):
+    """A file of another version, kind or shape: one line."""
+    path = tmp_path / "design.json"
+    path.write_text(json.dumps(change(design.to_dict())))
+    with pytest.raises(ValueError, match=text):
+        Design.load(path)
+
+
+MISTAKES = {
+    "no-motion": (("motion",), None, "`motion` must be a table; got None"),
+    "other-motion": (
+        ("motion", "kind"),
+        "Foo",
+        "'ParabolicMotion', 'LinearMotion', 'StillCamera' or 'FreeMotion'",
+    ),
+    "no-exposure": (("motion", "half_exposure"), None, "must be a number; got None"),
+    "exposure-before-it-began": (("motion", "half_exposure"), -1.0, "must be above 0 s; got -1"),
+    "profile-as-text": (
+        ("shutter", "parameters"),
+        "abc",
+        "must be a number or a list of numbers; got",
+    ),
+    "profile-of-nothing": (("shutter", "parameters"), None, "be given for a SplineShutter; got"),
+    "profile-too-short": (("shutter", "parameters"), [1, 0.5], "at least 4 coefficients; got"),
+    "symmetry-as-text": (("shutter", "symmetric"), "no", "must be true or false; got 'no'"),
+    "width-of-a-spline": (("shutter", "sigma"), 0.3, "must be left out of a SplineShutter; got"),
+    "ragged-speeds": (("scene", "speeds"), [[1], [2, 3]], "`scene.speeds[0]` must be a number"),
+    "spectrum-as-text": (("scene", "power_spectrum"), "x", "must be a list; got 'x'"),
+    "two-strokes": (("scene", "limits", "max_stroke"), [1, 2], "must be a number; got [1, 2]"),
+    "picture-as-number": (("scene", "picture"), 5, "`scene.picture` must be text; got 5"),
+    "light-by-another-name": (("scene", "photon"), 5, "perhaps `scene.photon_rate`; got 'photon'"),
+    "loss-as-text": (("loss",), "abc", "`loss` must be a number; got 'abc'"),
+    "history-as-text": (("history",), "x", "`history` must be a list; got 'x'"),
+    "plan-of-text": (("plan",), {"num_taps": "x"}, "`plan.num_taps` must be a whole number; got"),
+}
+"""Slug to the key that is changed, its value, and the error."""
+
+
+@pytest.mark.parametrize("slug", MISTAKES)
+def test_mistakes_in_a_design_are_named(design, tmp_path, slug):
+    """Each is refused in one line that names the file and the key."""
+    (*tables, key), value, message = MISTAKES[slug]
+    data = json.loads(json.dumps(design.to_dict()))
+    table = data
+    for name in tables:
+        table = table[name]
+    table[key] = value
+    path = tmp_path / "design.json"
+    path.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+        Design.load(path)
+    assert str(caught.value).startswith(f"{path}: `")
+    assert "\n" not in str(caught.value)
+
+
+PANNING = panned(MOTION, -0.1 * float(MOTION.speed_gain))
+MOTIONS = [
+    MOTION,
+    PANNING,
+    LinearMotion(half_exposure=0.0021, velocity=1 / 3),
+    StillCamera(half_exposure=0.0021),
+]
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("slug", SHUTTERS)
+def test_every_shutter_on_every_motion_is_loaded(design, tmp_path, slug, motion):
+    """All that metrics are measured of comes back to the last bit."""
+    parts = {"shutter": shutter_to_dict(SHUTTERS[slug]), "motion": motion_to_dict(motion)}
+    path = tmp_path / "design.json"
+    path.write_text(strict_json(design.to_dict() | parts))
+    loaded = Design.load(path)
+    saved = (SHUTTERS[slug], motion, SCENE)
+    found = (loaded.shutter, loaded.motion, loaded.scene.bare())
+    assert jax.tree.structure(saved) == jax.tree.structure(found)
+    assert jax.tree.all(jax.tree.map(np.array_equal, saved, found))
+
+
+def test_a_design_with_a_plan_and_without_a_number_is_loaded(design, tmp_path):
+    """A search's plan, and a loss that JSON has no token for, come back."""
+    decision = Item("speeds", "9", "5", "they mirror one another")
+    plan = replace(SMALL, items=(decision,))
+    other = replace(design, plan=plan, best_start_loss=np.inf, certificate=np.nan)
+    other.save(tmp_path / "design.json")
+    loaded = Design.load(tmp_path / "design.json")
+    assert (loaded.plan, loaded.plan.items) == (plan, plan.items)
+    assert np.isposinf(loaded.best_start_loss)
+    assert np.isnan(loaded.certificate)
+
+
+def test_a_design_that_pans_gives_back_its_metrics(design, tmp_path):
+    """Its velocity and its largest pan are saved; the metrics are bit-identical."""
+    limits = eqx.tree_at(lambda s: s.limits.max_pan, SCENE, np.float64(777.7))
+    panning = replace(design, motion=PANNING, scene=limits)
+    panning.save(tmp_path / "design.json")
+    loaded = Design.load(tmp_path / "design.json")
+    assert float(loaded.motion.velocity) == float(PANNING.velocity)
+    assert float(loaded.scene.limits.max_pan) == 777.7
+    assert jax.tree.all(jax.tree.map(np.array_equal, panning.metrics, loaded.metrics))
+    assert not np.array_equal(panning.metrics.expected_psnr, design.metrics.expected_psnr)
+
+
+def test_a_design_from_before_sensors_panned_is_loaded(design, tmp_path):
+    """Without a velocity it has none, and its largest pan is the top speed."""
+    data = json.loads(strict_json(design.to_dict()))
+    assert data["motion"].pop("velocity") == 0
+    del data["scene"]["limits"]["max_pan"]
+    (tmp_path / "design.json").write_text(json.dumps(data))
+    loaded = Design.load(tmp_path / "design.json")
+    assert float(loaded.motion.velocity) == 0
+    assert float(loaded.scene.limits.max_pan) == float(SCENE.limits.max_top_speed)
+    assert jax.tree.all(jax.tree.map(np.array_equal, design.metrics, loaded.metrics))
+
+
+def test_a_truncated_file_is_refused(tmp_path):
+    """Half a JSON document is named as such."""
+    path = tmp_path / "design.json"
+    path.write_text('{"format": 1, ')
+    with pytest.raises(ValueError, match="be a JSON file; got"):
+        Design.load(path)
+
+
+def test_nothing_is_left_behind_where_writing_fails(design, tmp_path):
+    """A folder in the file's place: an OSError and no debris."""
+    (tmp_path / "design.json").mkdir()
+    with pytest.raises(OSError, match="directory"):
+        design.save(tmp_path / "design.json")
+    assert [file.name for file in tmp_path.iterdir()] == ["design.json"]

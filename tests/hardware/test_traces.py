@@ -1,0 +1,174 @@
+"""Profiles that photodiodes' traces show: noise, levels, an inverted diode and a clipped one.
+
+Bounds are three to six standard deviations of what the noise of the samples allows.
+"""
+
+import numpy as np
+import pytest
+from support.designs import MOTION
+from support.exports import pulse
+
+from mishutter import HannShutter, Trace, measured_profile
+from mishutter.hardware import for_a_fit
+
+HALF = float(MOTION.half_exposure)
+TAU = np.linspace(-1, 1, 401)
+HANN = np.asarray(HannShutter().transmittance(TAU))
+
+
+def noisy_trace(noise, seed=3):
+    rng = np.random.default_rng(seed)
+    time = np.sort(rng.uniform(-1.3, 1.3, 3000)) * HALF
+    level = 0.21 + 1.7 * np.asarray(HannShutter().transmittance(time / HALF))
+    return Trace(time + 2e-3, level + 1.7 * noise * rng.standard_normal(time.size))
+
+
+def test_a_noisy_trace_of_unequal_steps_is_the_shutter():
+    """Levels, noise and profile of a Hann shutter are found within what the noise allows."""
+    found = measured_profile(noisy_trace(0.05), half_exposure=HALF, middle=2e-3)
+    assert found.noise == pytest.approx(0.05, rel=0.06)
+    assert found.closed == pytest.approx(0.21, abs=5 * 1.7 * 0.05 / np.sqrt(690))
+    assert found.opened == pytest.approx(1.91, abs=0.08)
+    tau = np.linspace(-1, 1, 401)
+    error = np.asarray(found.shutter.transmittance(tau)) - np.asarray(
+        HannShutter().transmittance(tau)
+    )
+    assert np.sqrt(np.mean(error**2)) < 0.02
+
+
+def test_levels_that_are_given_are_taken():
+    """A half-open shutter is half open where the level of the open one is known."""
+    trace = noisy_trace(1e-3)
+    levels = {"closed": 0.21, "opened": 0.21 + 2 * 1.7}
+    found = measured_profile(trace, half_exposure=HALF, middle=2e-3, **levels)
+    assert (found.closed, found.opened) == pytest.approx((0.21, 3.61))
+    assert float(np.max(found.shutter.transmittance(np.linspace(-1, 1, 99)))) == pytest.approx(
+        0.5, abs=2e-3
+    )
+
+
+@pytest.mark.slow
+def test_fine_detail_takes_more_coefficients():
+    """Cross-validation finds as many as the profile needs, and no more for a smooth one."""
+    smooth = measured_profile(noisy_trace(0.05), half_exposure=HALF, middle=2e-3)
+    time = np.linspace(-1.2, 1.2, 2400) * HALF
+    wave = 0.5 + 0.45 * np.sin(40 * time / HALF)
+    wave = np.where(np.abs(time) <= HALF, wave, 0.0)
+    wavy = measured_profile(Trace(time, wave), half_exposure=HALF, opened=1.0)
+    assert smooth.shutter.num_coefficients <= 16
+    assert wavy.shutter.num_coefficients >= 96
+    tau = np.linspace(-1, 1, 333)
+    fitted = np.asarray(wavy.shutter.transmittance(tau))
+    np.testing.assert_allclose(fitted, 0.5 + 0.45 * np.sin(40 * tau), atol=2e-3)
+
+
+def of_levels(closed, opened, noise=0.01, count=3000, shift=0.0, reach=1.3):
+    """A trace of a Hann shutter, from a photodiode of two levels."""
+    rng = np.random.default_rng(11)
+    time = np.linspace(-reach, reach, count) * HALF
+    light = np.asarray(HannShutter().transmittance(time / HALF - shift))
+    return Trace(time, closed + (opened - closed) * (light + noise * rng.standard_normal(count)))
+
+
+@pytest.mark.parametrize(("closed", "opened"), [(1.25, 0.0), (-0.05, -1.25)])
+@pytest.mark.parametrize("known", [True, False])
+def test_an_inverted_photodiode_shows_the_same_shutter(closed, opened, known):
+    """Levels that fall where the shutter opens give its profile, told or found, and a note."""
+    told = {"closed": closed, "opened": opened} if known else {}
+    found = measured_profile(of_levels(closed, opened), half_exposure=HALF, **told)
+    assert found.closed == pytest.approx(closed, abs=0.003)
+    assert found.opened == pytest.approx(opened, abs=0.02)
+    assert found.noise == pytest.approx(0.01, rel=0.06)
+    error = np.asarray(found.shutter.transmittance(TAU)) - HANN
+    assert np.sqrt(np.mean(error**2)) < 0.006
+    assert ["inverted" in note for note in found.notes] == [True] * (not known)
+
+
+def test_a_pulse_outside_the_exposure_is_not_taken_as_inverted():
+    """Where light falls before or after the exposure, its dark is no open shutter."""
+    for shift in (-2.2, 2.6):
+        trace = of_levels(0.2, 1.4, shift=shift, reach=4.1)
+        with pytest.raises(ValueError, match="fall there from a steady level, or be read with the"):
+            measured_profile(trace, half_exposure=HALF)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-9, 0.9), (0.06, 9)])
+@pytest.mark.parametrize("step", [0, 1e-3, 0.004])
+def test_a_clipped_trace_is_said(low, high, step):
+    """Samples at one extreme level for long, in noise: of a fine converter or one of 8 bits."""
+    _, level = pulse(3000)
+    level = np.round(level / step) * step if step else level
+    time = np.linspace(-1.25, 1.25, level.size) * HALF
+    whole, cut = (
+        measured_profile(Trace(time, each), half_exposure=HALF)
+        for each in (level, np.clip(level, low, high))
+    )
+    (note,) = cut.notes
+    assert f"at exactly {high if low < 0 else low:g}: what went" in note
+    assert whole.notes == ()
+
+
+@pytest.mark.parametrize("step", [0.05, 0.01, 1e-9])
+def test_a_shutter_that_stays_open_is_not_clipped(step):
+    """A plateau of few levels of a coarse converter, or of no noise, is a shutter's own."""
+    rng = np.random.default_rng(2)
+    time = np.linspace(-1.3, 1.3, 4000) * HALF
+    light = (np.abs(time) < 0.7 * HALF) + (0.004 if step > 1e-6 else 0) * rng.standard_normal(4000)
+    found = measured_profile(Trace(time, np.round(light / step) * step), half_exposure=HALF)
+    assert found.notes == ()
+
+
+def test_an_open_level_that_is_the_closed_one_is_refused():
+    """Told levels need a difference, as those that are found do."""
+    with pytest.raises(ValueError, match="tell the open shutter from the closed one by more than"):
+        measured_profile(of_levels(0.2, 1.4), half_exposure=HALF, closed=0.7, opened=0.7)
+
+
+def test_levels_of_the_wrong_order_are_said():
+    """They make a shutter that rests open, which there is; a note says so."""
+    found = measured_profile(of_levels(0.2, 1.4), half_exposure=HALF, closed=1.4, opened=0.2)
+    assert found.notes == ("by these levels the shutter is open outside the exposure, by 1.00",)
+    error = 1 - np.asarray(found.shutter.transmittance(TAU)) - HANN
+    assert np.sqrt(np.mean(error**2)) < 0.006
+
+
+@pytest.mark.slow
+def test_a_million_samples_are_the_shutter():
+    """As many samples as an oscilloscope has fit in its noise, over the root of their number."""
+    found = measured_profile(of_levels(0.1, 1.3, noise=0.3, count=1_000_000), half_exposure=HALF)
+    error = np.asarray(found.shutter.transmittance(TAU)) - HANN
+    assert np.sqrt(np.mean(error**2)) < 0.004
+    assert found.noise == pytest.approx(0.3, rel=0.01)
+
+
+def test_the_dense_problem_of_least_squares_has_the_same_answer():
+    """Normal equations of the samples give the coefficients of the whole basis of B-splines."""
+    from scipy.interpolate import BSpline
+    from scipy.optimize import lsq_linear
+
+    trace = noisy_trace(0.03)
+    found = measured_profile(trace, half_exposure=HALF, middle=2e-3)
+    count = found.shutter.num_coefficients
+    tau = (trace.time - 2e-3) / HALF
+    inside = np.abs(tau) <= 1
+    knots = np.concatenate([[-1.0] * 3, np.linspace(-1, 1, count - 2), [1.0] * 3])
+    basis = BSpline.design_matrix(tau[inside], knots, 3).toarray()
+    light = (trace.level[inside] - found.closed) / (found.opened - found.closed)
+    wanted = lsq_linear(basis, light, bounds=(0, 1), tol=1e-14).x
+    np.testing.assert_allclose(found.shutter.coefficients, wanted, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_fit_takes_few_samples_with_light_upwards(sign):
+    """Means of neighbours keep level and profile, and none reaches over an end of the exposure."""
+    rng, tau = np.random.default_rng(6), np.linspace(-1.3, 1.3, 40_001)
+
+    def light(tau):
+        return np.where(np.abs(tau) <= 1, 0.55 + 0.25 * tau, 0)
+
+    level = 0.3 + 1.4 * (light(tau) + 0.01 * rng.standard_normal(tau.size))
+    few, notes = for_a_fit(Trace(tau * HALF, sign * level), HALF, "trace.csv")
+    assert 4000 < few.time.size < 4200
+    assert ["inverted" in note for note in notes] == [True] * (sign < 0)
+    error = (few.level - 0.3) / 1.4 - light(few.time / HALF)
+    assert np.max(np.abs(error)) < 5 * 0.01 / np.sqrt(10)

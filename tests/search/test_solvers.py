@@ -1,0 +1,66 @@
+"""Losses and gradients of a search: right for every kind of shutter, and by shared programs."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.designs import MOTION, SCENE, SMALL
+from support.programs import compiled_programs
+
+from mishutter import (
+    ExpectedErrorLoss,
+    GaussianShutter,
+    HannShutter,
+    RectShutter,
+    SplineShutter,
+    StillCamera,
+    TukeyShutter,
+)
+from mishutter.evaluation.needs import needed_speeds
+from mishutter.search.objective import DesignObjective, SpectralObjective, objective_of
+from mishutter.search.search import free_by_default
+from mishutter.search.solvers import loss_and_gradient
+from mishutter.search.space import design_space
+
+STILL = StillCamera(half_exposure=float(np.sqrt(5e-4 * 0.03)))
+DESIGNS = {
+    "spline": (MOTION, SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)),
+    "Tukey": (MOTION, TukeyShutter(0.37)),
+    "Gaussian": (MOTION, GaussianShutter(0.43)),
+    "Hann": (MOTION, HannShutter()),
+    "rect": (MOTION, RectShutter()),
+    "at rest": (STILL, RectShutter()),
+}
+
+
+def _objectives(name):
+    """The objective of a search and the loss of the design itself; size of their box."""
+    motion, shutter = DESIGNS[name]
+    space = design_space(SCENE, motion, shutter, free_by_default(SCENE, motion, shutter))
+    scene, loss = needed_speeds(SCENE, MOTION, shutter), ExpectedErrorLoss()
+    by_parts = objective_of(loss, scene, space, SMALL)
+    assert isinstance(by_parts, SpectralObjective)
+    return by_parts, DesignObjective(loss, scene, space, SMALL), space.size
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DESIGNS)
+def test_a_gradient_by_parts_is_that_of_the_loss(name):
+    """Loss and gradient agree with those of the whole loss of each design, differentiated."""
+    by_parts, whole, size = _objectives(name)
+    box = np.random.default_rng(11).uniform(0.15, 0.85, size)
+    loss, gradient = loss_and_gradient(by_parts, box)
+    expected_loss, expected = jax.jit(jax.value_and_grad(whole))(jnp.asarray(box))
+    assert np.isclose(loss, expected_loss, rtol=1e-12)
+    assert np.allclose(gradient, expected, rtol=1e-9, atol=1e-11 * np.max(np.abs(expected)))
+
+
+@pytest.mark.slow
+def test_one_program_serves_every_kind(caplog):
+    """Of the loss by transfer functions, which takes the longest to compile."""
+    jax.clear_caches()
+    with compiled_programs(caplog) as programs:
+        for name in DESIGNS:
+            by_parts, _, size = _objectives(name)
+            loss_and_gradient(by_parts, np.full(size, 0.4))
+    assert sum("_one_by_one" in name for name in programs) == 1

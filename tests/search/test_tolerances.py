@@ -1,0 +1,59 @@
+"""A comparison of a scene with tolerances is judged within them, and says what each costs."""
+
+import equinox as eqx
+import pytest
+from support.designs import MOTION, SCENE
+
+from mishutter import Comparison, RectShutter, Tolerances, TukeyShutter, evaluate, tolerance_costs
+from mishutter.cli.tables import print_report
+from mishutter.report import Report
+from mishutter.search import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
+
+
+def _within():
+    loose = Tolerances(velocity=400.0, speed=100.0)
+    return eqx.tree_at(lambda s: s.tolerances, SCENE, loose, is_leaf=lambda x: x is None)
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    scene = _within()
+    rows = [
+        Row(OWN_BEST_MOTION, name, shutter, MOTION, 0.1, evaluate(scene, MOTION, shutter))
+        for name, shutter in (("own", TukeyShutter(0.7)), (BEST_SNAPSHOT, RectShutter()))
+    ]
+    costs = tolerance_costs(scene, MOTION, rows[0].shutter)
+    return Comparison(tuple(rows), "Build own.", 0.3, 40.0, costs=costs)
+
+
+@pytest.mark.slow
+def test_rows_are_judged_within_tolerances(comparison):
+    """The level of a row is that within them; a row of a scene without has its expected PSNR."""
+    row = comparison.row("own")
+    assert row.level == float(row.metrics.toleranced_psnr) < float(row.metrics.expected_psnr)
+    plain = Row(
+        OWN_BEST_MOTION, "own", row.shutter, MOTION, 0.1, evaluate(SCENE, MOTION, row.shutter)
+    )
+    assert plain.level == float(plain.metrics.expected_psnr) == float(row.metrics.expected_psnr)
+
+
+@pytest.mark.slow
+def test_the_text_holds_both_levels_and_the_costs(comparison):
+    """And so does the document for programs."""
+    row, text = comparison.row("own"), comparison.text()
+    for level in (row.level, float(row.metrics.expected_psnr)):
+        assert f"{level:.2f}" in text
+    assert comparison.costs.verdict in text
+    document = comparison.to_dict()
+    assert document["tolerance_costs"]["largest"] == "velocity"
+    assert document["rows"][0]["metrics"]["toleranced_psnr"] == row.level
+
+
+def test_the_terminal_shows_the_table(comparison, capsys):
+    """The costs are a table of their own, and each row has its level within tolerances."""
+    print_report(Report(_within(), comparison, ("own",)))
+    shown = capsys.readouterr().out
+    assert "within dB" in shown
+    assert "What each tolerance costs the best design" in shown
+    assert comparison.costs.verdict in shown
+    assert f"{comparison.row('own').level:.2f}" in shown
