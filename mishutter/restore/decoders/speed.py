@@ -37,9 +37,9 @@ _BEYOND = 0.1
 """How far beyond the scene's speeds others are tried, as a share of their range."""
 _TAPER = 0.25
 """Share of a row in which the window rises and falls."""
-_MOST = (512, 1024)
-"""Rows and columns of a tile, at most."""
-_MOST_BANDS, _LEAST_ROWS = 4, 128
+_MOST_ROWS, _MOST_COLUMNS, _MOST_BLURS = 512, 1024, 4
+"""Rows and columns of a tile, at most; or so many blurs in its rows."""
+_MOST_BANDS, _LEAST_ROWS = 4, 64
 """Bands of rows whose speeds are compared, of at least so many rows each."""
 _LEAST_COLUMNS = 64
 _FREEDOM = 4.0
@@ -58,7 +58,7 @@ _LOWEST = 2
 
 
 class Prior(NamedTuple):
-    """What photographs are like; `python -m benchmarks speed` fits it.
+    """Statistics of photographs, which `python -m benchmarks.speed fit` makes.
 
     Attributes:
         mean: Mean of the coefficients of a smooth logarithm of a power spectrum; shape `(11,)`.
@@ -67,6 +67,8 @@ class Prior(NamedTuple):
         spectrum_weight: Weight of the evidence of the spectrum.
         phase_weight: Weight of the sparsity.
         trust: Probability near the mode from which on a speed is trusted.
+        width: Of error bars, in units of the posterior's width near its mode: weights that are
+            right for errors that are gross are too low for those that are fine.
     """
 
     mean: np.ndarray
@@ -75,6 +77,7 @@ class Prior(NamedTuple):
     spectrum_weight: float
     phase_weight: float
     trust: float
+    width: float
 
 
 @lru_cache
@@ -102,7 +105,7 @@ class Energies(NamedTuple):
 
 
 def windows(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Window of the rows' order, a sine; that along a row, flat but for its ends."""
+    """Windows of a tile: a sine down its columns; along its rows flat but for the ends."""
     down = np.sin(np.pi * (np.arange(rows) + 0.5) / rows)
     return down, _flat_window(columns)
 
@@ -293,11 +296,13 @@ class Posterior(NamedTuple):
         speeds: Speeds relative to the sensor that were tried, ascending; px/s, shape `(s,)`.
         weights: Their probabilities; shape `(s,)`.
         reach: How far from the mode a speed counts as the same; px/s.
+        width: As `Prior` has it.
     """
 
     speeds: np.ndarray
     weights: np.ndarray
     reach: float
+    width: float
 
     @property
     def mode(self) -> int:
@@ -317,9 +322,9 @@ class Posterior(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Root mean square distance from `speed`, rounding to the steps included; px/s."""
-        step = np.diff(self.speeds[:2]).sum()
-        return float(np.sqrt(self.weights @ (self.speeds - self.speed) ** 2 + step**2 / 12))
+        r"""Root of $\sum p\,d^2$, $d$ the distance from `speed`, times `width` if near; px/s."""
+        distance = (self.speeds - self.speed) * np.where(self.near, self.width, 1.0)
+        return float(np.sqrt(self.weights @ distance**2))
 
     @property
     def at_end(self) -> bool:
@@ -366,16 +371,17 @@ def posterior_of(
     waves = np.sqrt(np.sum([part.counts for part in parts], axis=0))
     energy = energy + known.phase_weight * waves @ np.mean([part.phase for part in parts], axis=0)
     weights = np.exp(np.min(energy) - energy)
-    return Posterior(speeds, weights / weights.sum(), reach)
+    return Posterior(speeds, weights / weights.sum(), reach, known.width)
 
 
-def tiles_of(light: np.ndarray) -> list[list[np.ndarray]]:
+def tiles_of(light: np.ndarray, num_taps: int) -> list[list[np.ndarray]]:
     """A picture as rows of tiles of about equal size, from each of which evidence is taken.
 
     There are at least two rows of them where each can be high enough to tell a speed: what moves
     at another speed shows in one of them.
     """
-    rows, columns = (-(-n // most) for n, most in zip(light.shape, _MOST, strict=True))
+    widest = max(_MOST_COLUMNS, _MOST_BLURS * num_taps)
+    rows, columns = -(-light.shape[0] // _MOST_ROWS), -(-light.shape[1] // widest)
     rows = max(rows, min(_MOST_BANDS, light.shape[0] // _LEAST_ROWS))
     return [np.array_split(band, columns, axis=1) for band in np.array_split(light, rows)]
 
@@ -464,11 +470,29 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
     known = prior()
     speeds, reach = speeds_to_try(model)
     flat = np.full(speeds.size, 1 / speeds.size)
-    if speeds.size == 1 or light.shape[1] < _LEAST_COLUMNS or not np.ptp(light) > 0:
-        found = Posterior(speeds, flat, reach)
+    if (
+        speeds.size == 1
+        or light.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
+        or not np.ptp(light) > 0
+    ):
+        found = Posterior(speeds, flat, reach, 1.0)
         doubt = "" if speeds.size == 1 else LITTLE
         return SpeedEstimate(found.speed, found.error, not doubt, speeds, flat, doubt)
     parts = parts_of(light, model, speeds, noise, known)
+    whole, weights, doubt = judged(parts, speeds, reach, known)
+    return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt)
+
+
+class Verdict(NamedTuple):
+    """The posterior of all rows, the weights of speeds, and what speaks against a single speed."""
+
+    whole: Posterior
+    weights: np.ndarray
+    doubt: str
+
+
+def judged(parts: list[list[Energies]], speeds: np.ndarray, reach: float, known: Prior) -> Verdict:
+    """What the evidence of the bands of a picture says, together and apart."""
     whole = posterior_of([part for band in parts for part in band], speeds, reach, known)
     each = [posterior_of(band, speeds, reach, known) for band in parts]
     weights, doubt, sure = whole.weights, "", whole.trusted(known.trust)
@@ -485,7 +509,7 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
             f"together do at {whole.speed:,.0f}."
         )
         weights = np.mean([p.weights for p in each], axis=0)
-    return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt)
+    return Verdict(whole, weights, doubt)
 
 
 def luminance(planes: np.ndarray, model: BlurModel) -> tuple[np.ndarray, float]:
@@ -505,17 +529,14 @@ def parts_of(
     light: np.ndarray, model: BlurModel, speeds: np.ndarray, noise: float, known: Prior
 ) -> list[list[Energies]]:
     """The evidence by bands of rows, from above down, and by tiles in them."""
-    responses: dict[int, np.ndarray] = {}
-    for band in tiles_of(light):
-        for tile in band:
-            columns = tile.shape[1]
-            if columns not in responses:
-                responses[columns] = model.responses_at(speeds, columns)
-    tiles = [(i, tile) for i, band in enumerate(tiles_of(light)) for tile in band]
+    bands_of_tiles = tiles_of(light, model.num_taps)
+    tiles = [(i, tile) for i, band in enumerate(bands_of_tiles) for tile in band]
+    widths = {tile.shape[1] for _, tile in tiles}
+    responses = {columns: model.responses_at(speeds, columns) for columns in widths}
 
     def evidence(place: tuple[int, np.ndarray]) -> tuple[int, Energies]:
         index, tile = place
         return index, energies(tile, responses[tile.shape[1]], noise, known)
 
     found = list(in_threads(evidence, tiles, num_processors()))
-    return [[e for i, e in found if i == index] for index in range(tiles[-1][0] + 1)]
+    return [[e for i, e in found if i == index] for index in range(len(bands_of_tiles))]
