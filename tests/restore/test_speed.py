@@ -156,7 +156,8 @@ def test_the_decoder_restores_by_the_speed():
     restored = np.asarray(ms.deconvolve(seen, *given, decoder=decoder))
     found = ms.estimate_speed(seen, *given)
     told = known.bare(speeds=[found.speed], weights=[1.0])
-    model = ms.blur_model(told, motion, OPEN, least_taps=ms.blur_model(*given).num_taps)
+    num_taps = at_speed(ms.blur_model(*given), found).num_taps
+    model = ms.blur_model(told, motion, OPEN, least_taps=num_taps)
     again = ms.deconvolve(seen, told, motion, OPEN, decoder=inner, model=model)
     np.testing.assert_allclose(restored, again, atol=1e-9)
     untold = np.asarray(ms.deconvolve(seen, *given, decoder=inner))

@@ -61,6 +61,6 @@ def at_speed(model: BlurModel, found: SpeedEstimate) -> BlurModel:
         share = found.weights[likely] / np.sum(found.weights[likely])
         speeds = np.concatenate([found.speeds[likely], model.speeds])
         weights = np.concatenate([(1 - _DOUBTED) * share, _DOUBTED * model.weights])
-    least = {"least_taps": model.num_taps}
-    num_taps, _ = kernel_layout(model.motion, *speeds.tolist(), 0.0, **least)
+    # Of all that were tried, so that one program restores whatever is found.
+    num_taps, _ = kernel_layout(model.motion, *found.speeds.tolist(), least_taps=model.num_taps)
     return replace(model, speeds=speeds, weights=weights, num_taps=num_taps)
