@@ -10,6 +10,7 @@ Photographs are those that packages bring: `pip install matplotlib pywavelets sc
 import importlib.util
 import json
 import sys
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -142,13 +143,12 @@ def captures(
 ) -> Iterator[tuple[str, float, np.ndarray, np.ndarray]]:
     """Name, speed, picture in the frame, and capture, of each photograph at each speed."""
     scene, inside = ms.example_scene(), slice(MARGIN, MARGIN + COLUMNS)
-    for number, (name, light) in enumerate(chosen.items()):
-        picture = framed(light)
-        for index, speed in enumerate(SPEEDS):
+    for name, light in chosen.items():
+        picture = framed(light).astype(np.float32)
+        for speed in SPEEDS:
             for seed in range(num_seeds):
-                key = jax.random.key(1000 * seed + len(SPEEDS) * number + index)
-                light32 = picture.astype(np.float32)
-                whole = ms.simulate_capture(light32, scene, *seen, speed=speed, key=key)
+                key = jax.random.key(zlib.crc32(f"{name} {speed} {seed}".encode()))
+                whole = ms.simulate_capture(picture, scene, *seen, speed=speed, key=key)
                 yield name, speed, picture[:, inside], np.asarray(whole)[:, inside]
 
 
