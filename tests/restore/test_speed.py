@@ -203,8 +203,6 @@ def test_refusals():
         ms.estimate_speed(np.ones((2, 4, 90, 1)), *given)
     with pytest.raises(ValueError, match="must have light that the shutter lets through; got 0"):
         ms.estimate_speed(np.ones((4, 90)), scene(photon_rate=0.0), camera(), OPEN)
-    with pytest.raises(ValueError, match="must be a decoder; got 3"):
-        ms.SpeedFindingDecoder(3)
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import require
 from mishutter.camera import kernel_layout
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
 from mishutter.restore.decoders.speed import SpeedEstimate, speed_in
@@ -31,14 +30,10 @@ class SpeedFindingDecoder(AbstractDecoder):
         inner: The decoder that restores, knowing these speeds.
 
     Raises:
-        ValueError: if `inner` is no decoder, or a capture is traced.
+        ValueError: if a capture is traced.
     """
 
     inner: AbstractDecoder = eqx.field(default_factory=TotalVariationDecoder)
-
-    def __check_init__(self) -> None:
-        right = isinstance(self.inner, AbstractDecoder)
-        require(right, "SpeedFindingDecoder(inner=...)", "be a decoder", self.inner)
 
     @property
     def rows_beyond(self) -> int:
