@@ -167,10 +167,11 @@ def test_the_decoder_restores_by_the_speed():
 
 def test_a_speed_in_doubt_keeps_all_speeds():
     """Not trusted, a tenth of the weight stays with the scene's own speeds."""
-    given = scene(), camera(), OPEN
+    given = scene(), camera(), ms.HannShutter()
     model = ms.blur_model(*given)
-    seen = capture(grey(24), *given, 2960.0)[:20, :100]
+    seen = capture(grey(24), *given, 2960.0)
     found = ms.estimate_speed(seen, *given)
+    assert not found.trusted
     known = at_speed(model, found)
     count = model.speeds.size
     np.testing.assert_array_equal(known.speeds[-count:], model.speeds)
@@ -180,6 +181,21 @@ def test_a_speed_in_doubt_keeps_all_speeds():
     decoder = ms.SpeedFindingDecoder(ms.EnsembleDecoder())
     again = decoder.inner.restore(jnp.asarray(seen), known)
     np.testing.assert_allclose(ms.deconvolve(seen, *given, decoder=decoder), again, atol=1e-9)
+
+
+def test_a_snapshot_is_restored_as_it_would_be():
+    """A blur of a few pixels may be the photograph's own: the speed is not looked for."""
+    known, still = scene(), ms.StillCamera(half_exposure=0.001)
+    given = known, still, OPEN
+    seen = capture(grey(24), *given, 2960.0)
+    found = ms.estimate_speed(seen, *given)
+    assert (found.trusted, found.doubt) == (
+        False,
+        "The blur is too short at all speeds to tell one.",
+    )
+    inner = ms.EnsembleDecoder()
+    restored = ms.deconvolve(seen, *given, decoder=ms.SpeedFindingDecoder(inner))
+    np.testing.assert_array_equal(restored, ms.deconvolve(seen, *given, decoder=inner))
 
 
 @pytest.mark.slow

@@ -49,6 +49,9 @@ _OCTAVES = ((0.008, 0.018), (0.018, 0.04), (0.04, 0.09), (0.09, 0.2))
 _LEAST_POWER = 1e-14
 """Least variance of the noise: prevents a logarithm of 0 where a camera has none."""
 LITTLE = "Little in the picture tells the speed."
+SHORT = "The blur is too short at all speeds to tell one."
+_LEAST_TOLD = 16
+"""Steps of 2 px below which speeds are not told apart: a photograph may be as soft as its blur."""
 _DENIED = 0.01
 """Probability of the speed of all rows below which a band of them is said to have another."""
 _NUM_STEPS, _NUM_MORE_STEPS = 12, 4
@@ -469,14 +472,12 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
     light, noise = luminance(np.asarray(planes), model)
     known = prior()
     speeds, reach = speeds_to_try(model)
-    flat = np.full(speeds.size, 1 / speeds.size)
-    if (
-        speeds.size == 1
-        or light.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
-        or not np.ptp(light) > 0
-    ):
+    is_short = np.ptp(speeds) < _LEAST_TOLD * reach
+    is_narrow = light.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
+    if speeds.size == 1 or is_short or is_narrow or not np.ptp(light) > 0:
+        flat = np.full(speeds.size, 1 / speeds.size)
         found = Posterior(speeds, flat, reach, 1.0)
-        doubt = "" if speeds.size == 1 else LITTLE
+        doubt = "" if speeds.size == 1 else SHORT if is_short else LITTLE
         return SpeedEstimate(found.speed, found.error, not doubt, speeds, flat, doubt)
     parts = parts_of(light, model, speeds, noise, known)
     whole, weights, doubt = judged(parts, speeds, reach, known)

@@ -24,7 +24,8 @@ class SpeedFindingDecoder(AbstractDecoder):
     r"""Finds the speed of a picture that moves as a whole, and restores by it.
 
     A speed that is trusted takes the place of all of the scene's. Where none is, the speeds are
-    those of the posterior, $0.9\,p(s)$, and the scene's own, at a tenth of their weights.
+    those of the posterior, $0.9\,p(s)$, and the scene's own, at a tenth of their weights. Where
+    nothing tells speeds apart, as in a snapshot, the inner decoder restores as it would alone.
 
     Args:
         inner: The decoder that restores, knowing these speeds.
@@ -49,6 +50,8 @@ class SpeedFindingDecoder(AbstractDecoder):
 
 def at_speed(model: BlurModel, found: SpeedEstimate) -> BlurModel:
     """What a decoder knows once a speed relative to the sensor was found."""
+    if not found.trusted and np.ptp(found.weights) == 0:
+        return model  # nothing was found
     if found.trusted:
         speeds, weights = np.array([found.speed]), np.ones(1)
     else:
