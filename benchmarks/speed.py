@@ -354,7 +354,7 @@ def restored(name: str, which: str = "report") -> list[dict]:
 TEXT = """## The speed of a whole picture, found in it
 
 PSNR in dB, linear light, mean over {count} photographs that had no part in choosing anything
-({rows} x {columns} px, scene beyond the borders, {speeds} speeds, {seeds} captures of each), by a
+({rows} x {columns} px, scene beyond the borders, {speeds} speeds, noise seeds: {seeds}), by a
 decoder for all speeds of the built-in scene, one that finds the speed, and one that is told it.
 "kept" is the share of what telling brings; "worst" is the photograph that finding helps least.
 

@@ -119,11 +119,11 @@ def capture_and_restore(
             shape = (num_rows, *part.shape[1:])
             captured, restored = np.empty(shape, part.dtype), np.empty(shape, part.dtype)
         captured[first : first + rows_at_once] = part
-    found = None
+    estimate = None
     if isinstance(chosen, SpeedFindingDecoder):
         report("finding the speed", 0.5)
         relative = speed_in(rows_last(distinct_colours(captured, plan)), model)
-        found = relative.of(scene, motion)
+        estimate = relative.of(scene, motion)
         chosen, model = chosen.inner, at_speed(model, relative)
     beyond = chosen.rows_beyond
     for first, past in itertools.pairwise(_mirrored_portions(num_rows, rows_at_once)):
@@ -133,7 +133,7 @@ def capture_and_restore(
         found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
         restored[first:past] = found[above : above + past - first]
     report("done", 1.0)
-    return Simulation(captured, restored, found)
+    return Simulation(captured, restored, estimate)
 
 
 def _mirrored_portions(num_rows: int, at_once: int) -> list[int]:

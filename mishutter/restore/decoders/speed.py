@@ -325,9 +325,13 @@ class Posterior(NamedTuple):
 
     @property
     def error(self) -> float:
-        r"""Root of $\sum p\,d^2$, $d$ the distance from `speed`, times `width` if near; px/s."""
+        r"""Root of $\sum p\,d^2$, $d$ the distance from `speed`, times `width` if near; px/s.
+
+        It is no less than that by rounding to the steps.
+        """
         distance = (self.speeds - self.speed) * np.where(self.near, self.width, 1.0)
-        return float(np.sqrt(self.weights @ distance**2))
+        rounding = self.width * np.diff(self.speeds[:2]).sum() / np.sqrt(12)
+        return max(float(np.sqrt(self.weights @ distance**2)), float(rounding))
 
     @property
     def at_end(self) -> bool:
@@ -348,7 +352,7 @@ def speeds_to_try(model: BlurModel) -> tuple[np.ndarray, float]:
     """Speeds relative to the sensor at equal steps, and how far apart two are told; px/s.
 
     Those of the model and a tenth of their range more at either end. Where speeds of both signs
-    have one blur, only those from 0 up.
+    have one blur, to what a step makes of it, only those from 0 up.
     """
     occurs = model.speeds[model.weights > 0]
     low, high = float(np.min(occurs)), float(np.max(occurs))
@@ -358,8 +362,9 @@ def speeds_to_try(model: BlurModel) -> tuple[np.ndarray, float]:
     low, high = low - beyond, high + beyond
     reach = STEP / float(2 * model.motion.half_exposure)
     fastest = max(abs(low), abs(high))
-    both = model.responses_at(np.array([-0.7, 0.7]) * fastest, _LEAST_COLUMNS)
-    if np.allclose(*both, atol=1e-6):
+    some = np.array([0.7 * fastest, -0.7 * fastest, 0.7 * fastest + reach])
+    one, turned, next_to = model.responses_at(some, _MOST_ROWS)
+    if np.linalg.norm(turned - one) < np.linalg.norm(next_to - one):
         low, high = max(low, -high, 0.0), fastest
     count = int(np.clip(np.ceil((high - low) / reach), _LEAST_STEPS, _MOST_STEPS))
     tried = np.linspace(low, high, count + 1)
