@@ -8,6 +8,7 @@ Photographs are those that packages bring: `pip install matplotlib pywavelets sc
 """
 
 import importlib.util
+import itertools
 import json
 import sys
 import zlib
@@ -160,7 +161,7 @@ def fitted_prior(chosen: dict[str, np.ndarray]) -> Prior:
             observed, layout = estimator.log_power(frame), estimator.bands(*frame.shape)
             terms, target = layout.terms.astype(np.float64), observed.ravel()
             scatter = np.repeat(polygamma(1, layout.counts), observed.shape[1], axis=1).ravel()
-            found, robust = np.zeros(terms.shape[1]), np.ones_like(target)
+            found, robust, missed = np.zeros(terms.shape[1]), np.ones_like(target), target
             for _ in range(20):
                 weight = robust / (scatter + MISFIT)
                 normal = (terms.T * weight) @ terms + 1e-2 * np.eye(len(found))
@@ -224,7 +225,7 @@ def score(trials: list[Trial], known: Prior) -> Score:
     denied = np.mean([f.doubt.startswith("Some rows") for f in found])
     wrong = off > FAR
     many = int(np.sum(wrong & sure))
-    return Score(logs.mean(), wrong.mean(), sure.mean(), many, *inside, denied)
+    return Score(logs.mean(), wrong.mean(), sure.mean(), many, inside[0], inside[1], float(denied))
 
 
 def width(trials: list[Trial], known: Prior) -> float:
@@ -309,14 +310,12 @@ def without(change: dict) -> "Score":
     return score(both[1], weighted(both[0], known, **uses))
 
 
-def decoders(model: ms.BlurModel, speed: float) -> Iterator[tuple[str, str, object, object]]:
-    """Inner decoder, what it knows of the speed, and the two that restore."""
-    tried, _ = estimator.speeds_to_try(model)
-    told = estimator.SpeedEstimate(speed, 0.0, True, tried, np.zeros_like(tried), "")
-    for name, inner in INNER.items():
-        yield name, "all speeds", inner, model
-        yield name, "found", ms.SpeedFindingDecoder(inner), model
-        yield name, "told", inner, at_speed(model, told)
+def knowledge(
+    model: ms.BlurModel, speed: float, found: ms.SpeedEstimate
+) -> dict[str, ms.BlurModel]:
+    """What a decoder knows of all speeds, of the one that was found, and of the true one."""
+    told = found._replace(speed=speed, trusted=True)
+    return {"all speeds": model, "found": at_speed(model, found), "told": at_speed(model, told)}
 
 
 INNER = {"total variation": ms.TotalVariationDecoder(), "ensemble": ms.EnsembleDecoder()}
@@ -333,10 +332,10 @@ def restored(name: str, which: str = "report") -> list[dict]:
         planes = jax.numpy.asarray(capture[None])  # in single precision, as cameras give it
         found = estimator.speed_in(planes, model)
         estimates.append([abs(speed), found.speed, found.error, float(found.trusted)])
-        for inner, knows, decoder, known in decoders(model, abs(speed)):
-            if knows == "found":
-                decoder, known = decoder.inner, at_speed(model, found)
-            light = np.asarray(decoder.restore(planes, known), np.float64)[0]
+        models = knowledge(model, abs(speed), found)
+        for inner, knows in itertools.product(INNER, models):
+            light = INNER[inner].restore(planes, models[knows])
+            light = np.asarray(light, np.float64)[0]
             error = np.mean((light - picture)[inside] ** 2)
             errors.setdefault((inner, knows, photograph), []).append(float(error))
     rows = []

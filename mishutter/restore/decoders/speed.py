@@ -7,6 +7,7 @@ minimum entropy deconvolution). Either alone is wrong in too many captures.
 
 import itertools
 import json
+from collections.abc import Callable
 from functools import lru_cache
 from importlib import resources
 from typing import NamedTuple
@@ -30,6 +31,10 @@ from mishutter.evaluation import PLANNED
 from mishutter.model import LUMINANCE, AbstractMotion, AbstractShutter, Scene
 from mishutter.restore.decoders.base import BlurModel, blur_model
 
+# In single precision, and typed, which SciPy's own are not.
+_rfft2: Callable[[np.ndarray], np.ndarray] = scipy.fft.rfft2  # type: ignore[assignment]
+_irfft2: Callable[[np.ndarray], np.ndarray] = scipy.fft.irfft2  # type: ignore[assignment]
+_fast_length: Callable[[int], int] = scipy.fft.next_fast_len  # type: ignore[assignment]
 STEP = 2.0
 """Steps of the speeds that are tried: so much more smear over the exposure, px."""
 _LEAST_STEPS, _MOST_STEPS = 32, 512
@@ -167,7 +172,7 @@ def log_power(tile: np.ndarray) -> np.ndarray:
     layout, (down, across) = bands(rows, columns), windows(rows, columns)
     window = (down[:, None] * across).astype(tile.dtype)
     deviation = tile - np.sum(tile * window) / np.sum(window)
-    spectrum = scipy.fft.rfft2(deviation * window)[:, layout.along]
+    spectrum = _rfft2(deviation * window)[:, layout.along]
     power = (spectrum.real**2 + spectrum.imag**2) / np.sum(window**2)
     mean = np.stack([power[band].mean(axis=0) for band in layout.members])
     bias = digamma(layout.counts) - np.log(layout.counts)
@@ -252,7 +257,7 @@ def _phase_energy(
     rows, columns = tile.shape
     taper = np.outer(_flat_window(rows), _flat_window(columns)).astype(tile.dtype)
     deviation = tile - np.sum(tile * taper) / np.sum(taper)
-    spectrum = scipy.fft.rfft2(deviation * taper) * amplitude
+    spectrum = _rfft2(deviation * taper) * amplitude
     phases = np.conj(responses) / (np.abs(responses) + 1e-9)
     phases = phases.astype(spectrum.dtype)
     octave = np.log2(np.maximum(np.fft.rfftfreq(columns), 1e-6))
@@ -262,15 +267,15 @@ def _phase_energy(
         mask /= 1 + np.exp(8 * (octave - np.log2(high)))
         mask[0] = 0
         # Low octaves are coarse, and cheap on a coarse grid.
-        kept = min(octave.size, 1 + scipy.fft.next_fast_len(max(32, int(2 * high * columns))))
-        lines = min(rows, 2 * scipy.fft.next_fast_len(max(32, int(3 * high * rows))))
+        kept = min(octave.size, 1 + _fast_length(max(32, int(2 * high * columns))))
+        lines = min(rows, 2 * _fast_length(max(32, int(3 * high * rows))))
         part = spectrum[:, :kept] * mask[:kept].astype(tile.dtype)
         if lines < rows:
             part = np.concatenate([part[: lines // 2], part[-(lines // 2) :]])
         power = part.real**2 + part.imag**2
         counts[index] = power.sum() ** 2 / max((power**2).sum(), 1e-300)
         for place, phase in enumerate(phases[:, :kept]):
-            square = scipy.fft.irfft2(part * phase) ** 2
+            square = _irfft2(part * phase) ** 2
             energy[index, place] = np.log1p(square / max(square.mean(), 1e-300)).mean()
     return energy, counts
 
