@@ -21,6 +21,7 @@ ALL = (
     "monte_carlo",
     "restoration",
     "restoration_over_speeds",
+    "speed",
     "scenes",
     "free_motion",
     "tolerances",

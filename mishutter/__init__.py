@@ -86,12 +86,15 @@ if TYPE_CHECKING:
     from mishutter.restore import RestoredPhotograph as RestoredPhotograph
     from mishutter.restore import RichardsonLucyDecoder as RichardsonLucyDecoder
     from mishutter.restore import Simulation as Simulation
+    from mishutter.restore import SpeedEstimate as SpeedEstimate
+    from mishutter.restore import SpeedFindingDecoder as SpeedFindingDecoder
     from mishutter.restore import TikhonovDecoder as TikhonovDecoder
     from mishutter.restore import TotalVariationDecoder as TotalVariationDecoder
     from mishutter.restore import WienerDecoder as WienerDecoder
     from mishutter.restore import blur_model as blur_model
     from mishutter.restore import capture_and_restore as capture_and_restore
     from mishutter.restore import deconvolve as deconvolve
+    from mishutter.restore import estimate_speed as estimate_speed
     from mishutter.restore import ghost_energy as ghost_energy
     from mishutter.restore import measure_quality as measure_quality
     from mishutter.restore import psnr as psnr
@@ -182,6 +185,8 @@ __all__ = [
     "SecondOrderStage",
     "SensorLevels",
     "Simulation",
+    "SpeedEstimate",
+    "SpeedFindingDecoder",
     "SplineShutter",
     "StagePath",
     "StillCamera",
@@ -209,6 +214,7 @@ __all__ = [
     "condition_number",
     "deconvolve",
     "drive_table",
+    "estimate_speed",
     "evaluate",
     "example_picture",
     "example_scene",

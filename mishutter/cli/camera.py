@@ -36,6 +36,7 @@ from mishutter.cli.options import JsonOption, SceneArgument, as_path, scene_of
 if TYPE_CHECKING:
     from mishutter.camera import Frames, Layers
     from mishutter.model import Picture, Scene
+    from mishutter.restore import SpeedEstimate
 
 _NUM_TICKS = 100
 _LINEAR = "PSNR / dB, linear light"
@@ -49,6 +50,7 @@ class DecoderName(Enum):
     RICHARDSON_LUCY = "richardson-lucy"
     TIKHONOV = "tikhonov"
     TOTAL_VARIATION = "total-variation"
+    SPEED_FINDING = "speed-finding"
 
 
 def simulate(
@@ -169,17 +171,25 @@ def simulate(
     files = ["captured.png", "restored.png", "side_by_side.png"]
     if not figures:
         note("no quality: each layer or frame moves on its own, and no one picture is the truth")
+    found = result.found
+    if found is not None and found.doubt:
+        note(f"warning: {found.doubt}")
     levels = {}
     if drive is not None or measured is not None:
         levels = {name: float(camera.metrics.expected_psnr) for name, camera in known.items()}
     if json:
         quality = {"quality": figures} if figures else {}
         expected = {"expected_psnr_db": levels} if levels else {}
-        write_json(quality | expected | {"decoder": decoder.value, "files": files})
+        speeds = {} if found is None else {"found": _found(found)}
+        write_json(quality | expected | {"decoder": decoder.value, "files": files} | speeds)
     else:
         if figures:
             rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
             print_table(f"Restored by {decoder.value}", ["figure", "value"], rows)
+        if found is not None:
+            trust = "trusted" if found.trusted else "not trusted: restored for all likely speeds"
+            value = f"{found.speed:,.0f} +- {found.error:,.0f}"
+            print_table("Speed found", ["px/s", ""], [[value, trust]])
         if levels:
             rows = [[name, f"{value:.3f}"] for name, value in levels.items()]
             print_table("Expected of the scene", ["camera", "PSNR / dB"], rows)
@@ -251,7 +261,18 @@ def _decoder(name: DecoderName) -> Any:
         DecoderName.RICHARDSON_LUCY: decoders.RichardsonLucyDecoder,
         DecoderName.TIKHONOV: decoders.TikhonovDecoder,
         DecoderName.TOTAL_VARIATION: decoders.TotalVariationDecoder,
+        DecoderName.SPEED_FINDING: decoders.SpeedFindingDecoder,
     }[name]()
+
+
+def _found(found: "SpeedEstimate") -> dict[str, Any]:
+    """A speed that was found, as JSON has it."""
+    return {
+        "speed_px_per_s": found.speed,
+        "error_px_per_s": found.error,
+        "trusted": found.trusted,
+        "doubt": found.doubt,
+    }
 
 
 def _quality(seen: "Picture | Layers | Frames", restored: Any) -> dict[str, float]:

@@ -10,6 +10,7 @@ from mishutter.model.devices import TransmittedShutter as TransmittedShutter
 from mishutter.model.devices import command_of as command_of
 from mishutter.model.devices import device_of as device_of
 from mishutter.model.images import GAMMA as GAMMA
+from mishutter.model.images import LUMINANCE as LUMINANCE
 from mishutter.model.images import Picture as Picture
 from mishutter.model.images import PictureWarning as PictureWarning
 from mishutter.model.images import checked_white as checked_white

@@ -4,10 +4,13 @@ from mishutter.restore.decoders import AbstractDecoder as AbstractDecoder
 from mishutter.restore.decoders import BlurModel as BlurModel
 from mishutter.restore.decoders import EnsembleDecoder as EnsembleDecoder
 from mishutter.restore.decoders import RichardsonLucyDecoder as RichardsonLucyDecoder
+from mishutter.restore.decoders import SpeedEstimate as SpeedEstimate
+from mishutter.restore.decoders import SpeedFindingDecoder as SpeedFindingDecoder
 from mishutter.restore.decoders import TikhonovDecoder as TikhonovDecoder
 from mishutter.restore.decoders import TotalVariationDecoder as TotalVariationDecoder
 from mishutter.restore.decoders import WienerDecoder as WienerDecoder
 from mishutter.restore.decoders import blur_model as blur_model
+from mishutter.restore.decoders import estimate_speed as estimate_speed
 from mishutter.restore.decoders import richardson_lucy as richardson_lucy
 from mishutter.restore.image_quality import Quality as Quality
 from mishutter.restore.image_quality import ghost_energy as ghost_energy

@@ -10,10 +10,25 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import require_key, require_positive_int
-from mishutter.camera import Frames, Layers, as_light, simulate_capture
+from mishutter.camera import (
+    Frames,
+    Layers,
+    as_light,
+    distinct_colours,
+    rows_last,
+    simulate_capture,
+)
 from mishutter.evaluation import PLANNED, Automatic, Plan
 from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene, require_scene
-from mishutter.restore.decoders import AbstractDecoder, EnsembleDecoder, blur_model
+from mishutter.restore.decoders import (
+    AbstractDecoder,
+    EnsembleDecoder,
+    SpeedEstimate,
+    SpeedFindingDecoder,
+    blur_model,
+)
+from mishutter.restore.decoders.speed import speed_in
+from mishutter.restore.decoders.speed_finding import at_speed
 from mishutter.restore.restoration import deconvolve
 
 Progress = Callable[[str, float], None]
@@ -27,10 +42,12 @@ class Simulation(NamedTuple):
         captured: Light in units of a fully open exposure; `(rows, columns, channels)`, or
             `(rows, columns)` of an array of that shape.
         restored: Light of the picture, white = 1; the same shape.
+        found: The speed that the `SpeedFindingDecoder` found; None of others.
     """
 
     captured: np.ndarray
     restored: np.ndarray
+    found: SpeedEstimate | None = None
 
 
 def capture_and_restore(
@@ -52,8 +69,9 @@ def capture_and_restore(
     """Capture a subject and restore it, within memory of a few times its own size.
 
     Blur and noise are along rows, so that rows can be done in any portions; a decoder that knows
-    how rows go together is given a few more above and below (`rows_beyond`). One that sets its
-    strength by what a plane leaves unexplained does so for each portion.
+    how rows go together is given a few more above and below (`rows_beyond`), and one that finds the
+    speed finds it in all of them. One that sets its strength by what a plane leaves unexplained
+    does so for each portion.
 
     Args:
         subject: A photograph, a layered scene, or footage.
@@ -101,6 +119,12 @@ def capture_and_restore(
             shape = (num_rows, *part.shape[1:])
             captured, restored = np.empty(shape, part.dtype), np.empty(shape, part.dtype)
         captured[first : first + rows_at_once] = part
+    estimate = None
+    if isinstance(chosen, SpeedFindingDecoder):
+        report("finding the speed", 0.5)
+        relative = speed_in(rows_last(distinct_colours(captured, plan)), model)
+        estimate = relative.of(scene, motion)
+        chosen, model = chosen.inner, at_speed(model, relative)
     beyond = chosen.rows_beyond
     for first, past in itertools.pairwise(_mirrored_portions(num_rows, rows_at_once)):
         report("restoring", 0.5 + 0.5 * first / num_rows)
@@ -109,7 +133,7 @@ def capture_and_restore(
         found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
         restored[first:past] = found[above : above + past - first]
     report("done", 1.0)
-    return Simulation(captured, restored)
+    return Simulation(captured, restored, estimate)
 
 
 def _mirrored_portions(num_rows: int, at_once: int) -> list[int]:

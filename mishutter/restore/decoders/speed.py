@@ -1,0 +1,553 @@
+r"""One speed of a whole picture, found in a capture of it.
+
+Two things tell it. The ripple of $|H_s(f)|^2$ shows in the power spectrum of the capture, and
+only the right phase of $H_s$, undone, makes edges: few, high, and flat between (Wiggins 1978,
+minimum entropy deconvolution). Either alone is wrong in too many captures.
+"""
+
+import itertools
+import json
+from collections.abc import Callable
+from functools import lru_cache
+from importlib import resources
+from typing import NamedTuple
+
+import numpy as np
+import scipy.fft
+from jaxtyping import ArrayLike
+from scipy.special import digamma, polygamma
+
+from mishutter._core import (
+    Bare,
+    alone_in_blas,
+    in_threads,
+    is_concrete,
+    num_processors,
+    require,
+    shape_of,
+)
+from mishutter.camera import as_pixels, distinct_colours, rows_last
+from mishutter.evaluation import PLANNED
+from mishutter.model import LUMINANCE, AbstractMotion, AbstractShutter, Scene
+from mishutter.restore.decoders.base import BlurModel, blur_model
+
+# In single precision, and typed, which SciPy's own are not.
+_rfft2: Callable[[np.ndarray], np.ndarray] = scipy.fft.rfft2  # type: ignore[assignment]
+_irfft2: Callable[[np.ndarray], np.ndarray] = scipy.fft.irfft2  # type: ignore[assignment]
+_fast_length: Callable[[int], int] = scipy.fft.next_fast_len  # type: ignore[assignment]
+STEP = 2.0
+"""Steps of the speeds that are tried: so much more smear over the exposure, px."""
+_LEAST_STEPS, _MOST_STEPS = 32, 512
+_BEYOND = 0.1
+"""How far beyond the scene's speeds others are tried, as a share of their range."""
+_TAPER = 0.25
+"""Share of a row in which the window rises and falls."""
+_MOST_ROWS, _MOST_COLUMNS, _MOST_BLURS = 512, 1024, 4
+"""Rows and columns of a tile, at most; or so many blurs in its rows."""
+_MOST_BANDS, _LEAST_ROWS = 4, 64
+"""Bands of rows whose speeds are compared, of at least so many rows each."""
+_LEAST_COLUMNS = 64
+_FREEDOM = 4.0
+"""Degrees of freedom of Student's t: a photograph has lines in its spectrum that no trend has."""
+_OCTAVES = ((0.008, 0.018), (0.018, 0.04), (0.04, 0.09), (0.09, 0.2))
+"""Bands along the rows in which edges are looked for; cycles/px."""
+_LEAST_POWER = 1e-14
+"""Least variance of the noise: prevents a logarithm of 0 where a camera has none."""
+LITTLE = "Little in the picture tells the speed."
+SHORT = "The blur is too short at all speeds to tell one."
+_LEAST_TOLD = 16
+"""Steps of 2 px below which speeds are not told apart: a photograph may be as soft as its blur."""
+_DENIED = 0.01
+"""Probability of the speed of all rows below which a band of them is said to have another."""
+_NUM_STEPS, _NUM_MORE_STEPS = 12, 4
+"""Towards the likeliest spectrum for all speeds, and from there on for each."""
+_LOWEST = 2
+"""Frequencies of the DFT that are left to the window, at either end."""
+
+
+class Prior(NamedTuple):
+    """Statistics of photographs, which `python -m benchmarks.speed fit` makes.
+
+    Attributes:
+        mean: Mean of the coefficients of a smooth logarithm of a power spectrum; shape `(11,)`.
+        precision: Inverse of their covariance; shape `(11, 11)`.
+        misfit: Variance of what a smooth spectrum misses of the logarithm.
+        spectrum_weight: Weight of the evidence of the spectrum.
+        phase_weight: Weight of the sparsity.
+        trust: Probability near the mode from which on a speed is trusted.
+        width: Of error bars, in units of the posterior's width near its mode: weights that are
+            right for errors that are gross are too low for those that are fine.
+    """
+
+    mean: np.ndarray
+    precision: np.ndarray
+    misfit: float
+    spectrum_weight: float
+    phase_weight: float
+    trust: float
+    width: float
+
+
+@lru_cache
+def prior() -> Prior:
+    """The prior of photographs that the package ships."""
+    text = (resources.files("mishutter.restore.decoders") / "speed_prior.json").read_text("utf-8")
+    numbers = json.loads(text)
+    covariance = np.array(numbers["covariance"])
+    others = (numbers[name] for name in Prior._fields[2:])
+    return Prior(np.array(numbers["mean"]), np.linalg.inv(covariance), *others)
+
+
+class Energies(NamedTuple):
+    r"""How unlikely each speed is by the parts of the evidence.
+
+    Attributes:
+        spectrum: Of the power spectrum; shape `(s,)`.
+        phase: Mean of $\log(1 + u^2)$, by octave; shape `(o, s)`.
+        counts: How many waves each octave has; shape `(o,)`.
+    """
+
+    spectrum: np.ndarray
+    phase: np.ndarray
+    counts: np.ndarray
+
+
+def windows(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Windows of a tile: a sine down its columns; along its rows flat but for the ends."""
+    down = np.sin(np.pi * (np.arange(rows) + 0.5) / rows)
+    return down, _flat_window(columns)
+
+
+def _flat_window(count: int) -> np.ndarray:
+    from_end = np.minimum(np.arange(count) + 0.5, count - np.arange(count) - 0.5) / count
+    return np.sin(np.pi / 2 * np.minimum(2 * from_end / _TAPER, 1)) ** 2
+
+
+class Bands(NamedTuple):
+    """Frequencies at which the logarithm of a power spectrum is looked at.
+
+    Attributes:
+        members: Indices of the DFT down the rows, by band of their frequency.
+        counts: How many independent ones each band has; shape `(b, 1)`.
+        along: Indices of the DFT along the rows.
+        terms: Terms of the smooth spectrum; shape `(b * k, 11)`.
+    """
+
+    members: list[np.ndarray]
+    counts: np.ndarray
+    along: slice
+    terms: np.ndarray
+
+
+@lru_cache(maxsize=4)
+def bands(rows: int, columns: int) -> Bands:
+    """The bands of a tile of some shape."""
+    down = np.abs(np.fft.fftfreq(rows))
+    edges = [-1.0, 0.6 / rows, 2.5 / rows]
+    if rows > 12:
+        edges += np.geomspace(4.5 / rows, 0.5001, 10).tolist()
+    edges[-1] = 0.5001
+    pairs = itertools.pairwise(edges)
+    members = [np.flatnonzero((down > low) & (down <= high)) for low, high in pairs]
+    members = [band for band in members if band.size]
+    # A sine window makes 1.5 neighbours of a DFT one.
+    counts = np.maximum(np.array([band.size for band in members]) / 1.5, 1.0)[:, None]
+    along = slice(_LOWEST, columns // 2 + 1 - _LOWEST)
+    fx = np.fft.rfftfreq(columns)[along]
+    fy = np.array([down[band].mean() for band in members])[:, None]
+    radial = (np.log(np.hypot(fx, fy) + 0.003) + 2) / 2
+    row, column = np.log(fx), (np.log(fy + 0.003) + 2.5) / 2
+    row = 2 * (row - np.log(0.004)) / np.log(0.5 / 0.004) - 1
+    legendre = np.polynomial.legendre.Legendre.basis
+    each = [radial**0, radial, radial**2, *(legendre(n)(row) for n in range(1, 6))]
+    each += [column, column**2, row * column]
+    shape = np.broadcast_shapes(fx.shape, fy.shape)
+    terms = np.stack([np.broadcast_to(term, shape).ravel() for term in each], axis=1)
+    return Bands(members, counts, along, terms.astype(np.float32))
+
+
+def log_power(tile: np.ndarray) -> np.ndarray:
+    """Unbiased logarithm of the power of a tile, by band and along the rows; shape `(b, k)`."""
+    rows, columns = tile.shape
+    layout, (down, across) = bands(rows, columns), windows(rows, columns)
+    window = (down[:, None] * across).astype(tile.dtype)
+    deviation = tile - np.sum(tile * window) / np.sum(window)
+    spectrum = _rfft2(deviation * window)[:, layout.along]
+    power = (spectrum.real**2 + spectrum.imag**2) / np.sum(window**2)
+    mean = np.stack([power[band].mean(axis=0) for band in layout.members])
+    bias = digamma(layout.counts) - np.log(layout.counts)
+    return np.log(mean.astype(np.float64) + 1e-30) - bias
+
+
+def _passed(responses: np.ndarray, columns: int) -> np.ndarray:
+    """Power that a row's window lets see of some responses; `(s, k)`."""
+    leak = np.abs(np.fft.fft(_flat_window(columns))) ** 2
+    leak = np.concatenate([leak[-6:], leak[:7]])
+    power = np.abs(responses) ** 2
+    power = np.concatenate([power[:, 6:0:-1], power, power[:, -2:-8:-1]], axis=1)
+    return np.stack([np.convolve(row, leak / leak.sum(), "valid") for row in power])
+
+
+def _spectrum_energy(
+    observed: np.ndarray, passed: np.ndarray, noise: float, layout: Bands, known: Prior
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Laplace's evidence of each speed by the power spectrum; and the likeliest coefficients.
+
+    $\log$ power is $\log(S |H_s|^2 + N)$ with $\log S$ linear in coefficients whose prior is
+    Gaussian. The steps are Gauss's and Newton's, with the weights of Student's t.
+
+    Args:
+        observed: `log_power`; shape `(b, k)`.
+        passed: $|H_s|^2$ at the same frequencies; shape `(s, k)`.
+        noise: $N$.
+        layout: The bands.
+        known: The prior.
+
+    Returns:
+        Shapes `(s,)` and `(s, 11)`.
+    """
+    terms, num = layout.terms, len(known.mean)
+    upper = np.triu_indices(num)
+    pairs = terms[:, upper[0]] * terms[:, upper[1]]
+    scatter = polygamma(1, layout.counts).astype(terms.dtype)
+    target, seen = observed.astype(terms.dtype), passed.astype(terms.dtype)[:, None]
+    misfit, freedom = terms.dtype.type(known.misfit), terms.dtype.type(_FREEDOM)
+
+    def fit(coefficients: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, ...]:
+        smooth = np.clip(coefficients.astype(terms.dtype) @ terms.T, -25, 15)
+        signal = np.exp(smooth).reshape(-1, *target.shape) * seen
+        total = signal + terms.dtype.type(noise)
+        share = signal / total
+        missed = (target - np.log(total)).reshape(len(coefficients), -1)
+        variance = (scatter + share**2 * misfit).reshape(missed.shape)
+        share = share.reshape(missed.shape)
+        ratio = missed**2 / (freedom * variance)
+        weight = (1 + 1 / freedom) / (1 + ratio) / variance * share
+        curvature = np.empty((len(coefficients), num, num))
+        curvature[:, upper[0], upper[1]] = (weight * share) @ pairs
+        curvature[:, upper[1], upper[0]] = curvature[:, upper[0], upper[1]]
+        fitted = (freedom + 1) / 2 * np.log1p(ratio) + np.log(variance) / 2
+        energy = fitted.sum(axis=1, dtype=np.float64)
+        return energy, curvature + known.precision, (weight * missed) @ terms
+
+    def stepped(coefficients: np.ndarray, seen: np.ndarray, count: int) -> np.ndarray:
+        for _ in range(count):
+            _, curvature, gradient = fit(coefficients, seen)
+            gradient = gradient - (coefficients - known.mean) @ known.precision
+            step = np.linalg.solve(curvature, gradient[..., None])[..., 0]
+            coefficients = coefficients + np.clip(step, -1.5, 1.5)
+        return coefficients
+
+    first = stepped(known.mean[None], seen.mean(axis=0, keepdims=True), _NUM_STEPS)
+    coefficients = stepped(np.repeat(first, len(passed), axis=0), seen, _NUM_MORE_STEPS)
+    energy, curvature, _ = fit(coefficients, seen)
+    away = coefficients - known.mean
+    energy += np.einsum("si,ij,sj->s", away, known.precision, away) / 2
+    return energy + np.linalg.slogdet(curvature)[1] / 2, coefficients
+
+
+def _phase_energy(
+    tile: np.ndarray, responses: np.ndarray, amplitude: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Mean of $\log(1 + u^2)$ by octave and speed; `(o, s)`, and waves of each octave; `(o,)`.
+
+    $u$ is the tile with the phase of $H_s$ undone, of unit variance; its amplitudes are the same
+    for all speeds.
+    """
+    rows, columns = tile.shape
+    taper = np.outer(_flat_window(rows), _flat_window(columns)).astype(tile.dtype)
+    deviation = tile - np.sum(tile * taper) / np.sum(taper)
+    spectrum = _rfft2(deviation * taper) * amplitude
+    phases = np.conj(responses) / (np.abs(responses) + 1e-9)
+    phases = phases.astype(spectrum.dtype)
+    octave = np.log2(np.maximum(np.fft.rfftfreq(columns), 1e-6))
+    energy, counts = np.empty((len(_OCTAVES), len(phases))), np.empty(len(_OCTAVES))
+    for index, (low, high) in enumerate(_OCTAVES):
+        mask = 1 / (1 + np.exp(-8 * (octave - np.log2(low))))
+        mask /= 1 + np.exp(8 * (octave - np.log2(high)))
+        mask[0] = 0
+        # Low octaves are coarse, and cheap on a coarse grid.
+        kept = min(octave.size, 1 + _fast_length(max(32, int(2 * high * columns))))
+        lines = min(rows, 2 * _fast_length(max(32, int(3 * high * rows))))
+        part = spectrum[:, :kept] * mask[:kept].astype(tile.dtype)
+        if lines < rows:
+            part = np.concatenate([part[: lines // 2], part[-(lines // 2) :]])
+        power = part.real**2 + part.imag**2
+        counts[index] = power.sum() ** 2 / max((power**2).sum(), 1e-300)
+        for place, phase in enumerate(phases[:, :kept]):
+            square = _irfft2(part * phase) ** 2
+            energy[index, place] = np.log1p(square / max(square.mean(), 1e-300)).mean()
+    return energy, counts
+
+
+def energies(tile: np.ndarray, responses: np.ndarray, noise: float, known: Prior) -> Energies:
+    """The parts of the evidence of each speed, from one tile; responses `(s, k)`."""
+    rows, columns = tile.shape
+    layout = bands(rows, columns)
+    passed = _passed(responses, columns)[:, layout.along]
+    observed = log_power(tile)
+    spectrum, coefficients = _spectrum_energy(observed, passed, noise, layout, known)
+    likeliest = coefficients[np.argmin(spectrum)]
+    smooth = np.exp(np.clip(layout.terms @ likeliest, -25, 15)).reshape(observed.shape)
+    smooth = smooth * passed.mean(axis=0)
+    amplitude = np.zeros((rows, columns // 2 + 1), tile.dtype)
+    for line, band in zip(np.sqrt(smooth) / (smooth + noise), layout.members, strict=True):
+        amplitude[band, layout.along] = line
+        amplitude[band, 1] = line[0]
+    return Energies(spectrum, *_phase_energy(tile, responses, amplitude))
+
+
+class Posterior(NamedTuple):
+    """How likely each speed is, given a capture.
+
+    Attributes:
+        speeds: Speeds relative to the sensor that were tried, ascending; px/s, shape `(s,)`.
+        weights: Their probabilities; shape `(s,)`.
+        reach: How far from the mode a speed counts as the same; px/s.
+        width: As `Prior` has it.
+    """
+
+    speeds: np.ndarray
+    weights: np.ndarray
+    reach: float
+    width: float
+
+    @property
+    def mode(self) -> int:
+        """Index of the likeliest."""
+        return int(np.argmax(self.weights))
+
+    @property
+    def near(self) -> np.ndarray:
+        """Whether each speed is as good as the mode; shape `(s,)`."""
+        return np.abs(self.speeds - self.speeds[self.mode]) <= self.reach * (1 + 1e-9)
+
+    @property
+    def speed(self) -> float:
+        """Mean of the speeds near the mode; px/s."""
+        share = self.weights * self.near
+        return float(share @ self.speeds / share.sum())
+
+    @property
+    def error(self) -> float:
+        r"""Root of $\sum p\,d^2$, $d$ the distance from `speed`, times `width` if near; px/s.
+
+        It is no less than that by rounding to the steps.
+        """
+        distance = (self.speeds - self.speed) * np.where(self.near, self.width, 1.0)
+        rounding = self.width * np.diff(self.speeds[:2]).sum() / np.sqrt(12)
+        return max(float(np.sqrt(self.weights @ distance**2)), float(rounding))
+
+    @property
+    def at_end(self) -> bool:
+        """Whether the mode is at an end of the range that other speeds may lie beyond."""
+        first = self.mode < 2 and self.speeds[0] != 0
+        return self.speeds.size > 1 and (first or self.mode >= self.speeds.size - 2)
+
+    def around(self, speed: float) -> float:
+        """Probability of being nearly a speed."""
+        return float(self.weights @ (np.abs(self.speeds - speed) <= 2 * self.reach))
+
+    def trusted(self, share: float) -> bool:
+        """Whether so much of the probability is near the mode, and the mode at no end."""
+        return bool(self.weights @ self.near >= share) and not self.at_end
+
+
+def speeds_to_try(model: BlurModel) -> tuple[np.ndarray, float]:
+    """Speeds relative to the sensor at equal steps, and how far apart two are told; px/s.
+
+    Those of the model and a tenth of their range more at either end. Where speeds of both signs
+    have one blur, to what a step makes of it, only those from 0 up.
+    """
+    occurs = model.speeds[model.weights > 0]
+    low, high = float(np.min(occurs)), float(np.max(occurs))
+    beyond = _BEYOND * (high - low)
+    if beyond == 0:
+        return occurs[:1], np.inf
+    low, high = low - beyond, high + beyond
+    reach = STEP / float(2 * model.motion.half_exposure)
+    fastest = max(abs(low), abs(high))
+    some = np.array([0.7 * fastest, -0.7 * fastest, 0.7 * fastest + reach])
+    one, turned, next_to = model.responses_at(some, _MOST_ROWS)
+    if np.linalg.norm(turned - one) < np.linalg.norm(next_to - one):
+        low, high = max(low, -high, 0.0), fastest
+    count = int(np.clip(np.ceil((high - low) / reach), _LEAST_STEPS, _MOST_STEPS))
+    tried = np.linspace(low, high, count + 1)
+    return tried, max(reach, float(tried[1] - tried[0]))
+
+
+def posterior_of(
+    parts: list[Energies], speeds: np.ndarray, reach: float, known: Prior
+) -> Posterior:
+    """The posterior by the evidence of some tiles of one picture."""
+    energy = known.spectrum_weight * np.mean([part.spectrum for part in parts], axis=0)
+    waves = np.sqrt(np.sum([part.counts for part in parts], axis=0))
+    energy = energy + known.phase_weight * waves @ np.mean([part.phase for part in parts], axis=0)
+    weights = np.exp(np.min(energy) - energy)
+    return Posterior(speeds, weights / weights.sum(), reach, known.width)
+
+
+def tiles_of(light: np.ndarray, num_taps: int) -> list[list[np.ndarray]]:
+    """A picture as rows of tiles of about equal size, from each of which evidence is taken.
+
+    There are at least two rows of them where each can be high enough to tell a speed: what moves
+    at another speed shows in one of them.
+    """
+    widest = max(_MOST_COLUMNS, _MOST_BLURS * num_taps)
+    rows, columns = -(-light.shape[0] // _MOST_ROWS), -(-light.shape[1] // widest)
+    rows = max(rows, min(_MOST_BANDS, light.shape[0] // _LEAST_ROWS))
+    return [np.array_split(band, columns, axis=1) for band in np.array_split(light, rows)]
+
+
+class SpeedEstimate(NamedTuple):
+    """The speed of a whole picture, found in one capture of it.
+
+    Attributes:
+        speed: px/s. Where speeds of both signs relative to the sensor have one blur, the one
+            that is more of the scene.
+        error: Its standard error; px/s.
+        trusted: Whether a decoder does well to take it for the speed.
+        speeds: Speeds that were tried, ascending; px/s, shape `(s,)`.
+        weights: Their probabilities; shape `(s,)`.
+        doubt: What speaks against it, in a sentence; empty where nothing does.
+    """
+
+    speed: float
+    error: float
+    trusted: bool
+    speeds: np.ndarray
+    weights: np.ndarray
+    doubt: str
+
+    def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
+        """The same of a scene, where speeds are relative to the sensor that pans by `motion`."""
+        pan, known = float(motion.velocity), np.asarray(scene.speeds, np.float64)
+        either = self.speeds[0] >= 0
+        turned = either and bool(pan - np.min(known) > np.max(known) - pan)
+        sign, order = (-1.0, slice(None, None, -1)) if turned else (1.0, slice(None))
+        speeds = (pan + sign * self.speeds)[order]
+        return self._replace(
+            speed=pan + sign * self.speed, speeds=speeds, weights=self.weights[order]
+        )
+
+
+@alone_in_blas()
+def estimate_speed(
+    capture: ArrayLike, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> SpeedEstimate:
+    r"""Find the one speed of a picture that moves as a whole, in one capture of it.
+
+    The posterior is $p(s) \propto \exp(-\beta A(s) - \gamma \sum_o \sqrt{n_o} B_o(s))$ over
+    the scene's range of speeds. $A$ is the evidence of the power spectrum, $S |H_s|^2 + N$ with a
+    smooth $S$ that has a prior, under Student's t. $B_o$ is the mean of $\log(1 + u^2)$ in an
+    octave of $n_o$ waves, $u$ being the capture with the phase of $H_s$ undone: the right phase
+    makes few edges. The prior and both weights are fitted to photographs.
+
+    Args:
+        capture: Light in units of a fully open exposure, as `simulate_capture` gives it; shape
+            `(rows, columns)` or `(rows, columns, channels)`; concrete.
+        scene: Speeds that may occur, light, noise, lens and device; concrete.
+        motion: Motion of the sensor; concrete.
+        shutter: Transmittance over the exposure; concrete.
+
+    Returns:
+        The speed, its error and what speaks against it; see `SpeedEstimate`.
+
+    Raises:
+        ValueError: if the capture is traced, not finite or no picture, or the scene has no light.
+    """
+    subject = "estimate_speed(capture=...)"
+    light = as_pixels(capture, subject)
+    require(np.ndim(light) <= 3, subject, "be one picture", shape_of(light))
+    model = blur_model(scene, motion, shutter)
+    lit = model.electrons > 0 and model.efficiency > 0
+    require(lit, "estimate_speed(scene=...)", "have light that the shutter lets through", 0.0)
+    planes = rows_last(distinct_colours(light, PLANNED))
+    return speed_in(planes, model).of(scene, motion)
+
+
+def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
+    """The speed of one picture, relative to the sensor.
+
+    Args:
+        planes: Light of its colours, in units of a fully open exposure; shape
+            `(channels, rows, columns)` or `(rows, columns)`; concrete.
+        model: Blur and noise.
+
+    Raises:
+        ValueError: if the capture is traced.
+    """
+    known_now = is_concrete(planes)
+    require(known_now, "estimate_speed(capture=...)", "be known, not traced", Bare("a tracer"))
+    light, noise = luminance(np.asarray(planes), model)
+    known = prior()
+    speeds, reach = speeds_to_try(model)
+    is_short = np.ptp(speeds) < _LEAST_TOLD * reach
+    is_narrow = light.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
+    if speeds.size == 1 or is_short or is_narrow or not np.ptp(light) > 0:
+        flat = np.full(speeds.size, 1 / speeds.size)
+        found = Posterior(speeds, flat, reach, 1.0)
+        doubt = "" if speeds.size == 1 else SHORT if is_short else LITTLE
+        return SpeedEstimate(found.speed, found.error, not doubt, speeds, flat, doubt)
+    parts = parts_of(light, model, speeds, noise, known)
+    whole, weights, doubt = judged(parts, speeds, reach, known)
+    return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt)
+
+
+class Verdict(NamedTuple):
+    """The posterior of all rows, the weights of speeds, and what speaks against a single speed."""
+
+    whole: Posterior
+    weights: np.ndarray
+    doubt: str
+
+
+def judged(parts: list[list[Energies]], speeds: np.ndarray, reach: float, known: Prior) -> Verdict:
+    """What the evidence of the bands of a picture says, together and apart."""
+    whole = posterior_of([part for band in parts for part in band], speeds, reach, known)
+    each = [posterior_of(band, speeds, reach, known) for band in parts]
+    weights, doubt, sure = whole.weights, "", whole.trusted(known.trust)
+    if whole.at_end:
+        doubt = "The speed may lie beyond those of the scene."
+    elif not sure:
+        doubt = LITTLE
+    denials = [p for p in each if p.around(whole.speed) < _DENIED]
+    denials = [p for p in denials if sure or p.trusted(known.trust)]
+    if denials:
+        odd = min(denials, key=lambda p: p.around(whole.speed))
+        doubt = (
+            f"Some rows seem to move at {odd.speed:,.0f} px/s past the sensor, where all rows "
+            f"together do at {whole.speed:,.0f}."
+        )
+        weights = np.mean([p.weights for p in each], axis=0)
+    return Verdict(whole, weights, doubt)
+
+
+def luminance(planes: np.ndarray, model: BlurModel) -> tuple[np.ndarray, float]:
+    """Luminance of the planes of a picture, and the variance of its noise."""
+    planes = planes.reshape(-1, *planes.shape[-2:])
+    equal = np.full(len(planes), 1 / len(planes))
+    share = np.array(LUMINANCE) if len(planes) == len(LUMINANCE) else equal
+    levels = np.maximum(planes.mean(axis=(1, 2), dtype=np.float64), 0)
+    noise = share**2 @ (levels / model.electrons + model.read_variance)
+    light = np.zeros(planes.shape[1:], np.float32)
+    for weight, plane in zip(share.astype(np.float32), planes, strict=True):
+        light += weight * plane.astype(np.float32)
+    return light, max(float(noise), _LEAST_POWER)
+
+
+def parts_of(
+    light: np.ndarray, model: BlurModel, speeds: np.ndarray, noise: float, known: Prior
+) -> list[list[Energies]]:
+    """The evidence by bands of rows, from above down, and by tiles in them."""
+    bands_of_tiles = tiles_of(light, model.num_taps)
+    tiles = [(i, tile) for i, band in enumerate(bands_of_tiles) for tile in band]
+    widths = {tile.shape[1] for _, tile in tiles}
+    responses = {columns: model.responses_at(speeds, columns) for columns in widths}
+
+    def evidence(place: tuple[int, np.ndarray]) -> tuple[int, Energies]:
+        index, tile = place
+        return index, energies(tile, responses[tile.shape[1]], noise, known)
+
+    found = list(in_threads(evidence, tiles, num_processors()))
+    return [[e for i, e in found if i == index] for index in range(len(bands_of_tiles))]

@@ -1,0 +1,64 @@
+"""Restoration of a picture that moves as a whole, by the speed that is found in it."""
+
+from dataclasses import replace
+from typing import final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter.camera import kernel_layout
+from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
+from mishutter.restore.decoders.speed import SpeedEstimate, speed_in
+from mishutter.restore.decoders.total_variation import TotalVariationDecoder
+
+_DOUBTED = 0.1
+"""Weight of the scene's own speeds where the one that was found is not trusted."""
+_LEAST_WEIGHT = 1e-3
+"""Probability below which a speed is left to the scene's own."""
+
+
+@final
+class SpeedFindingDecoder(AbstractDecoder):
+    r"""Finds the speed of a picture that moves as a whole, and restores by it.
+
+    A speed that is trusted takes the place of all of the scene's. Where none is, the speeds are
+    those of the posterior, $0.9\,p(s)$, and the scene's own, at a tenth of their weights. Where
+    nothing tells speeds apart, as in a snapshot, the inner decoder restores as it would alone.
+
+    Args:
+        inner: The decoder that restores, knowing these speeds.
+
+    Raises:
+        ValueError: if a capture is traced.
+    """
+
+    inner: AbstractDecoder = eqx.field(default_factory=TotalVariationDecoder)
+
+    @property
+    def rows_beyond(self) -> int:
+        return self.inner.rows_beyond
+
+    def restore(self, captured: Array, model: BlurModel) -> Array:
+        if model.efficiency <= 0 or not np.all(np.isfinite(model.noise)):
+            return self.inner.restore(captured, model)
+        pictures = captured.reshape(-1, *captured.shape[-3:])
+        restored = [self.inner.restore(p, at_speed(model, speed_in(p, model))) for p in pictures]
+        return jnp.stack(restored).reshape(captured.shape)
+
+
+def at_speed(model: BlurModel, found: SpeedEstimate) -> BlurModel:
+    """What a decoder knows once a speed relative to the sensor was found."""
+    if not found.trusted and np.ptp(found.weights) == 0:
+        return model  # nothing was found
+    if found.trusted:
+        speeds, weights = np.array([found.speed]), np.ones(1)
+    else:
+        likely = found.weights >= _LEAST_WEIGHT
+        share = found.weights[likely] / np.sum(found.weights[likely])
+        speeds = np.concatenate([found.speeds[likely], model.speeds])
+        weights = np.concatenate([(1 - _DOUBTED) * share, _DOUBTED * model.weights])
+    # Of all that were tried, so that one program restores whatever is found.
+    num_taps, _ = kernel_layout(model.motion, *found.speeds.tolist(), least_taps=model.num_taps)
+    return replace(model, speeds=speeds, weights=weights, num_taps=num_taps)

@@ -1,0 +1,236 @@
+"""The speed of a whole picture, found in one capture, and restoration by it.
+
+Photographs are captured by the package's camera with scene beyond both borders. Estimates are held
+to their own error bars, and to the 2 px of smear that the tried speeds are apart at most.
+"""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import mishutter as ms
+from mishutter import cli
+from mishutter.restore.decoders.speed import speeds_to_try
+from mishutter.restore.decoders.speed_finding import at_speed
+
+HALF = 0.015
+OPEN = ms.RectShutter()
+SEEN = slice(120, 632)
+"""Columns of a photograph that are captured: light is displaced by no more than is left."""
+
+
+def camera(velocity=0.0, half=HALF):
+    return ms.ParabolicMotion(acceleration=45 / half**2, half_exposure=half, velocity=velocity)
+
+
+def scene(low=-4500.0, high=4500.0, **others):
+    numbers = {"photon_rate": 1e5, "read_noise": 8.0, "mean_level": 0.21, "deviation": 0.2}
+    return ms.Scene.uniform(min_speed=low, max_speed=high, num_speeds=9, **{**numbers, **others})
+
+
+def photograph(rows=256):
+    return ms.example_picture().light[100 : 100 + rows].astype(np.float64)
+
+
+def grey(rows=256):
+    return ms.example_picture().luminance[100 : 100 + rows].astype(np.float64)
+
+
+def capture(picture, known, motion, shutter, speed, seed=1, **options):
+    whole = ms.simulate_capture(
+        picture, known, motion, shutter, speed=speed, key=jax.random.key(seed), **options
+    )
+    return np.asarray(whole)[:, SEEN]
+
+
+def is_right(found, speed):
+    """Within three of its errors, which are no wider than the speeds that decoders do not mind."""
+    return found.trusted and abs(found.speed - speed) < 3 * found.error < 250
+
+
+@pytest.mark.parametrize("speed", [430.0, -2210.0, 3700.0])
+def test_a_speed_is_found(speed):
+    """At speeds between those tried; of either sign, which the camera does not see."""
+    known = scene()
+    found = ms.estimate_speed(capture(grey(), known, camera(), OPEN, speed), known, camera(), OPEN)
+    assert is_right(found, abs(speed))
+    assert found.doubt == ""
+    assert np.sum(found.weights) == pytest.approx(1)
+    assert found.speeds.shape == found.weights.shape
+    assert np.all(np.diff(found.speeds) > 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_pan_is_in_the_speed(side):
+    """Speeds are those of the scene: of the two that blur alike past a pan, the scene's own."""
+    low, high = sorted((side * 500.0, side * 5000.0))
+    known, motion = scene(low, high), camera(velocity=side * 1000.0)
+    given = known, motion, OPEN
+    found = ms.estimate_speed(capture(grey(), *given, side * 3530.0), *given)
+    assert is_right(found, side * 3530.0)
+    assert np.all(np.diff(found.speeds) > 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [1730.0, -1730.0])
+def test_a_code_that_is_not_symmetric_tells_the_sign(speed):
+    """A camera at rest sees the two signs mirrored: only the phase of the blur tells them apart."""
+    known, motion = scene(-3000.0, 3000.0, photon_rate=1e6), ms.StillCamera(half_exposure=0.01)
+    code = ms.ChippedShutter(ms.RASKAR_CODE)
+    found = ms.estimate_speed(capture(grey(), known, motion, code, speed), known, motion, code)
+    assert is_right(found, speed)
+
+
+@pytest.mark.slow
+def test_colour_bits_lens_and_device():
+    """Three colours, a converter of 8 bits, a lens that blurs, a slow shutter: all known."""
+    slow = ms.FirstOrderShutter(rise_time=2e-4, fall_time=2e-4, transmission=0.8)
+    for picture, known, shutter, options in (
+        (photograph(), scene(), OPEN, {}),
+        (grey(), scene(), OPEN, {"adc_bits": 8}),
+        (grey(), scene(lens_blur=1.5), OPEN, {}),
+        (grey(), scene(device=slow), ms.TukeyShutter(0.1), {}),
+    ):
+        given = known, camera(), shutter
+        found = ms.estimate_speed(capture(picture, *given, 2960.0, **options), *given)
+        assert is_right(found, 2960.0), str(known)
+
+
+def test_little_detail_is_not_trusted():
+    """Few rows, few columns, one pixel, one level: an estimate, and a sentence that doubts it."""
+    given = scene(), camera(), OPEN
+    seen = capture(grey(24), *given, 2960.0)
+    for part in (seen[:20, :100], seen[:3, :70], seen[:2, :9], seen[:1, :1], 0 * seen + 0.2):
+        found = ms.estimate_speed(part, *given)
+        assert not found.trusted
+        assert found.doubt == "Little in the picture tells the speed."
+        assert np.sum(found.weights) == pytest.approx(1)
+        assert np.isfinite([found.speed, found.error]).all()
+
+
+def test_two_speeds_are_noticed():
+    """Halves that move at speeds of their own are a warning that names both."""
+    given = scene(), camera(), OPEN
+    one, other = (capture(grey(), *given, speed) for speed in (2960.0, 800.0))
+    found = ms.estimate_speed(np.concatenate([one[:128], other[128:]]), *given)
+    assert not found.trusted
+    words = found.doubt.replace(",", "").strip(".").split()
+    speeds = sorted(float(word) for word in words if word.isdigit())
+    np.testing.assert_allclose(speeds, [800, 2960], atol=100)
+
+
+def test_a_speed_beyond_those_of_the_scene_is_not_trusted():
+    """Speeds a tenth of the range beyond are tried, so that those further out end there."""
+    given = scene(), camera(), OPEN
+    assert not ms.estimate_speed(capture(grey(), *given, 5800.0), *given).trusted
+
+
+def test_one_speed_needs_no_finding():
+    """Of a scene with one speed it is that."""
+    known = ms.Scene([700.0], photon_rate=1e5, read_noise=8.0)
+    found = ms.estimate_speed(np.full((5, 90), 0.2), known, camera(), OPEN)
+    assert (found.speed, found.error, found.trusted) == (700.0, 0.0, True)
+
+
+def test_the_steps_follow_the_blur():
+    """Speeds that are tried smear by 2 px more each, of the scene's range and a tenth more."""
+    for half, expected in ((0.015, 1 / 0.015), (0.006, 4950 / 32)):
+        model = ms.blur_model(scene(), camera(half=half), OPEN)
+        tried, reach = speeds_to_try(model)
+        assert tried[0] == 0
+        assert tried[-1] == pytest.approx(4950)
+        assert np.max(np.diff(tried)) <= expected * (1 + 1e-9)
+        assert reach == pytest.approx(1 / half)
+
+
+def test_the_decoder_restores_by_the_speed():
+    """Trusted, it is the inner decoder of a scene with that speed, 1 dB better than without."""
+    known, motion, inner = scene(), camera(), ms.EnsembleDecoder()
+    picture, given = grey(), (known, motion, OPEN)
+    seen = capture(picture, *given, 2960.0)
+    decoder = ms.SpeedFindingDecoder(inner)
+    restored = np.asarray(ms.deconvolve(seen, *given, decoder=decoder))
+    found = ms.estimate_speed(seen, *given)
+    told = known.bare(speeds=np.array([found.speed]), weights=np.ones(1))
+    num_taps = at_speed(ms.blur_model(*given), found).num_taps
+    model = ms.blur_model(told, motion, OPEN, least_taps=num_taps)
+    again = ms.deconvolve(seen, told, motion, OPEN, decoder=inner, model=model)
+    np.testing.assert_allclose(restored, again, atol=1e-9)
+    untold = np.asarray(ms.deconvolve(seen, *given, decoder=inner))
+    levels = [ms.psnr(picture[:, SEEN], light, gamma=False) for light in (restored, untold)]
+    assert levels[0] > levels[1] + 1
+
+
+def test_a_speed_in_doubt_keeps_all_speeds():
+    """Not trusted, a tenth of the weight stays with the scene's own speeds."""
+    given = scene(), camera(), ms.HannShutter()
+    model = ms.blur_model(*given)
+    seen = capture(grey(24), *given, 2960.0)
+    found = ms.estimate_speed(seen, *given)
+    assert not found.trusted
+    known = at_speed(model, found)
+    count = model.speeds.size
+    np.testing.assert_array_equal(known.speeds[-count:], model.speeds)
+    np.testing.assert_allclose(known.weights[-count:], 0.1 * model.weights)
+    assert np.sum(known.weights) == pytest.approx(1)
+    assert known.num_taps >= model.num_taps
+    decoder = ms.SpeedFindingDecoder(ms.EnsembleDecoder())
+    again = decoder.inner.restore(jnp.asarray(seen), known)
+    np.testing.assert_allclose(ms.deconvolve(seen, *given, decoder=decoder), again, atol=1e-9)
+
+
+def test_a_snapshot_is_restored_as_it_would_be():
+    """A blur of a few pixels may be the photograph's own: the speed is not looked for."""
+    known, still = scene(), ms.StillCamera(half_exposure=0.001)
+    given = known, still, OPEN
+    seen = capture(grey(24), *given, 2960.0)
+    found = ms.estimate_speed(seen, *given)
+    assert (found.trusted, found.doubt) == (
+        False,
+        "The blur is too short at all speeds to tell one.",
+    )
+    inner = ms.EnsembleDecoder()
+    restored = ms.deconvolve(seen, *given, decoder=ms.SpeedFindingDecoder(inner))
+    np.testing.assert_array_equal(restored, ms.deconvolve(seen, *given, decoder=inner))
+
+
+@pytest.mark.slow
+def test_portions_are_restored_by_the_speed_of_the_whole():
+    """A few rows tell little: the speed is found once, in all, and stands on the result."""
+    given = scene(), camera(), OPEN
+    decoder = ms.SpeedFindingDecoder(ms.EnsembleDecoder())
+    options = {"speed": 2960.0, "key": jax.random.key(3), "decoder": decoder}
+    result = ms.capture_and_restore(photograph(), *given, rows_at_once=40, **options)
+    assert is_right(result.found, 2960.0)
+    whole = ms.deconvolve(result.captured, *given, decoder=decoder)
+    np.testing.assert_allclose(result.restored, whole, atol=1e-5)
+
+
+def test_refusals():
+    """What cannot be looked at is refused in one line."""
+    given = scene(), camera(), OPEN
+    with pytest.raises(ValueError, match="must be known, not traced; got a tracer"):
+        jax.jit(lambda light: ms.estimate_speed(light, *given).speed)(jnp.ones((4, 90)))
+    with pytest.raises(ValueError, match="must be one picture; got "):
+        ms.estimate_speed(np.ones((2, 4, 90, 1)), *given)
+    with pytest.raises(ValueError, match="must have light that the shutter lets through; got 0"):
+        ms.estimate_speed(np.ones((4, 90)), scene(photon_rate=0.0), camera(), OPEN)
+
+
+@pytest.mark.slow
+def test_the_command_says_what_it_found(tmp_path, capsys):
+    """The speed with its error; and where it is in doubt, the sentence, as a warning."""
+    ms.write_picture(tmp_path / "belt.png", photograph(130))
+    arguments = ["simulate", "--subject", str(tmp_path / "belt.png"), "--shutter", "rect"]
+    arguments += ["--decoder", "speed-finding", "--out", str(tmp_path / "out")]
+    assert cli.main([*arguments, "--speed", "2960", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["found"]
+    assert abs(found["speed_px_per_s"] - 2960) < 3 * found["error_px_per_s"]
+    assert cli.main([*arguments, "--speed", "9000"]) == 0
+    written = capsys.readouterr()
+    assert "not trusted" in written.out
+    assert "warning: " in written.err
