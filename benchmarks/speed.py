@@ -362,7 +362,8 @@ decoder for all speeds of the built-in scene, one that finds the speed, and one 
 The estimates: "wrong" is more than {far:g} px/s off; the error bars are those of trusted ones, of
 which {one:.0%} and {two:.0%} would lie within one and two if errors were normal.
 
-{estimates}
+{estimates}"""
+PARTS_TEXT = """
 
 Parts of the estimator, each left out with the weights fitted anew to the other half of the
 photographs; captures by {camera}.
@@ -435,9 +436,10 @@ def store(rows: list[dict], parts: list[dict]) -> None:
         one=0.683,
         two=0.954,
         estimates=harness.table(estimate_rows(rows), list(estimate_rows(rows)[0])) if rows else "",
-        camera=FITTED_TO[-1],
-        parts=harness.table(parts, list(parts[0])) if parts else "",
     )
+    if parts:
+        shown = harness.table(parts, list(parts[0]))
+        text += PARTS_TEXT.format(camera=FITTED_TO[-1], parts=shown)
     harness.section("speed", text)
 
 
