@@ -221,11 +221,12 @@ def score(trials: list[Trial], known: Prior) -> Score:
     logs = np.log(np.maximum(density, 1e-9) / steps)
     off = np.abs([f.whole.speed for f in found] - truth)
     errors, sure = np.array([f.whole.error for f in found]), np.array([not f.doubt for f in found])
-    inside = [np.mean(off[sure] < n * errors[sure]) if np.any(sure) else np.nan for n in (1, 2)]
+    one, two = (np.mean(off[sure] < n * errors[sure]) if np.any(sure) else np.nan for n in (1, 2))
     denied = np.mean([f.doubt.startswith("Some rows") for f in found])
     wrong = off > FAR
     many = int(np.sum(wrong & sure))
-    return Score(logs.mean(), wrong.mean(), sure.mean(), many, inside[0], inside[1], float(denied))
+    shares = (float(x) for x in (logs.mean(), wrong.mean(), sure.mean()))
+    return Score(*shares, many, float(one), float(two), float(denied))
 
 
 def width(trials: list[Trial], known: Prior) -> float:
@@ -362,7 +363,8 @@ decoder for all speeds of the built-in scene, one that finds the speed, and one 
 The estimates: "wrong" is more than {far:g} px/s off; the error bars are those of trusted ones, of
 which {one:.0%} and {two:.0%} would lie within one and two if errors were normal.
 
-{estimates}
+{estimates}"""
+PARTS_TEXT = """
 
 Parts of the estimator, each left out with the weights fitted anew to the other half of the
 photographs; captures by {camera}.
@@ -435,9 +437,10 @@ def store(rows: list[dict], parts: list[dict]) -> None:
         one=0.683,
         two=0.954,
         estimates=harness.table(estimate_rows(rows), list(estimate_rows(rows)[0])) if rows else "",
-        camera=FITTED_TO[-1],
-        parts=harness.table(parts, list(parts[0])) if parts else "",
     )
+    if parts:
+        shown = harness.table(parts, list(parts[0]))
+        text += PARTS_TEXT.format(camera=FITTED_TO[-1], parts=shown)
     harness.section("speed", text)
 
 

@@ -93,7 +93,7 @@ def test_colour_bits_lens_and_device():
         (photograph(), scene(), OPEN, {}),
         (grey(), scene(), OPEN, {"adc_bits": 8}),
         (grey(), scene(lens_blur=1.5), OPEN, {}),
-        (grey(), scene(device=slow), ms.TukeyShutter(0.1), {}),
+        (grey(), scene(device=slow), OPEN, {}),
     ):
         given = known, camera(), shutter
         found = ms.estimate_speed(capture(picture, *given, 2960.0, **options), *given)
@@ -230,7 +230,8 @@ def test_the_command_says_what_it_found(tmp_path, capsys):
     assert cli.main([*arguments, "--speed", "2960", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["found"]
     assert abs(found["speed_px_per_s"] - 2960) < 3 * found["error_px_per_s"]
-    assert cli.main([*arguments, "--speed", "9000"]) == 0
+    ms.write_picture(tmp_path / "belt.png", photograph(130)[:, :90])
+    assert cli.main([*arguments, "--speed", "2960"]) == 0
     written = capsys.readouterr()
     assert "not trusted" in written.out
     assert "warning: " in written.err

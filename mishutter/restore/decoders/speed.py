@@ -173,7 +173,7 @@ def log_power(tile: np.ndarray) -> np.ndarray:
     window = (down[:, None] * across).astype(tile.dtype)
     deviation = tile - np.sum(tile * window) / np.sum(window)
     spectrum = _rfft2(deviation * window)[:, layout.along]
-    power = (spectrum.real**2 + spectrum.imag**2) / np.sum(window**2)
+    power = np.abs(spectrum) ** 2 / np.sum(window**2)
     mean = np.stack([power[band].mean(axis=0) for band in layout.members])
     bias = digamma(layout.counts) - np.log(layout.counts)
     return np.log(mean.astype(np.float64) + 1e-30) - bias
@@ -272,7 +272,7 @@ def _phase_energy(
         part = spectrum[:, :kept] * mask[:kept].astype(tile.dtype)
         if lines < rows:
             part = np.concatenate([part[: lines // 2], part[-(lines // 2) :]])
-        power = part.real**2 + part.imag**2
+        power = np.abs(part) ** 2
         counts[index] = power.sum() ** 2 / max((power**2).sum(), 1e-300)
         for place, phase in enumerate(phases[:, :kept]):
             square = _irfft2(part * phase) ** 2
@@ -357,7 +357,7 @@ def speeds_to_try(model: BlurModel) -> tuple[np.ndarray, float]:
     """Speeds relative to the sensor at equal steps, and how far apart two are told; px/s.
 
     Those of the model and a tenth of their range more at either end. Where speeds of both signs
-    have one blur, to what a step makes of it, only those from 0 up.
+    have one blur but for its place, to what a step makes of it, only those from 0 up.
     """
     occurs = model.speeds[model.weights > 0]
     low, high = float(np.min(occurs)), float(np.max(occurs))
@@ -369,11 +369,19 @@ def speeds_to_try(model: BlurModel) -> tuple[np.ndarray, float]:
     fastest = max(abs(low), abs(high))
     some = np.array([0.7 * fastest, -0.7 * fastest, 0.7 * fastest + reach])
     one, turned, next_to = model.responses_at(some, _MOST_ROWS)
-    if np.linalg.norm(turned - one) < np.linalg.norm(next_to - one):
+    if _likeness(turned, one) > _likeness(next_to, one):
         low, high = max(low, -high, 0.0), fastest
     count = int(np.clip(np.ceil((high - low) / reach), _LEAST_STEPS, _MOST_STEPS))
     tried = np.linspace(low, high, count + 1)
     return tried, max(reach, float(tried[1] - tried[0]))
+
+
+def _likeness(one: np.ndarray, other: np.ndarray) -> float:
+    """Highest correlation of two blurs, wherever they are laid over each other; at most 1."""
+    across, first, second = (
+        np.max(np.fft.irfft(a * np.conj(b))) for a, b in ((one, other), (one, one), (other, other))
+    )
+    return float(across / np.sqrt(first * second))
 
 
 def posterior_of(
