@@ -225,8 +225,8 @@ def score(trials: list[Trial], known: Prior) -> Score:
     denied = np.mean([f.doubt.startswith("Some rows") for f in found])
     wrong = off > FAR
     many = int(np.sum(wrong & sure))
-    shares = (float(x) for x in (logs.mean(), wrong.mean(), sure.mean()))
-    return Score(*shares, many, float(one), float(two), float(denied))
+    means = float(logs.mean()), float(wrong.mean()), float(sure.mean())
+    return Score(means[0], means[1], means[2], many, float(one), float(two), float(denied))
 
 
 def width(trials: list[Trial], known: Prior) -> float:
