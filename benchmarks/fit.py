@@ -26,6 +26,7 @@ FASTEST = max(lab.SPEEDS)
 WHOLE = ms.SensorLevels(read_noise=3.0)
 TWELVE = ms.SensorLevels(electrons_per_level=2.0, read_noise=6.0, full_level=4095.0)
 HANN = ms.HannShutter()
+KNOWN = "all of known speeds"
 
 
 class Case(NamedTuple):
@@ -216,12 +217,14 @@ def _farthest(row: dict) -> float:
 
 
 def coverage(rows: list[dict]) -> list[dict]:
-    """Coverage, bias and spread of each number, shown points or edges."""
+    """Coverage, bias and spread of each number: of points, of edges, and of both together."""
     gathered: dict[tuple[str, str], list] = {}
-    for row in rows:
+    known = [row for row in rows if CASES[row["case"]].told]
+    kinds = [*((CASES[row["case"]].kind, row) for row in rows), *((KNOWN, row) for row in known)]
+    for kind, row in kinds:
         for number, score in row.get("scores", {}).items():
             name = "transmittance" if number.startswith("trans") else number
-            gathered.setdefault((CASES[row["case"]].kind, name), []).append(score)
+            gathered.setdefault((kind, name), []).append(score)
     result = []
     for (kind, number), scores in gathered.items():
         told = np.array([score for score in scores if score is not None])

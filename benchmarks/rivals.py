@@ -58,7 +58,7 @@ def ours(problem: Problem, dtype: type[np.floating] = np.float64) -> Method:
 
 
 def _intervals(problem: Problem, a, T, s, edges=None):
-    """Times at which the point is inside each tap, on both arms; two of shape `(2, n)`."""
+    """Times at which the point is inside each tap, on both branches; two of shape `(2, n)`."""
     A, B = a * T * T, s * T
     edges = jnp.asarray(problem.edges) if edges is None else edges
     positive = jnp.maximum(B * B + 4 * A * edges, 0)
@@ -179,8 +179,8 @@ def scipy_quad(problem: Problem, tolerance: float) -> Method:
     def taps(a, T, s):
         lower, upper = (np.asarray(x) for x in _intervals(problem, a, T, s))
         total = np.zeros(problem.edges.size - 1)
-        for arm, k in np.ndindex(*lower.shape):
-            lo, hi = lower[arm, k], upper[arm, k]
+        for branch, k in np.ndindex(*lower.shape):
+            lo, hi = lower[branch, k], upper[branch, k]
             if hi > lo:
                 inside = ends[(ends > lo) & (ends < hi)]
                 points = np.concatenate([[lo], inside, [hi]])

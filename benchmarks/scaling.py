@@ -3,7 +3,7 @@
 Value and gradient of the kernel of a 24-coefficient spline, over four decades of each,
 beside two measured floors:
 
-- the operations that must run: for each edge a square root, and on each arm of the path the
+- the operations that must run: for each edge a square root, and on each branch of the path the
   piece of the shutter looked up and its antiderivative there. Their difference is the light of
   a tap, with as many digits lost as a tap is short;
 - the arithmetic of that alone, with nothing looked up: a square root and two cubics a tap.

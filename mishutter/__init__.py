@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mishutter.evaluation import AbstractLoss as AbstractLoss
     from mishutter.evaluation import DesignLoss as DesignLoss
     from mishutter.evaluation import ExpectedErrorLoss as ExpectedErrorLoss
+    from mishutter.evaluation import FoundSpeedLoss as FoundSpeedLoss
     from mishutter.evaluation import KnownSpeedLoss as KnownSpeedLoss
     from mishutter.evaluation import Metrics as Metrics
     from mishutter.evaluation import Plan as Plan
@@ -157,6 +158,7 @@ __all__ = [
     "ExpectedErrorLoss",
     "FirstOrderShutter",
     "FittedCamera",
+    "FoundSpeedLoss",
     "Frames",
     "FreeMotion",
     "GaussianShutter",

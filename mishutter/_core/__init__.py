@@ -1,20 +1,20 @@
-"""Ground floor: argument checks, double-double numbers, validation and files."""
+"""Argument checks, compilation, threads, double words, validation and files."""
 
-from mishutter._core.checks import Bare as Bare
 from mishutter._core.checks import RowLike as RowLike
+from mishutter._core.checks import Unquoted as Unquoted
 from mishutter._core.checks import all_concrete as all_concrete
+from mishutter._core.checks import as_array_like as as_array_like
 from mishutter._core.checks import as_float as as_float
 from mishutter._core.checks import as_numpy as as_numpy
 from mishutter._core.checks import common_dtype as common_dtype
 from mishutter._core.checks import describe as describe
+from mishutter._core.checks import device_constant as device_constant
 from mishutter._core.checks import fields_text as fields_text
 from mishutter._core.checks import floating_light as floating_light
 from mishutter._core.checks import is_concrete as is_concrete
-from mishutter._core.checks import known_beside as known_beside
 from mishutter._core.checks import named as named
 from mishutter._core.checks import namespace_of as namespace_of
-from mishutter._core.checks import numbers_of as numbers_of
-from mishutter._core.checks import on_device as on_device
+from mishutter._core.checks import primal_values as primal_values
 from mishutter._core.checks import require as require
 from mishutter._core.checks import require_at_least as require_at_least
 from mishutter._core.checks import require_finite as require_finite
@@ -30,9 +30,9 @@ from mishutter._core.columns import number_rows as number_rows
 from mishutter._core.columns import text_lines as text_lines
 from mishutter._core.columns import text_of as text_of
 from mishutter._core.columns import unit_columns as unit_columns
-from mishutter._core.compiling import at_once as at_once
 from mishutter._core.compiling import compiled as compiled
-from mishutter._core.compiling import in_a_program as in_a_program
+from mishutter._core.compiling import is_tracing as is_tracing
+from mishutter._core.compiling import outside_trace as outside_trace
 from mishutter._core.double_double import DoubleWord as DoubleWord
 from mishutter._core.double_double import add as add
 from mishutter._core.double_double import fractions_as_words as fractions_as_words

@@ -28,43 +28,43 @@ RowLike = ArrayLike | Sequence[float]
 
 
 def all_concrete(tree: Any) -> bool:
-    """Whether all of a tree `is_concrete`."""
+    """Whether every leaf of a tree `is_concrete`."""
     return all(is_concrete(leaf) for leaf in jax.tree.leaves(tree))
 
 
-def numbers_of(tree: Any) -> Any:
-    """A tree with the numbers of what is differentiated but not compiled."""
+def primal_values(tree: Any) -> Any:
+    """Replaces `jax.grad` tracers by their primal values; `jit` tracers stay."""
     return jax.tree.map(lambda x: x if is_concrete(x) else jax.lax.stop_gradient(x), tree)
 
 
 def is_concrete(value: object) -> bool:
-    """Whether `value` can be looked at now, rather than being traced."""
+    """Whether `value` has a number now, rather than being traced."""
     return not isinstance(value, jax.core.Tracer)
 
 
 def as_numpy(*values: Any) -> tuple[Any, ...]:
-    """`values` as NumPy's arrays where all are known: no program is compiled for a few numbers."""
+    """Converts `values` to NumPy if all are concrete, so that a few numbers compile no program."""
     return tuple(map(np.asarray, values)) if all_concrete(values) else values
 
 
 def namespace_of(*values: Any) -> Any:
-    """NumPy where all of `values` are its arrays, `jax.numpy` otherwise."""
+    """NumPy if all of `values` are NumPy arrays, `jax.numpy` otherwise."""
     return np if all(isinstance(x, np.ndarray) for x in values) else jnp
 
 
-def known_beside(value: Any, parameter: Any) -> Any:
-    """A parameter as NumPy's array where it is known and `value` is one; itself otherwise."""
-    known = isinstance(value, np.ndarray) and is_concrete(parameter)
-    return np.asarray(parameter) if known else parameter
+def as_array_like(value: Any, parameter: Any) -> Any:
+    """Converts a concrete parameter to NumPy if `value` is a NumPy array."""
+    is_numpy = isinstance(value, np.ndarray) and is_concrete(parameter)
+    return np.asarray(parameter) if is_numpy else parameter
 
 
 def common_dtype(*values: RowLike) -> np.dtype:
     """Floating dtype of JAX that the arrays among `values` share; its default without any.
 
-    Python numbers adapt to the arrays beside them, and a mix of precisions
-    widens, also under strict promotion. Half precision, in which no integral of this
-    package means anything, counts as single, and what is longer than double as double; numbers
-    in another order of bytes, as FITS files hold them, count as any other.
+    Python numbers adapt to the arrays beside them, and a mix of precisions widens, also under
+    strict promotion. Half precision counts as single, because no integral of this package is
+    accurate in it, and extended precision as double. The order of bytes, which differs in FITS
+    files, does not matter.
     """
     dtypes = [np.dtype(v.dtype) for v in values if isinstance(v, np.ndarray | np.generic | Array)]
     floating = [d for d in dtypes if jnp.issubdtype(d, jnp.floating)]
@@ -77,10 +77,10 @@ def common_dtype(*values: RowLike) -> np.dtype:
 def as_float(value: RowLike, subject: str | None = None) -> Array:
     """`value` as a floating array: its own precision if it has one, JAX's default if not.
 
-    One that is known stays known, also in a function that is being compiled.
+    A concrete value stays concrete, also while a function is traced.
 
     Raises:
-        ValueError: if `subject`, the argument's name, is given and this is not real numbers.
+        ValueError: if `subject`, the argument's name, is given and `value` holds no real numbers.
     """
     if subject is not None:
         require(_is_real(value), subject, "be real numbers", value)
@@ -89,34 +89,34 @@ def as_float(value: RowLike, subject: str | None = None) -> Array:
         return value
     if not all_concrete(value):
         return jnp.asarray(value, dtype=dtype)
-    return on_device(np.asarray(value, dtype))
+    return device_constant(np.asarray(value, dtype))
 
 
 def floating_light(value: Any, subject: str) -> Any:
-    """Light of a picture as a floating array: NumPy's of light that is known, JAX's of other.
+    """A picture's light as a floating array: of NumPy if it is concrete, else of JAX.
 
     Raises:
-        ValueError: if it holds whole numbers, as a file has for its levels, or no real numbers.
+        ValueError: if it holds whole numbers, which are the levels of a file, or no real numbers.
     """
     array = np.asarray(value) if is_concrete(value) else value
-    coded = jnp.issubdtype(array.dtype, jnp.integer)
+    is_integer = jnp.issubdtype(array.dtype, jnp.integer)
     requirement = "hold light, white = 1, as floating-point numbers: `read_picture` reads files so"
-    require(not coded, subject, requirement, Bare(array.dtype.name))
+    require(not is_integer, subject, requirement, Unquoted(array.dtype.name))
     require(_is_real(array), subject, "be real numbers", value)
     return array.astype(common_dtype(array), copy=False)
 
 
-def on_device(value: Any) -> Any:
-    """Numbers of NumPy as a JAX array that is known, also in a function that is being traced.
+def device_constant(value: Any) -> Any:
+    """Converts NumPy arrays to concrete JAX arrays, also while a function is traced.
 
-    `jnp.asarray` would compile a program for it. A tree of them takes little longer than one.
+    `jnp.asarray` would compile a program. A tree of arrays takes little longer than one array.
     """
     with jax.ensure_compile_time_eval():
         return jax.device_put(value)
 
 
 def _is_real(value: object) -> bool:
-    """Whether it is a real number, an array of them, or rows of one length."""
+    """Whether `value` is a real number, an array of them, or a list of rows of one length."""
     if isinstance(value, list | tuple):
         return all(map(_is_real, value)) and len(set(map(np.shape, value))) <= 1
     dtype = getattr(value, "dtype", None)
@@ -126,27 +126,27 @@ def _is_real(value: object) -> bool:
 
 
 def require(holds: bool, subject: str, requirement: str, got: object) -> None:
-    """Raise the one-line error of the house style unless `holds`."""
+    """Raises the one-line error of the house style unless `holds`."""
     if not holds:
         raise ValueError(f"`{subject}` must {requirement}; got {describe(got)}.")
 
 
 def require_known(function: str, **arguments: object) -> None:
-    """Refuse arguments that JAX traces, where numbers decide what is computed at all."""
+    """Refuses traced arguments, for functions whose computation depends on their numbers."""
     for name, value in arguments.items():
-        known, subject = all_concrete(value), f"{function}({name}=...)"
-        require(known, subject, "be of known numbers", Bare("some that JAX traces"))
+        concrete, subject = all_concrete(value), f"{function}({name}=...)"
+        require(concrete, subject, "be of known numbers", Unquoted("some that JAX traces"))
 
 
 def require_finite(subject: str, value: RowLike) -> None:
-    """Refuse a NaN or an infinity, and what is no number, where it can be seen before tracing."""
+    """Refuses a concrete value that holds a NaN, an infinity or something other than numbers."""
     if is_concrete(value):
         require(_is_real(value), subject, "be real numbers", value)
         require(bool(np.all(np.isfinite(np.asarray(value)))), subject, "be finite", value)
 
 
 def require_at_least(subject: str, value: Array, bound: str, *, strict: bool = False) -> None:
-    """Refuse numbers below 0, or at it where `strict`; `bound` says so in words."""
+    """Refuses numbers below 0, and 0 itself if `strict`; `bound` is the requirement in words."""
     require_finite(subject, value)
     if is_concrete(value):
         array = np.asarray(value)
@@ -154,65 +154,65 @@ def require_at_least(subject: str, value: Array, bound: str, *, strict: bool = F
 
 
 def require_scalar(subject: str, value: ArrayLike) -> None:
-    """Refuse anything but a scalar number."""
+    """Refuses anything but a scalar number."""
     if isinstance(value, str | bytes) or value is None:
         require(False, subject, "be a number", value)
     require(np.ndim(value) == 0, subject, "be a scalar", shape_of(value))
 
 
 def require_key(subject: str, value: object) -> None:
-    """Refuse anything but one random key, of JAX's new kind or the old, or None."""
+    """Refuses anything but None or one random key of JAX, typed or raw."""
     shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", np.dtype(object))
-    typed = shape == () and jnp.issubdtype(dtype, jax.dtypes.prng_key)
-    raw = shape is not None and len(shape) == 1 and dtype == np.uint32
-    one = value is None or typed or raw
+    is_typed = shape == () and jnp.issubdtype(dtype, jax.dtypes.prng_key)
+    is_raw = shape is not None and len(shape) == 1 and dtype == np.uint32
+    is_key = value is None or is_typed or is_raw
     got = value if shape is None else f"shape {shape} of {dtype}"
-    require(one, subject, "be one key, as `jax.random.key(seed)` gives it", got)
+    require(is_key, subject, "be one key, as `jax.random.key(seed)` gives it", got)
 
 
 def require_positive_int(subject: str, value: object) -> int:
-    """A whole number of at least one as Python's own integer; refuse anything else."""
+    """A positive whole number as a Python integer; refuses anything else."""
     require(_is_whole(value, 1), subject, "be a positive integer", value)
     return int(value)  # type: ignore[arg-type]
 
 
 def named(
-    subject: str, given: object, kind: type | tuple[type, ...], what: str, label: str = ""
+    subject: str, items: object, kind: type | tuple[type, ...], noun: str, label: str = ""
 ) -> dict[str, Any]:
-    """Things by name, from one, from a list or from a mapping of them.
+    """Items by name, from a mapping, a list or a single item.
 
     Args:
-        subject: The argument.
-        given: The things; those without names are numbered.
+        subject: The argument's name in an error.
+        items: The items; a list's and a single item's names are numbers.
         kind: The class that each must have.
-        what: The noun for one in an error.
+        noun: The noun for an item in an error.
         label: The text before a number.
 
     Raises:
-        ValueError: if there is none, or one of another kind.
+        ValueError: if there is no item, or one of another kind.
     """
-    if isinstance(given, Mapping):
-        found = {str(name): value for name, value in given.items()}
-    elif isinstance(given, Sequence) and not isinstance(given, str):
-        found = {f"{label}{index}": value for index, value in enumerate(given)}
+    if isinstance(items, Mapping):
+        by_name = {str(name): value for name, value in items.items()}
+    elif isinstance(items, Sequence) and not isinstance(items, str):
+        by_name = {f"{label}{index}": value for index, value in enumerate(items)}
     else:
-        found = {f"{label}0": given}
-    right = bool(found) and all(isinstance(value, kind) for value in found.values())
-    require(right, subject, f"hold at least one {what} and nothing else", given)
-    return found
+        by_name = {f"{label}0": items}
+    is_valid = bool(by_name) and all(isinstance(value, kind) for value in by_name.values())
+    require(is_valid, subject, f"hold at least one {noun} and nothing else", items)
+    return by_name
 
 
 def require_seed(subject: str, value: object) -> None:
-    """Refuse anything but a whole number of at least 0."""
+    """Refuses anything but a whole number of at least 0."""
     require(_is_whole(value, 0), subject, "be a whole number of at least 0", value)
 
 
 def _is_whole(value: object, least: int) -> bool:
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    return whole and int(value) >= least  # type: ignore[call-overload]
+    is_integer = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    return is_integer and int(value) >= least  # type: ignore[call-overload]
 
 
-class Bare(str):
+class Unquoted(str):
     """Text that an error shows without quotes."""
 
     __slots__ = ()
@@ -221,9 +221,9 @@ class Bare(str):
         return str(self)
 
 
-def shape_of(value: object) -> Bare:
+def shape_of(value: object) -> Unquoted:
     """The shape of a value, for an error message."""
-    return Bare(f"shape {np.shape(value)}")  # type: ignore[arg-type]
+    return Unquoted(f"shape {np.shape(value)}")  # type: ignore[arg-type]
 
 
 def describe(value: object) -> str:
@@ -241,7 +241,7 @@ def describe(value: object) -> str:
 
 
 def shown(value: object) -> str:
-    """A short text of a value, as a part of the text of a larger thing."""
+    """A short text of a value inside a longer text."""
     if isinstance(value, float):
         return f"{value:.6g}"
     shape = getattr(value, "shape", None)
@@ -256,12 +256,12 @@ def shown(value: object) -> str:
     return f"{array.size} of {low}" if low == high else f"{array.size} from {low} to {high}"
 
 
-def fields_text(thing: Any) -> str:
-    """The name of a dataclass and its fields in one line, without those that are None.
+def fields_text(instance: Any) -> str:
+    """The name of a dataclass and its fields that are not None, in one line.
 
-    The text that a module has of itself holds types in place of its numbers, and that of another
-    dataclass every number of an array.
+    The `repr` of an Equinox module holds types in place of numbers, and that of another dataclass
+    every number of an array.
     """
-    values = {field.name: getattr(thing, field.name) for field in fields(thing)}
+    values = {field.name: getattr(instance, field.name) for field in fields(instance)}
     parts = (f"{name}={shown(x)}" for name, x in values.items() if x is not None)
-    return f"{type(thing).__name__}({', '.join(parts)})"
+    return f"{type(instance).__name__}({', '.join(parts)})"

@@ -6,22 +6,22 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from mishutter._core.checks import Bare, describe, require
+from mishutter._core.checks import Unquoted, describe, require
 
 _NO_TEXT = re.compile("[\0-\x08\x0e-\x19\x1b-\x1f]")
-"""Control characters that no text holds, as all kinds of binary files do."""
+"""Control characters, which binary files contain and text does not."""
 
 Units = Mapping[str, float]
-"""Units that a column may have, each with the factor that makes its numbers SI or pixels."""
+"""Allowed units of a column, each with its factor to SI units or pixels."""
 
 
 def text_of(content: bytes, name: str) -> str:
-    """Text of a file in UTF-8 or, by its byte order mark, UTF-16; any other bytes are Latin-1.
+    """Text of a file in UTF-8 or, by its byte order mark, UTF-16; otherwise in Latin-1.
 
-    Latin-1 gives every byte a character, so that signs beside the numbers cannot stop a reader.
+    Latin-1 has a character for every byte, so that no symbol beside the numbers is an error.
 
     Raises:
-        ValueError: if the bytes are no text.
+        ValueError: if the bytes are not text.
     """
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         text = content.decode("utf-16", errors="replace")
@@ -31,19 +31,21 @@ def text_of(content: bytes, name: str) -> str:
         except UnicodeDecodeError:
             text = content.decode("latin-1")
     is_text = _NO_TEXT.search(text) is None
-    require(is_text, name, "be text, as CSV is, in UTF-8, UTF-16 or Latin-1", Bare("other bytes"))
+    require(
+        is_text, name, "be text, as CSV is, in UTF-8, UTF-16 or Latin-1", Unquoted("other bytes")
+    )
     return text
 
 
 def text_lines(content: bytes, name: str) -> list[str]:
-    """Lines of a text file, without those that are empty.
+    """Lines of a text file that are not empty.
 
     Raises:
-        ValueError: if it is no text, or has no line.
+        ValueError: if the file is not text or has no such line.
     """
     lines = [line.strip() for line in text_of(content, name).splitlines()]
     lines = [line for line in lines if line]
-    require(bool(lines), name, "hold at least one line", Bare("an empty file"))
+    require(bool(lines), name, "hold at least one line", Unquoted("an empty file"))
     return lines
 
 
@@ -56,15 +58,15 @@ def number_rows(lines: Iterable[str], count: int, name: str, *, least_rows: int 
     """Rows of finite numbers, `count` in each; shape `(rows, count)`.
 
     Raises:
-        ValueError: if a row is shorter or longer, or holds something else, or there are fewer
-            than `least_rows`, 0 or 1.
+        ValueError: if a row has another length or anything but finite numbers, or if there are
+            fewer rows than `least_rows`, 0 or 1.
     """
     rows = [cells(line) for line in lines]
-    enough = len(rows) >= least_rows
-    require(enough, name, "hold at least one row of numbers", Bare("none"))
+    is_enough = len(rows) >= least_rows
+    require(is_enough, name, "hold at least one row of numbers", Unquoted("none"))
     odd = next((row for row in rows if len(row) != count), None)
     if odd is not None:
-        got = Bare(f"{len(odd)} in '{describe(Bare(','.join(odd)))}'")
+        got = Unquoted(f"{len(odd)} in '{describe(Unquoted(','.join(odd)))}'")
         require(False, name, f"hold {count} {'value' if count == 1 else 'values'} a row", got)
     try:
         numbers = np.array(rows, dtype=np.float64).reshape(-1, count)
@@ -72,9 +74,10 @@ def number_rows(lines: Iterable[str], count: int, name: str, *, least_rows: int 
         wrong = next(cell for row in rows for cell in row if not _is_number(cell))
         require(False, name, "hold numbers alone below its heading", wrong)
         raise
-    finite = np.isfinite(numbers).all(axis=1)
-    if not finite.all():
-        require(False, name, "hold finite numbers", Bare(",".join(rows[int(np.argmin(finite))])))
+    is_finite = np.isfinite(numbers).all(axis=1)
+    if not is_finite.all():
+        row = rows[int(np.argmin(is_finite))]
+        require(False, name, "hold finite numbers", Unquoted(",".join(row)))
     return numbers
 
 
@@ -99,12 +102,12 @@ def unit_columns(
     Args:
         lines: A line of names, one of units, and the rows.
         name: The file's name in an error.
-        known: Units of each column that may be there; None for any unit.
-        needed: Columns that must be there.
+        known: Columns that the file may have, with their units; None for any unit.
+        needed: Columns that the file must have.
         least_rows: Fewest rows, 0 or 1.
 
     Raises:
-        ValueError: if a name, a unit or a number is not as it must be.
+        ValueError: if a name, a unit or a number is not valid.
     """
     names = cells(lines[0])
     for column in names:
@@ -112,10 +115,10 @@ def unit_columns(
         require(names.count(column) == 1, name, "have each column once", column)
     for column in needed:
         requirement = f"have a column of the name {column}"
-        require(column in names, name, requirement, Bare(lines[0]))
-    require(len(lines) > 1, name, "have a line of units below its names", Bare("one line"))
+        require(column in names, name, requirement, Unquoted(lines[0]))
+    require(len(lines) > 1, name, "have a line of units below its names", Unquoted("one line"))
     units, factors = cells(lines[1]), []
-    got = Bare(f"{len(units)} units of {len(names)} columns")
+    got = Unquoted(f"{len(units)} units of {len(names)} columns")
     require(len(units) == len(names), name, "have a unit for each column in its second line", got)
     for column, unit in zip(names, units, strict=True):
         allowed = known[column]

@@ -1,4 +1,4 @@
-"""How the package's functions are compiled: in half of XLA's time, one thread tracing at a time."""
+"""Compilation of the package's functions: lightly optimised, and by one thread at a time."""
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -18,13 +18,13 @@ _Result = TypeVar("_Result")
 _QUICKLY: dict[str, bool | int] = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_backend_optimization_level": 1,
-    # Each part of a program has a cost of its own: more than there are processors do not pay.
+    # A part of a program for each processor: more parts cost time and save none.
     "xla_cpu_parallel_codegen_split_count": min(num_processors(), 32),
 }
 
 
 class _Tracing(threading.local):
-    """Whether this thread is the one that may trace, under the lock that all threads share."""
+    """The lock of all threads, and whether this thread holds it and may trace."""
 
     lock = threading.Lock()
     allowed = False
@@ -36,12 +36,12 @@ _TRACING = _Tracing()
 def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
     """`eqx.filter_jit` by XLA's older generator of CPU code, lightly optimised.
 
-    These programs compile in half of the time so, and run as fast. XLA takes the choice for
-    whole programs alone: a call within a function that JAX traces is compiled as that one is.
-    Values that are known there are computed at once, and stay known.
+    The package's programs compile in half the time with it and run as fast. XLA takes these options
+    for whole programs alone: a call inside a function that JAX traces is compiled with that
+    function's options. A call with concrete arguments there is evaluated eagerly, and its result
+    stays concrete.
 
-    One thread traces at a time. Threads share what JAX knows of the functions in a program,
-    among that derivative rules, and JAX fails where two of them trace one rule at once.
+    One thread traces at a time: JAX fails where two threads trace the same derivative rule.
     """
 
     @wraps(function)
@@ -64,24 +64,24 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
         if _TRACING.allowed or not all_concrete((args, kwargs)):
             return within(*args, **kwargs)
-        with at_once():
+        with outside_trace():
             return program()(*args, **kwargs)
 
     return call
 
 
-def in_a_program() -> bool:
-    """Whether this thread traces a program of the package, where nothing is computed at once."""
+def is_tracing() -> bool:
+    """Whether this thread traces a program of the package; nothing is evaluated eagerly there."""
     return _TRACING.allowed
 
 
 @contextmanager
-def at_once() -> Iterator[None]:
-    """Computes what is known while a function is traced that calls for it, and so still known.
+def outside_trace() -> Iterator[None]:
+    """Evaluates concrete operands eagerly inside an outer trace.
 
-    It also decorates a function whose arguments must be known. Nothing where none is traced: in
-    `jax.ensure_compile_time_eval` a program that is traced there runs each operation on constants
-    by a small program of that operation alone.
+    It is also a decorator, for a function whose arguments must be concrete. Outside a trace it has
+    no effect: inside `jax.ensure_compile_time_eval` JAX would compile a small program for each
+    operation on constants.
     """
     in_a_trace = not is_concrete(jax.lax.stop_gradient(_zero()))
     with jax.ensure_compile_time_eval() if in_a_trace else nullcontext():
@@ -95,7 +95,7 @@ def _zero() -> jax.Array:
 
 
 def known_options(options: Mapping[str, bool | int]) -> dict[str, bool | int]:
-    """Those of XLA's `options` that the installed XLA knows: they come and go with its versions."""
+    """The `options` that the installed version of XLA supports."""
     return {name: value for name, value in options.items() if _is_known(name, value)}
 
 
@@ -109,5 +109,5 @@ def _is_known(name: str, value: bool | int) -> bool:
 
 @lru_cache
 def _quick_options() -> dict[str, bool | int]:
-    """The choice, on a CPU."""
+    """Options of `compiled` programs on a CPU; none elsewhere."""
     return known_options(_QUICKLY) if jax.default_backend() == "cpu" else {}

@@ -1,8 +1,8 @@
 """Numbers held as an unevaluated sum of two floats, about twice the working precision.
 
 The position at which a shutter's edge meets the sensor is a small difference of
-large products: at a stroke of 1e8 px it is known to 1e-8 px in float64 and to 6 px
-in float32. Carried as `(high, low)` it is known to 1e-24 px and 1e-7 px.
+large products: at a stroke of 1e8 px its error is 1e-8 px in float64 and 6 px
+in float32. As a pair `(high, low)` its error is 1e-24 px and 1e-7 px.
 
 Products are formed from halves of the significand, so every partial product is exact
 and a compiler that contracts `a * b + c` into one operation changes nothing.
@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core.checks import on_device
+from mishutter._core.checks import device_constant
 
 
 class DoubleWord(NamedTuple):
@@ -36,7 +36,7 @@ def two_sum(a: Any, b: Any) -> DoubleWord:
 
 
 def _renormalise(high: Array, low: Array) -> DoubleWord:
-    """`high + low` exactly, for `low` that is the smaller one (Dekker)."""
+    """`high + low` exactly, for a `low` that is smaller than `high` (Dekker)."""
     total = high + low
     return DoubleWord(total, low - (total - high))
 
@@ -47,8 +47,8 @@ def _upper_half(a: Array) -> Array:
         bits, mask = jnp.uint64, 0xFFFFFFFFF8000000
     else:
         bits, mask = jnp.uint32, 0xFFFFF000
-    kept = jax.lax.bitcast_convert_type(a, bits) & jnp.asarray(mask, bits)
-    return jax.lax.bitcast_convert_type(kept, a.dtype)
+    upper = jax.lax.bitcast_convert_type(a, bits) & jnp.asarray(mask, bits)
+    return jax.lax.bitcast_convert_type(upper, a.dtype)
 
 
 @jax.jit
@@ -63,7 +63,7 @@ def two_product(a: Array, b: Array) -> DoubleWord:
 
 @jax.jit
 def add(x: DoubleWord, y: DoubleWord) -> DoubleWord:
-    """`x + y`, accurate also where the two nearly cancel."""
+    """`x + y`, also accurate where the two nearly cancel."""
     high, error = two_sum(x.high, y.high)
     low, low_error = two_sum(x.low, y.low)
     high, error = _renormalise(high, error + low)
@@ -84,11 +84,11 @@ def multiply(x: DoubleWord, y: DoubleWord) -> DoubleWord:
 
 @jax.jit
 def reciprocal(x: DoubleWord) -> DoubleWord:
-    """`1 / x`, for `x` that is not zero, with one of Newton's corrections."""
+    """`1 / x`, for a nonzero `x`, by one step of Newton's method."""
     guess = 1 / x.high
     product = two_product(guess, x.high)
-    missing = (1 - product.high) - (product.low + guess * x.low)
-    return _renormalise(guess, guess * missing)
+    residual = (1 - product.high) - (product.low + guess * x.low)
+    return _renormalise(guess, guess * residual)
 
 
 def word(a: Array) -> DoubleWord:
@@ -102,7 +102,7 @@ def scale(x: DoubleWord, factor: float) -> DoubleWord:
 
 
 def fractions_as_words(exact: Sequence[Fraction], dtype: np.dtype) -> DoubleWord:
-    """Fractions to twice a precision; shape `(n,)`."""
+    """Fractions as double words; shape `(n,)`."""
     high = np.array([float(x) for x in exact]).astype(dtype)
     low = [float(x - Fraction(float(h))) for x, h in zip(exact, high, strict=True)]
-    return DoubleWord(*on_device((high, np.array(low, dtype))))
+    return DoubleWord(*device_constant((high, np.array(low, dtype))))

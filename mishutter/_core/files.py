@@ -1,4 +1,4 @@
-"""Files that are read up to a size, and that appear whole or not at all."""
+"""Reading of files up to a size, and atomic writes."""
 
 import json
 import math
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 _MOST_BYTES = 1 << 26
-"""Far beyond any scene or design; what has no end, as `/dev/zero`, is found out by it."""
+"""More than any scene or design; the bound stops the reading of an endless `/dev/zero`."""
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -23,14 +23,14 @@ def contents(path: str | Path) -> bytes:
         ValueError: if it is larger than 64 MiB.
     """
     with Path(path).open("rb") as file:
-        found = file.read(_MOST_BYTES + 1)
-    if len(found) > _MOST_BYTES:
+        content = file.read(_MOST_BYTES + 1)
+    if len(content) > _MOST_BYTES:
         raise ValueError(f"{path} must be a file of at most 64 MiB; got more.")
-    return found
+    return content
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a text file, whole or not at all.
+    """Writes a text file whole or not at all.
 
     Raises:
         OSError: if it cannot be written.
@@ -39,7 +39,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
-    """Write a file beside its place, then move it there in one step.
+    """Writes a temporary file in the same folder, then renames it to `path` in one step.
 
     Raises:
         OSError: if it cannot be written.
@@ -56,7 +56,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 
 def move_into_place(temporary: str | Path, target: str | Path) -> None:
-    """Give a finished temporary file its name, and the permissions that any new file has.
+    """Gives a finished temporary file its name and the permissions of a new file.
 
     Raises:
         OSError: if it cannot be moved.
@@ -68,10 +68,10 @@ def move_into_place(temporary: str | Path, target: str | Path) -> None:
 
 
 def writable_folder(path: str | Path) -> Path:
-    """A folder that is there and takes files, made if need be: asked before long work.
+    """A folder that exists and takes files, created if need be; a check before long work.
 
     Raises:
-        OSError: if it cannot be made or takes no files.
+        OSError: if the folder cannot be created or takes no files.
     """
     folder = Path(path)
     try:
@@ -87,30 +87,30 @@ def writable_folder(path: str | Path) -> Path:
 
 
 def is_own_folder(path: Path) -> bool:
-    """Whether a folder takes files of this user alone: it is there, or is made, and is theirs.
+    """Whether a folder exists, created if need be, and this user alone may write to it.
 
-    Where others may write to it, they no longer may: what lies in it is run.
+    The function takes write permission from all others, because the folder holds compiled code.
     """
     if not path.is_absolute():  # `~` of a user without a home
         return False
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = path.stat()
-        if hasattr(os, "getuid") and found.st_uid != os.getuid():
+        status = path.stat()
+        if hasattr(os, "getuid") and status.st_uid != os.getuid():
             return False
-        if found.st_mode & _OTHERS_WRITE:
-            path.chmod(stat.S_IMODE(found.st_mode) & ~_OTHERS_WRITE)
+        if status.st_mode & _OTHERS_WRITE:
+            path.chmod(stat.S_IMODE(status.st_mode) & ~_OTHERS_WRITE)
     except OSError:
         return False
     return os.access(path, os.W_OK)
 
 
 def short_names(paths: Iterable[Path], taken: Iterable[str] = ()) -> dict[str, Path]:
-    """Files by as much of the end of their paths as tells them apart, without suffix.
+    """Files by the shortest end of their paths, without suffix, that is unique among them.
 
     Args:
         paths: The files.
-        taken: Names that none of them may have.
+        taken: Names that are in use already.
     """
     ends = {path: _ends(path.absolute()) for path in paths}
     counts = Counter(taken) + Counter(end for each in ends.values() for end in each)
@@ -123,7 +123,7 @@ def _ends(path: Path) -> list[str]:
 
 
 def strict_json(document: Any) -> str:
-    """JSON without the tokens that JSON does not have: `"Infinity"`, and null for NaN."""
+    """Standard JSON: infinities become the text `"Infinity"`, and NaN becomes null."""
     return json.dumps(_plain(document), allow_nan=False, indent=1)
 
 

@@ -18,7 +18,7 @@ _Result = TypeVar("_Result")
 
 
 def num_threads(devices: np.ndarray) -> int:
-    """Calls at a time: the processors that each device of these may have for itself."""
+    """Number of concurrent calls: the processors that each of the `devices` may have for itself."""
     if devices.flat[0].platform != "cpu":
         return 1
     return max(1, num_processors() // devices.size)
@@ -37,10 +37,11 @@ def in_threads(
     *,
     first_alone: bool = True,
 ) -> Generator[_Result, None, None]:
-    """A function of each item, at most `count` at a time, where and as precise as the caller is.
+    """Results of a function for each item, in order, computed by `count` threads.
 
-    The first is done alone by default: what it compiles serves all others. None is begun
-    that is far ahead of what was taken, nor any more once the caller has stopped.
+    The threads take over the caller's default device and precision. By default the first item is
+    computed alone, because all others use the programs that it compiles. At most `count` results
+    run ahead of the consumer; closing the generator stops submission.
     """
     wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
     device = jax.config.jax_default_device  # type: ignore[attr-defined]
@@ -49,27 +50,27 @@ def in_threads(
         with jax.enable_x64(wide), jax.default_device(device):
             return function(item)
 
-    left = iter(items)
-    for item in itertools.islice(left, 1 if first_alone else 0):
+    queue = iter(items)
+    for item in itertools.islice(queue, 1 if first_alone else 0):
         yield function(item)
     if count == 1:
-        yield from map(function, left)
+        yield from map(function, queue)
         return
-    waiting: deque[Future[_Result]] = deque()
+    futures: deque[Future[_Result]] = deque()
     pool = ThreadPoolExecutor(count)
     try:
-        for item in left:
-            waiting.append(pool.submit(call, item))
-            if len(waiting) > count:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
+        for item in queue:
+            futures.append(pool.submit(call, item))
+            if len(futures) > count:
+                yield futures.popleft().result()
+        while futures:
+            yield futures.popleft().result()
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-class _Alone:
-    """Who asked for BLAS in one thread, and what takes that back."""
+class _SingleThreadedBlas:
+    """Number of callers inside `alone_in_blas`, and the limits to restore after the last."""
 
     lock = Lock()
     num_callers = 0
@@ -78,27 +79,27 @@ class _Alone:
 
 @contextmanager
 def alone_in_blas() -> Iterator[None]:
-    """BLAS in the calling thread alone, for all of the process, until the last caller leaves.
+    """Restricts BLAS to the calling thread, in the whole process, until the last caller leaves.
 
-    On matrices of a few rows its threads take a hundred times as long to meet as to work
-    where the processors are busy.
+    On a busy machine the threads of BLAS take a hundred times as long to meet as to multiply
+    matrices of a few rows.
     """
-    with _Alone.lock:
-        _Alone.num_callers += 1
-        if _Alone.num_callers == 1:
-            _Alone.limits = _thread_pools().limit(limits=1, user_api="blas")
+    with _SingleThreadedBlas.lock:
+        _SingleThreadedBlas.num_callers += 1
+        if _SingleThreadedBlas.num_callers == 1:
+            _SingleThreadedBlas.limits = _thread_pools().limit(limits=1, user_api="blas")
     try:
         yield
     finally:
-        with _Alone.lock:
-            _Alone.num_callers -= 1
-            if _Alone.num_callers == 0:
-                _Alone.limits.restore_original_limits()
+        with _SingleThreadedBlas.lock:
+            _SingleThreadedBlas.num_callers -= 1
+            if _SingleThreadedBlas.num_callers == 0:
+                _SingleThreadedBlas.limits.restore_original_limits()
 
 
 @lru_cache
 def _thread_pools() -> Any:
-    """The libraries of BLAS, which are known once they are loaded: SciPy has one of its own."""
+    """The BLAS libraries of the process, SciPy's own included, which an import must load first."""
     import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController
 

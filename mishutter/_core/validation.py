@@ -1,7 +1,7 @@
-"""Files that a schema describes, and one line for what is wrong with one.
+"""Validation of files by a schema, with errors of one line.
 
-The line names the file, the key, what must hold and what came; a wrong key with the
-nearest right one.
+The line names the file, the key, the requirement and the value; for an unknown key it suggests the
+nearest known one.
 """
 
 import difflib
@@ -10,14 +10,14 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mishutter._core.checks import Bare, describe
+from mishutter._core.checks import Unquoted, describe
 
 Place = tuple[Any, ...]
-"""The tables that lead to a key, its name, and indices of lists."""
+"""Path to a key: the names of its tables, its own name, and indices of lists."""
 
 
 class Section(BaseModel):
-    """A table of a file: known keys alone, nothing converted, every number finite."""
+    """A table of a file: it has known keys alone, converts nothing and holds finite numbers."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
@@ -26,7 +26,7 @@ File = TypeVar("File", bound=Section)
 
 
 def parsed(parse: Callable[[str], Any], content: bytes, name: str, form: str) -> Any:
-    """The contents of a text file, parsed.
+    """The parsed contents of a text file.
 
     Args:
         parse: Reads the text.
@@ -35,7 +35,7 @@ def parsed(parse: Callable[[str], Any], content: bytes, name: str, form: str) ->
         form: The format that the file must have.
 
     Raises:
-        ValueError: if it is none.
+        ValueError: if the file has another format.
     """
     try:
         return parse(content.decode("utf-8-sig"))
@@ -61,7 +61,7 @@ def in_section(place: Place) -> str:
 def validated(
     model: type[File], tables: Any, name: str, key_name: Callable[[Place], str] = dotted
 ) -> File:
-    """Tables of a file by their schema.
+    """Tables of a file, validated by their schema.
 
     Args:
         model: The schema.
@@ -70,8 +70,8 @@ def validated(
         key_name: How an error writes a key.
 
     Raises:
-        ValueError: if it is no such file; the line is of the error to mend first, unknown
-            keys before the missing ones that they may stand for.
+        ValueError: if the tables do not match the schema. The message is of one error; an unknown
+            key comes before missing ones, because it may be a misspelling of one.
     """
     try:
         return model.model_validate(tables)
@@ -80,13 +80,13 @@ def validated(
     first = min(problems, key=lambda p: p["type"] != "extra_forbidden")
     if first["type"] == "extra_forbidden":
         raise ValueError(f"{name}: {_unknown_key(model, first['loc'], key_name)}")
-    got = Bare("nothing") if first["type"] == "missing" else first["input"]
+    got = Unquoted("nothing") if first["type"] == "missing" else first["input"]
     subject = f"`{key_name(first['loc'])}`" if first["loc"] else "the file"
     raise ValueError(f"{name}: {subject} must {requirement(first)}; got {describe(got)}.")
 
 
 def requirement(problem: Mapping[str, Any]) -> str:
-    """The requirement that one of the `errors()` of a `ValidationError` states."""
+    """The requirement that an entry of `ValidationError.errors()` states."""
     sentences = {
         "missing": "be given",
         "greater_than": "be above {gt}",
@@ -114,15 +114,15 @@ def requirement(problem: Mapping[str, Any]) -> str:
 
 
 def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place], str]) -> str:
-    """An unknown key with the nearest known one: of its table if near, else of any."""
+    """An error about an unknown key; it suggests the nearest key of its table, or of any table."""
     *tables, key = place
     names = tuple(part for part in tables if isinstance(part, str))
-    known = [p for p in _known_keys(model) if p != names]
-    siblings = [p for p in known if p[:-1] == names]
+    places = [p for p in _known_keys(model) if p != names]
+    siblings = [p for p in places if p[:-1] == names]
     nearest = (
         [p for p in siblings if key and p[-1].startswith(key)]
         or _close(key, siblings, cutoff=0.5)
-        or _close(key, known, cutoff=0.6)
+        or _close(key, places, cutoff=0.6)
     )
     hint = f", perhaps `{key_name(nearest[0])}`" if nearest else ""
     where = f"`{key_name(tuple(tables))}`" if tables else "the file"

@@ -6,9 +6,9 @@ from mishutter.blur.kernel import aligned_kernel as aligned_kernel
 from mishutter.blur.kernel import binned_exposure as binned_exposure
 from mishutter.blur.kernel import blur_kernel as blur_kernel
 from mishutter.blur.kernel import support as support
-from mishutter.blur.quadrature import LitNodes as LitNodes
-from mishutter.blur.quadrature import light_let_through as light_let_through
-from mishutter.blur.quadrature import lit_nodes as lit_nodes
+from mishutter.blur.quadrature import ExposureQuadrature as ExposureQuadrature
+from mishutter.blur.quadrature import exposure_quadrature as exposure_quadrature
+from mishutter.blur.quadrature import mean_transmittance as mean_transmittance
 from mishutter.blur.spectrum import condition_number as condition_number
 from mishutter.blur.spectrum import default_num_frequencies as default_num_frequencies
 from mishutter.blur.spectrum import transfer_function as transfer_function

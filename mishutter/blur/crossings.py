@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import DoubleWord
-from mishutter.blur.trajectory import Motion, Path, once, speed_at
+from mishutter.blur.trajectory import Motion, Path, opaque_to_fusion, speed_at
 from mishutter.model import FEW_PIECES
 
 _LATE = 2.0
@@ -52,7 +52,7 @@ class Crossings(NamedTuple):
     def by_breakpoints(self, tau: Array) -> "Crossings":
         """The same crossings, whose offsets carry their derivative by the breakpoints."""
         move = jnp.where(self.is_held(tau.size - 1), 0.0, -at(tau, self.nearest))
-        return self._replace(offset=displaced(self.offset, move))
+        return self._replace(offset=with_tangent(self.offset, move))
 
     def halfway(self, is_after: ArrayLike, width: Array) -> Array:
         """Offset of the middle of cells that begin here and extend outwards over `width`."""
@@ -79,31 +79,32 @@ class Crossings(NamedTuple):
 def crossings(
     equal_pieces: bool, track: Path, at_rest: Array, tau: DoubleWord, edges: DoubleWord
 ) -> tuple[Crossings, Array, DoubleWord]:
-    """Crossings of `edges`, of shape `(n + 1,)`, with those far away `brought_near`.
+    """Crossings of `edges`, of shape `(n + 1,)`, on both branches.
 
-    The speeds there and the edges, `(1, n + 1)`, which both branches share, come beside them.
-    They are values alone: see `moment_change` for derivatives.
+    The function also returns the speeds at the crossings and the edges after `clip_to_reach`; both
+    have shape `(1, n + 1)`, as the branches share them. Nothing carries a derivative:
+    `moment_change` computes those.
     """
-    # Computes the index of each crossing once rather than for each table it looks into.
-    known = jax.lax.stop_gradient((track, at_rest, tau, edges))
-    x, near = once(partial(_located, equal_pieces), *known)
+    # Prevents XLA from computing the index of each crossing again for each table it looks into.
+    primals = jax.lax.stop_gradient((track, at_rest, tau, edges))
+    x, clipped = opaque_to_fusion(partial(_located, equal_pieces), *primals)
     speed = x.velocity
-    return x._replace(velocity=jnp.where(AFTER, speed, -speed)), speed, near
+    return x._replace(velocity=jnp.where(AFTER, speed, -speed)), speed, clipped
 
 
 def _located(
     equal_pieces: bool, track: Path, at_rest: Array, tau: DoubleWord, edges: DoubleWord
 ) -> tuple[Crossings, DoubleWord]:
-    """Crossings whose `velocity` is the speed, which both branches share; and the edges."""
-    edge = brought_near(DoubleWord(edges.high[None], edges.low[None]), track, at_rest)
+    """Crossings whose `velocity` is the speed that both branches share, and the clipped edges."""
+    edge = clip_to_reach(DoubleWord(edges.high[None], edges.low[None]), track, at_rest)
     speed = speed_at(track, edge)
     velocity = jnp.where(AFTER, speed, -speed)
     timed = partial(time_between, without_stroke=float(jnp.finfo(speed.dtype).tiny))
     moment = timed(distance(edge, track.middle), -track.smear, velocity, track.stroke)
     moment = jnp.clip(moment, -_LATE, _LATE)
     nearest = _nearest(equal_pieces, track, tau.high, edge, moment)
-    passed, *position = (at(x, nearest) for x in (track.velocity, *track.position))
-    offset = timed(distance(edge, DoubleWord(*position)), passed, velocity, track.stroke)
+    velocity_there, *position = (at(x, nearest) for x in (track.velocity, *track.position))
+    offset = timed(distance(edge, DoubleWord(*position)), velocity_there, velocity, track.stroke)
 
     # A crossing at a breakpoint is in the piece outwards of it, at the vertex in the one before.
     last = tau.high.size - 1
@@ -116,21 +117,21 @@ def _located(
 
 
 @jax.custom_jvp
-def of_both_arms(rows: Array) -> Array:
+def sum_over_branches(rows: Array) -> Array:
     """Sum over the branches: two slices added, which is quick, and in reverse a broadcast."""
     return rows[0] + rows[1]
 
 
-@of_both_arms.defjvp
-def _of_both_arms_jvp(primals, tangents):
-    return of_both_arms(*primals), jnp.sum(tangents[0], axis=0)
+@sum_over_branches.defjvp
+def _sum_over_branches_jvp(primals, tangents):
+    return sum_over_branches(*primals), jnp.sum(tangents[0], axis=0)
 
 
-def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
-    """Edges, with those that the path never reaches moved near enough not to overflow.
+def clip_to_reach(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
+    """Edges, clipped to twice the reach of the path so that no product overflows.
 
-    A point at rest, which counts from where it is, is taken to pass the whole of the pixel
-    that it rests on, and a vertex at infinity lies beyond all edges.
+    A point at rest passes, by convention, the whole of the pixel that it rests on, and a vertex at
+    infinity lies beyond all edges.
     """
     reach = 2 * (track.stroke + jnp.abs(track.smear)) + track.middle.high - track.vertex.high
     nowhere = track.from_vertex & (track.stroke == 0)
@@ -140,10 +141,11 @@ def brought_near(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
 
 
 def _nearest(equal_pieces: bool, track: Path, tau: Array, edge: DoubleWord, moment: Array) -> Array:
-    """Index of the breakpoint nearest to each moment; half way between two, either of them.
+    """Index of the breakpoint nearest to each moment; either one half way between two.
 
-    Unequal pieces may be shorter than the rounding of a moment. There the positions of a few
-    breakpoints tell which piece holds the crossing, and one of its ends is taken.
+    Unequal pieces may be shorter than the rounding of a moment. Among a few of them the positions
+    of the breakpoints decide which piece holds the crossing, and the function takes one of its
+    ends.
     """
     last = tau.size - 1
     if not equal_pieces and last > FEW_PIECES:
@@ -154,8 +156,8 @@ def _nearest(equal_pieces: bool, track: Path, tau: Array, edge: DoubleWord, mome
     piece = jnp.zeros_like(moment, jnp.int32)
     for k in range(1, last):
         beyond = distance(edge, DoubleWord(*(x[k] for x in track.position)))
-        turned = track.velocity[k] >= 0
-        is_past = jnp.where(AFTER, ~turned | (beyond >= 0), ~turned & (beyond < 0))
+        is_after = track.velocity[k] >= 0
+        is_past = jnp.where(AFTER, ~is_after | (beyond >= 0), ~is_after & (beyond < 0))
         piece += is_past.astype(jnp.int32)
     is_late = moment > at((tau[1:] + tau[:-1]) / 2, piece)
     return piece + is_late.astype(jnp.int32)
@@ -169,30 +171,30 @@ def lengths(equal_pieces: bool, tau: DoubleWord) -> Array:
 
 
 def at(values: Array, index: Array) -> Array:
-    """Values at indices known to be in range; of a few values by selection, which is quicker."""
+    """Gather without bounds checks; selects among a few values, which is quicker."""
     if values.size > _FEW_VALUES:
         return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
-    found = values[0]
+    selection = values[0]
     for i in range(1, values.size):
-        found = jnp.where(index == i, values[i], found)
-    return found
+        selection = jnp.where(index == i, values[i], selection)
+    return selection
 
 
 @jax.custom_jvp
-def displaced(value: Array, move: Array) -> Array:
-    """A `value` that has the derivative of a `move` beside its own."""
+def with_tangent(value: Array, move: Array) -> Array:
+    """`value`, whose derivative is its own plus that of `move`."""
     return value
 
 
-@displaced.defjvp
-def _displaced_jvp(primals, tangents):
-    return displaced(*primals), tangents[0] + tangents[1]
+@with_tangent.defjvp
+def _with_tangent_jvp(primals, tangents):
+    return with_tangent(*primals), tangents[0] + tangents[1]
 
 
 def drift_change(motion: Motion, by_motion: Motion) -> Array:
     """How far changes of the motion move the vertex of a slow object's trajectory in time.
 
-    Every crossing moves along by it. It is kept apart from `moment_change` because under a
+    Every crossing moves with the vertex. The drift is separate from `moment_change` because under a
     symmetric profile its effects on the exposure of the two branches nearly cancel.
     """
     (a, T, s), (da, dT, ds) = motion, by_motion
@@ -212,7 +214,7 @@ def moment_change(
 ) -> Array:
     """How far changes of the motion, and of its edge, move a crossing in time.
 
-    The part that all crossings of a slow object share, `drift_change`, is left out.
+    The change excludes the part that all crossings of a slow object share, `drift_change`.
     `mirrored` is the `mirrored_velocity` at the breakpoint nearest to the crossing.
     """
     (a, T, s), (da, dT, ds) = motion, by_motion
@@ -227,7 +229,7 @@ def moment_change(
     pivot = jnp.where(from_vertex, 0.0, jnp.where(slow, vertex, T * tau))
     moves = velocity != 0
     along = (dedge + pivot * (ds - pivot * da)) * T / jnp.where(moves, velocity, 1.0)
-    # The times of crossing and vertex may cancel, so their sum counts from the breakpoint.
+    # The sum counts from the breakpoint, because the times of crossing and vertex may cancel.
     apart = bend * (velocity / T)
     beyond = jnp.where(slow, apart, bend * (mirrored / T) + T * x.offset)
     turn = bend * (jnp.where(slow, 0.0, ds) - beyond * da)
@@ -236,7 +238,7 @@ def moment_change(
 
 
 @jax.custom_jvp
-def passed(
+def crossing_time(
     from_vertex: Array, stroke: Array, smear: Array, edge: Array, moment: Array, velocity: Array
 ) -> tuple[Array, Array]:
     r"""Time and velocity at which edges are crossed, with derivatives of every order.
@@ -246,7 +248,8 @@ def passed(
     first is $d\tau = de/u + (dB - (\nu + \tau)\,dA)/2A$, in which nothing cancels. Their own
     derivatives are those of these formulae, as both hold for the values on their right.
 
-    A crossing at the vertex, where edges that are never reached have theirs, stays.
+    The derivative of a crossing at the vertex is 0; edges that the path never reaches have theirs
+    there.
 
     Args:
         from_vertex: Whether edges count from the vertex; else from mid-exposure.
@@ -254,49 +257,51 @@ def passed(
         smear: $B$, px; scalar.
         edge: $e$, of which only the derivative is taken, px; shape `(1, n + 1)`.
         moment: $\tau$, to rounding; shape `(2, n + 1)`.
-        velocity: $u$, to rounding, px per half exposure; same shape.
+        velocity: $u$, to rounding, px per half exposure; shape `(2, n + 1)`.
     """
-    return by_rule_alone((moment, velocity), (stroke, smear, edge))
+    return with_nan_tangent((moment, velocity), (stroke, smear, edge))
 
 
-def by_rule_alone(values: Any, moved_by: Any) -> Any:
-    """Values whose derivative by what moves them is NaN unless a rule gives it.
+def with_nan_tangent(values: Any, moved_by: Any) -> Any:
+    """`values`, whose derivative by `moved_by` is NaN unless a rule replaces it.
 
-    In reverse mode through `jax.lax.scan` JAX forgets rules within a rule, and would return 0.
+    In reverse mode through `jax.lax.scan` JAX drops nested derivative rules and would return 0
+    without a warning.
     """
-    nothing = jnp.sqrt(sum(jnp.sum(0 * x) for x in jax.tree.leaves(moved_by)))
-    return jax.tree.map(lambda x: x + nothing.astype(x.dtype), values)
+    zero = jnp.sqrt(sum(jnp.sum(0 * x) for x in jax.tree.leaves(moved_by)))
+    return jax.tree.map(lambda x: x + zero.astype(x.dtype), values)
 
 
-@passed.defjvp
-def _passed_jvp(primals, tangents):
+@crossing_time.defjvp
+def _crossing_time_jvp(primals, tangents):
     from_vertex, stroke, smear, _, _, _ = primals
-    _, higher, faster, moved, _, _ = tangents
-    moment, velocity = passed(*primals)
+    _, d_stroke, d_smear, d_edge, _, _ = tangents
+    moment, velocity = crossing_time(*primals)
     x = moment, velocity
-    later = passing_change(from_vertex, stroke, smear, *x, higher, faster, moved)
-    return x, (later, 2 * (stroke * later + moment * higher) - faster)
+    delay = crossing_time_change(from_vertex, stroke, smear, *x, d_stroke, d_smear, d_edge)
+    return x, (delay, 2 * (stroke * delay + moment * d_stroke) - d_smear)
 
 
-def passing_change(
+def crossing_time_change(
     from_vertex: Array,
     stroke: Array,
     smear: Array,
     moment: Array,
     velocity: Array,
-    higher: Array,
-    faster: Array,
-    moved: Array,
+    d_stroke: Array,
+    d_smear: Array,
+    d_edge: Array,
 ) -> Array:
-    """How far changes of stroke, smear and edge move a crossing in time, by `passed`'s formulae.
+    """How far changes of stroke, smear and edge move a crossing in time.
 
-    `moment_change` computes the same where crossings of narrow taps would cancel.
+    The formulae are those of `crossing_time`. `moment_change` computes the same where crossings
+    of narrow taps would cancel.
     """
     moves = velocity != 0
     pace, rate = jnp.where(moves, velocity, 1.0), jnp.where(from_vertex, 2 * stroke, 1.0)
-    drift = (faster - (smear / rate + moment) * higher) / rate
-    along = (moved + moment * (faster - moment * higher)) / pace
-    return jnp.where(moves, jnp.where(from_vertex, moved / pace + drift, along), 0.0)
+    drift = (d_smear - (smear / rate + moment) * d_stroke) / rate
+    along = (d_edge + moment * (d_smear - moment * d_stroke)) / pace
+    return jnp.where(moves, jnp.where(from_vertex, d_edge / pace + drift, along), 0.0)
 
 
 def _is_slow(motion: Motion) -> Array:
@@ -313,7 +318,7 @@ def time_between(
     $2\,\Delta x / (u_1 + u_2)$ on one side of the vertex, $(u_2 - u_1)/2A$ from one side to
     the other, or from the vertex itself: neither subtracts two numbers that are nearly equal.
     A path without a stroke has one side only, and `without_stroke` replaces its $2A$: a tiny
-    number puts the other side after the exposure, 1 keeps derivatives finite.
+    number puts the other side after the exposure, 1 prevents infinite derivatives.
     """
     same_way = ((before > 0) & (after > 0)) | ((before < 0) & (after < 0))
     rate = jnp.where(stroke > 0, 2 * stroke, without_stroke)

@@ -3,13 +3,13 @@ r"""The trajectory of a point on a free path: refined breakpoints, positions, ru
 The breakpoints of the shutter and those of the path together cut the exposure into pieces, on each
 of which the trajectory is one parabola $x = X + U h + A h^2$. Consecutive pieces whose $A$ have one
 sign are a run: over a run the velocity is a monotone function of time, so that the trajectory has
-two branches there, as a parabola has over the whole exposure. A run of negative $A$ is looked at
-in a mirror. A path whose accelerations are all at least 0 is a single run.
+two branches there, as a parabola has over the whole exposure. A run of negative $A$ is mirrored
+first. A path whose accelerations are all at least 0 is a single run.
 
-The breakpoint on the branch behind which an edge is crossed is found by a binary search among
-exact positions, and the crossing is timed from the nearer end of its piece by the formulae of
-`crossings`, of which it takes the velocity from the slower end: $u^2 = U^2 + 4A\,\Delta x$, or
-$4A\,\Delta x$ from the vertex, are sums in which nothing cancels.
+On each branch a binary search among exact positions yields the piece in which an edge is crossed.
+The formulae of `crossings.py` time the crossing from the nearer end of that piece. Its velocity
+follows from that at the slower end: $u^2 = U^2 + 4A\,\Delta x$, or $4A\,\Delta x$ from the vertex,
+are sums in which nothing cancels.
 """
 
 import itertools
@@ -31,13 +31,13 @@ from mishutter._core import (
     is_concrete,
     multiply,
     negate,
-    numbers_of,
+    primal_values,
     reciprocal,
     two_product,
     word,
 )
 from mishutter.blur.crossings import AFTER, Crossings, at, distance, time_between
-from mishutter.blur.trajectory import once
+from mishutter.blur.trajectory import opaque_to_fusion
 from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
@@ -49,18 +49,18 @@ from mishutter.model import (
 
 @final
 class RefinedShutter(AbstractPiecewiseShutter):
-    r"""A profile with more breakpoints, where the acceleration of a free path changes too.
+    r"""A profile with additional breakpoints where the acceleration of a free path changes.
 
     Args:
         profile: The shutter.
         ends: Ends of the pieces, ascending from -1 to 1; shape `(m + 1,)`.
-        owner: Piece of the shutter that holds each piece; shape `(m,)`.
-        known_owner: The same where it is known, as of equal pieces; none otherwise.
+        owner: Piece of the shutter that contains each piece; shape `(m,)`.
+        static_owner: `owner` for a shutter of equal pieces, where it is static; else None.
         lead: Time from the left end of the shutter's piece to that of the piece; shape `(m,)`.
         trail: Time from the right end of the piece to that of the shutter's; shape `(m,)`.
-        longest: Length that no piece exceeds, in units of $\tau$.
+        longest: Upper bound on the length of a piece, in units of $\tau$.
         panels_per_piece: Equal parts of a piece on each of which `w` is a low polynomial.
-        smooth_length: Time over which each piece's function is all but a low polynomial.
+        smooth_length: Time over which each piece's function is nearly a low polynomial.
     """
 
     profile: AbstractPiecewiseShutter
@@ -68,7 +68,7 @@ class RefinedShutter(AbstractPiecewiseShutter):
     owner: Array
     lead: Array
     trail: Array
-    known_owner: tuple[int, ...] | None = eqx.field(static=True)
+    static_owner: tuple[int, ...] | None = eqx.field(static=True)
     longest: float = eqx.field(static=True)
     panels_per_piece: int = eqx.field(static=True)
     smooth_length: float | Array
@@ -88,11 +88,14 @@ class RefinedShutter(AbstractPiecewiseShutter):
         rest = (None,) * (offset.ndim - 1)
         from_left = offset + self.lead[(slice(None), *rest)].astype(offset.dtype)
         count = self.profile.breakpoints(np.dtype(self.lead.dtype)).high.size - 1
-        if self.known_owner is None:
-            every = jnp.broadcast_to(from_left[None], (count, *from_left.shape))
-            values, owner = self.profile.piece_transmittance(every), self.owner[(None, ..., *rest)]
+        if self.static_owner is None:
+            offsets = jnp.broadcast_to(from_left[None], (count, *from_left.shape))
+            values, owner = (
+                self.profile.piece_transmittance(offsets),
+                self.owner[(None, ..., *rest)],
+            )
             return jnp.take_along_axis(values, owner, axis=0, mode="promise_in_bounds")[0]
-        owner = np.array(self.known_owner)
+        owner = np.array(self.static_owner)
         first = np.searchsorted(owner, np.arange(count))
         place = np.arange(owner.size) - first[owner]
         row = np.minimum(first[:, None] + np.arange(np.max(place) + 1), owner.size - 1)
@@ -111,20 +114,24 @@ class RefinedShutter(AbstractPiecewiseShutter):
 def refined(
     profile: AbstractPiecewiseShutter, ends: tuple[Fraction, ...], dtype: np.dtype
 ) -> tuple[RefinedShutter, Array]:
-    """A profile with the `path_ends`, and the piece of the path that holds each of its pieces."""
+    """A profile refined by `path_ends`, and the piece of the path that contains each of its pieces.
+
+    Returns:
+        The profile, and indices of the path's pieces; shape `(m,)`.
+    """
     inner, own = ends[1:-1], profile.breakpoints(dtype)
     num_pieces, count = own.high.size - 1, profile.panels_per_piece
     longest = float(max(after - before for before, after in itertools.pairwise(ends)))
-    known = None
+    static_owner = None
     if profile.equal_pieces:
         longest = min(longest, 2 / num_pieces)
         count = math.ceil(count * longest * num_pieces / 2)
         equal = uniform_fractions(num_pieces)
         both = sorted({*equal, *inner})
         cuts = fractions_as_words(both, dtype)
-        known = tuple(bisect_right(equal, x) - 1 for x in both[:-1])
+        static_owner = tuple(bisect_right(equal, x) - 1 for x in both[:-1])
         place = np.array([bisect_right(ends, x) - 1 for x in both[:-1]], np.int32)
-        owner = jnp.array(known, jnp.int32)
+        owner = jnp.array(static_owner, jnp.int32)
     else:
         added = fractions_as_words(inner, dtype)
         high, low = (jnp.concatenate(pair) for pair in zip(own, added, strict=True))
@@ -137,32 +144,35 @@ def refined(
     begin, end = (DoubleWord(*(x[part] for x in cuts)) for part in (slice(-1), slice(1, None)))
     left, right = (DoubleWord(*(x[owner + side] for x in own)) for side in (0, 1))
     lead, trail = distance(begin, left), distance(right, end)
-    whole = RefinedShutter(
+    refined_profile = RefinedShutter(
         profile=profile,
         ends=cuts,
         owner=owner,
         lead=lead,
         trail=trail,
-        known_owner=known,
+        static_owner=static_owner,
         longest=longest,
         panels_per_piece=count,
         smooth_length=profile.smooth_length,
     )
-    return whole, jnp.asarray(place, jnp.int32)
+    return refined_profile, jnp.asarray(place, jnp.int32)
 
 
 def path_ends(motion: AbstractMotion) -> tuple[Fraction, ...]:
-    r"""Where pieces of a path that have a length meet, $\tau$ from -1 to 1; none without pieces."""
+    r"""Ends of the pieces of a free path that have a length, $\tau$ from -1 to 1.
+
+    Other motions have none.
+    """
     if not isinstance(motion, FreeMotion):
         return ()
     return tuple(dict.fromkeys(exact_ends(motion.durations, motion.accelerations.size)))
 
 
 def num_runs(motion: AbstractMotion) -> int:
-    """Number of runs of a path; as many as pieces where the accelerations are not known."""
+    """Number of runs of a path; the number of its pieces if the accelerations are traced."""
     if not isinstance(motion, FreeMotion):
         return 1
-    a = numbers_of(motion.accelerations)
+    a = primal_values(motion.accelerations)
     lasting = motion.lasting
     if not is_concrete(a):
         return lasting.size
@@ -171,32 +181,39 @@ def num_runs(motion: AbstractMotion) -> int:
     return 1 + int(np.sum(signs[1:] != signs[:-1]))
 
 
-class Numbers(NamedTuple):
-    """The motion of a point: accelerations of lasting pieces, half exposure, and its speed."""
+class PathParameters(NamedTuple):
+    """Parameters of a point's path.
+
+    Attributes:
+        accelerations: Acceleration of each piece that has a length; px/s^2, shape `(m,)`.
+        half_exposure: s; scalar.
+        speed: Speed of the object over the sensor; px/s, scalar.
+    """
 
     accelerations: Array
     half_exposure: Array
     speed: Array
 
 
-def numbers(motion: FreeMotion, speed: Array) -> Numbers:
-    """Numbers of a motion in the precision of the speed, that of the object over the sensor."""
+def path_parameters(motion: FreeMotion, speed: Array) -> PathParameters:
+    """Parameters of a path in the precision of the `speed` of the object over the sensor."""
     a, T = (x.astype(speed.dtype) for x in (motion.accelerations, motion.half_exposure))
-    return Numbers(a[motion.lasting], T, speed)
+    return PathParameters(a[motion.lasting], T, speed)
 
 
 class FreePath(NamedTuple):
     """Position and velocity of a point at breakpoints, and each piece's parabola; in px.
 
     Attributes:
-        stroke: Of each piece, $A$; shape `(m,)`.
-        velocity: At breakpoints, px per half exposure; shape `(m + 1,)`.
-        position: At breakpoints; shape `(m + 1,)`.
-        vertex: Turning point of each piece that holds one, or where it begins; shape `(m,)`.
-        turns: Whether each piece holds a turning point; shape `(m,)`.
-        lowest: The lowest position of all, where edges count from it, or 0; shape `(1,)`.
-        lowest_index: Which of the vertices it is, or the end, after them all; scalar.
-        from_lowest: Whether edges count from there; scalar.
+        stroke: Stroke $A$ of each piece; shape `(m,)`.
+        velocity: Velocity at breakpoints, px per half exposure; shape `(m + 1,)`.
+        position: Position of breakpoints; shape `(m + 1,)`.
+        vertex: Turning point of each piece, or its beginning where it has none; shape `(m,)`.
+        turns: Whether each piece has a turning point; shape `(m,)`.
+        lowest: The lowest position if edges count from it, else 0; shape `(1,)`.
+        lowest_index: Index of the lowest position among the vertices followed by the path's end;
+            scalar.
+        from_lowest: Whether edges count from the lowest position; scalar.
     """
 
     stroke: Array
@@ -209,14 +226,14 @@ class FreePath(NamedTuple):
     from_lowest: Array
 
     def mirrored(self, sign: Array) -> "FreePath":
-        """The path as it is, or upside down where `sign` is -1."""
+        """The path, upside down if `sign` is -1."""
         names = "stroke", "velocity", "position", "vertex"
         parts = {name: jax.tree.map(lambda x: sign * x, getattr(self, name)) for name in names}
         return self._replace(**parts)
 
 
 def free_path(
-    given: Numbers,
+    parameters: PathParameters,
     speed_low: Array,
     ends: tuple[Fraction, ...],
     tau: DoubleWord,
@@ -224,23 +241,24 @@ def free_path(
     *,
     from_lowest: Array | bool,
 ) -> FreePath:
-    """The path at breakpoints `tau`, of whose pieces `place` are the path's; a value alone.
+    """The path at breakpoints `tau`, without derivatives.
 
-    `speed_low` is what its speed has beyond the precision of a word.
+    `place` is the piece of the path between each two breakpoints, and `speed_low` the lower word of
+    the speed.
     """
-    known = jax.lax.stop_gradient((given, speed_low, tau, jnp.asarray(from_lowest)))
-    return once(lambda *x: _exact_path(ends, place, *x), *known)
+    primals = jax.lax.stop_gradient((parameters, speed_low, tau, jnp.asarray(from_lowest)))
+    return opaque_to_fusion(lambda *x: _exact_path(ends, place, *x), *primals)
 
 
 def _exact_path(
     ends: tuple[Fraction, ...],
     place: Array,
-    given: Numbers,
+    parameters: PathParameters,
     speed_low: Array,
     tau: DoubleWord,
     from_lowest: Array,
 ) -> FreePath:
-    a, T, speed = given
+    a, T, speed = parameters
     dtype, half = np.dtype(speed.dtype), word(T)
     spread = DoubleWord(*(jnp.broadcast_to(x, a.shape) for x in half))
     stroke = multiply(two_product(a, spread.high), spread)
@@ -248,49 +266,49 @@ def _exact_path(
     cuts = fractions_as_words(ends, dtype)
     length = fractions_as_words([y - x for x, y in itertools.pairwise(ends)], dtype)
 
-    def passed(state: tuple[DoubleWord, DoubleWord], piece: tuple[DoubleWord, DoubleWord]):
+    def step(state: tuple[DoubleWord, DoubleWord], piece: tuple[DoubleWord, DoubleWord]):
         velocity, position = state
         stroke, length = piece
-        gained = multiply(stroke, length)
-        moved = add(position, multiply(length, add(velocity, gained)))
-        return (add(velocity, _twice(gained)), moved), state
+        half_gain = multiply(stroke, length)
+        end = add(position, multiply(length, add(velocity, half_gain)))
+        return (add(velocity, _twice(half_gain)), end), state
 
-    nothing = DoubleWord(jnp.zeros_like(T), jnp.zeros_like(T))
-    _, (velocity, position) = jax.lax.scan(passed, (nothing, nothing), (stroke, length))
+    zero = DoubleWord(jnp.zeros_like(T), jnp.zeros_like(T))
+    _, (velocity, position) = jax.lax.scan(step, (zero, zero), (stroke, length))
 
-    # All counts from mid-exposure, where the path has no velocity but that of the object.
+    # Counts from mid-exposure, where acceleration has added no velocity.
     middle = max(j for j, end in enumerate(ends[:-1]) if end <= 0)
     before = fractions_as_words([-ends[middle]], dtype)
     start, pace, rate = (
         DoubleWord(*(x[middle : middle + 1] for x in row)) for row in (position, velocity, stroke)
     )
-    gained = multiply(rate, before)
-    there = add(start, multiply(before, add(pace, gained)))
-    drift = add(add(pace, _twice(gained)), DoubleWord(*(x[None] for x in smear)))
-    there, drift = (
-        DoubleWord(*(jnp.broadcast_to(x, a.shape) for x in row)) for row in (there, drift)
+    half_gain = multiply(rate, before)
+    origin = add(start, multiply(before, add(pace, half_gain)))
+    drift = add(add(pace, _twice(half_gain)), DoubleWord(*(x[None] for x in smear)))
+    origin, drift = (
+        DoubleWord(*(jnp.broadcast_to(x, a.shape) for x in row)) for row in (origin, drift)
     )
     begins = DoubleWord(cuts.high[:-1], cuts.low[:-1])
     velocity = add(velocity, negate(drift))
-    position = add(position, negate(add(there, multiply(drift, begins))))
+    position = add(position, negate(add(origin, multiply(drift, begins))))
 
     base = path_bases(place)
-    offset = add(tau, negate(_some(begins, base)))
-    gained = multiply(_some(stroke, base), offset)
-    pace = _some(velocity, base)
-    at_tau = add(_some(position, base), multiply(offset, add(pace, gained)))
-    paces = add(pace, _twice(gained))
+    offset = add(tau, negate(_gather(begins, base)))
+    half_gain = multiply(_gather(stroke, base), offset)
+    pace = _gather(velocity, base)
+    at_tau = add(_gather(position, base), multiply(offset, add(pace, half_gain)))
+    paces = add(pace, _twice(half_gain))
 
-    # A turning point lies $U^2/4A$ below the end of its piece, or above it.
+    # A turning point lies $U^2/4A$ below the beginning of its piece; above, where $A$ is negative.
     left, right = (DoubleWord(*(x[part] for x in paces)) for part in (slice(-1), slice(1, None)))
-    rates = _some(stroke, base[:-1])
+    rates = _gather(stroke, base[:-1])
     sign = jnp.sign(rates.high)
     turns = (sign * left.high < 0) & (sign * right.high >= 0)
     quarter = (4 * jnp.where(turns, *pair) for pair in zip(rates, (0.25, 0.0), strict=True))
     rise = multiply(multiply(left, left), reciprocal(DoubleWord(*quarter)))
     begin = DoubleWord(at_tau.high[:-1], at_tau.low[:-1])
-    turned = add(begin, negate(rise))
-    vertex = DoubleWord(*(jnp.where(turns, *pair) for pair in zip(turned, begin, strict=True)))
+    turning = add(begin, negate(rise))
+    vertex = DoubleWord(*(jnp.where(turns, *pair) for pair in zip(turning, begin, strict=True)))
     high, low = (jnp.append(x, y[-1:]) for x, y in zip(vertex, at_tau, strict=True))
     index = jnp.argmin(jnp.where(high == jnp.min(high), low, jnp.inf))
     lowest = DoubleWord(*(jnp.where(from_lowest, x[index][None], 0.0) for x in (high, low)))
@@ -306,16 +324,16 @@ def _twice(x: DoubleWord) -> DoubleWord:
     return DoubleWord(2 * x.high, 2 * x.low)
 
 
-def _some(x: DoubleWord, index: Array) -> DoubleWord:
+def _gather(x: DoubleWord, index: Array) -> DoubleWord:
     return DoubleWord(x.high[index], x.low[index])
 
 
 def looked_up(values: Array, index: Array) -> Array:
-    """Values at indices known to be in range, in the shape of these also where there is one."""
+    """Gather without bounds checks, broadcast to the shape of the indices."""
     return jnp.broadcast_to(at(values, index), index.shape)
 
 
-class Run(NamedTuple):
+class MonotoneRun(NamedTuple):
     """Pieces whose accelerations have one sign, from `first` to before `past`; scalars."""
 
     first: Array
@@ -323,8 +341,8 @@ class Run(NamedTuple):
     sign: Array
 
 
-def runs(accelerations: Array, place: Array, count: int) -> Run:
-    """The runs of a path, `(r,)`, of whose pieces `place` are those of the accelerations."""
+def runs(accelerations: Array, place: Array, count: int) -> MonotoneRun:
+    """The runs of a path, each field of shape `(count,)`; `place` is that of `refined`."""
     signs = jnp.sign(accelerations)
     index = jnp.arange(signs.size, dtype=jnp.int32)
     last = jax.lax.cummax(jnp.where(signs != 0, index, -1))
@@ -334,47 +352,49 @@ def runs(accelerations: Array, place: Array, count: int) -> Run:
     which = np.arange(count, dtype=np.int32)[:, None]
     first = jnp.sum(number[place][None] < which, axis=1, dtype=jnp.int32)
     past = jnp.sum(number[place][None] <= which, axis=1, dtype=jnp.int32)
-    way = jnp.sum(jnp.where(number[None] == which, sign[None], 0.0), axis=1)
-    return Run(first, past, jnp.where(way < 0, -1.0, 1.0).astype(signs.dtype))
+    total = jnp.sum(jnp.where(number[None] == which, sign[None], 0.0), axis=1)
+    return MonotoneRun(first, past, jnp.where(total < 0, -1.0, 1.0).astype(signs.dtype))
 
 
 def free_crossings(
-    track: FreePath, run: Run, tau: DoubleWord, edges: DoubleWord
+    track: FreePath, run: MonotoneRun, tau: DoubleWord, edges: DoubleWord
 ) -> tuple[Crossings, Array, Array]:
     """Crossings of ascending `edges`, `(1, n + 1)`, on both branches of a run of the path.
 
-    Their speeds and whether each is held come beside them: an edge that a branch does not reach
-    is held at the end of the run on its side.
+    The function also returns their speeds, and whether each is held: an edge that a branch does not
+    reach is held at the end of the run on its side.
     """
-    x, is_held = once(_located, *jax.lax.stop_gradient((track, run, tau, edges)))
+    x, is_held = opaque_to_fusion(_located, *jax.lax.stop_gradient((track, run, tau, edges)))
     speed = x.velocity
     return x._replace(velocity=jnp.where(AFTER, speed, -speed)), speed, is_held
 
 
 def _located(
-    track: FreePath, run: Run, tau: DoubleWord, edge: DoubleWord
+    track: FreePath, run: MonotoneRun, tau: DoubleWord, edge: DoubleWord
 ) -> tuple[Crossings, Array]:
     """Crossings whose `velocity` is the speed, and whether they are held."""
     index = jnp.arange(track.velocity.size, dtype=jnp.int32)
     falls = (track.velocity < 0) & (index >= run.first) & (index <= run.past)
     turn = run.first + jnp.sum(falls, dtype=jnp.int32)
-    piece = _last_passed(track, run, turn, edge)
+    piece = _crossed_piece(track, run, turn, edge)
     is_early, is_late = piece < run.first, piece >= run.past
     holds_vertex = (piece == turn - 1) & ~is_early & ~is_late
     piece = jnp.clip(piece, run.first, run.past - 1)
     inner = jnp.where(AFTER, piece, piece + 1)
-    rate, passed = looked_up(track.stroke, piece), jnp.abs(looked_up(track.velocity, inner))
+    rate, inner_speed = looked_up(track.stroke, piece), jnp.abs(looked_up(track.velocity, inner))
     pairs = zip(track.vertex, track.position, strict=True)
     origin = [jnp.where(holds_vertex, looked_up(v, piece), looked_up(x, inner)) for v, x in pairs]
-    slowest = jnp.where(holds_vertex, 0.0, passed)
+    slowest = jnp.where(holds_vertex, 0.0, inner_speed)
     beyond = jnp.maximum(distance(edge, DoubleWord(*origin)), 0)
     speed = jnp.maximum(jnp.sqrt(slowest * slowest + 4 * rate * beyond), slowest)
     velocity = jnp.where(AFTER, speed, -speed)
 
     def since(end: Array) -> Array:
         there = DoubleWord(*(looked_up(x, end) for x in track.position))
-        passed, least = looked_up(track.velocity, end), float(jnp.finfo(speed.dtype).tiny)
-        return time_between(distance(edge, there), passed, velocity, rate, without_stroke=least)
+        velocity_there, least = looked_up(track.velocity, end), float(jnp.finfo(speed.dtype).tiny)
+        return time_between(
+            distance(edge, there), velocity_there, velocity, rate, without_stroke=least
+        )
 
     length = looked_up(jnp.diff(tau.high) + jnp.diff(tau.low), piece)
     from_start = jnp.clip(since(piece), 0, length)
@@ -388,21 +408,21 @@ def _located(
     return Crossings(piece, from_left, offset, nearest, moment, speed), is_held
 
 
-def _last_passed(track: FreePath, run: Run, turn: Array, edge: DoubleWord) -> Array:
-    """The piece in which each branch passes an edge, or the one outside of the run; `(2, n + 1)`.
+def _crossed_piece(track: FreePath, run: MonotoneRun, turn: Array, edge: DoubleWord) -> Array:
+    """Index of the piece in which each branch passes an edge, or the one outside; `(2, n + 1)`.
 
-    From `turn` on, breakpoints lie on the branch after the vertex. A binary search finds the first
-    that lies beyond the edge there, or on the other branch no longer does.
+    Breakpoints from `turn` on lie on the branch after the vertex. A binary search yields the first
+    one beyond the edge there, and on the other branch the first one that is not beyond it.
     """
     first = jnp.where(AFTER, turn, run.first)
     past = jnp.where(AFTER, run.past + 1, turn)
     count = jnp.broadcast_to(first, (2, edge.high.size)).astype(jnp.int32)
     bits = track.velocity.size.bit_length()
 
-    def halve(index: Array, count: Array) -> Array:
-        probe = count + jnp.left_shift(jnp.int32(1), bits - 1 - index)
-        some = jnp.clip(probe - 1, 0, track.velocity.size - 1)
-        beyond = distance(edge, DoubleWord(*(looked_up(x, some) for x in track.position)))
+    def halve(step: Array, count: Array) -> Array:
+        probe = count + jnp.left_shift(jnp.int32(1), bits - 1 - step)
+        index = jnp.clip(probe - 1, 0, track.velocity.size - 1)
+        beyond = distance(edge, DoubleWord(*(looked_up(x, index) for x in track.position)))
         passes = jnp.where(AFTER, beyond > 0, beyond < 0)
         return jnp.where((probe <= past) & passes, probe, count)
 

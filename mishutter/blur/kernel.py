@@ -38,35 +38,41 @@ from mishutter.blur.crossings import (
     Crossings,
     at,
     crossings,
-    displaced,
     distance,
     lengths,
-    of_both_arms,
+    sum_over_branches,
     time_between,
+    with_tangent,
 )
 from mishutter.blur.derivatives import (
-    Cells,
-    Clock,
-    Taps,
-    Times,
-    cell_light,
-    moving,
-    moving_breakpoints,
+    BoundaryTimes,
+    BreakpointCells,
+    CellBoundaries,
+    KernelPrimal,
+    attach_breakpoint_jvp,
+    attach_motion_jvp,
+    cell_exposure,
     parts,
 )
-from mishutter.blur.free_derivatives import course_of, moving_freely
+from mishutter.blur.free_derivatives import attach_path_jvp, differentiable_path
 from mishutter.blur.free_path import (
-    Run,
+    MonotoneRun,
     free_crossings,
     free_path,
     looked_up,
     num_runs,
-    numbers,
     path_ends,
+    path_parameters,
     refined,
     runs,
 )
-from mishutter.blur.trajectory import Motion, kept, passing, path_of_light, speed_on_sensor
+from mishutter.blur.trajectory import (
+    Motion,
+    materialised,
+    nonstationary_motion,
+    primal_path,
+    speed_on_sensor,
+)
 from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
@@ -98,18 +104,19 @@ def blur_kernel(
 
     On a sensor that pans, $s$ stands for $s - v$: a velocity shifts the speed. With no
     acceleration the vertex of an object that moves over the sensor is infinitely far away and the
-    kernel is zero; that of an object at rest is all in the tap that holds position 0,
+    kernel is zero; that of an object at rest lies in the tap that holds position 0,
     $e_k \le 0 < e_{k+1}$. An object counts as at rest if $aT^2 + |s|T$ is below 1e-130 px
-    (1e-18 px in float32), and its derivatives by all but the shutter are then 0: these are
-    exact unless an edge lies exactly on position 0, where there are none.
+    (1e-18 px in float32), and its derivatives by all but the shutter are then 0: they are
+    exact unless an edge lies exactly on position 0, where none exist.
     The derivative with respect to `phase` is infinite where an edge lies exactly on the
     vertex under an open shutter; that edge's share is then left out, which is the
     derivative from below.
 
     In float64 a tap is exact to 1e-12 of itself or 1e-15 of the largest, on strokes up to
-    1e8 px, in float32 to 2e-6 or 1e-7, up to 1e6 px, and in the tails of a `GaussianShutter`
-    to what that says. First derivatives are exact to 1e-9 (1e-4) of the largest, second ones
-    in float64 to 1e-9 on strokes up to 1e6 px. On a free path these exist by the shutter alone.
+    1e8 px, in float32 to 2e-6 or 1e-7, up to 1e6 px; `GaussianShutter` states the accuracy in its
+    tails. First derivatives are exact to 1e-9 (1e-4) of the largest, second ones
+    in float64 to 1e-9 on strokes up to 1e6 px. A free path has second derivatives by the shutter
+    alone.
 
     Args:
         shutter: Transmittance over the exposure.
@@ -120,7 +127,7 @@ def blur_kernel(
 
     Returns:
         Share of a fully open exposure that falls on each pixel; shape `(n,)`. The taps
-        sum to the efficiency once they cover the support
+        sum to the efficiency where they cover the support
         $[0, aT^2(1 + |\nu|)^2]$.
 
     Raises:
@@ -147,7 +154,7 @@ def aligned_kernel(
 ) -> Array:
     """The `blur_kernel`, or one aligned at mid-exposure where not `from_vertex`.
 
-    `count` is the number of runs of a free path that is traced.
+    `count` is the number of runs of a free path; a caller that traces the path must give it.
     """
     dtype = _dtype(shutter, motion, speed, phase)
     first = jnp.asarray(phase, dtype)
@@ -164,11 +171,11 @@ def binned_exposure(
     r"""Exposure between given positions on the sensor, relative to mid-exposure.
 
     $h_k = \frac{1}{2T}\int w(t/T)\,[e_k \le a t^2 - (s - v) t < e_{k+1}]\,dt$. It exists for
-    every $a \ge 0$, zero included, where a rect shutter gives a box, and tends to that
-    smoothly. A point that does not move at all falls on one pixel, as in `blur_kernel`.
+    every $a \ge 0$ and is smooth there: at $a = 0$ a rect shutter gives a box. A point that does
+    not move falls on one pixel, as in `blur_kernel`.
 
     The derivative with respect to an edge exactly at the vertex is infinite under an
-    open shutter, and is given from the side that the point never reaches. Where an edge
+    open shutter; the result is that from the side that the point never reaches. Where an edge
     meets a step of the shutter exactly, the exposure has a kink, and the derivative is
     that of either side. In reverse mode the derivative by a shift of all edges is the sum
     of the derivatives by each edge, which cancel for narrow taps; `blur_kernel` shifts all
@@ -195,29 +202,30 @@ def binned_exposure(
     row = jnp.asarray(edges, dtype)
     num_taps = row.size - 1
     row = jnp.pad(row, (0, row.size % 2), mode="edge")
-    ends, nothing = DoubleWord(row, jnp.zeros(1, dtype)), jnp.zeros((), dtype)
+    ends, shift = DoubleWord(row, jnp.zeros(1, dtype)), jnp.zeros((), dtype)
     point, profile = (motion, jnp.asarray(speed, dtype)), piecewise(shutter)
     rule = {"from_vertex": False, "count": num_runs(motion)}
-    return _exposure(num_taps, profile, point, ends, nothing, **rule)
+    return _exposure(num_taps, profile, point, ends, shift, **rule)
 
 
 def support(motion: AbstractMotion, speed: ArrayLike) -> Array | np.ndarray:
-    r"""Length of an aligned kernel; px, shape of `speed`, by NumPy where both are known.
+    r"""Length of an aligned kernel; px, shape of `speed`, by NumPy where all is known.
 
-    From the vertex it is $aT^2 (1 + |\nu|)^2$; of a camera at rest $2|s|T$, about mid-exposure.
-    On a free path it is the way from the lowest position to the highest, of objects that pass
-    over the sensor at that speed in either direction the longer.
+    It is $aT^2 (1 + |\nu|)^2$ from the vertex, and $2|s|T$ about mid-exposure for a camera at rest.
+    On a free path it is the distance from the lowest position to the highest, for the direction of
+    the speed that makes it longer.
     """
     a = motion.accelerations if isinstance(motion, FreeMotion) else steady(motion).acceleration
-    given = speed, motion.velocity, motion.half_exposure, a, motion.speed_gain
-    speed, v, T, a, gain = as_numpy(*given)
+    speed, v, T, a, gain = as_numpy(
+        speed, motion.velocity, motion.half_exposure, a, motion.speed_gain
+    )
     space = namespace_of(speed)
     with np.errstate(over="ignore", invalid="ignore"):
         relative = space.asarray(speed) - v
         if isinstance(motion, FreeMotion):
             both = map(space.asarray, (v + relative, v - relative))
-            ways = space.maximum(*(motion.highest(s) - motion.lowest(s) for s in both))
-            return space.asarray(ways)
+            longer = space.maximum(*(motion.highest(s) - motion.lowest(s) for s in both))
+            return space.asarray(longer)
         fastest, turns = abs(relative), has_vertex(motion)
         far = (gain + fastest) ** 2 / (4 * space.where(turns, a, 1.0))
         return space.asarray(space.where(turns, far, 2 * fastest * T))
@@ -248,22 +256,26 @@ def _exposure(
     from_vertex: Array | bool,
     count: int,
 ) -> Array:
-    """Share of a full exposure between `edges`, which also move with a `shift`; shape `(n,)`.
+    """Share of a full exposure between `edges`, which move with `shift`; shape `(n,)`.
 
     `count` is the number of runs of a free path, and 1 for any other.
     """
     motion, speed = point
     if isinstance(motion, FreeMotion):
-        given = num_taps, profile, motion, speed, edges, shift, from_vertex
-        return _free_exposure(count, *given) / 2
+        exposure = _free_exposure(
+            count, num_taps, profile, motion, speed, edges, shift, from_vertex
+        )
+        return exposure / 2
     a = steady(motion).acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
     s, low = speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
     tau = profile.breakpoints(np.dtype(speed.dtype))
-    return _light(num_taps, profile, (a, T, s), low, tau, edges, shift, from_vertex) / 2
+    return (
+        _parabolic_exposure(num_taps, profile, (a, T, s), low, tau, edges, shift, from_vertex) / 2
+    )
 
 
-def _light(
+def _parabolic_exposure(
     num_taps: int,
     profile: AbstractPiecewiseShutter,
     motion: Motion,
@@ -278,28 +290,35 @@ def _light(
     Edges and breakpoints cut a branch into cells, each in one tap and in one piece. One
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
-    # Computes values alone: derivatives by the motion and the edges are attached at the end.
-    motion, at_rest = passing(motion)
+    # Carries no derivative by the motion and the edges up to `attach_motion_jvp`.
+    motion, at_rest = nonstationary_motion(motion)
     from_vertex = from_vertex & ~at_rest
-    given, fixed = jax.lax.stop_gradient((motion, tau))
-    track = path_of_light(given, speed_low, fixed, from_vertex=from_vertex)
-    x, speed, near = crossings(profile.equal_pieces, track, at_rest, fixed, edges)
-    gap, (u, v) = _gaps(num_taps, near), (speed[k] for k in parts(num_taps))
-    within = time_between(gap, u, v, track.stroke)
+    primal_motion, primal_tau = jax.lax.stop_gradient((motion, tau))
+    track = primal_path(primal_motion, speed_low, primal_tau, from_vertex=from_vertex)
+    x, speed, clipped = crossings(profile.equal_pieces, track, at_rest, primal_tau, edges)
+    gap, (u, v) = _gaps(num_taps, clipped), (speed[k] for k in parts(num_taps))
     is_held = x.is_held(tau.high.size - 1)
-    clock = Clock(tau.high, (motion, edges.high, shift))
-    cells = profile, tau, track.velocity, x, within, is_held, clock, from_vertex
-    light, width, cut = _light_of_cells(num_taps, *cells)
-    taps = Taps(profile, tau, x, near.high, gap, width, is_held, cut)
-    return moving(
-        of_both_arms(light),
+    exposure, width, cut = _branch_exposures(
+        num_taps,
+        profile,
+        tau,
+        track.velocity,
+        x,
+        within=time_between(gap, u, v, track.stroke),
+        is_held=is_held,
+        times=BoundaryTimes(tau.high, (motion, edges.high, shift)),
+        from_vertex=from_vertex,
+    )
+    primal = KernelPrimal(profile, tau, x, clipped.high, gap, width, is_held, cut)
+    return attach_motion_jvp(
+        sum_over_branches(exposure),
         motion,
         edges.high,
         shift,
         profile,
         tau,
         from_vertex=from_vertex,
-        taps=jax.lax.stop_gradient(taps),
+        primal=jax.lax.stop_gradient(primal),
     )
 
 
@@ -309,18 +328,19 @@ def _gaps(num_taps: int, edges: DoubleWord) -> Array:
     return distance(end, begin)
 
 
-def _light_of_cells(
+def _branch_exposures(
     num_taps: int,
     profile: AbstractPiecewiseShutter,
     tau: DoubleWord,
     velocity: Array,
     x: Crossings,
+    *,
     within: Array,
     is_held: Array,
-    clock: Clock,
+    times: BoundaryTimes,
     from_vertex: Array | bool,
-    run: Run | None = None,
-) -> tuple[Array, Array, Cells | None]:
+    run: MonotoneRun | None = None,
+) -> tuple[Array, Array, BreakpointCells | None]:
     """Exposure of each branch, `(2, n)`; duration of cells at inner edges; and all other cells.
 
     Args:
@@ -331,35 +351,38 @@ def _light_of_cells(
         x: Crossings of the edges.
         within: Time between the crossings of a tap's edges; shape `(2, n)`.
         is_held: Whether crossings are held at an end of the exposure; shape `(2, n + 1)`.
-        clock: Moments that second derivatives by the profile follow.
+        times: Moments that second derivatives by the profile follow.
         from_vertex: Whether edges count from the vertex.
-        run: The pieces that are looked at; all by default.
+        run: The pieces to integrate over; all by default.
     """
     held_here, held_there = (is_held[k] for k in parts(num_taps))
     is_free = ~(held_here | held_there)
 
     here, there = (x.part(k).by_breakpoints(tau.high) for k in parts(num_taps))
     length = at(lengths(profile.equal_pieces, tau), here.piece)
-    whole = here.piece == there.piece
+    in_one_piece = here.piece == there.piece
     entered = there.inner(AFTER, length) - here.inner(AFTER, length)
-    width = jnp.where(held_here & whole, entered, here.outer(AFTER, length))
+    width = jnp.where(held_here & in_one_piece, entered, here.outer(AFTER, length))
     # A breakpoint that moves between crossings lengthens one cell as it shortens the next, so
-    # these widths carry no derivative: `moving_breakpoints` attaches it.
-    width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(whole, within, width)), width)
+    # these widths carry no derivative: `attach_breakpoint_jvp` attaches it.
+    width = jnp.where(is_free, jax.lax.stop_gradient(jnp.where(in_one_piece, within, width)), width)
     in_pieces = tau.high.size > 2
-    width = kept(width) if in_pieces else width
-    crossing, breakpoint, rest = _places(x, tau)
+    width = materialised(width) if in_pieces else width
+    crossing, breakpoint, constant = _places(x, tau)
     entering, leaving = (crossing[k] for k in parts(num_taps))
-    next_piece = jnp.where(is_free, breakpoint[0] + here.piece + AFTER.astype(np.int32), rest)
-    times = Times(entering, jnp.where(whole, leaving, next_piece), from_vertex, x, is_held)
-    cells = {"start": here, "is_after": AFTER, "times": times}
-    known = jax.lax.stop_gradient(cells)
-    light, cut = cell_light(profile, here.offset, width, clock, **known), None
+    next_piece = jnp.where(is_free, breakpoint[0] + here.piece + AFTER.astype(np.int32), constant)
+    end = jnp.where(in_one_piece, leaving, next_piece)
+    boundaries = CellBoundaries(entering, end, from_vertex, x, is_held)
+    cells = jax.lax.stop_gradient({"start": here, "is_after": AFTER, "boundaries": boundaries})
+    exposure, cut = cell_exposure(profile, here.offset, width, times, **cells), None
     if in_pieces:
-        given = num_taps, profile, tau, velocity, x, is_free
-        cut, more = _from_breakpoints(*given, clock, times, run)
-        light = light.at[cut.place].add(more, mode="promise_in_bounds", wrap_negative_indices=False)
-    return light, width, cut
+        cut, more = _from_breakpoints(
+            num_taps, profile, tau, velocity, x, is_free, times, boundaries, run
+        )
+        exposure = exposure.at[cut.place].add(
+            more, mode="promise_in_bounds", wrap_negative_indices=False
+        )
+    return exposure, width, cut
 
 
 def _free_exposure(
@@ -372,56 +395,64 @@ def _free_exposure(
     shift: Array,
     from_vertex: Array | bool,
 ) -> Array:
-    """Exposure between edges, in units of tau, on a free path of so many runs; shape `(n,)`."""
+    """Exposure between edges, in units of tau, on a free path of `count` runs; shape `(n,)`."""
     ends = path_ends(motion)
-    whole, place = refined(profile, ends, np.dtype(speed.dtype))
+    refined_profile, place = refined(profile, ends, np.dtype(speed.dtype))
     s, low = speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
-    given = numbers(motion, s)
-    tau = jax.lax.stop_gradient(whole.ends)
-    track = free_path(given, low, ends, tau, place, from_lowest=from_vertex)
-    course = course_of(given, ends, track, tau, place, from_vertex)
+    parameters = path_parameters(motion, s)
+    tau = jax.lax.stop_gradient(refined_profile.ends)
+    track = free_path(parameters, low, ends, tau, place, from_lowest=from_vertex)
+    smooth_path = differentiable_path(parameters, ends, track, tau, place, from_vertex)
     rows = DoubleWord(*(jnp.broadcast_to(x, edges.high.shape)[: num_taps + 1] for x in edges))
-    fixed = add(jax.lax.stop_gradient(rows), track.lowest)
+    primal_edges = add(jax.lax.stop_gradient(rows), track.lowest)
 
-    def of_run(run: Run) -> Array:
-        """Light of a run, which is looked at in a mirror where its path is bent downwards."""
-        upside_down = run.sign < 0
+    def run_exposure(run: MonotoneRun) -> Array:
+        """Exposure of one run; a run of negative acceleration is mirrored first."""
+        is_mirrored = run.sign < 0
 
-        def turned(x: Array) -> Array:
-            return jnp.where(upside_down, -x[::-1], x)
+        def mirrored(x: Array) -> Array:
+            return jnp.where(is_mirrored, -x[::-1], x)
 
-        seen, moved = track.mirrored(run.sign), jax.tree.map(lambda x: run.sign * x, course)
-        near = DoubleWord(*(turned(x)[None] for x in fixed))
-        x, pace, is_held = free_crossings(seen, run, tau, near)
-        gap, (u, v) = _gaps(num_taps, near), (pace[k] for k in parts(num_taps))
-        rate = looked_up(seen.stroke, x.piece)[parts(num_taps)[1]]
-        within = time_between(gap, u, v, rate)
-        clock = Clock(whole.ends.high)
-        cells = whole, whole.ends, seen.velocity, x, within, is_held, clock, from_vertex, run
-        light, width, cut = _light_of_cells(num_taps, *cells)
-        taps = jax.lax.stop_gradient(Taps(whole, tau, x, near.high, gap, width, is_held, cut))
-        light = moving_freely(
-            of_both_arms(light),
-            moved,
-            turned(rows.high),
-            run.sign * shift,
-            track=seen,
-            taps=taps,
+        own_track = track.mirrored(run.sign)
+        own_edges = DoubleWord(*(mirrored(x)[None] for x in primal_edges))
+        x, speed, is_held = free_crossings(own_track, run, tau, own_edges)
+        gap, (u, v) = _gaps(num_taps, own_edges), (speed[k] for k in parts(num_taps))
+        stroke = looked_up(own_track.stroke, x.piece)[parts(num_taps)[1]]
+        exposure, width, cut = _branch_exposures(
+            num_taps,
+            refined_profile,
+            refined_profile.ends,
+            own_track.velocity,
+            x,
+            within=time_between(gap, u, v, stroke),
+            is_held=is_held,
+            times=BoundaryTimes(refined_profile.ends.high),
+            from_vertex=from_vertex,
+            run=run,
         )
-        light = jnp.where(upside_down, light[::-1], light)
-        return jnp.where(run.past > run.first, light, 0.0)
+        primal = KernelPrimal(refined_profile, tau, x, own_edges.high, gap, width, is_held, cut)
+        exposure = attach_path_jvp(
+            sum_over_branches(exposure),
+            jax.tree.map(lambda x: run.sign * x, smooth_path),
+            mirrored(rows.high),
+            run.sign * shift,
+            track=own_track,
+            primal=jax.lax.stop_gradient(primal),
+        )
+        exposure = jnp.where(is_mirrored, exposure[::-1], exposure)
+        return jnp.where(run.past > run.first, exposure, 0.0)
 
-    every = runs(given.accelerations, place, count)
+    all_runs = runs(parameters.accelerations, place, count)
     if count == 1:
-        return of_run(jax.tree.map(lambda x: x[0], every))
-    return jnp.sum(jax.vmap(of_run)(every), axis=0)
+        return run_exposure(jax.tree.map(lambda x: x[0], all_runs))
+    return jnp.sum(jax.vmap(run_exposure)(all_runs), axis=0)
 
 
 def _places(x: Crossings, tau: DoubleWord) -> tuple[np.ndarray, np.ndarray, int]:
-    """Places of crossings, of breakpoints and of what stays among the moments of a `Clock`."""
-    rest = x.moment.size + tau.high.size
-    every = np.arange(rest, dtype=np.int32)
-    return every[: x.moment.size].reshape(x.moment.shape), every[x.moment.size :], rest
+    """Indices of crossings, of breakpoints and of the constant among `BoundaryTimes.moments`."""
+    constant = x.moment.size + tau.high.size
+    index = np.arange(constant, dtype=np.int32)
+    return index[: x.moment.size].reshape(x.moment.shape), index[x.moment.size :], constant
 
 
 def _from_breakpoints(
@@ -431,43 +462,46 @@ def _from_breakpoints(
     velocity: Array,
     x: Crossings,
     is_free: Array,
-    clock: Clock,
-    times: Times,
-    run: Run | None,
-) -> tuple[Cells, Array]:
+    times: BoundaryTimes,
+    boundaries: CellBoundaries,
+    run: MonotoneRun | None,
+) -> tuple[BreakpointCells, Array]:
     """Cells that start at breakpoints, and their exposure."""
     breakpoint = jnp.arange(1, tau.high.size - 1, dtype=jnp.int32)
     is_after = velocity[1:-1] >= 0
-    arm = is_after.astype(jnp.int32)
+    branch = is_after.astype(jnp.int32)
     outwards = jnp.where(AFTER, x.piece, -x.piece)
     edge = _num_below(outwards, is_after, jnp.where(is_after, breakpoint, 1 - breakpoint))
     exists = (edge > 0) & (edge <= num_taps)
     if run is not None:
         exists &= (breakpoint > run.first) & (breakpoint < run.past)
-    end = arm, jnp.clip(edge, 1, num_taps)
-    place = arm, end[1] - 1
+    end = branch, jnp.clip(edge, 1, num_taps)
+    place = branch, end[1] - 1
     there, moves = x.part(end).by_breakpoints(tau.high), is_free[place]
-    piece = breakpoint - 1 + arm
+    piece = breakpoint - 1 + branch
     length = at(lengths(profile.equal_pieces, tau), piece)
     width = jnp.where(there.piece == piece, there.inner(is_after, length), length)
-    width = kept(jnp.where(moves, jax.lax.stop_gradient(width), width))
+    width = materialised(jnp.where(moves, jax.lax.stop_gradient(width), width))
     # Under `vmap` a value must be batched wherever its derivative is.
-    nothing = jnp.where(moves, jnp.zeros_like(width), 0.0)
-    begins = displaced(nothing, jnp.where(moves, -tau.high[1:-1], 0.0))
-    start = there._replace(piece=piece, from_left=is_after, offset=begins)
-    _, places, rest = _places(x, tau)
-    beyond = jnp.where(moves, jnp.where(is_after, places[2:], places[:-2]), rest)
-    onwards = jnp.where(there.piece == piece, x.moment.shape[1] * arm + end[1], beyond)
-    times = times._replace(begin=jnp.where(moves, places[1:-1], rest), end=onwards)
-    cells = {"start": start, "is_after": is_after, "times": times}
-    light = cell_light(profile, begins, width, clock, **jax.lax.stop_gradient(cells))
-    light = moving_breakpoints(light, tau.high[1:-1], profile, moves=moves)
-    cells = Cells(place, exists, start, is_after, width)
-    return cells, jnp.where(exists, light, 0.0)
+    zero = jnp.where(moves, jnp.zeros_like(width), 0.0)
+    offset = with_tangent(zero, jnp.where(moves, -tau.high[1:-1], 0.0))
+    start = there._replace(piece=piece, from_left=is_after, offset=offset)
+    _, places, constant = _places(x, tau)
+    next_breakpoint = jnp.where(moves, jnp.where(is_after, places[2:], places[:-2]), constant)
+    crossing = x.moment.shape[1] * branch + end[1]
+    boundaries = boundaries._replace(
+        begin=jnp.where(moves, places[1:-1], constant),
+        end=jnp.where(there.piece == piece, crossing, next_breakpoint),
+    )
+    cells = jax.lax.stop_gradient({"start": start, "is_after": is_after, "boundaries": boundaries})
+    exposure = cell_exposure(profile, offset, width, times, **cells)
+    exposure = attach_breakpoint_jvp(exposure, tau.high[1:-1], profile, moves=moves)
+    cut = BreakpointCells(place, exists, start, is_after, width)
+    return cut, jnp.where(exists, exposure, 0.0)
 
 
 def _num_below(rows: Array, is_second: Array, value: Array) -> Array:
-    """How many entries of one of two ascending rows are below each value; shape of `value`."""
+    """Number of entries below each value in one of two ascending rows; shape of `value`."""
     if rows.shape[1] <= _FEW_TAPS:
         row = jnp.where(is_second[:, None], rows[1:], rows[:1])
         return jnp.sum(row < value[:, None], axis=1, dtype=jnp.int16).astype(jnp.int32)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import DoubleWord, all_concrete, compiled, on_device
+from mishutter._core import DoubleWord, all_concrete, compiled, device_constant
 from mishutter.blur.free_path import RefinedShutter, refined
 from mishutter.model import (
     FEW_PIECES,
@@ -24,37 +24,37 @@ from mishutter.model import (
 
 _MAX_PANEL_NODES, _MIN_PANEL_NODES = 128, 12
 _SHARED_PANEL_NODES = 64
-"""Nodes of a panel where unequal pieces share the panels; short panels waste fewer nodes."""
+"""Nodes of a panel where unequal pieces share the panels. Short panels waste fewer nodes."""
 _SPARE_NODES = 2
-"""Nodes of a polynomial's panel beyond its share of them: where they are a dozen, the error of the
-fastest waves falls from 5e-12 to 3e-15 by two more."""
+"""Nodes that a polynomial's panel has beyond its share. In panels of a dozen nodes these two lower
+the error of the fastest waves from 5e-12 to 3e-15."""
 
 
-class LitNodes(NamedTuple):
+class ExposureQuadrature(NamedTuple):
     """Quadrature nodes over the exposure, weighted by the transmittance.
 
     Attributes:
         tau: Normalised times; shape `(q,)`.
-        light: Quadrature weights times transmittance there; shape `(q,)`.
+        weight: Quadrature weight times transmittance there; shape `(q,)`.
         efficiency: Mean transmittance over the exposure; scalar.
     """
 
     tau: Array
-    light: Array
+    weight: Array
     efficiency: Array
 
 
-def lit_nodes(
+def exposure_quadrature(
     shutter: AbstractShutter,
     num_nodes: int,
     dtype: np.dtype,
     path_ends: tuple[Fraction, ...] = (),
-) -> LitNodes:
+) -> ExposureQuadrature:
     """About `num_nodes` quadrature nodes over the exposure of a shutter.
 
-    Nodes without light fill their number up to one that does for most kinds of shutters, which
-    so share the programs that take them. No panel goes over an end of a piece of a free path.
-    Of a shutter that is known they are found by NumPy, for which nothing is compiled.
+    Zero-weight nodes pad to a common length, so that all shutters share one compiled program.
+    Panels end at the `path_ends` of a free path. NumPy computes the nodes of a concrete shutter,
+    which compiles nothing.
     """
     if all_concrete(shutter):
         form = in_one_form(shutter, dtype)
@@ -65,45 +65,43 @@ def lit_nodes(
 
 def _nodes_of_polynomials(
     shutter: PolynomialShutter, num_nodes: int, path_ends: tuple[Fraction, ...]
-) -> LitNodes:
-    """Nodes of panels that end where polynomials or pieces of a path do, as many as they take."""
+) -> ExposureQuadrature:
+    """Nodes of panels that end where polynomials or pieces of a path end."""
     ends = np.union1d(shutter.ends.high, np.array(path_ends[1:-1], np.float64))
     panels = []
     for begin, width in zip(ends[:-1], np.diff(ends), strict=True):
         nodes, weights = _panel_rule(1, math.ceil(num_nodes * width / 2) + _SPARE_NODES)
         panels.append((begin + width * nodes, width / 2 * weights))
     tau, shares = map(np.concatenate, zip(*panels, strict=True))
-    light, dtype = shares * shutter.known_at(tau), np.dtype(shutter.powers.dtype)
-    spare = (0, _room_for(num_nodes, tau.size) - tau.size)
-    padded = (np.pad(part, spare).astype(dtype) for part in (tau, light))
+    weight, dtype = shares * shutter.known_at(tau), np.dtype(shutter.powers.dtype)
+    padding = (0, _padded_length(num_nodes, tau.size) - tau.size)
+    padded = (np.pad(part, padding).astype(dtype) for part in (tau, weight))
     efficiency = np.asarray(shutter.known_efficiency(), dtype)
-    return LitNodes(*on_device((*padded, efficiency)))
+    return ExposureQuadrature(*device_constant((*padded, efficiency)))
 
 
-def _room_for(num_nodes: int, taken: int) -> int:
-    """Nodes that most kinds of shutters take where so many are wanted, or that this one does."""
-    blocks = max(
-        math.ceil(num_nodes / _SHARED_PANEL_NODES) + 2, math.ceil(taken / _SHARED_PANEL_NODES)
-    )
-    return blocks * _SHARED_PANEL_NODES
+def _padded_length(num_nodes: int, actual: int) -> int:
+    """The common length for `num_nodes`; more if the `actual` number of nodes exceeds it."""
+    common, least = (math.ceil(count / _SHARED_PANEL_NODES) for count in (num_nodes, actual))
+    return max(common + 2, least) * _SHARED_PANEL_NODES
 
 
 @compiled
 def _nodes_of_pieces(
     shutter: AbstractShutter, num_nodes: int, dtype: np.dtype, path_ends: tuple[Fraction, ...]
-) -> LitNodes:
+) -> ExposureQuadrature:
     profile = piecewise(shutter)
     profile = refined(profile, path_ends, dtype)[0] if path_ends else profile
     ends = profile.breakpoints(dtype)
     few = ends.high.size <= FEW_PIECES + 1 and not profile.equal_pieces and not path_ends
     rule = _shared_panels if few else _own_panels
-    tau, light = rule(profile, ends, num_nodes)
-    spare = (0, _room_for(num_nodes, tau.size) - tau.size)
-    efficiency = light_let_through(profile, dtype)
-    return LitNodes(jnp.pad(tau, spare), jnp.pad(light, spare), efficiency)
+    tau, weight = rule(profile, ends, num_nodes)
+    padding = (0, _padded_length(num_nodes, tau.size) - tau.size)
+    efficiency = mean_transmittance(profile, dtype)
+    return ExposureQuadrature(jnp.pad(tau, padding), jnp.pad(weight, padding), efficiency)
 
 
-def light_let_through(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:
+def mean_transmittance(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:
     """Efficiency of a profile, its mean transmittance, in a given precision; scalar."""
     return integrated_transmittance(profile).astype(dtype) / 2
 
@@ -111,7 +109,7 @@ def light_let_through(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Arr
 def _own_panels(
     profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
 ) -> tuple[Array, Array]:
-    """Nodes of panels of which each piece has as many, enough for the longest."""
+    """Nodes of panels; every piece has as many as the longest one needs."""
     ends = exact_ends.high
     num_panels = profile.panels_per_piece
     longest = (1 if profile.equal_pieces else 2) / (ends.size - 1)
@@ -121,43 +119,43 @@ def _own_panels(
     length = jnp.diff(ends)[:, None]
     offset = length * jnp.asarray(nodes, ends.dtype)[None]
     shares = length / 2 * jnp.asarray(weights, ends.dtype)[None]
-    light = shares * profile.piece_transmittance(offset)
-    return (ends[:-1, None] + offset).ravel(), light.ravel()
+    weight = shares * profile.piece_transmittance(offset)
+    return (ends[:-1, None] + offset).ravel(), weight.ravel()
 
 
 def _shared_panels(
     profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
 ) -> tuple[Array, Array]:
-    """Nodes of panels that are shared out to pieces by length, which parameters may change.
+    """Nodes of panels that are distributed over the pieces by length, which parameters may change.
 
-    No panel is longer than one of `wanted` equal panels, and panels left over weigh nothing.
+    No panel is longer than one of `num_equal` equal panels, and unused panels have no weight.
     """
     ends = exact_ends.high
-    wanted = math.ceil(num_nodes / _SHARED_PANEL_NODES)
-    rule = _panel_rule(1, math.ceil(num_nodes / wanted))
+    num_equal = math.ceil(num_nodes / _SHARED_PANEL_NODES)
+    rule = _panel_rule(1, math.ceil(num_nodes / num_equal))
     nodes, weights = (x.astype(ends.dtype)[None] for x in rule)
     length, least = jnp.diff(ends) + jnp.diff(exact_ends.low), profile.panels_per_piece
-    panel = np.arange(wanted + length.size * least - 1, dtype=ends.dtype)[:, None]
-    # The margin keeps the sum of the rounded counts within the number of panels there are.
-    long = jnp.ceil(jax.lax.stop_gradient(length) * (wanted / 2 * (1 - 1e-6)))
-    count = jnp.maximum(long, least)
+    panel = np.arange(num_equal + length.size * least - 1, dtype=ends.dtype)[:, None]
+    # Prevents the sum of the counts, which are rounded up, from exceeding the number of panels.
+    count = jnp.ceil(jax.lax.stop_gradient(length) * (num_equal / 2 * (1 - 1e-6)))
+    count = jnp.maximum(count, least)
     past = jnp.cumsum(count)
     piece = jnp.sum(panel >= past[None, :-1], axis=1)
     columns = (ends[:-1], length, count, past - count)
     begin, piece_length, num_panels, first = (x[piece][:, None] for x in columns)
-    lit = panel < past[-1]
-    share = jnp.where(lit, panel - first + nodes, 0.5) / num_panels
-    each = profile.piece_transmittance(length[:, None, None] * share[None])
-    transmittance = jnp.take_along_axis(each, piece[None, :, None], axis=0)[0]
-    light = jnp.where(lit, piece_length / num_panels * (weights / 2), 0.0) * transmittance
-    return (begin + piece_length * share).ravel(), light.ravel()
+    is_used = panel < past[-1]
+    share = jnp.where(is_used, panel - first + nodes, 0.5) / num_panels
+    values = profile.piece_transmittance(length[:, None, None] * share[None])
+    transmittance = jnp.take_along_axis(values, piece[None, :, None], axis=0)[0]
+    weight = jnp.where(is_used, piece_length / num_panels * (weights / 2), 0.0) * transmittance
+    return (begin + piece_length * share).ravel(), weight.ravel()
 
 
 @lru_cache
 def _panel_rule(num_panels: int, num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Composite Gauss-Legendre rule on [0, 1]; no panel has more than 128 nodes.
 
-    NumPy takes a second to find the nodes of a single rule of a thousand.
+    NumPy takes a second to compute a single rule of a thousand nodes.
     """
     parts = -(-num_nodes // _MAX_PANEL_NODES)
     num_panels, per_panel = num_panels * parts, max(-(-num_nodes // parts), _MIN_PANEL_NODES)

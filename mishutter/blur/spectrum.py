@@ -40,7 +40,7 @@ from mishutter.model import (
 _MIN_FREQUENCIES = 1024
 _ZERO_RESPONSE_ULP = 8
 _BLOCK_SIZE = 1 << 14
-"""Frequencies times panels that are computed at once; a bound on memory."""
+"""Frequencies times panels in one block; it bounds the memory."""
 
 
 def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> Array:
@@ -54,8 +54,8 @@ def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> 
         kernel: Taps $h_k$; shape `(n,)`.
         num_frequencies: Length of the transform, at least `n`; static. By default the
             least power of two that is at least 1024 and at least `4 n`: with 1024 the
-            rect, the Hann and the 52-chip flutter kernel of the field come out as
-            9.274, 4.438 and 19.57. A minimum between two samples is missed.
+            rect, the Hann and the 52-chip flutter kernel of the field have the condition numbers
+            9.274, 4.438 and 19.57. The function misses a minimum between two samples.
 
     Returns:
         The condition number, at least 1; scalar.
@@ -66,8 +66,8 @@ def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> 
     """
     subject = "condition_number(kernel=...)"
     taps = as_float(kernel, subject)
-    one_row = taps.ndim == 1 and taps.size >= 1
-    require(one_row, subject, "be one row of at least one tap", shape_of(taps))
+    is_row = taps.ndim == 1 and taps.size >= 1
+    require(is_row, subject, "be one row of at least one tap", shape_of(taps))
     require_finite(subject, taps)
     length = default_num_frequencies(taps.size) if num_frequencies is None else num_frequencies
     subject = "condition_number(num_frequencies=...)"
@@ -85,7 +85,7 @@ def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> 
 
 
 def default_num_frequencies(num_taps: int) -> int:
-    """Length of the transform that `condition_number` takes by default."""
+    """Default length of the transform in `condition_number`."""
     return max(_MIN_FREQUENCIES, 1 << (4 * num_taps - 1).bit_length())
 
 
@@ -137,7 +137,7 @@ def _common_shape(speed: tuple[int, ...], frequency: tuple[int, ...]) -> tuple[i
 
 @compiled
 def _transfer(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
-    # The derivative of the modulus at 0 would be 0, and that of the response there is not.
+    # Not `abs`, whose derivative at 0 is 0: that of the response at 0 is not.
     response = _at_positive(profile, motion, s, jnp.where(f < 0, -f, f))
     return jnp.where(f < 0, jnp.conj(response), response)
 
@@ -148,27 +148,28 @@ def _at_positive(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f
     if isinstance(motion, FreeMotion):
         profile, place = refined(profile, path_ends(motion), dtype)
 
-        def divided(s: Array, f: Array) -> tuple[Panels, Array | None]:
+        def panels_at(s: Array, f: Array) -> tuple[Panels, Array | None]:
             return free_panels(profile, place, motion, speed_on_sensor(s, v), f)
     else:
         a = steady(motion).acceleration.astype(dtype)
 
-        def divided(s: Array, f: Array) -> tuple[Panels, Array | None]:
+        def panels_at(s: Array, f: Array) -> tuple[Panels, Array | None]:
             return panels(profile, a, T, speed_on_sensor(s, v), f), None
 
     def block(points: tuple[Array, Array]) -> Array:
-        panel, mirrored = jax.vmap(divided)(*points)
-        plain = jax.vmap(lambda p: along_panel(profile, p))(panel)
+        panel, is_mirrored = jax.vmap(panels_at)(*points)
+        direct = jax.vmap(lambda p: along_panel(profile, p))(panel)
         far = turns_far(panel)
-        bent = jax.lax.cond(
+        descent = jax.lax.cond(
             jnp.any(far),
             jax.vmap(lambda p: along_rays(profile, p)),
-            lambda _: jnp.zeros_like(plain),
+            lambda _: jnp.zeros_like(direct),
             panel,
         )
-        each = jnp.where(far, bent, plain)
-        each = each if mirrored is None else jnp.where(mirrored, jnp.conj(each), each)
-        return jnp.sum(each, axis=(1, 2)) / 2
+        integral = jnp.where(far, descent, direct)
+        if is_mirrored is not None:
+            integral = jnp.where(is_mirrored, jnp.conj(integral), integral)
+        return jnp.sum(integral, axis=(1, 2)) / 2
 
     num_pieces = profile.breakpoints(dtype).high.size - 1
     length = max(1, _BLOCK_SIZE // (num_pieces * profile.panels_per_piece))

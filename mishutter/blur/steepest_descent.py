@@ -1,4 +1,6 @@
-r"""Integrals of a shutter against a quadratic phase, at a cost that does not grow with frequency.
+r"""Integrals of a shutter against a quadratic phase, at a cost independent of the frequency.
+
+The number of nodes therefore need not be known when a call is traced.
 
 With $\kappa = 2\pi f A$ and $\theta = 2\pi f u$ at a point $b$ of a panel, the phase near
 it is $\varphi(b) + \theta h + \kappa h^2$. Where the phase turns by little over a panel, a
@@ -19,8 +21,8 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import DoubleWord, multiply, two_sum, word
-from mishutter.blur.free_derivatives import course_of
-from mishutter.blur.free_path import RefinedShutter, free_path, numbers, path_ends
+from mishutter.blur.free_derivatives import differentiable_path
+from mishutter.blur.free_path import RefinedShutter, free_path, path_ends, path_parameters
 from mishutter.blur.trajectory import path, valued
 from mishutter.model import AbstractPiecewiseShutter, FreeMotion
 
@@ -29,10 +31,10 @@ _DIRECTION = complex(_ROOT_HALF, -_ROOT_HALF)
 
 
 class _Rule(NamedTuple):
-    """Quadrature rules, of shape `(1, 1, q)`, and the range of phase that they cover.
+    """Quadrature rules, of shape `(1, 1, q)`, and their range.
 
-    A panel whose phase turns by up to `max_turn` radians is integrated along itself. A ray ends
-    where the integrand has decayed by `exp(-decay)`.
+    The rule of `nodes` integrates over a panel whose phase turns by up to `max_turn` radians. A ray
+    ends where the integrand has decayed by `exp(-decay)`.
     """
 
     nodes: np.ndarray
@@ -44,7 +46,16 @@ class _Rule(NamedTuple):
 
 
 class Panels(NamedTuple):
-    """The phase over each panel; arrays are pieces by panels of a piece, `(n, m)`."""
+    r"""Phase over each panel; arrays are pieces by panels of a piece, `(n, m)`.
+
+    Attributes:
+        offset: Time from the left end of the piece to that of the panel.
+        length: Duration of the panel.
+        curvature: $\kappa$, rad.
+        slopes: $\theta$ at the left and at the right end, rad.
+        cycles: Phase at both ends, in cycles, without whole ones.
+        vertex_cycles: Phase at the vertex.
+    """
 
     offset: Array
     length: Array
@@ -68,7 +79,7 @@ def panels(
     profile: AbstractPiecewiseShutter, a: Array, T: Array, s: DoubleWord, frequency: Array
 ) -> Panels:
     """Panels of `profile` for a point of speed `s` at a `frequency` of at least 0."""
-    offset, length, ends = _divided(profile, np.dtype(frequency.dtype))
+    offset, length, ends = _panel_ends(profile, np.dtype(frequency.dtype))
     flat = DoubleWord(*(x.reshape(-1) for x in ends))
     track = path(a, T, s, flat, from_vertex=False)
     turn = 2 * jnp.pi * frequency
@@ -91,16 +102,16 @@ def free_panels(
     s: DoubleWord,
     frequency: Array,
 ) -> tuple[Panels, Array]:
-    """Panels on a free path; and which are in a mirror, as the curvature of all is at least 0.
+    """Panels on a free path, and whether each is mirrored to have a curvature of at least 0.
 
-    The integral over a panel in a mirror is the conjugate of that over the panel.
+    The integral over a mirrored panel is the conjugate of that over the panel.
     """
-    offset, length, ends = _divided(profile, np.dtype(frequency.dtype))
+    offset, length, ends = _panel_ends(profile, np.dtype(frequency.dtype))
     tau = DoubleWord(*(jnp.append(x[:, :-1], x[-1:, -1]) for x in ends))
-    where = jnp.repeat(place, length.shape[1])
-    given, cuts = numbers(motion, s.high), path_ends(motion)
-    exact = free_path(given, s.low, cuts, tau, where, from_lowest=False)
-    course = course_of(given, cuts, exact, tau, where, False)
+    piece = jnp.repeat(place, length.shape[1])
+    parameters, cuts = path_parameters(motion, s.high), path_ends(motion)
+    exact = free_path(parameters, s.low, cuts, tau, piece, from_lowest=False)
+    smooth_path = differentiable_path(parameters, cuts, exact, tau, piece, False)
     sign = jnp.where(exact.stroke < 0, -1.0, 1.0).astype(length.dtype)
     turn = 2 * jnp.pi * frequency
 
@@ -110,21 +121,23 @@ def free_panels(
     def shaped(row: Array) -> Array:
         return (sign * row).reshape(length.shape)
 
-    slope = turn * valued(course.velocity, exact.velocity)
-    phase = cycles(course.position, exact.position)
+    slope = turn * valued(smooth_path.velocity, exact.velocity)
+    phase = cycles(smooth_path.position, exact.position)
     panel = Panels(
         offset[:, :-1],
         length,
-        shaped(turn * course.stroke),
+        shaped(turn * smooth_path.stroke),
         (shaped(slope[:-1]), shaped(slope[1:])),
         (shaped(phase[:-1]), shaped(phase[1:])),
-        shaped(cycles(course.vertex, exact.vertex)),
+        shaped(cycles(smooth_path.vertex, exact.vertex)),
     )
     return panel, (sign < 0).reshape(length.shape)
 
 
-def _divided(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> tuple[Array, Array, DoubleWord]:
-    """Where panels begin and end, from that of their piece and in all; and their lengths."""
+def _panel_ends(
+    profile: AbstractPiecewiseShutter, dtype: np.dtype
+) -> tuple[Array, Array, DoubleWord]:
+    """Ends of panels counted from the left end of their piece, their lengths, and their ends."""
     ends = profile.breakpoints(dtype)
     length = jnp.diff(ends.high) + jnp.diff(ends.low)
     count = profile.panels_per_piece
@@ -132,24 +145,24 @@ def _divided(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> tuple[Array,
     left = two_sum(jnp.broadcast_to(ends.high[:-1, None], offset.shape), offset)
     high = left.high.at[:, -1].set(ends.high[1:])
     low = (left.low + ends.low[:-1, None]).at[:, -1].set(ends.low[1:])
-    each = jnp.broadcast_to(length[:, None] / count, offset[:, 1:].shape)
-    return offset, each, DoubleWord(high, low)
+    lengths = jnp.broadcast_to(length[:, None] / count, offset[:, 1:].shape)
+    return offset, lengths, DoubleWord(high, low)
 
 
 def turns_far(panel: Panels) -> Array:
-    """Whether the phase turns over a panel by more than the plain rule can follow."""
+    """Whether the phase turns over a panel by more than the rule along the panel integrates."""
     steepest = jnp.maximum(*(jnp.abs(slope) for slope in panel.slopes))
     return steepest * panel.length > _rule(np.dtype(steepest.dtype)).max_turn
 
 
 def along_panel(profile: AbstractPiecewiseShutter, panel: Panels) -> Array:
-    """Integral over each panel by the plain rule; shape `(n, m)`."""
+    """Integral over each panel by the rule along it; shape `(n, m)`."""
     rule = _rule(np.dtype(panel.length.dtype))
     h = panel.length[..., None] * rule.nodes
     phase = h * (panel.slopes[0][..., None] + panel.curvature[..., None] * h)
-    light = rule.weights * profile.piece_transmittance(panel.offset[..., None] + h)
+    weights = rule.weights * profile.piece_transmittance(panel.offset[..., None] + h)
     integral = jax.lax.complex(
-        jnp.sum(light * jnp.cos(phase), -1), -jnp.sum(light * jnp.sin(phase), -1)
+        jnp.sum(weights * jnp.cos(phase), -1), -jnp.sum(weights * jnp.sin(phase), -1)
     )
     return _times(panel.length, _unit(panel.cycles[0]) * integral)
 
@@ -171,7 +184,7 @@ def _ray(profile: AbstractPiecewiseShutter, panel: Panels, end: int, far: Array)
     quarter = steepness * _ROOT_HALF
     rate = quarter + jnp.hypot(quarter, jnp.sqrt(4 * rule.decay * curvature))
     reach = jnp.where(far, 2 * rule.decay / jnp.where(far, rate, 1.0), panel.length)
-    # Beyond its reach a ray adds nothing: how far that is does not change the integral.
+    # The integral does not depend on the reach: the integrand beyond it is below rounding.
     reach = jax.lax.stop_gradient(reach)
     step = reach[..., None] * rule.nodes
     turn = quarter[..., None] * step
@@ -179,8 +192,8 @@ def _ray(profile: AbstractPiecewiseShutter, panel: Panels, end: int, far: Array)
     size = jnp.exp(-decay)
     fall = jax.lax.complex(size * jnp.cos(turn), -size * jnp.sin(turn))
     start = panel.offset if end == 0 else panel.offset + panel.length
-    light = profile.piece_transmittance(_into_valley(start, sign[..., None] * step))
-    total = jnp.sum(_times(rule.weights, light * fall), -1) * _DIRECTION
+    w = profile.piece_transmittance(_into_valley(start, sign[..., None] * step))
+    total = jnp.sum(_times(rule.weights, w * fall), -1) * _DIRECTION
     return _times(sign * reach, _unit(panel.cycles[end]) * total)
 
 
@@ -191,11 +204,11 @@ def _line(profile: AbstractPiecewiseShutter, panel: Panels, far: Array) -> Array
     holds = far & (before < 0) & (after >= 0) & (panel.curvature > 0)
     curvature = jnp.where(holds, panel.curvature, 1.0)
     to_vertex = jnp.where(holds, -before / (2 * curvature), 0.0)
-    # The Gaussian weight belongs to the rule, so its nodes move as its width changes.
+    # The Gaussian weight belongs to the rule, so the nodes move with its width.
     width = jnp.where(holds, jax.lax.rsqrt(curvature), 0.0)
     step = width[..., None] * rule.line_nodes
-    light = profile.piece_transmittance(_into_valley(panel.offset + to_vertex, step))
-    total = jnp.sum(_times(rule.line_weights, light), -1) * _DIRECTION
+    w = profile.piece_transmittance(_into_valley(panel.offset + to_vertex, step))
+    total = jnp.sum(_times(rule.line_weights, w), -1) * _DIRECTION
     return _times(width, _unit(panel.vertex_cycles) * total)
 
 
@@ -216,7 +229,7 @@ def _unit(cycles: Array) -> Array:
 
 @jax.custom_jvp
 def _cycles(frequency: Array, position: Array, position_low: Array) -> Array:
-    """Phase at a position, in cycles, less its whole ones."""
+    """Phase at a position, in cycles, without whole ones."""
     exact = multiply(DoubleWord(position, position_low), word(frequency))
     return (exact.high - jnp.round(exact.high)) + exact.low
 

@@ -35,13 +35,13 @@ Motion = tuple[Array, Array, Array]
 """Acceleration parameter, px/s^2, half exposure, s, and object speed, px/s; scalars."""
 
 _REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
-"""Length of a path, px, below which its square underflows: the point counts as at rest."""
+"""Shortest path, px, whose square does not underflow; a point on a shorter one is at rest."""
 
 
-def passing(motion: Motion) -> tuple[Motion, Array]:
-    """A motion, or one of 1 px per half exposure in place of rest; and whether it is at rest.
+def nonstationary_motion(motion: Motion) -> tuple[Motion, Array]:
+    """Replaces rest by a motion of 1 px per half exposure, and tells whether it did.
 
-    The substitute does not depend on the motion it replaces, and so has no derivative.
+    The substitute is constant, so that derivatives at rest are 0.
     """
     a, T, s = motion
     at_rest = jnp.abs(a * T * T) + jnp.abs(s * T) < _REST[np.dtype(s.dtype)]
@@ -52,8 +52,8 @@ def passing(motion: Motion) -> tuple[Motion, Array]:
 class Path(NamedTuple):
     """Position and velocity of a point at each breakpoint of the shutter; lengths in px.
 
-    `table` stores its rows together because one loop computes them together. The other
-    numbers are computed at each use, which costs less than storing them.
+    One loop computes all rows of `table`. The other numbers are computed at each use, which costs
+    less than memory.
     """
 
     motion: Motion
@@ -89,7 +89,7 @@ class Path(NamedTuple):
 
     @property
     def vertex(self) -> DoubleWord:
-        """Position of the turning point, where it is near enough to count from."""
+        """Position of the vertex; 0 where it is too far away to count from."""
         return DoubleWord(*(jnp.where(self.from_vertex, 0.0, -x) for x in self._rise))
 
     @property
@@ -98,9 +98,9 @@ class Path(NamedTuple):
 
 
 def speed_on_sensor(speed: Array, velocity: Array) -> DoubleWord:
-    """Speed of an object over a sensor that pans, $s - v$, without a rounding; px/s.
+    """Exact speed of an object over a sensor that pans, $s - v$; px/s.
 
-    The lower word carries no derivative: that of the upper one is the whole.
+    The upper word carries all of the derivative.
     """
     high, low = two_sum(speed, -velocity)
     return DoubleWord(high, jax.lax.stop_gradient(low))
@@ -117,27 +117,27 @@ def path(a: Array, T: Array, s: DoubleWord, tau: DoubleWord, *, from_vertex: boo
     )
 
 
-def path_of_light(motion: Motion, speed_low: Array, tau: DoubleWord, *, from_vertex: Array) -> Path:
-    """The path of a point that is `passing`; a value alone, in a frame that may be traced.
+def primal_path(motion: Motion, speed_low: Array, tau: DoubleWord, *, from_vertex: Array) -> Path:
+    """Path of a `nonstationary_motion`, without derivatives; `from_vertex` may be traced.
 
-    `speed_low` is what its speed has beyond the precision of a word.
+    `speed_low` is the lower word of its speed.
     """
 
     def table(motion, low, tau):
         a, T, s = motion
         return _table_exact(from_vertex, a, T, s, low, tau.high, tau.low)
 
-    return Path(motion, once(table, motion, speed_low, tau), from_vertex)
+    return Path(motion, opaque_to_fusion(table, motion, speed_low, tau), from_vertex)
 
 
 def mirrored_velocity(motion: Motion, tau: DoubleWord) -> Array:
-    r"""$2A\tau + B$ at breakpoints, the velocity at the opposite speed; without derivatives."""
+    r"""$2A\tau + B$, the velocity at breakpoints for the opposite speed; without derivatives."""
     a, T, s = motion
 
     def velocity(a, T, s, tau):
         return _velocity(*_stroke_and_smear(a, T, -s, jnp.zeros_like(s)), tau)[0]
 
-    return once(velocity, a, T, s, tau)
+    return opaque_to_fusion(velocity, a, T, s, tau)
 
 
 def speed_at(track: Path, edges: DoubleWord) -> Array:
@@ -156,26 +156,26 @@ def speed_at(track: Path, edges: DoubleWord) -> Array:
 def speed_change(
     from_vertex: Array, motion: Motion, edge: Array, speed: Array, by_motion: Motion, dedge: Array
 ) -> Array:
-    r"""Change of the `speed` at an edge that changes of the motion and of the edge cause.
+    r"""Change of the `speed` at an edge, caused by changes of the motion and of the edge.
 
     It follows from $(u/T)^2 = s^2 + 4ax$, a form in which a change of $T$ cancels nothing. At
-    the vertex, where the derivative of the root is infinite, it is set to 0.
+    the vertex the derivative of the root is infinite, and the change is set to 0.
     """
     (a, T, s), (da, dT, ds) = motion, by_motion
     square = 4 * (a * dedge + edge * da) + jnp.where(from_vertex, 0.0, 2 * s * ds)
-    moving = speed > 0
-    change = T * T * square / jnp.where(moving, 2 * speed, 1.0)
-    return speed * (dT / T) + jnp.where(moving, change, 0.0)
+    is_moving = speed > 0
+    change = T * T * square / jnp.where(is_moving, 2 * speed, 1.0)
+    return speed * (dT / T) + jnp.where(is_moving, change, 0.0)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _table(from_vertex, a, T, s, s_low, tau_high, tau_low):
     """Rows of a path's table: velocity, position, and height of mid-exposure above the vertex."""
-    return once(partial(_table_exact, from_vertex), a, T, s, s_low, tau_high, tau_low)
+    return opaque_to_fusion(partial(_table_exact, from_vertex), a, T, s, s_low, tau_high, tau_low)
 
 
-def once(function, *arguments, when: Array | bool = True):
-    """Evaluate `function` once, in a loop of one turn that a compiler may not unroll.
+def opaque_to_fusion(function, *arguments, when: Array | bool = True):
+    """Evaluates `function` once, in a loop of one turn that XLA may not unroll.
 
     Prevents XLA from fusing the function into each use of its results, which would compile
     and run hundreds of operations dozens of times. The result is zeros unless `when` holds.
@@ -190,18 +190,18 @@ def once(function, *arguments, when: Array | bool = True):
 
 
 @jax.custom_jvp
-def kept(value: Array) -> Array:
-    """A value that is written to memory before it is used.
+def materialised(value: Array) -> Array:
+    """Writes a value to memory before its use.
 
     Prevents XLA from fusing the arithmetic behind it with a lookup, which would run that
     arithmetic one number at a time instead of vectorising it.
     """
-    return once(lambda x: x, value)
+    return opaque_to_fusion(lambda x: x, value)
 
 
-@kept.defjvp
-def _kept_jvp(primals, tangents):
-    return kept(*primals), tangents[0]
+@materialised.defjvp
+def _materialised_jvp(primals, tangents):
+    return materialised(*primals), tangents[0]
 
 
 def _table_exact(from_vertex, a, T, s, s_low, tau_high, tau_low):
@@ -230,7 +230,7 @@ def _velocity(stroke, smear, tau):
 
 
 def _rows(*rows):
-    """An array of the given rows, by selection: concatenation would give each a loop of its own."""
+    """Stacks rows by `where`: XLA does not fuse a concatenation, and would loop over each row."""
     index, result = np.arange(len(rows))[:, None], rows[-1]
     for i, row in enumerate(rows[:-1]):
         result = jnp.where(index == i, row, result)
@@ -250,8 +250,8 @@ def _table_jvp(from_vertex, primals, tangents):
             position = _plain_vertex_distance(velocity, stroke, exists)
         else:
             position = tau * (stroke * tau - smear)
-        nothing = jnp.zeros_like(tau)
-        return jnp.stack([velocity, position, nothing, rise, nothing])
+        low = jnp.zeros_like(tau)
+        return jnp.stack([velocity, position, low, rise, low])
 
     return exact, jax.jvp(plain, primals, tangents)[1]
 
@@ -262,7 +262,7 @@ def valued(formula: Array, value: Array) -> Array:
 
 
 def safe_sqrt(square: Array) -> Array:
-    """Square root, 0 for negative numbers, whose derivative at 0 is 0."""
+    """Square root; 0 for negative numbers, and with a derivative of 0 at 0."""
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 

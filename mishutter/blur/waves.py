@@ -1,8 +1,8 @@
 r"""Sums of waves $e^{-2\pi i f x}$ over many positions, on a grid of frequencies.
 
-At the centres of equal steps in (0, 0.5) cycles/px they are a nonuniform Fourier transform:
-each position is spread over a few cells of a fine grid by a window whose own transform is
-known, and one FFT of the cells gives every frequency (Dutt and Rokhlin, SIAM J. Sci. Comput.
+At the centres of equal steps in (0, 0.5) cycles/px they are a non-uniform DFT: a window of known
+transform spreads each position over a few cells of a fine grid, and one FFT of the cells gives
+every frequency (Dutt and Rokhlin, SIAM J. Sci. Comput.
 14, 1993; the window is that of Barnett, Magland and af Klinteberg, ibid. 41, 2019).
 """
 
@@ -20,28 +20,28 @@ from mishutter._core import namespace_of
 from mishutter.model import frequency_grid
 
 _WIDTH = 16
-"""Cells that a position is spread over; twice as many cells as waves need leave 1e-15."""
+"""Cells that a window covers; on a grid of twice the Nyquist rate its error is 1e-15."""
 _SHARPNESS = 2.3 * _WIDTH
 _DEGREE = 13
 BLOCK = 64
-"""Positions that are spread at a time: the windows of more would leave a processor's cache."""
+"""Positions spread at a time: the windows of more do not fit a processor's cache."""
 
 
 def waves_on_dft(
-    position: Array | np.ndarray, light: Array | np.ndarray, length: int, num_frequencies: int
+    position: Array | np.ndarray, weight: Array | np.ndarray, length: int, num_frequencies: int
 ) -> Array | np.ndarray:
-    r"""$\sum_q l_q e^{-2\pi i k x_q / L}$ for $k = 0, 1, \dots$; `(s, num_frequencies)`, complex.
+    r"""$\sum_q w_q e^{-2\pi i k x_q / L}$ for $k = 0, 1, \dots$; `(s, num_frequencies)`, complex.
 
-    A wave is the product of those of the higher and of the lower digits of $k$, which makes the
-    sum over $q$ a product of two matrices. NumPy arrays give a NumPy array.
+    The wave of $k$ is the product of the waves of its higher and of its lower digits, which makes
+    the sum over $q$ a product of two matrices. NumPy arrays give a NumPy array.
 
     Args:
         position: $x_q$, px; shape `(s, q)` or `(1, q)`.
-        light: $l_q$; shape `(s, q)` or `(1, q)`.
+        weight: $w_q$; shape `(s, q)` or `(1, q)`.
         length: Length of the transform, $L$, px.
-        num_frequencies: How many of its frequencies.
+        num_frequencies: Number of frequencies, from 0.
     """
-    space = namespace_of(position, light)
+    space = namespace_of(position, weight)
     num_low = math.isqrt(num_frequencies - 1) + 1
     num_high = -(-num_frequencies // num_low)
     dtype = np.result_type(position.dtype, np.complex64)
@@ -50,63 +50,75 @@ def waves_on_dft(
         space.exp(turns * (step * np.arange(count)).astype(dtype)[None, :, None])
         for count, step in ((num_low, 1), (num_high, num_low))
     )
-    waves = space.matmul(high * light[:, None, :].astype(dtype), space.swapaxes(low, 1, 2))
+    waves = space.matmul(high * weight[:, None, :].astype(dtype), space.swapaxes(low, 1, 2))
     return waves.reshape(waves.shape[0], -1)[:, :num_frequencies]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(2, 3))
-def sum_of_waves(position: Array, light: Array, num_frequencies: int, num_kept: int) -> Array:
-    r"""$\sum_q l_q e^{-2\pi i f_m x_q}$ on the lowest of the grid; `(s, num_kept)`, complex."""
+def sum_of_waves(position: Array, weight: Array, num_frequencies: int, num_kept: int) -> Array:
+    r"""$\sum_q w_q e^{-2\pi i f_m x_q}$ at the lowest `num_kept` frequencies of the grid.
 
-    def waves(position: Array, light: Array) -> Array:
-        return _waves(position, [light], num_frequencies, num_kept)[0]
+    Args:
+        position: $x_q$, px; shape `(s, q)`.
+        weight: $w_q$; shape `(s, q)` or `(1, q)`.
+        num_frequencies: Frequencies of the whole grid.
+        num_kept: Number of frequencies to compute.
 
-    return _one_at_a_time(waves)(position, light)
+    Returns:
+        Complex; shape `(s, num_kept)`.
+    """
+
+    def waves(position: Array, weight: Array) -> Array:
+        return _waves(position, [weight], num_frequencies, num_kept)[0]
+
+    return _one_at_a_time(waves)(position, weight)
 
 
 @sum_of_waves.defjvp
 def sum_of_waves_jvp(num_frequencies, num_kept, primals, tangents):
-    r"""The same waves with light $dl_q - 2\pi i f_m l_q\,dx_q$: no window is computed again."""
-    (position, light), (moved, lit) = primals, tangents
+    r"""The same sums with the weights $dw_q - 2\pi i f_m w_q\,dx_q$, from the same windows."""
+    (position, weight), (d_position, d_weight) = primals, tangents
     turn = (2 * jnp.pi) * frequency_grid(num_frequencies, np.dtype(position.dtype))[:num_kept]
-    lights = [light, light * moved, lit]
-    value, displaced, brighter = _waves(position, lights, num_frequencies, num_kept)
-    real = brighter.real + turn[None] * displaced.imag
-    imag = brighter.imag - turn[None] * displaced.real
+    weights = [weight, weight * d_position, d_weight]
+    value, by_position, by_weight = _waves(position, weights, num_frequencies, num_kept)
+    real = by_weight.real + turn[None] * by_position.imag
+    imag = by_weight.imag - turn[None] * by_position.real
     return value, jax.lax.complex(real, imag)
 
 
 def waves_of_blocks(
-    position: Array, light: Array, num_frequencies: int, num_kept: int, num_blocks: Array
+    position: Array, weight: Array, num_frequencies: int, num_kept: int, num_blocks: Array
 ) -> Array:
-    """`sum_of_waves` over so many first blocks of positions; it has no derivative."""
+    """`sum_of_waves` over the first `num_blocks` blocks of positions; it has no derivative."""
 
     def add(block: Array, cells: list[Array]) -> list[Array]:
-        some = [jax.lax.dynamic_slice_in_dim(x, block * BLOCK, BLOCK, 1) for x in (position, light)]
-        return _with_block(cells, num_frequencies, some[0], some[1:])
+        x, w = (
+            jax.lax.dynamic_slice_in_dim(x, block * BLOCK, BLOCK, 1) for x in (position, weight)
+        )
+        return _with_block(cells, num_frequencies, x, [w])
 
-    empty = _empty(position, [light], num_kept)
+    empty = _empty(position, [weight], num_kept)
     cells = jax.lax.fori_loop(0, num_blocks, add, empty)
     return _transformed(cells[0])[:, :num_kept]
 
 
 def _waves(
-    position: Array, lights: list[Array], num_frequencies: int, num_kept: int
+    position: Array, weights: list[Array], num_frequencies: int, num_kept: int
 ) -> list[Array]:
-    """Sums of waves at the same positions, of several lights; `(s, num_kept)`, complex."""
+    """Sums of waves at the same positions for each of several weights; `(s, num_kept)`, complex."""
 
-    def add(cells: list[Array], some: list[Array]) -> tuple[list[Array], None]:
-        return _with_block(cells, num_frequencies, some[0], some[1:]), None
+    def add(cells: list[Array], block: list[Array]) -> tuple[list[Array], None]:
+        return _with_block(cells, num_frequencies, block[0], block[1:]), None
 
-    blocks = [_in_blocks(x) for x in (position, *lights)]
-    cells, _ = jax.lax.scan(add, _empty(position, lights, num_kept), blocks)
+    blocks = [_in_blocks(x) for x in (position, *weights)]
+    cells, _ = jax.lax.scan(add, _empty(position, weights, num_kept), blocks)
     return [_transformed(x)[:, :num_kept] for x in cells]
 
 
 def _one_at_a_time(function: Callable[..., Array]) -> Callable[..., Array]:
-    """A function of which `jax.vmap` computes one value after the other on a CPU.
+    """A function that `jax.vmap` evaluates one row after the other on a CPU.
 
-    The cells of many would take gigabytes, and leave a processor's cache.
+    Prevents the cells of all rows from taking gigabytes and leaving a processor's cache.
     """
     bounded = custom_vmap(function)
 
@@ -117,7 +129,7 @@ def _one_at_a_time(function: Callable[..., Array]) -> Callable[..., Array]:
 
         def one(each: list[Array]) -> Array:
             pairs = zip(arguments, is_batched, strict=True)
-            return function(*(each.pop(0) if own else common for common, own in pairs))
+            return function(*(each.pop(0) if own else shared for shared, own in pairs))
 
         return jax.lax.map(
             one, [x for x, own in zip(arguments, is_batched, strict=True) if own]
@@ -127,24 +139,24 @@ def _one_at_a_time(function: Callable[..., Array]) -> Callable[..., Array]:
 
 
 def _in_blocks(rows: Array) -> Array:
-    """Rows `(s, q)` with zeros after, in blocks; shape `(b, s, BLOCK)`."""
+    """Rows `(s, q)` in blocks, padded with zeros; shape `(b, s, BLOCK)`."""
     num_blocks = -(-rows.shape[1] // BLOCK)
-    filled = jnp.pad(rows, ((0, 0), (0, num_blocks * BLOCK - rows.shape[1])))
-    return jnp.swapaxes(filled.reshape(rows.shape[0], num_blocks, BLOCK), 0, 1)
+    padded = jnp.pad(rows, ((0, 0), (0, num_blocks * BLOCK - rows.shape[1])))
+    return jnp.swapaxes(padded.reshape(rows.shape[0], num_blocks, BLOCK), 0, 1)
 
 
-def _empty(position: Array, lights: list[Array], num_kept: int) -> list[Array]:
-    """A fine grid for each of several lights, with room for windows that reach over its end."""
+def _empty(position: Array, weights: list[Array], num_kept: int) -> list[Array]:
+    """A fine grid of zeros for each of several weights, with a margin for windows at its end."""
     num_cells = max(4 * num_kept, _WIDTH)
     # The zeros derive from the values added to them, so that `jax.shard_map` sees both vary.
-    columns = [jnp.zeros_like(position[:, :1] * light[:, :1]) for light in lights]
+    columns = [jnp.zeros_like(position[:, :1] * weight[:, :1]) for weight in weights]
     return [jnp.tile(column, (1, num_cells + _WIDTH)) for column in columns]
 
 
 def _with_block(
-    cells: list[Array], num_frequencies: int, position: Array, lights: list[Array]
+    cells: list[Array], num_frequencies: int, position: Array, weights: list[Array]
 ) -> list[Array]:
-    """Cells with what a block of positions adds, linear in its lights."""
+    """Cells after the windows of a block of positions are added; linear in the weights."""
     num_cells = cells[0].shape[1] - _WIDTH
     first, windows = _placed(position, num_frequencies, num_cells)
     index = jnp.arange(first.shape[0], dtype=jnp.int32)[:, None] * cells[0].shape[1] + first
@@ -152,19 +164,19 @@ def _with_block(
         jax.lax.scatter_add(
             rows.reshape(-1),
             index.reshape(-1, 1),
-            (windows * light[..., None]).reshape(-1, _WIDTH),
+            (windows * weight[..., None]).reshape(-1, _WIDTH),
             jax.lax.ScatterDimensionNumbers((1,), (), (0,)),
             mode="clip",
         ).reshape(rows.shape)
-        for rows, light in zip(cells, lights, strict=True)
+        for rows, weight in zip(cells, weights, strict=True)
     ]
 
 
 def _placed(position: Array, num_frequencies: int, num_cells: int) -> tuple[Array, Array]:
-    """Where windows about positions begin, `(s, q)`, and the windows, `(s, q, _WIDTH)`.
+    """First cell of the window about each position, `(s, q)`, and the windows, `(s, q, _WIDTH)`.
 
-    The grid repeats itself with the other sign. The frequencies are odd multiples of half a
-    step, so that a wave is its own negative one period, `2 * num_frequencies` px, further on.
+    The grid repeats itself with the opposite sign: the frequencies are odd multiples of half a
+    step, so that a wave is its own negative after a period of `2 * num_frequencies` px.
     """
     cell = position * (num_cells / (2 * num_frequencies))
     begin = jnp.ceil(cell - _WIDTH / 2)
@@ -181,9 +193,10 @@ def _placed(position: Array, num_frequencies: int, num_cells: int) -> tuple[Arra
 
 @lru_cache
 def _powers_of_window() -> np.ndarray:
-    """The window in each of its cells by powers of the place in it, from -1/2 to 1/2, descending.
+    """Polynomials that interpolate the window in each of its cells; shape `(d, _WIDTH)`.
 
-    To 1e-15, and many times quicker than an exponential of a root. Shape `(d, _WIDTH)`.
+    Coefficients are of descending powers of the place in the cell, from -1/2 to 1/2. They are exact
+    to 1e-15, and many times quicker than an exponential of a root.
     """
     places = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1)) / 2
     distance = places[:, None] + np.arange(_WIDTH) + 0.5 - _WIDTH / 2
@@ -192,9 +205,9 @@ def _powers_of_window() -> np.ndarray:
 
 
 def _transformed(cells: Array) -> Array:
-    """Waves of the light in the cells, less the window's share; `(s, num_kept)` or more, complex.
+    """Fourier sums of the cells over the window's transform; `(s, num_kept)` or more, complex.
 
-    Of real numbers the odd waves are conjugates of even ones, and the even ones are an FFT of
+    The cells are real: their odd waves are conjugates of even ones, and the even ones are an FFT of
     half as many complex numbers.
     """
     num_cells = cells.shape[1] - _WIDTH

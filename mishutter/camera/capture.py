@@ -14,11 +14,11 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import (
     alone_in_blas,
     as_numpy,
-    at_once,
     compiled,
     floating_light,
     is_concrete,
     namespace_of,
+    outside_trace,
     require,
     require_finite,
     require_key,
@@ -46,6 +46,7 @@ from mishutter.evaluation import (
     Plan,
     pixel_responses,
     require_plan,
+    sensor_view,
     sized_for,
 )
 from mishutter.model import (
@@ -131,7 +132,7 @@ def simulate_capture(
     require_border("simulate_capture(border=...)", border)
     require_plan(plan)
     _check_noise(scene, key)
-    shutter = scene.light(shutter, motion)
+    shutter = sensor_view(scene, motion, shutter).shutter
     if isinstance(picture, Layers | Frames):
         alone = speed == 0 and displacement == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., displacement=..., border=...)"
@@ -215,7 +216,7 @@ def captured_response(
     """Responses at some speeds as a capture has them, on the grid of a DFT; `(s, k)`, complex."""
     relative = np.asarray(speeds, np.float64) - float(motion.velocity)
     fastest = float(np.max(np.abs(relative), initial=0.0))
-    with at_once():
+    with outside_trace():
         speed_gain = float(motion.speed_gain)
     velocity = (speed_gain + fastest) * float(motion.half_exposure)
     still, num_nodes = without_velocity(motion), nodes_for(velocity)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from mishutter._core import (
-    Bare,
+    Unquoted,
     common_dtype,
     floating_light,
     require,
@@ -232,7 +232,7 @@ def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
     layout = light.ndim == 3 and light.shape[2] in (1, 3) and min(light.shape) > 0
     require(layout, subject, "be pictures", shape_of(light))
     finite = bool(np.all(np.isfinite(light)))
-    require(finite, subject, "hold finite light", Bare("a value that is not"))
+    require(finite, subject, "hold finite light", Unquoted("a value that is not"))
     require(bool(np.min(light) >= 0), subject, "hold light of at least 0", np.min(light))
     same = shape is None or light.shape == shape
     require(same, subject, f"all have shape {shape}", shape_of(light))

@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import Field
 
 from mishutter._core import (
-    Bare,
     Section,
+    Unquoted,
     contents,
     parsed,
     require,
@@ -84,7 +84,7 @@ class Layers:
             self.border in PAD_MODES, "Layers(border=...)", f"be one of {[*PAD_MODES]}", self.border
         )
         opaque = bool(np.all(self.layers[0].matte == 1))
-        require(opaque, subject, "begin with an opaque layer", Bare("one with a matte"))
+        require(opaque, subject, "begin with an opaque layer", Unquoted("one with a matte"))
 
     @staticmethod
     def load(path: str | Path) -> "Layers":

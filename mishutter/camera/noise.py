@@ -9,12 +9,12 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
     as_numpy,
-    at_once,
     compiled,
+    device_constant,
     is_concrete,
     namespace_of,
     num_processors,
-    on_device,
+    outside_trace,
     require,
     require_positive_int,
 )
@@ -33,17 +33,6 @@ def white_electrons(scene: Scene, motion: AbstractMotion) -> Number:
     r"""Photo-electrons of a white pixel in a fully open exposure, $p = \text{rate}\cdot 2T$."""
     rate, exposure = as_numpy(scene.photon_rate, motion.exposure)
     return rate * exposure
-
-
-def noise_variance(
-    scene: Scene, motion: AbstractMotion, efficiency: ArrayLike, mean_level: ArrayLike | None = None
-) -> Number:
-    r"""$N = \eta\bar f/p + (\sigma/p)^2$ per pixel, in units of a fully open exposure."""
-    level = scene.mean_level if mean_level is None else mean_level
-    numbers = efficiency, level, scene.read_noise, white_electrons(scene, motion)
-    efficiency, level, read_noise, electrons = as_numpy(*numbers)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return (efficiency * level + read_noise**2 / electrons) / electrons
 
 
 def recorded(
@@ -94,8 +83,10 @@ def _keys(key: Array) -> tuple[Array, Array]:
 
 def fixed_key() -> Array:
     """The key of noise where none is given: `jax.random.key(0)` of JAX's own generator."""
-    with at_once():
-        return jax.random.wrap_key_data(on_device(np.zeros(2, np.uint32)), impl="threefry2x32")
+    with outside_trace():
+        return jax.random.wrap_key_data(
+            device_constant(np.zeros(2, np.uint32)), impl="threefry2x32"
+        )
 
 
 def shot_electrons(key: Array, mean: Array | np.ndarray) -> Array:

@@ -54,7 +54,6 @@ from mishutter.cli.options import (
     EveryPhotographOption,
     FreeOption,
     JsonOption,
-    LossName,
     LossOption,
     OutOption,
     SceneArgument,
@@ -119,7 +118,7 @@ def optimise(
     scene_file: SceneArgument = None,
     out: OutOption = None,
     json: JsonOption = False,
-    loss: LossOption = LossName.EXPECTED_ERROR,
+    loss: LossOption = None,
     free: FreeOption = None,
     num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
@@ -140,7 +139,8 @@ def optimise(
     start_jax()
     from mishutter.search import optimise as search
 
-    scene, chosen = scene_of(scene_file), loss_of(loss)
+    scene = scene_of(scene_file)
+    chosen = loss_of(loss, scene)
     folder = None if out is None else writable_folder(out)
     if verbose:
         note(plan_text(plan_of_search(scene, chosen, free, num_coefficients)))
@@ -195,7 +195,7 @@ def compare(
     opened: OpenOption = None,
     out: OutOption = None,
     json: JsonOption = False,
-    loss: LossOption = LossName.EXPECTED_ERROR,
+    loss: LossOption = None,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
 ) -> None:
@@ -225,7 +225,7 @@ def compare(
     folder = None if out is None else writable_folder(out)
     tried = noise_seeds, every_photograph
     with kept(lambda: AGAIN):
-        result = _compared(scene, motion, saved | windows, loss_of(loss), *tried)
+        result = _compared(scene, motion, saved | windows, loss_of(loss, scene), *tried)
         _deliver(result, folder, json)
 
 

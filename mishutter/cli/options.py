@@ -16,6 +16,7 @@ class LossName(Enum):
 
     EXPECTED_ERROR = "expected-error"
     KNOWN_SPEED = "known-speed"
+    FOUND_SPEED = "found-speed"
     DESIGN = "design"
 
 
@@ -52,12 +53,15 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON document, and nothing else, on stdout.")
 ]
 LossOption = Annotated[
-    LossName,
+    LossName | None,
     typer.Option(
         "--loss",
+        show_default=False,
         help="What is made small: the expected error of the picture restored by one filter for all "
-        "speeds, or (known-speed) by one that is told the speed; or (design) condition number, "
-        "kernel difference and lost light, which know no noise and move the profile alone.",
+        "speeds (expected-error), by a filter that is told the speed (known-speed), or by a "
+        "decoder that finds it in the picture (found-speed); or (design) condition number, kernel "
+        "difference and lost light, which know no noise and move the profile alone "
+        "[default: the expected error of the scene's decoder].",
     ),
 ]
 FreeOption = Annotated[
@@ -106,13 +110,22 @@ def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
     return tuple(name.value for name in free) if free else None
 
 
-def loss_of(name: LossName) -> "AbstractLoss":
-    """The loss of a name."""
-    from mishutter.evaluation import DesignLoss, ExpectedErrorLoss, KnownSpeedLoss
+def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
+    """The loss of a name, or the expected error of the decoder that the scene names."""
+    from mishutter.evaluation import (
+        DesignLoss,
+        ExpectedErrorLoss,
+        FoundSpeedLoss,
+        KnownSpeedLoss,
+        loss_of_decoder,
+    )
 
+    if name is None:
+        return loss_of_decoder(scene)
     losses = {
         LossName.EXPECTED_ERROR: ExpectedErrorLoss,
         LossName.KNOWN_SPEED: KnownSpeedLoss,
+        LossName.FOUND_SPEED: FoundSpeedLoss,
         LossName.DESIGN: DesignLoss,
     }
     return losses[name]()

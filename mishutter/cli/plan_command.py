@@ -10,7 +10,6 @@ from mishutter.cli.options import (
     FreeName,
     FreeOption,
     JsonOption,
-    LossName,
     LossOption,
     SceneArgument,
     loss_of,
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 def plan(
     scene_file: SceneArgument = None,
     json: JsonOption = False,
-    loss: LossOption = LossName.EXPECTED_ERROR,
+    loss: LossOption = None,
     free: FreeOption = None,
     fixed: Annotated[
         bool, typer.Option("--fixed", help="Nothing may move: the plan of one measurement.")
@@ -38,7 +37,8 @@ def plan(
         given = ", ".join(name.value for name in free)
         raise ValueError(f"`--free` must be left out with --fixed; got '{given}'.")
     start_jax()
-    scene, chosen = scene_of(scene_file), loss_of(loss)
+    scene = scene_of(scene_file)
+    chosen = loss_of(loss, scene)
     with working("planning"):
         found = plan_of_search(scene, chosen, free, num_coefficients, fixed=fixed)
     if json:

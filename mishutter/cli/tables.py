@@ -26,8 +26,7 @@ def print_report(report: "Report") -> None:
         columns = _columns(comparison)
         if reading == OWN_BEST_MOTION:
             print_table(reading.capitalize(), columns, [*cells, _ceiling(comparison, columns)])
-            told = all(row.told for row in rows)
-            print_text(_OF_TOLD + _FOOT if told else _OF_UNTOLD + _FOOT)
+            print_text(_OF_DECODER[rows[0].speed] + _FOOT)
             if comparison.costs is not None:
                 print_text("within dB  expected within the tolerances: what gain dB is of")
             print_text()
@@ -50,8 +49,11 @@ def print_report(report: "Report") -> None:
 
 COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
 """Columns of a comparison's rows."""
-_OF_UNTOLD = "PSNR dB    expected of one linear filter for all speeds\n"
-_OF_TOLD = "PSNR dB    expected of a linear filter that is told the speed\n"
+_OF_DECODER = {
+    "unknown": "PSNR dB    expected of one linear filter for all speeds\n",
+    "found": "PSNR dB    expected of a decoder that finds the speed in the picture\n",
+    "told": "PSNR dB    expected of a linear filter that is told the speed\n",
+}
 _FOOT = """\
 gain dB    over the best snapshot
 light      share that the shutter passes

@@ -2,6 +2,7 @@
 
 from mishutter.evaluation.batch import KERNEL_METRICS as KERNEL_METRICS
 from mishutter.evaluation.batch import SPECTRUM_METRICS as SPECTRUM_METRICS
+from mishutter.evaluation.batch import LightLevels as LightLevels
 from mishutter.evaluation.batch import Rules as Rules
 from mishutter.evaluation.batch import Sizes as Sizes
 from mishutter.evaluation.batch import measure as measure
@@ -23,18 +24,20 @@ from mishutter.evaluation.losses import AbstractLoss as AbstractLoss
 from mishutter.evaluation.losses import AbstractResponseLoss as AbstractResponseLoss
 from mishutter.evaluation.losses import DesignLoss as DesignLoss
 from mishutter.evaluation.losses import ExpectedErrorLoss as ExpectedErrorLoss
+from mishutter.evaluation.losses import FoundSpeedLoss as FoundSpeedLoss
 from mishutter.evaluation.losses import KnownSpeedLoss as KnownSpeedLoss
 from mishutter.evaluation.losses import Parts as Parts
 from mishutter.evaluation.losses import WeightedSum as WeightedSum
 from mishutter.evaluation.losses import as_loss as as_loss
+from mishutter.evaluation.losses import loss_of_decoder as loss_of_decoder
 from mishutter.evaluation.losses import one_real_number as one_real_number
 from mishutter.evaluation.losses import value_of as value_of
 from mishutter.evaluation.metrics import Metrics as Metrics
 from mishutter.evaluation.metrics import SpectralLevels as SpectralLevels
 from mishutter.evaluation.metrics import evaluate as evaluate
-from mishutter.evaluation.metrics import picture_power as picture_power
 from mishutter.evaluation.metrics import spectral_levels as spectral_levels
 from mishutter.evaluation.metrics import squared_error_within as squared_error_within
+from mishutter.evaluation.needs import ONLY_SPECTRA as ONLY_SPECTRA
 from mishutter.evaluation.needs import PLANNED as PLANNED
 from mishutter.evaluation.needs import Automatic as Automatic
 from mishutter.evaluation.needs import Item as Item
@@ -45,11 +48,13 @@ from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds
 from mishutter.evaluation.needs import nothing_moves as nothing_moves
 from mishutter.evaluation.needs import plan_of_traced_search as plan_of_traced_search
-from mishutter.evaluation.needs import power_on_grid as power_on_grid
 from mishutter.evaluation.needs import reduced as reduced
 from mishutter.evaluation.needs import require_plan as require_plan
 from mishutter.evaluation.needs import sized_for as sized_for
 from mishutter.evaluation.needs import sizes as sizes
+from mishutter.evaluation.power import lost_share as lost_share
+from mishutter.evaluation.power import picture_power as picture_power
+from mishutter.evaluation.power import power_on_grid as power_on_grid
 from mishutter.evaluation.response import Records as Records
 from mishutter.evaluation.response import Response as Response
 from mishutter.evaluation.response import aligned_spectra as aligned_spectra
@@ -61,6 +66,10 @@ from mishutter.evaluation.response import light_in_time as light_in_time
 from mishutter.evaluation.response import pixel_responses as pixel_responses
 from mishutter.evaluation.response import records as records
 from mishutter.evaluation.response import spectra_of as spectra_of
+from mishutter.evaluation.sensor_view import SampledView as SampledView
+from mishutter.evaluation.sensor_view import sampled_view as sampled_view
+from mishutter.evaluation.sensor_view import sensor_view as sensor_view
+from mishutter.evaluation.sensor_view import transmittance as transmittance
 from mishutter.evaluation.tolerances import ToleranceCost as ToleranceCost
 from mishutter.evaluation.tolerances import ToleranceCosts as ToleranceCosts
 from mishutter.evaluation.tolerances import tolerance_costs as tolerance_costs

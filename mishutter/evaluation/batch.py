@@ -15,14 +15,12 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import compiled, in_threads, num_threads
-from mishutter.blur import BLOCK, LitNodes, condition_number, lit_nodes
+from mishutter.blur import BLOCK, ExposureQuadrature, condition_number, exposure_quadrature
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.lengths import (
-    extents,
     longest_within_limits,
     num_frequencies,
     occurring_speeds,
-    spread_of,
 )
 from mishutter.evaluation.metrics import bound_share, differences_from, expected_squared_error
 from mishutter.evaluation.needs import Plan, folds_speeds, reduced, sized_for
@@ -33,13 +31,16 @@ from mishutter.evaluation.response import (
     assembled,
     kernels_and_light,
 )
+from mishutter.evaluation.sensor_view import transmittance
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     ParabolicMotion,
     Scene,
+    aligned,
     has_vertex,
     piecewise,
+    reach_of_parabola,
     steady,
 )
 
@@ -106,6 +107,18 @@ class Rules(NamedTuple):
     efficiency: Array
 
 
+class LightLevels(NamedTuple):
+    """Light and noise that designs are measured in, each with each.
+
+    Attributes:
+        photon_rates: Photo-electrons a second at a white pixel; e-/s, shape `(p,)`.
+        read_noises: e-; shape `(r,)`.
+    """
+
+    photon_rates: Array | np.ndarray
+    read_noises: Array | np.ndarray
+
+
 class _Need(NamedTuple):
     """Numbers that the loops need of a design; its attributes are scalars.
 
@@ -137,10 +150,13 @@ def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
     half = np.asarray(motions.half_exposure, np.float64)
     a = np.asarray(steady(motions).acceleration, np.float64)
     stroke = np.where(turns, a * half * half, 0.0)
-    reach, velocity = extents(float(scene.max_speed), stroke, half)
+    smear = float(scene.max_speed) * half
+    reach, velocity = map(np.asarray, reach_of_parabola(stroke, smear))
     held = _by_whole(np.minimum(np.maximum(reach, longest), _FURTHEST), lambda x: sized_for(x, 0.0))
     num_taps, dft_length = (_each(held, name) for name in ("num_taps", "dft_length"))
-    counts = num_frequencies(scene, spread_of(occurring_speeds(scene), stroke, half))
+    speeds = occurring_speeds(scene).reshape(-1, *(1,) * np.ndim(stroke))
+    spread = np.asarray(aligned(stroke[None], speeds * half).extent)[0]
+    counts = num_frequencies(scene, spread)
     aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
     aside = np.where(turns, 0, aside).astype(int)
     lit = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
@@ -194,7 +210,7 @@ def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtyp
         lambda *x: np.stack([np.asarray(each) for each in x]), *map(piecewise, shutters)
     )
     found = _rules(profiles, len(shutters), shapes.node_counts, dtype)
-    lit = [np.flatnonzero(np.any(np.asarray(rule.light) != 0, axis=0)) for rule in found]
+    lit = [np.flatnonzero(np.any(np.asarray(rule.weight) != 0, axis=0)) for rule in found]
     blocks = np.array([-(-(x[-1] + 1) // BLOCK) if x.size else 0 for x in lit], np.int32)
     length = max(1, int(blocks.max())) * BLOCK
 
@@ -203,15 +219,16 @@ def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtyp
         return np.pad(rows, ((0, 0), (0, length - rows.shape[1])))
 
     tau, light = (np.stack([whole(rule[part]) for rule in found]) for part in (0, 1))
-    arrays = jnp.asarray(tau[:, 0]), jnp.asarray(light), jnp.asarray(blocks)
-    return Rules(*arrays, found[0].efficiency)
+    return Rules(
+        jnp.asarray(tau[:, 0]), jnp.asarray(light), jnp.asarray(blocks), found[0].efficiency
+    )
 
 
 @compiled
 def _rules(
     profiles: Any, num_profiles: int, node_counts: tuple[int, ...], dtype: np.dtype
-) -> list[LitNodes]:
-    rules = [partial(lit_nodes, num_nodes=count, dtype=dtype) for count in node_counts]
+) -> list[ExposureQuadrature]:
+    rules = [partial(exposure_quadrature, num_nodes=count, dtype=dtype) for count in node_counts]
     return [jax.vmap(rule, axis_size=num_profiles)(profiles) for rule in rules]
 
 
@@ -224,7 +241,7 @@ def measure(
     sizes: Sizes,
     *,
     metrics: Sequence[str],
-    light: tuple[np.ndarray, np.ndarray],
+    light: LightLevels,
     boxes: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Some of the `Metrics` of a shutter, or of one a design, on `n` motions; by name.
@@ -237,7 +254,7 @@ def measure(
         shapes: Sizes that hold all designs.
         sizes: Sizes that each design asks for.
         metrics: Which are wanted. Expected PSNRs have the shape `(n, p, r)`, others `(n,)`.
-        light: Photon rates, e-/s, shape `(p,)`, and read noises, e-, shape `(r,)`.
+        light: Light and noise that each design is measured in.
         boxes: Coordinates of each design's own shutter, shape `(n, k)`, where the rules are of
             `k + 1`: of a closed one and of each coordinate open; None for one shutter.
     """
@@ -254,11 +271,10 @@ def measure(
         kernels = partial(_kernel_numbers, shutter, boxes is not None, scene, shapes, of_kernels)
         found |= _by_parts(kernels, each, np.arange(count))
     if of_picture:
-        rates, noises = (jnp.asarray(x, dtype) for x in light)
+        levels = LightLevels(*(jnp.asarray(x, dtype) for x in light))
         for number in np.unique(sizes.num_frequencies):
             seen = reduced(scene, Plan(1, 1, int(number), 1))
-            given = rules, seen, (rates, noises), int(number)
-            picture = partial(_picture_numbers, *given, of_picture)
+            picture = partial(_picture_numbers, rules, seen, levels, int(number), of_picture)
             index = np.flatnonzero(sizes.num_frequencies == number)
             for name, values in _by_parts(picture, each, index).items():
                 whole = found.setdefault(name, np.zeros((count, *values.shape[1:]), dtype))
@@ -313,7 +329,7 @@ def _kernel_numbers(
     def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
         motion, need, box = design
         own = shutter.at(box[1:]) if is_own else shutter  # type: ignore[attr-defined]
-        profile = piecewise(scene.light(own, motion))
+        profile = transmittance(scene, motion, own)
         speeds = scene.speeds if set(metrics) & set(KERNEL_METRICS[1:]) else scene.speeds[:0]
         speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
         plan = Plan(_TAPS, _TAPS, 1, 1)
@@ -349,21 +365,26 @@ def _condition(kernel: Array, length: int) -> Array:
 def _picture_numbers(
     rules: Rules,
     scene: Scene,
-    light: tuple[Array, Array],
+    light: LightLevels,
     num_frequencies: int,
     metrics: tuple[str, ...],
     each: Any,
 ) -> dict[str, Array]:
     """Metrics of transfer functions."""
-    rates, noises = (x.ravel() for x in jnp.meshgrid(*light, indexing="ij"))
+    each_pair = jnp.meshgrid(light.photon_rates, light.read_noises, indexing="ij")
+    rates, noises = (x.ravel() for x in each_pair)
 
     def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
         motion, need, box = design
         efficiency, at = box @ rules.efficiency, need.rule
-        nodes = LitNodes(rules.tau[at], box @ rules.light[at], efficiency)
-        speeds = scene.speeds, scene.weights
+        nodes = ExposureQuadrature(rules.tau[at], box @ rules.light[at], efficiency)
         spectra = aligned_spectra(
-            nodes, motion, *speeds, num_frequencies, num_blocks=rules.num_blocks[at]
+            nodes,
+            motion,
+            scene.speeds,
+            scene.weights,
+            num_frequencies,
+            num_blocks=rules.num_blocks[at],
         )
         nothing = jnp.zeros(0, box.dtype)
         response = Response(nothing, nothing, nothing, spectra, efficiency)
@@ -374,7 +395,8 @@ def _picture_numbers(
 
         found = {}
         if "expected_psnr" in metrics:
-            errors = jax.lax.map(error, (rates, noises)).reshape(light[0].size, light[1].size)
+            shape = light.photon_rates.size, light.read_noises.size
+            errors = jax.lax.map(error, (rates, noises)).reshape(shape)
             found["expected_psnr"] = -10 * jnp.log10(errors)
         if "bound_share" in metrics:
             found["bound_share"] = bound_share(scene, motion, response)

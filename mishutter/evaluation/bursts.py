@@ -15,12 +15,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import at_once, compiled, require_known
+from mishutter._core import compiled, outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import known_speed_squared_error
-from mishutter.evaluation.needs import Plan, reduced, sizes
+from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
 from mishutter.evaluation.response import Response, respond
-from mishutter.model import AbstractMotion, LinearMotion, RectShutter, Scene, seen_from
+from mishutter.evaluation.sensor_view import sampled_view
+from mishutter.model import (
+    AbstractMotion,
+    LinearMotion,
+    RectShutter,
+    Scene,
+    filling_half_exposure,
+)
 
 _TOLERANCE = 1e-4
 """Of the logarithm of the exposure."""
@@ -41,7 +48,7 @@ class BurstOfFrames(NamedTuple):
     scene: Scene
 
 
-@at_once()
+@outside_trace()
 def best_burst(scene: Scene) -> BurstOfFrames | None:
     """The burst of least error by a decoder that is told the speed; None without `scene.burst`.
 
@@ -59,7 +66,9 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
     shortest, longest = (
         2 * float(x) for x in (scene.limits.min_half_exposure, scene.limits.max_half_exposure)
     )
-    most = min(1 / float(scene.burst.frames_per_s), longest, _filling(scene))
+    most = min(1 / float(scene.burst.frames_per_s), longest)
+    if scene.full_well is not None:
+        most = min(most, 2 * float(filling_half_exposure(scene.full_well, scene.photon_rate)))
     best, least = None, math.inf
     for count in range(1, scene.burst.max_frames + 1):
         before_last = (count - 1) / float(scene.burst.frames_per_s)
@@ -107,12 +116,6 @@ def _pan(scene: Scene, duration: float) -> np.ndarray:
     return np.asarray(np.clip(middle, -most, most), scene.speeds.dtype)
 
 
-def _filling(scene: Scene) -> float:
-    """Exposure over which white fills a pixel through an open shutter; s."""
-    rate = float(scene.photon_rate)
-    return math.inf if scene.full_well is None or rate == 0 else float(scene.full_well) / rate
-
-
 def _added_up(scene: Scene, num_frames: int) -> Scene:
     light = scene.photon_rate * num_frames, scene.read_noise * math.sqrt(num_frames)
     return eqx.tree_at(
@@ -123,10 +126,8 @@ def _added_up(scene: Scene, num_frames: int) -> Scene:
 
 
 def _error(scene: Scene, motion: AbstractMotion, plan: Plan) -> float:
-    seen, still = seen_from(scene, motion)
-    kept = reduced(seen, plan)
-    response = respond(kept, still, RectShutter(), plan, kernels=False, differences=False)
-    return float(_known_speed_error(kept, still, response))
+    view = sampled_view(scene, motion, RectShutter(), plan, ONLY_SPECTRA)
+    return float(_known_speed_error(view.scene, view.motion, respond(view)))
 
 
 @compiled

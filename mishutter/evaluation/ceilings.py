@@ -40,7 +40,7 @@ from mishutter._core import (
     require_scalar,
 )
 from mishutter.evaluation.lengths import distinct_speeds, frequency_counts
-from mishutter.evaluation.needs import power_on_grid
+from mishutter.evaluation.power import power_on_grid
 from mishutter.model import NYQUIST_FREQUENCY, Scene, frequencies, pixel_response, require_scene
 
 _LOWEST, _NUM_EIGENVALUES = 1e-6, 2048
@@ -131,7 +131,7 @@ def _least_error(
         num_frequencies: Number of frequencies in (0, 0.5) cycles/px.
     """
     frequency = frequencies(num_frequencies)
-    power = power_on_grid(scene, num_frequencies).astype(np.float64)
+    power = power_on_grid(scene, num_frequencies)
     occurs = power > 0
     frequency, power = frequency[occurs], power[occurs]
     rate, read_noise, mean_level, deviation = (
@@ -142,7 +142,6 @@ def _least_error(
         return 0.0
     if rate == 0:
         return float(deviation**2)
-    power = power * (deviation**2 * num_frequencies / np.sum(power))
     time = np.minimum(half, times[np.searchsorted(knots, frequency)] / frequency)
     with np.errstate(divide="ignore", over="ignore"):
         signal = 2 * rate * time / (mean_level + read_noise * (read_noise / (2 * rate * half)))

@@ -40,8 +40,9 @@ def error_weights(scene: Scene) -> np.ndarray:
     tolerances = scene.tolerances
     if tolerances is None:
         return np.ones(1, scene.weights.dtype)
-    shares = (_normal(count)[1] for count in (tolerances.num_accelerations, tolerances.num_speeds))
-    return np.multiply.outer(*shares).ravel().astype(scene.weights.dtype)
+    of_acceleration = _normal(tolerances.num_accelerations)[1]
+    of_speed = _normal(tolerances.num_speeds)[1]
+    return np.multiply.outer(of_acceleration, of_speed).ravel().astype(scene.weights.dtype)
 
 
 def ensemble_of(

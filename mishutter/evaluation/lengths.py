@@ -1,11 +1,4 @@
-r"""How far light travels on a motion, and how many taps and frequencies that takes.
-
-On a sensor that turns, light of an object at speed $s$ falls between
-$aT^2\max(|\nu| - 1, 0)^2$ and $aT^2(1 + |\nu|)^2$ from the vertex of its path. Objects that
-the sensor does not keep up with are displaced by $s^2/4a$ against one another, more than any
-camera could record. A single filter gains nothing from two objects so far apart that no
-detail reaches from one to the other; there the distance does not matter, and is cut.
-"""
+"""How far the light of a scene travels on a motion, and the taps and frequencies that it takes."""
 
 from typing import NamedTuple
 
@@ -13,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, is_concrete, namespace_of, require
-from mishutter.model import NUM_FREQUENCIES, AbstractMotion, FreeMotion, Scene, steady, turns
+from mishutter._core import Unquoted, is_concrete, require
+from mishutter.model import NUM_FREQUENCIES, AbstractMotion, Scene
 
 _MAX_LENGTH = 1 << 16
 """Length over which light may fall; px. Longer kernels and responses are refused."""
@@ -27,12 +20,8 @@ _OF_ONE_SPEED = 2560, 24, 1 << 17
 """Frequencies of a single speed: at least, for each px, and at most by the second. Its response
 has zeros, about which the error rises within a fraction of a step. Several speeds have none in
 common, as a rule: two need a quarter as many, three a ninth."""
-FURTHEST_GAP = 1024.0
-"""Distance between the light of two objects from which on pictures do not correlate; px."""
 _SAME_SPEED = 4
 """Roundings of the fastest speed within which two speeds are one."""
-
-Numbers = Array | np.ndarray
 
 
 def distinct_speeds(
@@ -56,48 +45,6 @@ def distinct_speeds(
     return values[begins], merged.astype(weights.dtype)
 
 
-class Alignment(NamedTuple):
-    """Light of objects of several speeds, beside that of the slowest.
-
-    Attributes:
-        displacement: Distance added to positions from mid-exposure; px, shape `(s, ...)`.
-        extent: Length over which the light of all of them falls; px, shape `(1, ...)`.
-    """
-
-    displacement: Numbers
-    extent: Numbers
-
-
-def aligned(stroke: Numbers, smear: Numbers) -> Alignment:
-    """Alignment of objects at the vertices of their paths, gaps cut to 1,024 px.
-
-    A camera at rest is aligned at mid-exposure.
-
-    Args:
-        stroke: Travel of the sensor to either end, $aT^2$; px, shape `(1, ...)`.
-        smear: Travel of each object in half the exposure, $sT$; px, shape `(s, ...)`.
-    """
-    space = namespace_of(smear, stroke)
-    moves = turns(stroke)
-    quarter = 4 * space.where(moves, stroke, 1.0)
-    order = space.argsort(space.abs(smear), axis=0)
-    fast = space.take_along_axis(space.abs(smear), order, axis=0)
-    # Differences of squares as products: of long displacements the squares leave no digits.
-    near, far = space.maximum(fast - 2 * stroke, 0), fast + 2 * stroke
-    length = space.where(near > 0, 2 * fast, far * far / quarter)
-    before = space.concatenate([space.zeros_like(far[:1]), far[:-1]])
-    gap = space.minimum((near - before) * (near + before) / quarter, FURTHEST_GAP)
-    begin = space.cumsum(gap + space.concatenate([space.zeros_like(gap[:1]), length[:-1]]), axis=0)
-    at_end = begin + fast - stroke
-    sorted_displacement = space.where(near > 0, at_end, fast * fast / quarter)
-    back = space.argsort(order, axis=0)
-    displacement = space.take_along_axis(sorted_displacement, back, axis=0)
-    extent = begin[-1:] + length[-1:] - begin[:1]
-    return Alignment(
-        space.where(moves, displacement, 0.0), space.where(moves, extent, 2 * fast[-1:])
-    )
-
-
 class Extent(NamedTuple):
     """How far light travels on a motion.
 
@@ -114,36 +61,9 @@ class Extent(NamedTuple):
 
 def extent(scene: Scene, motion: AbstractMotion) -> Extent:
     """How far light of a scene that is known travels on a motion."""
-    half = np.asarray(motion.half_exposure, np.float64)
-    if isinstance(motion, FreeMotion):
-        fastest = float(scene.max_speed)
-        speeds = np.array([-fastest, 0.0, fastest])
-        reach = float(np.max(motion.highest(speeds) - motion.lowest(speeds)))
-        velocity = (float(motion.speed_gain) + fastest) * float(half)
-        return Extent(max(reach, 2 * fastest * float(half)), velocity, reach)
-    a = np.asarray(steady(motion).acceleration, np.float64)
-    stroke = np.asarray(a * half * half)
-    reach, velocity = extents(float(scene.max_speed), stroke, half)
-    spread = spread_of(occurring_speeds(scene), stroke, half)
-    return Extent(*(float(np.max(x)) for x in (reach, velocity, spread)))
-
-
-def extents(
-    max_speed: float, stroke: np.ndarray, half_exposure: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths of the longest kernels on some motions, px, and velocities, px per half exposure."""
-    smear, moving = max_speed * half_exposure, stroke > 0
-    velocity = np.asarray(2 * stroke + smear)
-    with np.errstate(over="ignore"):  # a stroke that is hardly one: longer than any kernel
-        length = velocity**2 / (4 * np.where(moving, stroke, 1.0))
-    return np.asarray(np.maximum(np.where(moving, length, 0.0), 2 * smear)), velocity
-
-
-def spread_of(speeds: np.ndarray, stroke: np.ndarray, half_exposure: np.ndarray) -> np.ndarray:
-    """Length over which light of all speeds falls; px, the shape of `stroke`."""
-    smear = speeds.reshape(-1, *(1,) * np.ndim(stroke)) * half_exposure
-    with np.errstate(over="ignore"):
-        return np.asarray(aligned(stroke[None], smear).extent[0])
+    reach = motion.reach(float(scene.max_speed))
+    spread = np.asarray(motion.side_by_side(occurring_speeds(scene)).extent)
+    return Extent(float(reach.length), float(reach.velocity), float(spread[0]))
 
 
 def occurring_speeds(scene: Scene) -> np.ndarray:
@@ -228,17 +148,14 @@ def require_sizes(
     require(not kernels or num_taps <= _MAX_LENGTH, subject, requirement, num_taps)
     most = _OF_ONE_SPEED[2]
     furthest = f"spread light over at most {most_spread(most):.0f} px {where}"
-    got = Bare(f"what takes {num_frequencies} frequencies")
+    got = Unquoted(f"what takes {num_frequencies} frequencies")
     require(not spectra or num_frequencies <= most, subject, furthest, got)
 
 
 def spread_of_traced(scene: Scene, motion: AbstractMotion) -> Array:
     """Length over which light of all speeds falls, of which some or the motion are traced; px."""
-    speeds, half = jnp.where(scene.weights > 0, scene.speeds, 0), motion.half_exposure
-    if isinstance(motion, FreeMotion):
-        return jnp.max(jnp.asarray(motion.highest(speeds) - motion.lowest(speeds)))
-    stroke = jnp.asarray(steady(motion).acceleration * half * half)
-    return aligned(stroke[None], speeds * half).extent[0]
+    speeds = jnp.where(scene.weights > 0, scene.speeds, 0)
+    return jnp.asarray(motion.side_by_side(speeds).extent)[0]
 
 
 def most_spread(num_frequencies: int) -> float:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import all_concrete, compiled, on_device
+from mishutter._core import compiled
 from mishutter.blur import condition_number, safe_sqrt, support
 from mishutter.evaluation.ensembles import (
     drive_variance,
@@ -20,21 +20,32 @@ from mishutter.evaluation.ensembles import (
     error_weights,
     without_tolerances,
 )
-from mishutter.evaluation.needs import PLANNED, Automatic, Parts, Plan, chosen, reduced, sizes
+from mishutter.evaluation.needs import (
+    EVERY_PART,
+    ONLY_SPECTRA,
+    PLANNED,
+    Automatic,
+    Plan,
+    sizes,
+)
+from mishutter.evaluation.power import lost_share, picture_power, share
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
+from mishutter.evaluation.sensor_view import SampledView, sampled_view
 from mishutter.model import (
-    CORNER_FREQUENCY,
     AbstractMotion,
     AbstractShutter,
+    DecoderSpeed,
     Scene,
-    as_parabolic,
     frequencies,
     frequency_grid,
     has_vertex,
-    on_steps,
+    noise_power,
     pixel_response,
     require_scene,
 )
+
+FOUND_SHARE = 0.8
+"""Share, in decibels, of what being told the speed brings that a decoder keeps which finds it."""
 
 
 @final
@@ -72,6 +83,24 @@ class Metrics(eqx.Module):
     dft_length: int = eqx.field(static=True)
     num_taps: int = eqx.field(static=True)
     toleranced_psnr: Array | None = None
+
+    @property
+    def found_speed_psnr(self) -> Array:
+        """PSNR expected of a decoder that finds the speed in the picture; dB.
+
+        A share of the way from `expected_psnr` to `known_speed_psnr` (`FoundSpeedLoss`).
+        """
+        told, untold = self.known_speed_psnr, self.expected_psnr
+        return jnp.where(told == untold, untold, untold + FOUND_SHARE * (told - untold))
+
+    def psnr_of(self, decoder_speed: DecoderSpeed) -> Array:
+        """PSNR expected of the decoder that knows so much of the speed; dB."""
+        levels = {
+            "unknown": self.expected_psnr,
+            "found": self.found_speed_psnr,
+            "told": self.known_speed_psnr,
+        }
+        return levels[decoder_speed]
 
     def __repr__(self) -> str:
         """The values of the metrics; the `repr` of a module shows types alone."""
@@ -118,22 +147,25 @@ def evaluate(
         RuntimeError: if a motion or a scene that is traced has longer kernels or faster
             objects; under `jax.jit` JAX makes an error of its own of it.
     """
-    everything = Parts(kernels=True, spectra=True, differences=True)
     within = None
     require_scene(scene)
     if scene.tolerances is not None:
         within = squared_error_within(scene, motion, shutter, plan=plan)
         scene = without_tolerances(scene)
-    plan, scene, motion = chosen(plan, scene, motion, shutter, lambda _: everything)
-    if plan.num_kept is not None:  # and as many nodes in time as all frequencies ask for
-        num_nodes = max(plan.num_nodes, sizes(scene, motion).num_nodes)
-        plan = replace(plan, num_kept=None, num_nodes=num_nodes)
-    kept = reduced(scene, plan)
-    recorded = records(kept, motion, shutter, plan)
-    metrics = measured(kept, as_parabolic(motion), recorded, plan)
+    view = _at_every_frequency(sampled_view(scene, motion, shutter, plan, EVERY_PART))
+    metrics = measured(view.scene, view.motion, records(view), view.plan)
     if within is None:
         return metrics
     return replace(metrics, toleranced_psnr=-10 * jnp.log10(within))
+
+
+def _at_every_frequency(view: SampledView) -> SampledView:
+    """A view whose plan keeps every frequency, and has as many nodes in time as these ask for."""
+    plan = view.plan
+    if plan.num_kept is None:
+        return view
+    num_nodes = max(plan.num_nodes, sizes(view.scene, view.motion).num_nodes)
+    return view._replace(plan=replace(plan, num_kept=None, num_nodes=num_nodes))
 
 
 def squared_error_within(
@@ -144,11 +176,8 @@ def squared_error_within(
     plan: Plan | Automatic | None = PLANNED,
 ) -> Array:
     """The `expected_squared_error` of a design within the scene's tolerances; scalar."""
-    parts = Parts(kernels=False, spectra=True, differences=False)
-    plan, scene, motion = chosen(plan, scene, motion, shutter, lambda _: parts)
-    kept = reduced(scene, plan)
-    recorded = records(kept, motion, shutter, plan, *parts)
-    return _error_of_records(kept, as_parabolic(motion), recorded, plan)
+    view = sampled_view(scene, motion, shutter, plan, ONLY_SPECTRA)
+    return _error_of_records(view.scene, view.motion, records(view), view.plan)
 
 
 @compiled
@@ -185,8 +214,8 @@ def kernel_differences(
     scene's speeds), and the same over $\sqrt{\overline{h_0^2}}$. The means are over the
     taps that the fastest object reaches. The derivative where all kernels agree is 0.
     """
-    squares = (jnp.sum(x**2) for x in (response.differences, response.still_kernel))
-    return differences_from(scene, motion, *squares)
+    difference, still = (jnp.sum(x**2) for x in (response.differences, response.still_kernel))
+    return differences_from(scene, motion, difference, still)
 
 
 def differences_from(
@@ -224,8 +253,8 @@ def expected_squared_error(
     num_kept = response.spectra.shape[1]
     num_frequencies = num_kept if num_frequencies is None else num_frequencies
     power = picture_power(scene, num_frequencies, np.dtype(response.efficiency.dtype))
-    share = _moments(scene, motion, response, power).lost
-    return (jnp.sum(power[:num_kept] * share) + jnp.sum(power[num_kept:])) / num_frequencies
+    lost = _moments(scene, motion, response, power).lost
+    return (jnp.sum(power[:num_kept] * lost) + jnp.sum(power[num_kept:])) / num_frequencies
 
 
 class _Moments(NamedTuple):
@@ -255,7 +284,7 @@ class _Moments(NamedTuple):
     @property
     def lost(self) -> Array:
         """Share of the picture's power that `expected_squared_error` counts as lost."""
-        return _share(self.signal * self.spread + self.noise, self.total)
+        return lost_share(self.signal, self.coherent, self.spread, self.noise)
 
 
 def _moments(
@@ -359,13 +388,12 @@ def spectral_levels(
     scene = without_tolerances(scene)
     weights = np.asarray(scene.weights)
     speeds = np.unique(np.asarray(scene.speeds)[weights > 0])
-    parts = Parts(kernels=False, spectra=True, differences=False)
-    plan, seen, moved = chosen(PLANNED, scene, motion, shutter, lambda _: parts)
-    kept = reduced(seen, plan)
-    recorded = records(kept, moved, shutter, plan, *parts)
-    lost, errors = map(np.asarray, _levels_of_records(kept, as_parabolic(moved), recorded, plan))
+    view = sampled_view(scene, motion, shutter, PLANNED, ONLY_SPECTRA)
+    plan = view.plan
+    levels = _levels_of_records(view.scene, view.motion, records(view), plan)
+    lost, errors = map(np.asarray, levels)
     relative = speeds - float(motion.velocity)
-    known = np.asarray(kept.speeds)
+    known = np.asarray(view.scene.speeds)
     relative, known = (np.abs(relative), np.abs(known)) if plan.folds else (relative, known)
     places = np.argmin(np.abs(relative[:, None] - known[None]), axis=1)
     with np.errstate(divide="ignore"):
@@ -384,11 +412,11 @@ def _levels_of_records(
     power = picture_power(scene, plan.num_frequencies, dtype)
     seen = _moments(scene, motion, response, power)
     aperture = _aperture(scene, plan.num_frequencies, dtype)
-    share = _share(seen.signal, seen.total)
-    passed = (share * aperture).astype(seen.mean.dtype) * jnp.conj(seen.mean)
+    gain = share(seen.signal, seen.total)
+    passed = (gain * aperture).astype(seen.mean.dtype) * jnp.conj(seen.mean)
     left = 1 - passed[None] * response.spectra
     # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.
-    kept = share * seen.coherent * _share(seen.noise, seen.total)
+    kept = gain * seen.coherent * share(seen.noise, seen.total)
     errors = jnp.mean(power[None] * (left.real**2 + left.imag**2 + kept[None]), axis=1)
     return seen.lost, errors
 
@@ -420,7 +448,7 @@ def freely_aligned(
     weights = ensemble_weights(scene).astype(dtype)[:, None]
     signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
     passed = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0) * aperture
-    weight = jax.lax.stop_gradient(power * aperture * _share(signal, signal * passed + noise))
+    weight = jax.lax.stop_gradient(power * aperture * share(signal, signal * passed + noise))
     weight = weight[None]
     turns = 2 * np.pi * frequency_grid(num_frequencies, np.dtype(dtype))[None, :num_kept]
 
@@ -462,8 +490,8 @@ def known_speed_squared_error(
     dtype = response.efficiency.dtype
     power = picture_power(scene, num_frequencies, np.dtype(dtype))
     lost = _moments(scene, motion, response, power, told=True).lost
-    share = jnp.sum(scene.weights.astype(dtype)[:, None] * lost, axis=0)
-    return (jnp.sum(power[:num_kept] * share) + jnp.sum(power[num_kept:])) / num_frequencies
+    lost = jnp.sum(scene.weights.astype(dtype)[:, None] * lost, axis=0)
+    return (jnp.sum(power[:num_kept] * lost) + jnp.sum(power[num_kept:])) / num_frequencies
 
 
 def _aperture(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
@@ -484,39 +512,9 @@ def _signal_and_noise(
     read_noise = scene.read_noise.astype(dtype)
     largest = jnp.maximum(jnp.maximum(electrons, jnp.sqrt(electrons)), read_noise)
     unit = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1.0))
-    light = electrons / unit
-    noise = efficiency * scene.mean_level.astype(dtype) * light / unit
-    noise = noise + (read_noise / unit) ** 2
-    return power * light**2, noise
-
-
-def _share(part: Array, total: Array) -> Array:
-    """Share of the picture's power that is lost: `part / total`, all of it where both are 0."""
-    dark = total <= 0
-    # The derivative of a quotient squares its divisor, so the divisor is scaled to nearly 1.
-    scale = jax.lax.stop_gradient(1 / jnp.where(dark, 1.0, total))
-    return jnp.where(dark, 1.0, (part * scale) / jnp.where(dark, 1.0, total * scale))
-
-
-def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
-    r"""Power spectrum of the picture's rows on the frequency grid; shape `(m,)`.
-
-    $1/(f^2 + 0.01^2)$ where the scene brings none; no power above the cutoff of the optics.
-    It is scaled so that $2\int_0^{1/2} S\,df$, its mean over the grid, is the variance.
-    """
-    known = all_concrete((scene.power_spectrum, scene.cutoff_frequency, scene.deviation))
-    space = np if known else jnp
-    frequency = frequencies(num_frequencies).astype(dtype)
-    if scene.power_spectrum is None:
-        power = 1 / (frequency**2 + CORNER_FREQUENCY**2)
-    else:
-        power = on_steps(space.asarray(scene.power_spectrum, dtype), num_frequencies)
-    cutoff, deviation = (space.asarray(x, dtype) for x in (scene.cutoff_frequency, scene.deviation))
-    power = space.where(frequency <= cutoff, power, 0)
-    total = space.mean(power)
-    lit = total > 0
-    scaled = power / space.where(lit, total, 1.0) * deviation**2
-    return on_device(scaled) if isinstance(scaled, np.ndarray) else scaled
+    mean_level = scene.mean_level.astype(dtype)
+    noise = noise_power(efficiency, mean_level, electrons, read_noise, unit=unit)
+    return power * (electrons / unit) ** 2, noise
 
 
 def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Array:

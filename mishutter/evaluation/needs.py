@@ -5,19 +5,17 @@ mirror one another under a symmetric shutter; taps that no object reaches; terms
 `plan=None` computes everything all the same.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
 
-from mishutter._core import all_concrete, is_concrete, numbers_of, require
-from mishutter.blur import default_num_frequencies, support
+from mishutter._core import all_concrete, is_concrete, primal_values, require
+from mishutter.blur import default_num_frequencies
 from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.lengths import (
     MAX_COUNT,
@@ -25,23 +23,17 @@ from mishutter.evaluation.lengths import (
     distinct_speeds,
     extent,
     longest_within_limits,
-    most_spread,
     num_frequencies,
     size_class,
-    spread_of_traced,
 )
+from mishutter.evaluation.power import spectrum_on_grid
 from mishutter.model import (
-    CORNER_FREQUENCY,
     NUM_FREQUENCIES,
     AbstractMotion,
     AbstractShutter,
-    FreeMotion,
     ParabolicMotion,
     Scene,
-    frequencies,
-    on_steps,
     seen_from,
-    settled,
 )
 
 _PHASE_PER_NODE = 1.8
@@ -148,7 +140,7 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     a search traces, sizes are at least those of the search's plan. The DFT of a loss follows
     from the limits alone, whatever the motion.
     """
-    scene, motion = seen_from(*numbers_of((scene, motion)))
+    scene, motion = seen_from(*primal_values((scene, motion)))
     longest = longest_within_limits(scene)
     known = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
     found = furthest(scene, motion) if known else Extent(longest, longest, longest)
@@ -197,6 +189,14 @@ def sized_for(reach: float, velocity: float) -> Plan:
     return Plan(num_taps, default_num_frequencies(num_taps), NUM_FREQUENCIES, num_nodes)
 
 
+def velocity_held(num_nodes: int) -> int:
+    """The greatest velocity, px per half exposure, for which so many nodes are enough to 1e-7.
+
+    It is twice that for which `sized_for` chooses them.
+    """
+    return int(2 * (num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
+
+
 def _rounded_up(count: float) -> int:
     """Round up to one of four sizes an octave, so that near scenes share a program."""
     count = max(16, int(np.ceil(min(count, MAX_COUNT))))
@@ -235,52 +235,8 @@ class Parts(NamedTuple):
     differences: bool
 
 
-def chosen(
-    plan: Plan | Automatic | None,
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    parts: Callable[[Plan], Parts],
-) -> tuple[Plan, Scene, AbstractMotion]:
-    """The plan that an argument `plan=` stands for, and the scene as `seen_from` the motion.
-
-    A motion that is traced is refused, when it is run, if a plan made here has too few taps, nodes
-    or frequencies for those parts of its response that are used.
-    """
-    require_plan(plan)
-    scene, motion = seen_from(scene, settled(motion))
-    if isinstance(plan, Plan):
-        return plan, scene, motion
-    found = sizes(scene, motion) if plan is None else automatic(scene, motion, shutter)
-    if all_concrete(numbers_of((scene.speeds, motion))):
-        return found, scene, motion
-    used, fastest = parts(found), scene.max_speed
-    if used.kernels:
-        reach = support(motion, fastest if used.differences else jnp.zeros_like(fastest))
-        requirement = f"keep light within {found.num_taps} px of where it is aligned"
-        motion = _refused(motion, reach > found.num_taps, requirement)
-    if used.spectra:
-        # Nodes hold twice the velocity that they are chosen for, to 1e-7.
-        velocity = (motion.speed_gain + fastest) * motion.half_exposure
-        most = int(2 * (found.num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
-        requirement = f"be passed at no more than {most} px per half exposure"
-        motion = _refused(motion, velocity > most, requirement)
-        # A search is rough where it may be, on fewer frequencies than hold all light.
-        if plan_of_traced_search.value is None:
-            furthest = most_spread(found.num_frequencies)
-            requirement = f"spread light over at most {furthest:.0f} px"
-            motion = _refused(motion, spread_of_traced(scene, motion) > furthest, requirement)
-    return found, scene, motion
-
-
-def _refused(motion: AbstractMotion, exceeds: ArrayLike, requirement: str) -> AbstractMotion:
-    """The motion, which is an error, when it is run, where it `exceeds` a requirement."""
-    where = "where it or the scene's limits are traced"
-    message = f"`motion` must {requirement} {where}; got one that exceeds it."
-    # Threads the error on a number of its own: the branches that return the motion itself would
-    # differ in how they vary over the devices of a mesh.
-    nothing = eqx.error_if(jnp.zeros(()), exceeds, message)
-    return jax.tree.map(lambda x: x + nothing.astype(x.dtype), motion)
+EVERY_PART = Parts(kernels=True, spectra=True, differences=True)
+ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
 def reduced(scene: Scene, plan: Plan) -> Scene:
@@ -288,7 +244,9 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
 
     Scenes that differ only in their numbers get the same shapes, and share programs.
     """
-    power = _power_on_grid(scene, plan)
+    power = scene.power_spectrum
+    if is_concrete(power):
+        power = spectrum_on_grid(scene, plan.num_frequencies, np.dtype(scene.speeds.dtype))
     if not (plan.skips and scene.speeds_known):
         return scene.bare(power_spectrum=power)
     speeds, weights = distinct_speeds(scene, folds=plan.folds)
@@ -331,24 +289,4 @@ def is_symmetric(shutter: AbstractShutter) -> bool:
 def folds_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
     """Whether the kernels of `+s` and `-s` are known to be one on a motion without velocity."""
     at_once = scene.device is None or scene.device.follows_at_once
-    mirrors = not isinstance(motion, FreeMotion) or motion.mirrors
-    return at_once and mirrors and is_symmetric(shutter)
-
-
-def _power_on_grid(scene: Scene, plan: Plan) -> np.ndarray | jax.Array | None:
-    """The scene's power spectrum at the plan's frequencies, where it is known."""
-    given = scene.power_spectrum
-    return _spectrum(scene, plan.num_frequencies) if is_concrete(given) else given
-
-
-def power_on_grid(scene: Scene, num_frequencies: int) -> np.ndarray:
-    """Power of the picture's rows at frequencies that the optics pass, in arbitrary units."""
-    passed = frequencies(num_frequencies) <= float(scene.cutoff_frequency)
-    return _spectrum(scene, num_frequencies) * passed * (float(scene.deviation) > 0)
-
-
-def _spectrum(scene: Scene, num_frequencies: int) -> np.ndarray:
-    if scene.power_spectrum is None:
-        grid = frequencies(num_frequencies)
-        return (1 / (grid**2 + CORNER_FREQUENCY**2)).astype(scene.speeds.dtype)
-    return np.asarray(on_steps(np.asarray(scene.power_spectrum), num_frequencies))
+    return at_once and motion.mirrors and is_symmetric(shutter)

@@ -17,15 +17,15 @@ from mishutter._core import (
     all_concrete,
     common_dtype,
     compiled,
+    device_constant,
     is_concrete,
     namespace_of,
-    on_device,
 )
 from mishutter.blur import (
-    LitNodes,
+    ExposureQuadrature,
     aligned_kernel,
-    light_let_through,
-    lit_nodes,
+    exposure_quadrature,
+    mean_transmittance,
     num_runs,
     path_ends,
     sum_of_waves,
@@ -33,22 +33,20 @@ from mishutter.blur import (
     waves_on_dft,
 )
 from mishutter.evaluation.ensembles import ensemble_of
-from mishutter.evaluation.lengths import aligned, require_sizes, size_class
+from mishutter.evaluation.lengths import require_sizes, size_class
 from mishutter.evaluation.needs import Plan
+from mishutter.evaluation.sensor_view import SampledView
 from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
     AbstractShutter,
-    FreeMotion,
+    ParabolicMotion,
     Scene,
     Tolerances,
-    as_parabolic,
+    canonical_motion,
     has_vertex,
     in_one_form,
     piecewise,
-    settled,
-    steady,
-    turns,
 )
 
 _SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 512
@@ -76,21 +74,6 @@ class Response(eqx.Module):
     efficiency: Array
 
 
-def respond(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    plan: Plan,
-    *,
-    kernels: bool = True,
-    spectra: bool = True,
-    differences: bool = True,
-) -> Response:
-    """Response of a design to a scene, with the parts that are asked for."""
-    parts = kernels, spectra, differences
-    return assembled(scene, records(scene, motion, shutter, plan, *parts), plan)
-
-
 class Records(NamedTuple):
     """Kernels and transfer functions of a design at some speeds, before they are combined.
 
@@ -105,39 +88,37 @@ class Records(NamedTuple):
     efficiency: Array
 
 
-def records(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    plan: Plan,
-    kernels: bool = True,
-    spectra: bool = True,
-    differences: bool = True,
-) -> Records:
+def respond(view: SampledView) -> Response:
+    """Response of a design to a scene, with the parts that its view asks for."""
+    return assembled(view.scene, records(view), view.plan)
+
+
+def records(view: SampledView) -> Records:
     """Kernels and transfer functions, each by one compiled program for all its callers.
 
-    The motion has no velocity: the scene is `seen_from` it. The shutter is sent to the scene's
-    device. Without `differences`, or where nothing in the scene moves, only the kernel at rest
-    is computed.
+    Without differences among the parts, or where nothing in the scene moves, only the kernel at
+    rest is computed.
     """
+    scene, motion, profile, plan, parts = view
+    kernels, spectra = parts.kernels, parts.spectra
     require_sizes(plan.num_taps, plan.num_frequencies, kernels=kernels, spectra=spectra)
-    dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, shutter)))
-    profile = piecewise(scene.light(shutter, motion))
+    dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, profile)))
     if all_concrete((profile, motion, scene.speeds)):
         profile = in_one_form(profile, dtype)
     taps = response = light = None
     if kernels:
-        moving = scene.speeds if differences and not plan.still else scene.speeds[:0]
+        moving = scene.speeds if parts.differences and not plan.still else scene.speeds[:0]
         taps, light = _known_kernels(profile, motion, _with_rest(moving), plan.num_taps)
     if spectra:
-        nodes = lit_nodes(profile, plan.num_nodes, dtype, path_ends(motion))
-        grid = plan.num_frequencies, plan.num_kept
-        response = spectra_of(scene, nodes, as_parabolic(motion), *grid)
+        nodes = exposure_quadrature(profile, plan.num_nodes, dtype, path_ends(motion))
+        response = spectra_of(scene, nodes, motion, plan.num_frequencies, plan.num_kept)
         light = nodes.efficiency
     light = _only_light(profile, motion, scene.speeds) if light is None else light
     nothing = np.zeros(0, dtype)
-    parts = (nothing if part is None else part for part in (taps, response, light))
-    return Records(*(on_device(x) if isinstance(x, np.ndarray) else x for x in parts))
+    parts_or_nothing = (nothing if part is None else part for part in (taps, response, light))
+    return Records(
+        *(device_constant(x) if isinstance(x, np.ndarray) else x for x in parts_or_nothing)
+    )
 
 
 def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
@@ -175,7 +156,7 @@ def _with_rest(speeds: Array) -> Array | np.ndarray:
 
 @eqx.filter_jit
 def _only_light(profile: AbstractPiecewiseShutter, motion: AbstractMotion, speeds: Array) -> Array:
-    return light_let_through(profile, common_dtype(*jax.tree.leaves((speeds, motion, profile))))
+    return mean_transmittance(profile, common_dtype(*jax.tree.leaves((speeds, motion, profile))))
 
 
 def kernel_phase(motion: AbstractMotion, num_taps: int) -> float | Array:
@@ -201,10 +182,10 @@ def kernels_at_speeds(
     Kernels at known speeds are computed eight at a time, of shutters `in_one_form`, and cut
     from longer ones: one compiled program serves every kind and any number of speeds and taps.
     """
-    kernels = _known_kernels(shutter, motion, speeds, num_taps)[0]
+    kernels = _known_kernels(shutter, canonical_motion(motion), speeds, num_taps)[0]
     if not isinstance(kernels, np.ndarray):
         return kernels
-    return on_device(kernels)
+    return device_constant(kernels)
 
 
 def _known_kernels(
@@ -213,7 +194,6 @@ def _known_kernels(
     speeds: Array | np.ndarray,
     num_taps: int,
 ) -> tuple[Array | np.ndarray, Array]:
-    motion = as_parabolic(settled(motion))
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
     first = kernel_phase(motion, num_taps)
     if not all_concrete((shutter, motion, speeds)):
@@ -253,7 +233,7 @@ def kernels_and_light(
         rule = {"from_vertex": turns, "count": runs}
         return aligned_kernel(shutter, motion, speed, num_taps, first, **rule)
 
-    light = light_let_through(piecewise(shutter), np.dtype(speeds.dtype))
+    light = mean_transmittance(piecewise(shutter), np.dtype(speeds.dtype))
     of_each = partial(jax.lax.map, one) if in_turn else jax.vmap(one)
     return of_each(jnp.asarray(speeds)), light
 
@@ -280,20 +260,10 @@ def pixel_responses(
         num_nodes: Quadrature nodes over the exposure, about.
     """
     tau, light = light_in_time(shutter, motion, num_nodes)
-    half = float(motion.half_exposure)
     count = length // 2 + 1
     aperture = np.sinc(np.arange(count) / length)[None]
-    if isinstance(motion, FreeMotion):
-        start = np.asarray(motion.alignment(np.asarray(speeds)))[:, None]
-        rest = (np.asarray(speeds)[:, None] * half).astype(tau.dtype) * tau
-        position = motion.position_at(tau) - rest - start.astype(tau.dtype)
-        return waves_on_dft(position, light, length, count) * aperture.astype(light.dtype)
-    a = float(steady(motion).acceleration)
-    stroke, smear = a * half * half, (np.asarray(speeds)[:, None] * half).astype(tau.dtype)
-    is_turning = bool(turns(np.asarray(stroke)))
-    shape = (tau - smear / (2 * stroke)) ** 2 if is_turning else tau * smear
-    position = shape * (stroke if is_turning else -1.0)
-    waves = waves_on_dft(position, light, length, count)
+    each = np.asarray(speeds)[:, None].astype(tau.dtype)
+    waves = waves_on_dft(motion.aligned_position(tau, each), light, length, count)
     return waves * aperture.astype(waves.dtype)
 
 
@@ -302,8 +272,8 @@ def light_in_time(
 ) -> tuple[Array | np.ndarray, Array | np.ndarray]:
     """Normalised times and the light at them, of shape `(1, q)`; NumPy arrays where known."""
     dtype = common_dtype(*jax.tree.leaves((motion, shutter)))
-    nodes = lit_nodes(shutter, num_nodes, dtype, path_ends(motion))
-    tau, light = nodes.tau, nodes.light
+    nodes = exposure_quadrature(shutter, num_nodes, dtype, path_ends(motion))
+    tau, light = nodes.tau, nodes.weight
     if all_concrete((tau, light)):
         tau, light = np.asarray(tau, np.float64), np.asarray(light, np.float64)
     return tau[None], light[None]
@@ -311,7 +281,7 @@ def light_in_time(
 
 @compiled
 def aligned_spectra(
-    nodes: LitNodes,
+    nodes: ExposureQuadrature,
     motion: AbstractMotion,
     speeds: Array,
     weights: Array,
@@ -324,44 +294,38 @@ def aligned_spectra(
     Speeds that occur are `aligned`. With `num_kept` only at the lowest of the frequencies; with
     `num_blocks` from so many first blocks of nodes, and without a derivative.
     """
-    dtype = nodes.tau.dtype
-    half = motion.half_exposure.astype(dtype)
-    smear = speeds.astype(dtype) * half
-    if isinstance(motion, FreeMotion):
-        start = jnp.asarray(motion.alignment(speeds), dtype)[:, None]
-        path = jnp.asarray(motion.position_at(nodes.tau))
-        position = path[None] - (smear[:, None] * nodes.tau[None] + start)
-    else:
-        stroke = steady(motion).acceleration.astype(dtype) * half * half
-        position = _positions(nodes.tau, stroke, smear, weights)
-    waves = position, nodes.light[None], num_frequencies, num_kept or num_frequencies
-    return sum_of_waves(*waves) if num_blocks is None else waves_of_blocks(*waves, num_blocks)
+    position = _positions(nodes.tau, motion, speeds, weights > 0)
+    light, num_kept = nodes.weight[None], num_kept or num_frequencies
+    if num_blocks is None:
+        return sum_of_waves(position, light, num_frequencies, num_kept)
+    return waves_of_blocks(position, light, num_frequencies, num_kept, num_blocks)
 
 
-def _positions(tau: Array, stroke: Array, smear: Array, weights: Array) -> Array:
-    """Positions of objects at some times, aligned; px, shape `(s, q)`."""
-    displacement = aligned(stroke[None], jnp.where(weights > 0, smear, 0)).displacement
-    tau = tau[None]
-    return tau * (stroke * tau - smear[:, None]) + displacement[:, None]
+def _positions(tau: Array, motion: AbstractMotion, speeds: Array, occurs: Array) -> Array:
+    """Positions of objects at some times, those that occur aligned; px, shape `(s, q)`."""
+    speeds = speeds.astype(tau.dtype)
+    displacement = motion.side_by_side(jnp.where(occurs, speeds, 0)).displacement
+    position = motion.position_of(tau[None], speeds[:, None])
+    return jnp.asarray(position) + jnp.asarray(displacement)[:, None]
 
 
 def spectra_of(
     scene: Scene,
-    nodes: LitNodes,
+    nodes: ExposureQuadrature,
     motion: AbstractMotion,
     num_frequencies: int,
     num_kept: int | None = None,
 ) -> Array:
     """The `aligned_spectra` of a scene; within its tolerances, in order of `ensemble_weights`."""
-    grid = num_frequencies, num_kept
-    if scene.tolerances is None:
-        return aligned_spectra(nodes, motion, scene.speeds, scene.weights, *grid)
-    return _scattered_spectra(nodes, motion, scene.speeds, scene.weights, scene.tolerances, *grid)
+    speeds, weights, tolerances = scene.speeds, scene.weights, scene.tolerances
+    if tolerances is None:
+        return aligned_spectra(nodes, motion, speeds, weights, num_frequencies, num_kept)
+    return _scattered_spectra(nodes, motion, speeds, weights, tolerances, num_frequencies, num_kept)
 
 
 @compiled
 def _scattered_spectra(
-    nodes: LitNodes,
+    nodes: ExposureQuadrature,
     motion: AbstractMotion,
     speeds: Array,
     weights: Array,
@@ -373,8 +337,12 @@ def _scattered_spectra(
     dtype = nodes.tau.dtype
     half = motion.half_exposure.astype(dtype)
     accelerations, scattered = ensemble_of(speeds, tolerances, motion, np.dtype(dtype))
-    occurs = jnp.tile(weights, tolerances.num_speeds)
-    each = jax.vmap(_positions, in_axes=(None, 0, 0, None))
-    position = each(nodes.tau, accelerations * half * half, scattered * half, occurs)
+    occurs = jnp.tile(weights > 0, tolerances.num_speeds)
+
+    def at_error(acceleration: Array, speeds: Array) -> Array:
+        moved = ParabolicMotion(acceleration=acceleration, half_exposure=half)
+        return _positions(nodes.tau, moved, speeds, occurs)
+
+    position = jax.vmap(at_error)(accelerations, scattered)
     rows = position.reshape(-1, position.shape[-1])
-    return sum_of_waves(rows, nodes.light[None], num_frequencies, num_kept or num_frequencies)
+    return sum_of_waves(rows, nodes.weight[None], num_frequencies, num_kept or num_frequencies)

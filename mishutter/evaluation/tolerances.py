@@ -7,11 +7,12 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from mishutter._core import at_once, compiled, require_known
+from mishutter._core import compiled, outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import expected_squared_error, unaware_squared_error
-from mishutter.evaluation.needs import PLANNED, Parts, Plan, chosen, reduced
+from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Plan
 from mishutter.evaluation.response import Records, assembled, records
+from mishutter.evaluation.sensor_view import sampled_view
 from mishutter.model import TOLERANCE_NAMES, AbstractMotion, AbstractShutter, Scene, require_scene
 
 _UNITS = {
@@ -92,7 +93,7 @@ class ToleranceCosts:
         return "\n".join([*lines, self.verdict])
 
 
-@at_once()
+@outside_trace()
 def tolerance_costs(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
 ) -> ToleranceCosts:
@@ -138,13 +139,9 @@ def _levels(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
 ) -> tuple[float, float, float]:
     """Expected PSNR without errors, with them, and with them by an unaware decoder; dB."""
-    parts = Parts(kernels=False, spectra=True, differences=False)
-    plan, scene, motion = chosen(PLANNED, scene, motion, shutter, lambda _: parts)
-    kept = reduced(scene, plan)
-    both = [
-        records(each, motion, shutter, plan, *parts) for each in (kept, without_tolerances(kept))
-    ]
-    errors = _errors(kept, motion, both[0], both[1], plan)
+    view = sampled_view(scene, motion, shutter, PLANNED, ONLY_SPECTRA)
+    without = view._replace(scene=without_tolerances(view.scene))
+    errors = _errors(view.scene, view.motion, records(view), records(without), view.plan)
     nominal, aware, unaware = (float(level) for level in -10 * jnp.log10(jnp.stack(errors)))
     return nominal, aware, unaware
 

@@ -5,14 +5,16 @@ from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from mishutter.evaluation import (
-    ExpectedErrorLoss,
+    Metrics,
     SpectralLevels,
     evaluate,
     kernel_phase,
     kernels_at_speeds,
+    loss_of_decoder,
     sizes,
     spectral_levels,
 )
@@ -20,6 +22,7 @@ from mishutter.hardware import Design
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    DecoderSpeed,
     ParabolicMotion,
     Scene,
     profile_of,
@@ -30,7 +33,6 @@ from mishutter.model import (
 from mishutter.search import BEST_BURST, OWN_BEST_MOTION, Comparison, Row, fills, optimise, plan
 
 OPTIMISED = "optimised"
-_LOSS = ExpectedErrorLoss()
 _SHORTER = 0.8
 _EXPOSURES = (_SHORTER, 1 / _SHORTER)
 """Of the exposure so far, those that first answers try beside it by turns."""
@@ -51,13 +53,14 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
     """
     command, roomy = before.command, with_room(scene)
     motions = _near(scene, before, _EXPOSURES[turn % 2])
-    losses = [float(_LOSS(roomy, motion, scene.light(command, motion))) for motion in motions]
+    loss = loss_of_decoder(scene)
+    losses = [float(loss(roomy, motion, scene.light(command, motion))) for motion in motions]
     motion = motions[int(np.argmin(losses))]
     half, stroke = motion.half_exposure, _octave(float(motion.stroke))
     furthest = ParabolicMotion(
         acceleration=stroke / half**2, half_exposure=half, velocity=motion.velocity
     )
-    sizes_shared = plan(roomy, furthest, command, loss=_LOSS, free="shutter")
+    sizes_shared = plan(roomy, furthest, command, loss=loss, free="shutter")
     found = optimise(
         roomy,
         motion,
@@ -108,11 +111,19 @@ def _near(scene: Scene, before: Design, change: float) -> list[ParabolicMotion]:
 
 
 def _reach(scene: Scene, half_exposure: float, velocity: float) -> float:
-    """The largest acceleration within the stroke and the top speed; px/s^2."""
+    """The largest acceleration within stroke, top speed, and what the stage reaches; px/s^2."""
     limits = scene.limits
     left = max(float(limits.max_top_speed) - abs(velocity), 0.0)
     by_stroke = float(limits.acceleration_by_stroke(np.asarray(half_exposure), velocity))
-    return min(by_stroke, left / (2 * half_exposure))
+    most = min(by_stroke, left / (2 * half_exposure))
+    if not limits.has_stage:
+        return most
+    if limits.max_acceleration is not None:
+        most = min(most, float(limits.max_acceleration) / 2)
+    numbers = {"acceleration": 0.0, "half_exposure": half_exposure, "velocity": velocity}
+    arrays = {name: jnp.asarray(value, scene.speeds.dtype) for name, value in numbers.items()}
+    rest, end = jnp.zeros((), scene.speeds.dtype), jnp.asarray(most, scene.speeds.dtype)
+    return float(limits.largest("acceleration", rest, end, arrays))
 
 
 def curves(
@@ -138,7 +149,9 @@ def curves(
     time = np.linspace(-half, half, _PATH_POINTS)
     levels = spectral_levels(scene, motion, shutter)
     over_speeds, level = _over_speeds(scene, levels)
-    numbers = None if at_once else _numbers(evaluate(scene, motion, shutter), motion)
+    numbers = (
+        None if at_once else _numbers(evaluate(scene, motion, shutter), motion, scene.decoder_speed)
+    )
     return {
         "time": _short(tau * half * 1e3),
         "profile": _short(transmittance, 4),
@@ -197,10 +210,10 @@ def _over_speeds(scene: Scene, found: SpectralLevels) -> tuple[dict[str, Any], f
     return {"speeds": _short(speeds[shown]), "psnr": _short(levels[shown])}, level
 
 
-def _numbers(metrics: Any, motion: AbstractMotion) -> dict[str, Any]:
+def _numbers(metrics: Metrics, motion: AbstractMotion, speed: DecoderSpeed) -> dict[str, Any]:
     """Numbers of a design that stand beside its curves and in its row of the table."""
     return {
-        "psnr": float(metrics.expected_psnr),
+        "psnr": float(metrics.psnr_of(speed)),
         "known_speed_psnr": float(metrics.known_speed_psnr),
         "condition": float(metrics.condition_number),
         "relative": float(metrics.relative_kernel_difference),
@@ -214,10 +227,10 @@ def _numbers(metrics: Any, motion: AbstractMotion) -> dict[str, Any]:
 def table(comparison: Comparison) -> dict[str, Any]:
     """The rows of a comparison, each at its own best motion, the verdict and the ceiling."""
     rows = [
-        _numbers(row.metrics, row.motion)
+        _numbers(row.metrics, row.motion, row.speed)
         | {
             "name": row.name,
-            "gain": comparison.over_snapshot(float(row.metrics.expected_psnr)),
+            "gain": comparison.over_snapshot(row.level),
             "frames": row.num_frames,
         }
         for row in shown_rows(comparison).values()

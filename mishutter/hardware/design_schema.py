@@ -180,6 +180,7 @@ class SavedScene(Part):
     burst: SavedBurst | None = None
     stage: SavedStage | None = None
     tolerances: SavedTolerances | None = None
+    decoder_speed: Literal["unknown", "found", "told"] = "unknown"
     picture: str | None = None
     picture_white: float | None = None
     picture_linear: bool = False

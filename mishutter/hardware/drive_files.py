@@ -22,7 +22,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from mishutter._core import (
-    Bare,
+    Unquoted,
     cells,
     contents,
     number_rows,
@@ -140,7 +140,7 @@ def _npy(table: Table) -> bytes:
 def _pulse_list(table: Table) -> bytes:
     binary = bool(np.all((table.transmittance == 0) | (table.transmittance == 1)))
     requirement = "be open or closed in each step for pulses: of 2 levels from 0 to 1"
-    got = Bare(f"{table.num_levels} levels")
+    got = Unquoted(f"{table.num_levels} levels")
     require(binary, "DriveTable.save(form='pulses')", requirement, got)
     step = table.exposure * 1e6 / table.level.size
     turns = np.flatnonzero(np.diff(np.pad(table.transmittance, 1))) * step
@@ -293,18 +293,18 @@ def _half_of(begin: np.ndarray, name: str) -> float:
     """Half exposure of equal steps from $-T$ on."""
     count, half = begin.size, -float(begin[0])
     requirement = "begin before mid-exposure, at a time below 0"
-    require(half > 0, name, requirement, Bare(f"{begin[0] * 1e3:g} ms"))
+    require(half > 0, name, requirement, Unquoted(f"{begin[0] * 1e3:g} ms"))
     if count > 1:
         later = np.diff(begin) > 0
         fall = begin[1 + int(np.argmin(later))]
-        require(bool(later.all()), name, "have times that ascend", Bare(f"{fall * 1e3:g} ms"))
+        require(bool(later.all()), name, "have times that ascend", Unquoted(f"{fall * 1e3:g} ms"))
     step = 2 * half / count
     aside = np.abs(begin - (np.arange(count) * step - half)) > step / 1000 + _SAME * half
     first = int(np.argmax(aside))
     requirement = (
         f"have equal steps without a gap, {count} from {-half * 1e3:g} to {half * 1e3:g} ms"
     )
-    got = Bare(f"{begin[first] * 1e3:g} ms in row {first + 1}")
+    got = Unquoted(f"{begin[first] * 1e3:g} ms in row {first + 1}")
     require(not aside.any(), name, requirement, got)
     return half
 
@@ -324,7 +324,7 @@ def _steps_of_pulses(edges: np.ndarray, half: float, name: str) -> np.ndarray:
     """Mean of pulses over the fewest equal steps that have their edges, or over 2,048."""
     shares, last = edges / (2 * half), float(edges.max(initial=0.0))
     requirement = f"end its pulses within the exposure of {half * 2e6:g} us"
-    got = Bare(f"{last * 1e6:g} us")
+    got = Unquoted(f"{last * 1e6:g} us")
     require(last / (2 * half) <= 1 + _SAME, name, requirement, got)
     counts = range(1, _MOST_PULSE_STEPS + 1)
     whole = (n for n in counts if np.all(np.abs(shares * n - np.rint(shares * n)) < 1e-6))
@@ -345,8 +345,8 @@ def _from_keysight(lines: list[str], name: str) -> _Samples:
     names = cells(lines[heading])
     for column in names:
         require(column in _HARDWARE, name, f"have columns of {', '.join(_HARDWARE)}", column)
-    require("Y1" in names, name, "have the shutter's column Y1", Bare(lines[heading]))
-    require(len(set(names)) == len(names), name, "have each column once", Bare(lines[heading]))
+    require("Y1" in names, name, "have the shutter's column Y1", Unquoted(lines[heading]))
+    require(len(set(names)) == len(names), name, "have each column once", Unquoted(lines[heading]))
     numbers = number_rows(lines[heading + 1 :], len(names), name)
     columns = dict(zip(names, numbers.T, strict=True))
     drive, share = _gated(columns["Y1"], columns.get("Y2"), columns.get("SampleMarker1"), name)
@@ -381,7 +381,7 @@ def _gated(
         require(bool(binary.all()), name, "have a gate of 0 and 1", wrong)
         edges = int(np.count_nonzero(np.diff(np.pad(gate, 1))))
         requirement = "have its gate open once, without a gap"
-        require(edges == 2, name, requirement, Bare(f"{edges // 2} openings"))
+        require(edges == 2, name, requirement, Unquoted(f"{edges // 2} openings"))
         drive = drive[gate == 1]
         share = None if share is None else share[gate == 1]
     drive = _within("a drive", drive, -1.0, name)
@@ -390,7 +390,7 @@ def _gated(
 
 def _from_rigol(content: bytes, name: str, num_steps: int | None) -> _Samples:
     even = len(content) > 0 and len(content) % 2 == 0
-    require(even, name, "hold 16-bit words, 2 bytes a step", Bare(f"{len(content)} bytes"))
+    require(even, name, "hold 16-bit words, 2 bytes a step", Unquoted(f"{len(content)} bytes"))
     words = np.frombuffer(content, "<u2")
     highest = int(words.max())
     require(highest <= _WORDS, name, f"hold words of 14 bits, up to {_WORDS}", highest)
@@ -407,7 +407,7 @@ def _without_fill(words: np.ndarray, name: str, num_steps: int | None) -> np.nda
     if num_steps is not None:
         rest = words[num_steps:]
         is_fill = not rest.any()
-        got = Bare(f"{np.count_nonzero(rest)} other words")
+        got = Unquoted(f"{np.count_nonzero(rest)} other words")
         require(is_fill, name, f"hold zeros alone after {num_steps} steps", got)
         return words[:num_steps]
     before = int(np.argmax(words > 0))
@@ -415,7 +415,10 @@ def _without_fill(words: np.ndarray, name: str, num_steps: int | None) -> np.nda
     is_filled = words.size >= _LEAST_FILLED and after - before > _FILL * words.size
     requirement = "hold the exposure alone, or be read with `num_steps` or `--drive-steps`"
     require(
-        not is_filled, name, requirement, Bare(f"{words.size} words, the last {after} of them 0")
+        not is_filled,
+        name,
+        requirement,
+        Unquoted(f"{words.size} words, the last {after} of them 0"),
     )
     return words
 
@@ -429,8 +432,8 @@ def _from_npy(content: bytes, name: str) -> _Samples:
     shape = getattr(array, "shape", ())
     right = len(shape) == 2 and 1 <= shape[0] <= 3 and shape[1] >= 1
     requirement = "be an array of (channels, samples) of 1 to 3 channels"
-    require(right, name, requirement, Bare(f"shape {shape}"))
-    require(array.dtype.kind in "fiu", name, "hold real numbers", Bare(array.dtype))
+    require(right, name, requirement, Unquoted(f"shape {shape}"))
+    require(array.dtype.kind in "fiu", name, "hold real numbers", Unquoted(array.dtype))
     numbers = array.astype(np.float64)
     finite = np.isfinite(numbers)
     require(bool(finite.all()), name, "hold finite numbers", numbers[~finite][:1])
@@ -446,7 +449,7 @@ def _half_exposure(found: _Samples, motion: AbstractMotion, told: float | None, 
         return float(motion.half_exposure) if told is None else told
     same = told is None or abs(told - own) <= 1e-6 * own
     requirement = f"have the half exposure that was given, {told or own:g} s"
-    require(same, name, requirement, Bare(f"{own:g} s"))
+    require(same, name, requirement, Unquoted(f"{own:g} s"))
     return own
 
 
@@ -468,7 +471,7 @@ def _motion(
     _require_follows(position, powers @ (stroke, drift, start), "along v t + a t^2", name)
     stroke, drift = (0.0 if abs(x) < 1e-6 else float(x) for x in (stroke, drift))
     requirement = "accelerate the sensor towards positive positions, or not at all"
-    require(stroke >= 0, name, requirement, Bare(f"a stroke of {stroke:.3g} px"))
+    require(stroke >= 0, name, requirement, Unquoted(f"a stroke of {stroke:.3g} px"))
     acceleration, velocity = stroke / half**2, drift / half
     return ParabolicMotion(acceleration=acceleration, half_exposure=half, velocity=velocity)
 
@@ -482,5 +485,5 @@ def _require_follows(position: np.ndarray, wanted: np.ndarray, where: str, name:
     """Refuse positions that are aside of a path, by more than a share of their travel."""
     stray = float(np.max(np.abs(wanted - position)))
     follows = stray <= _STRAY * (1 + float(np.ptp(position)))
-    got = Bare(f"a path up to {stray:.3g} px aside")
+    got = Unquoted(f"a path up to {stray:.3g} px aside")
     require(follows, name, f"move the sensor {where}", got)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mishutter._core import Bare, contents, require, text_of
+from mishutter._core import Unquoted, contents, require, text_of
 from mishutter.hardware.traces import Trace, require_ascending
 
 _UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3} | dict.fromkeys(
@@ -86,7 +86,7 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
     levels = [c for c in block.columns if c not in clocks]
     unnamed = [c for c in levels if names and not _at(names, c)]
     requirement = "have a name above each column of numbers (decimal commas need another separator)"
-    require(not unnamed, name, requirement, Bare(block.lines[0]))
+    require(not unnamed, name, requirement, Unquoted(block.lines[0]))
     level = _numbers(block, _chosen(levels, names, column, name), name)
     trace = Trace(time, level)
     require_ascending(trace, name)
@@ -109,13 +109,13 @@ def _block(lines: list[str], name: str) -> _Block:
     """The lines of numbers of a file, by those columns that most of its lines have."""
     lines = [line for line in lines if line.strip()]
     requirement = f"hold lines of numbers in columns, {_HOW}"
-    require(bool(lines), name, requirement, Bare("an empty file"))
+    require(bool(lines), name, requirement, Unquoted("an empty file"))
     places = np.unique(np.linspace(0, len(lines) - 1, _NUM_SAMPLES).astype(int))
     sample = [lines[k] for k in places[::-1]]
     separator = _separator(sample)
     patterns = Counter(_numeric(_cells(line, separator)) for line in sample)
     patterns.pop((), None)
-    require(bool(patterns), name, requirement, Bare(lines[0]))
+    require(bool(patterns), name, requirement, Unquoted(lines[0]))
     columns = patterns.most_common(1)[0][0]
 
     def holds(line: str) -> bool:
@@ -126,7 +126,7 @@ def _block(lines: list[str], name: str) -> _Block:
     header = [_heading_cells(line, separator) for line in lines[:first]]
     ragged = next((row for row in header if len(row) > 1 and len(_numeric(row)) == len(row)), None)
     requirement = "hold as many numbers in each line (decimal commas need another separator)"
-    require(ragged is None, name, requirement, Bare(",".join(ragged or ())))
+    require(ragged is None, name, requirement, Unquoted(",".join(ragged or ())))
     return _Block(header, lines[first:stop], columns, separator)
 
 
@@ -197,12 +197,12 @@ def _refuse_row(block: _Block, column: int, name: str) -> None:
     for line in block.lines:
         number = _number(_at(_cells(line, block.separator), column))
         requirement = "hold numbers alone from the first row of them to the last"
-        require(number is not None, name, requirement, Bare(line))
+        require(number is not None, name, requirement, Unquoted(line))
         requirement = (
             f"hold finite numbers below {_OVERRANGE:g}, others being an instrument's sign for a "
             "signal out of its range"
         )
-        require(abs(number or 0.0) < _OVERRANGE, name, requirement, Bare(line))
+        require(abs(number or 0.0) < _OVERRANGE, name, requirement, Unquoted(line))
 
 
 # What is said of it
@@ -244,8 +244,8 @@ def _factor(unit: str, heading: str) -> float | None:
 
 def _chosen(levels: Sequence[int], names: Sequence[str], column: str | None, name: str) -> int:
     """The column of levels."""
-    require(bool(levels), name, "have a column of levels beside the times", Bare("none"))
-    said = Bare(", ".join(_at(names, c) or "one without a name" for c in levels))
+    require(bool(levels), name, "have a column of levels beside the times", Unquoted("none"))
+    said = Unquoted(", ".join(_at(names, c) or "one without a name" for c in levels))
     if column is None:
         alone = levels if len(levels) == 1 else _of_name(levels, names, "level")
         requirement = "have one column of levels, or be read with the name of one as its `column`"
@@ -275,7 +275,7 @@ def _time_by_settings(
     named = [c for c in block.columns if _split(_at(names, c))[0].casefold() in _TIMES]
     requirement = f"name s, ms, us or ns as the unit of a column of times, {_HOW}"
     rows = [",".join(row) for row in block.header[-2:]]
-    got = Bare(" / ".join(rows) or block.lines[0])
+    got = Unquoted(" / ".join(rows) or block.lines[0])
     column = (*named, *block.columns)[0]
     is_told = told is not None and (bool(named) or (interval is None and len(block.columns) > 1))
     require(is_told or interval is not None, name, requirement, got)

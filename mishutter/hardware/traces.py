@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mishutter._core import Bare, require, require_finite
+from mishutter._core import Unquoted, require, require_finite
 from mishutter.model import SplineShutter, bounded_coefficients, spline_basis
 
 _COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
@@ -67,7 +67,9 @@ def require_ascending(trace: Trace, name: str) -> None:
     """Refuse a trace whose times fall, or are all one; rounded ones may be equal."""
     time = np.asarray(trace.time)
     steps = np.diff(time)
-    fall = Bare(f"{time[1 + int(np.argmax(steps < 0))]:g} s" if np.any(steps < 0) else "one time")
+    fall = Unquoted(
+        f"{time[1 + int(np.argmax(steps < 0))]:g} s" if np.any(steps < 0) else "one time"
+    )
     right = bool(np.all(steps >= 0)) and time.size > 0 and bool(time[-1] > time[0])
     require(right, name, "have times that ascend", fall)
 
@@ -95,11 +97,11 @@ def within_exposure(trace: Trace, half_exposure: float, middle: float, name: str
     )
     first, last = float(np.min(trace.time)), float(np.max(trace.time))
     span = f"times from {first:.4g} to {last:.4g} s, mid-exposure being at {middle:.4g} s"
-    require(count >= _LEAST, name, requirement, Bare(f"{count} of {span}"))
+    require(count >= _LEAST, name, requirement, Unquoted(f"{count} of {span}"))
     ends = np.concatenate([[-1.0], tau[inside], [1.0]])
     gap = float(np.max(np.diff(ends))) / 2
     requirement = "cover the exposure in steps of at most 1/16 of it"
-    got = Bare(f"{gap * half_exposure * 2e3:.3g} ms, {span}")
+    got = Unquoted(f"{gap * half_exposure * 2e3:.3g} ms, {span}")
     require(gap <= _LONGEST_GAP, name, requirement, got)
     return tau
 
@@ -153,7 +155,7 @@ def measured_profile(
     white, (_, greatest) = smooth.white, smooth.extremes
     noise = float(np.sqrt(smooth.variance))
     requirement = "tell the open shutter from the closed one by more than its noise"
-    got = Bare(f"levels {black:g} and {black + white:g}, noise {noise:.3g}")
+    got = Unquoted(f"levels {black:g} and {black + white:g}, noise {noise:.3g}")
     require(abs(white) > 2 * noise, name, requirement, got)
     notes = _clipping(levels)
     if white < 0 and opened is None:
@@ -162,7 +164,7 @@ def measured_profile(
             "rise in the exposure, or fall there from a steady level, or be read with the levels "
             "of the closed and the open shutter"
         )
-        got = Bare(f"a fall by {-white:.3g} from levels that go {spread:.3g} about {black:.4g}")
+        got = Unquoted(f"a fall by {-white:.3g} from levels that go {spread:.3g} about {black:.4g}")
         require(spread < noise + _STEADY * abs(white), name, requirement, got)
         notes += (f"it falls where the shutter opens, from {black:.4g}: it is read as inverted",)
     outside = float(np.mean(dark) - black) / white if dark.size >= _LEAST_CLOSED else 0.0

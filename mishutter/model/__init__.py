@@ -1,5 +1,7 @@
 """The problem of a design: motions, scenes and their files, images, shutters."""
 
+from mishutter.model.alignment import aligned as aligned
+from mishutter.model.alignment import reach_of_parabola as reach_of_parabola
 from mishutter.model.devices import AbstractDevice as AbstractDevice
 from mishutter.model.devices import FirstOrderShutter as FirstOrderShutter
 from mishutter.model.devices import IdealShutter as IdealShutter
@@ -29,6 +31,7 @@ from mishutter.model.motion import LinearMotion as LinearMotion
 from mishutter.model.motion import ParabolicMotion as ParabolicMotion
 from mishutter.model.motion import StillCamera as StillCamera
 from mishutter.model.motion import as_parabolic as as_parabolic
+from mishutter.model.motion import canonical_motion as canonical_motion
 from mishutter.model.motion import exact_ends as exact_ends
 from mishutter.model.motion import has_vertex as has_vertex
 from mishutter.model.motion import is_known_zero as is_known_zero
@@ -36,7 +39,6 @@ from mishutter.model.motion import is_straight as is_straight
 from mishutter.model.motion import panned as panned
 from mishutter.model.motion import settled as settled
 from mishutter.model.motion import steady as steady
-from mishutter.model.motion import turns as turns
 from mishutter.model.motion import without_velocity as without_velocity
 from mishutter.model.optics import WIDEST_BLUR as WIDEST_BLUR
 from mishutter.model.optics import Optics as Optics
@@ -45,6 +47,8 @@ from mishutter.model.optics import frequency_grid as frequency_grid
 from mishutter.model.optics import lens_response as lens_response
 from mishutter.model.optics import on_steps as on_steps
 from mishutter.model.optics import pixel_response as pixel_response
+from mishutter.model.photons import filling_half_exposure as filling_half_exposure
+from mishutter.model.photons import noise_power as noise_power
 from mishutter.model.picture_files import PICTURE_FORMATS as PICTURE_FORMATS
 from mishutter.model.picture_files import PICTURE_SUFFIXES as PICTURE_SUFFIXES
 from mishutter.model.picture_files import Decoded as Decoded
@@ -52,6 +56,7 @@ from mishutter.model.scene import CORNER_FREQUENCY as CORNER_FREQUENCY
 from mishutter.model.scene import NUM_FREQUENCIES as NUM_FREQUENCIES
 from mishutter.model.scene import NYQUIST_FREQUENCY as NYQUIST_FREQUENCY
 from mishutter.model.scene import Burst as Burst
+from mishutter.model.scene import DecoderSpeed as DecoderSpeed
 from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene import require_scene as require_scene
 from mishutter.model.scene import seen_from as seen_from
@@ -100,6 +105,7 @@ from mishutter.model.shutters.spline import coefficient_times as coefficient_tim
 from mishutter.model.shutters.spline import fitted_boxes as fitted_boxes
 from mishutter.model.shutters.spline import fitted_coefficients as fitted_coefficients
 from mishutter.model.shutters.spline import spline_basis as spline_basis
+from mishutter.model.shutters.spline import spline_knots as spline_knots
 from mishutter.model.slots import diffused as diffused
 from mishutter.model.slots import runs_are_long_enough as runs_are_long_enough
 from mishutter.model.slots import slot_means as slot_means

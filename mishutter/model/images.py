@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from mishutter._core import (
-    Bare,
+    Unquoted,
     floating_light,
     require,
     require_finite,
@@ -60,13 +60,15 @@ class Picture:
         sized = len(shape) == 3 and shape[2] in (1, 3) and min(shape) > 0
         require(sized, subject, "have shape (rows, columns, 1 or 3)", shape_of(self.light))
         finite = bool(np.all(np.isfinite(self.light)))
-        require(finite, subject, "be finite", Bare("a value that is not"))
+        require(finite, subject, "be finite", Unquoted("a value that is not"))
         require(bool(np.min(self.light) >= 0), subject, "be at least 0", np.min(self.light))
         if self.matte is not None:
             matte, fits = self.matte, np.shape(self.matte) == shape[:2]
             require(fits, "Picture(matte=...)", f"have shape {shape[:2]}", shape_of(matte))
             inside = bool(np.all((matte >= 0) & (matte <= 1)))
-            require(inside, "Picture(matte=...)", "lie in [0, 1]", Bare("a value that does not"))
+            require(
+                inside, "Picture(matte=...)", "lie in [0, 1]", Unquoted("a value that does not")
+            )
 
     @property
     def luminance(self) -> np.ndarray:
@@ -229,7 +231,7 @@ def write_picture(path: str | Path, light: Picture | np.ndarray) -> None:
 
     coded = array.copy()
     finite = bool(np.all(np.isfinite(coded)))
-    require(finite, subject, "be finite", Bare("a value that is not"))
+    require(finite, subject, "be finite", Unquoted("a value that is not"))
     np.clip(coded, 0, 1, out=coded)
     coded[..., :3] **= 1 / GAMMA
     coded *= 65535
@@ -310,7 +312,7 @@ def _shares(file: Decoded, path: Path, white: float | None) -> np.ndarray:
     worst = least if least < 0 else most
     requirement = f"hold values from 0 to white, {full:g}"
     inside = bool(least >= 0 and most <= full)
-    require(inside, _READ, requirement, Bare(f"{worst} in {str(path)!r}"))
+    require(inside, _READ, requirement, Unquoted(f"{worst} in {str(path)!r}"))
     return colour.astype(np.float32) / np.float32(full)
 
 

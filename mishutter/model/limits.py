@@ -22,11 +22,11 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
     all_concrete,
+    as_array_like,
     as_float,
     compiled,
     fields_text,
     is_concrete,
-    known_beside,
     namespace_of,
     require,
     require_at_least,
@@ -235,9 +235,9 @@ class Limits(eqx.Module):
 
         In px/s^2, of the shape of `half_exposure`.
         """
-        half, stroke = half_exposure, known_beside(half_exposure, self.max_stroke)
+        half, stroke = half_exposure, as_array_like(half_exposure, self.max_stroke)
         root = np.sqrt if isinstance(half, np.ndarray) else safe_root
-        by_pan = self._speed_of_stage(known_beside(half, velocity)) * half
+        by_pan = self._speed_of_stage(as_array_like(half, velocity)) * half
         space, left = namespace_of(half), stroke - 2 * by_pan
         of_stroke = stroke - by_pan + root(stroke * space.maximum(left, 0))
         return space.where(left >= 0, of_stroke, 0.0) / 2 / half / half
@@ -336,7 +336,7 @@ class Limits(eqx.Module):
             return abs(velocity) * 0
         if self.frame_velocity is None:
             return abs(velocity)
-        return abs(velocity + known_beside(velocity, self.frame_velocity))
+        return abs(velocity + as_array_like(velocity, self.frame_velocity))
 
     def _share_of(self, use: StageUse, speed_beside: Array) -> Array:
         """The share, where the sensor has a speed beside the stage's; px/s."""

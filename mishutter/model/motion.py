@@ -7,6 +7,7 @@ import itertools
 import operator
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, cast, final
@@ -30,12 +31,10 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
+from mishutter.model.alignment import Alignment, Reach, aligned, reach_of_parabola, turns
 
 Positions = Array | np.ndarray | np.floating
 """Numbers of NumPy where everything is known and NumPy asks, and of JAX elsewhere."""
-_LEAST_STROKE = 1e-15
-"""Stroke down to which a sensor is said to turn, px: powers of less leave the range of 32 bits, and
-64 do not tell it from none beside a pixel. It is one number, so that no precision decides."""
 
 
 class AbstractMotion(eqx.Module):
@@ -78,6 +77,37 @@ class AbstractMotion(eqx.Module):
         It counts from where they are at mid-exposure. A NumPy array gives one, where the motion
         is known.
         """
+
+    @abstractmethod
+    def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
+        r"""Position on the sensor of objects, from where they are at mid-exposure; px.
+
+        Args:
+            tau: Time from mid-exposure, in units of $T$; any shape.
+            speed: Speeds, px/s; a shape that broadcasts with it.
+        """
+
+    @abstractmethod
+    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
+        """The `position_of` objects, from where they are aligned."""
+
+    @abstractmethod
+    def side_by_side(self, speeds: RowLike) -> Alignment:
+        """The `Alignment` of objects of several speeds, px/s; shape `(s,)`."""
+
+    @abstractmethod
+    def reach(self, max_speed: float) -> Reach:
+        """How far light travels of objects up to a speed, px/s; of a motion that is known."""
+
+    @property
+    @abstractmethod
+    def mirrors(self) -> bool:
+        """Whether the path beside its pan is known to be the same forwards and backwards."""
+
+    @property
+    @abstractmethod
+    def bend(self) -> Array | np.ndarray:
+        r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
 
     @property
     @abstractmethod
@@ -130,6 +160,46 @@ class AbstractSteadyMotion(AbstractMotion):
         speed, v, a = _together(speed, self.velocity, self.acceleration)
         space = namespace_of(speed)
         return space.where(moves, -((speed - v) ** 2) / (4 * space.where(moves, a, 1.0)), 0.0)
+
+    def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
+        r"""$aT^2\tau^2 - (s - v)T\tau$; px."""
+        tau, stroke, smear = self._stroke_and_smear(tau, speed)
+        return tau * (stroke * tau - smear)
+
+    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
+        r"""$aT^2(\tau - \nu)^2$ from the vertex; $-(s - v)T\tau$ of a sensor at rest; px."""
+        tau, stroke, smear = self._stroke_and_smear(tau, speed)
+        space, moves = namespace_of(tau), turns(stroke)
+        safe = space.where(moves, stroke, 1.0)
+        return space.where(moves, safe * (tau - smear / (2 * safe)) ** 2, -smear * tau)
+
+    def side_by_side(self, speeds: RowLike) -> Alignment:
+        """Alignment at the vertices, or at mid-exposure of a sensor at rest, gaps cut."""
+        _, stroke, smear = self._stroke_and_smear(speeds, speeds)
+        with np.errstate(over="ignore"):  # a stroke that is hardly one
+            return aligned(stroke[None], smear)
+
+    def reach(self, max_speed: float) -> Reach:
+        """The `reach_of_parabola`."""
+        _, stroke, smear = self._stroke_and_smear(np.asarray(max_speed), max_speed)
+        return reach_of_parabola(stroke, smear)
+
+    def _stroke_and_smear(self, tau: RowLike, speed: RowLike) -> tuple[Any, Any, Any]:
+        """Times, the stroke, and travel in half the exposure, as arrays of one kind."""
+        tau, s, v, a, T = _together(
+            tau, speed, self.velocity, self.acceleration, self.half_exposure
+        )
+        return tau, (a * T) * T, (s - v) * T
+
+    @property
+    def mirrors(self) -> bool:
+        """A parabola is its own mirror image."""
+        return True
+
+    @property
+    def bend(self) -> Array | np.ndarray:
+        """The acceleration $a$; px/s^2."""
+        return self.acceleration
 
     @property
     def stroke(self) -> Array:
@@ -283,6 +353,30 @@ class FreeMotion(AbstractMotion):
         passed = (end - begin) * abs(2 * tau[..., None] - begin - end)
         return (v * tau + _of_pieces(a, passed) * T) * T
 
+    def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
+        r"""$x(\tau T) - s\tau T$; px."""
+        tau, s, T = _together(tau, speed, self.half_exposure)
+        return self.position_at(tau) - (s * T) * tau
+
+    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
+        """The `position_of` objects, from the lowest of it; px."""
+        tau, s = _together(tau, speed)
+        return self.position_of(tau, s) - self.alignment(s)
+
+    def side_by_side(self, speeds: RowLike) -> Alignment:
+        """Alignment at the lowest positions, whose distances are not cut."""
+        (s,) = _together(speeds)
+        extent = (self.highest(s) - self.lowest(s)).max(keepdims=True)
+        return Alignment(-self.alignment(s), extent)
+
+    def reach(self, max_speed: float) -> Reach:
+        """From the lowest to the highest position that objects reach, in either direction."""
+        half, fastest = np.asarray(self.half_exposure, np.float64), float(max_speed)
+        speeds = np.array([-fastest, 0.0, fastest])
+        length = np.max(self.highest(speeds) - self.lowest(speeds))
+        velocity = (float(self.speed_gain) + fastest) * half
+        return Reach(np.maximum(length, 2 * fastest * half), velocity)
+
     def velocity_at(self, time: RowLike) -> Positions:
         r"""$v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`."""
         return self._velocity_at(self._shares(time))
@@ -372,7 +466,7 @@ class FreeMotion(AbstractMotion):
         return np.flatnonzero([after > before for before, after in itertools.pairwise(ends)])
 
     @property
-    def bend(self) -> Array:
+    def bend(self) -> Array | np.ndarray:
         r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
         shares = (np.diff(ends) / 2).astype(self.accelerations.dtype)
@@ -485,21 +579,9 @@ def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
     On a sensor without a stroke to speak of they are aligned at mid-exposure. That of a free path
     is the stroke of a parabola that accelerates as much in the mean over the exposure.
     """
-    a, half = (
-        np.asarray(x) if is_concrete(x) else x for x in (_bend(motion), motion.half_exposure)
-    )
+    a, half = (np.asarray(x) if is_concrete(x) else x for x in (motion.bend, motion.half_exposure))
     with np.errstate(over="ignore"):
         return turns(a * half * half)
-
-
-def turns(stroke: Array | np.ndarray | np.floating) -> Any:
-    """Whether the sensor's path has a vertex to speak of."""
-    return stroke > _LEAST_STROKE
-
-
-def _bend(motion: AbstractMotion) -> Array | np.ndarray:
-    r"""The acceleration $a$, or the mean of $|a|$ on a free path; px/s^2."""
-    return motion.bend if isinstance(motion, FreeMotion) else steady(motion).acceleration
 
 
 def _together(*values: Any) -> tuple[Any, ...]:
@@ -527,7 +609,7 @@ def settled(motion: AbstractMotion) -> AbstractMotion:
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
     if isinstance(motion, StillCamera):
         return motion
-    if not any(is_known_zero(sign) for sign in (_bend(motion), has_vertex(motion))):
+    if not any(is_known_zero(sign) for sign in (motion.bend, has_vertex(motion))):
         return motion
     if is_known_zero(motion.velocity):
         return StillCamera(half_exposure=motion.half_exposure)
@@ -551,26 +633,29 @@ def is_known_zero(value: Any) -> bool:
 
 def as_parabolic(motion: AbstractMotion) -> AbstractMotion:
     """The same motion as the one kind that holds all but free ones, for programs that serve all."""
-    if isinstance(motion, FreeMotion):
+    if not isinstance(motion, AbstractSteadyMotion):
         return motion
-    numbers = ("acceleration", "half_exposure", "velocity")
-    return ParabolicMotion(**{name: getattr(motion, name) for name in numbers})
+    return ParabolicMotion(
+        acceleration=motion.acceleration,
+        half_exposure=motion.half_exposure,
+        velocity=motion.velocity,
+    )
+
+
+def canonical_motion(motion: AbstractMotion) -> AbstractMotion:
+    """The motion as programs take it: a `ParabolicMotion`, or a `FreeMotion` that may bend.
+
+    Raises:
+        ValueError: if it is no motion.
+    """
+    return as_parabolic(settled(motion))
 
 
 def panned(motion: AbstractMotion, velocity: ArrayLike) -> AbstractMotion:
     """The motion at another velocity."""
-    half = motion.half_exposure
-    if isinstance(motion, FreeMotion):
-        return FreeMotion(
-            accelerations=motion.accelerations,
-            half_exposure=half,
-            velocity=velocity,
-            durations=motion.durations,
-        )
     if isinstance(motion, AbstractStraightMotion):
-        return LinearMotion(half_exposure=half, velocity=velocity)
-    a = steady(motion).acceleration
-    return ParabolicMotion(acceleration=a, half_exposure=half, velocity=velocity)
+        return LinearMotion(half_exposure=motion.half_exposure, velocity=velocity)
+    return replace(motion, velocity=velocity)
 
 
 def without_velocity(motion: AbstractMotion) -> AbstractMotion:

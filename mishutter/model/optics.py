@@ -3,7 +3,7 @@
 The frequencies are the centres of equal steps of (0, 0.5) cycles/px.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,13 +17,17 @@ WIDEST_BLUR = 16.0
 
 
 def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Array:
-    """Centres of equal steps in (0, 0.5); cycles/px, shape `(m,)`."""
-    return (jnp.arange(num_frequencies, dtype=dtype) + 0.5) * (0.5 / num_frequencies)
+    """The `frequencies` in a program, which counts them itself; cycles/px, shape `(m,)`."""
+    return _centres(jnp.arange(num_frequencies, dtype=dtype))
 
 
 def frequencies(count: int) -> np.ndarray:
     """Centres of equal steps in (0, 0.5); cycles/px, shape `(count,)`."""
-    return (np.arange(count) + 0.5) * (0.5 / count)
+    return _centres(np.arange(count, dtype=np.float64))
+
+
+def _centres(index: Any) -> Any:
+    return (index + 0.5) * (0.5 / index.size)
 
 
 def on_steps(power: Array | np.ndarray, count: int) -> Array | np.ndarray:

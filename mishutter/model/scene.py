@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import fields
-from typing import final
+from typing import Literal, final, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -46,6 +46,10 @@ NUM_FREQUENCIES = 256
 """Mean, standard deviation (linear light, white = 1) and corner (cycles/px) of the
 spectrum that stands for a photograph where a scene brings none, the highest frequency
 that a sensor records (cycles/px), and how many equal steps up to it are looked at, at least."""
+
+
+DecoderSpeed = Literal["unknown", "found", "told"]
+"""What a decoder knows of the speed of a picture."""
 
 
 @final
@@ -106,6 +110,10 @@ class Scene(eqx.Module):
             where it is sent at once.
         tolerances: How far a camera as it is built may be from its design; the expected error,
             and a search by it, are over these. None by default.
+        decoder_speed: What the decoder knows of a picture's speed: `"unknown"`, one filter for all
+            speeds; `"found"`, which a `SpeedFindingDecoder` finds in the picture, where that moves
+            as a whole; or `"told"`. The loss of searches and comparisons is by default the expected
+            error of that decoder.
         motion: Motion to start from or to compare at; by default the `fullest_motion` of the
             limits about the middle of the speeds.
         picture: Path of the photograph to show results on; None for none.
@@ -133,6 +141,7 @@ class Scene(eqx.Module):
     stage: SecondOrderStage | None
     tolerances: Tolerances | None
     given_motion: AbstractMotion | None
+    decoder_speed: DecoderSpeed = eqx.field(static=True)
     picture: str | None = eqx.field(static=True)
     picture_white: float | None = eqx.field(static=True)
     picture_linear: bool = eqx.field(static=True)
@@ -155,6 +164,7 @@ class Scene(eqx.Module):
         burst: Burst | None = None,
         stage: SecondOrderStage | None = None,
         tolerances: Tolerances | None = None,
+        decoder_speed: DecoderSpeed = "unknown",
         motion: AbstractMotion | None = None,
         picture: str | os.PathLike[str] | None = None,
         picture_white: ArrayLike | None = None,
@@ -181,6 +191,7 @@ class Scene(eqx.Module):
         self.burst = burst
         self.stage = stage
         self.tolerances = tolerances
+        self.decoder_speed = decoder_speed
         self.given_motion = motion
         self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
         self.picture_white = checked_white("Scene(picture_white=...)", picture_white)
@@ -224,6 +235,9 @@ class Scene(eqx.Module):
         if self.full_well is not None:
             require_scalar("Scene(full_well=...)", self.full_well)
             require_at_least("Scene(full_well=...)", self.full_well, "above 0", strict=True)
+        requirement = "be 'unknown', 'found' or 'told'"
+        known = self.decoder_speed in get_args(DecoderSpeed)
+        require(known, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
         known = isinstance(self.given_motion, AbstractMotion | None)
         require(known, "Scene(motion=...)", "be a motion", self.given_motion)
 

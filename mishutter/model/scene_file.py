@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mishutter._core import Bare, contents, in_section, parsed, require, validated
+from mishutter._core import Unquoted, contents, in_section, parsed, require, validated
 from mishutter.model.devices import (
     NUM_SLOTS,
     AbstractDevice,
@@ -128,6 +128,8 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
         tables["rivals"] = {"frames_per_s": frames, "max_frames": scene.burst.max_frames}
     if scene.tolerances is not None:
         tables["tolerances"] = _tolerances_table(scene.tolerances)
+    if scene.decoder_speed != "unknown":
+        tables["decoder"] = {"speed": scene.decoder_speed}
     if isinstance(scene.given_motion, ParabolicMotion):
         tables["motion"] = {
             "half_exposure_ms": float(scene.given_motion.half_exposure) * 1e3,
@@ -228,7 +230,7 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         travel <= _MAX_TRAVEL,
         "[limits] max_half_exposure_ms",
         requirement,
-        Bare(f"{travel:g} px in {2 * file.limits.max_half_exposure_ms:g} ms"),
+        Unquoted(f"{travel:g} px in {2 * file.limits.max_half_exposure_ms:g} ms"),
     )
     return Scene(
         speeds,
@@ -243,6 +245,7 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         stage=None if file.stage is None else _stage(file.stage),
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
         tolerances=_tolerances(file.tolerances),
+        decoder_speed=file.decoder.speed,
         motion=_motion(file.motion, file.limits, limits),
         **_picture(file.picture, folder, photographs),
     )
@@ -252,10 +255,12 @@ def _speeds(section: Speeds) -> tuple[np.ndarray, np.ndarray]:
     forms = {"uniform": section.uniform, "normal": section.normal, "list": section.list_px_per_s}
     given = [name for name, value in forms.items() if value is not None]
     requirement = "hold one of uniform, normal and list_px_per_s"
-    require(len(given) == 1, "[speeds]", requirement, Bare(" and ".join(given) or "no speeds"))
+    require(len(given) == 1, "[speeds]", requirement, Unquoted(" and ".join(given) or "no speeds"))
     if section.list_px_per_s is not None:
         return _listed(section.list_px_per_s, section.weights)
-    require(section.weights is None, "[speeds] weights", "go with list_px_per_s", Bare(given[0]))
+    require(
+        section.weights is None, "[speeds] weights", "go with list_px_per_s", Unquoted(given[0])
+    )
     if section.uniform is not None:
         return _uniform(section.uniform)
     return _normal(section.normal)  # type: ignore[arg-type]
@@ -352,7 +357,7 @@ def _in_px(
         return in_own
     require(in_own is None, f"[limits] {other}", f"not stand beside {own}", in_own)
     requirement = f"be given where {other} is"
-    require(pitch is not None, "[sensor] pixel_pitch_um", requirement, Bare("nothing"))
+    require(pitch is not None, "[sensor] pixel_pitch_um", requirement, Unquoted("nothing"))
     return in_other * micrometres / pitch  # type: ignore[operator]
 
 
@@ -362,7 +367,7 @@ def _tolerances(section: TolerancesSection | None) -> Tolerances | None:
     step = section.drive_step_us
     requirement = "be given where transmittance has an error"
     lasts = section.transmittance == 0 or step is not None
-    require(lasts, "[tolerances] drive_step_us", requirement, Bare("nothing"))
+    require(lasts, "[tolerances] drive_step_us", requirement, Unquoted("nothing"))
     return Tolerances(
         acceleration=section.acceleration_share,
         velocity=section.velocity_px_per_s,
@@ -388,7 +393,7 @@ def _motion(
     }
     given = [name for name, value in forms.items() if value is not None]
     requirement = "hold one of stroke_px and acceleration_px_per_s2"
-    require(len(given) == 1, "[motion]", requirement, Bare(" and ".join(given) or "neither"))
+    require(len(given) == 1, "[motion]", requirement, Unquoted(" and ".join(given) or "neither"))
     T = half / 1000
     a = section.acceleration_px_per_s2
     a = section.stroke_px / T**2 if a is None else a  # type: ignore[operator]
@@ -427,7 +432,7 @@ def _require_met(name: str, demand: Demand, key: str, velocity: float) -> None:
         ),
     }[name]
     subject = "[motion] velocity_px_per_s" if name == "pan" else key
-    require(bool(demand.is_met(_MARGIN)), subject, requirement, Bare(got))
+    require(bool(demand.is_met(_MARGIN)), subject, requirement, Unquoted(got))
 
 
 def _picture(
@@ -439,7 +444,7 @@ def _picture(
     own = section.path not in (None, EXAMPLE_PICTURE)
     for key in ("white", "linear"):
         requirement = "stand beside the path of a photograph of one's own"
-        got = Bare("no path" if section.path is None else section.path)
+        got = Unquoted("no path" if section.path is None else section.path)
         require(own or getattr(section, key) is None, f"[picture] {key}", requirement, got)
     if section.path is None:
         return given

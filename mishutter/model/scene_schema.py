@@ -133,6 +133,13 @@ class TolerancesSection(Section):
 
 
 @final
+class DecoderSection(Section):
+    """What restores the pictures: what it knows of the speed."""
+
+    speed: Literal["unknown", "found", "told"] = "unknown"
+
+
+@final
 class MotionSection(Section):
     """A half exposure, the stroke or the acceleration, and a velocity."""
 
@@ -166,5 +173,6 @@ class SceneFile(Section):
     stage: StageSection | None = None
     rivals: RivalsSection | None = None
     tolerances: TolerancesSection | None = None
+    decoder: DecoderSection = DecoderSection()
     motion: MotionSection | None = None
     picture: PictureSection = PictureSection()

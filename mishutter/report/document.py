@@ -70,7 +70,7 @@ def pictured_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, R
     """
     held = _at_best(comparison)
     rivals = [name for name in held if name not in names and name != BEST_BURST]
-    level = {name: float(row.metrics.expected_psnr) for name, row in held.items()}.__getitem__
+    level = {name: row.level for name, row in held.items()}.__getitem__
     snapshot = max((name for name in _SNAPSHOTS if name in held), key=level)
     best = max(rivals, key=level)
     wanted = dict.fromkeys((*names[:1], snapshot, BEST_TUKEY, best, *names[1:], "Hann", "rect"))

@@ -34,15 +34,13 @@ from mishutter.camera import (
     rows_last,
     through_optics,
 )
-from mishutter.evaluation import PLANNED, Automatic, Plan
+from mishutter.evaluation import PLANNED, Automatic, Plan, sensor_view
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Picture,
     Scene,
-    as_parabolic,
     require_scene,
-    settled,
 )
 from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.restore.decoders.linear import expected_squared_error, squared_error_of
@@ -225,7 +223,6 @@ def restore_by_each(
     require_key("restore_photograph(key=...)", key)
     light = as_light(picture, "restore_photograph(picture=...)")
     light = light[..., None] if light.ndim == 2 else light
-    motion = as_parabolic(settled(motion))
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     require_finite("restore_photograph(speeds=...)", chosen_speeds)
     row = chosen_speeds.ndim == 1 and chosen_speeds.size > 0
@@ -233,8 +230,9 @@ def restore_by_each(
     require(row, "restore_photograph(speeds=...)", "be one row of at least one speed", got)
     weights = np.asarray(scene.weights) if speeds is None else None
     key = fixed_key() if key is None else key
-    shutter = scene.light(shutter, motion)
-    window, inner = _common_columns(light.shape[-2], motion, chosen_speeds, least_taps)
+    scene, motion, shutter, velocity = sensor_view(scene, motion, shutter)
+    relative = chosen_speeds - float(velocity)
+    window, inner = _common_columns(light.shape[-2], motion, relative, least_taps)
     reference = _seen_by_optics(np.asarray(light), scene)[:, window]
     model = blur_model(scene, motion, shutter, plan=plan, least_taps=least_taps)
     seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
@@ -267,14 +265,13 @@ def restore_by_each(
         return _Errors(np.array(errors), np.array(codes))
 
     on_sensor = blurred_at_speeds(
-        light, scene, motion, shutter, chosen_speeds.tolist(), plan, least_taps
+        light, scene, motion, shutter, relative.tolist(), plan, least_taps
     )
     count = min(num_processors(), _CAPTURES_AT_ONCE)
     trials = list(in_threads(tried, enumerate(on_sensor), count))
     with np.errstate(divide="ignore"):
         expected = float(-10 * np.log10(expected_squared_error(model)))
         rows = np.moveaxis(reference[:, inner], 1, 2).astype(np.float64)
-        relative = chosen_speeds - float(motion.velocity)
         own_expected = -10 * np.log10(squared_error_of(model, rows, relative))
     return {
         name: RestoredPhotograph(

@@ -12,10 +12,10 @@ import numpy as np
 from mishutter._core import (
     alone_in_blas,
     as_numpy,
-    at_once,
     in_threads,
     named,
     num_processors,
+    outside_trace,
     require,
     require_known,
 )
@@ -24,6 +24,7 @@ from mishutter.evaluation import (
     AbstractLoss,
     Automatic,
     ExpectedErrorLoss,
+    FoundSpeedLoss,
     KnownSpeedLoss,
     Metrics,
     Plan,
@@ -32,12 +33,14 @@ from mishutter.evaluation import (
     best_burst,
     ceiling,
     evaluate,
+    loss_of_decoder,
     tolerance_costs,
 )
 from mishutter.hardware import GIVEN, Design, metrics_to_dict, motion_to_dict
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    DecoderSpeed,
     FirstOrderShutter,
     FreeMotion,
     LinearMotion,
@@ -106,7 +109,7 @@ class Row:
         loss: The loss that tuned it; None where none was given.
         metrics: Its metrics.
         turns: Whether turning the camera makes the pan, and not the stage.
-        told: Whether it is judged by a decoder that is told the speed.
+        speed: What the decoder that judges it knows of the speed, as `Scene.decoder_speed`.
         num_frames: Frames of the motion's exposure that are added up; 1 of all but a burst.
     """
 
@@ -117,7 +120,7 @@ class Row:
     loss: float | None
     metrics: Metrics
     turns: bool = False
-    told: bool = False
+    speed: DecoderSpeed = "unknown"
     num_frames: int = 1
 
     def __repr__(self) -> str:
@@ -140,15 +143,15 @@ class Row:
     def level(self) -> float:
         """Expected PSNR that it is judged by: within the tolerances of a scene with any; dB.
 
-        That of a decoder which is told the speed is of a camera as designed.
+        That of a decoder which knows of the speed is of a camera as designed.
         """
         within = self.metrics.toleranced_psnr
-        return self.psnr if within is None or self.told else float(within)
+        return self.psnr if within is None or self.speed != "unknown" else float(within)
 
     @property
     def psnr(self) -> float:
         """Expected PSNR of the camera as designed, by the decoder that it is judged by; dB."""
-        return float(self.metrics.known_speed_psnr if self.told else self.metrics.expected_psnr)
+        return float(self.metrics.psnr_of(self.speed))
 
 
 @dataclass(frozen=True)
@@ -269,7 +272,7 @@ class Comparison:
 
 
 @alone_in_blas()
-@at_once()
+@outside_trace()
 def compare(
     scene: Scene,
     motion: AbstractMotion | Design,
@@ -281,8 +284,8 @@ def compare(
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
 
-    A comparison by `KnownSpeedLoss` judges every row by a decoder that is told the speed of the
-    picture, the others by one that is told none.
+    Every row is judged by the decoder that the scene names, and by `KnownSpeedLoss` or
+    `FoundSpeedLoss` by one that is told the speed of the picture or finds it.
 
     *Own best motion*: exposure, velocity and acceleration, none included, tuned for each by the
     same loss within the scene's limits, from `motion` or from the motion of a `Design`; a
@@ -321,11 +324,11 @@ def compare(
         shutters = {"optimised": motion} if shutters is None else shutters
         motion = motion.motion
     require_known("compare", scene=scene, motion=motion)
-    loss = ExpectedErrorLoss() if loss is None else as_loss(loss, "compare(loss=...)")
+    loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")
     step = step or (lambda name: None)
     motion = settled(motion)
     plan = PLANNED if isinstance(plan, Plan) else plan
-    loss = loss if loss.sees_light else ExpectedErrorLoss()
+    loss = loss if loss.sees_light else loss_of_decoder(scene)
     given = _given(shutters) if shutters else {}
     for name, entry in given.items():
         _require_own_name(name, entry)
@@ -359,14 +362,24 @@ def compare(
         lambda: _bursts(scene),
     ]
     at_best = {}
-    told = isinstance(loss, KnownSpeedLoss)
+    speed = _speed_known(loss, scene)
     found = in_threads(lambda search: search(), searches, num_processors(), first_alone=False)
     for some in filter(None, found):
         step(some[0].name)
-        at_best |= {row.name: replace(row, told=told or row.told) for row in some}
+        some = [row if row.name == BEST_BURST else replace(row, speed=speed) for row in some]
+        at_best |= {row.name: row for row in some}
     names = [name for name in (*fixed, *_RIVALS) if name in at_best]
-    rows = [replace(row, told=told) for row in rows]
+    rows = [replace(row, speed=speed) for row in rows]
     return _with_verdict([at_best[name] for name in names] + rows, given, scene)
+
+
+def _speed_known(loss: AbstractLoss, scene: Scene) -> DecoderSpeed:
+    """What the decoder of a loss knows of the speed; that of the scene where no loss says so."""
+    if isinstance(loss, ExpectedErrorLoss):
+        return "unknown"
+    if isinstance(loss, FoundSpeedLoss):
+        return "found"
+    return "told" if isinstance(loss, KnownSpeedLoss) else scene.decoder_speed
 
 
 def _searchable(motion: AbstractMotion, scene: Scene) -> AbstractMotion:
@@ -463,7 +476,7 @@ def _bursts(scene: Scene) -> list[Row]:
         return []
     measured = evaluate(burst.scene, burst.motion, RectShutter())
     motion = settled(burst.motion)
-    row = Row(OWN_BEST_MOTION, BEST_BURST, RectShutter(), motion, None, measured, told=True)
+    row = Row(OWN_BEST_MOTION, BEST_BURST, RectShutter(), motion, None, measured, speed="told")
     return [replace(row, turns=_turns(scene), num_frames=burst.num_frames)]
 
 
@@ -640,6 +653,9 @@ def _to_build(rows: Sequence[Row], given: Row | None, snapshot: Row) -> Row:
 def _beside(rows: Sequence[Row], chosen: Row, given: Row | None) -> list[str]:
     """Sentences on a better camera than the one to build, and on the nearest simpler one."""
     lines, top = [], _best(rows)
+    if chosen.speed != "unknown" and chosen.takes == {"a stage"}:
+        knows = "finds" if chosen.speed == "found" else "is told"
+        lines.append(f"A stage and a decoder that {knows} the speed: no shutter is needed.")
     is_other = given is not None and given is not chosen and chosen.name not in _SNAPSHOTS
     if given is not None and is_other and given.takes == chosen.takes:
         lines.append(f"{_beginning(given.name)} takes as much and has {_level(given):.2f} dB.")

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import common_dtype, compiled
-from mishutter.blur import LitNodes, lit_nodes, path_ends
+from mishutter.blur import ExposureQuadrature, exposure_quadrature, path_ends
 from mishutter.evaluation import (
     AbstractLoss,
     AbstractResponseLoss,
@@ -25,6 +25,7 @@ from mishutter.evaluation import (
     Plan,
     Records,
     Response,
+    SampledView,
     assembled,
     folded,
     one_real_number,
@@ -34,6 +35,7 @@ from mishutter.evaluation import (
     require_sizes,
     size_class,
     spectra_of,
+    transmittance,
     value_of,
 )
 from mishutter.model import (
@@ -98,7 +100,7 @@ class Exposure(NamedTuple):
         motion: Motion of the sensor.
     """
 
-    nodes: LitNodes
+    nodes: ExposureQuadrature
     motion: AbstractMotion
 
 
@@ -113,7 +115,7 @@ class SpectralObjective(AbstractObjective):
     loss: AbstractResponseLoss
     scene: Scene
     space: DesignSpace
-    nodes: LitNodes | None
+    nodes: ExposureQuadrature | None
     plan: Plan = eqx.field(static=True)
 
     def __call__(self, box: Array) -> Array:
@@ -147,7 +149,7 @@ class Exposures(eqx.Module):
     """The part of the design at each point of a box that transfer functions see."""
 
     space: DesignSpace
-    nodes: LitNodes | None
+    nodes: ExposureQuadrature | None
     num_nodes: int = eqx.field(static=True)
 
     def at(self, box: Array) -> Exposure:
@@ -155,7 +157,9 @@ class Exposures(eqx.Module):
         shutter, motion = self.space.at(box)
         nodes = self.nodes
         if nodes is None:
-            nodes = lit_nodes(shutter, self.num_nodes, np.dtype(box.dtype), path_ends(motion))
+            nodes = exposure_quadrature(
+                shutter, self.num_nodes, np.dtype(box.dtype), path_ends(motion)
+            )
         return Exposure(nodes, as_parabolic(motion))
 
 
@@ -223,7 +227,7 @@ def objective_of(
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free and not space.lags:
             light = space.light(space.shutter, space.motion.half_exposure)
-            nodes = lit_nodes(light, plan.num_nodes, space.dtype, path_ends(space.motion))
+            nodes = exposure_quadrature(light, plan.num_nodes, space.dtype, path_ends(space.motion))
             space = space.without_shutter()
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
@@ -326,7 +330,8 @@ def _records_of_each(
     """Records of a closed profile, and of one with each coordinate alone at 1; one program."""
 
     def one(corner: Array) -> Records:
-        return records(scene, motion, profile.at(corner), plan, *parts_wanted)
+        passed = transmittance(scene, motion, profile.at(corner))
+        return records(SampledView(scene, motion, passed, plan, parts_wanted))
 
     dtype = common_dtype(motion.half_exposure, scene.speeds)
     corners = jnp.eye(num_coordinates + 1, num_coordinates, -1, dtype=dtype)

@@ -15,6 +15,7 @@ from mishutter.evaluation import (
     AbstractLoss,
     AbstractResponseLoss,
     ExpectedErrorLoss,
+    FoundSpeedLoss,
     Item,
     KnownSpeedLoss,
     Plan,
@@ -74,7 +75,7 @@ def needs_of(loss: AbstractLoss | None) -> Needs:
     skipping = Plan(1, 1, 1, 1, skips=True)
     parts = [term.parts(skipping) for term in terms]  # type: ignore[attr-defined]
     errors = [
-        isinstance(t, ExpectedErrorLoss | KnownSpeedLoss)
+        isinstance(t, ExpectedErrorLoss | KnownSpeedLoss | FoundSpeedLoss)
         for t, p in zip(terms, parts, strict=True)
         if p[1]
     ]

@@ -15,7 +15,8 @@ from jaxtyping import Array
 
 from mishutter._core import (
     alone_in_blas,
-    at_once,
+    outside_trace,
+    require,
     require_known,
     require_positive_int,
     require_seed,
@@ -24,10 +25,10 @@ from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
     Automatic,
-    ExpectedErrorLoss,
     Plan,
     as_loss,
     evaluate,
+    loss_of_decoder,
     reduced,
 )
 from mishutter.hardware import Design
@@ -106,7 +107,6 @@ class Outcome(Enum):
     STALLED = "The search stopped where no step lowered the loss, short of its tolerance."
 
 
-_EXPECTED_ERROR = ExpectedErrorLoss()
 _NO_ACCELERATION = "Acceleration does not pay: at constant velocity the loss is no larger."
 _NO_PATH = "A free path does not pay: at constant acceleration the loss is no larger."
 _OF_SLOTS = "No other level of one slot, or of two near one another, lowers the loss."
@@ -118,13 +118,13 @@ class SearchFailedError(RuntimeError):
 
 
 @alone_in_blas()
-@at_once()
+@outside_trace()
 def optimise(
     scene: Scene,
     motion: AbstractMotion | None = None,
     shutter: AbstractShutter | None = None,
     *,
-    loss: AbstractLoss | Callable[..., Any] = _EXPECTED_ERROR,
+    loss: AbstractLoss | Callable[..., Any] | None = None,
     free: str | Iterable[str] | None = None,
     num_coefficients: int = _NUM_COEFFICIENTS,
     num_starts: int | None = None,
@@ -175,7 +175,7 @@ def optimise(
         shutter: Profile to start from, as it is sent to the scene's device, whose kind is kept;
             by default the free-form `starting_shutter` of the scene.
         loss: The loss to be minimised, or a function of scene, motion and shutter; the
-            expected error by default.
+            expected error by default, of the decoder that the scene names.
         free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
             `"acceleration"`; all that can by default, by a loss that sees light. And `"path"`,
             with the acceleration: a `FreeMotion`.
@@ -203,12 +203,14 @@ def optimise(
     """
     require_scene(scene)
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
+    known = isinstance(shutter, AbstractShutter | None)
+    require(known, "optimise(shutter=...)", "be a shutter, as `HannShutter()`", shutter)
     shutter = None if shutter is None else command_of(shutter)
     if num_starts is not None:
         require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
-    loss = as_loss(loss, "optimise(loss=...)")
+    loss = as_loss(loss_of_decoder(scene) if loss is None else loss, "optimise(loss=...)")
     search = partial(
         _optimised,
         loss=loss,
@@ -729,7 +731,7 @@ def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
     return Outcome.STEPS_USED if steps_used else Outcome.STALLED
 
 
-@at_once()
+@outside_trace()
 def starting_shutter(scene: Scene, num_coefficients: int = _NUM_COEFFICIENTS) -> SplineShutter:
     """The free-form profile a search starts from: symmetric if the scene's speeds are.
 

@@ -34,7 +34,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Bare, common_dtype, namespace_of, on_device, require
+from mishutter._core import Unquoted, common_dtype, device_constant, namespace_of, require
 from mishutter.model import (
     AbstractDevice,
     AbstractMotion,
@@ -49,6 +49,7 @@ from mishutter.model import (
     as_parabolic,
     at_coordinates,
     coordinates,
+    filling_half_exposure,
     is_adjustable,
     is_known_zero,
     is_straight,
@@ -190,7 +191,7 @@ class DesignSpace(eqx.Module):
 
     def without_acceleration(self) -> "DesignSpace":
         """The same box, at every point of which the sensor does not accelerate."""
-        return eqx.tree_at(lambda s: s.strongest, self, on_device(np.zeros((), self.dtype)))
+        return eqx.tree_at(lambda s: s.strongest, self, device_constant(np.zeros((), self.dtype)))
 
     def holding(self, motions: Iterable[AbstractMotion]) -> "DesignSpace":
         """The space that reaches down to motions which keep up with fewer objects than it asks."""
@@ -200,7 +201,7 @@ class DesignSpace(eqx.Module):
             if not is_straight(motion)
         ]
         least = np.asarray(min([float(self.demand), *gains]), self.dtype)
-        return replace(self, demand=on_device(least))
+        return replace(self, demand=device_constant(least))
 
     def without_shutter(self) -> "DesignSpace":
         """The space around another shutter than one that is held, the same for all of these.
@@ -222,7 +223,7 @@ class DesignSpace(eqx.Module):
             return space
         held = np.array([name not in self.free for name in _OF_MOTION])
         parabola = as_parabolic(self.motion)
-        return replace(space, motion=parabola, free=_OF_MOTION, held=on_device(held))
+        return replace(space, motion=parabola, free=_OF_MOTION, held=device_constant(held))
 
     @property
     def _is_of_numbers(self) -> bool:
@@ -431,7 +432,7 @@ class DesignSpace(eqx.Module):
         a = _mean_acceleration(self.motion)
         moves = "acceleration" in self.free
         if moves:
-            a = self._unless_held("acceleration", on_device(np.zeros((), self.dtype)), a)
+            a = self._unless_held("acceleration", device_constant(np.zeros((), self.dtype)), a)
         if not isinstance(self.motion, FreeMotion) or moves:
             longest = self.limits.half_exposure_by_stroke(a)
             safe = jnp.where(a > 0, a, 1.0)
@@ -525,15 +526,15 @@ def design_space(
     demand = (fastest - slowest) / 2 if "velocity" in ordered else scene.max_speed.astype(dtype)
     velocity = motion.velocity.astype(dtype)
     bounds = (
-        on_device(np.minimum(slowest, velocity)),
-        on_device(np.maximum(fastest, velocity)),
+        device_constant(np.minimum(slowest, velocity)),
+        device_constant(np.maximum(fastest, velocity)),
     )
     device = jax.tree.map(lambda x: x.astype(dtype), scene.device)
     lags = scene.device is not None and scene.device.lags
     filling = _filling(scene, None if count or lags else shutter)
     filling = None if filling is None else jnp.asarray(filling, dtype)
     counts = count, num_path, path_mirrors
-    strongest = on_device(np.full((), np.inf, dtype))
+    strongest = device_constant(np.full((), np.inf, dtype))
     return DesignSpace(
         shutter, motion, limits, device, filling, *bounds, demand, strongest, ordered, *counts
     )
@@ -545,7 +546,7 @@ def num_free_pieces(scene: Scene, motion: AbstractMotion) -> int:
     Raises:
         ValueError: if it has no even number of equal ones, or the scene has no free path.
     """
-    subject, named = "optimise(free=...)", Bare("path")
+    subject, named = "optimise(free=...)", Unquoted("path")
     requirement = "be a path of an even number of equal pieces, as FreeMotion.fit makes it, to move"
     count = 0
     if isinstance(motion, FreeMotion) and len(set(motion.durations or ())) <= 1:
@@ -597,7 +598,7 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
     if shutter is not None:
         light = float(scene.light(shutter, scene.limits.max_half_exposure).efficiency())
     longest = 2 * rate * light * float(scene.limits.max_half_exposure)
-    return full_well / (2 * rate * light) if longest > full_well else None
+    return float(filling_half_exposure(full_well, rate, light)) if longest > full_well else None
 
 
 def _held_by_kind(motion: AbstractMotion) -> set[str]:

@@ -11,6 +11,7 @@ from mishutter._core import in_threads, num_threads
 from mishutter.evaluation import (
     KERNEL_METRICS,
     SPECTRUM_METRICS,
+    LightLevels,
     Rules,
     Sizes,
     measure,
@@ -20,6 +21,7 @@ from mishutter.evaluation import (
     shapes_of,
     sizes_of,
     too_long,
+    transmittance,
 )
 from mishutter.model import AbstractShutter, ParabolicMotion, Scene
 from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, outside_limits
@@ -55,8 +57,9 @@ class Engine:
     def __init__(self, grid: Grid):
         self.grid = grid
         self.scenes = [frame.seen for frame in grid.frames]
-        axes = grid.accelerations, grid.half_exposures
-        self.outside = [outside_limits(frame, *axes) for frame in grid.frames]
+        self.outside = [
+            outside_limits(frame, grid.accelerations, grid.half_exposures) for frame in grid.frames
+        ]
         self.sizes = [*map(self._sizes, self.scenes, self.outside)]
         self.shapes = shapes_of(self.sizes)
         self.kits = [self._kit(shutter, [shutter]) for shutter in grid.shutters.values()]
@@ -80,8 +83,9 @@ class Engine:
 
     def _motions(self, rows: np.ndarray, columns: np.ndarray) -> ParabolicMotion:
         """The motions of some points, on a leading axis."""
-        axes = self.grid.accelerations[rows], self.grid.half_exposures[columns]
-        return motions_at(*(x.astype(self.grid.dtype) for x in axes))
+        dtype = self.grid.dtype
+        accelerations = self.grid.accelerations[rows].astype(dtype)
+        return motions_at(accelerations, self.grid.half_exposures[columns].astype(dtype))
 
     def _kit(self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]) -> Kit:
         scenes = scenes_for(self.scenes, shutter, skips=self.grid.skips)
@@ -92,8 +96,9 @@ class Engine:
 
     def _rules(self, coordinates: Sequence[AbstractShutter], half_exposure: Any) -> Rules:
         """Rules of quadrature of what light sees of some profiles."""
-        lights = [self.scenes[0].light(each, half_exposure) for each in coordinates]
-        return rules_of(lights, self.shapes, self.grid.dtype)
+        scene = self.scenes[0]
+        passed = [transmittance(scene, half_exposure, each) for each in coordinates]
+        return rules_of(passed, self.shapes, self.grid.dtype)
 
     def _rules_at(
         self, kit: Kit, half_exposures: np.ndarray
@@ -158,14 +163,23 @@ class Engine:
         grid, seen = self.grid, kit.scenes[frame]
         given, own = (grid.photon_rates, grid.read_noises), (seen.photon_rate, seen.read_noise)
         pairs = zip(given, own, strict=True)
-        rates, noises = (np.atleast_1d(np.asarray(o if g is None else g)) for g, o in pairs)
+        levels = (np.atleast_1d(np.asarray(o if g is None else g)) for g, o in pairs)
+        light = LightLevels(*levels)
         found = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
-        wanted = {"metrics": grid.metrics, "light": (rates, noises)}
         halves = np.asarray(motions.half_exposure)
         for index, rules in self._rules_at(kit, halves) if halves.size else ():
             some, own_sizes, own_boxes = jax.tree.map(itemgetter(index), (motions, sizes, boxes))
-            of_kit = some, kit.shutter, rules, self.shapes, own_sizes
-            part = measure(seen, *of_kit, boxes=own_boxes, **wanted)
+            part = measure(
+                seen,
+                some,
+                kit.shutter,
+                rules,
+                self.shapes,
+                own_sizes,
+                metrics=grid.metrics,
+                light=light,
+                boxes=own_boxes,
+            )
             for name, values in part.items():
                 if not found[name].size:
                     found[name] = np.zeros((halves.size, *values.shape[1:]), values.dtype)

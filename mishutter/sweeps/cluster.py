@@ -13,7 +13,7 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from mishutter._core import Bare, require
+from mishutter._core import Unquoted, require
 from mishutter.hardware import package_version
 from mishutter.sweeps.blocks import Arrays, Engine
 from mishutter.sweeps.grid import Block, Grid
@@ -107,7 +107,7 @@ def check_workers(client: Any) -> None:
     ours, subject = package_version(), "sweep(scheduler=...)"
     for address, found in workers.items():
         theirs = found["packages"]["mishutter"] or "unknown"
-        got = Bare(f"{theirs} on {address}")
+        got = Unquoted(f"{theirs} on {address}")
         require(theirs == ours, subject, f"have workers with mishutter {ours}", got)
 
 
@@ -121,7 +121,7 @@ def _check_sendable(grid: Grid) -> None:
     parts = jax.tree.leaves((grid.shutters, grid.search), is_leaf=stays_here)
     kinds = sorted({type(part).__name__ for part in parts if stays_here(part)})
     requirement = "have its shutters and loss from modules that workers can import"
-    got = Bare(f"{', '.join(kinds)} of a script or notebook")
+    got = Unquoted(f"{', '.join(kinds)} of a script or notebook")
     require(not kinds, "sweep(scheduler=...)", requirement, got)
 
 

@@ -4,15 +4,15 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
 
 from mishutter._core import (
     RowLike,
-    at_once,
     named,
+    outside_trace,
     require,
     require_known,
     require_positive_int,
@@ -23,9 +23,9 @@ from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
     Automatic,
-    ExpectedErrorLoss,
     Plan,
     as_loss,
+    loss_of_decoder,
 )
 from mishutter.model import AbstractShutter, Scene, TukeyShutter, baselines
 from mishutter.search import starting_shutter
@@ -41,7 +41,7 @@ Progress = Callable[[int, int], None]
 _LOG = logging.getLogger("mishutter.sweep")
 
 
-@at_once()
+@outside_trace()
 def sweep(
     scenes: Scene | Sequence[Any] | Mapping[str, Any],
     *,
@@ -81,7 +81,7 @@ def sweep(
         optimise: Whether the best profile at each point is found as well; it is the
             shutter `"optimised"`, and its B-spline `coefficients` are kept.
         loss: The loss that the profile minimises, a loss or a function of scene, motion and
-            shutter; the expected error by default.
+            shutter; the expected error by default, of the decoder that the scenes name.
         num_coefficients: Coefficients of the profile.
         max_steps: Steps of the search at each point, at most.
         seed: Of the random starts.
@@ -122,7 +122,7 @@ def sweep(
         _light("sweep(read_noises=...)", read_noises),
         full_well,
         optimise,
-        (loss, num_coefficients, max_steps, seed),
+        _SearchOptions(loss, num_coefficients, max_steps, seed),
         plan,
     )
     with connection(scheduler) as client:
@@ -153,6 +153,15 @@ def _computed_here(grid: Grid, missing: list, blocks: AbstractBlocks):
             yield block
 
 
+class _SearchOptions(NamedTuple):
+    """Arguments of `sweep` for the search of the best profiles, as they are given."""
+
+    loss: AbstractLoss | Callable[..., Any] | None
+    num_coefficients: int
+    max_steps: int
+    seed: int
+
+
 def _grid(
     scenes: Any,
     accelerations: np.ndarray,
@@ -164,7 +173,7 @@ def _grid(
     read_noises: np.ndarray | None,
     full_well: float | None,
     optimise: bool,
-    search: tuple[AbstractLoss | Callable[..., Any] | None, int, int, int],
+    search: _SearchOptions,
     plan: Plan | Automatic | None,
 ) -> Grid:
     what = "scene, as `Scene.load(path)` reads one from a file,"
@@ -188,40 +197,37 @@ def _grid(
         positive = bool(np.isfinite(full_well)) and full_well > 0
         require(positive, "sweep(full_well=...)", "be above 0 e-", full_well)
     grid = Grid(
-        accelerations,
-        half_exposures,
-        velocities,
-        named_scenes,
-        shutters,
-        chosen,
-        photon_rates,
-        read_noises,
-        full_well,
-        None,
-        not isinstance(scenes, Scene),
-        skips(plan),
+        accelerations=accelerations,
+        half_exposures=half_exposures,
+        velocities=velocities,
+        scenes=named_scenes,
+        shutters=shutters,
+        metrics=chosen,
+        photon_rates=photon_rates,
+        read_noises=read_noises,
+        full_well=full_well,
+        search=None,
+        named_scenes=not isinstance(scenes, Scene),
+        skips=skips(plan),
     )
     if optimise:
         one_light = photon_rates is None and read_noises is None
         requirement = "be False where photon_rates or read_noises are given; use scenes for them"
         require(one_light, "sweep(optimise=...)", requirement, optimise)
         require(OPTIMISED not in shutters, "sweep(shutters=...)", "have other names", OPTIMISED)
-        return replace(grid, search=_search(grid.frames, *search))
+        return replace(grid, search=_search(grid.frames, search))
     return grid
 
 
-def _search(
-    frames: Sequence[Frame],
-    loss: AbstractLoss | Callable[..., Any] | None,
-    num_coefficients: int,
-    max_steps: int,
-    seed: int,
-) -> Search:
-    require_positive_int("sweep(max_steps=...)", max_steps)
-    require_seed("sweep(seed=...)", seed)
-    profiles = tuple(starting_shutter(frame.seen, num_coefficients) for frame in frames)
-    chosen = as_loss(ExpectedErrorLoss() if loss is None else loss, "sweep(loss=...)")
-    return Search(chosen, profiles, max_steps, seed)
+def _search(frames: Sequence[Frame], options: _SearchOptions) -> Search:
+    require_positive_int("sweep(max_steps=...)", options.max_steps)
+    require_seed("sweep(seed=...)", options.seed)
+    profiles = tuple(starting_shutter(frame.seen, options.num_coefficients) for frame in frames)
+    loss, decoders = options.loss, {frame.scene.decoder_speed for frame in frames}
+    requirement = "name one decoder_speed, where no loss is given"
+    require(loss is not None or len(decoders) == 1, "sweep(scenes=...)", requirement, decoders)
+    loss = loss_of_decoder(frames[0].scene) if loss is None else loss
+    return Search(as_loss(loss, "sweep(loss=...)"), profiles, options.max_steps, options.seed)
 
 
 def _shutters(given: Mapping[str, Any] | None) -> dict[str, AbstractShutter]:

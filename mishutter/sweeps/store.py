@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from mishutter._core import Bare, describe, require
+from mishutter._core import Unquoted, describe, require
 from mishutter.sweeps.grid import METRICS, REASONS, Block, Grid
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class StoredBlocks(AbstractBlocks):
 
         self.grid, self.path = grid, Path(path)
         occupied = self.path.exists()
-        folder, got = not occupied or self.path.is_dir(), Bare(f"a file, '{path}'")
+        folder, got = not occupied or self.path.is_dir(), Unquoted(f"a file, '{path}'")
         require(folder, _SUBJECT, "be a folder", got)
         if make and not (occupied and any(self.path.iterdir())):
             try:

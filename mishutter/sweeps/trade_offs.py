@@ -1,13 +1,26 @@
 """Reading a sweep: the best points, the Pareto front, and the gain of coding."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mishutter._core import RowLike, as_float, at_once, require
-from mishutter.evaluation import distinct_speeds, num_frequencies, picture_power
-from mishutter.model import Scene, frequency_grid, pixel_response, require_scene
+from mishutter._core import RowLike, as_float, outside_trace, require
+from mishutter.evaluation import (
+    LightLevels,
+    distinct_speeds,
+    lost_share,
+    num_frequencies,
+    power_on_grid,
+)
+from mishutter.model import (
+    Scene,
+    filling_half_exposure,
+    frequencies,
+    noise_power,
+    pixel_response,
+    require_scene,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -166,7 +179,7 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
     return gain.to_dataset(name="gain").assign(places)
 
 
-@at_once()
+@outside_trace()
 def best_snapshots(
     scene: Scene, photon_rates: RowLike | None = None, read_noises: RowLike | None = None
 ) -> "xarray.Dataset":
@@ -189,33 +202,34 @@ def best_snapshots(
     require_scene(scene)
     rates = _light("photon_rates", scene.photon_rate if photon_rates is None else photon_rates)
     noises = _light("read_noises", scene.read_noise if read_noises is None else read_noises)
-    light = rates[:, None], noises[None]
+    light = LightLevels(rates[:, None], noises[None])
     low, high = float(scene.limits.min_half_exposure), float(scene.limits.max_half_exposure)
     longest = np.full((1, 1), high)
     if scene.full_well is not None:
-        with np.errstate(divide="ignore"):
-            filling = float(scene.full_well) / (2 * np.asarray(rates, np.float64)[:, None])
+        filling = filling_half_exposure(scene.full_well, rates)[:, None]
         longest = np.clip(filling, low, high)
     half = np.geomspace(np.full_like(longest, low), longest, _NUM_EXPOSURES)[:, None]
     ratio = (longest / low) ** (1 / (_NUM_EXPOSURES - 1))
     velocity = _pans(scene)[:, None, None]
-    ends = velocity.min(), velocity.max()
-    step = (ends[1] - ends[0]) / (_NUM_VELOCITIES - 1)
+    slowest, fastest = velocity.min(), velocity.max()
+    step = (fastest - slowest) / (_NUM_VELOCITIES - 1)
     for _ in range(_NUM_REFINEMENTS):
-        best = _best_snapshot(scene, half, velocity, *light)
+        best = _best_snapshot(scene, half, velocity, light)
         near = np.linspace(-1, 1, _NUM_NEAR)[:, None, None]
-        half = np.clip(best[0] * ratio**near, low, longest)[:, None]
-        velocity = np.clip(best[1] + step * near, *ends) if step > 0 else best[1][None]
+        half = np.clip(best.half_exposure * ratio**near, low, longest)[:, None]
+        velocity = best.velocity[None]
+        if step > 0:
+            velocity = np.clip(best.velocity + step * near, slowest, fastest)
         ratio, step = np.sqrt(ratio), step / 2
-    half, velocity, error = _best_snapshot(scene, half, velocity, *light)
+    best = _best_snapshot(scene, half, velocity, light)
     dimensions = ("photon_rate", "read_noise")
     with np.errstate(divide="ignore"):  # a picture without detail is restored without error
-        level = -10 * np.log10(error)
+        level = -10 * np.log10(best.error)
     return xarray.Dataset(
         {
             "expected_psnr": (dimensions, level, {"units": "dB"}),
-            "half_exposure": (dimensions, half, {"units": "s"}),
-            "velocity": (dimensions, velocity, {"units": "px/s"}),
+            "half_exposure": (dimensions, best.half_exposure, {"units": "s"}),
+            "velocity": (dimensions, best.velocity, {"units": "px/s"}),
         },
         {"photon_rate": rates, "read_noise": noises},
     )
@@ -230,27 +244,43 @@ def _pans(scene: Scene) -> np.ndarray:
     return np.unique([0.0, *np.linspace(slowest, fastest, _NUM_VELOCITIES), *frequent])
 
 
+class _Snapshots(NamedTuple):
+    """Snapshots, one under each light; shape `(p, r)` each.
+
+    Attributes:
+        half_exposure: s.
+        velocity: px/s.
+        error: Expected squared error, white = 1.
+    """
+
+    half_exposure: np.ndarray
+    velocity: np.ndarray
+    error: np.ndarray
+
+
 def _best_snapshot(
-    scene: Scene, half: np.ndarray, velocity: np.ndarray, rates: np.ndarray, noises: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Half exposure, velocity and error of the best of some snapshots under each light.
+    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels
+) -> _Snapshots:
+    """The best of some snapshots under each light.
 
     Args:
         scene: The scene.
         half: Half exposures, s; shape `(e, 1, p, r)`, or 1 for either light.
         velocity: Velocities, px/s; shape `(v, p, r)`, or 1 for either.
-        rates: e-/s; shape `(p, 1)`.
-        noises: e-; shape `(1, r)`.
+        light: Photon rates of shape `(p, 1)`, read noises of shape `(1, r)`.
     """
     if scene.limits.pans == "stage":
         furthest = float(scene.limits.max_stroke) / (2 * half)
         velocity = np.clip(velocity, -furthest, furthest)
-    error = _snapshot_error(scene, half, velocity, rates, noises)
+    error = _snapshot_error(scene, half, velocity, light)
     flat = error.reshape(-1, *error.shape[2:])
     index = np.argmin(flat, axis=0)[None]
-    of_all = (np.broadcast_to(x, error.shape).reshape(flat.shape) for x in (half, velocity))
-    found = [np.take_along_axis(x, index, 0)[0] for x in (*of_all, flat)]
-    return tuple(found)
+
+    def at_best(values: np.ndarray) -> np.ndarray:
+        every = np.broadcast_to(values, error.shape).reshape(flat.shape)
+        return np.take_along_axis(every, index, 0)[0]
+
+    return _Snapshots(at_best(half), at_best(velocity), at_best(error))
 
 
 def _light(name: str, values: RowLike) -> np.ndarray:
@@ -269,7 +299,7 @@ def _psnr(subject: str, dataset: "xarray.Dataset") -> "xarray.DataArray":
 
 
 def _snapshot_error(
-    scene: Scene, half: np.ndarray, velocity: np.ndarray, rates: np.ndarray, noises: np.ndarray
+    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels
 ) -> np.ndarray:
     r"""Expected squared error of an open shutter on a sensor that pans; `(e, v, p, r)`.
 
@@ -283,29 +313,23 @@ def _snapshot_error(
         here = velocity == pan
         counts[here] = num_frequencies(scene, spread[here], float(pan))
     counts = counts.max(axis=(2, 3))
-    total = np.zeros((*half.shape[:2], rates.shape[0], noises.shape[1]))
+    shape = light.photon_rates.shape[0], light.read_noises.shape[1]
+    total = np.zeros(half.shape[:2] + shape)
     for count in np.unique(counts):
         rows = counts == count
-        total[rows] = _error_of_pans(scene, half[rows], velocity[rows], rates, noises, int(count))
+        total[rows] = _error_of_pans(scene, half[rows], velocity[rows], light, int(count))
     return total
 
 
 def _error_of_pans(
-    scene: Scene,
-    half: np.ndarray,
-    velocity: np.ndarray,
-    rates: np.ndarray,
-    noises: np.ndarray,
-    count: int,
+    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels, count: int
 ) -> np.ndarray:
     """The same over a number of frequencies; `(n, p, r)`."""
-    dtype = np.dtype(scene.speeds.dtype)
-    frequency = np.asarray(frequency_grid(count, dtype), np.float64)
-    power = np.asarray(picture_power(scene, count, dtype), np.float64)
+    frequency, power = frequencies(count), power_on_grid(scene, count)
     speeds, weights = (np.asarray(x, np.float64) for x in (scene.speeds, scene.weights))
     travel = 2 * (speeds - velocity[..., None]) * half[..., None]
-    electrons = rates * 2 * half
-    noise = float(scene.mean_level) * electrons + noises**2
+    electrons = np.asarray(light.photon_rates) * 2 * half
+    noise = noise_power(1.0, float(scene.mean_level), electrons, np.asarray(light.read_noises))
     total = np.zeros(np.broadcast_shapes(electrons.shape, noise.shape))
     blur = float(scene.lens_blur)
     num_parts = -(-count * max(travel.size, total.size) // _NUM_AT_A_TIME)
@@ -315,10 +339,7 @@ def _error_of_pans(
         mean = responses @ weights
         spread = ((responses - mean[..., None]) ** 2) @ weights
         signal = level * electrons**2
-        whole = signal * (mean**2 + spread) + noise
-        left = signal * spread + noise
-        share = np.divide(left, whole, where=whole > 0, out=np.ones_like(whole))
-        total += np.sum(level * share, axis=0)
+        total += np.sum(level * lost_share(signal, mean**2, spread, noise), axis=0)
     return total / count
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mishutter._core import compiling
-from mishutter._core.compiling import at_once, compiled
+from mishutter._core.compiling import compiled, outside_trace
 from mishutter._core.parallel import in_threads
 
 
@@ -99,7 +99,7 @@ def test_without_compiling_it_says_the_same():
     with jax.disable_jit():
         found = program(x)
     assert np.allclose(found, _doubled_cube(x) + _doubled_cube(2 * x), rtol=1e-15)
-    assert not compiling.in_a_program()
+    assert not compiling.is_tracing()
 
 
 def test_the_operation_that_made_a_nan_is_named():
@@ -115,7 +115,7 @@ def test_the_operation_that_made_a_nan_is_named():
 def test_a_function_of_known_numbers_may_be_called_in_a_trace():
     """Decorated so, it finds numbers there, as it does elsewhere."""
 
-    @at_once()
+    @outside_trace()
     def whole(x):
         return float(jnp.sum(jnp.sin(x)))
 

@@ -34,13 +34,13 @@ FULL_SWEEP = 800
 DTYPES = {"float64": np.float64, "float32": np.float32}
 
 CORPUS = {
-    "an arm's end, of a slow object": (
+    "a branch's end, of a slow object": (
         "flutter sensor float32",
         (5765.2217, 0.12375513, -0.018968461),
         "87.63766 87.745575 87.84615 87.86455 87.938065 88.05675 88.07994 88.16602 88.17286 "
         "88.243195 88.331215 88.57129 88.66878 88.67334 88.72473 88.92164 88.92699",
     ),
-    "an arm's end, of an object at rest": (
+    "a branch's end, of an object at rest": (
         "gaussian sensor float64",
         (34356664290316.895, 3.6205829865135326e-05, -0.0),
         "45029.04351648677 45031.12171471332 45031.45355214582 45032.33967209603 "
@@ -186,7 +186,7 @@ def test_objects_at_rest(slug, precision):
 @pytest.mark.parametrize("precision", DTYPES)
 @pytest.mark.parametrize("slug", ["hann", "spline-symmetric"])
 def test_slow_objects_under_a_symmetric_profile(slug, precision):
-    """By speed, where the arms of the path all but cancel: of what is left, not of one arm."""
+    """By speed, where the branches all but cancel: relative to their sum, not to one branch."""
     dtype, rng = DTYPES[precision], np.random.default_rng(3)
     for index in range(12):
         stroke, T = 10 ** rng.uniform(-6, 6), dtype(10 ** rng.uniform(-6, 3))

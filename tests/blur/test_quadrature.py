@@ -11,7 +11,7 @@ import pytest
 from support.cases import SHUTTERS
 
 from mishutter import TukeyShutter
-from mishutter.blur.quadrature import lit_nodes
+from mishutter.blur.quadrature import exposure_quadrature
 
 PHASE_PER_NODE = 1.6
 """Radians: a little less than a plan allows each node."""
@@ -20,8 +20,8 @@ PHASE_PER_NODE = 1.6
 @partial(jax.jit, static_argnames="num_nodes")
 def by_nodes(taper, turn, num_nodes):
     """Half the integral of w cos(turn tau), of a taper that is traced."""
-    nodes = lit_nodes(TukeyShutter(taper), num_nodes, np.dtype(float))
-    return jnp.sum(nodes.light * jnp.cos(turn * nodes.tau))
+    nodes = exposure_quadrature(TukeyShutter(taper), num_nodes, np.dtype(float))
+    return jnp.sum(nodes.weight * jnp.cos(turn * nodes.tau))
 
 
 def closed_form(taper, turn):
@@ -66,14 +66,14 @@ def test_nodes_of_a_known_shutter_are_as_exact(slug, num_nodes, ends):
     def sums(tau, light):
         return np.exp(1j * turn[:, None] * (tau + 1) ** 2 / 4) @ light
 
-    nodes = lit_nodes(shutter, num_nodes, dtype, ends)
+    nodes = exposure_quadrature(shutter, num_nodes, dtype, ends)
     cuts = np.asarray(shutter.breakpoints(dtype).high)
     cuts = np.unique([np.linspace(*pair, 101) for pair in itertools.pairwise(cuts)])
     place, weight = np.polynomial.legendre.leggauss(24)
     half = np.diff(cuts)[:, None] / 2
     tau = (cuts[:-1, None] + half * (1 + place)).ravel()
     light = (half * weight / 2).ravel() * np.asarray(shutter.transmittance(tau))
-    found = sums(np.asarray(nodes.tau), np.asarray(nodes.light))
+    found = sums(np.asarray(nodes.tau), np.asarray(nodes.weight))
     np.testing.assert_allclose(found, sums(tau, light), rtol=0, atol=1e-14)
     np.testing.assert_allclose(nodes.efficiency, shutter.efficiency(), rtol=1e-14)
     assert nodes.tau.size <= max(num_nodes + 192, 512)
@@ -81,6 +81,6 @@ def test_nodes_of_a_known_shutter_are_as_exact(slug, num_nodes, ends):
 
 def test_few_nodes_are_left_over():
     """Pieces of no matter which lengths together take little more than as many were asked for."""
-    nodes = lit_nodes(TukeyShutter(0.3), 1024, np.dtype(np.float32))
-    assert nodes.tau.dtype == nodes.light.dtype == np.float32
+    nodes = exposure_quadrature(TukeyShutter(0.3), 1024, np.dtype(np.float32))
+    assert nodes.tau.dtype == nodes.weight.dtype == np.float32
     assert nodes.tau.size < 1.2 * 1024

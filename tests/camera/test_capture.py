@@ -17,8 +17,8 @@ from support.time_sampling import captured_footage, captured_layers, captured_pi
 from support.videos import film
 
 import mishutter as ms
-from mishutter.camera.noise import _RUN, noise_variance, recorded, shot_electrons
-from mishutter.model import panned
+from mishutter.camera.noise import _RUN, recorded, shot_electrons
+from mishutter.model import noise_power, panned
 from mishutter.model.images import shipped_picture
 
 HALF = 0.011
@@ -210,7 +210,7 @@ def test_noise_has_the_variance_of_equation_four():
     light = jnp.full((200, 500), 0.3)
     p = float(SCENE.photon_rate) * 2 * HALF
     noisy = recorded(light, p, 6.0, key=jax.random.key(3))
-    variance = float(noise_variance(SCENE, MOVING, 1.0, 0.3))
+    variance = float(noise_power(1.0, 0.3, p, 6.0, unit=p))
     assert variance == pytest.approx(0.3 / p + (6.0 / p) ** 2)
     assert abs(float(jnp.mean(noisy)) - 0.3) < 4 * np.sqrt(variance / light.size)
     assert float(jnp.var(noisy)) == pytest.approx(variance, rel=4 * np.sqrt(2 / light.size))

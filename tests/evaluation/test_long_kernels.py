@@ -21,7 +21,7 @@ from mishutter import (
     optimise,
     sweep,
 )
-from mishutter.evaluation.lengths import FURTHEST_GAP, aligned
+from mishutter.model.alignment import FURTHEST_GAP, aligned
 from mishutter.sweeps.grid import REASONS
 
 PSNR_ERROR = 0.02

@@ -14,6 +14,7 @@ from mishutter import (
     ChippedShutter,
     DesignLoss,
     ExpectedErrorLoss,
+    FoundSpeedLoss,
     KnownSpeedLoss,
     Limits,
     ParabolicMotion,
@@ -39,6 +40,7 @@ LOSSES = {
     "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),
     "expected_error": ExpectedErrorLoss(),
     "known_speed": KnownSpeedLoss(),
+    "found_speed": FoundSpeedLoss(0.7),
 }
 
 
@@ -90,6 +92,21 @@ def test_a_decoder_that_is_told_the_speed_leaves_less():
     assert found < float(told(built, MOTION, shutter)) < float(untold(built, MOTION, shutter))
     one = Scene([250.0], **light, tolerances=Tolerances(acceleration=0.04, speed=60.0))
     np.testing.assert_allclose(told(one, MOTION, shutter), untold(one, MOTION, shutter), rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_decoder_that_finds_the_speed_keeps_a_share_of_what_being_told_brings():
+    """In decibels, by the metric too; a share of 0 is one filter, and of 1 is being told."""
+    scene = Scene([-700.0, 250.0], photon_rate=2e5, read_noise=4.0, deviation=0.17)
+    shutter, metrics = TukeyShutter(0.6), evaluate(scene, MOTION, TukeyShutter(0.6))
+    told, untold = float(metrics.known_speed_psnr), float(metrics.expected_psnr)
+    assert float(metrics.found_speed_psnr) == pytest.approx(untold + 0.8 * (told - untold))
+    for share in (0.0, 0.35, 0.8, 1.0):
+        level = untold + share * (told - untold)
+        loss = float(FoundSpeedLoss(share)(scene, MOTION, shutter))
+        assert loss == pytest.approx(10 ** (-level / 20) / 0.17, rel=1e-12)
+    with pytest.raises(ValueError, match=r"must be from 0 to 1; got 1\.2"):
+        FoundSpeedLoss(1.2)
 
 
 def test_a_spectral_zero_counts_as_the_working_precision():

@@ -31,8 +31,9 @@ from mishutter.evaluation.metrics import (
     picture_power,
     spectral_levels,
 )
-from mishutter.evaluation.needs import PLANNED, Plan, sizes
+from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Plan, sizes
 from mishutter.evaluation.response import respond
+from mishutter.evaluation.sensor_view import sampled_view
 from mishutter.model.optics import frequencies, frequency_grid
 
 HALF_EXPOSURE = 0.013
@@ -345,7 +346,7 @@ def test_the_share_of_the_bound_is_that_of_its_definition(plan):
 def test_the_vertex_alignment_changes_no_power():
     """The response on the grid has the modulus of the public transfer function."""
     plan = Plan(64, 256, 64, 512)
-    response = respond(SCENE, MOTION, SHUTTER, plan, kernels=False)
+    response = respond(sampled_view(SCENE, MOTION, SHUTTER, plan, ONLY_SPECTRA))
     frequency = frequency_grid(64, np.dtype(np.float64))
     public = jax.vmap(lambda s: transfer_function(SHUTTER, MOTION, speed=s, frequency=frequency))(
         SCENE.speeds
@@ -360,7 +361,7 @@ def test_the_grid_resolves_a_long_flat_top(taper):
     scene = Scene([270 / HALF_EXPOSURE, 0.0], photon_rate=1e5, read_noise=1.0)
     shutter = TukeyShutter(taper)
     plan = sizes(scene, motion)
-    response = respond(scene, motion, shutter, plan, kernels=False)
+    response = respond(sampled_view(scene, motion, shutter, plan, ONLY_SPECTRA))
     frequency = frequency_grid(plan.num_frequencies, np.dtype(np.float64))
     public = [
         transfer_function(shutter, motion, speed=s, frequency=frequency) for s in scene.speeds
@@ -384,8 +385,8 @@ def test_extremes_of_light_and_noise_give_finite_errors(rate, noise, shutter):
     def error(half_exposure, read_noise):
         scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=read_noise)
         motion = ParabolicMotion(acceleration=MOTION.acceleration, half_exposure=half_exposure)
-        response = respond(scene, motion, shutter, Plan(64, 256, 64, 256), kernels=False)
-        return expected_squared_error(scene, motion, response)
+        view = sampled_view(scene, motion, shutter, Plan(64, 256, 64, 256), ONLY_SPECTRA)
+        return expected_squared_error(scene, motion, respond(view))
 
     value, gradient = jax.value_and_grad(error, argnums=(0, 1))(HALF_EXPOSURE, noise)
     assert np.isfinite(value)

@@ -169,10 +169,10 @@ def test_velocities_in_a_batch():
 
 def test_the_loss_of_a_search_is_that_of_shifted_speeds():
     """Whatever part of it is computed from spectra that were written down before."""
-    from mishutter.blur import lit_nodes
+    from mishutter.blur import exposure_quadrature
     from mishutter.search.objective import Exposure
 
-    nodes = lit_nodes(TukeyShutter(0.37), SMALL.num_nodes, np.dtype(float))
+    nodes = exposure_quadrature(TukeyShutter(0.37), SMALL.num_nodes, np.dtype(float))
     found = [
         SpectralLoss(LOSSES["expected error"], scene(speeds), SMALL).at(
             Exposure(nodes, PARABOLA(velocity=velocity))

@@ -30,7 +30,7 @@ from mishutter import (
     optimise,
     tolerance_costs,
 )
-from mishutter.blur import lit_nodes
+from mishutter.blur import exposure_quadrature
 from mishutter.evaluation import spectra_of, squared_error_within
 from mishutter.evaluation.ensembles import drive_variance, ensemble_of, ensemble_weights
 from mishutter.model import seen_from
@@ -223,7 +223,7 @@ def test_the_error_of_a_filter():
     electrons = float(SCENE.photon_rate) * 2 * float(MOTION.half_exposure)
     noise = float(SHUTTER.efficiency()) * 0.25 / electrons
     noise += (float(SCENE.read_noise) / electrons) ** 2
-    nodes = lit_nodes(SHUTTER, 512, np.dtype(np.float64))
+    nodes = exposure_quadrature(SHUTTER, 512, np.dtype(np.float64))
 
     def response(seen):
         return np.asarray(spectra_of(seen, nodes, MOTION, 512)) * np.sinc(frequency)

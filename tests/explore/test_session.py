@@ -21,8 +21,9 @@ from mishutter import (
 )
 from mishutter.explore import pictures
 from mishutter.explore import session as sessions
-from mishutter.explore.answers import curves
+from mishutter.explore.answers import curves, first_answer
 from mishutter.explore.session import Order, Request, Session, SupersededError
+from mishutter.search.space import beyond_limits
 
 TABLES = tomllib.loads(SMALL_SCENE.replace('path = "photo.png"', "mean_level = 0.23"))
 del TABLES["motion"]
@@ -62,6 +63,17 @@ def test_the_first_answer_is_a_design_for_the_new_scene(started):
     before = evaluate(library_scene(1.1e5), started.design.motion, started.design.shutter)
     assert psnr(answer) >= float(before.expected_psnr) - 1e-9
     assert psnr(answer) < float(started.design.metrics.expected_psnr)
+
+
+@pytest.mark.slow
+def test_first_answers_are_within_what_the_stage_reaches(started):
+    """Also where its travel and its acceleration end sooner than stroke and top speed."""
+    tables = TABLES | {"limits": TABLES["limits"] | {"max_travel_px": 7.0}}
+    scene = sessions.built(tables | {"light": {"photon_rate_per_s": 1.9e5}}, {})
+    for turn in (0, 1):
+        found = first_answer(scene, started.design, turn)
+        assert not beyond_limits(scene, found.motion, found.shutter)
+    assert beyond_limits(scene, started.design.motion, started.design.shutter) == ("travel",)
 
 
 @pytest.mark.slow

@@ -53,6 +53,22 @@ def test_a_picture_gives_the_spectrum(tmp_path):
     np.testing.assert_allclose(scene.power_spectrum, spectrum.power_spectrum, rtol=1e-12)
 
 
+@pytest.mark.parametrize("speed", ["found", "told"])
+def test_a_file_names_the_decoder(speed, tmp_path):
+    """What it knows of the speed is kept by the file that is written; a third word is refused."""
+    text = f'{EXAMPLE}\n[decoder]\nspeed = "{speed}"\n'
+    scene = Scene.load(str(written(tmp_path, text)))
+    assert scene.decoder_speed == speed
+    again = read_scene(written(tmp_path, scene_text(scene), "again.toml"))
+    assert again.decoder_speed == speed
+    with pytest.raises(ValueError, match=r"`\[decoder\] speed` must be .*; got 'guessed'"):
+        read_scene(written(tmp_path, text.replace(speed, "guessed")))
+    with pytest.raises(
+        ValueError, match=r"`Scene\(decoder_speed=...\)` must be 'unknown', 'found'"
+    ):
+        Scene([1.0], photon_rate=1.0, read_noise=1.0, decoder_speed="guessed")  # type: ignore[arg-type]
+
+
 def test_picture_paths_start_at_the_file(tmp_path, monkeypatch):
     """A relative path is taken from the scene file's folder, wherever one stands."""
     folder = tmp_path / "scenes"

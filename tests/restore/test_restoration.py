@@ -13,7 +13,6 @@ from support.programs import compiled_programs
 
 import mishutter as ms
 from mishutter.camera.capture import kernel_layout, noisy
-from mishutter.camera.noise import noise_variance
 from mishutter.model import panned
 from mishutter.restore.restoration import _common_columns, _Errors, _levels, restore_by_each
 
@@ -127,7 +126,8 @@ def textbook_filter(known, shutter, columns):
         responses.append(np.asarray(wave) * to_vertex * np.sinc(f))
     grid = (np.arange(256) + 0.5) / 512
     power = 0.1**2 / (f**2 + 0.01**2) / np.mean(1 / (grid**2 + 0.01**2))
-    noise = float(noise_variance(known, camera(), shutter.efficiency()))
+    p = float(known.photon_rate) * float(camera().exposure)
+    noise = (float(shutter.efficiency()) * float(known.mean_level) * p + 4.0**2) / p**2
     shares = np.asarray(known.weights)[:, None]
     mean = np.sum(shares * np.conj(responses), axis=0)
     return power * mean / (power * np.sum(shares * np.abs(responses) ** 2, axis=0) + noise)

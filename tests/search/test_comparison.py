@@ -14,6 +14,7 @@ from mishutter import (
     ExpectedErrorLoss,
     GaussianShutter,
     HannShutter,
+    KnownSpeedLoss,
     Limits,
     LinearMotion,
     ParabolicMotion,
@@ -42,6 +43,17 @@ from mishutter.search.comparison import (
 )
 
 ROUNDING_DB = 1e-9
+
+
+TOLD = Scene.uniform(
+    max_speed=2000.0,
+    num_speeds=5,
+    photon_rate=1e5,
+    read_noise=10.0,
+    limits=SCENE.limits,
+    decoder_speed="told",
+)
+"""The small scene, for a decoder that is told the speed."""
 
 
 @pytest.fixture(scope="module")
@@ -212,6 +224,33 @@ def test_a_free_path_is_advised_where_the_design_does_not_pay():
     found = verdict(levels | {BEST_SNAPSHOT: 23.95}, "a").verdict.splitlines()
     assert found[0] == "Build shaped on a free path: 24.75 dB, 0.80 dB above the best snapshot."
     assert found[2] == "a takes as much and has 24.00 dB."
+
+
+@pytest.mark.slow
+def test_a_scene_names_the_decoder_that_all_are_judged_by():
+    """Design, rivals, gain and ceiling are of it, as by the loss of that decoder."""
+    design = optimise(TOLD, num_starts=6)
+    same = optimise(SCENE, loss=KnownSpeedLoss(), num_starts=6)
+    assert float(design.loss) == float(same.loss)
+    found = compare(TOLD, design)
+    assert {row.speed for row in found.rows} == {"told"}
+    levels = [float(row.metrics.known_speed_psnr) for row in found.rows]
+    assert [row.level for row in found.rows] == levels
+    assert max(levels) <= found.ceiling
+    of_loss = compare(SCENE, same, loss=KnownSpeedLoss())
+    assert found.text() == of_loss.text()
+
+
+def test_a_decoder_that_finds_the_speed_needs_no_shutter_where_an_open_one_is_as_good():
+    """The verdict says so of a row that takes a stage alone, and not of one with a shutter too."""
+    words = "A stage and a decoder that finds the speed: no shutter is needed."
+    for level, speed, is_said in ((23.0, "found", 1), (23.0, "unknown", 0), (25.0, "found", 0)):
+        rows = [
+            replace(row, speed=speed, metrics=replace(row.metrics, known_speed_psnr=known))
+            for row in made_up({"rect": 24.0, "Hann": level, BEST_SNAPSHOT: 22.0})
+            for known in [row.metrics.expected_psnr]
+        ]
+        assert (words in _with_verdict(rows, {}, SCENE).verdict) == bool(is_said)
 
 
 def test_gains_are_over_the_best_snapshot_that_is_allowed():

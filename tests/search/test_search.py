@@ -1,5 +1,6 @@
 """The search: never worse than its starts, the same minimum by another solver, honest ends."""
 
+import inspect
 import re
 import sys
 from functools import partial
@@ -559,6 +560,12 @@ def test_what_cannot_be_searched_is_refused(arguments, text):
     motion, shutter = call.pop("motion"), call.pop("shutter")
     with pytest.raises(ValueError, match=text):
         optimise(SCENE, motion, shutter, **call)
+
+
+def test_a_name_is_no_shutter():
+    """The line says what is one; where annotations are not checked it comes before all."""
+    with pytest.raises(ValueError, match=r"must be a shutter, as `HannShutter\(\)`; got 'hann'"):
+        inspect.unwrap(optimise)(SCENE, None, "hann")
 
 
 def test_certificate_is_zero_at_a_corner_that_pushes_outwards():

@@ -1,4 +1,4 @@
-"""The exposure integral with every piece of the shutter taken at every tap, on both arms.
+"""The exposure integral with every piece of the shutter taken at every tap, on both branches.
 
 Slow and plain: nothing is sorted, counted or gathered, speeds are double words, and
 derivatives are those of the formulae themselves. The package's own way is held to it.
@@ -64,7 +64,7 @@ def _speed_squared_jvp(from_vertex, primals, tangents):
 
 
 def _pieces(track, length):
-    """Ends of each piece on each arm, and the time from its inner one to the vertex."""
+    """Ends of each piece on each branch, and the time from its inner one to the vertex."""
     outwards = jnp.stack([-track.velocity, track.velocity])
     on_arm = outwards >= 0
     high = jnp.where(on_arm, track.position.high, track.vertex.high)
@@ -115,7 +115,7 @@ def _light(profile, pieces, edges, velocity, stroke):
 
 
 def time_between(distance, before, after, stroke):
-    """Time between two points of an arm, by the better known of their distance and speeds."""
+    """Time between two points of a branch, by the better known of their distance and speeds."""
     far_apart = after > 2 * before
     safe_rate = jnp.where(far_apart, 2 * stroke, 1.0)
     total = before + after

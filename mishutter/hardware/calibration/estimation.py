@@ -1,4 +1,4 @@
-"""A camera as it was built, fitted to what it recorded."""
+"""A camera as it was built, fitted to its measurements."""
 
 import warnings
 from collections.abc import Sequence
@@ -9,13 +9,12 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter._core import Bare, as_float, fields_text, require, require_positive_int
+from mishutter._core import Unquoted, as_float, fields_text, require, require_positive_int
 from mishutter.hardware.calibration.likelihood import (
     Setting,
     Solution,
     likeliest_start,
     solved,
-    spline_knots,
 )
 from mishutter.hardware.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.hardware.calibration.uncertainty import WIDEST, ErrorBars, error_bars
@@ -30,13 +29,15 @@ from mishutter.model import (
     SplineShutter,
     require_scene,
     scene_text,
+    spline_knots,
 )
 
 _SPEEDS = tuple(0.1 * k for k in range(-6, 7))
 """Normalised speeds from which a fit of an unknown one starts."""
 _LEAST_STROKE = 1.0
+"""Least stroke of a motion that can be fitted; px."""
 _IMPLAUSIBLE = 0.003
-"""Share of right fits whose residuals are that great, or that small, below which one is doubted."""
+"""Probability of residuals as great, or as small, of a right fit, below which a fit is doubted."""
 
 
 class Estimate(NamedTuple):
@@ -45,7 +46,7 @@ class Estimate(NamedTuple):
     Attributes:
         value: The number.
         error: Standard deviation, as `mishutter.hardware.calibration.uncertainty` derives it;
-            infinite where the measurements do not show the number.
+            infinite if the number is not identifiable.
     """
 
     value: float
@@ -59,15 +60,16 @@ class FittedCamera:
     Attributes:
         motion: The stage's motion, on the camera's clock.
         shutter: The transmittance.
-        coefficients: Its B-spline coefficients before they are held to [0, 1]; shape `(n,)`.
+        coefficients: Its B-spline coefficients before they are clipped to [0, 1]; shape `(n,)`.
         coefficient_errors: Their error bars; shape `(n,)`.
         estimates: The other numbers by name, with their units in the name.
-        not_identifiable: What the measurements do not see, in sentences.
-        levels: Rows' means of each picture.
-        expected: The levels that the fitted camera gives.
+        not_identifiable: Sentences about numbers that the measurements do not determine.
+        names: Names of the pictures.
+        levels: Mean of the rows of each picture.
+        expected: Levels that the fitted camera gives.
         noise: Standard deviations of the levels.
-        chi_squared: Sum of squares over noise, of `num_levels` levels.
-        num_free: How many parameters the measurements determine.
+        chi_squared: Sum of the squares of all residuals, each over its noise.
+        num_free: Number of parameters that the measurements determine.
     """
 
     motion: ParabolicMotion
@@ -98,23 +100,23 @@ class FittedCamera:
 
     @property
     def reduced_chi_squared(self) -> float:
-        """Sum of squares over noise for each level that is free; near 1 of a model that holds."""
+        """Chi squared for each degree of freedom; near 1 if the model explains the pictures."""
         return self.chi_squared / self._num_degrees
 
     @property
     def chance(self) -> float:
-        """Share of right fits in which noise alone leaves a greater sum of squares."""
+        """Probability that noise alone leaves a greater chi squared."""
         from scipy.stats import chi2
 
         return float(chi2.sf(self.chi_squared, self._num_degrees))
 
     @property
     def doubt(self) -> str | None:
-        """Why residuals are implausible, and what to try; None where they may be noise."""
+        """The reason to doubt the fit, and remedies; None if its residuals may be noise."""
         reduced = self.reduced_chi_squared
         if self.chance < _IMPLAUSIBLE:
-            each = zip(self.levels, self.expected, self.noise, strict=True)
-            squares = [float(np.mean(((row - mean) / noise) ** 2)) for row, mean, noise in each]
+            pictures = zip(self.levels, self.expected, self.noise, strict=True)
+            squares = [float(np.mean(((row - mean) / noise) ** 2)) for row, mean, noise in pictures]
             worst = int(np.argmax(squares))
             return (
                 f"residuals are implausibly large: chi squared for each free level is "
@@ -134,39 +136,39 @@ class FittedCamera:
         return None
 
     def band(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The profile less and plus two error bars, which are at most 1; shapes of `tau`."""
+        """The profile less and plus two error bars, which count as 1 at most; shapes of `tau`."""
         from scipy.interpolate import BSpline
 
         count = self.coefficients.size
         basis = BSpline.design_matrix(np.asarray(tau), spline_knots(count), 3).toarray()
         errors = np.minimum(self.coefficient_errors, 1.0)
-        middle, reach = basis @ self.coefficients, 2 * (basis @ errors)
-        return middle - reach, middle + reach
+        profile, margin = basis @ self.coefficients, 2 * (basis @ errors)
+        return profile - margin, profile + margin
 
     def seen_through_lens(self, scene: Scene) -> Scene:
-        """The scene behind the lens that was found."""
+        """The scene behind the fitted lens."""
         require_scene(scene)
         blur = as_float(np.asarray(self.lens_blur, scene.speeds.dtype))
         return eqx.tree_at(lambda s: s.lens_blur, scene, blur)
 
     def design(self, scene: Scene) -> Design:
         """The camera as built, as a design like any other, on a scene behind its lens."""
-        seen = self.seen_through_lens(scene)
+        scene = self.seen_through_lens(scene)
         outcome = "Fitted to measurements" + ", which it does not explain" * bool(self.doubt) + "."
-        return given_design(seen, self.motion, self.shutter, outcome, is_measured=True)
+        return given_design(scene, self.motion, self.shutter, outcome, is_measured=True)
 
     def scene_text(self, scene: Scene) -> str:
-        """The text of a scene file with the motion that was found, ready for `optimise`.
+        """The text of a scene file with the fitted motion and lens, ready for `optimise`.
 
-        Limits are widened to hold it. Comments say each error bar, and what no key says: the
-        profile.
+        Limits are widened to hold the motion. Comments give the error bars, and say where the
+        profile is, for which there is no key.
         """
         require_scene(scene)
-        limits, wider = _limits_with(scene.limits, self.motion)
+        limits, widened = _limits_with(scene.limits, self.motion)
         built = eqx.tree_at(lambda s: s.limits, self.seen_through_lens(scene), limits)
         nothing = {"is_leaf": lambda leaf: leaf is None}
         built = eqx.tree_at(lambda s: s.given_motion, built, self.motion, **nothing)
-        said = {
+        lines = {
             name: f"{name} = {each.value:.6g} +- {each.error:.2g}"
             for name, each in self.estimates.items()
             if not name.rpartition("_")[2].isdigit()  # numbers of a single picture
@@ -177,18 +179,18 @@ class FittedCamera:
                 *(f"Not identifiable: {line}." for line in self.not_identifiable),
                 *([f"Implausible: {self.doubt}."] if self.doubt else []),
             ],
-            "optics": [said.pop("lens_blur_px")],
+            "optics": [lines.pop("lens_blur_px")],
             "shutter": [
                 "As in the scene: what was built of it is a profile, in the design's file."
             ],
-            "limits": [f"Wider than the scene's, as the camera was: {', '.join(wider)}."]
-            * any(wider),
-            "motion": list(said.values()),
+            "limits": [f"Wider than the scene's, as the camera was: {', '.join(widened)}."]
+            * any(widened),
+            "motion": list(lines.values()),
         }
         return scene_text(built, notes)
 
     def to_dict(self) -> dict[str, Any]:
-        """What was found, as plain numbers and text."""
+        """The numbers and sentences of the fit, for JSON."""
         return {
             "estimates": {name: each._asdict() for name, each in self.estimates.items()},
             "transmittance": self.coefficients.tolist(),
@@ -201,27 +203,33 @@ class FittedCamera:
 
 
 def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[str]]:
-    """Limits that hold a motion, and the names of those that are wider for it."""
+    """Limits that hold a motion, and the names of those that are widened for it."""
     a, half, v = motion.acceleration, motion.half_exposure, motion.velocity
     margin = 1 + 8 * float(np.finfo(a.dtype).eps)
-    own = {field.name: getattr(limits, field.name) for field in fields(limits)}
-    own.pop("frame_velocity")
+    values = {field.name: getattr(limits, field.name) for field in fields(limits)}
+    values.pop("frame_velocity")
 
-    def widened(own: dict[str, Any], **least: Any) -> dict[str, Any]:
-        known = {name: each for name, each in least.items() if own[name] is not None}
-        return own | {n: each * margin for n, each in known.items() if float(each) > float(own[n])}
+    def widened(values: dict[str, Any], **least: Any) -> dict[str, Any]:
+        bounds = {name: value for name, value in least.items() if values[name] is not None}
+        return values | {
+            name: bound * margin
+            for name, bound in bounds.items()
+            if float(bound) > float(values[name])
+        }
 
     pan, top = jnp.abs(v), motion.top_speed
     extent = limits.demands(motion)["stroke"].taken
-    wide = widened(own, max_stroke=extent, max_top_speed=top, max_pan=pan, max_acceleration=2 * a)
+    wide = widened(
+        values, max_stroke=extent, max_top_speed=top, max_pan=pan, max_acceleration=2 * a
+    )
     if limits.has_stage:
         share = float(Limits(**wide).stage_share(a, half, v))
-        grown = {"max_travel": limits.max_travel}
+        bounds = {"max_travel": limits.max_travel}
         if limits.max_jerk is not None:
-            grown["max_top_speed"] = wide["max_top_speed"]
-        known = {name: each * share for name, each in grown.items() if each is not None}
-        wide = widened(wide, **known)
-    return Limits(**wide), [name for name in own if wide[name] is not own[name]]
+            bounds["max_top_speed"] = wide["max_top_speed"]
+        least = {name: value * share for name, value in bounds.items() if value is not None}
+        wide = widened(wide, **least)
+    return Limits(**wide), [name for name in values if wide[name] is not values[name]]
 
 
 def fit(
@@ -235,43 +243,45 @@ def fit(
 ) -> FittedCamera:
     r"""The camera as built, from pictures of points or edges and a trace of its shutter.
 
-    Found are $a$ and $v$ of the stage on the camera's clock, the transmittance as a spline on the
-    exposure, the Gaussian blur of the lens, and the position, gain and background of each
-    picture. A stage that follows late by $d$ has $v - 2 a d$ for its velocity: a delay is that
-    of a stage whose velocity is as sent. Gains and the profile's scale are seen as a product, and
-    the profile is given the light of `shutter`, unless the trace is of known levels.
+    The fit determines $a$ and $v$ of the stage on the camera's clock, the transmittance as a
+    spline on the exposure, the Gaussian blur of the lens, and the position, gain and background
+    of each picture. A stage that is late by $d$ has the velocity $v - 2 a d$ at mid-exposure; the
+    delay that is given is that of a stage whose velocity is as sent. Pictures show the product of
+    gain and transmittance alone, so that the profile is given the throughput of `shutter`.
 
     Args:
-        measurements: Pictures, or what `read_measurements` gives.
+        measurements: Pictures, or the result of `read_measurements`, which has a sensor and a
+            trace of its own.
         motion: The motion as sent, from which the fit starts, of a stroke of 1 px at least.
-        shutter: The profile as sent, as light would see it.
-        sensor: How levels come from electrons; electrons without noise of reading by default.
+        shutter: The transmittance as sent, from which the fit starts.
+        sensor: The conversion of electrons to levels; by default a level is an electron, without
+            read noise.
         trace: A photodiode's levels, on the camera's clock.
-        num_coefficients: Coefficients of the profile.
+        num_coefficients: Number of B-spline coefficients of the profile; at least 4.
 
     Returns:
-        The camera, error bars, what is not identifiable, and residuals. Where noise alone leaves
-        residuals that great or that small in fewer than 3 fits of 1,000, `doubt` says so, and a
-        warning does.
+        The camera, its error bars and residuals, and sentences about what is not identifiable.
+        Where noise alone leaves residuals as great or as small in fewer than 3 fits of 1,000,
+        `doubt` says so, and so does a warning.
 
     Raises:
-        ValueError: if a picture is saturated or shows no target, the acceleration comes out at
-            less than half or more than twice that sent, or an argument is out of its range.
+        ValueError: if a picture is saturated or shows no target, the fitted acceleration is less
+            than half or more than twice that sent, or an argument is out of its range.
     """
-    given = _measurements(measurements, sensor, trace)
+    data = _measurements(measurements, sensor, trace)
     require_positive_int("fit(num_coefficients=...)", num_coefficients)
     require(num_coefficients >= 4, "fit(num_coefficients=...)", "be at least 4", num_coefficients)
     stroke = float(motion.stroke)
     requirement = f"have a stroke of at least {_LEAST_STROKE:g} px"
-    require(stroke >= _LEAST_STROKE, "fit(motion=...)", requirement, Bare(f"{stroke:g} px"))
-    setting = Setting.of(given, motion, shutter, num_coefficients)
-    unknown = any(picture.speed is None for picture in given.pictures)
-    best = likeliest_start(setting, _SPEEDS if unknown else (0.0,))
+    require(stroke >= _LEAST_STROKE, "fit(motion=...)", requirement, Unquoted(f"{stroke:g} px"))
+    setting = Setting.of(data, motion, shutter, num_coefficients)
+    is_unknown = any(picture.speed is None for picture in data.pictures)
+    best = likeliest_start(setting, _SPEEDS if is_unknown else (0.0,))
     best = solved(setting, best.values, setting.noise(best.expected), setting.near_sent())
     best, bars = error_bars(setting, best)
     share = float(best.values[0])
     requirement = "show a camera like the one that was sent"
-    got = Bare(f"{share:.3g} times its acceleration")
+    got = Unquoted(f"{share:.3g} times its acceleration")
     require(0.5 < share < 2, "fit(measurements=...)", requirement, got)
     camera = _camera(setting, best, bars)
     if camera.doubt:
@@ -280,13 +290,16 @@ def fit(
 
 
 def _measurements(
-    given: Measurements | Sequence[TargetPicture], sensor: SensorLevels | None, trace: Trace | None
+    measurements: Measurements | Sequence[TargetPicture],
+    sensor: SensorLevels | None,
+    trace: Trace | None,
 ) -> Measurements:
-    if isinstance(given, Measurements):
-        return given
-    pictures = tuple(given)
-    right = bool(pictures) and all(isinstance(p, TargetPicture) for p in pictures)
-    require(right, "fit(measurements=...)", "hold at least one `TargetPicture`", given)
+    if isinstance(measurements, Measurements):
+        return measurements
+    pictures = tuple(measurements)
+    are_pictures = bool(pictures) and all(isinstance(p, TargetPicture) for p in pictures)
+    requirement = "hold at least one `TargetPicture`"
+    require(are_pictures, "fit(measurements=...)", requirement, measurements)
     return Measurements(pictures, sensor or SensorLevels(), trace)
 
 
@@ -298,59 +311,63 @@ def _camera(setting: Setting, solution: Solution, bars: ErrorBars) -> FittedCame
     errors = np.where(is_blind, np.inf, bars.errors * scales)
     if np.all(setting.arrays.is_unknown):
         errors[1] = np.inf  # the velocity is taken as sent
-    found = values * scales
-    a, v = found[0], found[1]
+    numbers = values * scales
+    a, v = numbers[0], numbers[1]
     estimates = {
         "acceleration_px_per_s2": Estimate(a, errors[0]),
         "velocity_px_per_s": Estimate(v, errors[1]),
-        "lens_blur_px": Estimate(abs(found[3]), errors[3]),
+        "lens_blur_px": Estimate(abs(numbers[3]), errors[3]),
     }
-    late, _ = setting.delay(values)
-    own = bars.delay if np.isfinite(errors[:2]).all() else np.inf
-    estimates["delay_ms"] = Estimate(late * 1e3, own * 1e3)
+    delay, _ = setting.delay(values)
+    delay_error = bars.delay if np.isfinite(errors[:2]).all() else np.inf
+    estimates["delay_ms"] = Estimate(delay * 1e3, delay_error * 1e3)
     if np.asarray(setting.arrays.is_unknown).any():
-        estimates["speed_px_per_s"] = Estimate(found[2], errors[2])
+        estimates["speed_px_per_s"] = Estimate(numbers[2], errors[2])
     for k in range(len(setting.profiles)):
-        for j, what in enumerate(("position_px", "gain", "background")):
-            place = 4 + count + 3 * k + j
-            estimates[f"{what}_{k}"] = Estimate(found[place], errors[place])
+        for j, name in enumerate(("position_px", "gain", "background")):
+            index = 4 + count + 3 * k + j
+            estimates[f"{name}_{k}"] = Estimate(numbers[index], errors[index])
     levels = tuple(setting.profiles)
-    chi = float(np.sum(((expected - np.array(levels)) / noise) ** 2))
+    chi_squared = float(np.sum(((expected - np.array(levels)) / noise) ** 2))
     num_pins = len(setting.pins.rows)
-    coefficients = found[4 : 4 + count]
-    half = setting.sent.half_exposure
+    coefficients = numbers[4 : 4 + count]
+    half = setting.sent_motion.half_exposure
     return FittedCamera(
         motion=ParabolicMotion(acceleration=a, half_exposure=half, velocity=v),
         shutter=SplineShutter(np.clip(coefficients, 0, 1)),
         coefficients=coefficients,
         coefficient_errors=errors[4 : 4 + count],
         estimates={name: Estimate(float(e.value), float(e.error)) for name, e in estimates.items()},
-        not_identifiable=(*setting.notes, *_said(is_blind, bars.blind, setting.names, count)),
+        not_identifiable=(*setting.notes, *_sentences(is_blind, bars.blind, setting.names, count)),
         names=setting.picture_names,
         levels=levels,
         expected=tuple(expected),
         noise=tuple(noise),
-        chi_squared=chi,
+        chi_squared=chi_squared,
         num_free=values.size - num_pins,
     )
 
 
-_TAKES_PART = 0.05
-"""Share of a blind direction above which the profile takes part in it."""
+_LEAST_PART = 0.05
+"""Component of a blind direction along a coefficient above which the profile is part of it."""
 
 
-def _said(is_blind: np.ndarray, blind: np.ndarray, names: tuple[str, ...], count: int) -> list[str]:
-    """Sentences for the parameters that no error bar tells from nothing."""
-    profile = is_blind[4 : 4 + count]
-    said = [name for k, name in enumerate(names) if is_blind[k] and not 4 <= k < 4 + count]
-    sentences = [f"{name}: not told by what was recorded" for name in said]
-    if profile.any():
-        which = ", ".join(str(k) for k in np.flatnonzero(profile))
+def _sentences(
+    is_blind: np.ndarray, blind: np.ndarray, names: tuple[str, ...], count: int
+) -> list[str]:
+    """Sentences about the parameters that are not identifiable."""
+    is_coefficient_blind = is_blind[4 : 4 + count]
+    others = [name for k, name in enumerate(names) if is_blind[k] and not 4 <= k < 4 + count]
+    sentences = [f"{name}: not told by what was recorded" for name in others]
+    if is_coefficient_blind.any():
+        which = ", ".join(str(k) for k in np.flatnonzero(is_coefficient_blind))
         parts = blind[:, 4 : 4 + count]
-        parts = parts[np.any(np.abs(parts) > _TAKES_PART, axis=1)]
-        even = np.linalg.norm(parts + parts[:, ::-1])
+        parts = parts[np.any(np.abs(parts) > _LEAST_PART, axis=1)]
+        even_part = np.linalg.norm(parts + parts[:, ::-1])
         sentences.append(
             f"transmittance: {f'{len(parts)} combinations of ' * bool(len(parts))}the coefficients "
-            f"{which}" + ", only w(t) + w(-t) is seen" * bool(even < 0.2 * np.linalg.norm(parts))
+            f"{which}"
+            + ", only w(t) + w(-t) is seen"
+            * bool(even_part < 0.2 * np.linalg.norm(parts))
         )
     return sentences

@@ -1,8 +1,8 @@
-r"""How likely measurements are of a camera, and the least squares that find the likeliest.
+r"""The likelihood of a camera given its measurements, and the least squares that maximise it.
 
-The likelihood is Poisson-Gaussian: each pixel has the variance of its own expected level, and
-is fitted anew with what the last fit expects (iterated reweighting). Optimistix's
-Levenberg-Marquardt minimises.
+The likelihood is Poisson-Gaussian: each pixel has the variance of its own expected level. A fit
+takes several rounds, each with the variances of the levels that the round before expects
+(iterated reweighting). Optimistix's Levenberg-Marquardt minimises.
 """
 
 from collections.abc import Sequence
@@ -31,39 +31,59 @@ from mishutter.model import (
     AbstractShutter,
     ParabolicMotion,
     SplineShutter,
+    spline_knots,
 )
 
 _HOLD = 0.1
-"""Standard deviation of the coefficients about what was sent, until it is known what is seen."""
+"""Standard deviation of the coefficients about those that were sent, in all rounds but the last."""
 _BELOW = 0.01
 """Standard deviation by which coefficients stray below 0, where no transmittance is.
 
-A profile that opens with a step down gives nearly the pictures of one that opens with a step up,
-on another stage.
+The bound prevents a fit of another stage with a profile that opens with a step down, which gives
+nearly the pictures of one that opens with a step up.
 """
 _MAX_STEPS = 30
 _CHANGE = 1e-3
 """Change of every residual, in its noise, at which the minimiser ends.
 
-It ends well above the rounding of the sum of squares, which would have steps refused in vain.
+It is well above the rounding of the sum of squares, at which the minimiser would refuse step
+after step.
 """
 _WIDTHS = (4.0, 2.0, 1.0)
 """Standard deviations of the Gaussians that smooth pictures for a start; px."""
 _NUM_STARTS = 3
-_LIKELIER = 9.0
-"""Fall of the sum of squares from which a start goes before the camera that was sent: noise, or a
-number that nothing tells, makes smaller ones."""
+_LEAST_FALL = 1.0
+"""Fall of the sum of squares from which another start is preferred to the camera that was sent.
+
+It prevents rounding from choosing between two ends of which neither is likelier, and keeps the
+one that is nearer to what was sent.
+"""
 _LEAST_BLUR = 0.3
-"""Blur of the lens from which a fit starts at least; px."""
+"""Least blur of the lens at the start of a fit; px."""
 _PIN = 1e3
-"""What is pinned stays to a thousandth of its scale."""
+"""Weight of a pin, which holds a combination of parameters to a thousandth of its scale."""
 _MARGIN = 1.3
+"""Length of the kernels that are computed, in the longest blur of the motion that was sent."""
 
 
 class _Arrays(NamedTuple):
-    """What the residuals depend on beside the parameters; one program serves all of a shape.
+    """The data of the residuals, as arrays of NumPy.
 
-    Arrays of NumPy, which become those of the program.
+    They are arguments of the compiled program, so that one program serves all data of a shape.
+
+    Attributes:
+        levels: Mean of the rows of each picture; shape `(pictures, columns)`.
+        deviation: Standard deviation of each level; of the same shape.
+        speeds: Known speeds, px/s, and 0 where one is unknown; shape `(pictures,)`.
+        is_unknown: Whether the speed of each picture is unknown; shape `(pictures,)`.
+        is_edge: Whether each picture is of an edge; shape `(pictures,)`.
+        half_exposure: $T$, s.
+        scales: Scale of each parameter, in its unit; shape `(parameters,)`.
+        ties: Rows of all `Ties`; shape `(k, parameters)`.
+        aims: Their aims; shape `(k,)`.
+        trace: Levels of the trace; shape `(samples,)`.
+        trace_basis: B-splines at its samples; shape `(samples, coefficients)`.
+        trace_deviation: Standard deviation of its levels.
     """
 
     levels: Any
@@ -74,7 +94,7 @@ class _Arrays(NamedTuple):
     half_exposure: Any
     scales: Any
     ties: Any
-    tied: Any
+    aims: Any
     trace: Any
     trace_basis: Any
     trace_deviation: Any
@@ -82,38 +102,54 @@ class _Arrays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Everything of a fit but its start: data, natural units of the parameters, what is pinned."""
+    """The problem of a fit: its data, the scales of its parameters, and their pins.
+
+    Attributes:
+        names: Names of the parameters.
+        arrays: The data of the residuals.
+        pins: Combinations of the parameters that keep their value.
+        profiles: Mean of the rows of each picture.
+        is_rounded: Whether the levels of each picture are whole numbers.
+        num_rows: Number of rows of each picture.
+        picture_names: Names of the pictures.
+        sensor: The conversion of electrons to levels.
+        sent_motion: The motion as sent.
+        coefficients: B-spline coefficients of the transmittance as sent.
+        num_taps: Number of taps of a kernel, of 1/8 px.
+        notes: Sentences about what no measurement of this kind determines.
+    """
 
     names: tuple[str, ...]
     arrays: _Arrays
     pins: "Ties"
     profiles: tuple[np.ndarray, ...]
-    rounded: tuple[bool, ...]
-    rows: tuple[int, ...]
+    is_rounded: tuple[bool, ...]
+    num_rows: tuple[int, ...]
     picture_names: tuple[str, ...]
     sensor: SensorLevels
-    sent: ParabolicMotion
+    sent_motion: ParabolicMotion
     coefficients: np.ndarray
-    efficiency: float
     num_taps: int
     notes: tuple[str, ...]
 
     @staticmethod
     def of(
-        given: Measurements, motion: AbstractMotion, shutter: AbstractShutter, count: int
+        measurements: Measurements, motion: AbstractMotion, shutter: AbstractShutter, count: int
     ) -> "Setting":
-        pictures = given.pictures
-        profiles = tuple(picture.profile(given.sensor) for picture in pictures)
+        """The problem of measurements of a camera that was sent a motion and a shutter."""
+        pictures, trace = measurements.pictures, measurements.trace
+        profiles = tuple(picture.profile(measurements.sensor) for picture in pictures)
         a, T, v = (float(getattr(motion, n)) for n in ("acceleration", "half_exposure", "velocity"))
-        columns = {profile.size for profile in profiles}
+        num_columns = {profile.size for profile in profiles}
         requirement = "have pictures of equally many columns"
-        require(len(columns) == 1, "fit(measurements=...)", requirement, sorted(columns))
-        unknown = np.array([picture.speed is None for picture in pictures])
+        require(len(num_columns) == 1, "fit(measurements=...)", requirement, sorted(num_columns))
+        is_unknown = np.array([picture.speed is None for picture in pictures])
         speeds = np.array([picture.speed or 0.0 for picture in pictures])
-        fitted = SplineShutter.fit(shutter, count)
-        coefficients = np.asarray(fitted.coefficients, np.float64)
+        spline = SplineShutter.fit(shutter, count)
+        coefficients = np.asarray(spline.coefficients, np.float64)
         knots = spline_knots(count)
-        integrals = (knots[4:] - knots[:-4]) / 8  # means of the B-splines over the exposure
+        spline_means = (knots[4:] - knots[:-4]) / 8  # of the B-splines, over the exposure
+        throughput = float(spline_means @ coefficients)
         names = ["acceleration", "velocity", "speed", "lens blur"]
         names += [f"transmittance {k}" for k in range(count)]
         for k in range(len(pictures)):
@@ -125,26 +161,26 @@ class Setting:
             pins.append(np.array([float(name == each) for each in names]))
             values.append(value)
 
-        if not unknown.any():
+        if not is_unknown.any():
             pin("speed", 0.0)
-        elif unknown.all():
+        elif is_unknown.all():
             pin("velocity", v / (2 * a * T))
             notes.append(
                 "velocity and speed apart: only the speed over the sensor is seen where none is "
                 "known (the velocity is taken as sent)"
             )
-            if given.trace is None:
+            if trace is None:
                 notes.append(
                     "sign of the speed: the mirrored profile at the opposite speed gives the same"
                 )
-        sample, basis, noise = _trace_samples(given.trace, T, count)
-        if given.trace is None:
+        trace_levels, trace_basis, trace_noise = _trace_samples(trace, T, count)
+        if trace is None:
             pin("swing of the trace", 0.0)
             pin("dark of the trace", 0.0)
-        light = np.zeros(len(names))
-        light[4 : 4 + count] = integrals
-        pins.append(light)
-        values.append(float(integrals @ coefficients))
+        throughput_row = np.zeros(len(names))
+        throughput_row[4 : 4 + count] = spline_means
+        pins.append(throughput_row)
+        values.append(throughput)
         notes.append(
             "gain and transmittance apart: only their product is seen (the profile has the light "
             "that was sent)"
@@ -153,31 +189,31 @@ class Setting:
             "velocity and delay apart: only v - 2 a d is seen (the delay is that of a stage whose "
             "velocity is as sent)"
         )
-        fastest = 2 * a * T + max(np.abs(speeds - v).max(), (0.7 * 2 * a * T) * unknown.any())
-        sent = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
-        longest = float(support(sent, fastest - 2 * a * T + abs(v)))
-        num_taps = int(np.ceil(_MARGIN * longest)) * FINE + 2 * FINE
         top = 2 * a * T
+        fastest = top + max(np.abs(speeds - v).max(), (0.7 * top) * is_unknown.any())
+        sent_motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
+        longest = float(support(sent_motion, fastest - top + abs(v)))
+        num_taps = int(np.ceil(_MARGIN * longest)) * FINE + 2 * FINE
         scales = np.array([a, top, top, 1.0, *[1.0] * count])
         for picture, profile in zip(pictures, profiles, strict=True):
-            gain = _gain(picture, profile) / float(integrals @ coefficients)
-            unit = max(float(np.ptp(profile)), 1e-9)
-            scales = np.append(scales, [a * T**2, gain, unit])
-        swing = float(np.ptp(sample)) if sample.size else 1.0
+            gain = _gain(picture, profile) / throughput
+            level_range = max(float(np.ptp(profile)), 1e-9)
+            scales = np.append(scales, [a * T**2, gain, level_range])
+        swing = float(np.ptp(trace_levels)) if trace_levels.size else 1.0
         scales = np.append(scales, [swing, swing])
         arrays = _Arrays(
             levels=np.array(profiles),
             deviation=np.ones((len(pictures), profiles[0].size)),
             speeds=speeds,
-            is_unknown=unknown,
+            is_unknown=is_unknown,
             is_edge=np.array([picture.target == "edge" for picture in pictures]),
             half_exposure=np.asarray(T),
             scales=scales,
             ties=np.zeros((0, scales.size)),
-            tied=np.zeros(0),
-            trace=sample,
-            trace_basis=basis,
-            trace_deviation=np.asarray(noise),
+            aims=np.zeros(0),
+            trace=trace_levels,
+            trace_basis=trace_basis,
+            trace_deviation=np.asarray(trace_noise),
         )
         return Setting(
             tuple(names),
@@ -187,28 +223,26 @@ class Setting:
             tuple(picture.is_rounded for picture in pictures),
             tuple(len(picture.levels) for picture in pictures),
             tuple(picture.name for picture in pictures),
-            given.sensor,
-            sent,
+            measurements.sensor,
+            sent_motion,
             coefficients,
-            float(integrals @ coefficients),
             num_taps,
             tuple(notes),
         )
 
     def noise(self, expected: np.ndarray) -> np.ndarray:
         """Standard deviation of rows' means about expected levels; shape `(pictures, columns)`."""
-        each = zip(expected, self.rounded, self.rows, strict=True)
-        variances = [self.sensor.variance(row, known) / count for row, known, count in each]
-        return np.sqrt(variances)
+        pictures = zip(expected, self.is_rounded, self.num_rows, strict=True)
+        return np.sqrt([self.sensor.variance(row, whole) / rows for row, whole, rows in pictures])
 
     def residuals(self, values: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """What data and pins say of parameters, over its noise."""
+        """Residuals of the data and the pins at some parameters, each over its noise."""
         rows, aims = self.pins
-        arrays = self.arrays._replace(deviation=noise, ties=rows, tied=aims)
+        arrays = self.arrays._replace(deviation=noise, ties=rows, aims=aims)
         return self.without_bounds(_compiled_residuals(values, arrays, self.num_taps))
 
     def without_bounds(self, rows: Array | np.ndarray) -> np.ndarray:
-        """Rows of residuals, or of their derivatives, but those of coefficients below 0."""
+        """Residuals, or rows of their Jacobian, without those that keep coefficients above 0."""
         first = self.arrays.levels.size + self.arrays.trace.size
         return np.delete(np.asarray(rows), first + np.arange(len(self.coefficients)), axis=0)
 
@@ -218,14 +252,14 @@ class Setting:
         return np.any(np.abs(self.pins.rows) == _PIN, axis=0)
 
     def smoothed(self, width: float) -> "Setting":
-        """The same of pictures behind one more Gaussian lens; px."""
+        """The same problem with pictures behind a second Gaussian lens, of this width; px."""
         from scipy.ndimage import gaussian_filter1d
 
         levels = gaussian_filter1d(self.arrays.levels, width, axis=1, mode="nearest")
         return replace(self, arrays=self.arrays._replace(levels=levels))
 
     def near_sent(self) -> "Ties":
-        """Coefficients tied to those that were sent."""
+        """Ties that hold the coefficients near those that were sent."""
         rows = np.eye(len(self.names))[4 : 4 + len(self.coefficients)]
         return Ties(rows / _HOLD, self.coefficients / _HOLD)
 
@@ -233,60 +267,56 @@ class Setting:
         """Delay of a stage whose velocity is as sent, and its derivatives; s."""
         scales = np.asarray(self.arrays.scales)
         a, v = (values * scales)[:2]
-        late = (float(self.sent.velocity) - v) / (2 * a)
+        delay = (float(self.sent_motion.velocity) - v) / (2 * a)
         slopes = np.zeros(values.size)
-        slopes[:2] = np.array([-late / a, -1 / (2 * a)]) * scales[:2]
-        return float(late), slopes
+        slopes[:2] = np.array([-delay / a, -1 / (2 * a)]) * scales[:2]
+        return float(delay), slopes
 
     def start(self, share: float) -> np.ndarray:
-        """Parameters as sent, with positions that bring the light where it was recorded."""
-        count = len(self.coefficients)
-        velocity = float(self.sent.velocity) / float(self.arrays.scales[1])
+        """The camera that was sent, at positions that match the centroids of the pictures.
+
+        Args:
+            share: The unknown speed, in the greatest speed of the sensor.
+        """
+        count, scales = len(self.coefficients), self.arrays.scales
+        is_unknown, trace = self.arrays.is_unknown, self.arrays.trace
+        velocity = float(self.sent_motion.velocity) / float(scales[1])
         start = np.concatenate([[1.0, velocity, share, 0.5], self.coefficients])
         for k, profile in enumerate(self.profiles):
-            unit = float(self.arrays.scales[4 + count + 3 * k + 2])
-            start = np.append(start, [0.0, 1.0, float(np.mean(profile[:END])) / unit])
-        trace = np.asarray(self.arrays.trace)
-        swing = float(self.arrays.scales[-1])
-        low = float(np.min(trace)) / swing if trace.size else 0.0
-        start = np.append(start, [1.0, low] if trace.size else [0.0, 0.0])
-        if not np.asarray(self.arrays.is_unknown).any():
+            level_range = float(scales[4 + count + 3 * k + 2])
+            start = np.append(start, [0.0, 1.0, float(np.mean(profile[:END])) / level_range])
+        dark = float(np.min(trace)) / float(scales[-1]) if trace.size else 0.0
+        start = np.append(start, [1.0, dark] if trace.size else [0.0, 0.0])
+        if not is_unknown.any():
             start[2] = 0.0
-        x = start * np.asarray(self.arrays.scales)
-        unknown = np.asarray(self.arrays.is_unknown)
-        relative = np.where(unknown, x[2], np.asarray(self.arrays.speeds)) - x[1]
-        drift, stretch = _moments(self.coefficients) * float(self.sent.half_exposure) ** np.arange(
-            1, 3
-        )
+        x = start * scales
+        relative = np.where(is_unknown, x[2], self.arrays.speeds) - x[1]
+        half = float(self.sent_motion.half_exposure)
+        mean_time, mean_square = _moments(self.coefficients) * half ** np.arange(1, 3)
         for k, profile in enumerate(self.profiles):
-            path = x[0] * stretch - relative[k] * drift
-            place = _middle(profile, bool(self.arrays.is_edge[k])) - path
-            start[4 + count + 3 * k] = place / float(self.arrays.scales[4 + count + 3 * k])
+            path = x[0] * mean_square - relative[k] * mean_time
+            position = _middle(profile, bool(self.arrays.is_edge[k])) - path
+            start[4 + count + 3 * k] = position / float(scales[4 + count + 3 * k])
         return start
 
 
 def _middle(profile: np.ndarray, is_edge: bool) -> float:
-    """Centroid of a point's light, or the position of an edge that has as much; px."""
+    """Centroid of a point's irradiance, or the place of a sharp edge of equal sum; px."""
     left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
     if is_edge:
         return float(np.sum((right - profile) / (right - left)))
-    light = profile - (left + right) / 2
-    return float(np.sum(light * (np.arange(light.size) + 0.5)) / np.sum(light))
+    signal = profile - (left + right) / 2
+    return float(np.sum(signal * (np.arange(signal.size) + 0.5)) / np.sum(signal))
 
 
 def _gain(picture: TargetPicture, profile: np.ndarray) -> float:
-    """Light of a target in a picture: the sum of a point's, the step of an edge; levels."""
+    """Strength of a target in a picture: the sum of a point, the step of an edge; levels."""
     left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
     return right - left if picture.target == "edge" else float(np.sum(profile - (left + right) / 2))
 
 
-def spline_knots(count: int) -> np.ndarray:
-    """Knots of a cubic spline of so many coefficients on [-1, 1]; shape `(count + 4,)`."""
-    return np.concatenate([[-1.0] * 3, np.linspace(-1, 1, count - 2), [1.0] * 3])
-
-
 def _moments(coefficients: np.ndarray) -> np.ndarray:
-    r"""Means of $\tau$ and $\tau^2$ over the light of a profile; shape `(2,)`."""
+    r"""Means of $\tau$ and $\tau^2$, weighted by the transmittance; shape `(2,)`."""
     from scipy.interpolate import BSpline
 
     tau = (np.arange(2000) + 0.5) / 1000 - 1
@@ -297,23 +327,26 @@ def _moments(coefficients: np.ndarray) -> np.ndarray:
 def _trace_samples(
     trace: Trace | None, half: float, count: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Samples of a trace within the exposure, B-splines there, and their noise."""
+    """Levels of a trace, within the exposure and then outside, the B-splines there, and noise.
+
+    B-splines are 0 outside; the noise is a standard deviation.
+    """
     from scipy.interpolate import BSpline
 
     if trace is None:
         return np.zeros(0), np.zeros((0, count)), 1.0
-    found = measured_profile(trace, half_exposure=half, closed=float(np.min(trace.level)))
-    tau = np.asarray(trace.time) / half
-    inside = np.abs(tau) <= 1
-    basis = BSpline.design_matrix(tau[inside], spline_knots(count), 3).toarray()
-    dark = np.asarray(trace.level)[~inside]
+    profile = measured_profile(trace, half_exposure=half, closed=float(np.min(trace.level)))
+    tau, levels = np.asarray(trace.time) / half, np.asarray(trace.level)
+    is_inside = np.abs(tau) <= 1
+    basis = BSpline.design_matrix(tau[is_inside], spline_knots(count), 3).toarray()
+    dark = levels[~is_inside]
     rows = np.concatenate([basis, np.zeros((dark.size, count))])
-    noise = found.noise * (found.opened - found.closed)
-    return np.concatenate([np.asarray(trace.level)[inside], dark]), rows, noise
+    noise = profile.noise * (profile.opened - profile.closed)
+    return np.concatenate([levels[is_inside], dark]), rows, noise
 
 
 def _expected(values: Array, arrays: _Arrays, num_taps: int) -> Array:
-    """Levels that parameters, in their natural units, give; shape `(pictures, columns)`."""
+    """Expected levels at parameters in their own scales; shape `(pictures, columns)`."""
     x = values * arrays.scales
     a, v, speed, blur = x[:4]
     num_pictures, num_columns = arrays.levels.shape
@@ -323,21 +356,21 @@ def _expected(values: Array, arrays: _Arrays, num_taps: int) -> Array:
     relative = jnp.where(arrays.is_unknown, speed, arrays.speeds) - v
     taps = kernels(coefficients, a, arrays.half_exposure, relative, num_taps)
     begin = position - relative**2 / (4 * a) - MOVED / FINE
-    light = collected(taps, begin, blur, arrays.is_edge, num_columns)
-    return background[:, None] + gain[:, None] * light
+    irradiance = collected(taps, begin, blur, arrays.is_edge, num_columns)
+    return background[:, None] + gain[:, None] * irradiance
 
 
 def _residuals(values: Array, arrays: _Arrays, num_taps: int) -> Array:
     expected = _expected(values, arrays, num_taps)
     x = values * arrays.scales
     count = arrays.trace_basis.shape[1]
-    shown = x[-2] * (arrays.trace_basis @ x[4 : 4 + count]) + x[-1]
+    trace = x[-2] * (arrays.trace_basis @ x[4 : 4 + count]) + x[-1]
     return jnp.concatenate(
         [
             jnp.ravel((expected - arrays.levels) / arrays.deviation),
-            (shown - arrays.trace) / arrays.trace_deviation,
+            (trace - arrays.trace) / arrays.trace_deviation,
             jnp.minimum(x[4 : 4 + count], 0) / _BELOW,
-            arrays.ties @ values - arrays.tied,
+            arrays.ties @ values - arrays.aims,
         ]
     )
 
@@ -351,35 +384,37 @@ def _compiled_residuals(values: Any, arrays: _Arrays, num_taps: int) -> Array:
 def _linearised(values: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, Array]:
     """Residuals and their Jacobian.
 
-    Each picture has three numbers of its own, and the trace has two: they move together, in three
-    directions, as each moves its own rows alone.
+    Each picture has three parameters of its own, and the trace has two, each of which moves the
+    rows of that picture or of the trace alone. Three directions therefore give the derivatives by
+    all of them: the first parameters of all pictures and the trace, the second, and the third.
     """
-    own = partial(_residuals, arrays=arrays, num_taps=num_taps)
-    residual, derivative = jax.linearize(own, values)
+    residuals = partial(_residuals, arrays=arrays, num_taps=num_taps)
+    residual, derivative = jax.linearize(residuals, values)
     num_pictures, num_columns = arrays.levels.shape
     shared = values.size - 3 * num_pictures - 2
     direction = np.append(np.arange(shared), shared + np.arange(3 * num_pictures + 2) % 3)
     directions = np.arange(shared + 3)[:, None] == direction[None]
-    moved = jax.vmap(derivative, out_axes=1)(jnp.asarray(directions, values.dtype))
-    of_number = np.append(np.full(shared, -1), np.arange(3 * num_pictures + 2) // 3)
-    of_row = np.repeat(np.arange(num_pictures), num_columns)
-    of_row = np.append(of_row, np.full(arrays.trace.size, num_pictures))
-    of_row = np.append(of_row, np.full(arrays.trace_basis.shape[1], num_pictures + 1))
-    is_moved = (of_number[None] == -1) | (of_number[None] == of_row[:, None])
-    of_data = jnp.where(is_moved, moved[: of_row.size, direction], 0)
-    return residual, jnp.concatenate([of_data, arrays.ties])
+    slopes = jax.vmap(derivative, out_axes=1)(jnp.asarray(directions, values.dtype))
+    column_owner = np.append(np.full(shared, -1), np.arange(3 * num_pictures + 2) // 3)
+    row_owner = np.repeat(np.arange(num_pictures), num_columns)
+    row_owner = np.append(row_owner, np.full(arrays.trace.size, num_pictures))
+    row_owner = np.append(row_owner, np.full(arrays.trace_basis.shape[1], num_pictures + 1))
+    is_moved = (column_owner[None] == -1) | (column_owner[None] == row_owner[:, None])
+    data_rows = jnp.where(is_moved, slopes[: row_owner.size, direction], 0)
+    return residual, jnp.concatenate([data_rows, arrays.ties])
 
 
 @eqx.filter_custom_jvp
-def _known_by_matrix(values: Array, *, arrays: _Arrays, num_taps: int) -> Array:
+def _residuals_by_matrix(values: Array, *, arrays: _Arrays, num_taps: int) -> Array:
     """Residuals whose derivative is a product with their Jacobian.
 
-    The minimiser asks for it in three places, and would compile the kernel's derivative in each.
+    It prevents the minimiser from compiling the kernel's derivative in each of the three places
+    that ask for one.
     """
     return _residuals(values, arrays, num_taps)
 
 
-@_known_by_matrix.def_jvp
+@_residuals_by_matrix.def_jvp
 def _by_matrix(
     primals: tuple[Array], tangents: tuple[Array], *, arrays: _Arrays, num_taps: int
 ) -> tuple[Array, Array]:
@@ -393,22 +428,22 @@ def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, A
     import optimistix as optx
 
     def residuals(values: Array, arrays: _Arrays) -> Array:
-        return _known_by_matrix(values, arrays=arrays, num_taps=num_taps)
+        return _residuals_by_matrix(values, arrays=arrays, num_taps=num_taps)
 
     solver = optx.LevenbergMarquardt(rtol=_CHANGE, atol=_CHANGE)
     solution = optx.least_squares(
         residuals, solver, start, arrays, max_steps=_MAX_STEPS, throw=False
     )
-    known = solution.state.f_info
-    return solution.value, known.residual, known.jac.as_matrix()
+    end = solution.state.f_info
+    return solution.value, end.residual, end.jac.as_matrix()
 
 
 class Ties(NamedTuple):
-    """Combinations of parameters and what they are tied to, both over how far they may stray.
+    """Linear combinations of the parameters that are held near values.
 
     Attributes:
-        rows: Shape `(k, parameters)`.
-        aims: Shape `(k,)`.
+        rows: Coefficients of each combination, over its standard deviation; `(k, parameters)`.
+        aims: The values, over the same; shape `(k,)`.
     """
 
     rows: np.ndarray
@@ -416,15 +451,15 @@ class Ties(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Where a round ends.
+    """The end of a round.
 
     Attributes:
         loss: Sum of squares, of the ties and bounds too.
-        values: Parameters.
-        residual: Of what data and pins say.
-        matrix: Its derivatives.
-        expected: Levels.
-        noise: Their standard deviations.
+        values: Parameters, in their own scales.
+        residual: Residuals of the data and the pins.
+        matrix: Their Jacobian.
+        expected: Expected levels; shape `(pictures, columns)`.
+        noise: Standard deviations of the levels in this round; shape `(pictures, columns)`.
     """
 
     loss: float
@@ -442,12 +477,12 @@ def solved(
     ties: Ties,
     pull: tuple[np.ndarray, float] | None = None,
 ) -> Solution:
-    """One round of a fit.
+    """The end of one round of a fit.
 
     Args:
-        setting: What is fitted.
-        values: Where the round starts.
-        noise: Standard deviations of the levels.
+        setting: The problem.
+        values: Parameters from which the round starts.
+        noise: Standard deviations of the levels; shape `(pictures, columns)`.
         ties: At most as many as there are parameters.
         pull: One more tie, whose square is no part of the loss.
     """
@@ -459,10 +494,10 @@ def solved(
     arrays = setting.arrays._replace(
         deviation=noise,
         ties=np.concatenate([setting.pins.rows, rows]),
-        tied=np.concatenate([setting.pins.aims, aims]),
+        aims=np.concatenate([setting.pins.aims, aims]),
     )
-    ended = _least_squares(values, arrays, setting.num_taps)
-    values, residual, matrix = (np.asarray(each) for each in ended)
+    end = _least_squares(values, arrays, setting.num_taps)
+    values, residual, matrix = (np.asarray(each) for each in end)
     levels = np.asarray(arrays.levels)
     expected = levels + residual[: levels.size].reshape(levels.shape) * noise
     loss = float(np.sum(residual[:-1] ** 2))
@@ -471,34 +506,34 @@ def solved(
 
 
 def likeliest_start(setting: Setting, shares: Sequence[float]) -> Solution:
-    """The best of several first rounds, in which the profile is held near the one that was sent.
+    """The end of the best of several first rounds, which hold the profile near the one sent.
 
-    A picture shows a jump of the profile as a step at a place of its own, and a camera whose
-    steps lie where some pictures have them, but not all, is a minimum. Smoothed pictures have
-    fewer of these; but the more they are smoothed, the farther their camera is from the right
-    one. First rounds therefore start at fits of pictures smoothed by several widths, and one at
-    the camera that was sent.
+    A picture shows a jump of the profile as a step at a place of its own. A camera whose steps
+    lie right in some of the pictures and wrong in the others is a local minimum. Smoothed
+    pictures have fewer of these, but their cameras are the farther from the right one the more
+    they are smoothed. First rounds therefore start at the cameras that pictures smoothed by
+    several widths show, and one at the camera that was sent.
 
     Args:
-        setting: What is fitted.
-        shares: Normalised speeds from which a fit of an unknown one starts. The best three of the
-            first width go on to the others.
+        setting: The problem.
+        shares: Speeds from which a fit of an unknown one starts, in the greatest speed of the
+            sensor. The best three of the first width go on to the others.
     """
     noise, near = setting.noise(np.asarray(setting.arrays.levels)), setting.near_sent()
     first_round = partial(solved, noise=noise, ties=near)
     starts, ends = [setting.start(share) for share in shares], []
     for width in _WIDTHS:
         smooth = setting.smoothed(width)
-        tried = [first_round(smooth, _with_blur(start, width**2)) for start in starts]
-        order = np.argsort([each.loss for each in tried])
-        ends.append(first_round(setting, _with_blur(tried[order[0]].values, -(width**2))))
+        smooth_ends = [first_round(smooth, _with_blur(start, width**2)) for start in starts]
+        order = np.argsort([end.loss for end in smooth_ends])
+        ends.append(first_round(setting, _with_blur(smooth_ends[order[0]].values, -(width**2))))
         starts = [starts[k] for k in order[:_NUM_STARTS]]
     sent = first_round(setting, starts[0])
-    best = min(ends, key=lambda each: each.loss)
-    return best if best.loss < sent.loss - _LIKELIER else sent
+    best = min(ends, key=lambda end: end.loss)
+    return best if best.loss < sent.loss - _LEAST_FALL else sent
 
 
 def _with_blur(values: np.ndarray, added: float) -> np.ndarray:
-    """Parameters whose lens has a variance that is greater by so much; px^2."""
+    """The same parameters with a greater variance of the lens, by `added`; px^2."""
     variance = max(float(values[3]) ** 2 + added, _LEAST_BLUR**2)
     return np.concatenate([values[:3], [np.sqrt(variance)], values[4:]])

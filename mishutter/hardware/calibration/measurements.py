@@ -1,4 +1,4 @@
-"""What a camera recorded of a point or an edge on a slide, and the file that lists it."""
+"""Pictures of a point or an edge on a slide, and the file that lists them."""
 
 import io
 import tomllib
@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from mishutter._core import (
-    Bare,
     Section,
+    Unquoted,
     contents,
     number_rows,
     parsed,
@@ -28,17 +28,17 @@ TARGETS = ("point", "edge")
 END = 4
 """Columns at either end of a picture that the blur must not reach."""
 _CLEAR = 6.0
-"""Noise of the mean of some columns that a step must exceed, or a difference must not."""
+"""Standard deviations of noise above which a difference of levels is a step, a point or a blur."""
 
 
 @dataclass(frozen=True)
 class SensorLevels:
-    """How a sensor's levels come from electrons.
+    """The conversion of electrons to a sensor's levels.
 
     Attributes:
-        electrons_per_level: e- that raise the level by 1.
+        electrons_per_level: Electrons that raise the level by 1; e-.
         read_noise: Standard deviation of the read noise; e-.
-        black_level: Level of a pixel without light, about which its noise is told.
+        black_level: Level of a pixel that no light reaches.
         full_level: Level from which on a pixel is saturated.
     """
 
@@ -50,17 +50,17 @@ class SensorLevels:
     def __post_init__(self) -> None:
         for name in ("electrons_per_level", "read_noise", "black_level"):
             require_finite(f"SensorLevels({name}=...)", getattr(self, name))
-        some = self.electrons_per_level > 0
+        is_positive = self.electrons_per_level > 0
         subject = "SensorLevels(electrons_per_level=...)"
-        require(some, subject, "be above 0", self.electrons_per_level)
-        right = self.read_noise >= 0
-        require(right, "SensorLevels(read_noise=...)", "be at least 0", self.read_noise)
+        require(is_positive, subject, "be above 0", self.electrons_per_level)
+        is_noise = self.read_noise >= 0
+        require(is_noise, "SensorLevels(read_noise=...)", "be at least 0", self.read_noise)
 
     def variance(self, level: np.ndarray, is_rounded: bool) -> np.ndarray:
-        r"""$(\mu - b)/e + (\sigma/e)^2$, and 1/12 of whole levels; levels squared."""
-        light = np.maximum(level - self.black_level, 0) / self.electrons_per_level
+        r"""Variance of a level, $(\mu - b)/e + (\sigma/e)^2$, and 1/12 if rounded; levels^2."""
+        shot = np.maximum(level - self.black_level, 0) / self.electrons_per_level
         read = (self.read_noise / self.electrons_per_level) ** 2
-        return np.maximum(light + read, 1e-12) + (1 / 12 if is_rounded else 0.0)
+        return np.maximum(shot + read, 1e-12) + (1 / 12 if is_rounded else 0.0)
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,9 @@ class TargetPicture:
     Attributes:
         levels: Rows of the picture, which show the same; `(rows, columns)` or `(columns,)`.
         target: `"point"` or `"edge"`.
-        speed: px/s; None where it is unknown, but equal in all pictures where it is.
+        speed: Speed of the target, px/s; None for an unknown one, which all such pictures share.
         name: Name in errors and pictures.
+        is_rounded: Whether all levels are whole numbers.
     """
 
     levels: np.ndarray
@@ -88,8 +89,8 @@ class TargetPicture:
             self.target in TARGETS, "TargetPicture(target=...)", "be point or edge", self.target
         )
         require_finite(name, levels)
-        wide = levels.shape[-1] >= 4 * END
-        require(wide, name, f"have at least {4 * END} columns", int(levels.shape[-1]))
+        is_wide = levels.shape[-1] >= 4 * END
+        require(is_wide, name, f"have at least {4 * END} columns", int(levels.shape[-1]))
         if self.speed is not None:
             require_finite("TargetPicture(speed=...)", self.speed)
         object.__setattr__(self, "is_rounded", bool(np.all(levels == np.rint(levels))))
@@ -106,33 +107,32 @@ class TargetPicture:
         require(highest < sensor.full_level, self.name, requirement, highest)
         profile = self.levels.mean(axis=0)
         noise = np.sqrt(sensor.variance(profile, self.is_rounded) / len(self.levels))
+        threshold = _CLEAR * float(noise.max())
         for end in (profile[:END], profile[-END:]):
-            slope = abs(float(np.mean(end[: END // 2]) - np.mean(end[END // 2 :])))
-            flat = slope <= _CLEAR * float(noise.max())
+            change = abs(float(np.mean(end[: END // 2]) - np.mean(end[END // 2 :])))
             requirement = f"end in {END} columns that the blur does not reach"
-            require(flat, self.name, requirement, Bare(f"levels that change by {slope:.3g} there"))
+            got = Unquoted(f"levels that change by {change:.3g} there")
+            require(change <= threshold, self.name, requirement, got)
         left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
-        clear = _CLEAR * float(noise.max())
+        got = Unquoted(f"{left:.4g} and {right:.4g}")
         if self.target == "edge":
             requirement = "hold an edge: levels at its ends that differ by more than the noise"
-            got = Bare(f"{left:.4g} and {right:.4g}")
-            require(abs(right - left) > clear, self.name, requirement, got)
+            require(abs(right - left) > threshold, self.name, requirement, got)
         else:
-            dark = abs(right - left) <= clear
-            got = Bare(f"{left:.4g} and {right:.4g}")
-            require(dark, self.name, "hold a point: the same level at both ends", got)
+            requirement = "hold a point: the same level at both ends"
+            require(abs(right - left) <= threshold, self.name, requirement, got)
             peak = float(profile.max()) - left
             requirement = "hold a point: light above the level of its ends"
-            require(peak > clear, self.name, requirement, Bare(f"{peak:.3g} above"))
+            require(peak > threshold, self.name, requirement, Unquoted(f"{peak:.3g} above"))
         return profile
 
 
 class Measurements(NamedTuple):
-    """Everything that was recorded of one camera.
+    """The measurements of one camera.
 
     Attributes:
         pictures: Pictures of targets.
-        sensor: How levels come from electrons.
+        sensor: The conversion of electrons to levels.
         trace: A photodiode's trace, on the camera's clock; None for none.
     """
 
@@ -170,14 +170,14 @@ class _File(Section):
 
 
 def read_measurements(path: str | Path) -> Measurements:
-    """Read a TOML file that lists pictures, how the sensor counts, and a trace if there is one.
+    """Read a TOML file that lists pictures, the figures of the sensor, and perhaps a trace.
 
-    A picture is CSV, one line a row, or `.npy` of rows and columns. One without a speed has
-    the speed that all such pictures share.
+    A picture is CSV, one line a row, or `.npy` of rows and columns. All pictures without a speed
+    share an unknown one.
 
     Raises:
-        ValueError: if a file is not what it must be.
-        OSError: if one cannot be read.
+        ValueError: if a file does not hold what it must.
+        OSError: if a file cannot be read.
     """
     name, folder = str(path), Path(path).parent
     file = validated(_File, parsed(tomllib.loads, contents(path), name, "TOML"), name)
@@ -185,11 +185,15 @@ def read_measurements(path: str | Path) -> Measurements:
         TargetPicture(_levels(folder / p.path), p.target, p.speed_px_per_s, str(folder / p.path))
         for p in file.picture
     )
-    s = file.sensor
-    full = np.inf if s.full_level is None else s.full_level
-    sensor = SensorLevels(s.electrons_per_level, s.read_noise_e, s.black_level, full)
-    t = file.trace
-    trace = None if t is None else read_trace(folder / t.path, column=t.column)
+    figures = file.sensor
+    sensor = SensorLevels(
+        electrons_per_level=figures.electrons_per_level,
+        read_noise=figures.read_noise_e,
+        black_level=figures.black_level,
+        full_level=np.inf if figures.full_level is None else figures.full_level,
+    )
+    entry = file.trace
+    trace = None if entry is None else read_trace(folder / entry.path, column=entry.column)
     return Measurements(pictures, sensor, trace)
 
 
@@ -197,7 +201,7 @@ def _levels(path: Path) -> np.ndarray:
     content, name = contents(path), str(path)
     if not content.startswith(b"\x93NUMPY"):
         is_text = b"\0" not in content or content.startswith((b"\xff\xfe", b"\xfe\xff"))
-        got = Bare("a file that is neither")
+        got = Unquoted("a file that is neither")
         require(is_text, name, "hold the levels of a picture as CSV or .npy", got)
         lines = text_lines(content, name)
         return number_rows(lines, lines[0].count(",") + 1, name)
@@ -205,5 +209,5 @@ def _levels(path: Path) -> np.ndarray:
         levels = np.load(io.BytesIO(content), allow_pickle=False)
     except (ValueError, EOFError, OSError, SyntaxError) as error:
         raise ValueError(f"{name} must be a whole .npy file; got: {error}.") from None
-    require(levels.dtype.kind in "fiu", name, "hold real numbers", Bare(levels.dtype))
+    require(levels.dtype.kind in "fiu", name, "hold real numbers", Unquoted(levels.dtype))
     return levels

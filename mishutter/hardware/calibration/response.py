@@ -1,11 +1,10 @@
-r"""Levels that a camera gives of a point or an edge, by the exact blur kernel.
+r"""Irradiance that a point or an edge leaves on each pixel of a camera, by the exact blur kernel.
 
-The kernel is taken aligned at the vertex of the path, in taps of 1/8 px: there it is a smooth
-function of the motion, and light is placed to 0.02 % of the brightest pixel. Light is spread
-evenly over a tap, blurred by the lens, a Gaussian, and collected by pixels, all in closed form:
-with $q'' = $ the Gaussian, a point's tap of width $\delta$ gives a pixel
-$[q(x + 1) - q(x) - q(x + 1 - \delta) + q(x - \delta)]/\delta$ at distance $x$ from the tap's
-beginning to the pixel's; an edge gives the same of $r$, $r' = q$.
+The kernel is aligned at the vertex of the path, where it is a smooth function of the motion, and
+has taps of 1/8 px. Its irradiance is uniform over a tap, blurred by the lens, a Gaussian, and
+integrated over pixels, all in closed form: with $q'' = $ the Gaussian, a point's tap of width
+$\delta$ gives a pixel $[q(x + 1) - q(x) - q(x + 1 - \delta) + q(x - \delta)]/\delta$ at distance
+$x$ from the tap's beginning to the pixel's; an edge gives the same of $r$, $r' = q$.
 """
 
 from typing import Any
@@ -21,11 +20,11 @@ from mishutter.model import ParabolicMotion, SplineShutter
 FINE = 8
 """Taps of a pixel."""
 MOVED = 2
-"""Taps by which light is moved within a kernel at most."""
+"""Taps to either side over which a kernel's tap is spread."""
 _SHARPEST = 1e-3
-"""Standard deviation of the lens's Gaussian that stands for none; px."""
+"""Standard deviation of a lens without blur, which prevents a division by 0; px."""
 _REACH = 15.5
-"""How far coefficients may leave [0, 1] and light is still linear in them."""
+"""Distance by which coefficients may leave [0, 1] while kernels stay linear in them."""
 
 
 def kernels(
@@ -33,39 +32,39 @@ def kernels(
 ) -> Array:
     r"""Kernels of a spline of any coefficients, in taps of 1/8 px; shape `(speeds, taps + 4)`.
 
-    The first is two before the vertex.
-
-    A profile $w$ that noise, or a step of the minimiser, takes out of [0, 1] is
-    $(1 + 2r) w' - r$ of one, $w'$, inside.
+    The first tap lies two before the vertex. Noise, or a step of the minimiser, may take a
+    profile $w$ out of [0, 1]. It then is $(1 + 2r) w' - r$ with a profile $w'$ inside, and its
+    kernel is the same combination of the kernels of $w'$ and of an open shutter.
 
     Args:
         coefficients: B-spline coefficients; shape `(n,)`.
         acceleration: $a$, px/s^2.
         half_exposure: $T$, s.
         relative: Speeds relative to the sensor at mid-exposure, $s - v$; px/s.
-        num_taps: How many taps.
+        num_taps: Number of taps from the vertex on.
     """
     span = 1 + 2 * _REACH
-    both = jnp.stack([(coefficients + _REACH) / span, jnp.ones_like(coefficients)])
+    profiles = jnp.stack([(coefficients + _REACH) / span, jnp.ones_like(coefficients)])
     motion = ParabolicMotion(acceleration=acceleration * FINE, half_exposure=half_exposure)
 
     def one(parameters: Array, speed: Array) -> Array:
         return blur_kernel(SplineShutter(parameters), motion, speed=speed * FINE, num_taps=num_taps)
 
-    of_shutters = jax.vmap(one, in_axes=(0, None))
-    inside, opened = jnp.moveaxis(jax.vmap(of_shutters, in_axes=(None, 0))(both, relative), 1, 0)
-    return _as_light_lies(span * inside - _REACH * opened)
+    by_profile = jax.vmap(one, in_axes=(0, None))
+    taps = jax.vmap(by_profile, in_axes=(None, 0))(profiles, relative)
+    inside, opened = jnp.moveaxis(taps, 1, 0)
+    return _with_moments(span * inside - _REACH * opened)
 
 
-def _as_light_lies(taps: Array) -> Array:
-    r"""Taps of even light that have the moments of the light of the kernel, up to the fourth.
+def _with_moments(taps: Array) -> Array:
+    r"""Taps of uniform irradiance with the moments of the kernel within each tap, up to the fourth.
 
-    Light is as dense as $g(x)/2\sqrt{x}$ about the vertex, and by far not spread evenly over the
-    first taps. With $A_k$ and $c_k$ the integral and the centroid of $1/2\sqrt{x}$ in a tap, and
-    $g$ linear about $c_k$, its moments about the tap's middle are
-    $g_k\int x^p/2\sqrt{x}\,dx + g'_k\int (x - c_k)x^p/2\sqrt{x}\,dx$. Five neighbouring taps
-    share its light so that they have these moments. The row begins so many taps before the
-    vertex, and ends as many later, as light is moved.
+    The irradiance is $g(x)/2\sqrt{x}$ at a distance $x$ from the vertex, and far from uniform over
+    the first taps. With $c_k$ the centroid of $1/2\sqrt{x}$ in a tap, and $g$ linear about
+    $c_k$, its moments about the tap's middle are
+    $g_k\int x^p/2\sqrt{x}\,dx + g'_k\int (x - c_k)x^p/2\sqrt{x}\,dx$. Each tap is divided
+    among itself and two neighbours to either side, so that the five have these moments. The
+    result begins two taps before the vertex, and ends two later than `taps`.
     """
     k = np.arange(taps.shape[1], dtype=np.float64)[:, None]
     nodes, weights = np.polynomial.legendre.leggauss(6)  # exact of polynomials in sqrt(x)
@@ -79,46 +78,46 @@ def _as_light_lies(taps: Array) -> Array:
         np.einsum("kn,knp->kp", each, x[..., None] ** powers)
         for each in (weight / area[:, None], weight * from_centroid)
     )
-    taken = np.arange(-MOVED, MOVED + 1)[None, :]
+    neighbours = np.arange(-MOVED, MOVED + 1)[None, :]
     power = powers[:, None] + 1
-    even = ((taken + 0.5) ** power - (taken - 0.5) ** power) / power
-    shares, moved = (
-        jnp.asarray(np.linalg.solve(even, each.T), taps.dtype)[:, None]
+    uniform = ((neighbours + 0.5) ** power - (neighbours - 0.5) ** power) / power
+    of_value, of_slope = (
+        jnp.asarray(np.linalg.solve(uniform, each.T), taps.dtype)[:, None]
         for each in (moments, slopes)
     )
     slope: Any = jnp.gradient(taps / jnp.asarray(area, taps.dtype)[None], axis=1)
-    light = shares * taps[None] + moved * slope[None]
-    moved_light = [
-        jnp.pad(each, ((0, 0), (place, 2 * MOVED - place))) for place, each in enumerate(light)
+    shares = of_value * taps[None] + of_slope * slope[None]
+    shifted = [
+        jnp.pad(share, ((0, 0), (place, 2 * MOVED - place))) for place, share in enumerate(shares)
     ]
-    return jnp.sum(jnp.stack(moved_light), axis=0)
+    return jnp.sum(jnp.stack(shifted), axis=0)
 
 
 def collected(taps: Array, begin: Array, blur: Array, is_edge: Array, num_columns: int) -> Array:
-    """Light that each pixel collects of a point's or an edge's kernels; shape `(s, columns)`.
+    """Irradiance that each pixel integrates, of points or edges; shape `(s, columns)`.
 
     Args:
-        taps: Shape `(s, taps)`.
+        taps: Kernels, in taps of 1/8 px; shape `(s, taps)`.
         begin: Position of the first tap's beginning; px, shape `(s,)`.
         blur: Standard deviation of the lens's Gaussian; px.
         is_edge: Whether the target is an edge; shape `(s,)`.
-        num_columns: Pixels, the first from 0 to 1 px.
+        num_columns: Number of pixels, of which the first lies from 0 to 1 px.
     """
     num_taps = taps.shape[1]
-    # From the tap that begins last to the last pixel's end, in steps of a tap.
+    # Distances, in steps of a tap, from the last tap's beginning to the last pixel's end.
     index = np.arange(-num_taps - 1, (num_columns + 1) * FINE)
     x = jnp.asarray(index / FINE, begin.dtype)[None] - begin[:, None]
     width = jnp.sqrt(blur**2 + _SHARPEST**2)
     z = x / width
-    share = (1 + jax.scipy.special.erf(z / np.sqrt(2))) / 2
+    distribution = (1 + jax.scipy.special.erf(z / np.sqrt(2))) / 2
     density = jnp.exp(-z * z / 2) / np.sqrt(2 * np.pi)
-    point = x * share + width * density
-    edge = ((x * x + width**2) * share + x * width * density) / 2
-    spread = jnp.where(is_edge[:, None], edge, point)
-    of_tap = (spread[:, 1:] - spread[:, :-1]) * FINE
-    response = of_tap[:, FINE:] - of_tap[:, :-FINE]
-    # Light that the DFT carries round falls on the first `num_taps` places, which no pixel takes.
+    point = x * distribution + width * density  # q of the module's docstring
+    edge = ((x * x + width**2) * distribution + x * width * density) / 2  # r, its integral
+    integral = jnp.where(is_edge[:, None], edge, point)
+    over_tap = (integral[:, 1:] - integral[:, :-1]) * FINE
+    response = over_tap[:, FINE:] - over_tap[:, :-FINE]
+    # The DFT wraps round onto the first `num_taps` places, which belong to no pixel.
     length = 1 << (response.shape[1] - 1).bit_length()
     spectrum = jnp.fft.rfft(response, length) * jnp.fft.rfft(taps, length)
-    light = jnp.fft.irfft(spectrum, length)
-    return light[:, num_taps : num_taps + num_columns * FINE : FINE]
+    irradiance = jnp.fft.irfft(spectrum, length)
+    return irradiance[:, num_taps : num_taps + num_columns * FINE : FINE]

@@ -1,8 +1,8 @@
-r"""How well measurements tell the numbers of a camera, and what they do not see.
+r"""Error bars of a fitted camera, and the directions in which it is not identifiable.
 
-The information matrix of the last round of a fit gives the error bars, and its directions of
-almost no information say what the measurements do not see. Where it does not hold as far as two
-error bars, they are those of the profile likelihood.
+The information matrix of the last round of a fit gives both: the error bars, and directions of
+almost no information. Where the residuals are not linear as far as two error bars, the error bars
+are those of the profile likelihood.
 """
 
 from dataclasses import dataclass
@@ -12,19 +12,20 @@ import numpy as np
 from mishutter.hardware.calibration.likelihood import Setting, Solution, Ties, solved
 
 _RANGE = 12**-0.5
-"""Standard deviation of a number anywhere from 0 to 1: how far what is not seen may stray."""
+"""Standard deviation of a number anywhere from 0 to 1, to which blind directions are held."""
 _MAX_ENDS = 3
-"""How often a fit goes on from a lower end that a pull has found."""
+"""Greatest number of last rounds, which begin again at a lower end that a pull has found."""
 _STRAIGHT = 0.5
-"""Departure of the residuals from what derivatives say, two error bars off, that is none.
+"""Greatest departure from linear residuals, two error bars off, that counts as none.
 
 It moves an error bar by a quarter at most, and by far less where it is spread over the levels.
 """
 _SAME = 0.01
-"""Rise of chi squared by which an end of the minimiser is no better than another."""
+"""Fall of chi squared from which one end of the minimiser is better than another."""
 _LEAST_SEEN = 1 / 3
+"""Least singular value of the Jacobian in error bars, which keeps those of directions below 3."""
 WIDEST = 1 / 3
-"""Error bar of a parameter that is told, at most, in its own scale."""
+"""Greatest error bar of an identifiable parameter, in its own scale."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +33,7 @@ class ErrorBars:
     """Error bars of the parameters, in their own scales, and of the delay.
 
     Attributes:
-        errors: Of each parameter, infinite where it is blind; shape `(n,)`.
+        errors: Of each parameter; shape `(n,)`. Above `WIDEST` it is not identifiable.
         delay: Of the delay; s.
         blind: Directions of almost no information; shape `(k, n)`.
     """
@@ -43,18 +44,19 @@ class ErrorBars:
 
 
 def error_bars(setting: Setting, solution: Solution) -> tuple[Solution, ErrorBars]:
-    r"""The last round of a fit, in which nothing that is seen is tied, and error bars at its end.
+    r"""The last round of a fit, which ties blind directions alone, and error bars at its end.
 
-    The information matrix tells how $\chi^2$ rises nearby. Farther off it rises otherwise where
-    information depends on what was found: a jump of the profile at an end of the exposure tells
-    the stage from the shutter the better the higher it is. Each number of the camera is therefore
+    The information matrix gives the rise of $\chi^2$ nearby. Farther off the rise is another where
+    information depends on the camera: a jump of the profile at an end of the exposure tells the
+    stage from the shutter the better the higher it is. Each parameter of the camera is therefore
     pulled either way, everything else following, until $\chi^2$ is about 4 higher. With $\theta$
     there, an error bar is at least $|\theta - \hat\theta|/\sqrt{\Delta\chi^2}$ (the profile
-    likelihood's, of the farther side), and no end of less than 1 more lies outside it.
+    likelihood's, of the farther side), and an end whose $\chi^2$ rises by less than 1 lies within
+    it.
     """
     noise = setting.noise(solution.expected)
-    _, unseen = _information(solution.matrix)
-    ties = Ties(unseen / _RANGE, unseen @ solution.values / _RANGE)
+    _, blind = _information(solution.matrix)
+    ties = Ties(blind / _RANGE, blind @ solution.values / _RANGE)
     values, best, ends = solution.values, solution, []
     for _ in range(_MAX_ENDS):
         best = solved(setting, values, noise, ties)
@@ -63,42 +65,42 @@ def error_bars(setting: Setting, solution: Solution) -> tuple[Solution, ErrorBar
         if lowest.loss >= best.loss - _SAME:
             break
         values = lowest.values
-    everything, blind = _information(best.matrix)
-    seen, _ = _information(np.concatenate([best.matrix, ties.rows]))
-    late, slopes = setting.delay(best.values)
-    numbers = np.concatenate([np.eye(best.values.size), slopes[None]])
+    untied, blind = _information(best.matrix)
+    tied, _ = _information(np.concatenate([best.matrix, ties.rows]))
+    delay, slopes = setting.delay(best.values)
+    rows = np.concatenate([np.eye(best.values.size), slopes[None]])
     linear, total = (
-        np.einsum("ij,jk,ik->i", numbers, each, numbers) for each in (seen, everything)
+        np.einsum("ij,jk,ik->i", rows, covariance, rows) for covariance in (tied, untied)
     )
     bars = np.sqrt(linear)
     for end in ends:
-        away = np.append(end.values - best.values, setting.delay(end.values)[0] - late)
-        bars = np.maximum(bars, np.abs(away) / np.sqrt(max(end.loss - best.loss, 1.0)))
-    *errors, delay = np.sqrt(bars**2 + np.maximum(total - linear, 0))
-    return best, ErrorBars(np.array(errors), float(delay), blind)
+        distance = np.append(end.values - best.values, setting.delay(end.values)[0] - delay)
+        bars = np.maximum(bars, np.abs(distance) / np.sqrt(max(end.loss - best.loss, 1.0)))
+    *errors, delay_error = np.sqrt(bars**2 + np.maximum(total - linear, 0))
+    return best, ErrorBars(np.array(errors), float(delay_error), blind)
 
 
 def _pulled(setting: Setting, best: Solution, ties: Ties) -> list[Solution]:
-    """Ends of pulls by 4 error bars on each number of the camera, against its own bar.
+    """Ends of pulls by 4 error bars on each parameter of the camera, against its own bar.
 
-    Where information does not change, a pull ends half-way. If residuals there are what
-    derivatives say, Fisher's error bar stands, and there is no pull. It starts there, or at the
-    best fit where that is nearer to its end.
+    A pull ends half-way, two error bars off, where the residuals are linear. Fisher's error bar
+    then stands without a pull. Where they are not, a pull starts half-way, or at the best fit
+    if that has the lower sum of squares, the pull's included.
     """
-    everything, _ = _information(best.matrix)
+    untied, _ = _information(best.matrix)
     covariance, _ = _information(np.concatenate([best.matrix, ties.rows]))
-    is_own = np.arange(best.values.size) < 4 + len(setting.coefficients)
-    is_told = np.diag(everything) <= WIDEST**2
+    is_shared = np.arange(best.values.size) < 4 + len(setting.coefficients)
+    is_identifiable = np.diag(untied) <= WIDEST**2
     ends = []
-    for k in np.flatnonzero(is_own & is_told & ~setting.is_pinned):
+    for k in np.flatnonzero(is_shared & is_identifiable & ~setting.is_pinned):
         row = np.eye(best.values.size)[k] / np.sqrt(covariance[k, k])
         for side in (-2, 2):
-            away = side * covariance @ row
-            there = setting.residuals(best.values + away, best.noise)
-            if np.linalg.norm(there - best.residual - best.matrix @ away) > _STRAIGHT:
+            step = side * covariance @ row
+            residual = setting.residuals(best.values + step, best.noise)
+            if np.linalg.norm(residual - best.residual - best.matrix @ step) > _STRAIGHT:
                 pull = row, float(row @ best.values) + 2 * side
-                is_nearer = np.sum(there**2) + 2**2 < np.sum(best.residual**2) + 4**2
-                start = best.values + away * is_nearer
+                is_lower = np.sum(residual**2) + 2**2 < np.sum(best.residual**2) + 4**2
+                start = best.values + step * is_lower
                 ends.append(solved(setting, start, best.noise, ties, pull))
     return ends
 
@@ -106,8 +108,9 @@ def _pulled(setting: Setting, best: Solution, ties: Ties) -> list[Solution]:
 def _information(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Covariance by the Fisher information, in the parameters' own scales, and blind directions.
 
-    A direction in which the error bar exceeds a third of that scale is blind. What is not seen at
-    all is given three of it, ten of its range, so that it does not spread to what is seen.
+    A direction is blind where its error bar exceeds a third of that scale. No error bar exceeds
+    three of it, ten standard deviations of its range, which prevents the uncertainty of what is
+    not seen at all from spreading to what is.
     """
     _, singular, directions = np.linalg.svd(matrix, full_matrices=False)
     bars = directions / np.maximum(singular, _LEAST_SEEN)[:, None]

@@ -13,14 +13,14 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
-    Bare,
     DoubleWord,
+    Unquoted,
     all_concrete,
     as_float,
-    at_once,
     common_dtype,
     fields_text,
     fractions_as_words,
+    outside_trace,
     require,
     require_finite,
     shape_of,
@@ -319,18 +319,18 @@ def piecewise(shutter: AbstractShutter) -> AbstractPiecewiseShutter:
     return SampledShutter(shutter)
 
 
-@at_once()
+@outside_trace()
 def _check_transmittance(shutter: AbstractShutter) -> None:
     subject = f"{type(shutter).__name__}.transmittance"
     try:
         jax.eval_shape(shutter.transmittance, _UNIFORM)
     except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
         requirement = "be made of functions that JAX can trace, as those of `jax.numpy`"
-        require(False, subject, requirement, Bare(type(error).__name__))
+        require(False, subject, requirement, Unquoted(type(error).__name__))
     found = np.asarray(shutter.transmittance(jnp.asarray(_UNIFORM)))
     alike = found.shape == _UNIFORM.shape
     require(alike, subject, "have the shape of its argument", shape_of(found))
-    require(np.isrealobj(found), subject, "be real", Bare(found.dtype))
+    require(np.isrealobj(found), subject, "be real", Unquoted(found.dtype))
     light = found[np.argmax(np.abs(np.where(np.isnan(found), np.inf, found - 0.5)))]
     rounding = 16 * float(np.finfo(common_dtype(found)).eps)
     require(bool(-rounding <= light <= 1 + rounding), subject, "lie in [0, 1]", light)
@@ -366,12 +366,15 @@ def _check_discontinuities(shutter: AbstractShutter, subject: str) -> None:
     requirement = "be smooth but for where its `discontinuities()` say that it jumps or bends"
     allowed = max(_MISFIT, 64 * float(np.finfo(dtype).eps))
     at = float(tau[:, nodes.size :][worst])
-    got = Bare(f"a jump, a bend or a curve too steep to follow near tau = {at:.4g}")
+    got = Unquoted(f"a jump, a bend or a curve too steep to follow near tau = {at:.4g}")
     require(bool(error[worst] <= allowed), subject, requirement, got)
     if jax.tree.leaves(shutter):
         gap = np.abs(ends[1:-1, None] - np.append(declared, np.inf)[None]).min(axis=1)
         step = np.where(gap < _SHORT, 0.0, np.abs(fitted[1:, 0] - fitted[:-1, -1]))
         at = float(ends[1:-1][np.argmax(step)])
         require(
-            float(step.max()) <= allowed, subject, requirement, Bare(f"a jump at tau = {at:.4g}")
+            float(step.max()) <= allowed,
+            subject,
+            requirement,
+            Unquoted(f"a jump at tau = {at:.4g}"),
         )

@@ -9,10 +9,10 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import (
     DoubleWord,
     RowLike,
+    as_array_like,
     as_float,
     common_dtype,
     is_concrete,
-    known_beside,
     namespace_of,
     require,
     shape_of,
@@ -71,7 +71,7 @@ class ChippedShutter(AbstractAdjustableShutter):
         return uniform_breakpoints(self.transmittances.size, dtype)
 
     def piece_transmittance(self, offset: Any) -> Any:
-        chips = known_beside(offset, self.transmittances).reshape((-1,) + (1,) * (offset.ndim - 1))
+        chips = as_array_like(offset, self.transmittances).reshape((-1,) + (1,) * (offset.ndim - 1))
         return namespace_of(chips).broadcast_to(chips, offset.shape).astype(offset.dtype)
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:

@@ -10,7 +10,7 @@ from typing import Any, final
 
 import numpy as np
 
-from mishutter._core import Bare, as_float, require
+from mishutter._core import Unquoted, as_float, require
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.chips import RASKAR_CODE, ChippedShutter
 from mishutter.model.shutters.spline import SplineShutter
@@ -142,7 +142,7 @@ def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
     require(name in kinds, "shutter.kind", f"be one of {', '.join(kinds)}", name)
     wanted = kinds[name].fields
     for key in wanted:
-        require(key in given, f"shutter.{key}", f"be given for a {name}", Bare("nothing"))
+        require(key in given, f"shutter.{key}", f"be given for a {name}", Unquoted("nothing"))
     for key, value in given.items():
         require(key in wanted, f"shutter.{key}", f"be left out of a {name}", value)
     return kinds[name].shutter(**{key: _read(key, given[key], wanted[key]) for key in wanted})

@@ -12,12 +12,12 @@ from numpy.polynomial import chebyshev
 from mishutter._core import (
     DoubleWord,
     all_concrete,
-    at_once,
     compiled,
-    in_a_program,
+    device_constant,
     is_concrete,
+    is_tracing,
     namespace_of,
-    on_device,
+    outside_trace,
 )
 from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
 from mishutter.model.shutters.bernstein import looked_up, polynomial, polynomial_means
@@ -100,8 +100,8 @@ def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseS
     if isinstance(shutter, PolynomialShutter):
         return shutter
     profile = piecewise(shutter)
-    if profile.evaluates_by_numpy and all_concrete(profile) and not in_a_program():
-        with at_once():
+    if profile.evaluates_by_numpy and all_concrete(profile) and not is_tracing():
+        with outside_trace():
             high, low = map(np.asarray, profile.breakpoints(dtype))
         form = _interpolated(profile, high, low)
     else:
@@ -167,7 +167,7 @@ def _interpolated(
     powers = (whole @ to_powers.T)[:, ::-1]
     converges = space.max(abs(series[:, -1])) <= _LAST_TERM * float(np.finfo(dtype).eps)
     if space is np:
-        cuts, powers = on_device((cuts, powers))
+        cuts, powers = device_constant((cuts, powers))
     return PolynomialShutter(cuts, powers), converges & (space.min(width) >= _SHORTEST)
 
 

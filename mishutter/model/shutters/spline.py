@@ -13,9 +13,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from mishutter._core import (
     DoubleWord,
     RowLike,
+    as_array_like,
     as_float,
     common_dtype,
-    known_beside,
     namespace_of,
     require,
     require_finite,
@@ -127,7 +127,7 @@ class SplineShutter(AbstractAdjustableShutter):
 
     def piece_transmittance(self, offset: Any) -> Any:
         share = offset * ((self.num_coefficients - _DEGREE) / 2)
-        control = self._control_points(known_beside(offset, self.parameters))
+        control = self._control_points(as_array_like(offset, self.parameters))
         return bernstein_value(expand(split_control(control), share), share)
 
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:

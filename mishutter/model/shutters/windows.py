@@ -12,11 +12,11 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
     DoubleWord,
+    as_array_like,
     as_float,
     as_numpy,
     common_dtype,
     is_concrete,
-    known_beside,
     namespace_of,
     require,
     require_scalar,
@@ -151,7 +151,7 @@ class GaussianShutter(AbstractAdjustableShutter):
         return _inside(tau, self._profile(tau))
 
     def _profile(self, tau: Any) -> Any:
-        sigma = known_beside(tau, self.sigma)
+        sigma = as_array_like(tau, self.sigma)
         return namespace_of(tau, sigma).exp(-((tau / sigma.astype(tau.dtype)) ** 2) / 2)
 
     @property
@@ -232,7 +232,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         return DoubleWord(*(as_float(space.stack(part)) for part in ends))
 
     def piece_transmittance(self, offset: Any) -> Any:
-        taper = known_beside(offset, self.taper).astype(np.finfo(offset.dtype).dtype)
+        taper = as_array_like(offset, self.taper).astype(np.finfo(offset.dtype).dtype)
         space, taper = namespace_of(offset, taper), _some(taper).astype(offset.dtype)
         quarter_turn = np.pi / (2 * taper)
         rising, falling = (quarter_turn * offset[piece] for piece in (0, 2))

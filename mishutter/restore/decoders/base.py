@@ -3,6 +3,7 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
+import math
 from abc import abstractmethod
 from typing import final
 
@@ -10,11 +11,10 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import alone_in_blas, at_once, require_known
+from mishutter._core import alone_in_blas, outside_trace, require_known
 from mishutter.camera import (
     captured_response,
     kernel_layout,
-    noise_variance,
     skips,
     white_electrons,
 )
@@ -24,6 +24,7 @@ from mishutter.evaluation import (
     Plan,
     needed_speeds,
     picture_power,
+    sensor_view,
 )
 from mishutter.model import (
     NUM_FREQUENCIES,
@@ -31,7 +32,8 @@ from mishutter.model import (
     AbstractShutter,
     Optics,
     Scene,
-    seen_from,
+    frequencies,
+    noise_power,
 )
 
 
@@ -49,8 +51,7 @@ class BlurModel(eqx.Module):
         weights: How often each occurs; shape `(s,)`.
         num_taps: Pixels over which light of the fastest falls.
         efficiency: Mean transmittance over the exposure.
-        noise: Variance of the noise per pixel of the capture, white = 1.
-        read_variance: The part of it that is there in the dark, $(\sigma/p)^2$.
+        read_noise: Standard deviation of the read noise; e-.
         electrons: Photo-electrons of a white pixel in a fully open exposure.
         power: Power of the picture's rows in equal steps of (0, 0.5) cycles/px, its mean
             being the variance; shape `(m,)`.
@@ -64,12 +65,28 @@ class BlurModel(eqx.Module):
     weights: np.ndarray
     num_taps: int = eqx.field(static=True)
     efficiency: float = eqx.field(static=True)
-    noise: float = eqx.field(static=True)
-    read_variance: float = eqx.field(static=True)
+    read_noise: float = eqx.field(static=True)
     electrons: float = eqx.field(static=True)
     power: np.ndarray
     mean_level: float = eqx.field(static=True)
     optics: Optics = eqx.field(static=True)
+
+    @property
+    def noise(self) -> float:
+        """Variance of the noise per pixel of a capture of the mean level, white = 1."""
+        return self.noise_at(self.mean_level)
+
+    @property
+    def read_variance(self) -> float:
+        r"""The part of the noise that is there in the dark, $(\sigma/p)^2$."""
+        return self.noise_at(0.0)
+
+    def noise_at(self, mean_level: float) -> float:
+        r"""Variance of the noise where the picture has a mean, $\eta\bar f/p + (\sigma/p)^2$."""
+        p = self.electrons
+        if p <= 0:
+            return math.inf
+        return noise_power(self.efficiency, mean_level, p, self.read_noise, unit=p)
 
     def responses(self, length: int) -> np.ndarray:
         """Responses at the speeds that may occur, on the grid of a DFT; `(s, length // 2 + 1)`."""
@@ -81,13 +98,13 @@ class BlurModel(eqx.Module):
 
     def responses_at(self, speeds: np.ndarray, length: int) -> np.ndarray:
         """Responses at speeds relative to the sensor, px/s, `(s,)`; `(s, length // 2 + 1)`."""
-        with at_once():
+        with outside_trace():
             found = captured_response(self.motion, self.shutter, speeds.tolist(), length)
         return np.asarray(found) * self.optics.response(length)
 
     def picture_spectrum(self, length: int) -> np.ndarray:
         """Power spectrum of the picture on the grid of a DFT; `(length // 2 + 1,)`."""
-        known = (np.arange(self.power.size) + 0.5) / (2 * self.power.size)
+        known = frequencies(self.power.size)
         least = np.finfo(np.float64).tiny
         logarithm = np.log(np.maximum(self.power, least))
         return np.exp(np.interp(np.fft.rfftfreq(length), known, logarithm))
@@ -144,7 +161,7 @@ def blur_model(
         ValueError: if light would fall over more than 8,192 px.
     """
     require_known("blur_model", scene=scene, motion=motion)
-    with at_once():  # numbers also where the capture is traced
+    with outside_trace():  # numbers also where the capture is traced
         return _known_blur(scene, motion, shutter, plan, least_taps)
 
 
@@ -155,8 +172,7 @@ def _known_blur(
     plan: Plan | Automatic | None,
     least_taps: int,
 ) -> BlurModel:
-    scene, motion = seen_from(scene, motion)
-    shutter = scene.light(shutter, motion)
+    scene, motion, shutter, _ = sensor_view(scene, motion, shutter)
     speeds = np.asarray(scene.speeds)
     num_taps, _ = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     weights = np.asarray(scene.weights, np.float64)
@@ -167,7 +183,6 @@ def _known_blur(
     # The speeds beside that of rest choose the nodes that the responses have too.
     *_, still = np.asarray(captured_response(motion, shutter, [*speeds.tolist(), 0.0], 2))
     light = float(still[0].real)
-    noise = float(noise_variance(scene, motion, light)) if electrons > 0 else np.inf
     power = picture_power(scene, NUM_FREQUENCIES, np.dtype(scene.speeds.dtype))
     return BlurModel(
         motion=motion,
@@ -176,8 +191,7 @@ def _known_blur(
         weights=weights,
         num_taps=num_taps,
         efficiency=light,
-        noise=noise,
-        read_variance=float(scene.read_noise) ** 2 / electrons**2 if electrons > 0 else np.inf,
+        read_noise=float(scene.read_noise),
         electrons=electrons,
         power=np.asarray(power, np.float64),
         mean_level=float(scene.mean_level),

@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import compiled
 from mishutter.camera import along_rows
+from mishutter.evaluation import lost_share
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
 from mishutter.restore.decoders.borders import Continuation, captured_spectrum, continuation
 
@@ -79,14 +80,14 @@ def wiener_filter(model: BlurModel, length: int) -> np.ndarray:
 def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
     r"""Error that the ensemble filter leaves of pictures with the scene's spectrum; white = 1.
 
-    $2\int_0^{1/2} [S \sum p_i |1 - G H_i|^2 + N |G|^2]\,df$. Of a picture without detail it is 0.
+    $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2 + v) + N)\,df$, the `lost_share` of the picture's power.
+    Of a picture without detail it is 0.
     """
     if not np.any(model.power > 0):
         return 0.0
-    response = ensemble_filter(model, length)
-    missed = model.weights @ np.abs(1 - response * model.responses(length)) ** 2
-    left = model.picture_spectrum(length) * missed + model.noise * np.abs(response) ** 2
-    return float(_mean_over_dft(left, length))
+    power, (mean, spread) = model.picture_spectrum(length), mean_and_spread(model, length)
+    lost = lost_share(power, np.abs(mean) ** 2, spread, model.noise)
+    return float(_mean_over_dft(power * lost, length))
 
 
 def squared_error_of(model: BlurModel, rows: np.ndarray, speeds: np.ndarray) -> np.ndarray:
@@ -105,9 +106,8 @@ def squared_error_of(model: BlurModel, rows: np.ndarray, speeds: np.ndarray) -> 
     spectrum = np.fft.rfft(np.concatenate([deviation, deviation[..., ::-1]], axis=-1))
     power = np.mean(np.abs(spectrum.reshape(-1, spectrum.shape[-1])) ** 2, axis=0) / length
     response = ensemble_filter(model, length)
-    shot = model.efficiency * float(np.mean(rows)) / model.electrons
     missed = np.abs(1 - response * model.responses_at(speeds, length)) ** 2
-    left = power * missed + (shot + model.read_variance) * np.abs(response) ** 2
+    left = power * missed + model.noise_at(float(np.mean(rows))) * np.abs(response) ** 2
     return _mean_over_dft(left, length)
 
 

@@ -1,7 +1,7 @@
 """Least squares with a penalty on total variation in two dimensions."""
 
 import math
-from typing import final
+from typing import NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -75,20 +75,37 @@ class TotalVariationDecoder(AbstractDecoder):
         smooth = _POWER * error / power / coupling
         smooth[0] = 0.0  # a row's level is free
         threshold = _THRESHOLD * np.sqrt(error)
-        numbers = (threshold, 1 / model.efficiency)
-        filters = (np.conj(mean) * data, np.abs(mean) ** 2 * data + smooth)
-        start = ensemble_filter(model, length)
-        given = extension, (*filters, start), tuple(np.asarray(v) for v in numbers)
-        return _split(captured, *given, self.num_iterations)
+        problem = _Problem(
+            known=np.conj(mean) * data,
+            curvature=np.abs(mean) ** 2 * data + smooth,
+            start=ensemble_filter(model, length),
+            threshold=np.asarray(threshold),
+            gain=np.asarray(1 / model.efficiency),
+        )
+        return _split(captured, extension, problem, self.num_iterations)
+
+
+class _Problem(NamedTuple):
+    """Filters on the grid of a DFT, shape `(k,)`, and scalars of the minimisation.
+
+    Attributes:
+        known: What the capture is filtered with where no edges count.
+        curvature: That of the misfit and of the smooth prior.
+        start: The filter that gives the first estimate.
+        threshold: By which differences shrink.
+        gain: 1 over the throughput.
+    """
+
+    known: ArrayLike
+    curvature: ArrayLike
+    start: ArrayLike
+    threshold: ArrayLike
+    gain: ArrayLike
 
 
 @compiled
 def _split(
-    captured: Array,
-    extension: Continuation,
-    filters: tuple[ArrayLike, ...],
-    numbers: tuple[ArrayLike, ...],
-    num_iterations: int,
+    captured: Array, extension: Continuation, problem: _Problem, num_iterations: int
 ) -> Array:
     """Alternate between the picture and its differences, with a penalty on their gap."""
     rows, length = captured.shape[-2], extension.length
@@ -97,11 +114,12 @@ def _split(
 
     def restored(plane: Array) -> Array:
         deviation, level = extension.deviations(plane)
-        threshold, gain = (jnp.asarray(v, plane.dtype) for v in numbers)
+        threshold, gain = (jnp.asarray(v, plane.dtype) for v in (problem.threshold, problem.gain))
         centre = jnp.mean(level)
         spectrum = _transformed(deviation + level - centre)
-        known, passed, start = (along_rows(v, spectrum) for v in filters)
-        inverse = 1 / (passed.real + jnp.asarray(turns + down[:, None], plane.dtype))
+        filters = problem.known, problem.curvature, problem.start
+        known, curvature, start = (along_rows(v, spectrum) for v in filters)
+        inverse = 1 / (curvature.real + jnp.asarray(turns + down[:, None], plane.dtype))
         known = spectrum * known
 
         def advance(_, state: tuple) -> tuple:

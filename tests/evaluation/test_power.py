@@ -1,0 +1,48 @@
+"""The share of a picture's power that is lost, by NumPy and by JAX alike."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from support.helpers import ROUNDING
+
+from mishutter import Scene
+from mishutter.evaluation import lost_share, picture_power, power_on_grid
+
+
+def test_the_lost_share_is_that_of_the_best_filter():
+    """It is what `G = S conj(m) / (S (|m|^2 + v) + N)` leaves, term by term."""
+    rng = np.random.default_rng(5)
+    responses = rng.normal(size=(4, 30)) + 1j * rng.normal(size=(4, 30))
+    weights = np.array([0.1, 0.4, 0.2, 0.3])[:, None]
+    signal, noise = rng.uniform(0.1, 3.0, 30), 0.37
+    mean = np.sum(weights * responses, axis=0)
+    passed = np.sum(weights * abs(responses) ** 2, axis=0)
+    gain = signal * np.conj(mean) / (signal * passed + noise)
+    missed = np.sum(weights * abs(1 - gain * responses) ** 2, axis=0)
+    left = missed + noise / signal * abs(gain) ** 2
+    numbers = signal, abs(mean) ** 2, passed - abs(mean) ** 2, noise
+    np.testing.assert_allclose(lost_share(*numbers), left, rtol=1e-12)
+    np.testing.assert_allclose(lost_share(*map(jnp.asarray, numbers)), left, rtol=1e-12)
+
+
+def test_all_is_lost_in_the_dark_without_noise():
+    """Where there is neither signal nor noise the share is 1, and its derivative is finite."""
+    dark, lit = np.array([0.0, 2.0]), np.array([0.3, 0.3])
+    np.testing.assert_array_equal(lost_share(dark, lit, 0.0 * lit, 0.0), [1.0, 0.0])
+
+    def total(signal):
+        return jnp.sum(lost_share(signal, jnp.asarray(lit), jnp.asarray(0.1 * lit), 0.0))
+
+    assert np.all(np.isfinite(jax.grad(total)(jnp.asarray(dark))))
+
+
+def test_the_mean_power_is_the_variance():
+    """Of a scene's own spectrum through a cutoff, by NumPy and where it is traced."""
+    power = 1 / np.linspace(0.02, 0.5, 48) ** 1.3
+    light = {"photon_rate": 1e5, "read_noise": 3.0, "deviation": 0.17, "cutoff_frequency": 0.31}
+    scene = Scene([0.0, 40.0], power_spectrum=power, **light)
+    known = power_on_grid(scene, 96)
+    assert np.isclose(np.mean(known), 0.17**2, rtol=ROUNDING)
+    assert not np.any(known[np.arange(96) + 0.5 > 0.31 * 192])
+    traced = jax.jit(lambda s: picture_power(s, 96, np.dtype(np.float64)))(scene)
+    np.testing.assert_allclose(traced, known, rtol=1e-13)

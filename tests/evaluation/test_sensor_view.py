@@ -1,0 +1,86 @@
+"""The door: what a sensor sees is the same however a scene, a motion and a shutter are given."""
+
+import jax
+import numpy as np
+import pytest
+from support.helpers import ROUNDING
+
+from mishutter import (
+    FirstOrderShutter,
+    FreeMotion,
+    HannShutter,
+    LinearMotion,
+    ParabolicMotion,
+    Scene,
+    StillCamera,
+    TukeyShutter,
+)
+from mishutter.evaluation import ONLY_SPECTRA, records, sampled_view, sensor_view
+from mishutter.evaluation.needs import EVERY_PART, PLANNED, Plan
+
+HALF = 0.017
+DEVICE = FirstOrderShutter(rise_time=1.3e-3, fall_time=2.9e-3, transmission=0.83)
+SCENE = Scene([-410.0, 0.0, 650.0, 1730.0], photon_rate=4e4, read_noise=5.0, device=DEVICE)
+PANNING = ParabolicMotion(acceleration=52_000.0, half_exposure=HALF, velocity=613.0)
+SMALL = Plan(128, 512, 64, 256)
+
+
+def test_speeds_are_relative_to_the_sensor():
+    """The velocity is taken from all speeds, the motion keeps none, and the device has acted."""
+    view = sensor_view(SCENE, PANNING, TukeyShutter(0.41))
+    np.testing.assert_allclose(view.scene.speeds, np.asarray(SCENE.speeds) - 613.0, rtol=ROUNDING)
+    assert float(view.velocity) == 613.0
+    assert float(view.motion.velocity) == 0
+    np.testing.assert_allclose(view.motion.acceleration, PANNING.acceleration, rtol=ROUNDING)
+    sent = DEVICE.light(TukeyShutter(0.41), HALF, np.dtype(float))
+    assert view.shutter.efficiency() == sent.efficiency()
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        StillCamera(half_exposure=HALF),
+        LinearMotion(half_exposure=HALF, velocity=-77.0),
+        FreeMotion(accelerations=np.zeros(3), half_exposure=HALF, velocity=31.0),
+        ParabolicMotion(acceleration=0.0, half_exposure=HALF, velocity=5.0),
+    ],
+    ids=["still", "line", "path", "parabola"],
+)
+def test_every_straight_path_is_one_motion(motion):
+    """Programs meet a parabola without acceleration, whatever kind a straight path was given as."""
+    view = sensor_view(SCENE, motion, HannShutter())
+    assert type(view.motion) is ParabolicMotion
+    assert float(view.motion.acceleration) == 0
+    assert float(view.motion.half_exposure) == HALF
+
+
+def test_what_the_sensor_sees_is_seen_so_again():
+    """What came through the door passes it unchanged: the response is the same to the last bit."""
+    first = sensor_view(SCENE, PANNING, TukeyShutter(0.41))
+    once = sampled_view(SCENE, PANNING, TukeyShutter(0.41), SMALL, EVERY_PART)
+    twice = sampled_view(first.scene, first.motion, first.shutter, SMALL, EVERY_PART)
+    for one, other in zip(records(once), records(twice), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_plan_keeps_each_speed_once():
+    """On a device that follows at once a symmetric shutter folds `+s` and `-s`; a plan is kept."""
+    scene = Scene([-410.0, 410.0, 90.0], [0.2, 0.3, 0.5], photon_rate=4e4, read_noise=5.0)
+    motion = ParabolicMotion(acceleration=52_000.0, half_exposure=HALF)
+    view = sampled_view(scene, motion, HannShutter(), PLANNED, ONLY_SPECTRA)
+    np.testing.assert_allclose(view.scene.speeds, [90.0, 410.0])
+    np.testing.assert_allclose(view.scene.weights, [0.5, 0.5])
+    assert view.parts == ONLY_SPECTRA
+    assert sampled_view(scene, motion, HannShutter(), SMALL, ONLY_SPECTRA).plan is SMALL
+
+
+def test_a_traced_motion_that_exceeds_its_sizes_is_refused():
+    """The sizes of a motion that is traced follow from the limits; beyond them it is an error."""
+
+    def kernels(acceleration):
+        motion = ParabolicMotion(acceleration=acceleration, half_exposure=HALF)
+        return records(sampled_view(SCENE, motion, HannShutter(), PLANNED, EVERY_PART)).kernels
+
+    assert np.all(np.isfinite(jax.jit(kernels)(52_000.0)))
+    with pytest.raises(Exception, match=r"keep light within .* px of where it is aligned"):
+        jax.block_until_ready(jax.jit(kernels)(4e6))

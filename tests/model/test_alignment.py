@@ -1,0 +1,56 @@
+"""Where objects lie on the sensor, by motions of every kind and by light beside it."""
+
+import numpy as np
+import pytest
+from support.cases import MOTIONS
+
+from mishutter import FreeMotion, ParabolicMotion
+from mishutter.model import filling_half_exposure, noise_power
+
+SPEEDS = np.array([-61.0, 0.0, 23.0, 140.0])
+TAU = np.linspace(-1, 1, 41)
+HALF = 0.31
+
+
+@pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
+def test_objects_move_against_the_path_of_the_sensor(motion):
+    """`position_of` is $x(t) - s t$, and `aligned_position` that from the `alignment` on."""
+    motion = motion()
+    half = float(motion.half_exposure)
+    path = motion.position(TAU * half) - SPEEDS[:, None] * TAU * half
+    found = motion.position_of(TAU[None], SPEEDS[:, None])
+    np.testing.assert_allclose(found, path, atol=1e-13 * np.max(np.abs(path)))
+    aligned = motion.aligned_position(TAU[None], SPEEDS[:, None])
+    wanted = path - motion.alignment(SPEEDS)[:, None]
+    np.testing.assert_allclose(aligned, wanted, atol=1e-13 * np.max(np.abs(wanted)))
+
+
+def test_a_path_of_one_acceleration_reaches_as_far_as_the_parabola():
+    """Kernels, velocities, alignment and extent of speeds that the sensor keeps up with agree."""
+    parabola = ParabolicMotion(acceleration=310.0, half_exposure=HALF)
+    path = FreeMotion(accelerations=[310.0] * 3, half_exposure=HALF)
+    slow = SPEEDS[:3]
+    for one, other in (
+        (parabola.reach(140.0), path.reach(140.0)),
+        (parabola.side_by_side(slow), path.side_by_side(slow)),
+    ):
+        for number, wanted in zip(other, one, strict=True):
+            np.testing.assert_allclose(number, wanted, rtol=1e-12, atol=1e-12)
+    assert parabola.mirrors
+    assert path.mirrors
+    assert float(path.bend) == pytest.approx(float(parabola.bend), rel=1e-14)
+
+
+def test_noise_is_that_of_equation_four_in_every_unit():
+    r"""$\eta f p + \sigma^2$ electrons squared, over the square of the unit."""
+    wanted = 0.43 * 0.27 * 8.1e3 + 5.5**2
+    numbers = 0.43, 0.27, 8.1e3, 5.5
+    assert noise_power(*numbers) == pytest.approx(wanted, rel=1e-14)
+    assert noise_power(*numbers, unit=8.1e3) == pytest.approx(wanted / 8.1e3**2, rel=1e-14)
+
+
+def test_white_fills_a_pixel_when_its_electrons_do():
+    """After $2T$ at half the transmittance half the electrons are there; without light, never."""
+    half = filling_half_exposure(900.0, np.array([2e4, 0.0]), 0.5)
+    assert half[0] * 2 * 2e4 * 0.5 == pytest.approx(900.0, rel=1e-14)
+    assert np.isinf(half[1])
