@@ -18,7 +18,7 @@ from jaxtyping import ArrayLike
 from scipy.special import digamma, polygamma
 
 from mishutter._core import (
-    Bare,
+    Unquoted,
     alone_in_blas,
     in_threads,
     is_concrete,
@@ -486,7 +486,7 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
         ValueError: if the capture is traced.
     """
     known_now = is_concrete(planes)
-    require(known_now, "estimate_speed(capture=...)", "be known, not traced", Bare("a tracer"))
+    require(known_now, "estimate_speed(capture=...)", "be known, not traced", Unquoted("a tracer"))
     light, noise = luminance(np.asarray(planes), model)
     known = prior()
     speeds, reach = speeds_to_try(model)
