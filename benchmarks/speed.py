@@ -221,13 +221,12 @@ def score(trials: list[Trial], known: Prior) -> Score:
     logs = np.log(np.maximum(density, 1e-9) / steps)
     off = np.abs([f.whole.speed for f in found] - truth)
     errors, sure = np.array([f.whole.error for f in found]), np.array([not f.doubt for f in found])
-    within = (np.mean(off[sure] < n * errors[sure]) if np.any(sure) else np.nan for n in (1, 2))
-    one, two = (float(x) for x in within)
+    one, two = (np.mean(off[sure] < n * errors[sure]) if np.any(sure) else np.nan for n in (1, 2))
     denied = np.mean([f.doubt.startswith("Some rows") for f in found])
     wrong = off > FAR
     many = int(np.sum(wrong & sure))
-    shares = (float(x) for x in (logs.mean(), wrong.mean(), sure.mean()))
-    return Score(*shares, many, one, two, float(denied))
+    means = float(logs.mean()), float(wrong.mean()), float(sure.mean())
+    return Score(means[0], means[1], means[2], many, float(one), float(two), float(denied))
 
 
 def width(trials: list[Trial], known: Prior) -> float:
