@@ -35,19 +35,32 @@ Progress = Callable[[str, float], None]
 """Called with what is being done and the share that is."""
 
 
-class Simulation(NamedTuple):
-    """A capture and what a decoder makes of it.
+class _Pictures(NamedTuple):
+    captured: np.ndarray
+    restored: np.ndarray
+
+
+class Simulation(_Pictures):
+    """A capture and what a decoder makes of it: a pair.
 
     Attributes:
         captured: Light in units of a fully open exposure; `(rows, columns, channels)`, or
             `(rows, columns)` of an array of that shape.
         restored: Light of the picture, white = 1; the same shape.
-        found: The speed that the `SpeedFindingDecoder` found; None of others.
+        found: The speed that the `SpeedFindingDecoder` found, which is no part of the pair; None
+            of others.
     """
 
-    captured: np.ndarray
-    restored: np.ndarray
     found: SpeedEstimate | None = None
+
+    @classmethod
+    def of(
+        cls, captured: np.ndarray, restored: np.ndarray, found: SpeedEstimate | None
+    ) -> "Simulation":
+        """A pair, and the speed that was found."""
+        pair = cls(captured, restored)
+        pair.found = found
+        return pair
 
 
 def capture_and_restore(
@@ -133,7 +146,7 @@ def capture_and_restore(
         found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
         restored[first:past] = found[above : above + past - first]
     report("done", 1.0)
-    return Simulation(captured, restored, estimate)
+    return Simulation.of(captured, restored, estimate)
 
 
 def _mirrored_portions(num_rows: int, at_once: int) -> list[int]:

@@ -58,7 +58,7 @@ from mishutter.model import (
 )
 from mishutter.search.planning import plan as planned
 from mishutter.search.search import free_by_default, on_free_path, optimise
-from mishutter.search.space import beyond_limits, forbids_free_path
+from mishutter.search.space import beyond_limits, forbids_free_path, mirrors
 
 SAME_MOTION = "same motion"
 OWN_BEST_MOTION = "own best motion"
@@ -88,6 +88,8 @@ _OPEN = 1 - 1e-6
 """Efficiency above which a profile is that of a shutter that stays open."""
 _SAME_LEVEL = 1e-4
 """Difference of levels up to which two searches ended in one place; dB."""
+_SLOW_PAN = 0.01
+"""Of the fastest object, with which a search for a pan begins."""
 _TELLING = 0.005
 """Gain that a verdict tells; dB."""
 _STANDS_STILL = 0.05
@@ -420,8 +422,14 @@ def _middle_exposure(scene: Scene) -> np.ndarray:
 
 
 def _unaccelerated(scene: Scene) -> LinearMotion:
-    """A sensor at the velocity in the middle of the speeds, as far as it may pan."""
+    """A sensor at the velocity in the middle of the speeds, as far as it may pan.
+
+    Where that is 0 and more of them are to one side, a search begins with a slow pan: a motion
+    without any is a camera at rest, which stays there.
+    """
     velocity = scene.fullest_motion.velocity
+    if float(velocity) == 0 and not mirrors(scene, 0.0):
+        velocity = np.asarray(_SLOW_PAN * float(min(scene.max_speed, scene.limits.max_pan)))
     return LinearMotion(half_exposure=_middle_exposure(scene), velocity=velocity)
 
 

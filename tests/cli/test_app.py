@@ -92,7 +92,7 @@ USAGE = {
     "speed-as-text": (["simulate", "--speed", "x"], "`--speed` must be a number; got 'x'"),
     "unknown-loss": (
         ["optimise", "--loss", "beauty"],
-        "`--loss` must be one of 'expected-error', 'known-speed', 'design'; got 'beauty'",
+        "'known-speed', 'found-speed', 'design'; got 'beauty'",
     ),
     "unknown-freedom": (
         ["optimise", "--free", "price"],
@@ -233,8 +233,8 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("place", "arguments", "told"),
     [
-        ("design.optimise", ["optimise"], "the same command begins again"),
-        ("design.compare", ["compare"], "the same command begins again"),
+        ("search.optimise", ["optimise"], "the same command begins again"),
+        ("search.compare", ["compare"], "the same command begins again"),
         ("restore.capture_and_restore", ["simulate", "--out", "x"], "the same command begins"),
         ("paper.reproduce", ["reproduce", "--out", "x"], "the same command begins again"),
         ("sweeps.sweep", ["sweep"], "with --store PATH a sweep goes on where it was ended"),

@@ -12,7 +12,7 @@ from support.exports import HALF as PULSE_HALF
 from support.exports import keysight, pulse
 from support.laboratory import COMMAND, expected, recorded
 
-from mishutter import Design, FittedCamera, ParabolicMotion, Scene, SplineShutter, calibration, cli
+from mishutter import Design, FittedCamera, ParabolicMotion, Scene, SplineShutter, cli, hardware
 from mishutter.cli import fit_command
 from mishutter.hardware.calibration.estimation import Estimate
 
@@ -98,7 +98,7 @@ def test_a_trace_is_brought_upright_for_the_fit(sign, folder, tmp_path, capsys, 
         taken.append(found.trace)
         raise ValueError("enough")
 
-    monkeypatch.setattr(calibration, "fit", stop)
+    monkeypatch.setattr(hardware, "fit", stop)
     given = [tmp_path / "bench.toml", "--design", folder / "design.json"]
     assert cli.main(["fit", *map(str, given)]) == 2
     assert ("it is read as inverted" in capsys.readouterr().err) == (sign < 0)

@@ -63,10 +63,6 @@ def test_a_file_names_the_decoder(speed, tmp_path):
     assert again.decoder_speed == speed
     with pytest.raises(ValueError, match=r"`\[decoder\] speed` must be .*; got 'guessed'"):
         read_scene(written(tmp_path, text.replace(speed, "guessed")))
-    with pytest.raises(
-        ValueError, match=r"`Scene\(decoder_speed=...\)` must be 'unknown', 'found'"
-    ):
-        Scene([1.0], photon_rate=1.0, read_noise=1.0, decoder_speed="guessed")  # type: ignore[arg-type]
 
 
 def test_picture_paths_start_at_the_file(tmp_path, monkeypatch):

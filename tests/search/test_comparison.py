@@ -38,6 +38,7 @@ from mishutter.search.comparison import (
     SHAPED_ON_FREE_PATH,
     Row,
     _is_finished,
+    _snapshots,
     _with_verdict,
     taken_names,
 )
@@ -112,6 +113,21 @@ def made_up(levels):
 
 def verdict(levels, *given):
     return _with_verdict(made_up(levels), dict.fromkeys(given, RectShutter()), SCENE)
+
+
+@pytest.mark.slow
+def test_a_snapshot_pans_with_the_most_objects_of_a_range_about_rest():
+    """The range is as wide to either side, and more of the objects move to one."""
+    scene = Scene(
+        [-4000.0, -3250.0, 2500.0, 3250.0, 4000.0],
+        [0.05, 0.15, 0.3, 0.3, 0.2],
+        photon_rate=6e4,
+        read_noise=4.0,
+        limits=SCENE.limits,
+    )
+    at_rest, panned = _snapshots(scene, ExpectedErrorLoss(), None)
+    assert float(panned.motion.velocity) == pytest.approx(3000, abs=400)
+    assert panned.level > at_rest.level + 0.2
 
 
 @pytest.mark.slow

@@ -34,7 +34,11 @@ LINES = {
         "perhaps `[speeds] normal.mean_px_per_s`; got 'mean'",
     ),
     "beginning-of-a-list": (_SPEEDS, "list = [1]", "perhaps `[speeds] list_px_per_s`; got 'list'"),
-    "section-in-itself": (_SPEEDS, "speeds = [1]", "must hold known keys only; got 'speeds'"),
+    "section-in-itself": (
+        _SPEEDS,
+        "speeds = [1]",
+        "must hold known keys only, perhaps `[decoder] speed`; got",
+    ),
     "key-of-another-section": (_RATE, "read_noise = 3", "perhaps `[sensor] read_noise_e`"),
     "unknown-section": ("[light]", "[lihgt]", "perhaps `[light]`; got 'lihgt'"),
     "section-twice": ("[light]", "[speeds]", "must be a TOML file; got: Cannot declare"),
