@@ -172,7 +172,8 @@ for name in mishutter.__all__:
     for method, function in methods:
         needed = takes_scene(function) if method == "__call__" or method[0] != "_" else None
         if needed and not getattr(function, "__isabstractmethod__", False) and "plan" not in needed:
-            itself = object.__new__(thing)  # of no numbers: the scene is looked at first
+            # Of no numbers: the scene is looked at first.
+            itself = tuple.__new__(thing) if issubclass(thing, tuple) else object.__new__(thing)
             print(f"{name}.{method}", answer(function, needed, self=itself), sep=" -> ")
 """
 

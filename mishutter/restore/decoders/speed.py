@@ -28,7 +28,7 @@ from mishutter._core import (
 )
 from mishutter.camera import as_pixels, distinct_colours, rows_last
 from mishutter.evaluation import PLANNED
-from mishutter.model import LUMINANCE, AbstractMotion, AbstractShutter, Scene
+from mishutter.model import LUMINANCE, AbstractMotion, AbstractShutter, Scene, require_scene
 from mishutter.restore.decoders.base import BlurModel, blur_model
 
 # In single precision, and typed, which SciPy's own are not.
@@ -429,6 +429,7 @@ class SpeedEstimate(NamedTuple):
 
     def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
         """The same of a scene, where speeds are relative to the sensor that pans by `motion`."""
+        require_scene(scene)
         pan, known = float(motion.velocity), np.asarray(scene.speeds, np.float64)
         either = self.speeds[0] >= 0
         turned = either and bool(pan - np.min(known) > np.max(known) - pan)
@@ -464,6 +465,7 @@ def estimate_speed(
     Raises:
         ValueError: if the capture is traced, not finite or no picture, or the scene has no light.
     """
+    require_scene(scene)
     subject = "estimate_speed(capture=...)"
     light = as_pixels(capture, subject)
     require(np.ndim(light) <= 3, subject, "be one picture", shape_of(light))
