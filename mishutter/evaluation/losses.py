@@ -4,7 +4,7 @@ import inspect
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import equinox as eqx
 import jax
@@ -23,7 +23,7 @@ from mishutter.evaluation.metrics import (
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Automatic, Parts, Plan
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.sensor_view import sampled_view
-from mishutter.model import AbstractMotion, AbstractShutter, Scene
+from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene
 
 ALIGNMENTS = ("vertex", "free")
 _SHARPNESS = 200
@@ -35,7 +35,13 @@ class AbstractLoss(eqx.Module):
     A loss of your own is a function of scene, motion and shutter, or a small class with such
     a `__call__`, which takes `plan` if it has a use for it. Losses add and subtract, also by
     `sum`, and take factors: `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
+
+    Attributes:
+        decoder_speed: What the decoder whose expected error it is knows of the speed; None of
+            other losses.
     """
+
+    decoder_speed: ClassVar[DecoderSpeed | None] = None
 
     @property
     def sees_light(self) -> bool:
@@ -250,6 +256,7 @@ class ExpectedErrorLoss(AbstractResponseLoss):
     """
 
     alignment: str = eqx.field(default="vertex", static=True)
+    decoder_speed: ClassVar[DecoderSpeed | None] = "unknown"
 
     def __check_init__(self) -> None:
         known = self.alignment in ALIGNMENTS
@@ -276,6 +283,8 @@ class KnownSpeedLoss(AbstractResponseLoss):
     `ExpectedErrorLoss`, which it never exceeds: each speed has a linear filter of its own. It is
     that of `Metrics.known_speed_psnr`.
     """
+
+    decoder_speed: ClassVar[DecoderSpeed | None] = "told"
 
     def parts(self, plan: Plan) -> Parts:
         return ONLY_SPECTRA
@@ -306,13 +315,14 @@ class FoundSpeedLoss(AbstractResponseLoss):
     """
 
     share: float = eqx.field(default=FOUND_SHARE, static=True)
+    decoder_speed: ClassVar[DecoderSpeed | None] = "found"
 
     def __check_init__(self) -> None:
         within = isinstance(self.share, float | int) and 0 <= self.share <= 1
         require(within, "FoundSpeedLoss(share=...)", "be from 0 to 1", self.share)
 
     def parts(self, plan: Plan) -> Parts:
-        return Parts(kernels=False, spectra=True, differences=False)
+        return ONLY_SPECTRA
 
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
@@ -327,8 +337,8 @@ class FoundSpeedLoss(AbstractResponseLoss):
 
 def loss_of_decoder(scene: Scene) -> AbstractLoss:
     """The expected error of the decoder that a scene names."""
-    losses = {"unknown": ExpectedErrorLoss, "found": FoundSpeedLoss, "told": KnownSpeedLoss}
-    return losses[scene.decoder_speed]()
+    losses = (ExpectedErrorLoss, FoundSpeedLoss, KnownSpeedLoss)
+    return next(loss() for loss in losses if loss.decoder_speed == scene.decoder_speed)
 
 
 def _over_contrast(scene: Scene, squared: Array) -> Array:

@@ -118,12 +118,8 @@ def _reach(scene: Scene, half_exposure: float, velocity: float) -> float:
     most = min(by_stroke, left / (2 * half_exposure))
     if not limits.has_stage:
         return most
-    if limits.max_acceleration is not None:
-        most = min(most, float(limits.max_acceleration) / 2)
-    numbers = {"acceleration": 0.0, "half_exposure": half_exposure, "velocity": velocity}
-    arrays = {name: jnp.asarray(value, scene.speeds.dtype) for name, value in numbers.items()}
-    rest, end = jnp.zeros((), scene.speeds.dtype), jnp.asarray(most, scene.speeds.dtype)
-    return float(limits.largest("acceleration", rest, end, arrays))
+    numbers = (jnp.asarray(x, scene.speeds.dtype) for x in (most, half_exposure, velocity))
+    return float(limits.acceleration_of_stage(*numbers))
 
 
 def curves(

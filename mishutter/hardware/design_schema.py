@@ -14,6 +14,7 @@ from pydantic import (
 )
 
 from mishutter._core import Section
+from mishutter.model import DecoderSpeed
 
 FORMAT = 1
 """Version of the file format."""
@@ -180,7 +181,7 @@ class SavedScene(Part):
     burst: SavedBurst | None = None
     stage: SavedStage | None = None
     tolerances: SavedTolerances | None = None
-    decoder_speed: Literal["unknown", "found", "told"] = "unknown"
+    decoder_speed: DecoderSpeed = "unknown"
     picture: str | None = None
     picture_white: float | None = None
     picture_linear: bool = False

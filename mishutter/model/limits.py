@@ -405,14 +405,19 @@ class Limits(eqx.Module):
     ) -> tuple[Array, Array, Array]:
         """A motion that the stage reaches: with a slower pan, then shorter, then weaker."""
         none = jnp.zeros_like(acceleration)
-        if self.max_acceleration is not None:
-            acceleration = jnp.minimum(acceleration, self.max_acceleration / 2)
         pan, sign = jnp.abs(velocity), jnp.sign(velocity)
         numbers = {"acceleration": none, "half_exposure": shortest, "velocity": none}
-        numbers["velocity"] = sign * self.largest("velocity", none, pan, numbers)
+        velocity = numbers["velocity"] = sign * self.largest("velocity", none, pan, numbers)
         half = self.largest("half_exposure", shortest, half_exposure, numbers)
-        numbers["half_exposure"] = half
-        return self.largest("acceleration", none, acceleration, numbers), half, numbers["velocity"]
+        return self.acceleration_of_stage(acceleration, half, velocity), half, velocity
+
+    def acceleration_of_stage(self, most: Array, half_exposure: Array, velocity: Array) -> Array:
+        """Largest $a$ up to `most` that the stage reaches on a parabola; px/s^2, scalar."""
+        if self.max_acceleration is not None:
+            most = jnp.minimum(most, self.max_acceleration / 2)
+        rest = jnp.zeros_like(most)
+        numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": velocity}
+        return self.largest("acceleration", rest, most, numbers)
 
 
 @compiled

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from mishutter._core import Section
 from mishutter.model.optics import WIDEST_BLUR
+from mishutter.model.scene import DecoderSpeed
 
 Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
 PositiveSpeed = Annotated[float, Field(gt=0, le=1e7)]
@@ -136,7 +137,7 @@ class TolerancesSection(Section):
 class DecoderSection(Section):
     """What restores the pictures: what it knows of the speed."""
 
-    speed: Literal["unknown", "found", "told"] = "unknown"
+    speed: DecoderSpeed = "unknown"
 
 
 @final

@@ -23,9 +23,6 @@ from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
     Automatic,
-    ExpectedErrorLoss,
-    FoundSpeedLoss,
-    KnownSpeedLoss,
     Metrics,
     Plan,
     ToleranceCosts,
@@ -364,7 +361,7 @@ def compare(
         lambda: _bursts(scene),
     ]
     at_best = {}
-    speed = _speed_known(loss, scene)
+    speed = loss.decoder_speed or scene.decoder_speed
     found = in_threads(lambda search: search(), searches, num_processors(), first_alone=False)
     for some in filter(None, found):
         step(some[0].name)
@@ -373,15 +370,6 @@ def compare(
     names = [name for name in (*fixed, *_RIVALS) if name in at_best]
     rows = [replace(row, speed=speed) for row in rows]
     return _with_verdict([at_best[name] for name in names] + rows, given, scene)
-
-
-def _speed_known(loss: AbstractLoss, scene: Scene) -> DecoderSpeed:
-    """What the decoder of a loss knows of the speed; that of the scene where no loss says so."""
-    if isinstance(loss, ExpectedErrorLoss):
-        return "unknown"
-    if isinstance(loss, FoundSpeedLoss):
-        return "found"
-    return "told" if isinstance(loss, KnownSpeedLoss) else scene.decoder_speed
 
 
 def _searchable(motion: AbstractMotion, scene: Scene) -> AbstractMotion:

@@ -14,10 +14,7 @@ from mishutter._core import compiled, require_known
 from mishutter.evaluation import (
     AbstractLoss,
     AbstractResponseLoss,
-    ExpectedErrorLoss,
-    FoundSpeedLoss,
     Item,
-    KnownSpeedLoss,
     Plan,
     WeightedSum,
     as_loss,
@@ -74,11 +71,7 @@ def needs_of(loss: AbstractLoss | None) -> Needs:
         return Needs(terms=count)
     skipping = Plan(1, 1, 1, 1, skips=True)
     parts = [term.parts(skipping) for term in terms]  # type: ignore[attr-defined]
-    errors = [
-        isinstance(t, ExpectedErrorLoss | KnownSpeedLoss | FoundSpeedLoss)
-        for t, p in zip(terms, parts, strict=True)
-        if p[1]
-    ]
+    errors = [t.decoder_speed is not None for t, p in zip(terms, parts, strict=True) if p.spectra]
     kernels, spectra, differences = (any(flags) for flags in zip(*parts, strict=True))
     return Needs(kernels, differences, spectra, all(errors), count)
 

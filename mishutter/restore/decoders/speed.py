@@ -188,6 +188,24 @@ def _passed(responses: np.ndarray, columns: int) -> np.ndarray:
     return np.stack([np.convolve(row, leak / leak.sum(), "valid") for row in power])
 
 
+class Blurs(NamedTuple):
+    """Blurs of the speeds in rows of one width.
+
+    Attributes:
+        passed: $|H_s|^2$ as a row's window lets it be seen; shape `(s, k)`.
+        phases: Factors that undo the phase of $H_s$; shape `(s, k)`.
+    """
+
+    passed: np.ndarray
+    phases: np.ndarray
+
+
+def _blurs(responses: np.ndarray, columns: int) -> Blurs:
+    """The blurs whose responses, of shape `(s, k)`, are given."""
+    phases = np.conj(responses) / (np.abs(responses) + 1e-9)
+    return Blurs(_passed(responses, columns), phases.astype(np.complex64))
+
+
 def _spectrum_energy(
     observed: np.ndarray, passed: np.ndarray, noise: float, layout: Bands, known: Prior
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -247,7 +265,7 @@ def _spectrum_energy(
 
 
 def _phase_energy(
-    tile: np.ndarray, responses: np.ndarray, amplitude: np.ndarray
+    tile: np.ndarray, phases: np.ndarray, amplitude: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     r"""Mean of $\log(1 + u^2)$ by octave and speed; `(o, s)`, and waves of each octave; `(o,)`.
 
@@ -258,8 +276,6 @@ def _phase_energy(
     taper = np.outer(_flat_window(rows), _flat_window(columns)).astype(tile.dtype)
     deviation = tile - np.sum(tile * taper) / np.sum(taper)
     spectrum = _rfft2(deviation * taper) * amplitude
-    phases = np.conj(responses) / (np.abs(responses) + 1e-9)
-    phases = phases.astype(spectrum.dtype)
     octave = np.log2(np.maximum(np.fft.rfftfreq(columns), 1e-6))
     energy, counts = np.empty((len(_OCTAVES), len(phases))), np.empty(len(_OCTAVES))
     for index, (low, high) in enumerate(_OCTAVES):
@@ -280,11 +296,11 @@ def _phase_energy(
     return energy, counts
 
 
-def energies(tile: np.ndarray, responses: np.ndarray, noise: float, known: Prior) -> Energies:
-    """The parts of the evidence of each speed, from one tile; responses `(s, k)`."""
+def energies(tile: np.ndarray, blurs: Blurs, noise: float, known: Prior) -> Energies:
+    """The parts of the evidence of each speed, from one tile in single precision."""
     rows, columns = tile.shape
     layout = bands(rows, columns)
-    passed = _passed(responses, columns)[:, layout.along]
+    passed = blurs.passed[:, layout.along]
     observed = log_power(tile)
     spectrum, coefficients = _spectrum_energy(observed, passed, noise, layout, known)
     likeliest = coefficients[np.argmin(spectrum)]
@@ -294,7 +310,7 @@ def energies(tile: np.ndarray, responses: np.ndarray, noise: float, known: Prior
     for line, band in zip(np.sqrt(smooth) / (smooth + noise), layout.members, strict=True):
         amplitude[band, layout.along] = line
         amplitude[band, 1] = line[0]
-    return Energies(spectrum, *_phase_energy(tile, responses, amplitude))
+    return Energies(spectrum, *_phase_energy(tile, blurs.phases, amplitude))
 
 
 class Posterior(NamedTuple):
@@ -553,11 +569,11 @@ def parts_of(
     bands_of_tiles = tiles_of(light, model.num_taps)
     tiles = [(i, tile) for i, band in enumerate(bands_of_tiles) for tile in band]
     widths = {tile.shape[1] for _, tile in tiles}
-    responses = {columns: model.responses_at(speeds, columns) for columns in widths}
+    blurs = {columns: _blurs(model.responses_at(speeds, columns), columns) for columns in widths}
 
     def evidence(place: tuple[int, np.ndarray]) -> tuple[int, Energies]:
         index, tile = place
-        return index, energies(tile, responses[tile.shape[1]], noise, known)
+        return index, energies(tile, blurs[tile.shape[1]], noise, known)
 
     found = list(in_threads(evidence, tiles, num_processors()))
     return [[e for i, e in found if i == index] for index in range(len(bands_of_tiles))]
