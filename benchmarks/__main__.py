@@ -28,6 +28,7 @@ ALL = (
     "devices",
     "stages",
     "independent",
+    "told",
     "long_kernels",
     "fit",
     "plan",
