@@ -527,7 +527,7 @@ function showPins() {
 // The speed that was found in a capture: with its error where it is trusted, with the doubt where it is not.
 function speedFound(found) {
   if (!found) return "";
-  const speed = `${found.speed.toFixed(0)} ± ${found.error.toFixed(0)} px/s`;
+  const speed = `${rounded(found.speed, 0)} ± ${rounded(found.error, 0)} px/s`;
   return found.trusted ? `; speed found: ${speed}` : `; speed in doubt, ${speed}: ${found.doubt}`;
 }
 
