@@ -54,7 +54,8 @@ def main() -> None:
         print(rows[-1], f"{time.perf_counter() - start:.0f} s", flush=True)
     harness.write("told", rows, seconds=time.perf_counter() - start)
     shown = [
-        {key: f"{x:.3f}" if isinstance(x, float) else x for key, x in row.items()} for row in rows
+        {key: f"{round(x, 3) + 0.0:.3f}" if isinstance(x, float) else x for key, x in row.items()}
+        for row in rows
     ]
     largest = max(row["lead"] for row in rows)
     note = (
