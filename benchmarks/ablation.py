@@ -2,18 +2,15 @@
 
 Searches of every kind are done once with the whole search and once without each of its parts: the
 six scenes of the pages, bright and dim light, random speeds, short strokes, the design loss,
-devices that lag or have levels, tolerances, stages and free paths. Every variant is done in a
-process of its own, twice over: `first` compiles, `later` is what the same searches take then.
-Run `python -m benchmarks.ablation`, or one variant of it by its name.
+devices that lag or have levels, tolerances, stages and free paths. The first of a search compiles;
+the others of it share its programs. Run `python -m benchmarks.ablation`: 20 minutes of one core.
 """
 
-import json
-import subprocess
-import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import nullcontext
 from functools import partial
+from importlib import import_module
 from typing import Any
 from unittest.mock import patch
 
@@ -40,13 +37,16 @@ from mishutter import (
     example_scene,
     optimise,
 )
+from mishutter.search.cover import cover
 
 LIMITS = Limits(max_stroke=50.0, max_top_speed=1e5, max_half_exposure=1 / 30)
 SMALL = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03)
 WORSE = 1e-3
 """Rise of a loss that counts as worse: 0.004 dB where the loss is the expected error."""
 _EQUAL = 1e-5
-Search = Callable[[], Any]
+WHOLE = "whole"
+Search = Callable[..., Any]
+NOTE = "@@NOTE@@"
 
 
 def _small(**options: Any) -> Scene:
@@ -156,7 +156,7 @@ def _of_tolerances() -> dict[str, Search]:
 
 
 def _of_stages() -> dict[str, Search]:
-    common = {"max_stroke": 30.0, "max_top_speed": 2e4, "max_half_exposure": 0.03}
+    common: dict[str, Any] = {"max_stroke": 30.0, "max_top_speed": 2e4, "max_half_exposure": 0.03}
     travel = Limits(**common, max_travel=40.0, max_acceleration=2e6)
     jerk = Limits(**common, max_travel=60.0, max_jerk=1e9)
     return {
@@ -216,3 +216,68 @@ def searches() -> dict[str, Search]:
         _of_other_kinds,
     )
     return {name: search for kind in kinds for name, search in kind().items()}
+
+
+def _random_cover(space: Any, scene: Scene, num_starts: int, seed: int) -> np.ndarray:
+    """As many candidates as the cover has, anywhere in the box."""
+    count = len(cover(space, scene, num_starts, seed))
+    return np.random.default_rng(seed).uniform(size=(count, space.size))
+
+
+def _first_of_all(boxes: np.ndarray, losses: np.ndarray, count: int, num_wanted: int) -> np.ndarray:
+    """The lowest of all, in whatever valleys."""
+    return np.argsort(losses, kind="stable")[:num_wanted]
+
+
+PARTS: dict[str, dict[str, Any]] = {
+    WHOLE: {},
+    "random points for the cover": {"cover": _random_cover},
+    "the lowest, not one a valley": {"lowest_of_valleys": _first_of_all},
+    "one start": {"_TRIED_SHARE": 1e9, "_NUM_LASTING": 1, "_LASTING_SHARE": 1e9},
+    "no first steps": {"_FIRST_STEPS": 1},
+    "no BFGS": {"minimise": lambda objective, box, max_steps: (box, 0)},
+}
+"""What stands for a part of the search in its module."""
+
+
+def measured(search: Search) -> dict[str, tuple[float, float]]:
+    """Loss and processor seconds of a search: the first time, and without each part then."""
+    module, results = import_module("mishutter.search.search"), {}
+    for name, stands_in in {"first": {}, **PARTS}.items():
+        with patch.multiple(module, **stands_in) if stands_in else nullcontext():
+            begin = time.process_time()
+            loss = float(search().loss)
+            results[name] = loss, time.process_time() - begin
+    return results
+
+
+def summary(name: str, results: dict[str, dict[str, tuple[float, float]]]) -> dict:
+    """A row: how many losses are equal, worse and better without a part, and seconds."""
+    rises = {search: each[name][0] / each[WHOLE][0] - 1 for search, each in results.items()}
+    worst = max(rises, key=lambda search: rises[search])
+    return {
+        "search": name,
+        "equal": sum(abs(rise) <= _EQUAL for rise in rises.values()),
+        "worse by 0.1 %": sum(rise > WORSE for rise in rises.values()),
+        "better by 0.1 %": sum(rise < -WORSE for rise in rises.values()),
+        "mean": f"{np.mean(list(rises.values())):+.2%}",
+        "worst": f"{rises[worst]:+.2%} ({worst})" if rises[worst] > WORSE else "-",
+        "processor s": f"{sum(each[name][1] for each in results.values()):.0f}",
+    }
+
+
+def main() -> None:
+    """Measure, store and print."""
+    jax.config.update("jax_enable_x64", True)
+    results = {}
+    for name, search in searches().items():
+        results[name] = measured(search)
+        print(name, results[name], flush=True)
+    rows = [summary(name, results) for name in ("first", *PARTS)]
+    harness.write("ablation", rows, losses_and_seconds=results)
+    heading = f"## What each part of the search buys, over {len(results)} searches\n\n"
+    harness.section("ablation", f"{heading}{harness.table(rows, list(rows[0]))}\n\n{NOTE}")
+
+
+if __name__ == "__main__":
+    main()

@@ -729,9 +729,7 @@ def _starts(
         return _Starts(starts[np.union1d(0, valleys)])
     if is_profile:
         profiles = cover(space, scene, _COVERED * num_starts, settings.seed)
-        boxes = np.concatenate(
-            [*(box[None] for box in before), starts, profiles], dtype=starts.dtype
-        )
+        boxes = np.concatenate([*before, starts, profiles.astype(starts.dtype)])
         count = num_starts + len(known)
         order = np.argsort(screened(objective, boxes), kind="stable")
         return _Starts(boxes[order[:count]], count)
