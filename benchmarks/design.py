@@ -257,10 +257,10 @@ def main() -> None:
     ]
     sentence = (
         f"From 64 starts our minimisations take {ours['best_s']:.3g} s, the whole call of "
-        f"`optimise` with its plan, polish and certificate {whole['best_s']:.3g} s. SciPy's L-BFGS-B in a "
-        f"loop takes {times[0]} with the same compiled gradient, which the plan has made cheap, "
-        f"and {times[1]} with the compiled gradient of the loss as it is written. The losses are "
-        f"{ours['loss']:.6f}, {rivals[0]['loss']:.6f} and {rivals[1]['loss']:.6f}."
+        f"`optimise` with its plan, polish and certificate {whole['best_s']:.3g} s. SciPy's "
+        f"L-BFGS-B in a loop takes {times[0]} with the same compiled gradient, which the plan has "
+        f"made cheap, and {times[1]} with the compiled gradient of the loss as it is written. The "
+        f"losses are {ours['loss']:.6f}, {rivals[0]['loss']:.6f} and {rivals[1]['loss']:.6f}."
     )
     columns = ["method", "starts", "first_s", "best_s", "loss", "gap"]
     harness.write("design", rows, sentence=sentence)

@@ -448,19 +448,16 @@ def test_a_search_is_the_same_on_any_number_of_processors(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_a_minimum_in_the_angles_is_that_of_the_polish(dtype):
+def test_a_minimum_in_the_angles_is_that_of_the_polish():
     """From the middle of the box, and from a corner, that the bounded solver leaves too."""
     space, objective = _objective(ExpectedErrorLoss(), ("shutter", "half_exposure"))
-    for start in (np.full(space.size, 0.5, dtype), np.zeros(space.size, dtype)):
+    for start in (np.full(space.size, 0.5), np.zeros(space.size)):
         point, num_steps = minimise(objective, start, max_steps=300)
-        assert point.dtype == dtype
         assert 1 < num_steps < 300
         assert np.all((point >= 0) & (point <= 1))
-        end = polish(objective, start.astype(float), max_steps=300)
-        assert losses_at(objective, point[None].astype(float))[0] <= end.loss * (1 + 1e-4)
-    _, num_steps = minimise(objective, start, max_steps=3)
-    assert num_steps == 3
+        end = polish(objective, start, max_steps=300)
+        assert losses_at(objective, point[None])[0] <= end.loss * (1 + 1e-4)
+    assert minimise(objective, np.full(space.size, 0.5), max_steps=3)[1] == 3
 
 
 @pytest.mark.slow
