@@ -608,18 +608,18 @@ def _best_of_space(
     starts = _starts(objective, space, scene, settings, known)
     losses = losses_at(objective, starts.boxes)
     boxes = starts.boxes[np.argsort(losses, kind="stable")]
-    story = _Story(losses, settings)
+    history = _History(losses, settings)
     if starts.num_tried:
-        boxes = _minima(objective, boxes[: starts.num_tried], starts.num_lasting, story)
+        boxes = _minima(objective, boxes[: starts.num_tried], starts.num_lasting, history)
     steps = min(_STEPS_TO_TELL, max_steps)
-    ends = _polished(objective, boxes[: starts.num_polished], steps, story)
+    ends = _polished(objective, boxes[: starts.num_polished], steps, history)
     end = finished(objective, ends[0], space.bends, max_steps=max_steps)
     box, value, certificate = end.box, end.loss, end.certificate
     lowest = int(np.argmin(losses))
     if float(losses[lowest]) < value:
         box, value = starts.boxes[lowest], float(losses[lowest])
         certificate = certificate_at(objective, box, space.bends)
-    story.add(np.append(end.history, value))
+    history.add(np.append(end.history, value))
     shutter, motion = design_at(space, box)
     return _End(
         shutter=shutter,
@@ -627,59 +627,62 @@ def _best_of_space(
         loss=value,
         certificate=certificate,
         num_steps=end.num_steps,
-        history=story.history,
+        history=history.losses,
         best_start_loss=float(losses[lowest]),
         plan=plan,
     )
 
 
-class _Story:
-    """The smallest loss so far, of which a caller may want to be told.
+class _History:
+    """The smallest loss so far, which a caller may want to follow.
 
     Attributes:
-        history: It, after each start and after each step or call.
+        losses: The smallest loss after each start, each step of a polish and each minimisation.
+        max_steps: Steps of a minimisation, at most.
     """
 
     def __init__(self, losses: np.ndarray, settings: SearchSettings) -> None:
-        self.history = np.minimum.accumulate(losses)
-        self.max_steps, self._progress, self._num_steps = settings.max_steps, settings.progress, 0
+        self.losses, self.max_steps = np.minimum.accumulate(losses), settings.max_steps
+        self._progress, self._num_steps = settings.progress, 0
 
     def add(self, losses: np.ndarray, num_steps: int | None = None) -> None:
-        """Add losses after steps, or the one after so many."""
-        smallest = np.minimum.accumulate(np.append(self.history[-1], losses))
-        self.history = np.append(self.history, smallest[1:])
+        """Add the losses after some steps, by default one for each step."""
+        smallest = np.minimum.accumulate(np.append(self.losses[-1], losses))
+        self.losses = np.append(self.losses, smallest[1:])
         self._num_steps += losses.size if num_steps is None else num_steps
         if self._progress is not None:
-            self._progress(min(self._num_steps, self.max_steps), float(self.history[-1]))
+            self._progress(min(self._num_steps, self.max_steps), float(self.losses[-1]))
 
 
 def _polished(
-    objective: AbstractObjective, boxes: np.ndarray, max_steps: int, story: _Story
+    objective: AbstractObjective, boxes: np.ndarray, max_steps: int, history: _History
 ) -> list[Polished]:
     """Ends of a polish of each point, the lowest first."""
     ends = []
     call = partial(polish, objective, max_steps=max_steps)
     for end in in_threads(call, boxes, num_processors()):
-        story.add(end.history)
+        history.add(end.history)
         ends.append(end)
     return sorted(ends, key=lambda end: end.loss)
 
 
 def _minima(
-    objective: AbstractObjective, boxes: np.ndarray, num_lasting: int, story: _Story
+    objective: AbstractObjective, boxes: np.ndarray, num_lasting: int, history: _History
 ) -> np.ndarray:
     """Minima that differ, the lowest first, from where the first steps led lowest; `(n, size)`."""
-    max_steps = story.max_steps
-    tried = _polished(objective, boxes, min(_FIRST_STEPS, max_steps), story)[:num_lasting]
-    points = [end.box for end in tried]
+    max_steps = history.max_steps
+    tried = _polished(objective, boxes, min(_FIRST_STEPS, max_steps), history)[:num_lasting]
+    points, losses = [end.box for end in tried], [end.loss for end in tried]
     call = partial(minimise, objective, max_steps=max_steps)
     for point, num_steps in in_threads(call, list(points), num_processors()):
+        loss = losses_at(objective, point[None])
+        history.add(loss, num_steps)
         points.append(point)
-        story.add(losses_at(objective, point[None]), num_steps)
-    losses = losses_at(objective, np.stack(points))
+        losses.append(float(loss[0]))
     order = np.argsort(losses, kind="stable")
-    rises = np.diff(losses[order], prepend=-np.inf)
-    return np.stack(points)[order[rises > _SAME * np.abs(losses[order])]]
+    ascending = np.array(losses)[order]
+    differs = np.diff(ascending, prepend=-np.inf) > _SAME * np.abs(ascending)
+    return np.stack(points)[order[differs]]
 
 
 def _plan(scene: Scene, space: DesignSpace, settings: SearchSettings) -> Plan:
