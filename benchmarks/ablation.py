@@ -3,7 +3,7 @@
 Searches of every kind are done once with the whole search and once without each of its parts: the
 six scenes of the pages, bright and dim light, random speeds, short strokes, the design loss,
 devices that lag or have levels, tolerances, stages and free paths. The first of a search compiles;
-the others of it share its programs. Run `python -m benchmarks.ablation`: 20 minutes of one core.
+the others of it share its programs. Run `python -m benchmarks.ablation`: 15 minutes of one core.
 """
 
 import time
@@ -224,17 +224,10 @@ def _random_cover(space: Any, scene: Scene, num_starts: int, seed: int) -> np.nd
     return np.random.default_rng(seed).uniform(size=(count, space.size))
 
 
-def _first_of_all(boxes: np.ndarray, losses: np.ndarray, count: int, num_wanted: int) -> np.ndarray:
-    """The lowest of all, in whatever valleys."""
-    return np.argsort(losses, kind="stable")[:num_wanted]
-
-
 PARTS: dict[str, dict[str, Any]] = {
     WHOLE: {},
     "random points for the cover": {"cover": _random_cover},
-    "the lowest, not one a valley": {"lowest_of_valleys": _first_of_all},
     "one start": {"_TRIED_SHARE": 1e9, "_NUM_LASTING": 1, "_LASTING_SHARE": 1e9},
-    "no first steps": {"_FIRST_STEPS": 1},
     "no BFGS": {"minimise": lambda objective, box, max_steps: (box, 0)},
 }
 """What stands for a part of the search in its module."""
