@@ -80,6 +80,7 @@ from mishutter.search.starts import (
     box_at,
     lowest_places,
     path_boxes,
+    path_of_speeds,
     start_boxes,
 )
 
@@ -90,6 +91,9 @@ _NUM_LASTING, _LASTING_SHARE = 4, 4
 lead early may end in one place."""
 _NUM_POLISHED = 3
 """Points that are polished: minima that differ, or starts where these are few."""
+_NUM_PATHS = 12
+"""Free paths that are polished to the end where they need not mirror themselves: their valleys
+differ by up to 0.1 dB, and neither their starts nor a few steps tell which is lowest."""
 _STEPS_TO_TELL = 60
 """Steps of a polish after which the best of several is told; it alone goes on."""
 _SAME = 1e-5
@@ -373,11 +377,13 @@ def _beyond(
     """The better of a design whose acceleration is constant, and of one from there on.
 
     It begins with a path that is given, or with that of the design, or where that does not
-    accelerate of `start`, and with what is known.
+    accelerate of `start`, with what is known, and with the path of the scene's speeds.
     """
     path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
-    scene, known = design.scene, (*known, (design.command, design.motion))
-    ends = _searched(scene, path, design.command, names, settings=settings, known=known)
+    scene, command, half = design.scene, design.command, design.motion.half_exposure
+    of_speeds = path_of_speeds(scene, half, path.accelerations.size)
+    known = (*known, (command, design.motion), (command, of_speeds))
+    ends = _searched(scene, path, command, names, settings=settings, known=known)
     found = _design(ends[0], scene, settings)
     if found.loss >= design.loss * (1 - _SAME):
         return replace(design, outcome=f"{design.outcome} {_NO_PATH}")
@@ -611,7 +617,7 @@ def _best_of_space(
     history = _History(losses, settings)
     if starts.num_tried:
         boxes = _minima(objective, boxes[: starts.num_tried], starts.num_lasting, history)
-    steps = min(_STEPS_TO_TELL, max_steps)
+    steps = min(starts.steps_to_tell, max_steps)
     ends = _polished(objective, boxes[: starts.num_polished], steps, history)
     end = finished(objective, ends[0], space.bends, max_steps=max_steps)
     box, value, certificate = end.box, end.loss, end.certificate
@@ -695,15 +701,17 @@ def _plan(scene: Scene, space: DesignSpace, settings: SearchSettings) -> Plan:
 
 
 class _Starts(NamedTuple):
-    """Points to start from, and how many of them are tried, minimised from and polished.
+    """Points to start from, and how many of them are polished, tried and minimised from.
 
-    Where none is tried, the lowest of the points are polished as they are.
+    Where none is tried, the lowest of the points are polished as they are. The steps to tell are
+    those of a polish after which the best of several goes on alone.
     """
 
     boxes: np.ndarray
     num_polished: int = _NUM_POLISHED
     num_tried: int = 0
     num_lasting: int = 0
+    steps_to_tell: int = _STEPS_TO_TELL
 
 
 def _starts(
@@ -723,7 +731,8 @@ def _starts(
     before = [box_at(space, *each)[None] for each in known]
     if space.num_path_coordinates:
         boxes = path_boxes(space, np.concatenate([*before, starts[:1]]))
-        return _Starts(boxes, _NUM_POLISHED if space.num_profile_coordinates else 1)
+        num_polished = _NUM_POLISHED if space.path_mirrors else _NUM_PATHS
+        return _Starts(boxes, num_polished, steps_to_tell=settings.max_steps)
     if space.size <= GRID_COORDINATES:
         if known:  # the best of what is known takes the place of the given design
             given = np.concatenate([*before, starts[:1]])
