@@ -127,7 +127,7 @@ def optimise(
     ] = None,
     max_steps: Annotated[
         int, typer.Option("--steps", min=1, max=100_000, help="Steps from each start, at most.")
-    ] = 600,
+    ] = 400,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,

@@ -84,9 +84,10 @@ from mishutter.search.starts import (
     start_boxes,
 )
 
-_TRIED_SHARE, _FIRST_STEPS = 2, 20
-"""One start in so many is tried, the lowest, for so many steps."""
-_NUM_LASTING, _LASTING_SHARE = 4, 4
+_TRIED_SHARE, _FIRST_STEPS = 2, 60
+"""One start in so many is tried, the lowest, for so many steps: after 20 those that lead are not
+yet those that end lowest, where speeds are few and the light is bright."""
+_NUM_LASTING, _LASTING_SHARE = 4, 8
 """Tries that are minimised from: the lowest, at least one to so many of the starts, as those that
 lead early may end in one place."""
 _NUM_POLISHED = 3
@@ -101,7 +102,7 @@ _SAME = 1e-5
 _NUM_STARTS, _FEW_SPEEDS = 16, 8
 """Starts by default, and speeds fewer than which have more of them, in proportion: these take less
 time, and the loss has more valleys, as each of the speeds alone decides what is open."""
-_MAX_STEPS = 600
+_MAX_STEPS = 400
 """Steps of a minimisation, and of a polish, at most, by default."""
 _NUM_COEFFICIENTS = 24
 """Coefficients of a free-form profile, by default."""
@@ -184,9 +185,9 @@ def optimise(
     expected error.
 
     Starts are the given design, baselines' profiles and, where a free-form profile moves, the
-    lowest of valleys all over the space. The lower half of them is tried for 20 steps of SciPy's
-    box-constrained L-BFGS-B. Optimistix BFGS minimises from the lowest of the ends, four or a
-    quarter of the starts, and L-BFGS-B polishes the three best minima that differ, and the best
+    lowest of valleys all over the space. The lower half of them is tried for 60 steps of SciPy's
+    box-constrained L-BFGS-B. Optimistix BFGS minimises from the lowest of the ends, four or an
+    eighth of the starts, and L-BFGS-B polishes the three best minima that differ, and the best
     of these to the end, on either side of where limits meet if it ends there.
     Where the scene's device follows a command late, or at few levels, the search is by the light
     that it makes of the command. The best design of a device that follows every command comes
