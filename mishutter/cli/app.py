@@ -123,11 +123,11 @@ def optimise(
     num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
         int | None,
-        typer.Option("--starts", min=1, max=4096, help="Descents; 16, or more for few speeds."),
+        typer.Option("--starts", min=1, max=4096, help="Starts; 16, or more for few speeds."),
     ] = None,
     max_steps: Annotated[
-        int, typer.Option("--steps", min=1, max=100_000, help="Steps of each descent, at most.")
-    ] = 300,
+        int, typer.Option("--steps", min=1, max=100_000, help="Steps from each start, at most.")
+    ] = 400,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,

@@ -65,8 +65,8 @@ class Design:
         motion: The sensor's motion.
         scene: The scene it was designed for.
         loss: Final loss.
-        history: Smallest loss known so far: after each step of the descents, or each start of a
-            grid, and last after the polish.
+        history: Smallest loss known so far: after each start, each minimisation, and each step
+            of a polish.
         converged: Whether the search met its tolerance.
         outcome: How the search ended, in a sentence.
         certificate: Projected-gradient norm in the unit box of designs; where limits of the

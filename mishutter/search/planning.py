@@ -127,9 +127,7 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
 
 def design_at(space: DesignSpace, box: np.ndarray) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
-    shutter, motion = _design_at(space.of_any_motion, space.widened(box))
-    if "shutter" not in space.free:
-        shutter = space.light(space.shutter, motion.half_exposure)
+    shutter, motion = _design_at(space, box)
     return shutter, settled(motion)
 
 
