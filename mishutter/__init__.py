@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mishutter.evaluation import Plan as Plan
     from mishutter.evaluation import ToleranceCost as ToleranceCost
     from mishutter.evaluation import ToleranceCosts as ToleranceCosts
+    from mishutter.evaluation import WorstSpeedLoss as WorstSpeedLoss
     from mishutter.evaluation import ceiling as ceiling
     from mishutter.evaluation import evaluate as evaluate
     from mishutter.evaluation import tolerance_costs as tolerance_costs
@@ -201,6 +202,7 @@ __all__ = [
     "TriangleShutter",
     "TukeyShutter",
     "WienerDecoder",
+    "WorstSpeedLoss",
     "baselines",
     "best_points",
     "best_snapshots",

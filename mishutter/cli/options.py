@@ -17,6 +17,7 @@ class LossName(Enum):
     EXPECTED_ERROR = "expected-error"
     KNOWN_SPEED = "known-speed"
     FOUND_SPEED = "found-speed"
+    WORST_SPEED = "worst-speed"
     DESIGN = "design"
 
 
@@ -58,9 +59,10 @@ LossOption = Annotated[
         "--loss",
         show_default=False,
         help="What is made small: the expected error of the picture restored by one filter for all "
-        "speeds (expected-error), by a filter that is told the speed (known-speed), or by a "
-        "decoder that finds it in the picture (found-speed); or (design) condition number, kernel "
-        "difference and lost light, which know no noise and move the profile alone "
+        "speeds (expected-error), the same at the worst of the speeds (worst-speed), by a filter "
+        "that is told the speed (known-speed), or by a decoder that finds it in the picture "
+        "(found-speed); or (design) condition number, kernel difference and lost light, which know "
+        "no noise and move the profile alone "
         "[default: the expected error of the scene's decoder].",
     ),
 ]
@@ -117,6 +119,7 @@ def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
         ExpectedErrorLoss,
         FoundSpeedLoss,
         KnownSpeedLoss,
+        WorstSpeedLoss,
         loss_of_decoder,
     )
 
@@ -126,6 +129,7 @@ def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
         LossName.EXPECTED_ERROR: ExpectedErrorLoss,
         LossName.KNOWN_SPEED: KnownSpeedLoss,
         LossName.FOUND_SPEED: FoundSpeedLoss,
+        LossName.WORST_SPEED: WorstSpeedLoss,
         LossName.DESIGN: DesignLoss,
     }
     return losses[name]()

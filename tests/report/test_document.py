@@ -86,6 +86,7 @@ def test_numbers_stand_under_their_columns(report, capsys):
         "shutter": "Hann",
         "PSNR dB": f"{m.expected_psnr:.2f}",
         "gain dB": f"{m.expected_psnr - snapshot.expected_psnr:+.2f}",
+        "worst speed": f"{m.worst_speed_psnr:.2f}",
         "light": "0.500",
         "stroke px": "22.0",
         "pan px/s": "0",
@@ -94,7 +95,8 @@ def test_numbers_stand_under_their_columns(report, capsys):
     assert same == best
     tukey = report.comparison.row(BEST_TUKEY).metrics
     gain = tukey.expected_psnr - snapshot.expected_psnr
-    assert bought[1:] == [f"{tukey.expected_psnr:.2f}", f"{gain:+.2f}", "22.0", "0", "20.00"]
+    levels = [f"{tukey.expected_psnr:.2f}", f"{gain:+.2f}", f"{tukey.worst_speed_psnr:.2f}"]
+    assert bought[1:] == [*levels, "22.0", "0", "20.00"]
     assert kernels == {
         "shutter": "Hann",
         "condition": f"{m.condition_number:.2f}",
@@ -142,7 +144,8 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
     assert lines.index(notes[0]) in range(purchases, same)
     for titles in (range(own_best, purchases), range(purchases, same), range(same, kernels)):
         assert sum(lines[index].startswith("───") for index in titles) == 1
-    columns = ["PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms", "ceiling"]
+    columns = ["PSNR dB", "gain dB", "worst speed", "light"]
+    columns += ["stroke px", "pan px/s", "open ms", "ceiling"]
     first_words = [line.split("  ")[0] for line in lines[own_best:purchases]]
     after = len(first_words) - first_words[::-1].index("ceiling")
     assert first_words[after - len(columns) : after] == columns
