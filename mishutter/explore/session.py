@@ -28,6 +28,7 @@ from mishutter.explore.pictures import Reader, reader, restored, uploaded
 from mishutter.hardware import Design
 from mishutter.model import (
     EXAMPLE_PICTURE,
+    Axis,
     ChippedShutter,
     Scene,
     SceneFile,
@@ -139,10 +140,10 @@ def built(tables: Mapping[str, Any], photographs: Mapping[str, Reader]) -> Scene
         ValueError: if it is no scene, or names another photograph.
     """
 
-    def arguments(place: str, white: float | None, linear: bool) -> Mapping[str, Any]:
+    def arguments(place: str, white: float | None, linear: bool, axis: Axis) -> Mapping[str, Any]:
         known = ", ".join(photographs)
         require(place in photographs, "[picture] path", f"be one of {known}, or uploaded", place)
-        return photographs[place](white, linear).arguments
+        return photographs[place](white, linear, axis).arguments
 
     return scene_of_tables(tables, _SCENE, Path(), arguments)
 
@@ -218,7 +219,7 @@ class Session:
         if scene.picture is not None and follows:
             check()
             read = self._photographs[scene.picture]
-            taken = read(scene.picture_white, scene.picture_linear)
+            taken = read(scene.picture_white, scene.picture_linear, scene.axis)
             yield {
                 "kind": "photograph",
                 **restored(taken, scene, pictured, request.speed, check),

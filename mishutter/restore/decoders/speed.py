@@ -28,7 +28,7 @@ from mishutter._core import (
 )
 from mishutter.camera import as_pixels, distinct_colours, rows_last
 from mishutter.evaluation import PLANNED
-from mishutter.model import LUMINANCE, AbstractMotion, AbstractShutter, Scene, require_scene
+from mishutter.model import LUMINANCE, AbstractMotion, AbstractShutter, Scene, require_scene, turned
 from mishutter.restore.decoders.base import BlurModel, blur_model
 
 # In single precision, and typed, which SciPy's own are not.
@@ -483,7 +483,7 @@ def estimate_speed(
     """
     require_scene(scene)
     subject = "estimate_speed(capture=...)"
-    light = as_pixels(capture, subject)
+    light = turned(as_pixels(capture, subject), scene.axis)
     require(np.ndim(light) <= 3, subject, "be one picture", shape_of(light))
     model = blur_model(scene, motion, shutter)
     lit = model.electrons > 0 and model.efficiency > 0
