@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mishutter.cli.console import folded, print_table, print_text, start_jax, working, write_json
+from mishutter.cli.help import MOVES
 from mishutter.cli.options import (
     CoefficientsOption,
     FreeName,
@@ -28,7 +29,12 @@ def plan(
     loss: LossOption = None,
     free: FreeOption = None,
     fixed: Annotated[
-        bool, typer.Option("--fixed", help="Nothing may move: the plan of one measurement.")
+        bool,
+        typer.Option(
+            "--fixed",
+            rich_help_panel=MOVES,
+            help="Nothing may move: the plan of one measurement.",
+        ),
     ] = False,
     num_coefficients: CoefficientsOption = 24,
 ) -> None:
