@@ -72,8 +72,9 @@ def test_a_condition_says_of_which_row_it_is(report, capsys):
     assert f", of {BEST_SNAPSHOT} at phase " in note
 
 
-def test_numbers_stand_under_their_columns(report, capsys):
+def test_numbers_stand_under_their_columns(report, capsys, monkeypatch):
     """The gain is over the snapshot's row, and the exposure is the whole of it."""
+    monkeypatch.setenv("COLUMNS", "100")
     print_report(report)
     lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     names = [cells for cells in lines if cells[0] == "shutter"]
@@ -164,8 +165,10 @@ def test_what_a_photograph_showed(report):
 def test_a_high_photograph_is_cut_to_its_middle():
     """As many rows above as below are left out."""
     light = np.tile(np.arange(200.0)[:, None, None] / 200, (1, 9, 1))
-    assert np.array_equal(_middle_rows(Picture(light)).light, light[20:180])
-    assert np.array_equal(_middle_rows(Picture(light[:7])).light, light[:7])
+    assert np.array_equal(_middle_rows(Picture(light), "rows").light, light[20:180])
+    assert np.array_equal(_middle_rows(Picture(light[:7]), "rows").light, light[:7])
+    turned = Picture(light).turned()
+    assert np.array_equal(_middle_rows(turned, "columns").light, turned.light[:, 20:180])
 
 
 def _rivals(report, levels, velocity=0.0):
