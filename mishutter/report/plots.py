@@ -59,8 +59,10 @@ _ONE_FILTER = (
 )
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
-_DARKEST_SHARE = 99
-"""Of the errors in a map, the percentile that is drawn black."""
+MAP_COLOURS = "cividis"
+"""Of maps: from dark to light in print and to every eye."""
+_BRIGHTEST_SHARE = 99
+"""Of the errors in a map, the percentile that is drawn brightest."""
 _DOTS_PER_INCH = 130
 _PNG = {"compress_level": 4}
 """Half of the time of the usual level, for files that are a hundredth larger."""
@@ -158,7 +160,7 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
         right.set_title(f"difference from the kernel at {velocity:.4g} px/s", fontsize="medium")
         right.axhline(0, color="0.4", linewidth=0.6)
         for axes, corner in ((left, "upper right"), (right, "lower right")):
-            axes.grid(True, color="0.88", linewidth=0.6)
+            draw_grid(axes)
             axes.legend(fontsize="small", loc=corner)
             axes.set_ylabel("light per px")
     place = "position from the point of alignment / px"
@@ -328,11 +330,11 @@ def plot_photograph(
             panels[2].set_title("error", fontsize="small", y=1.0)
             error = _error(result.reference[own], restored, linear)
             maps.append((panels[2], turned(error, axis)))
-    darkest = float(np.percentile([error for _, error in maps], _DARKEST_SHARE)) or 1.0
+    brightest = float(np.percentile([error for _, error in maps], _BRIGHTEST_SHARE)) or 1.0
     for axes, error in maps:
-        axes.imshow(error, cmap="gray_r", vmin=0, vmax=darkest)
+        axes.imshow(error, cmap=MAP_COLOURS, vmin=0, vmax=brightest)
         axes.axis("off")
-    _draw_key(figure.add_subplot(grid[0, -1]), darkest, linear)
+    _draw_key(figure.add_subplot(grid[0, -1]), brightest, linear)
     return figure
 
 
@@ -373,10 +375,10 @@ def _error(truth: np.ndarray, restored: np.ndarray, linear: bool) -> np.ndarray:
     return np.sqrt(np.mean((pair[1] - pair[0]) ** 2, axis=2))
 
 
-def _draw_key(axes: Axes, darkest: float, linear: bool) -> None:
+def _draw_key(axes: Axes, brightest: float, linear: bool) -> None:
     """The scale of maps of errors."""
-    extent = (0, darkest * 100, 0, 1)
-    axes.imshow(np.linspace(0, 1, 256)[None], cmap="gray_r", extent=extent, aspect="auto")
+    extent = (0, brightest * 100, 0, 1)
+    axes.imshow(np.linspace(0, 1, 256)[None], cmap=MAP_COLOURS, extent=extent, aspect="auto")
     axes.set_box_aspect(0.12)
     axes.set_yticks([])
     axes.tick_params(labelsize="small")
@@ -467,5 +469,11 @@ def _new(num_panels: int, *, height: float = 4.2, share: bool = False) -> tuple[
     figure = Drawing(figsize=(7.0, height * num_panels + 0.4), layout="constrained")
     panels = figure.subplots(num_panels, 1, squeeze=False, sharex=share)
     for axes in panels[:, 0]:
-        axes.grid(True, color="0.88", linewidth=0.6)
+        draw_grid(axes)
     return figure, list(panels[:, 0])
+
+
+def draw_grid(axes: Axes) -> None:
+    """Pale lines behind all that is drawn."""
+    axes.set_axisbelow(True)
+    axes.grid(True, color="0.88", linewidth=0.6)
