@@ -74,9 +74,9 @@ def plot_map(
 
     Dashed lines join points of equal stroke, dotted ones points where the sensor gains as much
     speed, $2aT$, within the decades below the largest that were reached. Of a gain the colour in
-    the middle is 0 dB, and a line runs there. Of several velocities each point has the best. Hatched is
-    outside the limits. A sensor that does not accelerate is left out, and so are rows and columns
-    that are wholly outside. A single row or column is a line of points.
+    the middle is 0 dB, and a line runs there. Of several velocities each point has the best.
+    Hatched is outside the limits. A sensor that does not accelerate is left out, and so are rows
+    and columns that are wholly outside. A single row or column is a line of points.
 
     Args:
         dataset: What `sweep` returned, of one scene and light.
