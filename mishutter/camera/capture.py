@@ -131,6 +131,19 @@ def simulate_capture(
         ValueError: if an argument is out of its range, light is below 0, the scene has
             no light and noise is asked for, or the picture is narrower than the blur with
             `border="scene"`.
+
+    Examples:
+        >>> import jax
+        >>> from mishutter import HannShutter, ParabolicMotion, Scene, example_picture
+        >>> from mishutter import simulate_capture
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5)
+        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+        >>> picture = example_picture()
+        >>> captured = simulate_capture(
+        ...     picture, scene, motion, HannShutter(), speed=700.0, key=jax.random.key(0)
+        ... )
+        >>> print(captured.shape, f"{captured.mean():.3f}")
+        (500, 741, 3) 0.109
     """
     require_scene(scene)
     require_border("simulate_capture(border=...)", border)

@@ -125,6 +125,12 @@ class Scene(eqx.Module):
     Raises:
         ValueError: if a value is not finite, out of its range or of another kind, no
             weight is above 0, or lengths differ.
+
+    Examples:
+        >>> from mishutter import Limits, Scene
+        >>> limits = Limits(max_stroke=20, max_half_exposure=0.02)
+        >>> Scene([-700.0, 0.0, 700.0], photon_rate=1e5, read_noise=5, limits=limits)
+        Scene(speeds=3 from -700 to 700, photon_rate=100000, read_noise=5)
     """
 
     speeds: Array

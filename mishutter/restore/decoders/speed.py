@@ -480,6 +480,20 @@ def estimate_speed(
 
     Raises:
         ValueError: if the capture is traced, not finite or no picture, or the scene has no light.
+
+    Examples:
+        >>> import jax
+        >>> from mishutter import ParabolicMotion, RectShutter, Scene, estimate_speed
+        >>> from mishutter import example_picture, simulate_capture
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5)
+        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+        >>> picture = example_picture()
+        >>> captured = simulate_capture(
+        ...     picture, scene, motion, RectShutter(), speed=700.0, key=jax.random.key(0)
+        ... )
+        >>> found = estimate_speed(captured, scene, motion, RectShutter())
+        >>> print(f"{found.speed:.1e} px/s", found.trusted)
+        7.1e+02 px/s True
     """
     require_scene(scene)
     subject = "estimate_speed(capture=...)"
