@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mishutter.camera import Layers as Layers
     from mishutter.camera import centred_kernel as centred_kernel
     from mishutter.camera import read_frames as read_frames
+    from mishutter.camera import read_layers as read_layers
     from mishutter.camera import simulate_capture as simulate_capture
     from mishutter.evaluation import AbstractLoss as AbstractLoss
     from mishutter.evaluation import DesignLoss as DesignLoss
@@ -233,6 +234,7 @@ __all__ = [
     "psnr",
     "read_drive",
     "read_frames",
+    "read_layers",
     "read_measurements",
     "read_picture",
     "read_scene",

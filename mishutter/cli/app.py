@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter import __version__
 from mishutter._core import short_names, writable_folder
 from mishutter.cli.camera import reproduce, simulate
 from mishutter.cli.console import (
@@ -103,8 +102,10 @@ app = typer.Typer(
 
 def version_text() -> str:
     """The versions of what computes: of the package, JAX, its library and Python."""
+    from mishutter.hardware import package_version
+
     libraries = (f"{name} {version(name)}" for name in ("jax", "jaxlib"))
-    return ", ".join((f"mishutter {__version__}", *libraries, f"Python {python_version()}"))
+    return ", ".join((f"mishutter {package_version()}", *libraries, f"Python {python_version()}"))
 
 
 def _version(wanted: bool) -> bool:
