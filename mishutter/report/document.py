@@ -101,9 +101,8 @@ def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
     from mishutter.report import plots
 
     slowest, typical = shown_speeds(report.scene)[0], pictured_speeds(report.scene)[0]
-    scene, picture = report.scene, scene_picture(report.scene)
-    along = picture if scene.axis == "rows" else picture.turned()
-    seen = layered_scene(along, slowest, typical)
+    scene = report.scene
+    seen = layered_scene(scene_picture(scene), slowest, typical, scene.axis)
     few = {name: row for name, row in rows.items() if name in (*report.names[:1], *_SNAPSHOTS)}
     captures = layered_captures(seen, scene.along_rows(), few)
     return plots.plot_layers(seen, captures, axis=scene.axis)
