@@ -27,6 +27,7 @@ from mishutter.model.images import to_display as to_display
 from mishutter.model.images import turned as turned
 from mishutter.model.images import write_picture as write_picture
 from mishutter.model.limits import Limits as Limits
+from mishutter.model.limits import PathShape as PathShape
 from mishutter.model.motion import AbstractMotion as AbstractMotion
 from mishutter.model.motion import AbstractSteadyMotion as AbstractSteadyMotion
 from mishutter.model.motion import FreeMotion as FreeMotion
@@ -39,6 +40,7 @@ from mishutter.model.motion import exact_ends as exact_ends
 from mishutter.model.motion import has_vertex as has_vertex
 from mishutter.model.motion import is_known_zero as is_known_zero
 from mishutter.model.motion import is_straight as is_straight
+from mishutter.model.motion import largest_of as largest_of
 from mishutter.model.motion import panned as panned
 from mishutter.model.motion import settled as settled
 from mishutter.model.motion import steady as steady

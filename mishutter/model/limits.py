@@ -68,6 +68,34 @@ class Demand(NamedTuple):
         return self.taken <= self.there * (1 + slack)
 
 
+class PathShape(NamedTuple):
+    """A free path whose acceleration and half exposure are left open.
+
+    Attributes:
+        pieces: Accelerations of its equal pieces, as multiples of their mean; shape `(K,)`.
+        velocity: Velocity at mid-exposure from which others are counted, in units of the mean
+            acceleration times the half exposure; scalar.
+    """
+
+    pieces: Array
+    velocity: Array
+
+    def own_velocity(self, acceleration: Array, half_exposure: Array, max_pan: Array) -> Array:
+        """Velocity at mid-exposure from which others are counted, within the pan; px/s."""
+        return jnp.clip(self.velocity * acceleration * half_exposure, -max_pan, max_pan)
+
+    def path(
+        self, acceleration: Array, half_exposure: Array, velocity: Array, max_pan: Array
+    ) -> FreeMotion:
+        """The path with a mean acceleration, px/s^2, and a velocity beside its own, px/s."""
+        own = self.own_velocity(acceleration, half_exposure, max_pan)
+        return FreeMotion(
+            accelerations=acceleration * self.pieces,
+            half_exposure=half_exposure,
+            velocity=own + velocity,
+        )
+
+
 @final
 class Limits(eqx.Module):
     """The furthest that the mechanism and the exposure may reach.
@@ -266,25 +294,22 @@ class Limits(eqx.Module):
         acceleration: Array,
         half_exposure: Array,
         velocity: Array,
-        pieces: Array | None = None,
+        shape: PathShape | None = None,
     ) -> Array:
         """Share of the stage's travel, and of its top speed where its jerk is limited, in use.
 
         It never falls with the acceleration, px/s^2, the half exposure, s, or the size of the
         velocity, px/s, in the frame of the stage. Of any shape.
 
-        With `pieces` it is that of a free path of so many equal ones, `(K,)`, whose accelerations
-        are multiples of the one given; of scalars then, and where no jerk is limited. The stroke
-        counts there too, which has closed forms for a parabola alone.
+        With the `shape` of a free path it is that of the path, whose velocity is counted from the
+        shape's own; of scalars then, and where no jerk is limited. Stroke and top speed count
+        there too, which have closed forms for a parabola alone.
         """
-        if pieces is not None:
-            return self.stage_share_of(
-                FreeMotion(
-                    accelerations=acceleration * pieces,
-                    half_exposure=half_exposure,
-                    velocity=velocity,
-                )
-            )
+        if shape is not None:
+            path = shape.path(acceleration, half_exposure, velocity, self.max_pan)
+            by_speed = path.top_speed / self.max_top_speed
+            by_stroke = self.of_stage(path).extent / self.max_stroke
+            return jnp.maximum(self.stage_share_of(path), jnp.maximum(by_speed, by_stroke))
         frame, pan = self._frame(velocity), self._pan_of_camera(velocity)
         limits = self.max_acceleration, self.max_jerk
         use = stage_use(acceleration, half_exposure, velocity + frame - pan, *limits)
@@ -296,8 +321,7 @@ class Limits(eqx.Module):
         if isinstance(motion, FreeMotion):
             path = cast(FreeMotion, self.of_stage(motion))
             speed = jnp.abs(self._pan_of_camera(velocity)) - jnp.abs(self._frame(velocity))
-            share = self._share_of(stage_use_of_path(path, self.max_acceleration), speed)
-            return jnp.maximum(share, path.extent / self.max_stroke)
+            return self._share_of(stage_use_of_path(path, self.max_acceleration), speed)
         acceleration, half = steady(motion).acceleration, motion.half_exposure
         return self.stage_share(jnp.asarray(acceleration), jnp.asarray(half), velocity)
 
@@ -354,7 +378,7 @@ class Limits(eqx.Module):
         low: Array,
         high: Array,
         numbers: Mapping[str, Array],
-        pieces: Array | None = None,
+        shape: PathShape | None = None,
     ) -> Array:
         """Largest value of a number of a motion that the stage reaches; scalar.
 
@@ -366,9 +390,9 @@ class Limits(eqx.Module):
             low: Least value.
             high: Greatest value.
             numbers: The numbers of a motion in which it takes its place.
-            pieces: Those of a free path, as `stage_share` takes them.
+            shape: That of a free path, as `stage_share` takes it.
         """
-        return _largest(self, name, low, high, {**numbers, "pieces": pieces})
+        return _largest(self, name, low, high, {**numbers, "shape": shape})
 
     def fullest_motion(self, velocity: ArrayLike = 0.0) -> ParabolicMotion:
         """The longest stroke at the highest top speed that the limits allow.

@@ -419,7 +419,7 @@ class FreeMotion(AbstractMotion):
 
     def _extreme(self, speed: RowLike, sign: float) -> Positions:
         """The lowest position on a path that is mirrored where `sign` is -1."""
-        s, a, T = _together(speed, self.accelerations, self.half_exposure)
+        s, a, T, _ = _together(speed, self.accelerations, self.half_exposure, self.velocity)
         space = namespace_of(s)
         across = (1,) * s.ndim + (-1,)
         ends = np.array(exact_ends(self.durations, a.size), float).astype(s.dtype)
@@ -430,7 +430,9 @@ class FreeMotion(AbstractMotion):
         turns = (before < 0) & (after > 0) & (rate > 0)
         rise = before * before / (4 * space.where(turns, rate, 1.0))
         turned = space.where(turns, position[..., :-1] - rise, position[..., :-1])
-        return space.minimum(space.min(turned, axis=-1), position[..., -1])
+        positions = space.concatenate([turned, position[..., -1:]], axis=-1)
+        lowest = space.argmin(positions, axis=-1, keepdims=True)
+        return space.take_along_axis(positions, lowest, axis=-1)[..., 0]
 
     @property
     def stroke(self) -> Array:
@@ -447,17 +449,17 @@ class FreeMotion(AbstractMotion):
     @property
     def speed_gain(self) -> Array:
         r"""Greatest speed gained or lost from mid-exposure, $\max_t |x'(t) - v|$; px/s."""
-        return _number(lambda each, v: abs(each - v).max(), self._velocities(), self.velocity)
+        return _number(lambda each, v: largest_of(abs(each - v)), self._velocities(), self.velocity)
 
     @property
     def top_speed(self) -> Array:
         r"""Greatest speed of the sensor during the exposure, $\max_t |x'(t)|$; px/s."""
-        return _number(lambda each: abs(each).max(), self._velocities())
+        return _number(lambda each: largest_of(abs(each)), self._velocities())
 
     @property
     def greatest_acceleration(self) -> Array:
         """Greatest rate at which the velocity changes, twice that of $|a|$; px/s^2."""
-        return _number(lambda a: 2 * abs(a[self.lasting]).max(), self.accelerations)
+        return _number(lambda a: 2 * largest_of(abs(a[self.lasting])), self.accelerations)
 
     @property
     def lasting(self) -> np.ndarray:
@@ -590,6 +592,15 @@ def _together(*values: Any) -> tuple[Any, ...]:
         return tuple(np.asarray(x, np.result_type(values[0], np.float32)) for x in values)
     dtype = common_dtype(*values)
     return tuple(jnp.asarray(x, dtype) for x in values)
+
+
+def largest_of(values: Any) -> Any:
+    """The largest of a row, by its index.
+
+    The derivative of a maximum asks which values equal it: none does where the compiler computes
+    them again and rounds otherwise, and the slope is then 0 / 0.
+    """
+    return values[values.argmax()]
 
 
 def _number(formula: Callable[..., Any], *numbers: Any) -> Array:

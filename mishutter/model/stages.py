@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import require, require_finite, require_known, require_scalar
-from mishutter.model.motion import AbstractMotion, FreeMotion, exact_ends
+from mishutter.model.motion import AbstractMotion, FreeMotion, exact_ends, largest_of
 
 
 class StageUse(NamedTuple):
@@ -87,8 +87,8 @@ def stage_use_of_path(path: FreeMotion, max_acceleration: ArrayLike | None = Non
     outwards = jnp.asarray(path.velocity_at(ends)) * np.array([-1, 1], ends.dtype)
     rests = jnp.asarray(path.position(ends)) + _stopping(outwards, max_acceleration, None)
     at_rest = jnp.zeros_like(half)
-    highest = jnp.maximum(jnp.max(rests), jnp.asarray(path.highest(at_rest)))
-    lowest = jnp.minimum(jnp.min(rests), jnp.asarray(path.lowest(at_rest)))
+    highest = jnp.maximum(largest_of(rests), jnp.asarray(path.highest(at_rest)))
+    lowest = jnp.minimum(-largest_of(-rests), jnp.asarray(path.lowest(at_rest)))
     return StageUse(highest - lowest, path.top_speed)
 
 

@@ -71,12 +71,16 @@ from mishutter.search.starts import (
     box_at,
     lowest_places,
     path_boxes,
+    path_of_speeds,
     start_boxes,
 )
 
 _NUM_POLISHED = 3
 """Ends that are polished. Where the motion is held, the lowest one led to the lowest minimum in 48
 of 48 searches over scenes, losses and seeds: it is polished alone."""
+_NUM_PATHS = 12
+"""Free paths that are polished to the end where they need not mirror themselves: their valleys
+differ by up to 0.1 dB, and neither their starts nor a few steps tell which is lowest."""
 _STEPS_TO_TELL = 60
 """Steps of a polish after which the best of several is told; it alone goes on."""
 _SAME = 1e-5
@@ -348,11 +352,13 @@ def _beyond(
     """The better of a design whose acceleration is constant, and of one from there on.
 
     It begins with a path that is given, or with that of the design, or where that does not
-    accelerate of `start`, and with what is known.
+    accelerate of `start`, with what is known, and with the path of the scene's speeds.
     """
     path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
-    scene, known = design.scene, (*known, (design.command, design.motion))
-    ends = _searched(scene, path, design.command, names, plan=plan, known=known, **rules)
+    scene, command, half = design.scene, design.command, design.motion.half_exposure
+    of_speeds = path_of_speeds(scene, half, path.accelerations.size)
+    known = (*known, (command, design.motion), (command, of_speeds))
+    ends = _searched(scene, path, command, names, plan=plan, known=known, **rules)
     found = _design(ends[0], scene, rules["loss"], rules["max_steps"])
     if found.loss >= design.loss * (1 - _SAME):
         return replace(design, outcome=f"{design.outcome} {_NO_PATH}")
@@ -590,8 +596,7 @@ def _best_of_space(
     before = np.array([box_at(space, *each) for each in known], starts.dtype)
     if space.num_path_coordinates:
         starts = path_boxes(space, np.concatenate([before, starts[:1]]))
-        num_polished = _NUM_POLISHED if space.num_profile_coordinates else 1
-        found = _polishable(objective, starts, num_polished)
+        found = _polishable(objective, starts, _NUM_POLISHED if space.path_mirrors else _NUM_PATHS)
     elif is_profile and space.size > GRID_COORDINATES:
         starts = np.concatenate([before.reshape(-1, space.size), starts])
         found = _from_cover(objective, space, scene, starts, seed)
@@ -605,7 +610,7 @@ def _best_of_space(
             starts[0] = before[np.argmin(losses_at(objective, before))]
         found = _from_grid(objective, starts)
     best = np.argsort(found.losses, kind="stable")[: found.num_polished]
-    steps_to_tell = min(_STEPS_TO_TELL, max_steps)
+    steps_to_tell = max_steps if space.num_path_coordinates else min(_STEPS_TO_TELL, max_steps)
     ends, num_steps = [], found.history.size
     for index in best:
         ends.append(polish(objective, found.boxes[index], max_steps=steps_to_tell))

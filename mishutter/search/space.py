@@ -16,7 +16,9 @@ lets through. So a given motion within the limits is a point of the box.
 A free path has equal pieces. Coordinates of it are the logarithms of the shares that they have in
 the acceleration, which is their mean: so the speeds gained to both ends are $2aT$ on the mean, and
 in the middle of the box the path is a parabola. Where the sensor sees as many objects to either
-side, it is the same forwards and backwards.
+side, it is the same forwards and backwards. A path that bends more before mid-exposure than after
+it takes the least stroke at a velocity of its own, at which it ends where it began: where the stage
+pans, the acceleration is bounded at that velocity, and others are counted from it.
 
 Coordinates are those of the profile that is sent to the scene's device. The shutter of a design
 is the transmittance that light sees.
@@ -43,6 +45,7 @@ from mishutter.model import (
     Limits,
     LinearMotion,
     ParabolicMotion,
+    PathShape,
     RectShutter,
     Scene,
     StillCamera,
@@ -53,6 +56,7 @@ from mishutter.model import (
     is_adjustable,
     is_known_zero,
     is_straight,
+    largest_of,
     num_coordinates,
     settled,
     steady,
@@ -147,18 +151,18 @@ class DesignSpace(eqx.Module):
         if not share:
             return self.light(shutter, self.motion.half_exposure), self.motion
         half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
-        pieces = self._pieces(box[count : self.num_shape_coordinates])
+        shape = self._shape(box[count : self.num_shape_coordinates])
         acceleration = _mean_acceleration(self.motion)
         if "half_exposure" in share:
             bounds = self._half_exposure_bounds(shutter)
-            moved = self._half_exposure_at(bounds, pieces, share["half_exposure"])
+            moved = self._half_exposure_at(bounds, shape, share["half_exposure"])
             half_exposure = self._unless_held("half_exposure", moved, half_exposure)
         if "acceleration" in share:
-            bounds = self._acceleration_bounds(half_exposure, pieces)
+            bounds = self._acceleration_bounds(half_exposure, shape)
             moved = _between(*bounds, share["acceleration"])
             acceleration = self._unless_held("acceleration", moved, acceleration)
         if "velocity" in share:
-            low, high = self._velocity_bounds(acceleration, half_exposure, pieces)
+            low, high = self._velocity_bounds(acceleration, half_exposure, shape)
             moved = low + share["velocity"] * (high - low)
             velocity = self._unless_held("velocity", moved, velocity)
         shutter = self.light(shutter, half_exposure)
@@ -167,17 +171,20 @@ class DesignSpace(eqx.Module):
         if isinstance(self.motion, LinearMotion):
             return shutter, LinearMotion(half_exposure=half_exposure, velocity=velocity)
         numbers = {"half_exposure": half_exposure, "velocity": velocity}
-        if pieces is not None:
-            return shutter, FreeMotion(accelerations=acceleration * pieces, **numbers)
+        if shape is not None:
+            return shutter, FreeMotion(accelerations=acceleration * shape.pieces, **numbers)
         return shutter, ParabolicMotion(acceleration=acceleration, **numbers)
 
-    def _pieces(self, shape: Array) -> Array | None:
-        """Accelerations of a free path's pieces, of mean 1."""
+    def _shape(self, box: Array) -> PathShape | None:
+        """The shape of a free path at its coordinates."""
         if not self.num_path_coordinates:
             return None
-        shares = jnp.exp((2 * shape - 1) * math.log(_MOST_PIECES_DIFFER))
+        shares = jnp.exp((2 * box - 1) * math.log(_MOST_PIECES_DIFFER))
         pieces = shares / jnp.mean(shares)
-        return jnp.concatenate([pieces[::-1], pieces]) if self.path_mirrors else pieces
+        if self.path_mirrors:
+            pieces = jnp.concatenate([pieces[::-1], pieces])
+        pans = "velocity" in self.free and self.limits.pans == "stage"
+        return PathShape(pieces, _level_velocity(pieces) if pans else jnp.zeros_like(pieces[0]))
 
     @property
     def free_of_motion(self) -> tuple[str, ...]:
@@ -310,28 +317,27 @@ class DesignSpace(eqx.Module):
         parts = []
         if "shutter" in self.free:
             parts.append(jnp.clip(coordinates(shutter), 0, 1).astype(dtype))
-        pieces = None
+        shape = None
         if "path" in self.free:
-            shape = self._shape_of(motion).astype(dtype)
-            parts.append(shape)
-            pieces = self._pieces(shape)
+            parts.append(self._coordinates_of_path(motion).astype(dtype))
+            shape = self._shape(parts[-1])
         half_exposure = motion.half_exposure
         if "half_exposure" in self.free:
             bounds = self._half_exposure_bounds(shutter)
-            share = self._half_exposure_share(bounds, pieces, half_exposure)
+            share = self._half_exposure_share(bounds, shape, half_exposure)
             parts.append(share.astype(dtype)[None])
-            moved = self._half_exposure_at(bounds, pieces, share)
+            moved = self._half_exposure_at(bounds, shape, share)
             half_exposure = self._unless_held("half_exposure", moved, half_exposure)
         if not self.free_of_motion:
             return jnp.concatenate(parts)
         acceleration, share = _mean_acceleration(motion), None
         if "acceleration" in self.free:
-            bounds = self._acceleration_bounds(half_exposure, pieces)
+            bounds = self._acceleration_bounds(half_exposure, shape)
             share = _share(*bounds, acceleration)
             moved = _between(*bounds, share)
             acceleration = self._unless_held("acceleration", moved, acceleration)
         if "velocity" in self.free:
-            low, high = self._velocity_bounds(acceleration, half_exposure, pieces)
+            low, high = self._velocity_bounds(acceleration, half_exposure, shape)
             width = jnp.where(high > low, high - low, 1.0)
             place = jnp.where(high > low, (motion.velocity - low) / width, 0.5)
             parts.append(jnp.clip(place, 0, 1).astype(dtype)[None])
@@ -346,32 +352,34 @@ class DesignSpace(eqx.Module):
         return jnp.where(self.held[_OF_MOTION.index(name)], own.astype(moved.dtype), moved)
 
     def _half_exposure_at(
-        self, bounds: tuple[Array, Array], pieces: Array | None, share: Array
+        self, bounds: tuple[Array, Array], shape: PathShape | None, share: Array
     ) -> Array:
-        if pieces is None:
+        if shape is None:
             return _between(*bounds, share)
-        (low, high), middle = bounds, self._meeting(bounds, pieces)
+        (low, high), middle = bounds, self._meeting(bounds, shape)
         before = share < _MEETING
         begin, end = jnp.where(before, low, middle), jnp.where(before, middle, high)
         inside = jnp.where(before, share / _MEETING, (share - _MEETING) / (1 - _MEETING))
         return _between(begin, end, inside)
 
     def _half_exposure_share(
-        self, bounds: tuple[Array, Array], pieces: Array | None, half_exposure: Array
+        self, bounds: tuple[Array, Array], shape: PathShape | None, half_exposure: Array
     ) -> Array:
-        if pieces is None:
+        if shape is None:
             return _share(*bounds, half_exposure)
-        (low, high), middle = bounds, self._meeting(bounds, pieces)
+        (low, high), middle = bounds, self._meeting(bounds, shape)
         before = _MEETING * _share(low, middle, half_exposure)
         after = _MEETING + (1 - _MEETING) * _share(middle, high, half_exposure)
         return jnp.where(half_exposure < middle, before, after)
 
-    def _meeting(self, bounds: tuple[Array, Array], pieces: Array) -> Array:
+    def _meeting(self, bounds: tuple[Array, Array], shape: PathShape) -> Array:
         """Half exposure at which a path comes to its stroke and its top speed together; s."""
-        speed = _longest(pieces) * self.limits.max_top_speed / jnp.max(_gains(pieces))
-        return jnp.clip(2 * self.limits.max_stroke / speed, *bounds)
+        one = jnp.ones_like(shape.velocity)
+        path = shape.path(one, one, 0 * one, jnp.inf * one)
+        times = self.limits.max_stroke / path.extent * path.top_speed
+        return jnp.clip(times / self.limits.max_top_speed, *bounds)
 
-    def _shape_of(self, motion: AbstractMotion) -> Array:
+    def _coordinates_of_path(self, motion: AbstractMotion) -> Array:
         """Coordinates of a path: the middle of the box for a parabola."""
         count = self.num_path_coordinates
         if not isinstance(motion, FreeMotion):
@@ -386,27 +394,33 @@ class DesignSpace(eqx.Module):
         return jnp.clip((1 + logarithm) / 2, 0, 1)
 
     def _velocity_bounds(
-        self, acceleration: Array, half: Array, pieces: Array | None
+        self, acceleration: Array, half: Array, shape: PathShape | None
     ) -> tuple[Array, Array]:
-        most = to_the_left = self._largest_pan(acceleration, half, pieces)
-        if pieces is not None:  # to the left is to the right on the path that is run backwards
-            to_the_left = self._largest_pan(acceleration, half, pieces[::-1])
-        bounds = -to_the_left, most
+        if shape is None:
+            most = self._largest_pan(acceleration, half)
+            bounds = -most, most
+        else:  # to the left is to the right on the path that is run backwards
+            backwards = PathShape(shape.pieces[::-1], -shape.velocity)
+            ways = (self._largest_pan(acceleration, half, each) for each in (backwards, shape))
+            to_the_left, to_the_right = ways
+            bounds = -to_the_left, to_the_right
         return jnp.clip(self.slowest, *bounds), jnp.clip(self.fastest, *bounds)
 
-    def _largest_pan(self, acceleration: Array, half: Array, pieces: Array | None) -> Array:
-        """Greatest velocity to the right at mid-exposure that the limits leave a path; px/s."""
-        gain = 2 * acceleration * half
-        if pieces is not None:
-            gain = gain * _gains(pieces)[1]
-        most = jnp.clip(self.limits.max_top_speed - gain, 0, self.limits.max_pan)
+    def _largest_pan(
+        self, acceleration: Array, half: Array, shape: PathShape | None = None
+    ) -> Array:
+        """Greatest velocity to the right at mid-exposure that the limits leave a motion; px/s."""
+        rest = jnp.zeros_like(half)
+        numbers = {"acceleration": acceleration, "half_exposure": half, "velocity": rest}
+        most = self.limits.max_pan
+        if shape is not None:
+            own = shape.own_velocity(acceleration, half, most)
+            return own + self.limits.largest("velocity", rest, most - own, numbers, shape)
+        most = jnp.clip(self.limits.max_top_speed - 2 * acceleration * half, 0, most)
         by_stroke = self.limits.velocity_by_stroke(acceleration, half)
-        if by_stroke is not None and pieces is None:
-            most = jnp.minimum(most, by_stroke)
-        if self.limits.has_stage or (by_stroke is not None and pieces is not None):
-            rest = jnp.zeros_like(most)
-            numbers = {"acceleration": acceleration, "half_exposure": half, "velocity": rest}
-            most = self.limits.largest("velocity", rest, most, numbers, pieces)
+        most = most if by_stroke is None else jnp.minimum(most, by_stroke)
+        if self.limits.has_stage:
+            most = self.limits.largest("velocity", rest, most, numbers)
         return most
 
     def light(self, shutter: AbstractShutter, half_exposure: Array) -> AbstractShutter:
@@ -445,21 +459,20 @@ class DesignSpace(eqx.Module):
         return low, high
 
     def _acceleration_bounds(
-        self, half_exposure: Array, pieces: Array | None = None
+        self, half_exposure: Array, shape: PathShape | None = None
     ) -> tuple[Array, Array]:
-        longest = strongest = quickest = jnp.ones_like(half_exposure)
-        if pieces is not None:
-            longest, strongest = _longest(pieces), jnp.max(pieces)
-            quickest = jnp.max(_gains(pieces))
-        by_stroke = self.limits.acceleration_by_stroke(half_exposure) / longest
-        by_speed = self.limits.max_top_speed / (2 * half_exposure * quickest)
-        high = jnp.minimum(jnp.minimum(by_stroke, by_speed), self.strongest)
+        by_speed = self.limits.max_top_speed / (2 * half_exposure)
+        high, steepest = jnp.minimum(by_speed, self.strongest), 1.0
+        if shape is None:
+            high = jnp.minimum(high, self.limits.acceleration_by_stroke(half_exposure))
+        else:
+            steepest = largest_of(shape.pieces)
         if self.limits.max_acceleration is not None:
-            high = jnp.minimum(high, self.limits.max_acceleration / (2 * strongest))
-        if self.limits.has_stage or (pieces is not None and self.limits.frame_velocity is not None):
+            high = jnp.minimum(high, self.limits.max_acceleration / (2 * steepest))
+        if self.limits.has_stage or shape is not None:
             rest = jnp.zeros_like(high)
             numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": rest}
-            high = self.limits.largest("acceleration", rest, high, numbers, pieces)
+            high = self.limits.largest("acceleration", rest, high, numbers, shape)
         keeping_up = jnp.clip(self.demand / (2 * half_exposure), _SLOWEST * high, high)
         kept_up = jnp.abs(_mean_acceleration(self.motion)) * self.motion.half_exposure
         return jnp.minimum(keeping_up, kept_up / half_exposure), high
@@ -472,18 +485,11 @@ def _mean_acceleration(motion: AbstractMotion) -> Array:
     return steady(motion).acceleration
 
 
-def _gains(pieces: Array) -> Array:
-    """How much of the speed $2aT$ a path gains before mid-exposure, and after it; shape `(2,)`."""
-    return jnp.mean(pieces.reshape(2, -1), axis=1)
-
-
-def _longest(pieces: Array) -> Array:
-    """How many times as far a path takes the sensor as the parabola of its mean.
-
-    No piece brakes, so that the sensor is furthest from mid-exposure at an end.
-    """
+def _level_velocity(pieces: Array) -> Array:
+    """Velocity at mid-exposure at which a path ends where it began, in units of $aT$; scalar."""
     path = FreeMotion(accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype))
-    return jnp.max(jnp.asarray(path.position_at(np.array([-1, 1], pieces.dtype))))
+    begin, end = jnp.asarray(path.position_at(np.array([-1, 1], pieces.dtype)))
+    return (begin - end) / 2
 
 
 def design_space(

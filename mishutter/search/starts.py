@@ -4,16 +4,18 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, ArrayLike
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mishutter._core import compiled
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    FreeMotion,
     GaussianShutter,
     HannShutter,
     RectShutter,
+    Scene,
     SplineShutter,
     TriangleShutter,
     TukeyShutter,
@@ -30,6 +32,8 @@ the last, the acceleration, over which a condition number rises and falls with e
 
 _TILTS = (0.1, -0.1, 0.3, -0.3)
 """How far from the given path others are at either end of it, in the unit box."""
+_DIGITS_APART = 6
+"""Digits of the unit box by which paths differ that are both worth a start."""
 
 
 def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
@@ -75,6 +79,9 @@ def _box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion
 def path_boxes(space: DesignSpace, boxes: np.ndarray) -> np.ndarray:
     """Designs, and others beside each whose paths turn faster or slower towards their ends.
 
+    Where the pan is free there are as many at its least and at its greatest: of paths that turn
+    sharply once, those that do before mid-exposure and those that do after it are valleys apart.
+
     Args:
         space: The space, with a free path.
         boxes: Points of it; shape `(n, size)`.
@@ -84,11 +91,43 @@ def path_boxes(space: DesignSpace, boxes: np.ndarray) -> np.ndarray:
     if not space.path_mirrors:
         outwards = 2 * np.abs(outwards) - 1
     path = slice(first, first + outwards.size)
-    tilted = [boxes]
+    _, places = np.unique(np.round(boxes, _DIGITS_APART), axis=0, return_index=True)
+    boxes = boxes[np.sort(places)]
+    others = [boxes]
     for tilt in _TILTS:
-        tilted.append(boxes.copy())
-        tilted[-1][:, path] = np.clip(boxes[:, path] + boxes.dtype.type(tilt) * outwards, 0, 1)
-    return np.concatenate(tilted)
+        others.append(boxes.copy())
+        others[-1][:, path] = np.clip(boxes[:, path] + boxes.dtype.type(tilt) * outwards, 0, 1)
+    if "velocity" in space.free:
+        pan = space.num_shape_coordinates + space.free_of_motion.index("velocity")
+        everywhere = np.concatenate(others)
+        for end in (0, 1):
+            others.append(everywhere.copy())
+            others[-1][:, pan] = end
+    return np.concatenate(others)
+
+
+def path_of_speeds(scene: Scene, half_exposure: ArrayLike, num_pieces: int) -> FreeMotion:
+    r"""A path that keeps up with every object for a time in proportion to its weight.
+
+    Its velocity is the quantile function of the speeds, $s$ at the time $t$ up to which objects no
+    faster than $s$ weigh $(t + T) / 2T$ of all, joined by straight lines. The last and the first
+    object have half of their time beyond the ends.
+
+    Args:
+        scene: Speeds and weights.
+        half_exposure: $T$; s, scalar.
+        num_pieces: Equal pieces of the path.
+    """
+    order = np.argsort(np.asarray(scene.speeds))
+    speeds, weights = np.asarray(scene.speeds)[order], np.asarray(scene.weights)[order]
+    middles = (np.cumsum(weights) - weights / 2) / np.sum(weights)
+    half = np.asarray(half_exposure)
+    velocity = np.interp(np.linspace(0, 1, num_pieces + 1), middles, speeds).astype(half.dtype)
+    return FreeMotion(
+        accelerations=np.diff(velocity) * num_pieces / (4 * half),
+        half_exposure=half,
+        velocity=velocity[num_pieces // 2],
+    )
 
 
 def _grid(num_coordinates: int) -> np.ndarray:
