@@ -6,8 +6,9 @@ import pytest
 
 import mishutter
 
-SLOW = {"compare", "optimise"}
+SLOW = {"optimise"}
 NAMES = (
+    *("optimise", "plan"),
     *("Scene", "blur_kernel", "transfer_function", "evaluate", "ceiling", "sweep"),
     *("simulate_capture", "deconvolve", "restore_photograph", "estimate_speed", "drive_table"),
 )
