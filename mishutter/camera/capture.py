@@ -260,7 +260,8 @@ def centred_kernel(
     cycles/px let fall off to 0 at 1/2, so that the taps end. Some are slightly below 0.
     `scipy.signal.convolve(picture, centred_kernel(motion, shutter), mode="same")` is the
     capture without noise of a picture without detail that fine, in the dark beyond its borders.
-    Divided by its sum it is the `psf` of scikit-image's decoders.
+    Divided by its sum it is the `psf` of scikit-image's decoders. Of pictures that move along their
+    columns take its transpose.
 
     Args:
         motion: Motion of the sensor.
