@@ -17,11 +17,14 @@ from mishutter.camera import kernel_layout
 from mishutter.model import (
     PICTURE_FORMATS,
     PICTURE_SUFFIXES,
+    Axis,
     Picture,
     Scene,
     picture_arguments,
+    pixels_along,
     read_picture,
     to_display,
+    turned,
 )
 from mishutter.restore import EnsembleDecoder, least_columns, restore_by_each
 from mishutter.search import Row
@@ -37,7 +40,7 @@ class Photograph:
     """A part of a photograph, and what the whole says of the detail that there is to restore.
 
     Attributes:
-        part: Rows from the middle.
+        part: Rows from the middle, along which things move.
         arguments: Arguments of `Scene`.
     """
 
@@ -45,19 +48,20 @@ class Photograph:
     arguments: Mapping[str, Any]
 
 
-Reader = Callable[[float | None, bool], Photograph]
-"""A photograph by the arguments `white` and `linear` of `read_picture`."""
+Reader = Callable[[float | None, bool, Axis], Photograph]
+"""A photograph by the arguments `white` and `linear` of `read_picture`, and a scene's axis."""
 
 
 def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
     """A photograph by the name that a scene file has for it; one that was just read is kept."""
 
     @lru_cache(maxsize=1)
-    def taken(white: float | None, linear: bool) -> Photograph:
+    def taken(white: float | None, linear: bool, axis: Axis) -> Photograph:
         picture = read(white, linear)
-        first = max(0, (picture.light.shape[0] - _ROWS) // 2)
-        part = Picture(light=picture.light[first : first + _ROWS].copy(), name=picture.name)
-        return Photograph(part, picture_arguments(place, picture, white, linear))
+        along = turned(picture.light, axis)
+        first = max(0, (along.shape[0] - _ROWS) // 2)
+        part = Picture(light=along[first : first + _ROWS].copy(), name=picture.name)
+        return Photograph(part, picture_arguments(place, picture, white, linear, axis))
 
     return taken
 
@@ -85,7 +89,7 @@ def uploaded(name: str, content: bytes) -> Reader:
                 raise ValueError(str(error).replace(str(place), name)) from None
 
     found = reader(name, read)
-    found(None, False)
+    found(None, False, "rows")
     return found
 
 
@@ -131,7 +135,8 @@ def restored(
     seen = [*np.asarray(scene.speeds).tolist(), speed]
     longest = max(kernel_layout(row.motion, *seen, 0.0)[0] for row in rows.values())
     enough, there = least_columns(longest), taken.part.light.shape[1]
-    requirement = f"have at least {enough} columns, to be restored from this blur"
+    pixels = pixels_along(scene.axis)
+    requirement = f"have at least {enough} {pixels}, to be restored from this blur"
     require(there >= enough, "the photograph", requirement, there)
     width = min(there, max(enough, _COLUMNS + longest))
     first = (there - width) // 2
@@ -142,7 +147,7 @@ def restored(
         check()
         result = restore_by_each(
             part,
-            scene,
+            scene.along_rows(),
             row.motion,
             row.shutter,
             {name: EnsembleDecoder()},
@@ -152,9 +157,10 @@ def restored(
         )[name]
         captured = result.captured[0]
         gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
-        reference = result.reference
+        reference = turned(result.reference, scene.axis)
         level = float(result.linear_psnr[0])
-        pair = {"captured": _png(captured * gain), "restored": _png(result.restored[0])}
+        pictures = {"captured": captured * gain, "restored": result.restored[0]}
+        pair = {which: _png(turned(light, scene.axis)) for which, light in pictures.items()}
         found.append({"name": name, "psnr": level, **pair})
     return {
         "speed": speed,
