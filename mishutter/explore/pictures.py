@@ -26,13 +26,22 @@ from mishutter.model import (
     to_display,
     turned,
 )
-from mishutter.restore import EnsembleDecoder, least_columns, restore_by_each
+from mishutter.restore import (
+    EnsembleDecoder,
+    SpeedEstimate,
+    SpeedFindingDecoder,
+    estimate_speed,
+    least_columns,
+    restore_by_each,
+)
 from mishutter.search import Row
 
 MOST_BYTES = 32 << 20
 MOST_PIXELS = 30_000_000
 _ROWS, _COLUMNS = 112, 400
 """Of the part that is captured: as much as is restored in a second."""
+_ROWS_TO_FIND = 256
+"""Of it where the speed is found, which few rows do not tell."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +68,16 @@ def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
     def taken(white: float | None, linear: bool, axis: Axis) -> Photograph:
         picture = read(white, linear)
         along = turned(picture.light, axis)
-        first = max(0, (along.shape[0] - _ROWS) // 2)
-        part = Picture(light=along[first : first + _ROWS].copy(), name=picture.name)
+        part = Picture(light=_middle(along, _ROWS_TO_FIND).copy(), name=picture.name)
         return Photograph(part, picture_arguments(place, picture, white, linear, axis))
 
     return taken
+
+
+def _middle(light: np.ndarray, count: int) -> np.ndarray:
+    """At most so many rows, from the middle."""
+    first = max(0, (light.shape[0] - count) // 2)
+    return light[first : first + count]
 
 
 def uploaded(name: str, content: bytes) -> Reader:
@@ -127,7 +141,8 @@ def restored(
 
     Returns:
         The `reference`, and for each design what was `captured` and `restored`, as PNG in base 64,
-        with its `psnr` in linear light, dB.
+        with its `psnr` in linear light, dB; of a scene whose decoder finds the speed also the one
+        that it `found`, with the fields of a `SpeedEstimate` that are no arrays, otherwise None.
 
     Raises:
         ValueError: if the photograph is too narrow for the blur.
@@ -140,17 +155,19 @@ def restored(
     require(there >= enough, "the photograph", requirement, there)
     width = min(there, max(enough, _COLUMNS + longest))
     first = (there - width) // 2
-    part = Picture(light=taken.part.light[:, first : first + width].copy())
-    found = []
-    reference = None
+    finds = scene.decoder_speed == "found"
+    num_rows = _ROWS_TO_FIND if finds else _ROWS
+    part = Picture(light=_middle(taken.part.light, num_rows)[:, first : first + width].copy())
+    decoder = SpeedFindingDecoder(EnsembleDecoder()) if finds else EnsembleDecoder()
+    along, found, reference = scene.along_rows(), [], None
     for name, row in rows.items():
         check()
         result = restore_by_each(
             part,
-            scene.along_rows(),
+            along,
             row.motion,
             row.shutter,
-            {name: EnsembleDecoder()},
+            {name: decoder},
             speeds=[speed],
             num_seeds=1,
             least_taps=longest,
@@ -161,12 +178,19 @@ def restored(
         level = float(result.linear_psnr[0])
         pictures = {"captured": captured * gain, "restored": result.restored[0]}
         pair = {which: _png(turned(light, scene.axis)) for which, light in pictures.items()}
-        found.append({"name": name, "psnr": level, **pair})
+        estimate = estimate_speed(captured, along, row.motion, row.shutter) if finds else None
+        found.append({"name": name, "psnr": level, **pair, "found": _plain(estimate)})
     return {
         "speed": speed,
         "reference": None if reference is None else _png(reference),
         "designs": found,
     }
+
+
+def _plain(estimate: SpeedEstimate | None) -> dict[str, Any] | None:
+    """The fields of an estimate that are no arrays; px/s."""
+    names = ("speed", "error", "trusted", "doubt")
+    return None if estimate is None else {name: getattr(estimate, name) for name in names}
 
 
 def _png(light: np.ndarray) -> str:

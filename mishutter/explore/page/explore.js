@@ -518,11 +518,18 @@ function showPins() {
 
 // ---------- photographs
 
+// The speed that was found in a capture: with its error where it is trusted, with the doubt where it is not.
+function speedFound(found) {
+  if (!found) return "";
+  const speed = `${rounded(found.speed, 0)} ± ${rounded(found.error, 0)} px/s`;
+  return found.trusted ? `; speed found: ${speed}` : `; speed in doubt, ${speed}: ${found.doubt}`;
+}
+
 async function photograph(message) {
   const pictures = [{ title: `the scene, at rest`, data: message.reference }];
   for (const d of message.designs) {
     pictures.push({ title: `${d.name}, captured at ${message.speed} px/s, brightened`, data: d.captured });
-    pictures.push({ title: `${d.name}, restored: ${decibel(d.psnr)}, linear light`, data: d.restored });
+    pictures.push({ title: `${d.name}, restored: ${decibel(d.psnr)}, linear light${speedFound(d.found)}`, data: d.restored });
   }
   const images = await Promise.all(pictures.map(({ data }) => new Promise((resolve) => {
     const image = new Image();
