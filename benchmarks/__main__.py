@@ -11,6 +11,7 @@ ALL = (
     "free_path",
     "gradient",
     "design",
+    "ablation",
     "command",
     "compiles",
     "scaling",

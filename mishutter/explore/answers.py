@@ -39,7 +39,7 @@ _EXPOSURES = (_SHORTER, 1 / _SHORTER)
 _NUM_STARTS = 2
 """Of a first answer: the profile so far, and one beside it."""
 _STEPS = 8
-"""Of its descent, and of its polish: 20 end 1e-4 dB better."""
+"""Of its polish: 20 end 1e-4 dB better."""
 _PROFILE_POINTS, _PATH_POINTS, _SPECTRUM_POINTS = 257, 97, 160
 _MOST_SPEEDS = 41
 

@@ -17,11 +17,14 @@ from mishutter.camera import kernel_layout
 from mishutter.model import (
     PICTURE_FORMATS,
     PICTURE_SUFFIXES,
+    Axis,
     Picture,
     Scene,
     picture_arguments,
+    pixels_along,
     read_picture,
     to_display,
+    turned,
 )
 from mishutter.restore import (
     EnsembleDecoder,
@@ -46,7 +49,7 @@ class Photograph:
     """A part of a photograph, and what the whole says of the detail that there is to restore.
 
     Attributes:
-        part: Rows from the middle.
+        part: Rows from the middle, along which things move.
         arguments: Arguments of `Scene`.
     """
 
@@ -54,18 +57,19 @@ class Photograph:
     arguments: Mapping[str, Any]
 
 
-Reader = Callable[[float | None, bool], Photograph]
-"""A photograph by the arguments `white` and `linear` of `read_picture`."""
+Reader = Callable[[float | None, bool, Axis], Photograph]
+"""A photograph by the arguments `white` and `linear` of `read_picture`, and a scene's axis."""
 
 
 def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
     """A photograph by the name that a scene file has for it; one that was just read is kept."""
 
     @lru_cache(maxsize=1)
-    def taken(white: float | None, linear: bool) -> Photograph:
+    def taken(white: float | None, linear: bool, axis: Axis) -> Photograph:
         picture = read(white, linear)
-        part = Picture(light=_middle(picture.light, _ROWS_TO_FIND).copy(), name=picture.name)
-        return Photograph(part, picture_arguments(place, picture, white, linear))
+        along = turned(picture.light, axis)
+        part = Picture(light=_middle(along, _ROWS_TO_FIND).copy(), name=picture.name)
+        return Photograph(part, picture_arguments(place, picture, white, linear, axis))
 
     return taken
 
@@ -99,7 +103,7 @@ def uploaded(name: str, content: bytes) -> Reader:
                 raise ValueError(str(error).replace(str(place), name)) from None
 
     found = reader(name, read)
-    found(None, False)
+    found(None, False, "rows")
     return found
 
 
@@ -146,7 +150,8 @@ def restored(
     seen = [*np.asarray(scene.speeds).tolist(), speed]
     longest = max(kernel_layout(row.motion, *seen, 0.0)[0] for row in rows.values())
     enough, there = least_columns(longest), taken.part.light.shape[1]
-    requirement = f"have at least {enough} columns, to be restored from this blur"
+    pixels = pixels_along(scene.axis)
+    requirement = f"have at least {enough} {pixels}, to be restored from this blur"
     require(there >= enough, "the photograph", requirement, there)
     width = min(there, max(enough, _COLUMNS + longest))
     first = (there - width) // 2
@@ -154,13 +159,12 @@ def restored(
     num_rows = _ROWS_TO_FIND if finds else _ROWS
     part = Picture(light=_middle(taken.part.light, num_rows)[:, first : first + width].copy())
     decoder = SpeedFindingDecoder(EnsembleDecoder()) if finds else EnsembleDecoder()
-    found = []
-    reference = None
+    along, found, reference = scene.along_rows(), [], None
     for name, row in rows.items():
         check()
         result = restore_by_each(
             part,
-            scene,
+            along,
             row.motion,
             row.shutter,
             {name: decoder},
@@ -170,10 +174,11 @@ def restored(
         )[name]
         captured = result.captured[0]
         gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
-        reference = result.reference
+        reference = turned(result.reference, scene.axis)
         level = float(result.linear_psnr[0])
-        pair = {"captured": _png(captured * gain), "restored": _png(result.restored[0])}
-        estimate = estimate_speed(captured, scene, row.motion, row.shutter) if finds else None
+        pictures = {"captured": captured * gain, "restored": result.restored[0]}
+        pair = {which: _png(turned(light, scene.axis)) for which, light in pictures.items()}
+        estimate = estimate_speed(captured, along, row.motion, row.shutter) if finds else None
         found.append({"name": name, "psnr": level, **pair, "found": _plain(estimate)})
     return {
         "speed": speed,

@@ -7,7 +7,7 @@ speeds. So acceleration, velocity, delay and speeds off the prior are errors of 
 and of the speed alone. Errors of the transmittance add noise to the response.
 """
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import final
 
 import equinox as eqx
@@ -27,8 +27,6 @@ from mishutter._core import (
 
 _NUM_SPEEDS, _NUM_ACCELERATIONS = 5, 3
 """Gauss-Hermite nodes for errors of the speed and of the acceleration."""
-_ROUGH = 3
-"""Nodes for errors of the speed where those of the acceleration are left out."""
 
 
 @final
@@ -123,12 +121,6 @@ class Tolerances(eqx.Module):
         rest = space.where(pans, space.zeros_like(square), space.asarray(self.velocity))
         numbers = tuple(as_float(x) for x in (speed, rest))
         return eqx.tree_at(lambda t: (t.speed, t.velocity), self, numbers)
-
-    @property
-    def roughly(self) -> "Tolerances":
-        """The same on fewer nodes: good enough to begin a search with."""
-        count = 1 if self.num_speeds > 1 else self.num_accelerations
-        return replace(self, num_accelerations=count, num_speeds=min(self.num_speeds, _ROUGH))
 
     def alone(self, name: str) -> "Tolerances":
         """The tolerance of one name, without the others."""

@@ -8,7 +8,7 @@ the solver costs a matrix product.
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import equinox as eqx
 import jax
@@ -29,7 +29,6 @@ from mishutter.evaluation import (
     assembled,
     folded,
     one_real_number,
-    picture_power,
     plan_of_traced_search,
     records,
     require_sizes,
@@ -39,18 +38,14 @@ from mishutter.evaluation import (
     value_of,
 )
 from mishutter.model import (
-    NUM_FREQUENCIES,
     AbstractAdjustableShutter,
     AbstractMotion,
+    RectShutter,
     Scene,
-    as_parabolic,
     seen_from,
 )
 from mishutter.search.space import DesignSpace
 
-_ROUGH_STEP = 2
-"""Frequencies for each of the rough ones: over half as many, the terms that the error averages do
-not yet repeat themselves."""
 _ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
@@ -92,24 +87,13 @@ class DesignObjective(AbstractObjective):
         return _many_at_once()
 
 
-class Exposure(NamedTuple):
-    """The part of a design that transfer functions see.
-
-    Attributes:
-        nodes: Quadrature nodes, weighted by the transmittance.
-        motion: Motion of the sensor.
-    """
-
-    nodes: ExposureQuadrature
-    motion: AbstractMotion
-
-
 @final
 class SpectralObjective(AbstractObjective):
     """The loss of the design at each point where it sees transfer functions alone.
 
     Attributes:
-        nodes: Quadrature nodes of a shutter that stays; None where it moves.
+        nodes: Quadrature nodes of a shutter that stays, which windows of every kind share a
+            program by; None where it moves.
     """
 
     loss: AbstractResponseLoss
@@ -119,68 +103,20 @@ class SpectralObjective(AbstractObjective):
     plan: Plan = eqx.field(static=True)
 
     def __call__(self, box: Array) -> Array:
-        return self.seen.at(self.exposures.at(jnp.asarray(self.space.widened(box))))
-
-    @property
-    def exposures(self) -> "Exposures":
-        """Exposures of the designs, the same however many frequencies are looked at.
-
-        They are those at points of `of_any_motion`.
-        """
-        return Exposures(self.space.of_any_motion, self.nodes, self.plan.num_nodes)
-
-    @property
-    def seen(self) -> "SpectralLoss":
-        """The loss by what is seen of a design, the same for every kind of shutter and motion."""
-        return SpectralLoss(self.loss, self.scene, _plan_of_spectra(self.plan))
-
-    @property
-    def shares_its_loss(self) -> bool:
-        """Whether other kinds of motion have the program of what is seen: not that of a path."""
-        return not self.space.num_path_coordinates
+        shutter, motion = self.space.at(box)
+        nodes, plan = self.nodes, _plan_of_spectra(self.plan)
+        if nodes is None:
+            dtype = np.dtype(box.dtype)
+            nodes = exposure_quadrature(shutter, self.plan.num_nodes, dtype, path_ends(motion))
+        scene, motion = seen_from(self.scene, motion)
+        spectra = spectra_of(scene, nodes, motion, plan.num_frequencies, plan.num_kept)
+        response = assembled(scene, Records(jnp.zeros(0), spectra, nodes.efficiency), plan)
+        value = self.loss.of_response(scene, motion, response, plan)
+        return one_real_number(self.loss, value).astype(box.dtype)
 
     @property
     def batches(self) -> bool:
         return _many_at_once()
-
-
-@final
-class Exposures(eqx.Module):
-    """The part of the design at each point of a box that transfer functions see."""
-
-    space: DesignSpace
-    nodes: ExposureQuadrature | None
-    num_nodes: int = eqx.field(static=True)
-
-    def at(self, box: Array) -> Exposure:
-        """The exposure at a point of shape `(size,)`."""
-        shutter, motion = self.space.at(box)
-        nodes = self.nodes
-        if nodes is None:
-            nodes = exposure_quadrature(
-                shutter, self.num_nodes, np.dtype(box.dtype), path_ends(motion)
-            )
-        return Exposure(nodes, as_parabolic(motion))
-
-
-@final
-class SpectralLoss(eqx.Module):
-    """A loss by what transfer functions see of a design."""
-
-    loss: AbstractResponseLoss
-    scene: Scene
-    plan: Plan = eqx.field(static=True)
-
-    def at(self, exposure: Exposure) -> Array:
-        """The loss of a design; scalar."""
-        nodes = exposure.nodes
-        scene, motion = seen_from(self.scene, exposure.motion)
-        grid = self.plan.num_frequencies, self.plan.num_kept
-        spectra = spectra_of(scene, nodes, motion, *grid)
-        recorded = Records(jnp.zeros(0), spectra, nodes.efficiency)
-        response = assembled(scene, recorded, self.plan)
-        value = self.loss.of_response(scene, motion, response, self.plan)
-        return one_real_number(self.loss, value).astype(nodes.tau.dtype)
 
 
 @final
@@ -228,7 +164,7 @@ def objective_of(
         if "shutter" not in space.free and not space.lags:
             light = space.light(space.shutter, space.motion.half_exposure)
             nodes = exposure_quadrature(light, plan.num_nodes, space.dtype, path_ends(space.motion))
-            space = space.without_shutter()
+            space = replace(space, shutter=RectShutter())
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
 
@@ -237,33 +173,6 @@ def _plan_of_spectra(plan: Plan) -> Plan:
     """A plan without the sizes that a loss of transfer functions does not see: more are equal."""
     unseen = {"num_taps": 1, "dft_length": 1, "loss_dft_length": None, "num_nodes": 1}
     return replace(plan, **unseen, folds=False, still=False)
-
-
-def roughly(objective: AbstractObjective, space: DesignSpace) -> AbstractObjective:
-    """The objective on fewer frequencies and errors, where they take the time; itself where not.
-
-    Good enough to descend on where the ends are finished on the whole.
-    """
-    if not isinstance(objective, DesignObjective | SpectralObjective):
-        return objective
-    plan, scene = objective.plan, objective.scene
-    count, rest = divmod(plan.num_frequencies, _ROUGH_STEP)
-    if rest or count < NUM_FREQUENCIES // _ROUGH_STEP or not plan.skips:
-        return objective
-    kept = plan.num_kept
-    rough = replace(
-        plan,
-        num_frequencies=count,
-        num_kept=kept and math.ceil(kept / _ROUGH_STEP),
-    )
-    # A band takes its mean power: the spectrum is so steep that the middle says little of it.
-    dtype = np.dtype(scene.speeds.dtype)
-    power = np.asarray(picture_power(scene, plan.num_frequencies, dtype))
-    bands = jax.device_put(power.reshape(count, _ROUGH_STEP).mean(axis=1))
-    banded = eqx.tree_at(lambda s: s.power_spectrum, scene, bands, is_leaf=lambda x: x is None)
-    if banded.tolerances is not None:
-        banded = eqx.tree_at(lambda s: s.tolerances, banded, banded.tolerances.roughly)
-    return objective_of(objective.loss, banded, space, rough)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The design search: many starts, a polish, and an honest end."""
+"""The design search: a cover, minima from the lowest starts, a polish, and an honest end."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -15,6 +15,8 @@ from jaxtyping import Array
 
 from mishutter._core import (
     alone_in_blas,
+    in_threads,
+    num_processors,
     outside_trace,
     require,
     require_known,
@@ -52,12 +54,19 @@ from mishutter.model import (
     settled,
 )
 from mishutter.search.cover import cover, lowest_of_valleys, screened
-from mishutter.search.many_starts import Descent, Progress, descend, num_lasting
-from mishutter.search.objective import AbstractObjective, objective_of, roughly
+from mishutter.search.objective import AbstractObjective, objective_of
 from mishutter.search.planning import design_at, full_sizes
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.slots import searched_slots
-from mishutter.search.solvers import certificate_at, finished, is_minimum, losses_at, polish
+from mishutter.search.solvers import (
+    Polished,
+    certificate_at,
+    finished,
+    is_minimum,
+    losses_at,
+    minimise,
+    polish,
+)
 from mishutter.search.space import (
     DesignSpace,
     all_that_can_move,
@@ -75,32 +84,37 @@ from mishutter.search.starts import (
     start_boxes,
 )
 
+_TRIED_SHARE, _FIRST_STEPS = 2, 60
+"""One start in so many is tried, the lowest, for so many steps: after 20 those that lead are not
+yet those that end lowest, where speeds are few and the light is bright."""
+_NUM_LASTING, _LASTING_SHARE = 4, 8
+"""Tries that are minimised from: the lowest, at least one to so many of the starts, as those that
+lead early may end in one place."""
 _NUM_POLISHED = 3
-"""Ends that are polished. Where the motion is held, the lowest one led to the lowest minimum in 48
-of 48 searches over scenes, losses and seeds: it is polished alone."""
+"""Points that are polished: minima that differ, or starts where these are few."""
 _NUM_PATHS = 12
 """Free paths that are polished to the end where they need not mirror themselves: their valleys
 differ by up to 0.1 dB, and neither their starts nor a few steps tell which is lowest."""
 _STEPS_TO_TELL = 60
 """Steps of a polish after which the best of several is told; it alone goes on."""
 _SAME = 1e-5
-"""Difference of losses, as a share of them, up to which two descents ended in one place."""
+"""Difference of losses, as a share of them, up to which two searches ended in one place."""
 _NUM_STARTS, _FEW_SPEEDS = 16, 8
 """Starts by default, and speeds fewer than which have more of them, in proportion: these take less
 time, and the loss has more valleys, as each of the speeds alone decides what is open."""
-_MAX_STEPS = 300
-"""Steps of a descent, and of a polish, at most, by default."""
+_MAX_STEPS = 400
+"""Steps of a minimisation, and of a polish, at most, by default."""
 _NUM_COEFFICIENTS = 24
 """Coefficients of a free-form profile, by default."""
 _NUM_PROFILES, _COVERED = 12, 5
-"""Profiles that are polished by default where nothing else moves, and for how many times as many
-the cover is that they are the lowest of."""
+"""Profiles that are minimised from by default where nothing else moves, and for how many times as
+many the cover is that they are the lowest of."""
 _NUM_GIVEN = 4
 """Starts at most, up to a quarter of them, that are the given design and baselines' profiles."""
 _ROUNDS_OF_LEVELS = 3
 """How often slots and motion are searched by turns, at most."""
-_SEEN = 1e-4
-"""Fall of a loss, as a share of it, that a history shows."""
+
+Progress = Callable[[int, float], None]
 
 
 class Outcome(Enum):
@@ -115,6 +129,28 @@ _NO_ACCELERATION = "Acceleration does not pay: at constant velocity the loss is 
 _NO_PATH = "A free path does not pay: at constant acceleration the loss is no larger."
 _OF_SLOTS = "No other level of one slot, or of two near one another, lowers the loss."
 _OUTSIDE = "What was held of the motion is outside the scene's limits."
+
+
+class SearchSettings(NamedTuple):
+    """How a search is done, the same for all searches that one calls for.
+
+    Attributes:
+        loss: The loss to be minimised.
+        plan: The plan of the computation, as `optimise` takes it.
+        num_coefficients: Coefficients of the free-form profile where no shutter is given.
+        num_starts: How many starts; None for the number by default.
+        seed: Of the starts.
+        max_steps: Steps of a minimisation, at most.
+        progress: Called with the steps taken and the smallest loss so far.
+    """
+
+    loss: AbstractLoss
+    plan: Plan | Automatic | None = PLANNED
+    num_coefficients: int = _NUM_COEFFICIENTS
+    num_starts: int | None = None
+    seed: int = 0
+    max_steps: int = _MAX_STEPS
+    progress: Progress | None = None
 
 
 class SearchFailedError(RuntimeError):
@@ -148,11 +184,11 @@ def optimise(
     `free` says otherwise: on the motion given or the scene's, or on that of the best design by the
     expected error.
 
-    Optimistix BFGS descends from many starts at once: the given design, baselines' profiles
-    and, where a free-form profile moves, the lowest of valleys all over the space; after 20
-    steps, and every 10 from there, the worse half of the starts is given up, until four or an
-    eighth are left. SciPy's box-constrained L-BFGS-B polishes the three best that differ, and
-    the best of these to the end, on either side of where limits meet if it ends there.
+    Starts are the given design, baselines' profiles and, where a free-form profile moves, the
+    lowest of valleys all over the space. The lower half of them is tried for 60 steps of SciPy's
+    box-constrained L-BFGS-B. Optimistix BFGS minimises from the lowest of the ends, four or an
+    eighth of the starts, and L-BFGS-B polishes the three best minima that differ, and the best
+    of these to the end, on either side of where limits meet if it ends there.
     Where the scene's device follows a command late, or at few levels, the search is by the light
     that it makes of the command. The best design of a device that follows every command comes
     first, and is among the starts as that device would be driven by it (`Design.blind_psnr`).
@@ -184,11 +220,11 @@ def optimise(
             `"acceleration"`; all that can by default, by a loss that sees light. And `"path"`,
             with the acceleration: a `FreeMotion`.
         num_coefficients: Coefficients of the free-form profile where no shutter is given.
-        num_starts: How many descents; by default 12 for a profile alone, 16 otherwise, and more
+        num_starts: How many starts; by default 12 for a profile alone, 16 otherwise, and more
             where speeds are few.
         seed: Of the starts.
-        max_steps: Steps of the descent, and of the polish, at most.
-        progress: Called with the step and the smallest loss so far.
+        max_steps: Steps of each minimisation, and of the polish, at most.
+        progress: Called with the steps taken, `max_steps` at most, and the smallest loss so far.
         throw: Whether an end other than convergence raises.
         plan: The plan of the computation, made for the whole space by default; None computes
             everything.
@@ -204,6 +240,14 @@ def optimise(
             JAX traces the scene, the motion or the shutter.
         NonFiniteLossError: if the loss or its gradient is not finite.
         SearchFailedError: if `throw` and the search did not converge.
+
+    Examples:
+        >>> from mishutter import Limits, Scene, TukeyShutter, optimise
+        >>> limits = Limits(max_stroke=20, max_half_exposure=0.02)
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5, limits=limits)
+        >>> design = optimise(scene, shutter=TukeyShutter(0.5))
+        >>> print(f"taper {design.shutter.taper:.2f}, {design.metrics.expected_psnr:.2f} dB")
+        taper 0.78, 29.09 dB
     """
     require_scene(scene)
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
@@ -215,23 +259,14 @@ def optimise(
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
     loss = as_loss(loss_of_decoder(scene) if loss is None else loss, "optimise(loss=...)")
-    search = partial(
-        _optimised,
-        loss=loss,
-        free=free,
-        num_coefficients=num_coefficients,
-        num_starts=num_starts,
-        seed=seed,
-        max_steps=max_steps,
-        progress=progress,
-        plan=plan,
-    )
-    device, given = scene.device, (free,) if isinstance(free, str) else free
-    moves = shutter is None or is_adjustable(shutter) if given is None else "shutter" in given
+    settings = SearchSettings(loss, plan, num_coefficients, num_starts, seed, max_steps, progress)
+    names = (free,) if isinstance(free, str) else None if free is None else tuple(free)
+    device = scene.device
+    moves = shutter is None or is_adjustable(shutter) if names is None else "shutter" in names
     if moves and device is not None and (device.lags or device.levels is not None):
-        best = _through_device(scene, device, motion, shutter, search)
+        best = _through_device(scene, motion, shutter, names, settings=settings)
     else:
-        best = search(scene, motion, shutter)
+        best = _optimised(scene, motion, shutter, names, settings=settings)
     if throw and not best.converged:
         raise SearchFailedError(best.outcome)
     return best
@@ -267,9 +302,9 @@ def on_free_path(
     if shaped and device is not None and device.levels is not None:
         best = optimise(scene, start, command, free=names, loss=loss, plan=plan)
     else:
-        rules = {"num_starts": None, "seed": 0, "max_steps": _MAX_STEPS, "progress": None}
         known = tuple((open_like(command), each.motion) for each in beside)
-        best = _beyond(design, start, names, loss=loss, plan=plan, known=known, **rules)
+        settings = SearchSettings(loss, plan)
+        best = _beyond(design, start, names, settings=settings, known=known)
     return min((best, design, *beside), key=lambda each: each.loss)
 
 
@@ -288,25 +323,19 @@ def _optimised(
     scene: Scene,
     motion: AbstractMotion | None,
     shutter: AbstractShutter | None,
+    names: tuple[str, ...] | None,
     *,
-    loss: AbstractLoss,
-    free: str | Iterable[str] | None,
-    progress: Progress | None,
-    plan: Plan | Automatic | None,
+    settings: SearchSettings,
     known: Known = (),
-    **rules: Any,
 ) -> Design:
     """The best design whose light can be differentiated by what moves."""
-    names = (free,) if isinstance(free, str) else free
     if names is not None and "path" in names:
-        rules |= {"loss": loss, "progress": progress, "plan": plan, "known": known}
-        return _on_free_path(scene, motion, shutter, tuple(names), **rules)
+        return _on_free_path(scene, motion, shutter, names, settings=settings, known=known)
     if names is None:
-        motion, names = moved_by_default(scene, motion, shutter, loss)
+        motion, names = moved_by_default(scene, motion, shutter, settings.loss)
     motion = settled(scene.motion if motion is None else motion)
-    rules |= {"loss": loss, "known": known}
-    ends = _searched(scene, motion, shutter, names, plan=plan, progress=progress, **rules)
-    best, *straight = (_design(end, scene, loss, rules["max_steps"]) for end in ends)
+    ends = _searched(scene, motion, shutter, names, settings=settings, known=known)
+    best, *straight = (_design(end, scene, settings) for end in ends)
     if straight:
         best = _better(best, straight[0])
         if "shutter" in names and "half_exposure" in names:
@@ -320,9 +349,8 @@ def _on_free_path(
     shutter: AbstractShutter | None,
     names: tuple[str, ...],
     *,
-    plan: Plan | Automatic | None,
+    settings: SearchSettings,
     known: Known,
-    **rules: Any,
 ) -> Design:
     """The better of the best design whose acceleration is constant, and of one from there on.
 
@@ -333,10 +361,17 @@ def _on_free_path(
     start = settled(start) if given is None else scene.fullest_motion
     num_free_pieces(scene, given or FreeMotion.fit(start))
     steady_names = [name for name in (*names, "acceleration") if name != "path"]
-    steady_plan = PLANNED if isinstance(plan, Plan) else plan
-    rules |= {"known": known}
-    design = _optimised(scene, start, shutter, free=steady_names, plan=steady_plan, **rules)
-    return _beyond(design, start, names, given=given, plan=plan, **rules)
+    plan = PLANNED if isinstance(settings.plan, Plan) else settings.plan
+    design = _optimised(
+        scene,
+        start,
+        shutter,
+        tuple(steady_names),
+        settings=settings._replace(plan=plan),
+        known=known,
+    )
+    settings = settings._replace(progress=None)
+    return _beyond(design, start, names, given=given, settings=settings, known=known)
 
 
 def _beyond(
@@ -345,9 +380,8 @@ def _beyond(
     names: Sequence[str],
     *,
     given: FreeMotion | None = None,
-    plan: Plan | Automatic | None,
+    settings: SearchSettings,
     known: Known,
-    **rules: Any,
 ) -> Design:
     """The better of a design whose acceleration is constant, and of one from there on.
 
@@ -358,8 +392,8 @@ def _beyond(
     scene, command, half = design.scene, design.command, design.motion.half_exposure
     of_speeds = path_of_speeds(scene, half, path.accelerations.size)
     known = (*known, (command, design.motion), (command, of_speeds))
-    ends = _searched(scene, path, command, names, plan=plan, known=known, **rules)
-    found = _design(ends[0], scene, rules["loss"], rules["max_steps"])
+    ends = _searched(scene, path, command, names, settings=settings, known=known)
+    found = _design(ends[0], scene, settings)
     if found.loss >= design.loss * (1 - _SAME):
         return replace(design, outcome=f"{design.outcome} {_NO_PATH}")
     history = np.append(design.history, np.minimum(found.history, design.history[-1]))
@@ -368,74 +402,77 @@ def _beyond(
 
 def _through_device(
     scene: Scene,
-    device: AbstractDevice,
     motion: AbstractMotion | None,
     shutter: AbstractShutter | None,
-    search: partial[Design],
+    names: tuple[str, ...] | None,
+    *,
+    settings: SearchSettings,
 ) -> Design:
     """The best design by the light that a device makes of its command.
 
     The design for a device that follows every command is found first, and is among the starts, as
     it is sent blindly. Levels are left out until the end, and then searched slot by slot.
     """
+    device: AbstractDevice = scene.device  # type: ignore[assignment]
     ideal = with_device(scene, device.without_lag)
-    blind = found = search(ideal, motion, shutter)
-    relaxed = with_device(scene, device.relaxed)
+    blind = best = _optimised(ideal, motion, shutter, names, settings=settings)
     if device.lags:
+        relaxed = with_device(scene, device.relaxed)
         known = tuple((each.command, each.motion) for each in (blind, blind.straight) if each)
-        found = search(relaxed, motion, shutter, known=known)
+        best = _optimised(relaxed, motion, shutter, names, settings=settings, known=known)
     if device.levels is not None:
-        found = _of_levels(scene, relaxed, (found, blind), search)
+        best = _of_levels(scene, (best, blind), names, settings=settings)
     sent = scene.light(blind.command, blind.motion)
     blind_psnr = float(evaluate(scene, blind.motion, sent).expected_psnr)
-    return replace(found, scene=scene, blind_psnr=blind_psnr)
+    return replace(best, scene=scene, blind_psnr=blind_psnr)
 
 
 def _of_levels(
-    scene: Scene, relaxed: Scene, designs: Sequence[Design], search: partial[Design]
+    scene: Scene,
+    designs: Sequence[Design],
+    names: tuple[str, ...] | None,
+    *,
+    settings: SearchSettings,
 ) -> Design:
     """The better of designs for a device without levels, as good as its levels allow.
 
     A free-form command is rounded, and its slots and its motion are searched by turns.
     """
-    loss, given = search.keywords["loss"], search.keywords["free"]
-    device: AbstractDevice = scene.device  # type: ignore[assignment]
+    loss = settings.loss
     sent = [_sent(scene, each.command, each.motion, each, loss) for each in designs]
     place = int(np.argmin([each.loss for each in sent]))
-    found, best = designs[place], sent[place]
-    if not isinstance(found.command, SplineShutter | ChippedShutter):
+    start, best = designs[place], sent[place]
+    if not isinstance(start.command, SplineShutter | ChippedShutter):
         return best
-    if given is None:
-        given = free_by_default(scene, found.motion, None) if loss.sees_light else ()
-    movable = set(all_that_can_move(scene, found.motion, None)) - {"shutter"}
-    names = tuple(movable & set((given,) if isinstance(given, str) else given))
+    if names is None:
+        names = free_by_default(scene, start.motion, None) if loss.sees_light else ()
+    movable = set(all_that_can_move(scene, start.motion, None)) - {"shutter"}
+    names = tuple(name for name in names if name in movable)
+    relaxed = with_device(scene, scene.device.relaxed)  # type: ignore[union-attr]
     for _ in range(_ROUNDS_OF_LEVELS):
         command: ChippedShutter = best.command  # type: ignore[assignment]
-        slots = _slot_by_slot(relaxed, command, best.motion, device, search.keywords)
+        slots = _slot_by_slot(scene, command, best.motion, settings)
         better = _sent(scene, ChippedShutter(slots), best.motion, best, loss)
         if names:
-            tuned = search(relaxed, best.motion, better.command, free=names)
+            tuned = _optimised(relaxed, best.motion, better.command, names, settings=settings)
             tuned = _sent(scene, better.command, tuned.motion, tuned, loss)
             better = min(better, tuned, key=lambda each: each.loss)
         worthwhile = better.loss < best.loss - _SAME * abs(best.loss)
         best = min(best, better, key=lambda each: each.loss)
         if not (worthwhile and names):
             break
-    return replace(best, outcome=f"{found.outcome} {_OF_SLOTS}", converged=found.converged)
+    return replace(best, outcome=f"{start.outcome} {_OF_SLOTS}", converged=start.converged)
 
 
 def _slot_by_slot(
-    scene: Scene,
-    command: ChippedShutter,
-    motion: AbstractMotion,
-    device: AbstractDevice,
-    rules: dict[str, Any],
+    scene: Scene, command: ChippedShutter, motion: AbstractMotion, settings: SearchSettings
 ) -> Array:
     """Levels of the slots at which no change lowers the loss on a motion; shape `(n,)`."""
-    scene, motion = seen_from(scene, motion)
+    device: AbstractDevice = scene.device  # type: ignore[assignment]
+    scene, motion = seen_from(with_device(scene, device.relaxed), motion)
     space = design_space(scene, motion, command, "shutter")
-    plan = _plan(scene, space, rules["loss"], rules["plan"])
-    objective = objective_of(rules["loss"], reduced(scene, plan), space, plan)
+    plan = _plan(scene, space, settings)
+    objective = objective_of(settings.loss, reduced(scene, plan), space, plan)
     levels = np.asarray(command.transmittances)
     return jax.device_put(searched_slots(objective, levels, device).levels)
 
@@ -481,8 +518,8 @@ def _better(design: Design, straight: Design) -> Design:
     return replace(better, history=history, best_start_loss=start_loss)
 
 
-def _design(end: "_End", scene: Scene, loss: AbstractLoss, max_steps: int) -> Design:
-    outcome = _outcome(end.certificate, end.loss, end.num_steps >= max_steps)
+def _design(end: "_End", scene: Scene, settings: SearchSettings) -> Design:
+    outcome = _outcome(end.certificate, end.loss, end.num_steps >= settings.max_steps)
     inside = not beyond_limits(scene, end.motion, end.shutter)
     return Design(
         shutter=end.shutter,
@@ -493,7 +530,7 @@ def _design(end: "_End", scene: Scene, loss: AbstractLoss, max_steps: int) -> De
         converged=outcome is Outcome.CONVERGED,
         outcome=outcome.value if inside else f"{outcome.value} {_OUTSIDE}",
         certificate=end.certificate,
-        loss_name=repr(loss),
+        loss_name=repr(settings.loss),
         best_start_loss=end.best_start_loss,
         plan=end.plan,
     )
@@ -536,11 +573,10 @@ def _searched(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter | None,
-    names: str | Iterable[str],
+    names: Sequence[str],
     *,
-    plan: Plan | Automatic | None,
-    num_coefficients: int = _NUM_COEFFICIENTS,
-    **rules: Any,
+    settings: SearchSettings,
+    known: Known,
 ) -> "list[_End]":
     """The best design, and where the acceleration may move the best that has none.
 
@@ -551,13 +587,14 @@ def _searched(
         scene, motion = seen_from(scene, motion)
     if shutter is None:
         pans = "velocity" in names
-        shutter = starting_shutter(scene if pans else without_pan(scene), num_coefficients)
+        at_rest = scene if pans else without_pan(scene)
+        shutter = starting_shutter(at_rest, settings.num_coefficients)
     space = design_space(scene, motion, shutter, names)
-    plan = _plan(scene, space, rules["loss"], plan)
-    ends = [_best_of_space(scene, space, plan=plan, **rules)]
+    settings = settings._replace(plan=_plan(scene, space, settings))
+    ends = [_best_of_space(scene, space, settings, known)]
     if "acceleration" in space.free and "path" not in space.free:
-        rules["progress"] = None
-        ends.append(_best_of_space(scene, space.without_acceleration(), plan=plan, **rules))
+        settings = settings._replace(progress=None)
+        ends.append(_best_of_space(scene, space.without_acceleration(), settings, known))
     if "velocity" in names or is_known_zero(frame.velocity):
         return ends
     return [end._replace(motion=panned(end.motion, frame.velocity)) for end in ends]
@@ -577,157 +614,156 @@ class _End(NamedTuple):
 
 
 def _best_of_space(
-    scene: Scene,
-    space: DesignSpace,
-    *,
-    loss: AbstractLoss,
-    plan: Plan,
-    num_starts: int | None,
-    seed: int,
-    max_steps: int,
-    progress: Progress | None,
-    known: Known,
+    scene: Scene, space: DesignSpace, settings: SearchSettings, known: Known
 ) -> _End:
-    needed, space = reduced(scene, plan), space.holding(motion for _, motion in known)
-    objective = objective_of(loss, needed, space, plan)
-    is_profile = space.free == ("shutter",) and isinstance(space.shutter, SplineShutter)
-    by_default = _NUM_STARTS * max(1, _FEW_SPEEDS // needed.speeds.size)
-    starts = start_boxes(space, num_starts or (_NUM_PROFILES if is_profile else by_default), seed)
-    before = np.array([box_at(space, *each) for each in known], starts.dtype)
-    if space.num_path_coordinates:
-        starts = path_boxes(space, np.concatenate([before, starts[:1]]))
-        found = _polishable(objective, starts, _NUM_POLISHED if space.path_mirrors else _NUM_PATHS)
-    elif is_profile and space.size > GRID_COORDINATES:
-        starts = np.concatenate([before.reshape(-1, space.size), starts])
-        found = _from_cover(objective, space, scene, starts, seed)
-    elif space.size > GRID_COORDINATES:
-        starts = _with_valleys(objective, space, scene, starts, seed)
-        starts = np.concatenate([before, starts]) if known else starts
-        found = _descended(objective, space, starts, max_steps, progress)
-    else:
-        if known:  # the best of what is known takes the place of the given design
-            before = np.concatenate([before, starts[:1]])
-            starts[0] = before[np.argmin(losses_at(objective, before))]
-        found = _from_grid(objective, starts)
-    best = np.argsort(found.losses, kind="stable")[: found.num_polished]
-    steps_to_tell = max_steps if space.num_path_coordinates else min(_STEPS_TO_TELL, max_steps)
-    ends, num_steps = [], found.history.size
-    for index in best:
-        ends.append(polish(objective, found.boxes[index], max_steps=steps_to_tell))
-        num_steps += ends[-1].num_steps
-        if progress is not None:
-            progress(min(num_steps, max_steps), min(end.loss for end in ends))
-    polished = min(ends, key=lambda end: end.loss)
-    polished = finished(objective, polished, space.bends, max_steps=max_steps)
-    box, value, certificate = polished.box, polished.loss, polished.certificate
-    if float(found.losses[best[0]]) < value:
-        box, value = found.boxes[best[0]], float(found.losses[best[0]])
+    """The best design of a space: minimised from the lowest starts, polished and certified."""
+    plan: Plan = settings.plan  # type: ignore[assignment]
+    max_steps, space = settings.max_steps, space.holding(motion for _, motion in known)
+    objective = objective_of(settings.loss, reduced(scene, plan), space, plan)
+    starts = _starts(objective, space, scene, settings, known)
+    losses = losses_at(objective, starts.boxes)
+    boxes = starts.boxes[np.argsort(losses, kind="stable")]
+    history = _History(losses, settings)
+    if starts.num_tried:
+        boxes = _minima(objective, boxes[: starts.num_tried], starts.num_lasting, history)
+    steps = min(starts.steps_to_tell, max_steps)
+    ends = _polished(objective, boxes[: starts.num_polished], steps, history)
+    end = finished(objective, ends[0], space.bends, max_steps=max_steps)
+    box, value, certificate = end.box, end.loss, end.certificate
+    lowest = int(np.argmin(losses))
+    if float(losses[lowest]) < value:
+        box, value = starts.boxes[lowest], float(losses[lowest])
         certificate = certificate_at(objective, box, space.bends)
+    history.add(np.append(end.history, value))
     shutter, motion = design_at(space, box)
     return _End(
         shutter=shutter,
         motion=motion,
         loss=value,
         certificate=certificate,
-        num_steps=polished.num_steps,
-        history=np.append(found.history, min(value, found.history[-1])),
-        best_start_loss=found.best_start_loss,
+        num_steps=end.num_steps,
+        history=history.losses,
+        best_start_loss=float(losses[lowest]),
         plan=plan,
     )
 
 
-def _plan(
-    scene: Scene, space: DesignSpace, loss: AbstractLoss, plan: Plan | Automatic | None
-) -> Plan:
+class _History:
+    """The smallest loss so far, which a caller may want to follow.
+
+    Attributes:
+        losses: The smallest loss after each start, each step of a polish and each minimisation.
+        max_steps: Steps of a minimisation, at most.
+    """
+
+    def __init__(self, losses: np.ndarray, settings: SearchSettings) -> None:
+        self.losses, self.max_steps = np.minimum.accumulate(losses), settings.max_steps
+        self._progress, self._num_steps = settings.progress, 0
+
+    def add(self, losses: np.ndarray, num_steps: int | None = None) -> None:
+        """Add the losses after some steps, by default one for each step."""
+        smallest = np.minimum.accumulate(np.append(self.losses[-1], losses))
+        self.losses = np.append(self.losses, smallest[1:])
+        self._num_steps += losses.size if num_steps is None else num_steps
+        if self._progress is not None:
+            self._progress(min(self._num_steps, self.max_steps), float(self.losses[-1]))
+
+
+def _polished(
+    objective: AbstractObjective, boxes: np.ndarray, max_steps: int, history: _History
+) -> list[Polished]:
+    """Ends of a polish of each point, the lowest first."""
+    ends = []
+    call = partial(polish, objective, max_steps=max_steps)
+    for end in in_threads(call, boxes, num_processors()):
+        history.add(end.history)
+        ends.append(end)
+    return sorted(ends, key=lambda end: end.loss)
+
+
+def _minima(
+    objective: AbstractObjective, boxes: np.ndarray, num_lasting: int, history: _History
+) -> np.ndarray:
+    """Minima that differ, the lowest first, from where the first steps led lowest; `(n, size)`."""
+    max_steps = history.max_steps
+    tried = _polished(objective, boxes, min(_FIRST_STEPS, max_steps), history)[:num_lasting]
+    points, losses = [end.box for end in tried], [end.loss for end in tried]
+    call = partial(minimise, objective, max_steps=max_steps)
+    for point, num_steps in in_threads(call, list(points), num_processors()):
+        loss = losses_at(objective, point[None])
+        history.add(loss, num_steps)
+        points.append(point)
+        losses.append(float(loss[0]))
+    order = np.argsort(losses, kind="stable")
+    ascending = np.array(losses)[order]
+    differs = np.diff(ascending, prepend=-np.inf) > _SAME * np.abs(ascending)
+    return np.stack(points)[order[differs]]
+
+
+def _plan(scene: Scene, space: DesignSpace, settings: SearchSettings) -> Plan:
     """The plan that an argument `plan=` of a search stands for."""
-    if isinstance(plan, Plan):
-        return plan
-    if plan is None:
+    if isinstance(settings.plan, Plan):
+        return settings.plan
+    if settings.plan is None:
         return full_sizes(scene, space.motion, space)
-    return plan_of_scene(scene, space.motion, space.shutter, loss=loss, free=space.free)
+    return plan_of_scene(scene, space.motion, space.shutter, loss=settings.loss, free=space.free)
 
 
-class _Found(NamedTuple):
-    """Points to polish the best of: losses, the history so far, and the least at a start."""
+class _Starts(NamedTuple):
+    """Points to start from, and how many of them are polished, tried and minimised from.
+
+    Where none is tried, the lowest of the points are polished as they are. The steps to tell are
+    those of a polish after which the best of several goes on alone.
+    """
 
     boxes: np.ndarray
-    losses: np.ndarray
-    history: np.ndarray
-    best_start_loss: float
-    num_polished: int
+    num_polished: int = _NUM_POLISHED
+    num_tried: int = 0
+    num_lasting: int = 0
+    steps_to_tell: int = _STEPS_TO_TELL
 
 
-def _with_valleys(
-    objective: AbstractObjective, space: DesignSpace, scene: Scene, starts: np.ndarray, seed: int
-) -> np.ndarray:
-    """Starts, the later of which give way to the lowest of valleys all over the space."""
-    num_given = min(_NUM_GIVEN, math.ceil(len(starts) / 4))
-    if num_given == len(starts) or not isinstance(space.shutter, SplineShutter):
-        return starts
-    boxes = cover(space, scene, len(starts), seed).astype(starts.dtype)
-    losses = screened(roughly(objective, space), boxes)
-    num_wanted = len(starts) - num_given
-    places = lowest_of_valleys(boxes, losses, space.num_profile_coordinates, num_wanted)
-    return np.concatenate([starts[:num_given], boxes[places]])
-
-
-def _descended(
+def _starts(
     objective: AbstractObjective,
     space: DesignSpace,
-    starts: np.ndarray,
-    max_steps: int,
-    progress: Progress | None,
-) -> _Found:
-    """The starts, and where descents on the rough objective lead from them."""
-    rough = roughly(objective, space)
-    first = losses_at(objective, starts)
-    descent = descend(rough, jax.device_put(starts), max_steps=max_steps, progress=progress)
-    history = descent.history if rough is objective else _measured(objective, descent)
-    last = descent.boxes[np.argsort(descent.losses, kind="stable")[: num_lasting(len(starts))]]
-    boxes = np.concatenate([last, starts])
-    losses = np.concatenate([losses_at(objective, last), first])
-    order = np.argsort(losses, kind="stable")
-    steps = np.diff(losses[order], prepend=-np.inf)
-    kept = order[steps > _SAME * np.abs(losses[order])]
-    num_polished = 1 if space.free == ("shutter",) else _NUM_POLISHED
-    return _Found(boxes[kept], losses[kept], history, float(np.min(first)), num_polished)
-
-
-def _measured(objective: AbstractObjective, descent: Descent) -> np.ndarray:
-    """History of a rough descent by the whole objective, wherever it fell by some."""
-    rough, steps = descent.history, [0]
-    for step, value in enumerate(rough):
-        if rough[steps[-1]] - value > _SEEN * abs(value):
-            steps.append(step)
-    losses = np.full(rough.size, np.inf)
-    losses[steps] = losses_at(objective, descent.trail[steps])
-    return np.minimum.accumulate(losses)
-
-
-def _from_cover(
-    objective: AbstractObjective, space: DesignSpace, scene: Scene, starts: np.ndarray, seed: int
-) -> _Found:
-    """As many profiles as there are starts: the lowest of these and of a cover."""
-    profiles = cover(space, scene, _COVERED * len(starts), seed)
-    boxes = np.concatenate([starts, profiles.astype(starts.dtype)])
-    lowest = np.argsort(screened(objective, boxes), kind="stable")[: len(starts)]
-    return _polishable(objective, boxes[lowest], len(starts))
-
-
-def _from_grid(objective: AbstractObjective, starts: np.ndarray) -> _Found:
-    """The given design and the best of a grid."""
-    losses = losses_at(objective, starts)
-    chosen = np.union1d(0, lowest_places(losses)[:_NUM_POLISHED])
-    losses = losses[chosen]
-    history = np.minimum.accumulate(losses)
-    return _Found(starts[chosen], losses, history, float(history[-1]), _NUM_POLISHED)
-
-
-def _polishable(objective: AbstractObjective, starts: np.ndarray, num_polished: int) -> _Found:
-    """Few starts, which are polished as they are: the lowest alone where no profile moves."""
-    losses = losses_at(objective, starts)
-    history = np.minimum.accumulate(losses)
-    return _Found(starts, losses, history, float(history[-1]), num_polished)
+    scene: Scene,
+    settings: SearchSettings,
+    known: Known,
+) -> _Starts:
+    """Where the search of a space starts."""
+    has_spline = bool(space.num_profile_coordinates) and isinstance(space.shutter, SplineShutter)
+    is_profile = has_spline and space.free == ("shutter",)
+    num_speeds = reduced(scene, settings.plan).speeds.size  # type: ignore[arg-type]
+    by_default = _NUM_PROFILES if is_profile else _NUM_STARTS * max(1, _FEW_SPEEDS // num_speeds)
+    num_starts = settings.num_starts or by_default
+    starts = start_boxes(space, num_starts, settings.seed)
+    before = [box_at(space, *each)[None] for each in known]
+    if space.num_path_coordinates:
+        boxes = path_boxes(space, np.concatenate([*before, starts[:1]]))
+        num_polished = _NUM_POLISHED if space.path_mirrors else _NUM_PATHS
+        return _Starts(boxes, num_polished, steps_to_tell=settings.max_steps)
+    if space.size <= GRID_COORDINATES:
+        if known:  # the best of what is known takes the place of the given design
+            given = np.concatenate([*before, starts[:1]])
+            starts[0] = given[np.argmin(losses_at(objective, given))]
+        valleys = lowest_places(losses_at(objective, starts))[:_NUM_POLISHED]
+        return _Starts(starts[np.union1d(0, valleys)])
+    if is_profile:
+        profiles = cover(space, scene, _COVERED * num_starts, settings.seed)
+        boxes = np.concatenate([*before, starts, profiles.astype(starts.dtype)])
+        count = num_starts + len(known)
+        order = np.argsort(screened(objective, boxes), kind="stable")
+        return _Starts(boxes[order[:count]], count)
+    num_given = min(_NUM_GIVEN, math.ceil(num_starts / 4))
+    if has_spline and num_given < num_starts:
+        boxes = cover(space, scene, num_starts, settings.seed).astype(starts.dtype)
+        losses, num_valleys = screened(objective, boxes), num_starts - num_given
+        places = lowest_of_valleys(boxes, losses, space.num_profile_coordinates, num_valleys)
+        starts = np.concatenate([starts[:num_given], boxes[places]])
+    boxes = np.concatenate([*before, starts])
+    num_tried = math.ceil(len(boxes) / _TRIED_SHARE)
+    num_lasting = max(_NUM_LASTING, math.ceil(num_starts / _LASTING_SHARE))
+    return _Starts(boxes, num_tried=num_tried, num_lasting=num_lasting)
 
 
 def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:

@@ -1,26 +1,21 @@
 """The loss and its gradient at points of the unit box, and a polish of the best of them."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import compiled
-from mishutter.search.objective import (
-    AbstractObjective,
-    Exposure,
-    Exposures,
-    SpectralObjective,
-)
+from mishutter.search.objective import AbstractObjective
 from mishutter.search.space import Bends
 
-_POINTS_A_CALL = 16
 _MEMORY = 30
 """Steps that L-BFGS-B remembers; more than coordinates say nothing new."""
 _TOLERANCE = 1e-9
+_SOLVER, _MARGIN = optx.BFGS(rtol=1e-7, atol=1e-7), 0.02
 _CERTIFIED = 1e-3
 """Largest projected gradient of a minimum, as a share of the loss."""
 _GAP = 64
@@ -46,76 +41,15 @@ def check_finite(finite: Array | np.ndarray) -> None:
 
 def loss_and_gradient(
     objective: AbstractObjective, box: Array | np.ndarray
-) -> tuple[np.floating, np.ndarray]:
-    """Loss and gradient at a point of the box; scalar and `(size,)`."""
-    losses, gradients = _losses_and_gradients(objective, np.asarray(box)[None])
-    return losses[0], gradients[0]
-
-
-def _losses_and_gradients(
-    objective: AbstractObjective, boxes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Losses and gradients at as many points as one call takes; shapes `(n,)`, `(n, size)`."""
-    room = np.zeros((_POINTS_A_CALL, *boxes.shape[1:]), boxes.dtype)
-    room[: len(boxes)] = boxes
-    count = np.asarray(len(boxes))
-    if isinstance(objective, SpectralObjective) and objective.shares_its_loss:
-        found = _by_parts(objective, room, count)
-    else:
-        found = _one_by_one(objective, room, count)
-    losses, gradients = (np.asarray(part)[: len(boxes)] for part in found)
-    return losses, gradients
-
-
-def _by_parts(
-    objective: SpectralObjective, boxes: np.ndarray, count: np.ndarray
-) -> tuple[Array, Array | np.ndarray]:
-    """Losses and gradients by the chain rule, whose longer part to compile sees no shutter.
-
-    One program of it serves every kind of shutter and of motion.
-    """
-    space, exposures = objective.space, objective.exposures
-    points = space.widened(boxes)
-    seen = _seen(exposures, points, count)
-    losses, slopes = _one_by_one(objective.seen.at, seen, count)
-    gradients = np.asarray(_pulled_back(exposures, (points, slopes), count))
-    return losses, space.narrowed(gradients)
+    """Loss and gradient at a point of the box; scalar and `(size,)`."""
+    loss, gradient = _loss_and_gradient(objective, box)
+    return np.asarray(loss), np.asarray(gradient)
 
 
 @compiled
-def _seen(exposures: Exposures, boxes: ArrayLike, count: ArrayLike) -> Exposure:
-    return _at_first(exposures.at, boxes, count)
-
-
-@compiled
-def _pulled_back(exposures: Exposures, points: tuple[ArrayLike, Exposure], count: ArrayLike):
-    def one(point: tuple[Array, Exposure]) -> Array:
-        box, slope = point
-        return jax.vjp(exposures.at, box)[1](slope)[0]
-
-    return _at_first(one, points, count)
-
-
-@compiled
-def _one_by_one(function: Callable[[Any], Array], points: Any, count: ArrayLike) -> Any:
-    """Values and gradients of a function at the first of some points, the rest 0."""
-    return _at_first(jax.value_and_grad(function), points, count)
-
-
-def _at_first(function: Callable[[Any], Any], points: Any, count: ArrayLike) -> Any:
-    """Results of a function at the first of some points, the rest 0."""
-    points = jax.tree.map(jnp.asarray, points)
-    num_points = jax.tree.leaves(points)[0].shape[0]
-
-    def at_one(index: ArrayLike) -> Any:
-        return function(jax.tree.map(lambda x: x[index], points))
-
-    def one(index: Array, found: Any) -> Any:
-        return jax.tree.map(lambda all_, x: all_.at[index].set(x), found, at_one(index))
-
-    like = jax.eval_shape(at_one, 0)
-    nothing = jax.tree.map(lambda x: jnp.zeros((num_points, *x.shape), x.dtype), like)
-    return jax.lax.fori_loop(0, count, one, nothing)
+def _loss_and_gradient(objective: AbstractObjective, box: ArrayLike) -> tuple[Array, Array]:
+    return jax.value_and_grad(objective)(jnp.asarray(box))
 
 
 def losses_at(objective: AbstractObjective, boxes: np.ndarray) -> np.ndarray:
@@ -124,9 +58,8 @@ def losses_at(objective: AbstractObjective, boxes: np.ndarray) -> np.ndarray:
     Raises:
         NonFiniteLossError: if a loss or its gradient is not finite.
     """
-    calls = range(0, len(boxes), _POINTS_A_CALL)
-    each = [_losses_and_gradients(objective, boxes[i : i + _POINTS_A_CALL]) for i in calls]
-    losses, gradients = (np.concatenate(part) for part in zip(*each, strict=True))
+    each = [loss_and_gradient(objective, box) for box in boxes]
+    losses, gradients = (np.stack(part) for part in zip(*each, strict=True))
     check_finite(np.isfinite(losses) & np.all(np.isfinite(gradients), axis=1))
     return losses
 
@@ -165,13 +98,49 @@ def _beside(box: np.ndarray, bends: Bends) -> tuple[np.ndarray, np.ndarray]:
     return box, box
 
 
+def minimise(
+    objective: AbstractObjective, box: np.ndarray, *, max_steps: int
+) -> tuple[np.ndarray, int]:
+    r"""A minimum by Optimistix BFGS, and the steps it took.
+
+    The box is reached through $x = \sin^2\theta$, whose bounds are ordinary points: a
+    solver arrives there, and leaves again, at finite $\theta$. A start on a bound, where
+    the derivative by $\theta$ vanishes, is moved inside by 0.02.
+
+    Args:
+        objective: The function to be minimised.
+        box: Where to begin; shape `(size,)`.
+        max_steps: Steps, at most.
+    """
+    point, num_steps = _minimised(objective, box, max_steps)
+    return np.asarray(point), int(num_steps)
+
+
+@compiled
+def _minimised(objective: AbstractObjective, box: ArrayLike, max_steps: int) -> tuple[Array, Array]:
+    box = jnp.asarray(box)
+
+    def loss(theta: Array, _: None) -> Array:
+        return objective(jnp.sin(theta).astype(box.dtype) ** 2).astype(theta.dtype)
+
+    # Optimistix takes JAX's default precision for its step size, whatever that of the angles.
+    theta = jnp.arcsin(jnp.sqrt(jnp.clip(box, _MARGIN, 1 - _MARGIN))).astype(float)
+    end = optx.minimise(loss, _SOLVER, theta, max_steps=max_steps, throw=False)
+    return jnp.sin(end.value).astype(box.dtype) ** 2, end.stats["num_steps"]
+
+
 class Polished(NamedTuple):
-    """A point after the polish, its loss, its certificate and the steps it took."""
+    """A point after the polish, its loss and certificate, and the loss after each step."""
 
     box: np.ndarray
     loss: float
     certificate: float
-    num_steps: int
+    history: np.ndarray
+
+    @property
+    def num_steps(self) -> int:
+        """How many steps it took."""
+        return self.history.size
 
 
 def is_minimum(certificate: float, loss: float) -> bool:
@@ -213,7 +182,7 @@ def polish(
             )
         return loss, gradient
 
-    unit = 0.0
+    unit, history = 0.0, []
 
     def relative(x):
         nonlocal unit
@@ -231,11 +200,12 @@ def polish(
         bounds=np.stack([low, high], axis=1),
         tol=_TOLERANCE,
         options={"maxiter": max_steps, "maxcor": min(_MEMORY, box.size)},
+        callback=lambda intermediate_result: history.append(intermediate_result.fun * unit),
     )
     point = np.clip(end.x.astype(box.dtype), low, high)
     loss, gradient = value_and_gradient(point)
     certificate = projected_gradient_norm(point, np.asarray(gradient))
-    return Polished(point, float(loss), certificate, int(end.nit))
+    return Polished(point, float(loss), certificate, np.array(history))
 
 
 def finished(
@@ -259,7 +229,8 @@ def finished(
         found = polish(objective, start, max_steps=left, low=low, high=high)
         if found.loss <= end.loss:
             certificate = certificate_at(objective, found.box, bends)
-            end = Polished(found.box, found.loss, certificate, end.num_steps + found.num_steps)
+            history = np.concatenate([end.history, found.history])
+            end = Polished(found.box, found.loss, certificate, history)
     return end
 
 

@@ -36,7 +36,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Unquoted, common_dtype, device_constant, namespace_of, require
+from mishutter._core import Unquoted, common_dtype, device_constant, require
 from mishutter.model import (
     AbstractDevice,
     AbstractMotion,
@@ -46,10 +46,8 @@ from mishutter.model import (
     LinearMotion,
     ParabolicMotion,
     PathShape,
-    RectShutter,
     Scene,
     StillCamera,
-    as_parabolic,
     at_coordinates,
     coordinates,
     filling_half_exposure,
@@ -112,8 +110,6 @@ class DesignSpace(eqx.Module):
         num_profile_coordinates: How many of the coordinates belong to the shutter.
         num_path_coordinates: How many of them after these belong to a free path.
         path_mirrors: Whether these are of one half of the path, and of the other mirrored.
-        held: Which numbers of the motion are held although they have coordinates, which then
-            count for nothing (`of_any_motion`); shape `(3,)`. None where all with one may move.
     """
 
     shutter: AbstractShutter
@@ -129,7 +125,6 @@ class DesignSpace(eqx.Module):
     num_profile_coordinates: int = eqx.field(static=True)
     num_path_coordinates: int = eqx.field(static=True)
     path_mirrors: bool = eqx.field(static=True)
-    held: Array | None = None
 
     @property
     def size(self) -> int:
@@ -155,16 +150,13 @@ class DesignSpace(eqx.Module):
         acceleration = _mean_acceleration(self.motion)
         if "half_exposure" in share:
             bounds = self._half_exposure_bounds(shutter)
-            moved = self._half_exposure_at(bounds, shape, share["half_exposure"])
-            half_exposure = self._unless_held("half_exposure", moved, half_exposure)
+            half_exposure = self._half_exposure_at(bounds, shape, share["half_exposure"])
         if "acceleration" in share:
             bounds = self._acceleration_bounds(half_exposure, shape)
-            moved = _between(*bounds, share["acceleration"])
-            acceleration = self._unless_held("acceleration", moved, acceleration)
+            acceleration = _between(*bounds, share["acceleration"])
         if "velocity" in share:
             low, high = self._velocity_bounds(acceleration, half_exposure, shape)
-            moved = low + share["velocity"] * (high - low)
-            velocity = self._unless_held("velocity", moved, velocity)
+            velocity = low + share["velocity"] * (high - low)
         shutter = self.light(shutter, half_exposure)
         if isinstance(self.motion, StillCamera):
             return shutter, StillCamera(half_exposure=half_exposure)
@@ -209,48 +201,6 @@ class DesignSpace(eqx.Module):
         ]
         least = np.asarray(min([float(self.demand), *gains]), self.dtype)
         return replace(self, demand=device_constant(least))
-
-    def without_shutter(self) -> "DesignSpace":
-        """The space around another shutter than one that is held, the same for all of these.
-
-        Prevents a program of its own for each kind of shutter where only motions count.
-        """
-        held = "shutter" not in self.free and not self.lags
-        return replace(self, shutter=RectShutter()) if held else self
-
-    @property
-    def of_any_motion(self) -> "DesignSpace":
-        """The space `without_shutter`, by coordinates of every number of a parabola.
-
-        Prevents a program of its own for each kind of motion where numbers of it alone may move.
-        Points of it are `widened` ones of this space.
-        """
-        space = self.without_shutter()
-        if not self._is_of_numbers:
-            return space
-        held = np.array([name not in self.free for name in _OF_MOTION])
-        parabola = as_parabolic(self.motion)
-        return replace(space, motion=parabola, free=_OF_MOTION, held=device_constant(held))
-
-    @property
-    def _is_of_numbers(self) -> bool:
-        """Whether numbers of a motion of constant acceleration alone may move."""
-        return not self.num_shape_coordinates and not isinstance(self.motion, FreeMotion)
-
-    def widened(self, boxes: Array | np.ndarray) -> Array | np.ndarray:
-        """Points of `of_any_motion` for points of this space; `(..., size)` to `(..., k)`."""
-        if not self._is_of_numbers:
-            return boxes
-        space = namespace_of(boxes)
-        columns = {name: boxes[..., index] for index, name in enumerate(self.free_of_motion)}
-        nothing = space.zeros_like(boxes[..., 0])
-        return space.stack([columns.get(name, nothing) for name in _OF_MOTION], axis=-1)
-
-    def narrowed(self, boxes: Array | np.ndarray) -> Array | np.ndarray:
-        """Points of this space for points of `of_any_motion`, or slopes there."""
-        if not self._is_of_numbers:
-            return boxes
-        return boxes[..., np.array([_OF_MOTION.index(name) for name in self.free_of_motion])]
 
     @property
     def lags(self) -> bool:
@@ -326,16 +276,14 @@ class DesignSpace(eqx.Module):
             bounds = self._half_exposure_bounds(shutter)
             share = self._half_exposure_share(bounds, shape, half_exposure)
             parts.append(share.astype(dtype)[None])
-            moved = self._half_exposure_at(bounds, shape, share)
-            half_exposure = self._unless_held("half_exposure", moved, half_exposure)
+            half_exposure = self._half_exposure_at(bounds, shape, share)
         if not self.free_of_motion:
             return jnp.concatenate(parts)
         acceleration, share = _mean_acceleration(motion), None
         if "acceleration" in self.free:
             bounds = self._acceleration_bounds(half_exposure, shape)
             share = _share(*bounds, acceleration)
-            moved = _between(*bounds, share)
-            acceleration = self._unless_held("acceleration", moved, acceleration)
+            acceleration = _between(*bounds, share)
         if "velocity" in self.free:
             low, high = self._velocity_bounds(acceleration, half_exposure, shape)
             width = jnp.where(high > low, high - low, 1.0)
@@ -344,12 +292,6 @@ class DesignSpace(eqx.Module):
         if share is not None:
             parts.append(share.astype(dtype)[None])
         return jnp.concatenate(parts)
-
-    def _unless_held(self, name: str, moved: Array, own: Array) -> Array:
-        """A number of the motion at a point of the box, or its own where it is held."""
-        if self.held is None:
-            return moved
-        return jnp.where(self.held[_OF_MOTION.index(name)], own.astype(moved.dtype), moved)
 
     def _half_exposure_at(
         self, bounds: tuple[Array, Array], shape: PathShape | None, share: Array
@@ -443,10 +385,8 @@ class DesignSpace(eqx.Module):
                     efficiency = self.light(shutter, longest).efficiency().astype(filling.dtype)
                     longest = filling / jnp.maximum(efficiency, filling / high)
             high = jnp.clip(longest, low, high)
-        a = _mean_acceleration(self.motion)
         moves = "acceleration" in self.free
-        if moves:
-            a = self._unless_held("acceleration", device_constant(np.zeros((), self.dtype)), a)
+        a = jnp.zeros((), self.dtype) if moves else _mean_acceleration(self.motion)
         if not isinstance(self.motion, FreeMotion) or moves:
             longest = self.limits.half_exposure_by_stroke(a)
             safe = jnp.where(a > 0, a, 1.0)

@@ -65,10 +65,7 @@ def box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion)
     if isinstance(shutter, SplineShutter) and isinstance(own, SplineShutter):
         if shutter.symmetric and not own.symmetric:
             shutter = SplineShutter(shutter.coefficients)
-    whole = space.of_any_motion
-    shutter = shutter if "shutter" in space.free or space.lags else whole.shutter
-    box = _box_at(whole, shutter, as_parabolic(motion))
-    return np.asarray(space.narrowed(np.asarray(box)))
+    return np.asarray(_box_at(space, shutter, as_parabolic(motion)))
 
 
 @compiled

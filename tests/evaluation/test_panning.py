@@ -26,7 +26,8 @@ from mishutter import (
     plan,
 )
 from mishutter.evaluation.needs import PLANNED
-from mishutter.search.objective import SpectralLoss
+from mishutter.search.objective import SpectralObjective
+from mishutter.search.space import design_space
 
 RELATIVE = {np.float64: 1e-11, np.float32: 2e-5}
 """Two ways to round the same speeds, carried through a loss or a metric."""
@@ -169,17 +170,13 @@ def test_velocities_in_a_batch():
 
 def test_the_loss_of_a_search_is_that_of_shifted_speeds():
     """Whatever part of it is computed from spectra that were written down before."""
-    from mishutter.blur import exposure_quadrature
-    from mishutter.search.objective import Exposure
-
-    nodes = exposure_quadrature(TukeyShutter(0.37), SMALL.num_nodes, np.dtype(float))
-    found = [
-        SpectralLoss(LOSSES["expected error"], scene(speeds), SMALL).at(
-            Exposure(nodes, PARABOLA(velocity=velocity))
-        )
-        for speeds, velocity in ((SPEEDS, 413.0), (SPEEDS - 413.0, 0.0))
-    ]
-    np.testing.assert_allclose(*jax.tree.map(np.asarray, found), rtol=1e-12)
+    losses = []
+    for speeds, velocity in ((SPEEDS, 413.0), (SPEEDS - 413.0, 0.0)):
+        seen, motion = scene(speeds), PARABOLA(velocity=velocity)
+        space = design_space(seen, motion, TukeyShutter(0.37), "half_exposure")
+        objective = SpectralObjective(LOSSES["expected error"], seen, space, None, SMALL)
+        losses.append(np.asarray(objective(space.box(space.shutter, motion))))
+    np.testing.assert_allclose(*losses, rtol=1e-12)
 
 
 def test_plans_are_those_of_shifted_speeds():

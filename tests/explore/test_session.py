@@ -61,6 +61,28 @@ def parts(session, asked):
     return {part["kind"]: part for part in session.rest(asked, lambda: None)}
 
 
+def test_a_scene_may_be_in_units_of_ones_own():
+    """The page begins at half of its largest speed, and scenes beside it are in its units too."""
+    units = {
+        "speeds": {"uniform": {"min_mm_per_s": -1.0, "max_mm_per_s": 1.0, "count": 5}},
+        "view": {"px_per_mm": 800.0},
+        "light": {"white_e": 900.0, "white_ms": 5.0},
+        "sensor": {"read_noise_e": 4.0, "pixel_pitch_um": 5.0, "axis": "columns"},
+        "limits": {"max_stroke_mm": 0.1},
+    }
+    assert sessions.Beginning(units, {}).speed == 400
+    beside = [sessions.built(tables, {}) for tables in sessions._around(units) if tables]
+    strokes, rates, fastest = (
+        {round(float(number), 6) for number in numbers}
+        for numbers in (
+            [scene.limits.max_stroke for scene in beside],
+            [scene.photon_rate for scene in beside],
+            [scene.speeds[-1] for scene in beside],
+        )
+    )
+    assert (strokes, rates, fastest) == ({20, 40, 10}, {1.8e5, 1.836e5}, {800, 720})
+
+
 @pytest.mark.slow
 def test_the_first_answer_is_a_design_for_the_new_scene(started):
     """It is no worse than the design before it, measured on the new scene."""

@@ -85,7 +85,7 @@ def test_a_polish_that_a_kink_holds_up_is_finished(left, right, start):
 def test_a_polish_that_gave_up_is_begun_anew():
     """It goes on where it was, counts all of its steps, and keeps to the steps it may take."""
     objective, start = _Kinked(0.0, 0.0), np.array([0.2, 0.9])
-    given_up = Polished(start, float(objective(start)), 1.0, 7)
+    given_up = Polished(start, float(objective(start)), 1.0, np.full(7, 2.0))
     end = finished(objective, given_up, NO_BENDS, max_steps=50)
     assert is_minimum(end.certificate, end.loss)
     assert 7 < end.num_steps < 50

@@ -45,7 +45,7 @@ function hello(message) {
   state.scene = kept?.scene ?? message.scene;
   state.drawn = kept?.drawn ?? null;
   state.rows = (kept?.rows ?? [OPTIMISED, "best snapshot"]).filter((name) => !gone.includes(name));
-  state.speed = kept?.speed ?? typicalSpeed();
+  state.speed = kept?.speed ?? message.speed;
   $("speed").value = state.speed;
   undo = kept?.undo ?? [];
   lose([...gone, ...withoutPhotograph()]);
@@ -104,12 +104,6 @@ function takeBack() {
   $("undo").disabled = undo.length === 0;
   $("clear").disabled = state.drawn === null;
   showFields(); remember(); ask();
-}
-
-function typicalSpeed() {
-  const u = state.scene.speeds?.uniform;
-  if (u) return Math.round(Math.max(Math.abs(u.min_px_per_s), Math.abs(u.max_px_per_s)) / 2);
-  return Math.round(Math.max(0, ...(state.scene.speeds?.list_px_per_s ?? [0]).map(Math.abs)) / 2);
 }
 
 // At most one request a frame; the server answers the latest.
