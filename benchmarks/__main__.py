@@ -29,6 +29,7 @@ ALL = (
     "devices",
     "stages",
     "independent",
+    "told",
     "long_kernels",
     "fit",
     "plan",

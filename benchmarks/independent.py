@@ -72,6 +72,8 @@ class Mode(NamedTuple):
     pans: bool
     accelerates: bool
     is_free: bool = False
+    is_told: bool = False
+    """Whether its decoder is told the speed."""
 
 
 SNAPSHOT = Mode(coded=False, pans=False, accelerates=False)
@@ -80,6 +82,8 @@ CODED_STILL = Mode(coded=True, pans=True, accelerates=False)
 ACCELERATED = Mode(coded=True, pans=True, accelerates=True)
 OPEN_PATH = Mode(coded=False, pans=True, accelerates=True, is_free=True)
 SHAPED_PATH = Mode(coded=True, pans=True, accelerates=True, is_free=True)
+OPEN_TOLD = Mode(coded=False, pans=True, accelerates=True, is_told=True)
+SHAPED_TOLD = Mode(coded=True, pans=True, accelerates=True, is_told=True)
 ROWS = {
     "optimised": (ACCELERATED, CODED_STILL),
     "best snapshot": (SNAPSHOT,),
@@ -117,10 +121,11 @@ class Track(NamedTuple):
 
 @dataclass(frozen=True)
 class Best:
-    """The best of a search: expected PSNR, dB, and its motion."""
+    """The best of a search: expected PSNR, dB, its motion, and its point of the unit box."""
 
     psnr: float
     track: Track
+    point: np.ndarray
 
 
 def scenes() -> dict[str, Scene]:
@@ -315,33 +320,34 @@ def decibels(x: jax.Array, numbers: Numbers, mode: Mode) -> jax.Array:
     """Expected squared error of the best single linear filter at a point of the unit box; dB."""
     profile = x[3 + NUM_PIECES :] if mode.coded else jnp.ones(NUM_COEFFICIENTS)
     track = motion_at(x, numbers, mode)
-    return error_of(profile, track, numbers, accelerates=mode.accelerates, is_free=mode.is_free)
+    return error_of(profile, track, numbers, mode)
 
 
-def error_of(
-    profile, track: Track, numbers: Numbers, *, accelerates: bool, is_free: bool
-) -> jax.Array:
+def error_of(profile, track: Track, numbers: Numbers, mode: Mode) -> jax.Array:
     """Expected squared error of a profile's coefficients on a motion; dB."""
     half = track.half
     rate, read_noise, mean_level = numbers.light
     speeds = numbers.speeds
     tau = numbers.tau[None]
-    if is_free:
+    if mode.is_free:
         position = _positions(track, numbers.tau)[None] - (half * speeds)[:, None] * tau
         position = position - _lowest(track, speeds)[:, None]
     else:
         seen, a = speeds - track.velocity, track.accelerations[0]
         position = a * (half * tau) ** 2 - (half * seen)[:, None] * tau
-        if accelerates:
+        if mode.accelerates:
             position = position + (seen**2 / (4 * a))[:, None]
     light = numbers.basis @ profile
     response = _transfer(position, light, numbers.power.size)
-    mean = jnp.sum(numbers.weights[:, None].astype(complex) * response, axis=0)
-    spread = numbers.weights @ _squared(response - mean[None])
     electrons = 2 * half * rate
     noise = light.sum() * mean_level / electrons + (read_noise / electrons) ** 2
     frequency = (np.arange(numbers.power.size) + 0.5) / (2 * numbers.power.size)
     power = numbers.power * jnp.sinc(frequency) ** 2
+    if mode.is_told:
+        lost = numbers.weights @ (noise / (power[None] * _squared(response) + noise))
+        return 10 * jnp.log10(jnp.mean(numbers.power * lost))
+    mean = jnp.sum(numbers.weights[:, None].astype(complex) * response, axis=0)
+    spread = numbers.weights @ _squared(response - mean[None])
     lost = (power * spread + noise) / (power * (_squared(mean) + spread) + noise)
     return 10 * jnp.log10(jnp.mean(numbers.power * lost))
 
@@ -391,14 +397,20 @@ _slopes_of_limits = jax.jit(jax.jacrev(within), static_argnums=2)
 
 
 def search(
-    scene: Scene, mode: Mode, *, num_screened: int = NUM_SCREENED, num_descents: int = NUM_DESCENTS
+    scene: Scene,
+    mode: Mode,
+    *,
+    first: tuple[np.ndarray, ...] = (),
+    num_screened: int = NUM_SCREENED,
+    num_descents: int = NUM_DESCENTS,
 ) -> Best:
-    """The best design of a kind of camera within a scene's limits."""
+    """The best design of a kind of camera within limits; `first` are points to start from too."""
     numbers, fine = numbers_of(scene), numbers_of(scene, 2)
     random = np.random.default_rng(20)
     points = [_random_point(random) for _ in range(num_screened)]
     points = [x for x in points if np.min(within(x, numbers, mode)) > 0]
-    starts = _differing(points, [float(decibels(x, numbers, mode)) for x in points], num_descents)
+    losses = [float(decibels(x, numbers, mode)) for x in points]
+    starts = [*first, *_differing(points, losses, num_descents)]
     rest = {"fun": lambda x: np.asarray(within(x, numbers, mode), float), "type": "ineq"}
     rest["jac"] = lambda x: np.asarray(_slopes_of_limits(x, numbers, mode), float)
 
@@ -415,7 +427,8 @@ def search(
     ends = [descended(x) for x in starts]
     errors = [float(decibels(x, fine, mode)) for x in ends]
     best = int(np.argmin(errors))
-    return Best(-errors[best], motion_at(jnp.asarray(ends[best]), numbers, mode))
+    end = ends[best]
+    return Best(-errors[best], motion_at(jnp.asarray(end), numbers, mode), end)
 
 
 def _random_point(random: np.random.Generator) -> np.ndarray:
@@ -478,7 +491,9 @@ def beside(scene: Scene, rows: dict[str, Any], **effort: int) -> dict[str, dict[
     return figures
 
 
-def measured_anew(scene: Scene, shutter: AbstractShutter, motion: AbstractMotion) -> float:
+def measured_anew(
+    scene: Scene, shutter: AbstractShutter, motion: AbstractMotion, *, is_told: bool = False
+) -> float:
     """Expected PSNR of a design of the package by the measure of this search; dB."""
     profile = np.ones(NUM_COEFFICIENTS)
     if isinstance(shutter, SplineShutter):
@@ -487,9 +502,10 @@ def measured_anew(scene: Scene, shutter: AbstractShutter, motion: AbstractMotion
     track = Track(
         float(motion.half_exposure), float(motion.velocity), np.ones(NUM_PIECES) * np.asarray(a)
     )
-    numbers, accelerates = numbers_of(scene, 2), bool(np.max(a) > 0)
+    accelerates = bool(np.max(a) > 0)
     is_free = isinstance(motion, FreeMotion) and accelerates
-    return -float(error_of(profile, track, numbers, accelerates=accelerates, is_free=is_free))
+    mode = ACCELERATED._replace(accelerates=accelerates, is_free=is_free, is_told=is_told)
+    return -float(error_of(profile, track, numbers_of(scene, 2), mode))
 
 
 def most_used(scene: Scene, motion: AbstractMotion) -> float:

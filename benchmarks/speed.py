@@ -3,7 +3,8 @@
 `python -m benchmarks.speed fit` makes the constants of `estimate_speed` from half of the
 photographs and says what each part of the estimator is worth on the other half.
 `python -m benchmarks speed` restores photographs of that other half, which had no part in
-choosing anything. `python -m benchmarks.speed table CAMERA ...` measures some cameras again.
+choosing anything. `python -m benchmarks.speed table SEED CAMERA ...` measures some cameras again
+with the noise of one seed.
 Photographs are those that packages bring: `pip install matplotlib pywavelets scikit-learn sporco`.
 """
 
@@ -43,7 +44,7 @@ ROWS, COLUMNS, MARGIN = 256, 512, 300
 UNJUDGED = 64
 """Columns at either border of a restored picture that are not judged."""
 SPEEDS = (430.0, -1320.0, 2210.0, -3080.0, 3910.0)
-NUM_SEEDS = 1
+NUM_SEEDS = 2
 CROPS = 4
 """Parts of a photograph that the prior is fitted to, at most."""
 MISFIT = 0.05
@@ -136,21 +137,20 @@ def camera(name: str) -> Camera:
     return Camera(*(jax.tree.map(jax.numpy.asarray, x) for x in in_single))
 
 
-CAMERAS = ("today's design", "open, 25 ms", "open, 30 ms", "best snapshot")
+CAMERAS = ("today's design", "open, 25 ms", "open, 30 ms", "open, 38 ms", "best snapshot")
 
 
 def captures(
-    chosen: dict[str, np.ndarray], seen: Camera, num_seeds: int = 1
+    chosen: dict[str, np.ndarray], seen: Camera, seed: int = 0
 ) -> Iterator[tuple[str, float, np.ndarray, np.ndarray]]:
     """Name, speed, picture in the frame, and capture, of each photograph at each speed."""
     scene, inside = ms.example_scene(), slice(MARGIN, MARGIN + COLUMNS)
     for name, light in chosen.items():
         picture = framed(light).astype(np.float32)
         for speed in SPEEDS:
-            for seed in range(num_seeds):
-                key = jax.random.key(zlib.crc32(f"{name} {speed} {seed}".encode()))
-                whole = ms.simulate_capture(picture, scene, *seen, speed=speed, key=key)
-                yield name, speed, picture[:, inside], np.asarray(whole)[:, inside]
+            key = jax.random.key(zlib.crc32(f"{name} {speed} {seed}".encode()))
+            whole = ms.simulate_capture(picture, scene, *seen, speed=speed, key=key)
+            yield name, speed, picture[:, inside], np.asarray(whole)[:, inside]
 
 
 def fitted_prior(chosen: dict[str, np.ndarray]) -> Prior:
@@ -322,14 +322,15 @@ def knowledge(
 INNER = {"total variation": ms.TotalVariationDecoder(), "ensemble": ms.EnsembleDecoder()}
 
 
-def restored(name: str, which: str = "report") -> list[dict]:
+def restored(name: str, seed: int) -> list[dict]:
     """Levels of each photograph by one camera and every decoder; dB, linear light."""
-    seen, scene, chosen = camera(name), ms.example_scene(), half(which)
+    seen, scene, chosen = camera(name), ms.example_scene(), half("report")
     model = ms.blur_model(scene, *seen)
+    expected = float(ms.evaluate(scene, *seen).found_speed_psnr)
     errors: dict[tuple[str, str, str], list[float]] = {}
     estimates = []
     inside = np.s_[:, UNJUDGED:-UNJUDGED]
-    for photograph, speed, picture, capture in captures(chosen, seen, NUM_SEEDS):
+    for photograph, speed, picture, capture in captures(chosen, seen, seed):
         planes = jax.numpy.asarray(capture[None])  # in single precision, as cameras give it
         found = estimator.speed_in(planes, model)
         estimates.append([abs(speed), found.speed, found.error, float(found.trusted)])
@@ -346,7 +347,8 @@ def restored(name: str, which: str = "report") -> list[dict]:
                 photograph: float(-10 * np.log10(np.mean(errors[inner, knows, photograph])))
                 for photograph in chosen
             }
-            row = {"camera": name, "decoder": inner, "speed": knows, "levels": levels}
+            row = {"camera": name, "seed": seed, "decoder": inner, "speed": knows}
+            row |= {"expected": expected, "levels": levels}
             rows.append(row | {"estimates": estimates if knows == "found" else []})
     return rows
 
@@ -354,9 +356,13 @@ def restored(name: str, which: str = "report") -> list[dict]:
 TEXT = """## The speed of a whole picture, found in it
 
 PSNR in dB, linear light, mean over {count} photographs that had no part in choosing anything
-({rows} x {columns} px, scene beyond the borders, {speeds} speeds, noise seeds: {seeds}), by a
+({rows} x {columns} px, scene beyond the borders, {speeds} speeds, noise of one seed or two), by a
 decoder for all speeds of the built-in scene, one that finds the speed, and one that is told it.
 "kept" is the share of what telling brings; "worst" is the photograph that finding helps least.
+"expected" is the level of `FoundSpeedLoss`, for pictures with the spectrum of the built-in scene.
+It puts the open shutter of 30 ms first, as total variation does, and 25 and 38 ms within 0.1 dB of
+each other. The ensemble filter keeps more than the loss assumes, and likes 38 ms better still.
+Shutters that taper and snapshots keep less, so that the loss is too kind to them.
 
 {levels}
 
@@ -374,52 +380,61 @@ photographs; captures by {camera}.
 
 def level_rows(rows: list[dict]) -> list[dict]:
     """The table of levels: a camera and an inner decoder a row."""
-    levels = {
-        (r["camera"], r["decoder"], r["speed"]): np.array(list(r["levels"].values())) for r in rows
-    }
+    errors: dict[tuple[str, str, str], list[np.ndarray]] = {}
+    for row in rows:
+        each = 10 ** (-np.array(list(row["levels"].values())) / 10)
+        errors.setdefault((row["camera"], row["decoder"], row["speed"]), []).append(each)
+    levels = {key: -10 * np.log10(np.mean(each, axis=0)) for key, each in errors.items()}
+    expected = {row["camera"]: row["expected"] for row in rows}
     shown = []
     for seen, inner in dict.fromkeys((r["camera"], r["decoder"]) for r in rows):
         untold, found, told = (levels[seen, inner, k] for k in ("all speeds", "found", "told"))
         share = np.mean(found - untold) / np.mean(told - untold)
-        row = {"camera": seen, "decoder": inner, "all speeds": f"{np.mean(untold):.2f}"}
+        seeds = len(errors[seen, inner, "found"])
+        row = {"camera": seen, "decoder": inner, "seeds": seeds}
+        row |= {"all speeds": f"{np.mean(untold):.2f}"}
         row |= {"found": f"{np.mean(found):.2f}", "told": f"{np.mean(told):.2f}"}
         row |= {"kept": f"{share:.0%}", "worst": f"{np.min(found - untold):+.2f}"}
-        shown.append(row | {"least of all": f"{np.min(found):.2f}"})
+        row |= {"least of all": f"{np.min(found):.2f}"}
+        shown.append(row | {"expected": f"{expected[seen]:.2f}"})
     return shown
 
 
 def estimate_rows(rows: list[dict]) -> list[dict]:
     """The table of estimates: a camera a row."""
     shown = []
+    estimates: dict[str, list] = {}
     for row in rows:
         if row["speed"] == "found" and row["decoder"] == next(iter(INNER)):
-            truth, found, error, trusted = np.array(row["estimates"]).T
-            sure, off = trusted > 0, np.abs(found - truth)
-            inside = [
-                np.mean(off[sure] < n * error[sure]) if np.any(sure) else np.nan for n in (1, 2)
-            ]
-            shown.append(
-                {
-                    "camera": row["camera"],
-                    "captures": len(truth),
-                    "wrong": f"{np.mean(off > FAR):.0%}",
-                    "trusted": f"{np.mean(sure):.0%}",
-                    "wrong of trusted": int(np.sum(sure & (off > FAR))),
-                    "within one error": f"{inside[0]:.0%}",
-                    "within two": f"{inside[1]:.0%}",
-                }
-            )
+            estimates.setdefault(row["camera"], []).extend(row["estimates"])
+    for name, each in estimates.items():
+        truth, found, error, trusted = np.array(each).T
+        sure, off = trusted > 0, np.abs(found - truth)
+        inside = [
+            f"{np.mean(off[sure] < n * error[sure]):.0%}" if np.any(sure) else "-" for n in (1, 2)
+        ]
+        shown.append(
+            {
+                "camera": name,
+                "captures": len(truth),
+                "wrong": f"{np.mean(off > FAR):.0%}",
+                "trusted": f"{np.mean(sure):.0%}",
+                "wrong of trusted": int(np.sum(sure & (off > FAR))),
+                "within one error": inside[0],
+                "within two": inside[1],
+            }
+        )
     return shown
 
 
-def table(names: list[str]) -> None:
-    """Measure some cameras, keep what is known of the others, and print all."""
+def table(seed: int, names: list[str]) -> None:
+    """Measure some cameras with one noise, keep what is known of the others, and print all."""
     path = harness.RESULTS / "speed.json"
     before = json.loads(path.read_text()) if path.exists() else {"rows": [], "parts": []}
-    rows = [row for row in before["rows"] if row["camera"] not in names]
+    rows = [r for r in before["rows"] if not (r["camera"] in names and r["seed"] == seed)]
     for name in names:
-        rows += restored(name)
-        rows.sort(key=lambda row: CAMERAS.index(row["camera"]))
+        rows += restored(name, seed)
+        rows.sort(key=lambda row: (CAMERAS.index(row["camera"]), row["seed"]))
         store(rows, before["parts"])
 
 
@@ -431,7 +446,6 @@ def store(rows: list[dict], parts: list[dict]) -> None:
         rows=ROWS,
         columns=COLUMNS,
         speeds=len(SPEEDS),
-        seeds=NUM_SEEDS,
         levels=harness.table(level_rows(rows), list(level_rows(rows)[0])) if rows else "",
         far=FAR,
         one=0.683,
@@ -446,12 +460,16 @@ def store(rows: list[dict], parts: list[dict]) -> None:
 
 def main() -> None:
     """Measure, store and print."""
-    table(list(CAMERAS))
+    for seed in range(NUM_SEEDS):
+        table(seed, list(CAMERAS))
     ablation()
 
 
 if __name__ == "__main__":
     part, given = (sys.argv[1:2] or [""])[0], sys.argv[2:]
-    {"fit": fit, "ablation": lambda: ablation(*given), "table": lambda: table(given)}.get(
-        part, main
-    )()
+    measured = {
+        "fit": fit,
+        "ablation": lambda: ablation(*given),
+        "table": lambda: table(int(given[0]), given[1:]),
+    }
+    measured.get(part, main)()

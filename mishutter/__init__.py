@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mishutter.camera import Layers as Layers
     from mishutter.camera import centred_kernel as centred_kernel
     from mishutter.camera import read_frames as read_frames
+    from mishutter.camera import read_layers as read_layers
     from mishutter.camera import simulate_capture as simulate_capture
     from mishutter.evaluation import AbstractLoss as AbstractLoss
     from mishutter.evaluation import DesignLoss as DesignLoss
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from mishutter.evaluation import Plan as Plan
     from mishutter.evaluation import ToleranceCost as ToleranceCost
     from mishutter.evaluation import ToleranceCosts as ToleranceCosts
+    from mishutter.evaluation import WorstSpeedLoss as WorstSpeedLoss
     from mishutter.evaluation import ceiling as ceiling
     from mishutter.evaluation import evaluate as evaluate
     from mishutter.evaluation import tolerance_costs as tolerance_costs
@@ -201,6 +203,7 @@ __all__ = [
     "TriangleShutter",
     "TukeyShutter",
     "WienerDecoder",
+    "WorstSpeedLoss",
     "baselines",
     "best_points",
     "best_snapshots",
@@ -231,6 +234,7 @@ __all__ = [
     "psnr",
     "read_drive",
     "read_frames",
+    "read_layers",
     "read_measurements",
     "read_picture",
     "read_scene",

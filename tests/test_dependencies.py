@@ -61,3 +61,12 @@ def test_what_is_imported_is_declared_and_the_reverse():
 def test_what_is_installed_is_what_is_declared(requirement):
     """These tests speak of versions that a plain install allows."""
     assert requirement.specifier.contains(version(requirement.name))
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / ".ci").glob("constraints-*.txt")), ids=str)
+def test_constraints_hold_every_package_in_a_version_that_is_allowed(path):
+    """`pip install . -c FILE` takes what was tested, and is never refused."""
+    lines = (line.partition("==") for line in path.read_text().splitlines() if line[:1] != "#")
+    known = {name: number for name, _, number in lines}
+    for requirement in (*REQUIRED, *EXTRAS):
+        assert known[canonicalize_name(requirement.name)] in requirement.specifier

@@ -22,6 +22,10 @@ UNITS = {
     "_px_per_s3": "px/s³",
     "_px_per_s2": "px/s²",
     "_px_per_s": "px/s",
+    "_mm_per_s": "mm/s",
+    "_m_per_s": "m/s",
+    "_deg_per_s": "°/s",
+    "px_per_mm": "px/mm",
     "_g_per_s": "g/s",
     "_per_s": "1/s",
     "_cycles_per_px": "cycles/px",
@@ -30,11 +34,13 @@ UNITS = {
     "_us": "µs",
     "_s": "s",
     "_mm": "mm",
+    "_m": "m",
     "_um": "µm",
     "_g": "g",
     "_hz": "Hz",
     "_e": "e-",
     "_db": "dB",
+    "_lux": "lx",
 }
 """What the end of a key says of its unit."""
 _FOLDERS = {

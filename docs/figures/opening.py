@@ -12,34 +12,44 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 from mishutter import (  # noqa: E402
+    ParabolicMotion,
     RectShutter,
-    StillCamera,
+    SpeedFindingDecoder,
+    TotalVariationDecoder,
     compare,
+    estimate_speed,
     example_picture,
     example_scene,
     optimise,
     restore_photograph,
 )
 
-ROWS, COLUMNS = slice(180, 300), slice(305, 425)
+ROWS, COLUMNS = slice(80, 400), slice(305, 425)
 """Rows of the photograph that are captured, and columns of the detail."""
-DETAIL = slice(46, 116)
+DETAIL = slice(146, 216)
 """Rows of the detail, within those that are captured."""
+HALF_EXPOSURE = 0.015
+"""Of the open shutter, s."""
 
 
 def cameras(scene):
-    """Motion and shutter of each camera, by what is written above it."""
+    """Motion, shutter and decoder of each camera, by the text above its capture."""
     design = optimise(scene)
     snapshot = compare(scene, design).row("best snapshot")
-    open_shutter = StillCamera(half_exposure=design.motion.half_exposure)
-    milliseconds = 1e3 * float(design.motion.exposure)
+    parabola = ParabolicMotion(
+        acceleration=float(scene.limits.max_stroke) / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE
+    )
+    untold, finding = TotalVariationDecoder(), SpeedFindingDecoder()
     return {
-        f"shutter open for {milliseconds:.0f} ms": (open_shutter, RectShutter()),
         f"best snapshot, {1e3 * float(snapshot.motion.exposure):.1f} ms": (
-            snapshot.motion,
-            snapshot.shutter,
+            (snapshot.motion, snapshot.shutter),
+            untold,
         ),
-        f"designed, {milliseconds:.0f} ms": (design.motion, design.shutter),
+        f"designed shutter, {1e3 * float(design.motion.exposure):.0f} ms": (
+            (design.motion, design.shutter),
+            untold,
+        ),
+        f"open shutter, {2e3 * HALF_EXPOSURE:.0f} ms": ((parabola, RectShutter()), finding),
     }
 
 
@@ -51,24 +61,28 @@ def main():
     light = example_picture().light[ROWS]
     figure, axes = plt.subplots(2, 4, figsize=(8.4, 3.1), layout="constrained")
     show(axes[0, 0], light, "the scene")
+    axes[1, 0].axis("off")
+    for (above, below), (name, (camera, decoder)) in zip(
+        axes.T[1:], cameras(scene).items(), strict=True
+    ):
+        result = restore_photograph(
+            light, scene, *camera, decoder=decoder, speeds=[fastest], num_seeds=1
+        )
+        captured, (_, shutter) = np.asarray(result.captured[0]), camera
+        first = recorded_from(light, np.asarray(result.reference))
+        show(above, captured / float(shutter.efficiency()), name, first)
+        way = "speed found" if isinstance(decoder, SpeedFindingDecoder) else "restored"
+        show(below, result.restored[0], f"{way}: {result.linear_psnr[0]:.1f} dB", first)
+    estimate = estimate_speed(captured, scene, *camera)
     axes[1, 0].text(
         0.5,
         0.5,
-        f"A detail that moves at\n{fastest:,.0f} px/s in dim light.\nOne filter restores it,\n"
-        "which is told no speed.",
+        f"The whole picture moves\nat {fastest:,.0f} px/s in dim light.\nNo decoder is told that;\n"
+        f"the last finds {estimate.speed:,.0f} $\\pm$ {estimate.error:.0f}.",
         ha="center",
         va="center",
         transform=axes[1, 0].transAxes,
     )
-    axes[1, 0].axis("off")
-    for (above, below), (name, (motion, shutter)) in zip(
-        axes.T[1:], cameras(scene).items(), strict=True
-    ):
-        result = restore_photograph(light, scene, motion, shutter, speeds=[fastest], num_seeds=1)
-        efficiency = float(shutter.efficiency())
-        first = recorded_from(light, np.asarray(result.reference))
-        show(above, np.asarray(result.captured[0]) / efficiency, name, first)
-        show(below, result.restored[0], f"restored: {result.linear_psnr[0]:.1f} dB", first)
     figure.savefig(Path(__file__).with_suffix(".png"), dpi=125)
 
 

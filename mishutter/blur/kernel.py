@@ -134,6 +134,13 @@ def blur_kernel(
         ValueError: if `num_taps` is not a positive integer, or `speed` or `phase` is
             not a finite scalar.
         NotImplementedError: if differentiated twice on a free path, by more than the shutter.
+
+    Examples:
+        >>> from mishutter import HannShutter, ParabolicMotion, blur_kernel
+        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+        >>> taps = blur_kernel(HannShutter(), motion, speed=300.0, num_taps=32)
+        >>> print(taps.shape, f"{taps.sum():.3f}")
+        (32,) 0.500
     """
     num_taps = require_positive_int("blur_kernel(num_taps=...)", num_taps)
     for name, value in (("speed", speed), ("phase", phase)):

@@ -117,6 +117,15 @@ def transfer_function(
 
     Raises:
         ValueError: if `speed` or `frequency` is not finite, or their shapes do not broadcast.
+
+    Examples:
+        >>> import numpy as np
+        >>> from mishutter import HannShutter, ParabolicMotion, transfer_function
+        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+        >>> frequency = np.array([0.0, 0.1, 0.4])
+        >>> response = transfer_function(HannShutter(), motion, speed=300.0, frequency=frequency)
+        >>> print([f"{size:.3f}" for size in abs(response)])
+        ['0.500', '0.245', '0.123']
     """
     require_finite("transfer_function(speed=...)", speed)
     require_finite("transfer_function(frequency=...)", frequency)

@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
     alone_in_blas,
+    as_float,
     as_numpy,
     compiled,
     floating_light,
@@ -59,7 +60,9 @@ from mishutter.model import (
     Scene,
     is_straight,
     lens_response,
+    pixels_along,
     require_scene,
+    turned,
     without_velocity,
 )
 
@@ -88,9 +91,10 @@ def simulate_capture(
     adc_bits: int | None = None,
     plan: Plan | Automatic | None = PLANNED,
 ) -> Array:
-    r"""Simulate the capture of a picture that moves along its rows.
+    r"""Simulate the capture of a picture that moves along its rows, or along the scene's axis.
 
-    The rows are a continuous, band-limited scene through the picture's pixels, whose spectrum
+    A picture that moves along its columns is captured as one of exchanged rows and columns would
+    be. The rows are a continuous, band-limited scene through the picture's pixels, whose spectrum
     $F(f)$ becomes $F(f)\,H_s(f)\,\operatorname{sinc}(f)$: the exact transfer function of the
     picture's speed, then a pixel's width; the scene's lens comes before both. The noise is that of
     the paper's equation (4) at $p = \text{rate}\cdot 2T$, in linear light and in units of a fully
@@ -103,10 +107,10 @@ def simulate_capture(
             `(..., rows, columns, channels)`. Or `Layers`, captured with exact occlusion,
             or `Frames` of footage: these are aligned at mid-exposure, and bring their
             own speeds and borders.
-        scene: Light, noise and optics; its speeds are not used.
+        scene: Light, noise, optics and axis; its speeds are not used.
         motion: Motion of the sensor; concrete.
         shutter: Transmittance over the exposure; concrete with layers and frames.
-        speed: Speed of the picture, px/s; 0 for layers and frames; concrete.
+        speed: Speed of the picture, px/s, right or down; 0 for layers and frames; concrete.
         displacement: Distance of the picture's pixels from the sensor's, px; 0 for layers and
             frames; concrete.
         key: JAX key of the noise; None for none.
@@ -127,6 +131,19 @@ def simulate_capture(
         ValueError: if an argument is out of its range, light is below 0, the scene has
             no light and noise is asked for, or the picture is narrower than the blur with
             `border="scene"`.
+
+    Examples:
+        >>> import jax
+        >>> from mishutter import HannShutter, ParabolicMotion, Scene, example_picture
+        >>> from mishutter import simulate_capture
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5)
+        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+        >>> picture = example_picture()
+        >>> captured = simulate_capture(
+        ...     picture, scene, motion, HannShutter(), speed=700.0, key=jax.random.key(0)
+        ... )
+        >>> print(captured.shape, f"{captured.mean():.3f}")
+        (500, 741, 3) 0.109
     """
     require_scene(scene)
     require_border("simulate_capture(border=...)", border)
@@ -138,10 +155,12 @@ def simulate_capture(
         subject = "simulate_capture(speed=..., displacement=..., border=...)"
         got = f"{speed!r}, {displacement!r}, {border!r}"
         require(alone, subject, "be left to layers and frames", got)
+        along = picture if scene.axis == "rows" else picture.turned()
         expose = expose_layers if isinstance(picture, Layers) else expose_frames
-        light = expose(picture, motion, shutter, scene.optics)  # type: ignore[arg-type]
-        return _recorded(light, scene, motion, key, full_well, adc_bits)
-    light = as_light(picture, "simulate_capture(picture=...)")
+        light = expose(along, motion, shutter, scene.optics)  # type: ignore[arg-type]
+        seen = _recorded(light, scene, motion, key, full_well, adc_bits)
+        return as_float(turned(seen, scene.axis))
+    light = turned(as_light(picture, "simulate_capture(picture=...)"), scene.axis)
     require_known("simulate_capture", motion=motion, speed=speed, displacement=displacement)
     for name, value in (("speed", speed), ("displacement", displacement)):
         require_scalar(f"simulate_capture({name}=...)", value)
@@ -151,7 +170,7 @@ def simulate_capture(
     seen = slice(0, columns)
     if border == "scene":
         subject = "simulate_capture(border='scene')"
-        requirement = f"have a picture of at least {num_taps} columns"
+        requirement = f"have a picture of at least {num_taps} {pixels_along(scene.axis)}"
         require(columns >= num_taps, subject, requirement, columns)
         seen = captured_columns(motion, speed, columns)
     period = period_of(columns, num_taps + math.ceil(abs(displacement)), border)
@@ -161,7 +180,8 @@ def simulate_capture(
     planes = rows_last(distinct_colours(light, plan))
     exposed = _exposed(planes, response, period, border)[..., seen]
     exposed = channels_last(exposed, light)
-    return _recorded(every_colour(exposed, light), scene, motion, key, full_well, adc_bits)
+    exposed = _recorded(every_colour(exposed, light), scene, motion, key, full_well, adc_bits)
+    return as_float(turned(exposed, scene.axis))
 
 
 def blurred_at_speeds(
@@ -205,7 +225,10 @@ def through_optics(rows: np.ndarray, cutoff: float) -> np.ndarray:
 
 
 def captured_columns(motion: AbstractMotion, speed: float, num_columns: int) -> slice:
-    """Columns of the picture that a capture with `border="scene"` lies over."""
+    """Columns of the picture, or rows of one that moves along these, of a capture of the scene.
+
+    They are those that a capture with `border="scene"` lies over.
+    """
     num_taps, origin = kernel_layout(motion, speed)
     return slice(num_taps - 1 - origin, num_columns - origin)
 
@@ -237,7 +260,8 @@ def centred_kernel(
     cycles/px let fall off to 0 at 1/2, so that the taps end. Some are slightly below 0.
     `scipy.signal.convolve(picture, centred_kernel(motion, shutter), mode="same")` is the
     capture without noise of a picture without detail that fine, in the dark beyond its borders.
-    Divided by its sum it is the `psf` of scikit-image's decoders.
+    Divided by its sum it is the `psf` of scikit-image's decoders. Of pictures that move along their
+    columns take its transpose.
 
     Args:
         motion: Motion of the sensor.

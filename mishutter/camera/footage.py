@@ -4,7 +4,7 @@ import re
 import subprocess
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,7 @@ from mishutter.model import (
     examined,
     light_of,
     piecewise,
+    turned,
 )
 
 _GIF = ".gif"
@@ -85,6 +86,11 @@ class Frames:
             return np.linspace(-1, 1, self.num_frames + 1)
         shown = np.concatenate([[0.0], np.cumsum(np.asarray(self.durations, np.float64))])
         return 2 * (shown / shown[-1]) - 1
+
+    def turned(self) -> "Frames":
+        """The footage with rows and columns exchanged."""
+        lights = (f.light if isinstance(f, Picture) else np.asarray(f) for f in self.frames)
+        return replace(self, frames=(turned(light, "columns") for light in lights))
 
     @staticmethod
     def of(frames: np.ndarray | list, border: str = "reflect") -> "Frames":

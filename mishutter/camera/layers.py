@@ -40,6 +40,9 @@ class Layer:
         speed: px/s on the sensor, either sign.
         left: Column of the sensor over which its first column is at mid-exposure.
         top: Row of the sensor over which its first row is.
+
+    Where the scene's `axis` is `"columns"` it moves along its columns, and the corner is where it
+    is at mid-exposure all the same.
     """
 
     picture: Picture
@@ -54,6 +57,10 @@ class Layer:
         for name, place in (("left", self.left), ("top", self.top)):
             near = -_FARTHEST <= place <= _FARTHEST
             require(near, f"Layer({name}=...)", f"lie within {_FARTHEST:g} px", place)
+
+    def turned(self) -> "Layer":
+        """The layer with rows and columns exchanged."""
+        return Layer(self.picture.turned(), self.speed, left=self.top, top=self.left)
 
     @property
     def matte(self) -> np.ndarray:
@@ -95,6 +102,10 @@ class Layers:
             OSError: if a file cannot be read.
         """
         return read_layers(path)
+
+    def turned(self) -> "Layers":
+        """The layers with rows and columns exchanged."""
+        return Layers(tuple(layer.turned() for layer in self.layers), self.border)
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -8,7 +8,9 @@ import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
+from platform import python_version
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -34,6 +36,17 @@ from mishutter.cli.console import (
 from mishutter.cli.explore import explore
 from mishutter.cli.export import export
 from mishutter.cli.fit_command import fit
+from mishutter.cli.help import (
+    DESIGN,
+    OUTPUT,
+    SEARCH,
+    TO_BEGIN,
+    TO_BUILD,
+    TO_DESIGN,
+    TO_SEE,
+    GroupedCommand,
+    GroupedCommands,
+)
 from mishutter.cli.laboratory import (
     CeilingOption,
     ClosedOption,
@@ -80,18 +93,24 @@ app = typer.Typer(
     name="mishutter",
     help="Design of shutters for motion-invariant photography.",
     no_args_is_help=False,
-    add_completion=False,
+    cls=GroupedCommands,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
+def version_text() -> str:
+    """The versions of what computes: of the package, JAX, its library and Python."""
+    from mishutter.hardware import package_version
+
+    libraries = (f"{name} {version(name)}" for name in ("jax", "jaxlib"))
+    return ", ".join((f"mishutter {package_version()}", *libraries, f"Python {python_version()}"))
+
+
 def _version(wanted: bool) -> bool:
     if wanted:
-        from mishutter.hardware import package_version
-
-        print_text(f"mishutter {package_version()}")
+        print_text(version_text())
         raise typer.Exit
     return wanted
 
@@ -99,13 +118,19 @@ def _version(wanted: bool) -> bool:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+        bool,
+        typer.Option(
+            "--version",
+            callback=_version,
+            is_eager=True,
+            help="Show the versions of mishutter, jax, jaxlib and Python, and exit.",
+        ),
     ] = False,
 ) -> None:
     """Options shared by all commands."""
 
 
-@app.command()
+@app.command(cls=GroupedCommand, rich_help_panel=TO_BEGIN)
 def example() -> None:
     """Write the built-in scene, an annotated file to change, on standard output."""
     from mishutter.model import example_scene_text
@@ -113,7 +138,7 @@ def example() -> None:
     sys.stdout.write(example_scene_text())
 
 
-@app.command()
+@app.command(cls=GroupedCommand, rich_help_panel=TO_DESIGN)
 def optimise(
     scene_file: SceneArgument = None,
     out: OutOption = None,
@@ -123,16 +148,45 @@ def optimise(
     num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
         int | None,
-        typer.Option("--starts", min=1, max=4096, help="Starts; 16, or more for few speeds."),
+        typer.Option(
+            "--starts",
+            metavar="N",
+            min=1,
+            max=4096,
+            rich_help_panel=SEARCH,
+            help="Number of starts [default: 16; more for few speeds].",
+        ),
     ] = None,
     max_steps: Annotated[
-        int, typer.Option("--steps", min=1, max=100_000, help="Steps from each start, at most.")
+        int,
+        typer.Option(
+            "--steps",
+            metavar="N",
+            min=1,
+            max=100_000,
+            rich_help_panel=SEARCH,
+            help="Most steps from each start.",
+        ),
     ] = 400,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random starts.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed",
+            metavar="N",
+            min=0,
+            rich_help_panel=SEARCH,
+            help="Seed of the random starts.",
+        ),
+    ] = 0,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", help="Show what is computed and what is skipped.")
+        bool,
+        typer.Option(
+            "--verbose",
+            rich_help_panel=OUTPUT,
+            help="Show what is computed and what is skipped.",
+        ),
     ] = False,
 ) -> None:
     """Design a shutter for a scene, and show it beside the windows one would have picked."""
@@ -172,13 +226,17 @@ def _saved(scene_file: Path | None, folder: Path | None) -> str:
     return f"the design is kept; `mishutter compare{scene} {design}` goes on from it"
 
 
-@app.command()
+@app.command(cls=GroupedCommand, rich_help_panel=TO_DESIGN)
 def compare(
     scene_file: SceneArgument = None,
     designs: Annotated[
         list[Path] | None,
         typer.Option(
-            "--design", metavar="FILE", parser=as_path, help="Saved design; repeat for more."
+            "--design",
+            metavar="FILE",
+            parser=as_path,
+            rich_help_panel=DESIGN,
+            help="Saved design to show; repeat for more.",
         ),
     ] = None,
     shutters: ShuttersOption = None,
@@ -229,13 +287,16 @@ def compare(
         _deliver(result, folder, json)
 
 
-app.command()(plan)
-app.command()(simulate)
-app.command()(reproduce)
-app.command()(export)
-app.command()(fit)
-app.command()(sweep)
-app.command()(explore)
+for _command, _group in (
+    (sweep, TO_DESIGN),
+    (plan, TO_DESIGN),
+    (simulate, TO_SEE),
+    (explore, TO_SEE),
+    (reproduce, TO_SEE),
+    (export, TO_BUILD),
+    (fit, TO_BUILD),
+):
+    app.command(cls=GroupedCommand, rich_help_panel=_group)(_command)
 
 
 def _compared(

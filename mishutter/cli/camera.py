@@ -16,6 +16,7 @@ from mishutter.cli.console import (
     start_jax,
     write_json,
 )
+from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
 from mishutter.cli.laboratory import (
     CeilingOption,
     ClosedOption,
@@ -61,28 +62,45 @@ def simulate(
             "--subject",
             metavar="PATH",
             parser=as_path,
-            help="Photograph, layered scene (.toml), video or folder of frames; the scene's "
-            "photograph without one.",
+            rich_help_panel=PICTURES,
+            help="Photograph, layered scene (.toml), video or folder of frames [default: the "
+            "scene's photograph].",
         ),
     ] = None,
     white: Annotated[
         float | None,
         typer.Option(
             "--white",
-            help="Value of the subject's file that is white, as 4095 of 12 bits; the greatest of "
-            "its depth without it.",
+            metavar="VALUE",
+            rich_help_panel=PICTURES,
+            help="Value of the subject's file that is white, as 4095 of 12 bits [default: the "
+            "greatest of its depth].",
         ),
     ] = None,
     linear: Annotated[
-        bool, typer.Option("--linear", help="The subject's numbers are linear light.")
+        bool,
+        typer.Option(
+            "--linear", rich_help_panel=PICTURES, help="The subject's numbers are linear light."
+        ),
     ] = False,
     design: Annotated[
         Path | None,
-        typer.Option("--design", metavar="FILE", parser=as_path, help="Saved design to use."),
+        typer.Option(
+            "--design",
+            metavar="FILE",
+            parser=as_path,
+            rich_help_panel=DESIGN,
+            help="Saved design to use.",
+        ),
     ] = None,
     shutter: Annotated[
         str | None,
-        typer.Option("--shutter", metavar="NAME[:VALUE]", help="Without a design; hann if not."),
+        typer.Option(
+            "--shutter",
+            metavar="NAME[:VALUE]",
+            rich_help_panel=DESIGN,
+            help="Shutter to use without --design [default: hann].",
+        ),
     ] = None,
     drive: DriveOption = None,
     measured: MeasuredOption = None,
@@ -96,22 +114,70 @@ def simulate(
     closed: ClosedOption = None,
     opened: OpenOption = None,
     speed: Annotated[
-        float, typer.Option("--speed", min=-1e7, max=1e7, help="Of a photograph, px/s.")
+        float,
+        typer.Option(
+            "--speed",
+            metavar="PX_PER_S",
+            min=-1e7,
+            max=1e7,
+            rich_help_panel=PICTURES,
+            help="Speed of a photograph, px/s.",
+        ),
     ] = 0.0,
-    decoder: Annotated[DecoderName, typer.Option("--decoder")] = DecoderName.ENSEMBLE,
-    noiseless: Annotated[bool, typer.Option("--noiseless", help="Blur only.")] = False,
+    decoder: Annotated[
+        DecoderName,
+        typer.Option(
+            "--decoder",
+            metavar="NAME",
+            rich_help_panel=PICTURES,
+            help="What restores it: ensemble, wiener, richardson-lucy, tikhonov, total-variation "
+            "or speed-finding.",
+        ),
+    ] = DecoderName.ENSEMBLE,
+    noiseless: Annotated[
+        bool, typer.Option("--noiseless", rich_help_panel=SENSOR, help="Blur only, no noise.")
+    ] = False,
     full_well: Annotated[
-        float | None, typer.Option("--full-well", min=1.0, help="Most electrons of a pixel.")
+        float | None,
+        typer.Option(
+            "--full-well",
+            metavar="E",
+            min=1.0,
+            rich_help_panel=SENSOR,
+            help="Most electrons that a pixel holds [default: the scene's].",
+        ),
     ] = None,
     adc_bits: Annotated[
-        int | None, typer.Option("--adc-bits", min=1, max=24, help="Bits of the converter.")
+        int | None,
+        typer.Option(
+            "--adc-bits",
+            metavar="N",
+            min=1,
+            max=24,
+            rich_help_panel=SENSOR,
+            help="Bits of the converter [default: no rounding].",
+        ),
     ] = None,
     seed: Annotated[
-        int, typer.Option("--seed", min=0, max=(1 << 63) - 1, help="Of the noise.")
+        int,
+        typer.Option(
+            "--seed",
+            metavar="N",
+            min=0,
+            max=(1 << 63) - 1,
+            rich_help_panel=SENSOR,
+            help="Seed of the noise.",
+        ),
     ] = 0,
     out: Annotated[
         Path,
-        typer.Option("--out", metavar="DIR", parser=as_path, help="Folder for the pictures."),
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            parser=as_path,
+            rich_help_panel=OUTPUT,
+            help="Folder for the pictures.",
+        ),
     ] = Path("simulation"),
     json: JsonOption = False,
 ) -> None:
@@ -199,7 +265,13 @@ def simulate(
 def reproduce(
     out: Annotated[
         Path,
-        typer.Option("--out", metavar="DIR", parser=as_path, help="Folder for figures and page."),
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            parser=as_path,
+            rich_help_panel=OUTPUT,
+            help="Folder for figures and page.",
+        ),
     ],
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer speeds, noise levels and photographs.")

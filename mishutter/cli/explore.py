@@ -12,11 +12,14 @@ from mishutter.cli.options import SceneArgument
 def explore(
     scene_file: SceneArgument = None,
     port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="To listen at; any that is free if 0.")
+        int,
+        typer.Option("--port", min=0, max=65535, help="Port to listen at; 0: any that is free."),
     ] = 0,
     host: Annotated[
         str,
-        typer.Option("--host", help="Address to listen at; this machine alone by default."),
+        typer.Option(
+            "--host", help="Address to listen at; the default is seen by this machine alone."
+        ),
     ] = "127.0.0.1",
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Print the page's address and open no browser.")

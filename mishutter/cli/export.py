@@ -9,6 +9,7 @@ import typer
 
 from mishutter._core import writable_folder, write_text
 from mishutter.cli.console import note, print_table, start_jax, working, write_json
+from mishutter.cli.help import TABLE
 from mishutter.cli.laboratory import CeilingOption, FloorOption
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
@@ -49,15 +50,22 @@ def export(
         int | None,
         typer.Option(
             "--steps",
+            metavar="N",
             min=1,
             max=100_000,
-            help="Equal steps of the exposure; the device's slots, or 256.",
+            rich_help_panel=TABLE,
+            help="Equal steps of the exposure [default: the device's slots, or 256].",
         ),
     ] = None,
     num_levels: Annotated[
         int | None,
         typer.Option(
-            "--levels", min=2, max=1 << 24, help="Drive levels; 2 for pulses, the device's, or 256."
+            "--levels",
+            metavar="N",
+            min=2,
+            max=1 << 24,
+            rich_help_panel=TABLE,
+            help="Drive levels [default: 2 of pulses, the device's, or 256].",
         ),
     ] = None,
     floor: FloorOption = 0.0,
@@ -66,13 +74,15 @@ def export(
         FormatName,
         typer.Option(
             "--format",
+            metavar="NAME",
+            rich_help_panel=TABLE,
             help="csv: names, units, one row a step. column: one of -1 to 1. keysight: CSV of "
             "shutter, position, gate. rigol: .RAF. npy: (channels, samples). pulses: time closed "
             "and open of each, us.",
         ),
     ] = FormatName.CSV,
 ) -> None:
-    """Drive table of a saved design: the level of each step, and what is lost by it.
+    """Write the drive table of a saved design: the level of each step, and what is lost by it.
 
     With --out also the path of the stage, from rest to rest.
     """

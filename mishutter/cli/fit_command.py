@@ -9,6 +9,7 @@ import typer
 
 from mishutter._core import writable_folder, write_text
 from mishutter.cli.console import note, print_table, print_text, start_jax, working, write_json
+from mishutter.cli.help import CAMERA, SEARCH
 from mishutter.cli.laboratory import AS_DESIGNED, AS_DRIVEN
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
@@ -32,17 +33,42 @@ def fit(
     ],
     design: Annotated[
         Path,
-        typer.Option("--design", metavar="FILE", parser=as_path, help="Design that was built."),
+        typer.Option(
+            "--design",
+            metavar="FILE",
+            parser=as_path,
+            rich_help_panel=CAMERA,
+            help="Design that was built.",
+        ),
     ],
     drive: Annotated[
         Path | None,
-        typer.Option("--drive", metavar="FILE", parser=as_path, help="CSV table that was sent."),
+        typer.Option(
+            "--drive",
+            metavar="FILE",
+            parser=as_path,
+            rich_help_panel=CAMERA,
+            help="CSV table that was sent.",
+        ),
     ] = None,
     num_coefficients: Annotated[
-        int, typer.Option("--coefficients", min=4, max=64, help="Coefficients of the profile.")
+        int,
+        typer.Option(
+            "--coefficients",
+            metavar="N",
+            min=4,
+            max=64,
+            rich_help_panel=SEARCH,
+            help="Coefficients of the profile that is found.",
+        ),
     ] = 12,
     redesign: Annotated[
-        bool, typer.Option("--redesign", help="Find the best profile for what was built too.")
+        bool,
+        typer.Option(
+            "--redesign",
+            rich_help_panel=SEARCH,
+            help="Find the best profile for what was built too.",
+        ),
     ] = False,
     out: OutOption = None,
     json: JsonOption = False,

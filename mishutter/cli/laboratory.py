@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from mishutter.cli.console import note
+from mishutter.cli.help import CAMERA
 from mishutter.cli.options import as_path
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ DriveOption = Annotated[
     typer.Option(
         "--drive",
         metavar="FILE",
+        rich_help_panel=CAMERA,
         parser=as_path,
         help="Drive table, in any format of `export`; what it does not hold is the design's.",
     ),
@@ -31,6 +33,7 @@ MeasuredOption = Annotated[
     typer.Option(
         "--measured",
         metavar="FILE",
+        rich_help_panel=CAMERA,
         parser=as_path,
         help="Photodiode's trace in place of the shutter: text, as an oscilloscope exports it.",
     ),
@@ -40,46 +43,83 @@ ColumnOption = Annotated[
     typer.Option(
         "--measured-column",
         metavar="NAME",
-        help="Column of levels of the trace; the only one, or that named level, without it.",
+        rich_help_panel=CAMERA,
+        help="Column of levels of the trace [default: the only one, or that named level].",
     ),
 ]
 HalfExposureOption = Annotated[
     float | None,
     typer.Option(
-        "--half-exposure-ms", help="Of a table without time; the design's or scene's without it."
+        "--half-exposure-ms",
+        metavar="MS",
+        rich_help_panel=CAMERA,
+        help="Half exposure of a table without time [default: the design's or the scene's].",
     ),
 ]
 PositionScaleOption = Annotated[
     float | None,
     typer.Option(
-        "--position-scale-px", help="Position at 1, of a table with positions in [-1, 1]."
+        "--position-scale-px",
+        metavar="PX",
+        rich_help_panel=CAMERA,
+        help="Position at 1, of a table with positions in [-1, 1].",
     ),
 ]
-FloorOption = Annotated[float, typer.Option("--floor", help="Transmittance of the lowest level.")]
+FloorOption = Annotated[
+    float,
+    typer.Option(
+        "--floor",
+        metavar="SHARE",
+        rich_help_panel=CAMERA,
+        help="Transmittance of the lowest level.",
+    ),
+]
 CeilingOption = Annotated[
-    float, typer.Option("--ceiling", help="Transmittance of the highest level.")
+    float,
+    typer.Option(
+        "--ceiling",
+        metavar="SHARE",
+        rich_help_panel=CAMERA,
+        help="Transmittance of the highest level.",
+    ),
 ]
 StepsOption = Annotated[
     int | None,
     typer.Option(
         "--drive-steps",
+        metavar="N",
+        rich_help_panel=CAMERA,
         min=1,
         help="Steps of the exposure, of a Rigol file that a generator has filled up with zeros.",
     ),
 ]
 MiddleOption = Annotated[
-    float, typer.Option("--mid-exposure-ms", help="Mid-exposure on the clock of the trace.")
+    float,
+    typer.Option(
+        "--mid-exposure-ms",
+        metavar="MS",
+        rich_help_panel=CAMERA,
+        help="Mid-exposure on the clock of the trace.",
+    ),
 ]
 ClosedOption = Annotated[
     float | None,
-    typer.Option("--closed-level", help="Of the trace; the mean outside the exposure without it."),
+    typer.Option(
+        "--closed-level",
+        metavar="LEVEL",
+        rich_help_panel=CAMERA,
+        help="Level of the trace where the shutter is closed [default: the mean outside the "
+        "exposure].",
+    ),
 ]
 OpenOption = Annotated[
     float | None,
     typer.Option(
         "--open-level",
-        help="Of the trace, below --closed-level by an inverted photodiode; the extreme of its "
-        "fit without it.",
+        metavar="LEVEL",
+        rich_help_panel=CAMERA,
+        help="Level of the trace where the shutter is open, below --closed-level by an inverted "
+        "photodiode [default: the extreme of its fit].",
     ),
 ]
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mishutter.cli.help import DESIGN, MOVES, OUTPUT, PICTURES
+
 if TYPE_CHECKING:
     from mishutter.evaluation import AbstractLoss
     from mishutter.model import Scene
@@ -17,6 +19,7 @@ class LossName(Enum):
     EXPECTED_ERROR = "expected-error"
     KNOWN_SPEED = "known-speed"
     FOUND_SPEED = "found-speed"
+    WORST_SPEED = "worst-speed"
     DESIGN = "design"
 
 
@@ -42,48 +45,78 @@ SceneArgument = Annotated[
     typer.Argument(
         metavar="[SCENE.toml]",
         parser=as_path,
-        help="Scene file; the built-in scene without one.",
+        help="What is photographed: a scene file [default: the built-in scene].",
     ),
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option("--out", metavar="DIR", parser=as_path, help="Folder for designs and pictures."),
+    typer.Option(
+        "--out",
+        metavar="DIR",
+        parser=as_path,
+        rich_help_panel=OUTPUT,
+        help="Folder for designs and pictures, made where there is none.",
+    ),
 ]
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON document, and nothing else, on stdout.")
+    bool,
+    typer.Option(
+        "--json",
+        rich_help_panel=OUTPUT,
+        help="Print one JSON document, and nothing else, on standard output.",
+    ),
 ]
 LossOption = Annotated[
     LossName | None,
     typer.Option(
         "--loss",
+        metavar="NAME",
         show_default=False,
-        help="What is made small: the expected error of the picture restored by one filter for all "
-        "speeds (expected-error), by a filter that is told the speed (known-speed), or by a "
-        "decoder that finds it in the picture (found-speed); or (design) condition number, kernel "
-        "difference and lost light, which know no noise and move the profile alone "
-        "[default: the expected error of the scene's decoder].",
+        rich_help_panel=DESIGN,
+        help="What is made small. expected-error: the error of the restored picture by one filter "
+        "for all speeds. worst-speed: the same at the worst of the speeds. known-speed: by a "
+        "filter that is told the speed. found-speed: by a decoder that finds the speed in the "
+        "picture. design: condition number, kernel difference and lost light; it knows no noise "
+        "and moves the profile alone [default: the error by the scene's decoder].",
     ),
 ]
 FreeOption = Annotated[
     list[FreeName] | None,
-    typer.Option("--free", help="What may move; repeat for more; all that can without it."),
+    typer.Option(
+        "--free",
+        metavar="PART",
+        rich_help_panel=MOVES,
+        help="Part of the design that may move: shutter, acceleration, half_exposure, velocity or "
+        "path; repeat for more [default: all but path that can].",
+    ),
 ]
 CoefficientsOption = Annotated[
-    int, typer.Option("--coefficients", min=4, max=512, help="Coefficients of the profile.")
+    int,
+    typer.Option(
+        "--coefficients",
+        metavar="N",
+        min=4,
+        max=512,
+        rich_help_panel=DESIGN,
+        help="Coefficients of the free-form profile.",
+    ),
 ]
 SeedsOption = Annotated[
     int,
     typer.Option(
         "--noise-seeds",
+        metavar="N",
         min=0,
         max=1000,
-        help="Captures of the photograph at each speed; 0 leaves it out.",
+        rich_help_panel=PICTURES,
+        help="Captures of the scene's photograph at each speed; 0 leaves it out.",
     ),
 ]
 EveryPhotographOption = Annotated[
     bool,
     typer.Option(
         "--every-photograph",
+        rich_help_panel=PICTURES,
         help="Restore the photograph at every speed and by three decoders, not only at the "
         "slowest, a middling and the fastest by one.",
     ),
@@ -93,7 +126,9 @@ ShuttersOption = Annotated[
     typer.Option(
         "--shutter",
         metavar="NAME[:VALUE]",
-        help="rect, hann, triangle, gaussian:0.4, tukey:0.5 or raskar; repeat for more.",
+        rich_help_panel=DESIGN,
+        help="Shutter to show too: rect, hann, triangle, gaussian:0.4, tukey:0.5 or raskar; repeat "
+        "for more.",
     ),
 ]
 
@@ -117,6 +152,7 @@ def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
         ExpectedErrorLoss,
         FoundSpeedLoss,
         KnownSpeedLoss,
+        WorstSpeedLoss,
         loss_of_decoder,
     )
 
@@ -126,6 +162,7 @@ def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
         LossName.EXPECTED_ERROR: ExpectedErrorLoss,
         LossName.KNOWN_SPEED: KnownSpeedLoss,
         LossName.FOUND_SPEED: FoundSpeedLoss,
+        LossName.WORST_SPEED: WorstSpeedLoss,
         LossName.DESIGN: DesignLoss,
     }
     return losses[name]()

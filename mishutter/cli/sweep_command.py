@@ -19,12 +19,16 @@ from mishutter.cli.console import (
     start_jax,
     write_json,
 )
+from mishutter.cli.help import DESIGN, MAP, OUTPUT, SEARCH
 from mishutter.cli.options import (
+    CoefficientsOption,
     JsonOption,
+    LossOption,
     OutOption,
     SceneArgument,
     ShuttersOption,
     as_path,
+    loss_of,
     scene_of,
 )
 
@@ -47,7 +51,8 @@ def sweep(
         typer.Option(
             "--acceleration",
             metavar="A:B:N",
-            help="N values of `a` of x = a t^2 from A to B, px/s^2; by the limits without it.",
+            rich_help_panel=MAP,
+            help="N values of `a` of x = a t^2 from A to B, px/s^2 [default: by the limits].",
         ),
     ] = None,
     half_exposure: Annotated[
@@ -55,7 +60,8 @@ def sweep(
         typer.Option(
             "--half-exposure",
             metavar="A:B:N",
-            help="N half exposures from A to B, ms; by the limits without it.",
+            rich_help_panel=MAP,
+            help="N half exposures from A to B, ms [default: by the limits].",
         ),
     ] = None,
     velocity: Annotated[
@@ -63,35 +69,53 @@ def sweep(
         typer.Option(
             "--velocity",
             metavar="A:B:N",
-            help="N velocities of the sensor from A to B, px/s, either sign; without it one, in "
-            "the middle of the speeds.",
+            rich_help_panel=MAP,
+            help="N velocities of the sensor from A to B, px/s, either sign [default: the "
+            "middle of the speeds].",
         ),
     ] = None,
     log: Annotated[
         bool,
-        typer.Option("--log", help="Equal ratios, not equal steps, but of velocities."),
+        typer.Option(
+            "--log",
+            rich_help_panel=MAP,
+            help="Equal ratios in place of equal steps, but of velocities.",
+        ),
     ] = False,
     optimise: Annotated[
-        bool, typer.Option("--optimise", help="Find the best profile at each point too.")
+        bool,
+        typer.Option(
+            "--optimise", rich_help_panel=DESIGN, help="Find the best profile at each point too."
+        ),
     ] = False,
+    loss: LossOption = None,
     shutters: ShuttersOption = None,
-    num_coefficients: Annotated[
-        int, typer.Option("--coefficients", min=4, max=512, help="Coefficients of the profile.")
-    ] = 24,
+    num_coefficients: CoefficientsOption = 24,
     store: Annotated[
         Path | None,
         typer.Option(
-            "--store", metavar="PATH", parser=as_path, help="Zarr store to write to, or to resume."
+            "--store",
+            metavar="PATH",
+            parser=as_path,
+            rich_help_panel=OUTPUT,
+            help="Zarr store to write to, or to resume.",
         ),
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler to compute on."),
+        typer.Option(
+            "--scheduler",
+            metavar="ADDRESS",
+            rich_help_panel=SEARCH,
+            help="Dask scheduler to compute on [default: this machine].",
+        ),
     ] = None,
     out: OutOption = None,
     json: JsonOption = False,
 ) -> None:
     """Map acceleration and exposure: the best points, and what cannot be had together."""
+    if loss is not None and not optimise:
+        raise ValueError(f"`--loss` must stand beside --optimise; got '{loss.value}' alone.")
     accelerations = _values("--acceleration", acceleration, log, bound="at least 0")
     half_exposures = _values("--half-exposure", half_exposure, log, bound="above 0")
     velocities = _values("--velocity", velocity, log=False)
@@ -133,6 +157,7 @@ def sweep(
             velocities=velocities,
             shutters=_with_baselines(named),
             optimise=optimise,
+            loss=None if loss is None else loss_of(loss, scene),
             num_coefficients=num_coefficients,
             store=store,
             scheduler=scheduler,

@@ -26,7 +26,7 @@ def print_report(report: "Report") -> None:
         columns = _columns(comparison)
         if reading == OWN_BEST_MOTION:
             print_table(reading.capitalize(), columns, [*cells, _ceiling(comparison, columns)])
-            print_text(_OF_DECODER[rows[0].speed] + _FOOT)
+            print_text(_of_level(rows[0]) + _FOOT)
             if comparison.costs is not None:
                 print_text("within dB  expected within the tolerances: what gain dB is of")
             print_text()
@@ -47,21 +47,37 @@ def print_report(report: "Report") -> None:
         print_text(_design_line(report.design))
 
 
-COLUMNS = ("shutter", "PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms")
+COLUMNS = (
+    "shutter",
+    "PSNR dB",
+    "gain dB",
+    "worst speed",
+    "light",
+    "stroke px",
+    "pan px/s",
+    "open ms",
+)
 """Columns of a comparison's rows."""
 _OF_DECODER = {
-    "unknown": "PSNR dB    expected of one linear filter for all speeds\n",
-    "found": "PSNR dB    expected of a decoder that finds the speed in the picture\n",
-    "told": "PSNR dB    expected of a linear filter that is told the speed\n",
+    "unknown": "PSNR dB      expected of one linear filter for all speeds\n",
+    "found": "PSNR dB      expected of a decoder that finds the speed in the picture\n",
+    "told": "PSNR dB      expected of a linear filter that is told the speed\n",
 }
+_AT_WORST = "PSNR dB      expected at the worst of the speeds, of one linear filter for all\n"
 _FOOT = """\
-gain dB    over the best snapshot
-light      share that the shutter passes
-stroke px  from mid-exposure to either end
-pan px/s   velocity at mid-exposure
-open ms    from first to last light
-ceiling    nothing exceeds it"""
+gain dB      over the best snapshot
+worst speed  PSNR dB at the worst of the speeds, of one linear filter for all
+light        share that the shutter passes
+stroke px    from mid-exposure to either end
+pan px/s     velocity at mid-exposure
+open ms      from first to last light
+ceiling      nothing exceeds it"""
 _OF_KERNELS = ("shutter", "condition", "kernel diff", "relative", "bound")
+
+
+def _of_level(row: "Row") -> str:
+    """What the levels of rows are, which are all judged alike."""
+    return _AT_WORST if row.at_worst else _OF_DECODER[row.speed]
 
 
 def _columns(comparison: "Comparison") -> tuple[str, ...]:
@@ -71,11 +87,11 @@ def _columns(comparison: "Comparison") -> tuple[str, ...]:
 def _print_purchases(comparison: "Comparison") -> None:
     """The best of each kind of apparatus, and what belongs at the foot of both tables."""
     rows = [
-        [f"{takes}: {name}", *numbers[:2], *numbers[3:]]
+        [f"{takes}: {name}", *numbers[:3], *numbers[4:]]
         for takes, row in comparison.rivals.items()
         for name, *numbers in [_cells(comparison, row)]
     ]
-    columns = ("purchase: its best", *_columns(comparison)[1:3], *_columns(comparison)[4:])
+    columns = ("purchase: its best", *_columns(comparison)[1:4], *_columns(comparison)[5:])
     print_table("What each purchase brings", columns, rows)
     for line in comparison.notes:
         print_text(line)
@@ -104,6 +120,7 @@ def _cells(comparison: "Comparison", row: "Row") -> list[str]:
         row.name if row.num_frames == 1 else f"{row.name}, {row.num_frames} frames",
         f"{row.psnr:.2f}",
         f"{round(comparison.over_snapshot(row.level), 2) + 0.0:+.2f}",
+        f"{float(row.metrics.worst_speed_psnr):.2f}",
         f"{float(row.metrics.efficiency):.3f}",
         f"{float(row.motion.stroke):.1f}",
         f"{round(float(row.motion.velocity)) + 0:d}",

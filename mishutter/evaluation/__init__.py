@@ -28,6 +28,7 @@ from mishutter.evaluation.losses import FoundSpeedLoss as FoundSpeedLoss
 from mishutter.evaluation.losses import KnownSpeedLoss as KnownSpeedLoss
 from mishutter.evaluation.losses import Parts as Parts
 from mishutter.evaluation.losses import WeightedSum as WeightedSum
+from mishutter.evaluation.losses import WorstSpeedLoss as WorstSpeedLoss
 from mishutter.evaluation.losses import as_loss as as_loss
 from mishutter.evaluation.losses import loss_of_decoder as loss_of_decoder
 from mishutter.evaluation.losses import one_real_number as one_real_number

@@ -96,6 +96,13 @@ def ceiling(
     Raises:
         ValueError: if the scene is no scene or is traced, the exposure is not above 0, or a
             `continuous` list is not of two or more speeds in equal steps.
+
+    Examples:
+        >>> from mishutter import Limits, Scene, ceiling
+        >>> limits = Limits(max_stroke=20, max_half_exposure=0.02)
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5, limits=limits)
+        >>> print(f"{ceiling(scene):.2f} dB")
+        31.09 dB
     """
     require_scene(scene)
     require_known("ceiling", scene=scene, max_half_exposure=max_half_exposure)

@@ -19,6 +19,7 @@ from mishutter.evaluation.metrics import (
     freely_aligned,
     kernel_differences,
     known_speed_squared_error,
+    squared_errors_by_speed,
 )
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Automatic, Parts, Plan
 from mishutter.evaluation.response import Response, respond
@@ -27,6 +28,7 @@ from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene
 
 ALIGNMENTS = ("vertex", "free")
 _SHARPNESS = 200
+_SHARPNESS_OF_SPEEDS = 1000
 
 
 class AbstractLoss(eqx.Module):
@@ -39,9 +41,11 @@ class AbstractLoss(eqx.Module):
     Attributes:
         decoder_speed: What the decoder whose expected error it is knows of the speed; None of
             other losses.
+        of_worst_speed: Whether the error is that at the worst speed, and not the mean over speeds.
     """
 
     decoder_speed: ClassVar[DecoderSpeed | None] = None
+    of_worst_speed: ClassVar[bool] = False
 
     @property
     def sees_light(self) -> bool:
@@ -333,6 +337,41 @@ class FoundSpeedLoss(AbstractResponseLoss):
         some = told > 0
         mixed = jnp.where(some, told, 1.0) ** self.share * jnp.where(some, untold, 1.0) ** rest
         return jnp.where(some, mixed, 0.0)
+
+
+@final
+class WorstSpeedLoss(AbstractResponseLoss):
+    r"""Expected RMS error over the picture's deviation at the scene's worst speed.
+
+    $(\sum_i E_i^\beta)^{1/2\beta}/\sigma_f$ over the squared errors $E_i$ that one filter for all
+    speeds leaves at each speed that occurs (`squared_errors_by_speed`), in the units of
+    `ExpectedErrorLoss`, which it never falls below: a smooth maximum, which exceeds the largest of
+    $n$ by at most a factor of $n^{1/2\beta}$, 0.01 dB of nine speeds. The filter is that of the
+    least mean error, by the scene's weights. `Metrics.worst_speed_psnr` is that of the maximum
+    itself.
+    """
+
+    decoder_speed: ClassVar[DecoderSpeed | None] = "unknown"
+    of_worst_speed: ClassVar[bool] = True
+
+    def parts(self, plan: Plan) -> Parts:
+        return ONLY_SPECTRA
+
+    def of_response(
+        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+    ) -> Array:
+        errors = squared_errors_by_speed(scene, motion, response, plan.num_frequencies)
+        occurring = jnp.where(scene.weights > 0, errors, 0.0)
+        return _over_contrast(scene, _smooth_maximum(occurring))
+
+
+def _smooth_maximum(values: Array) -> Array:
+    """Maximum of values of at least 0, and up to a factor of $n^{1/1000}$ more; scalar."""
+    largest = jax.lax.stop_gradient(jnp.max(values))
+    some = largest > 0
+    share = jnp.where(some, values / jnp.where(some, largest, 1.0), 1.0)
+    total = jnp.sum(share**_SHARPNESS_OF_SPEEDS) ** (1 / _SHARPNESS_OF_SPEEDS)
+    return jnp.where(some, largest * total, 0.0)
 
 
 def loss_of_decoder(scene: Scene) -> AbstractLoss:

@@ -15,7 +15,7 @@ from mishutter.model import SceneFile, example_scene_text
 
 _UNITS = {"e": "e⁻", "s2": "s²", "s3": "s³", "us": "µs", "um": "µm", "db": "dB", "hz": "Hz"}
 """Units that are written otherwise in the name of a key."""
-_OWN_UNITS = {*_UNITS, "px", "s", "ms", "mm", "cycles", "deg", "g"}
+_OWN_UNITS = {*_UNITS, "px", "s", "ms", "m", "mm", "cycles", "deg", "g", "lux"}
 _SECTION = re.compile(r"^(?:# )?\[(\w+)\]", re.MULTILINE)
 _KEY = re.compile(r"^(?:#\s*)?(\w+) = (\{.*?\}|\[.*?\]|\S+)", re.MULTILINE)
 

@@ -17,19 +17,31 @@ from mishutter.camera import kernel_layout
 from mishutter.model import (
     PICTURE_FORMATS,
     PICTURE_SUFFIXES,
+    Axis,
     Picture,
     Scene,
     picture_arguments,
+    pixels_along,
     read_picture,
     to_display,
+    turned,
 )
-from mishutter.restore import EnsembleDecoder, least_columns, restore_by_each
+from mishutter.restore import (
+    EnsembleDecoder,
+    SpeedEstimate,
+    SpeedFindingDecoder,
+    estimate_speed,
+    least_columns,
+    restore_by_each,
+)
 from mishutter.search import Row
 
 MOST_BYTES = 32 << 20
 MOST_PIXELS = 30_000_000
 _ROWS, _COLUMNS = 112, 400
 """Of the part that is captured: as much as is restored in a second."""
+_ROWS_TO_FIND = 256
+"""Of it where the speed is found, which few rows do not tell."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +49,7 @@ class Photograph:
     """A part of a photograph, and what the whole says of the detail that there is to restore.
 
     Attributes:
-        part: Rows from the middle.
+        part: Rows from the middle, along which things move.
         arguments: Arguments of `Scene`.
     """
 
@@ -45,21 +57,27 @@ class Photograph:
     arguments: Mapping[str, Any]
 
 
-Reader = Callable[[float | None, bool], Photograph]
-"""A photograph by the arguments `white` and `linear` of `read_picture`."""
+Reader = Callable[[float | None, bool, Axis], Photograph]
+"""A photograph by the arguments `white` and `linear` of `read_picture`, and a scene's axis."""
 
 
 def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
     """A photograph by the name that a scene file has for it; one that was just read is kept."""
 
     @lru_cache(maxsize=1)
-    def taken(white: float | None, linear: bool) -> Photograph:
+    def taken(white: float | None, linear: bool, axis: Axis) -> Photograph:
         picture = read(white, linear)
-        first = max(0, (picture.light.shape[0] - _ROWS) // 2)
-        part = Picture(light=picture.light[first : first + _ROWS].copy(), name=picture.name)
-        return Photograph(part, picture_arguments(place, picture, white, linear))
+        along = turned(picture.light, axis)
+        part = Picture(light=_middle(along, _ROWS_TO_FIND).copy(), name=picture.name)
+        return Photograph(part, picture_arguments(place, picture, white, linear, axis))
 
     return taken
+
+
+def _middle(light: np.ndarray, count: int) -> np.ndarray:
+    """At most so many rows, from the middle."""
+    first = max(0, (light.shape[0] - count) // 2)
+    return light[first : first + count]
 
 
 def uploaded(name: str, content: bytes) -> Reader:
@@ -85,7 +103,7 @@ def uploaded(name: str, content: bytes) -> Reader:
                 raise ValueError(str(error).replace(str(place), name)) from None
 
     found = reader(name, read)
-    found(None, False)
+    found(None, False, "rows")
     return found
 
 
@@ -123,7 +141,8 @@ def restored(
 
     Returns:
         The `reference`, and for each design what was `captured` and `restored`, as PNG in base 64,
-        with its `psnr` in linear light, dB.
+        with its `psnr` in linear light, dB; of a scene whose decoder finds the speed also the one
+        that it `found`, with the fields of a `SpeedEstimate` that are no arrays, otherwise None.
 
     Raises:
         ValueError: if the photograph is too narrow for the blur.
@@ -131,36 +150,47 @@ def restored(
     seen = [*np.asarray(scene.speeds).tolist(), speed]
     longest = max(kernel_layout(row.motion, *seen, 0.0)[0] for row in rows.values())
     enough, there = least_columns(longest), taken.part.light.shape[1]
-    requirement = f"have at least {enough} columns, to be restored from this blur"
+    pixels = pixels_along(scene.axis)
+    requirement = f"have at least {enough} {pixels}, to be restored from this blur"
     require(there >= enough, "the photograph", requirement, there)
     width = min(there, max(enough, _COLUMNS + longest))
     first = (there - width) // 2
-    part = Picture(light=taken.part.light[:, first : first + width].copy())
-    found = []
-    reference = None
+    finds = scene.decoder_speed == "found"
+    num_rows = _ROWS_TO_FIND if finds else _ROWS
+    part = Picture(light=_middle(taken.part.light, num_rows)[:, first : first + width].copy())
+    decoder = SpeedFindingDecoder(EnsembleDecoder()) if finds else EnsembleDecoder()
+    along, found, reference = scene.along_rows(), [], None
     for name, row in rows.items():
         check()
         result = restore_by_each(
             part,
-            scene,
+            along,
             row.motion,
             row.shutter,
-            {name: EnsembleDecoder()},
+            {name: decoder},
             speeds=[speed],
             num_seeds=1,
             least_taps=longest,
         )[name]
         captured = result.captured[0]
         gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
-        reference = result.reference
+        reference = turned(result.reference, scene.axis)
         level = float(result.linear_psnr[0])
-        pair = {"captured": _png(captured * gain), "restored": _png(result.restored[0])}
-        found.append({"name": name, "psnr": level, **pair})
+        pictures = {"captured": captured * gain, "restored": result.restored[0]}
+        pair = {which: _png(turned(light, scene.axis)) for which, light in pictures.items()}
+        estimate = estimate_speed(captured, along, row.motion, row.shutter) if finds else None
+        found.append({"name": name, "psnr": level, **pair, "found": _plain(estimate)})
     return {
         "speed": speed,
         "reference": None if reference is None else _png(reference),
         "designs": found,
     }
+
+
+def _plain(estimate: SpeedEstimate | None) -> dict[str, Any] | None:
+    """The fields of an estimate that are no arrays; px/s."""
+    names = ("speed", "error", "trusted", "doubt")
+    return None if estimate is None else {name: getattr(estimate, name) for name in names}
 
 
 def _png(light: np.ndarray) -> str:

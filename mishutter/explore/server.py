@@ -291,6 +291,7 @@ class _Tab(tornado.websocket.WebSocketHandler):
                 "kind": "hello",
                 "fields": page_fields(),
                 "scene": explorer.started.tables,
+                "speed": explorer.started.speed,
                 "key": self.key,
                 "photographs": self.session.photographs,
                 "pins": self.session.pins,

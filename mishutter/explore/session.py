@@ -28,6 +28,7 @@ from mishutter.explore.pictures import Reader, reader, restored, uploaded
 from mishutter.hardware import Design
 from mishutter.model import (
     EXAMPLE_PICTURE,
+    Axis,
     ChippedShutter,
     Scene,
     SceneFile,
@@ -99,6 +100,11 @@ class Beginning:
         """The scene of the file."""
         return built(self.tables, self.photographs)
 
+    @property
+    def speed(self) -> int:
+        """Half of the largest speed, at which the photograph is shown at first; px/s."""
+        return round(float(self.scene().max_speed) / 2)
+
 
 def beginning(path: Path | None) -> Beginning:
     """The scene file that the page begins with, and the photographs that it may name.
@@ -139,10 +145,10 @@ def built(tables: Mapping[str, Any], photographs: Mapping[str, Reader]) -> Scene
         ValueError: if it is no scene, or names another photograph.
     """
 
-    def arguments(place: str, white: float | None, linear: bool) -> Mapping[str, Any]:
+    def arguments(place: str, white: float | None, linear: bool, axis: Axis) -> Mapping[str, Any]:
         known = ", ".join(photographs)
         require(place in photographs, "[picture] path", f"be one of {known}, or uploaded", place)
-        return photographs[place](white, linear).arguments
+        return photographs[place](white, linear, axis).arguments
 
     return scene_of_tables(tables, _SCENE, Path(), arguments)
 
@@ -218,7 +224,7 @@ class Session:
         if scene.picture is not None and follows:
             check()
             read = self._photographs[scene.picture]
-            taken = read(scene.picture_white, scene.picture_linear)
+            taken = read(scene.picture_white, scene.picture_linear, scene.axis)
             yield {
                 "kind": "photograph",
                 **restored(taken, scene, pictured, request.speed, check),
@@ -355,12 +361,15 @@ def _around(tables: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         table = tables.get(section, {})
         return {**tables, section: {**table, key: table[key] * factor}} if key in table else {}
 
-    yield changed("light", "photon_rate_per_s", 1.02)
-    yield changed("limits", "max_stroke_px", 2.0)
-    yield changed("limits", "max_stroke_px", 0.5)
-    if "uniform" in tables.get("speeds", {}):
-        uniform = tables["speeds"]["uniform"]
-        one_sided = {**uniform, "max_px_per_s": 0.9 * uniform["max_px_per_s"]}
+    # In whatever unit the scene has them; changes of keys that it does not have come to nothing.
+    for key in ("photon_rate_per_s", "white_e", "illuminance_lux"):
+        yield changed("light", key, 1.02)
+    for key in ("max_stroke_px", "max_stroke_mm"):
+        yield changed("limits", key, 2.0)
+        yield changed("limits", key, 0.5)
+    uniform = tables.get("speeds", {}).get("uniform", {})
+    for key in (name for name in uniform if name.startswith("max_")):
+        one_sided = {**uniform, key: 0.9 * uniform[key]}
         yield {**tables, "speeds": {**tables["speeds"], "uniform": one_sided}}
 
 

@@ -117,6 +117,7 @@ class Design:
         within = "" if m.toleranced_psnr is None else f", {float(m.toleranced_psnr):.2f} within dB"
         lines = {
             "expected": f"{float(m.expected_psnr):.2f} dB by one linear filter{within}; "
+            f"{float(m.worst_speed_psnr):.2f} dB at the worst speed; "
             f"{float(m.known_speed_psnr):.2f} dB by one that is told the speed",
             "shutter": f"{self.shutter!r}, light {float(m.efficiency):.3f}",
             "motion": f"{motion!r}, stroke {float(motion.stroke):.4g} px",

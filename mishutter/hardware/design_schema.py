@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from mishutter._core import Section
-from mishutter.model import DecoderSpeed
+from mishutter.model import Axis, DecoderSpeed
 
 FORMAT = 1
 """Version of the file format."""
@@ -182,6 +182,7 @@ class SavedScene(Part):
     stage: SavedStage | None = None
     tolerances: SavedTolerances | None = None
     decoder_speed: DecoderSpeed = "unknown"
+    axis: Axis = "rows"
     picture: str | None = None
     picture_white: float | None = None
     picture_linear: bool = False

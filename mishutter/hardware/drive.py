@@ -228,6 +228,15 @@ def drive_table(
 
     Raises:
         ValueError: if there is no design, or a count or a transmittance is out of its range.
+
+    Examples:
+        >>> from mishutter import Design, HannShutter, drive_table, example_scene
+        >>> from mishutter.hardware import given_design
+        >>> scene = example_scene()
+        >>> design = given_design(scene, scene.motion, HannShutter(), "Given.")
+        >>> table = drive_table(design, num_steps=100)
+        >>> print(table.level.size, table.num_levels, table.level.max())
+        100 256 255
     """
     require(isinstance(design, Design), "drive_table(design=...)", "be a `Design`", design)
     device = design.scene.device

@@ -7,7 +7,7 @@ import importlib.util
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -15,6 +15,7 @@ from jaxtyping import ArrayLike
 from mishutter._core import (
     Unquoted,
     floating_light,
+    is_concrete,
     require,
     require_finite,
     require_positive_int,
@@ -33,6 +34,10 @@ _READ = "read_picture(path=...)"
 _WRITE = "write_picture(path=...)"
 _DEPTHS = (8, 10, 12, 14)
 """Bits that cameras have, and whose values their software writes as they are into 16."""
+
+
+Axis = Literal["rows", "columns"]
+"""The axis of a picture along which things move: across along its rows, down along its columns."""
 
 
 class PictureWarning(UserWarning):
@@ -76,6 +81,35 @@ class Picture:
         if self.light.shape[2] == 1:
             return self.light[..., 0]
         return self.light @ np.asarray(LUMINANCE, self.light.dtype)
+
+    def turned(self) -> "Picture":
+        """The picture with rows and columns exchanged."""
+        matte = None if self.matte is None else np.ascontiguousarray(self.matte.T)
+        return Picture(turned(self.light, "columns"), matte, self.name)
+
+
+def turned(light: Any, axis: Axis) -> Any:
+    """A picture whose things move along an axis as one whose things move along its rows, or back.
+
+    Args:
+        light: Shape `(rows, columns)`, or `(..., rows, columns, channels)`.
+        axis: Rows and columns are exchanged where it is `"columns"`.
+    """
+    if axis == "rows":
+        return light
+    if not is_concrete(light):
+        return light.swapaxes(*_axes_of(light))
+    array = np.asarray(light)
+    return np.ascontiguousarray(array.swapaxes(*_axes_of(array)))
+
+
+def pixels_along(axis: Axis) -> str:
+    """The name of a picture's pixels by number along an axis: rows are so many columns long."""
+    return "columns" if axis == "rows" else "rows"
+
+
+def _axes_of(light: Any) -> tuple[int, int]:
+    return (-2, -1) if light.ndim == 2 else (-3, -2)
 
 
 class RowSpectrum(NamedTuple):

@@ -25,7 +25,7 @@ from mishutter._core import (
     shown,
 )
 from mishutter.model.devices import AbstractDevice
-from mishutter.model.images import checked_white
+from mishutter.model.images import Axis, checked_white
 from mishutter.model.limits import Limits
 from mishutter.model.motion import (
     AbstractMotion,
@@ -114,6 +114,8 @@ class Scene(eqx.Module):
             speeds; `"found"`, which a `SpeedFindingDecoder` finds in the picture, where that moves
             as a whole; or `"told"`. The loss of searches and comparisons is by default the expected
             error of that decoder.
+        axis: Axis of pictures along which things and the sensor move: `"rows"`, across, or
+            `"columns"`, a positive speed down. Captures, decoders and photographs know it.
         motion: Motion to start from or to compare at; by default the `fullest_motion` of the
             limits about the middle of the speeds.
         picture: Path of the photograph to show results on; None for none.
@@ -123,6 +125,12 @@ class Scene(eqx.Module):
     Raises:
         ValueError: if a value is not finite, out of its range or of another kind, no
             weight is above 0, or lengths differ.
+
+    Examples:
+        >>> from mishutter import Limits, Scene
+        >>> limits = Limits(max_stroke=20, max_half_exposure=0.02)
+        >>> Scene([-700.0, 0.0, 700.0], photon_rate=1e5, read_noise=5, limits=limits)
+        Scene(speeds=3 from -700 to 700, photon_rate=100000, read_noise=5)
     """
 
     speeds: Array
@@ -142,6 +150,7 @@ class Scene(eqx.Module):
     tolerances: Tolerances | None
     given_motion: AbstractMotion | None
     decoder_speed: DecoderSpeed = eqx.field(static=True)
+    axis: Axis = eqx.field(static=True)
     picture: str | None = eqx.field(static=True)
     picture_white: float | None = eqx.field(static=True)
     picture_linear: bool = eqx.field(static=True)
@@ -165,6 +174,7 @@ class Scene(eqx.Module):
         stage: SecondOrderStage | None = None,
         tolerances: Tolerances | None = None,
         decoder_speed: DecoderSpeed = "unknown",
+        axis: Axis = "rows",
         motion: AbstractMotion | None = None,
         picture: str | os.PathLike[str] | None = None,
         picture_white: ArrayLike | None = None,
@@ -192,6 +202,7 @@ class Scene(eqx.Module):
         self.stage = stage
         self.tolerances = tolerances
         self.decoder_speed = decoder_speed
+        self.axis = axis
         self.given_motion = motion
         self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
         self.picture_white = checked_white("Scene(picture_white=...)", picture_white)
@@ -238,6 +249,8 @@ class Scene(eqx.Module):
         requirement = "be 'unknown', 'found' or 'told'"
         known = self.decoder_speed in get_args(DecoderSpeed)
         require(known, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
+        known = self.axis in get_args(Axis)
+        require(known, "Scene(axis=...)", "be 'rows' or 'columns'", self.axis)
         known = isinstance(self.given_motion, AbstractMotion | None)
         require(known, "Scene(motion=...)", "be a motion", self.given_motion)
 
@@ -321,6 +334,14 @@ class Scene(eqx.Module):
         from mishutter.model.scene_file import read_scene
 
         return read_scene(os.fspath(path))
+
+    def along_rows(self) -> "Scene":
+        """The scene of pictures that are `turned` so that things move along their rows."""
+        if self.axis == "rows":
+            return self
+        parts = {field.name: getattr(self, field.name) for field in fields(self)}
+        motion = parts.pop("given_motion")
+        return Scene(**parts | {"axis": "rows", "motion": motion})
 
     def bare(
         self,

@@ -23,6 +23,7 @@ from mishutter.model.devices import (
     device_of,
 )
 from mishutter.model.images import (
+    Axis,
     Picture,
     example_picture,
     read_picture,
@@ -43,21 +44,23 @@ from mishutter.model.scene_schema import (
     TolerancesSection,
     Uniform,
 )
+from mishutter.model.scene_units import Scales, photon_rate, read_noise, told_in
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.tolerances import Tolerances
 
-Photographs = Callable[[str, float | None, bool], Mapping[str, Any]]
-"""The `picture_arguments` of a photograph, by `path`, `white` and `linear` of a scene file."""
+Photographs = Callable[[str, float | None, bool, Axis], Mapping[str, Any]]
+"""The `picture_arguments` of a photograph, by `path`, `white`, `linear` and `axis` of a file."""
 EXAMPLE_PICTURE = "example"
 """What `[picture] path` says for the photograph that scikit-image ships."""
 
 _NUM_FREQUENCIES = 256
 _DEVIATIONS = 3.0
 _MAX_TRAVEL = 1e4
+_FASTEST = 1e7
+_STROKES = 1e-3, 1e4
+_SPEED_UNITS = ("px_per_s", "mm_per_s", "m_per_s", "deg_per_s")
 _MARGIN = 1e-9
 """Share of a limit by which rounding may exceed it."""
-_GRAVITY = 9.80665e6
-"""Standard gravity; um/s^2."""
 
 
 def read_scene(path: str | Path) -> Scene:
@@ -101,7 +104,7 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     tables: dict[str, Any] = {
         "speeds": {"list_px_per_s": scene.speeds.tolist(), "weights": scene.weights.tolist()},
         "light": {"photon_rate_per_s": float(scene.photon_rate)},
-        "sensor": {"read_noise_e": float(scene.read_noise)},
+        "sensor": {"read_noise_e": float(scene.read_noise), "axis": scene.axis},
         "optics": {
             "cutoff_cycles_per_px": float(scene.cutoff_frequency),
             "lens_blur_px": float(scene.lens_blur),
@@ -222,8 +225,9 @@ def scene_of_tables(
 
 
 def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Scene:
-    speeds, weights = _speeds(file.speeds)
-    limits = _limits(file.limits, file.sensor.pixel_pitch_um)
+    scales = Scales(file.sensor.pixel_pitch_um, file.view)
+    speeds, weights = _speeds(file.speeds, scales)
+    limits = _limits(file.limits, scales)
     travel = float(np.max(np.abs(speeds))) * 2 * file.limits.max_half_exposure_ms / 1000
     requirement = f"let the fastest object travel at most {_MAX_TRAVEL:g} px"
     require(
@@ -235,8 +239,8 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
     return Scene(
         speeds,
         weights,
-        photon_rate=file.light.photon_rate_per_s,
-        read_noise=file.sensor.read_noise_e,
+        photon_rate=photon_rate(file.light, scales),
+        read_noise=read_noise(file.sensor),
         cutoff_frequency=file.optics.cutoff_cycles_per_px,
         lens_blur=file.optics.lens_blur_px,
         limits=limits,
@@ -246,39 +250,57 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
         tolerances=_tolerances(file.tolerances),
         decoder_speed=file.decoder.speed,
+        axis=file.sensor.axis,
         motion=_motion(file.motion, file.limits, limits),
-        **_picture(file.picture, folder, photographs),
+        **_picture(file.picture, file.sensor.axis, folder, photographs),
     )
 
 
-def _speeds(section: Speeds) -> tuple[np.ndarray, np.ndarray]:
-    forms = {"uniform": section.uniform, "normal": section.normal, "list": section.list_px_per_s}
+def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
+    unit, listed = told_in(section, "list", _SPEED_UNITS, "[speeds]")
+    forms = {"uniform": section.uniform, "normal": section.normal, "list": listed}
     given = [name for name, value in forms.items() if value is not None]
     requirement = "hold one of uniform, normal and list_px_per_s"
     require(len(given) == 1, "[speeds]", requirement, Unquoted(" and ".join(given) or "no speeds"))
-    if section.list_px_per_s is not None:
-        return _listed(section.list_px_per_s, section.weights)
-    require(
-        section.weights is None, "[speeds] weights", "go with list_px_per_s", Unquoted(given[0])
-    )
     if section.uniform is not None:
-        return _uniform(section.uniform)
-    return _normal(section.normal)  # type: ignore[arg-type]
+        unit, speeds, weights = _uniform(section.uniform)
+    elif section.normal is not None:
+        unit, speeds, weights = _normal(section.normal)
+    else:
+        speeds, weights = _listed(listed, section.weights)  # type: ignore[arg-type]
+    goes = section.weights is None or listed is not None
+    require(goes, "[speeds] weights", "go with list_px_per_s", Unquoted(given[0]))
+    speeds = speeds * scales.of_things(unit, f"[speeds] in {unit}")
+    fastest = float(np.max(np.abs(speeds)))
+    require(fastest <= _FASTEST, "[speeds]", f"be at most {_FASTEST:g} px/s", fastest)
+    return speeds, weights
 
 
-def _uniform(form: Uniform) -> tuple[np.ndarray, np.ndarray]:
-    low, high = form.min_px_per_s, form.max_px_per_s
-    subject = "[speeds] uniform.max_px_per_s"
-    require(low <= high, subject, f"be at least min_px_per_s = {low:g}", high)
+def _pair(form: Uniform | Normal, place: str, names: tuple[str, str]) -> tuple[str, float, float]:
+    """The unit of a form of speeds, and its two numbers in that unit."""
+    (unit, first), (other, second) = (told_in(form, name, _SPEED_UNITS, place) for name in names)
+    unit, other = (other if first is None else unit), (unit if second is None else other)
+    for name, value, own in ((names[0], first, unit), (names[1], second, other)):
+        require(value is not None, f"{place}.{name}_{own}", "be given", Unquoted("nothing"))
+    got = Unquoted(f"{names[0]}_{unit} and {names[1]}_{other}")
+    require(unit == other, place, "be in one unit", got)
+    return unit, first, second  # type: ignore[return-value]
+
+
+def _uniform(form: Uniform) -> tuple[str, np.ndarray, np.ndarray]:
+    place = "[speeds] uniform"
+    unit, low, high = _pair(form, place, ("min", "max"))
+    require(low <= high, f"{place}.max_{unit}", f"be at least min_{unit} = {low:g}", high)
     middle = np.array([(low + high) / 2])
     speeds = middle if form.count == 1 else np.linspace(low, high, form.count)
-    return speeds, np.full(form.count, 1 / form.count)
+    return unit, speeds, np.full(form.count, 1 / form.count)
 
 
-def _normal(form: Normal) -> tuple[np.ndarray, np.ndarray]:
+def _normal(form: Normal) -> tuple[str, np.ndarray, np.ndarray]:
+    unit, mean, deviation = _pair(form, "[speeds] normal", ("mean", "deviation"))
     steps = ((2 * np.arange(form.count) + 1) / form.count - 1) * _DEVIATIONS
     density = np.exp(-(steps**2) / 2)
-    return form.mean_px_per_s + form.deviation_px_per_s * steps, density / density.sum()
+    return unit, mean + deviation * steps, density / density.sum()
 
 
 def _listed(speeds: list[float], weights: list[float] | None) -> tuple[np.ndarray, np.ndarray]:
@@ -326,39 +348,39 @@ def _stage(section: StageSection) -> SecondOrderStage:
     return SecondOrderStage(bandwidth=section.bandwidth_hz, damping=section.damping)
 
 
-def _limits(section: LimitsSection, pitch: float | None) -> Limits:
+def _limits(section: LimitsSection, scales: Scales) -> Limits:
     shortest, longest = section.min_half_exposure_ms, section.max_half_exposure_ms
     requirement = f"be at least min_half_exposure_ms = {shortest:g}"
     require(longest >= shortest, "[limits] max_half_exposure_ms", requirement, longest)
+    turns = section.max_pan_deg_per_s is None or section.pans == "camera"
+    requirement = 'stand beside pans = "camera": a stage does not turn'
+    require(turns, "[limits] max_pan_deg_per_s", requirement, section.max_pan_deg_per_s)
+    stroke = _of_stage(section, "max_stroke", ("px", "mm"), scales)
+    top_speed = _of_stage(section, "max_top_speed", ("px_per_s", "mm_per_s"), scales)
+    subject, requirement = "[limits] max_stroke_mm", f"lie in {_STROKES[0]:g} to {_STROKES[1]:g} px"
+    require(_STROKES[0] <= stroke <= _STROKES[1], subject, requirement, stroke)  # type: ignore[operator]
+    unit, pan = told_in(section, "max_pan", ("px_per_s", "deg_per_s"), "[limits]")
+    if pan is not None:
+        pan *= scales.of_things(unit, f"[limits] max_pan_{unit}")
     return Limits(
-        max_stroke=section.max_stroke_px,
-        max_top_speed=section.max_top_speed_px_per_s,
+        max_stroke=stroke,  # type: ignore[arg-type]
+        max_top_speed=top_speed,  # type: ignore[arg-type]
         min_half_exposure=shortest / 1000,
         max_half_exposure=longest / 1000,
-        max_pan=section.max_pan_px_per_s,
-        max_travel=_in_px(section, "max_travel", ("px", "mm"), 1e3, pitch),
-        max_acceleration=_in_px(section, "max_acceleration", ("px_per_s2", "g"), _GRAVITY, pitch),
-        max_jerk=_in_px(section, "max_jerk", ("px_per_s3", "g_per_s"), _GRAVITY, pitch),
+        max_pan=pan,
+        max_travel=_of_stage(section, "max_travel", ("px", "mm"), scales),
+        max_acceleration=_of_stage(section, "max_acceleration", ("px_per_s2", "g"), scales),
+        max_jerk=_of_stage(section, "max_jerk", ("px_per_s3", "g_per_s"), scales),
         pans=section.pans,
     )
 
 
-def _in_px(
-    section: LimitsSection,
-    name: str,
-    units: tuple[str, str],
-    micrometres: float,
-    pitch: float | None,
+def _of_stage(
+    section: LimitsSection, name: str, units: tuple[str, str], scales: Scales
 ) -> float | None:
-    """A limit of the stage in px, given in these or in a unit of so many micrometres."""
-    own, other = (f"{name}_{unit}" for unit in units)
-    in_own, in_other = getattr(section, own), getattr(section, other)
-    if in_other is None:
-        return in_own
-    require(in_own is None, f"[limits] {other}", f"not stand beside {own}", in_own)
-    requirement = f"be given where {other} is"
-    require(pitch is not None, "[sensor] pixel_pitch_um", requirement, Unquoted("nothing"))
-    return in_other * micrometres / pitch  # type: ignore[operator]
+    """A limit of the stage in px, given in one of its units."""
+    unit, value = told_in(section, name, units, "[limits]")
+    return None if value is None else value * scales.of_stage(unit, f"[limits] {name}_{unit}")
 
 
 def _tolerances(section: TolerancesSection | None) -> Tolerances | None:
@@ -436,7 +458,7 @@ def _require_met(name: str, demand: Demand, key: str, velocity: float) -> None:
 
 
 def _picture(
-    section: PictureSection, folder: Path, photographs: Photographs | None
+    section: PictureSection, axis: Axis, folder: Path, photographs: Photographs | None
 ) -> Mapping[str, Any]:
     """Arguments of `Scene` that a photograph, or what stands for one, gives."""
     levels = {"mean_level": section.mean_level, "deviation": section.deviation}
@@ -451,9 +473,9 @@ def _picture(
     require(not given, f"[picture] {next(iter(given), '')}", "not stand beside path", section.path)
     coding = section.white, bool(section.linear)
     if photographs is not None:
-        return photographs(section.path, *coding)
+        return photographs(section.path, *coding, axis)
     place = str((folder / section.path).absolute()) if own else EXAMPLE_PICTURE
-    return picture_arguments(place, _picture_at(place, *coding), *coding)
+    return picture_arguments(place, _picture_at(place, *coding), *coding, axis)
 
 
 def scene_picture(scene: Scene) -> Picture:
@@ -474,7 +496,11 @@ def _picture_at(place: str, white: float | None, linear: bool) -> Picture:
 
 
 def picture_arguments(
-    place: str, picture: Picture, white: float | None = None, linear: bool = False
+    place: str,
+    picture: Picture,
+    white: float | None = None,
+    linear: bool = False,
+    axis: Axis = "rows",
 ) -> dict[str, Any]:
     """Arguments of `Scene` that a photograph gives.
 
@@ -483,6 +509,8 @@ def picture_arguments(
         picture: The photograph.
         white: The argument of `read_picture` that it was read with.
         linear: The argument of `read_picture` that it was read with.
+        axis: The axis of the scene, along which its spectrum is.
     """
-    spectrum = row_power_spectrum(picture, _NUM_FREQUENCIES)._asdict()
+    along = picture.turned() if axis == "columns" else picture
+    spectrum = row_power_spectrum(along, _NUM_FREQUENCIES)._asdict()
     return {"picture": place, "picture_white": white, "picture_linear": linear, **spectrum}

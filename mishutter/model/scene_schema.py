@@ -5,11 +5,14 @@ from typing import Annotated, Literal, final
 from pydantic import Field
 
 from mishutter._core import Section
+from mishutter.model.images import Axis
 from mishutter.model.optics import WIDEST_BLUR
 from mishutter.model.scene import DecoderSpeed
 
 Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
+ListOfSpeeds = Annotated[list[Speed], Field(min_length=1, max_length=1000)]
 PositiveSpeed = Annotated[float, Field(gt=0, le=1e7)]
+PhotonRate = Annotated[float, Field(gt=0, le=1e12)]
 Count = Annotated[int, Field(ge=1, le=1000)]
 Milliseconds = Annotated[float, Field(ge=1e-3, le=1e5)]
 LongestStroke = Annotated[float, Field(ge=1e-3, le=1e4)]
@@ -22,10 +25,16 @@ White = Annotated[float, Field(gt=0, le=1e9)]
 
 @final
 class Uniform(Section):
-    """Equally likely speeds at equal steps."""
+    """Equally likely speeds at equal steps, from one to another, both in one unit."""
 
-    min_px_per_s: Speed
-    max_px_per_s: Speed
+    min_px_per_s: Speed | None = None
+    max_px_per_s: Speed | None = None
+    min_mm_per_s: Speed | None = None
+    max_mm_per_s: Speed | None = None
+    min_m_per_s: Speed | None = None
+    max_m_per_s: Speed | None = None
+    min_deg_per_s: Speed | None = None
+    max_deg_per_s: Speed | None = None
     count: Count
 
 
@@ -33,35 +42,62 @@ class Uniform(Section):
 class Normal(Section):
     """Normally distributed speeds: centres of equal steps over three deviations, by density."""
 
-    mean_px_per_s: Speed
-    deviation_px_per_s: PositiveSpeed
+    mean_px_per_s: Speed | None = None
+    deviation_px_per_s: PositiveSpeed | None = None
+    mean_mm_per_s: Speed | None = None
+    deviation_mm_per_s: PositiveSpeed | None = None
+    mean_m_per_s: Speed | None = None
+    deviation_m_per_s: PositiveSpeed | None = None
+    mean_deg_per_s: Speed | None = None
+    deviation_deg_per_s: PositiveSpeed | None = None
     count: Count
 
 
 @final
 class Speeds(Section):
-    """How fast things move, in one of three forms."""
+    """How fast things move, in one of three forms: on the sensor, or as `[view]` shows them."""
 
     uniform: Uniform | None = None
     normal: Normal | None = None
-    list_px_per_s: Annotated[list[Speed], Field(min_length=1, max_length=1000)] | None = None
+    list_px_per_s: ListOfSpeeds | None = None
+    list_mm_per_s: ListOfSpeeds | None = None
+    list_m_per_s: ListOfSpeeds | None = None
+    list_deg_per_s: ListOfSpeeds | None = None
     weights: list[Share] | None = None
 
 
 @final
 class Light(Section):
-    """Photo-electrons a second at a white pixel."""
+    """Photo-electrons a second at a white pixel; those that fill it, and in which time; or lux."""
 
-    photon_rate_per_s: Annotated[float, Field(gt=0, le=1e12)]
+    photon_rate_per_s: PhotonRate | None = None
+    white_e: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    white_ms: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    illuminance_lux: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    f_number: Annotated[float, Field(ge=0.5, le=1000)] | None = None
+    quantum_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
+    lens_transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
+
+
+@final
+class ViewSection(Section):
+    """How large things are in the picture, for speeds in mm, m or degrees a second."""
+
+    magnification: Annotated[float, Field(ge=1e-9, le=1e4)] | None = None
+    distance_m: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    focal_length_mm: Annotated[float, Field(ge=0.01, le=1e6)] | None = None
+    px_per_mm: Annotated[float, Field(ge=1e-9, le=1e6)] | None = None
 
 
 @final
 class Sensor(Section):
-    """Noise of the sensor, and how many electrons a pixel holds."""
+    """Noise of the sensor, how many electrons a pixel holds, and which way things move."""
 
-    read_noise_e: Annotated[float, Field(ge=0, le=1e6)]
+    read_noise_e: Annotated[float, Field(ge=0, le=1e6)] | None = None
+    dynamic_range_db: Annotated[float, Field(ge=1, le=200)] | None = None
     full_well_e: Annotated[float, Field(gt=0, le=1e9)] | None = None
     pixel_pitch_um: Annotated[float, Field(ge=0.1, le=1000)] | None = None
+    axis: Axis = "rows"
 
 
 @final
@@ -108,10 +144,13 @@ class LimitsSection(Section):
     """The furthest that the mechanism and the exposure may reach."""
 
     max_stroke_px: LongestStroke = 200.0
+    max_stroke_mm: Annotated[float, Field(gt=0, le=1e3)] | None = None
     max_top_speed_px_per_s: TopSpeed = 1e5
+    max_top_speed_mm_per_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
     min_half_exposure_ms: Milliseconds = 0.1
     max_half_exposure_ms: Milliseconds = 500.0
     max_pan_px_per_s: Annotated[float, Field(ge=0, le=1e7)] | None = None
+    max_pan_deg_per_s: Annotated[float, Field(ge=0, le=1e6)] | None = None
     max_travel_px: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
     max_travel_mm: Annotated[float, Field(ge=1e-6, le=1e3)] | None = None
     max_acceleration_px_per_s2: Annotated[float, Field(gt=0, le=1e14)] | None = None
@@ -168,6 +207,7 @@ class SceneFile(Section):
     speeds: Speeds
     light: Light
     sensor: Sensor
+    view: ViewSection = ViewSection()
     shutter: ShutterSection | None = None
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()

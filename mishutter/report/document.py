@@ -101,9 +101,11 @@ def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
     from mishutter.report import plots
 
     slowest, typical = shown_speeds(report.scene)[0], pictured_speeds(report.scene)[0]
-    seen = layered_scene(scene_picture(report.scene), slowest, typical)
+    scene = report.scene
+    seen = layered_scene(scene_picture(scene), slowest, typical, scene.axis)
     few = {name: row for name, row in rows.items() if name in (*report.names[:1], *_SNAPSHOTS)}
-    return plots.plot_layers(seen, layered_captures(seen, report.scene, few))
+    captures = layered_captures(seen, scene.along_rows(), few)
+    return plots.plot_layers(seen, captures, axis=scene.axis)
 
 
 def _photograph_document(result: RestoredPhotograph) -> dict[str, Any]:
@@ -140,7 +142,9 @@ def write_report(report: Report, folder: Path) -> list[str]:
         figures["psnr.png"] = plots.plot_psnr(report.photographs.levels[ENSEMBLE], linear=True)
         seen = {name: report.photographs.shown[name] for name in few}
         speeds = pictured_speeds(report.scene)
-        figures["photograph.png"] = plots.plot_photograph(seen, speeds, linear=True)
+        figures["photograph.png"] = plots.plot_photograph(
+            seen, speeds, linear=True, axis=report.scene.axis
+        )
     if report.photographs is not None and report.design is not None:
         figures = {"layers.png": _layered(report, rows)} | figures
     if report.design is not None:

@@ -9,11 +9,13 @@ from mishutter.camera import Layer, Layers, fixed_key, simulate_capture
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    Axis,
     Picture,
     RectShutter,
     Scene,
     StillCamera,
     shipped_picture,
+    turned,
 )
 from mishutter.report.photographs import longest_kernel
 from mishutter.restore import blur_model, deconvolve
@@ -58,24 +60,29 @@ class LayeredScene(NamedTuple):
     truth: np.ndarray
 
 
-def layered_scene(picture: Picture, background_speed: float, object_speed: float) -> LayeredScene:
+def layered_scene(
+    picture: Picture, background_speed: float, object_speed: float, axis: Axis = "rows"
+) -> LayeredScene:
     """A photograph, and an oval cut from another that moves in front of its middle.
 
     Args:
         picture: The background; its middle is taken.
         background_speed: px/s.
         object_speed: px/s.
+        axis: The axis along which it moves; the layers are `turned` to move along their rows.
     """
-    height, width = picture.light.shape[:2]
+    whole = turned(picture.light, axis)
+    height, width = whole.shape[:2]
     top, left = max(0, (height - _ROWS) // 2), max(0, (width - _COLUMNS) // 2)
-    back = picture.light[top : top + _ROWS, left : left + _COLUMNS]
+    back = whole[top : top + _ROWS, left : left + _COLUMNS]
     size = (
         min(_HEIGHT, max(1, 3 * back.shape[0] // 4)),
         min(4 * _HEIGHT // 3, max(1, back.shape[1] // 2)),
     )
     cut = shipped_picture(_OBJECT)
     light = cut.luminance[..., None] if back.shape[2] == 1 else cut.light
-    light = light[40 : 40 + size[0], 155 : 155 + size[1]]
+    high, wide = size if axis == "rows" else size[::-1]
+    light = turned(light[40 : 40 + high, 155 : 155 + wide], axis)
     y, x = ((np.arange(n) + 0.5) / n * 2 - 1 for n in size)
     matte = np.clip((1 - np.hypot(y[:, None], x[None])) * min(size) / 2, 0, 1).astype(np.float32)
     place = {"left": (back.shape[1] - size[1]) // 2, "top": (back.shape[0] - size[0]) // 2}

@@ -6,7 +6,15 @@ from typing import NamedTuple
 import numpy as np
 
 from mishutter.camera import kernel_layout
-from mishutter.model import AbstractMotion, Picture, Scene, scene_picture
+from mishutter.model import (
+    AbstractMotion,
+    Axis,
+    Picture,
+    Scene,
+    pixels_along,
+    scene_picture,
+    turned,
+)
 from mishutter.restore import (
     AbstractDecoder,
     EnsembleDecoder,
@@ -24,7 +32,8 @@ ENSEMBLE = "ensemble"
 _ROUNDING = 1e-6
 """Of sums of weights."""
 _MAX_ROWS = 160
-"""Rows of the photograph that are captured: rows are blurred one by one."""
+"""Rows of the photograph that are captured, or columns of one that moves along these: each is
+blurred by itself."""
 
 
 class Photographs(NamedTuple):
@@ -66,12 +75,14 @@ def photograph_of(
     """
     if scene.picture is None:
         return None
-    picture = _middle_rows(scene_picture(scene))
+    picture = _middle_rows(scene_picture(scene), scene.axis)
     motions = [row.motion for row in rows.values()]
-    width, enough = picture.light.shape[1], least_columns(longest_kernel(scene, motions))
+    width = turned(picture.light, scene.axis).shape[1]
+    enough = least_columns(longest_kernel(scene, motions))
     if width >= enough:
         return picture
-    blur = f"{width} columns are too few to be restored from this blur; {enough} would do"
+    pixels = pixels_along(scene.axis)
+    blur = f"{width} {pixels} are too few to be restored from this blur; {enough} would do"
     note(f"{scene.picture}: {blur}.")
     return None
 
@@ -139,6 +150,8 @@ def longest_kernel(scene: Scene, motions: Iterable[AbstractMotion]) -> int:
     return max(kernel_layout(motion, *speeds, 0.0)[0] for motion in motions)
 
 
-def _middle_rows(picture: Picture) -> Picture:
-    first = max(0, (picture.light.shape[0] - _MAX_ROWS) // 2)
-    return Picture(light=picture.light[first : first + _MAX_ROWS], name=picture.name)
+def _middle_rows(picture: Picture, axis: Axis) -> Picture:
+    """The middle of a picture, as long as it is along the axis of motion."""
+    along = turned(picture.light, axis)
+    first = max(0, (along.shape[0] - _MAX_ROWS) // 2)
+    return Picture(light=turned(along[first : first + _MAX_ROWS], axis), name=picture.name)

@@ -29,10 +29,12 @@ from mishutter.hardware import DriveTable
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    Axis,
     Picture,
     Scene,
     profile_of,
     to_display,
+    turned,
 )
 from mishutter.report.layered import LayeredCapture, LayeredScene
 from mishutter.restore import RestoredPhotograph
@@ -57,8 +59,10 @@ _ONE_FILTER = (
 )
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
-_DARKEST_SHARE = 99
-"""Of the errors in a map, the percentile that is drawn black."""
+MAP_COLOURS = "cividis"
+"""Of maps: from dark to light in print and to every eye."""
+_BRIGHTEST_SHARE = 99
+"""Of the errors in a map, the percentile that is drawn brightest."""
 _DOTS_PER_INCH = 130
 _PNG = {"compress_level": 4}
 """Half of the time of the usual level, for files that are a hundredth larger."""
@@ -156,7 +160,7 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
         right.set_title(f"difference from the kernel at {velocity:.4g} px/s", fontsize="medium")
         right.axhline(0, color="0.4", linewidth=0.6)
         for axes, corner in ((left, "upper right"), (right, "lower right")):
-            axes.grid(True, color="0.88", linewidth=0.6)
+            draw_grid(axes)
             axes.legend(fontsize="small", loc=corner)
             axes.set_ylabel("light per px")
     place = "position from the point of alignment / px"
@@ -234,32 +238,35 @@ def _kind(linear: bool) -> str:
     return "linear light" if linear else "gamma put back"
 
 
-def plot_layers(seen: LayeredScene, captures: Mapping[str, LayeredCapture]) -> Figure:
+def plot_layers(
+    seen: LayeredScene, captures: Mapping[str, LayeredCapture], *, axis: Axis = "rows"
+) -> Figure:
     """A background and an object in front of it, captured and restored by each of several cameras.
 
     Args:
-        seen: The scene.
+        seen: The scene, which moves along its rows.
         captures: What `layered_captures` gave.
+        axis: The axis along which the picture shows it moving.
 
     Raises:
         ValueError: if there is nothing to show.
     """
     require(len(captures) > 0, "plot_layers(captures=...)", "hold a capture", 0)
-    rows, columns = seen.truth.shape[:2]
+    truth = turned(seen.truth, axis)
+    rows, columns = truth.shape[:2]
     height = _LAYERED_WIDTH * rows / columns + 1.1 * _TITLE
     across = 1 + len(captures)
     figure = Drawing(figsize=(across * _LAYERED_WIDTH, 2 * height), layout="constrained")
     panels = figure.subplots(2, across, squeeze=False)
     back, front = (layer.speed for layer in seen.layers.layers)
-    _show(panels[0, 0], seen.truth, f"the scene: {back:g} px/s behind,\n{front:g} px/s in front")
+    _show(panels[0, 0], truth, f"the scene: {back:g} px/s behind,\n{front:g} px/s in front")
     panels[1, 0].axis("off")
     panels[1, 0].text(0.5, 0.5, _ONE_FILTER, ha="center", va="center", fontsize="small")
     for (name, found), (top, bottom) in zip(captures.items(), panels.T[1:], strict=True):
-        _show(
-            top, found.captured, f"{shown_name(name, 30)}, {found.exposure * 1e3:.3g} ms,\ncaptured"
-        )
+        title = f"{shown_name(name, 30)}, {found.exposure * 1e3:.3g} ms,\ncaptured"
+        _show(top, turned(found.captured, axis), title)
         levels = f"behind {found.background_psnr:.1f} dB, in front {found.object_psnr:.1f} dB"
-        _show(bottom, found.restored, f"restored:\n{levels}")
+        _show(bottom, turned(found.restored, axis), f"restored:\n{levels}")
     return figure
 
 
@@ -269,40 +276,45 @@ def plot_photograph(
     *,
     detail: tuple[int, int] = _DETAIL,
     linear: bool = False,
+    axis: Axis = "rows",
 ) -> Figure:
     """A detail of a photograph, magnified: captured, restored, and its error; one row a design.
 
-    The detail is where the photograph varies most along its rows, in the middle half of the
-    columns that all designs recorded. Errors of all panels have one scale. A PSNR is that of the
+    The detail is where the photograph varies most along the axis of motion, in the middle half of
+    what all designs recorded of it. Errors of all panels have one scale. A PSNR is that of the
     whole photograph.
 
     Args:
         results: What `restore_photograph` gave for each design, of one photograph.
         speeds: The speeds to show, of each the nearest that was tried; px/s.
-        detail: Rows and columns of the detail; px.
+        detail: Extent of the detail across and along the axis; px.
         linear: Whether the PSNR and the errors are of linear light, not with gamma put back.
+        axis: The axis along which the photograph moves.
 
     Raises:
         ValueError: if there is nothing to show, or the photographs are not parts of one.
     """
     require(len(results) > 0, "plot_photograph(results=...)", "hold a result", 0)
     require(len(speeds) > 0, "plot_photograph(speeds=...)", "hold a speed", 0)
+    results = {name: result.turned(axis) for name, result in results.items()}
     scene = next(iter(results.values())).reference
     offsets = [_offset(scene, result.reference) for result in results.values()]
     place = _busiest(scene, list(results.values()), offsets, detail)
-    size = place[1].stop - place[1].start, place[0].stop - place[0].start
+    down, right = place if axis == "rows" else place[::-1]
+    size = right.stop - right.start, down.stop - down.start
     height = _CELL * min(1.0, size[1] / size[0])
     across = 3 * len(speeds)
-    top = min(2 * height, _CELL * (across - 2) * scene.shape[0] / scene.shape[1])
+    shown = turned(scene, axis)
+    top = min(2 * height, _CELL * (across - 2) * shown.shape[0] / shown.shape[1])
     heights = [top + _TITLE, *(height + _TITLE for _ in results)]
     figure = Drawing(figsize=(across * _CELL, sum(heights)), layout="constrained")
     grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
     whole = figure.add_subplot(grid[0, : across - 2])
-    _show(whole, scene, "the scene, at rest; the box is magnified")
-    corner = place[1].start - 0.5, place[0].start - 0.5
+    _show(whole, shown, "the scene, at rest; the box is magnified")
+    corner = right.start - 0.5, down.start - 0.5
     for colour, width in (("black", 3.0), ("white", 1.2)):
         whole.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colour, linewidth=width))
-    _show(figure.add_subplot(grid[0, -2]), scene[place], "the detail, at rest")
+    _show(figure.add_subplot(grid[0, -2]), shown[down, right], "the detail, at rest")
     maps = []
     for row, ((name, result), offset) in enumerate(zip(results.items(), offsets, strict=True), 1):
         own = place[0], slice(place[1].start - offset, place[1].stop - offset)
@@ -313,15 +325,16 @@ def plot_photograph(
             gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
             title = f"{shown_name(name, 26)}, captured\nat {result.speeds[index]:g} px/s"
-            _show(panels[0], captured[own] * gain, title)
-            _show(panels[1], restored, f"restored,\n{levels[index]:.2f} dB")
+            _show(panels[0], turned(captured[own], axis) * gain, title)
+            _show(panels[1], turned(restored, axis), f"restored,\n{levels[index]:.2f} dB")
             panels[2].set_title("error", fontsize="small", y=1.0)
-            maps.append((panels[2], _error(result.reference[own], restored, linear)))
-    darkest = float(np.percentile([error for _, error in maps], _DARKEST_SHARE)) or 1.0
+            error = _error(result.reference[own], restored, linear)
+            maps.append((panels[2], turned(error, axis)))
+    brightest = float(np.percentile([error for _, error in maps], _BRIGHTEST_SHARE)) or 1.0
     for axes, error in maps:
-        axes.imshow(error, cmap="gray_r", vmin=0, vmax=darkest)
+        axes.imshow(error, cmap=MAP_COLOURS, vmin=0, vmax=brightest)
         axes.axis("off")
-    _draw_key(figure.add_subplot(grid[0, -1]), darkest, linear)
+    _draw_key(figure.add_subplot(grid[0, -1]), brightest, linear)
     return figure
 
 
@@ -362,10 +375,10 @@ def _error(truth: np.ndarray, restored: np.ndarray, linear: bool) -> np.ndarray:
     return np.sqrt(np.mean((pair[1] - pair[0]) ** 2, axis=2))
 
 
-def _draw_key(axes: Axes, darkest: float, linear: bool) -> None:
+def _draw_key(axes: Axes, brightest: float, linear: bool) -> None:
     """The scale of maps of errors."""
-    extent = (0, darkest * 100, 0, 1)
-    axes.imshow(np.linspace(0, 1, 256)[None], cmap="gray_r", extent=extent, aspect="auto")
+    extent = (0, brightest * 100, 0, 1)
+    axes.imshow(np.linspace(0, 1, 256)[None], cmap=MAP_COLOURS, extent=extent, aspect="auto")
     axes.set_box_aspect(0.12)
     axes.set_yticks([])
     axes.tick_params(labelsize="small")
@@ -456,5 +469,11 @@ def _new(num_panels: int, *, height: float = 4.2, share: bool = False) -> tuple[
     figure = Drawing(figsize=(7.0, height * num_panels + 0.4), layout="constrained")
     panels = figure.subplots(num_panels, 1, squeeze=False, sharex=share)
     for axes in panels[:, 0]:
-        axes.grid(True, color="0.88", linewidth=0.6)
+        draw_grid(axes)
     return figure, list(panels[:, 0])
+
+
+def draw_grid(axes: Axes) -> None:
+    """Pale lines behind all that is drawn."""
+    axes.set_axisbelow(True)
+    axes.grid(True, color="0.88", linewidth=0.6)

@@ -1,6 +1,7 @@
 """Pictures of sweeps: maps over acceleration and exposure, and Pareto fronts.
 
-Grey values carry the maps, and markers and dashes the fronts, so that both survive a grey printout.
+Maps are in colours that rise from dark to light, and fronts differ in markers and dashes, so that
+both survive a grey printout.
 """
 
 import json
@@ -20,7 +21,14 @@ from matplotlib.ticker import MaxNLocator
 from mishutter._core import require, require_positive_int
 from mishutter.hardware import shutter_from_dict
 from mishutter.model import Scene, SplineShutter
-from mishutter.report.plots import Drawing, line_styles, save_figure, shown_name
+from mishutter.report.plots import (
+    MAP_COLOURS,
+    Drawing,
+    draw_grid,
+    line_styles,
+    save_figure,
+    shown_name,
+)
 from mishutter.sweeps import OBJECTIVES, OPTIMISED, gain_over_snapshot, pareto_front
 
 if TYPE_CHECKING:
@@ -65,10 +73,10 @@ def plot_map(
     """A metric over acceleration and exposure, with the optimum marked.
 
     Dashed lines join points of equal stroke, dotted ones points where the sensor gains as much
-    speed, $2aT$, within the decades below the largest that were reached. Of a gain the middle grey
-    is 0 dB, and a line runs there. Of several velocities each point has the best. Hatched is
-    outside the limits. A sensor that does not accelerate is left out, and so are rows and columns
-    that are wholly outside. A single row or column is a line of points.
+    speed, $2aT$, within the decades below the largest that were reached. Of a gain the colour in
+    the middle is 0 dB, and a line runs there. Of several velocities each point has the best.
+    Hatched is outside the limits. A sensor that does not accelerate is left out, and so are rows
+    and columns that are wholly outside. A single row or column is a line of points.
 
     Args:
         dataset: What `sweep` returned, of one scene and light.
@@ -126,13 +134,13 @@ def _values(
 def _draw_map(
     axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str, rival: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Grey values over acceleration and exposure; where on the axes each of them is."""
+    """Colours over acceleration and exposure; where on the axes each of them is."""
     _scale(axes.set_xscale, axes.xaxis, half)
     _scale(axes.set_yscale, axes.yaxis, a)
     x, y = _edges(half, axes.get_xscale()), _edges(a, axes.get_yscale())
     shown = np.ma.masked_invalid(values)
     norm = _about_zero(shown) if rival else None
-    picture = axes.pcolormesh(x, y, shown, cmap="gray", norm=norm, rasterized=True)
+    picture = axes.pcolormesh(x, y, shown, cmap=MAP_COLOURS, norm=norm, rasterized=True)
     axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
     _contours(axes, half, a, ~np.isnan(values))
     if rival:
@@ -144,7 +152,7 @@ def _draw_map(
 
 
 def _about_zero(values: np.ma.MaskedArray) -> Normalize:
-    """Greys of which the middle is 0, each half as long as values on its side need."""
+    """Colours of which the middle is 0, each half as long as values on its side need."""
     low, high = min(float(values.min()), 0.0), max(float(values.max()), 0.0)
     both = low < 0 < high
     return TwoSlopeNorm(0, low, high) if both else Normalize(low, high)
@@ -196,7 +204,7 @@ def _draw_line(
     if rival:
         axes.axhline(0, color="0.3", linestyle="dashed", label=_as_good(rival))
         axes.legend(fontsize="small")
-    axes.grid(True, color="0.88", linewidth=0.6)
+    draw_grid(axes)
     _scale(axes.set_xscale, axes.xaxis, x)
     at = f"{_EXPOSURE}, at $a$ = {a[0]:.4g} px/s²"
     axes.set(xlabel=at if row else f"{_ACCELERATION}, at $T$ = {half[0]:.4g} ms", ylabel=label)
@@ -331,7 +339,7 @@ def _draw_points(axes: Axes, dataset: "xarray.Dataset", objectives: tuple[str, s
     axes.axis(limits)
     xlabel, ylabel = (_label(dataset, objective) for objective in objectives)
     axes.set(xlabel=xlabel, ylabel=ylabel)
-    axes.grid(True, color="0.88", linewidth=0.6)
+    draw_grid(axes)
 
 
 def _spread(places: np.ndarray, count: int) -> list[int]:

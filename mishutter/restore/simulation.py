@@ -19,7 +19,7 @@ from mishutter.camera import (
     simulate_capture,
 )
 from mishutter.evaluation import PLANNED, Automatic, Plan
-from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene, require_scene
+from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene, require_scene, turned
 from mishutter.restore.decoders import (
     AbstractDecoder,
     EnsembleDecoder,
@@ -97,7 +97,7 @@ def capture_and_restore(
         border: As in `simulate_capture`, for a photograph.
         full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
         adc_bits: Bits of the converter; None for no rounding.
-        rows_at_once: How many rows, at most.
+        rows_at_once: How many rows, at most; of columns where the scene's things move along these.
         progress: Called with a sentence and the share done.
         plan: The argument of `simulate_capture` and of `deconvolve`.
 
@@ -107,17 +107,19 @@ def capture_and_restore(
     require_scene(scene)
     require_positive_int("capture_and_restore(rows_at_once=...)", rows_at_once)
     require_key("capture_and_restore(key=...)", key)
+    axis, scene = scene.axis, scene.along_rows()
     chosen = EnsembleDecoder() if decoder is None else decoder
     report = progress if progress is not None else lambda text, share: None
     options = {"speed": speed, "border": border, "plan": plan}
     options |= {"full_well": full_well, "adc_bits": adc_bits}
     whole = isinstance(subject, Layers | Frames)
-    if whole:
+    if isinstance(subject, Layers | Frames):
+        subject = subject if axis == "rows" else subject.turned()
         report("exposing", 0.0)
         exposed = simulate_capture(subject, scene, motion, shutter, key=key, **options)
         light = np.asarray(exposed)
     else:
-        light = as_light(subject, "capture_and_restore(subject=...)")
+        light = turned(as_light(subject, "capture_and_restore(subject=...)"), axis)
     model = blur_model(scene, motion, shutter, plan=plan)
     captured = restored = np.zeros((0, 0, 1))
     num_rows = light.shape[0]
@@ -146,7 +148,7 @@ def capture_and_restore(
         found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
         restored[first:past] = found[above : above + past - first]
     report("done", 1.0)
-    return Simulation.of(captured, restored, estimate)
+    return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)
 
 
 def _mirrored_portions(num_rows: int, at_once: int) -> list[int]:

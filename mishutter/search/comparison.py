@@ -110,6 +110,7 @@ class Row:
         turns: Whether turning the camera makes the pan, and not the stage.
         speed: What the decoder that judges it knows of the speed, as `Scene.decoder_speed`.
         num_frames: Frames of the motion's exposure that are added up; 1 of all but a burst.
+        at_worst: Whether it is judged at the worst speed, and not by the mean over speeds.
     """
 
     reading: str
@@ -121,6 +122,7 @@ class Row:
     turns: bool = False
     speed: DecoderSpeed = "unknown"
     num_frames: int = 1
+    at_worst: bool = False
 
     def __repr__(self) -> str:
         """Name and level, of which the table has the rest."""
@@ -142,14 +144,18 @@ class Row:
     def level(self) -> float:
         """Expected PSNR that it is judged by: within the tolerances of a scene with any; dB.
 
-        That of a decoder which knows of the speed is of a camera as designed.
+        That of a decoder which knows of the speed, and that at the worst speed, is of a camera as
+        designed.
         """
         within = self.metrics.toleranced_psnr
-        return self.psnr if within is None or self.speed != "unknown" else float(within)
+        is_mean = self.speed == "unknown" and not self.at_worst
+        return float(within) if is_mean and within is not None else self.psnr
 
     @property
     def psnr(self) -> float:
         """Expected PSNR of the camera as designed, by the decoder that it is judged by; dB."""
+        if self.at_worst:
+            return float(self.metrics.worst_speed_psnr)
         return float(self.metrics.psnr_of(self.speed))
 
 
@@ -283,8 +289,9 @@ def compare(
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
 
-    Every row is judged by the decoder that the scene names, and by `KnownSpeedLoss` or
-    `FoundSpeedLoss` by one that is told the speed of the picture or finds it.
+    Every row is judged by the decoder that the scene names, by `KnownSpeedLoss` or
+    `FoundSpeedLoss` by one that is told the speed of the picture or finds it, and by
+    `WorstSpeedLoss` at the worst of the speeds.
 
     *Own best motion*: exposure, velocity and acceleration, none included, tuned for each by the
     same loss within the scene's limits, from `motion` or from the motion of a `Design`; a
@@ -362,13 +369,14 @@ def compare(
     ]
     at_best = {}
     speed = loss.decoder_speed or scene.decoder_speed
+    judged = partial(replace, speed=speed, at_worst=loss.of_worst_speed)
     found = in_threads(lambda search: search(), searches, num_processors(), first_alone=False)
     for some in filter(None, found):
         step(some[0].name)
-        some = [row if row.name == BEST_BURST else replace(row, speed=speed) for row in some]
+        some = [row if row.name == BEST_BURST else judged(row) for row in some]
         at_best |= {row.name: row for row in some}
     names = [name for name in (*fixed, *_RIVALS) if name in at_best]
-    rows = [replace(row, speed=speed) for row in rows]
+    rows = [judged(row) for row in rows]
     return _with_verdict([at_best[name] for name in names] + rows, given, scene)
 
 
@@ -603,11 +611,12 @@ def _verdict(rows: Sequence[Row], given: Row | None, snapshot: Row, most: float)
     """
     chosen = _to_build(rows, given, snapshot)
     beside = _beside(rows, chosen, given)
+    at_worst = " at the worst speed" if chosen.at_worst else ""
     if chosen.name in _SNAPSHOTS:
         return [
             "Do not build a coded camera for this scene: nothing beats a snapshot by "
             f"{_WORTH_IT} dB.",
-            f"Use an ordinary shutter: {_how(chosen.motion)}, {_level(chosen):.2f} dB. "
+            f"Use an ordinary shutter: {_how(chosen.motion)}, {_level(chosen):.2f} dB{at_worst}. "
             f"Ceiling: {most:.2f} dB.",
             *beside,
         ]
@@ -619,7 +628,7 @@ def _verdict(rows: Sequence[Row], given: Row | None, snapshot: Row, most: float)
         ]
     below = max(most - _level(chosen), 0.0)
     return [
-        f"Build {chosen.name}: {_level(chosen):.2f} dB, {_lead(chosen, snapshot):.2f} dB "
+        f"Build {chosen.name}: {_level(chosen):.2f} dB{at_worst}, {_lead(chosen, snapshot):.2f} dB "
         f"above the {snapshot.name}.",
         f"It is {below:.2f} dB below what any path and any shutter could reach ({most:.2f} dB).",
         *beside,
@@ -780,7 +789,7 @@ def _milliseconds(motion: AbstractMotion) -> str:
 
 
 _HEADER = (
-    f"{'shutter':<21}{'PSNR dB':>9}{'cond.':>8}{'diff.':>8}{'rel.':>7}"
+    f"{'shutter':<21}{'PSNR dB':>9}{'worst speed':>13}{'cond.':>8}{'diff.':>8}{'rel.':>7}"
     f"{'light':>7}{'bound':>7}{'stroke px':>11}{'pan px/s':>10}{'exposure ms':>13}{'loss':>9}"
 )
 _WITHIN = f"{'within dB':>11}"
@@ -792,7 +801,7 @@ def _line(row: Row) -> str:
     loss = "" if row.loss is None else f"{row.loss:.4f}"
     within = "" if m.toleranced_psnr is None else f"{float(m.toleranced_psnr):>11.2f}"
     return (
-        f"{row.name:<21}{row.psnr:>9.2f}{float(m.condition_number):>8.2f}"
+        f"{row.name:<21}{row.psnr:>9.2f}{float(m.worst_speed_psnr):>13.2f}{float(m.condition_number):>8.2f}"
         f"{float(m.kernel_difference):>8.4f}{float(m.relative_kernel_difference):>7.3f}"
         f"{float(m.efficiency):>7.3f}{float(m.bound_share):>7.3f}"
         f"{float(row.motion.stroke):>11.2f}{float(row.motion.velocity) + 0.0:>10.1f}"

@@ -101,6 +101,14 @@ def plan(
 
     Raises:
         ValueError: if `free` names what cannot move.
+
+    Examples:
+        >>> from mishutter import HannShutter, Limits, ParabolicMotion, Scene, plan
+        >>> limits = Limits(max_stroke=20, max_half_exposure=0.02)
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5, limits=limits)
+        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+        >>> print(" ".join(str(plan(scene, motion, HannShutter())).splitlines()[1].split()[:6]))
+        speeds 9 5 4 mirrored: a
     """
     require_known("plan", motion=motion)
     names = (free,) if isinstance(free, str) else tuple(free)

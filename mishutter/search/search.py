@@ -240,6 +240,14 @@ def optimise(
             JAX traces the scene, the motion or the shutter.
         NonFiniteLossError: if the loss or its gradient is not finite.
         SearchFailedError: if `throw` and the search did not converge.
+
+    Examples:
+        >>> from mishutter import Limits, Scene, TukeyShutter, optimise
+        >>> limits = Limits(max_stroke=20, max_half_exposure=0.02)
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5, limits=limits)
+        >>> design = optimise(scene, shutter=TukeyShutter(0.5))
+        >>> print(f"taper {design.shutter.taper:.2f}, {design.metrics.expected_psnr:.2f} dB")
+        taper 0.78, 29.09 dB
     """
     require_scene(scene)
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)

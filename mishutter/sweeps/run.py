@@ -110,6 +110,17 @@ def sweep(
         ValueError: if an argument is out of its range, `store` holds something else, or
             no scheduler answers.
         OSError: if the store cannot be written.
+
+    Examples:
+        >>> from mishutter import HannShutter, Limits, RectShutter, Scene, sweep
+        >>> limits = Limits(max_stroke=20, max_half_exposure=0.02)
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5, limits=limits)
+        >>> shutters = {"rect": RectShutter(), "Hann": HannShutter()}
+        >>> ranges = {"accelerations": [1e5, 2e5], "half_exposures": [5e-3, 1e-2]}
+        >>> found = sweep(scene, **ranges, shutters=shutters)
+        >>> best = found.expected_psnr.max(["acceleration", "half_exposure"])
+        >>> print(dict(zip(best.shutter.values.tolist(), best.values.round(2).tolist())))
+        {'rect': 28.09, 'Hann': 28.77}
     """
     grid = _grid(
         scenes,

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from importlib.metadata import version
+from platform import python_version
 
 import equinox as eqx
 import jax
@@ -92,7 +93,11 @@ USAGE = {
     "speed-as-text": (["simulate", "--speed", "x"], "`--speed` must be a number; got 'x'"),
     "unknown-loss": (
         ["optimise", "--loss", "beauty"],
-        "'known-speed', 'found-speed', 'design'; got 'beauty'",
+        "'known-speed', 'found-speed', 'worst-speed', 'design'; got 'beauty'",
+    ),
+    "loss-of-no-search": (
+        ["sweep", "--loss", "worst-speed"],
+        "`--loss` must stand beside --optimise; got 'worst-speed' alone",
     ),
     "unknown-freedom": (
         ["optimise", "--free", "price"],
@@ -402,9 +407,36 @@ COMMANDS = ("example", "optimise", "compare", "plan", "simulate", "sweep", "repr
 
 
 def test_the_version_is_shown(capsys):
-    """`--version` says which one is installed."""
+    """`--version` says which one is installed, and the versions of what computes."""
     assert cli.main(["--version"]) == 0
-    assert capsys.readouterr().out == f"mishutter {version('mishutter')}\n"
+    names = ", ".join(f"{name} {version(name)}" for name in ("mishutter", "jax", "jaxlib"))
+    assert capsys.readouterr().out == f"{names}, Python {python_version()}\n"
+
+
+@pytest.mark.parametrize("command", ["optimise", "compare", "simulate", "sweep", "plan", "fit"])
+def test_help_lists_options_by_what_they_are_for(command, capsys):
+    """No option but `--help` is without a group; commands stand in groups too."""
+    assert cli.main([command, "--help"]) == 0
+    shown = capsys.readouterr().out
+    ungrouped = shown.partition("\nOptions:\n")[2].split()
+    assert [word for word in ungrouped if word.startswith("--")] == ["--help"]
+    assert cli.main(["--help"]) == 0
+    groups = re.findall(r"^(\w+):$", capsys.readouterr().out, re.MULTILINE)
+    assert groups == ["Options", "Design", "See", "Build", "Begin"]
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [("mishutter opt", "optimise"), ("mishutter optimise --loss w", "worst-speed")],
+)
+def test_a_shell_completes_commands_and_values(words, found, monkeypatch, capsys):
+    """As bash asks for it; names of losses among them."""
+    monkeypatch.setenv("_MISHUTTER_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    with pytest.raises(SystemExit, match="0"):
+        cli.main([])
+    assert capsys.readouterr().out.split() == [found]
 
 
 @pytest.mark.slow

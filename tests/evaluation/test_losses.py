@@ -25,6 +25,7 @@ from mishutter import (
     StillCamera,
     Tolerances,
     TukeyShutter,
+    WorstSpeedLoss,
     blur_kernel,
     condition_number,
     evaluate,
@@ -33,14 +34,17 @@ from mishutter import (
 )
 from mishutter.evaluation import losses
 from mishutter.evaluation.losses import smooth_condition_number
-from mishutter.evaluation.needs import PLANNED
-from mishutter.evaluation.response import folded
+from mishutter.evaluation.metrics import expected_squared_error, squared_errors_by_speed
+from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED
+from mishutter.evaluation.response import folded, respond
+from mishutter.evaluation.sensor_view import sampled_view
 
 LOSSES = {
     "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),
     "expected_error": ExpectedErrorLoss(),
     "known_speed": KnownSpeedLoss(),
     "found_speed": FoundSpeedLoss(0.7),
+    "worst_speed": WorstSpeedLoss(),
 }
 
 
@@ -107,6 +111,26 @@ def test_a_decoder_that_finds_the_speed_keeps_a_share_of_what_being_told_brings(
         assert loss == pytest.approx(10 ** (-level / 20) / 0.17, rel=1e-12)
     with pytest.raises(ValueError, match=r"must be from 0 to 1; got 1\.2"):
         FoundSpeedLoss(1.2)
+
+
+@pytest.mark.parametrize("tolerances", [None, Tolerances(acceleration=0.04, speed=60.0)])
+def test_errors_of_speeds_have_the_expected_error_for_a_mean(tolerances):
+    """By the scene's weights; the worst of those that occur is the loss, smoothed from above."""
+    light = {"photon_rate": 2e5, "read_noise": 4.0, "deviation": 0.17}
+    speeds, weights = [-700.0, 250.0, 1900.0, 9000.0], [3.0, 2.0, 1.0, 0.0]
+    scene = Scene(speeds, weights, **light, tolerances=tolerances)
+    view = sampled_view(scene, MOTION, TukeyShutter(0.6), None, ONLY_SPECTRA)
+    parts = view.scene, view.motion, respond(view)
+    errors = squared_errors_by_speed(*parts)
+    mean = float(jnp.sum(view.scene.weights * errors))
+    assert mean == pytest.approx(float(expected_squared_error(*parts)), rel=1e-12)
+    worst = float(jnp.max(errors[:3]))
+    assert float(errors[3]) > worst
+    loss = float(WorstSpeedLoss()(scene, MOTION, TukeyShutter(0.6)))
+    assert 1 - 1e-9 <= loss / (worst**0.5 / 0.17) <= 3 ** (1 / 2000)
+    if tolerances is None:
+        level = float(evaluate(scene, MOTION, TukeyShutter(0.6)).worst_speed_psnr)
+        assert level == pytest.approx(-10 * np.log10(worst), abs=1e-9)
 
 
 def test_a_spectral_zero_counts_as_the_working_precision():

@@ -5,6 +5,7 @@ import io
 import json
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ from mishutter import (
     ChippedShutter,
     HannShutter,
     ParabolicMotion,
+    RectShutter,
     SecondOrderStage,
+    StillCamera,
     compare,
     evaluate,
     optimise,
@@ -29,6 +32,7 @@ from mishutter.search.space import beyond_limits
 TABLES = tomllib.loads(SMALL_SCENE.replace('path = "photo.png"', "mean_level = 0.23"))
 del TABLES["motion"]
 ROWS = ("optimised", "best snapshot")
+PARABOLA = ParabolicMotion(acceleration=45 / 0.015**2, half_exposure=0.015)
 DRAWN = [round(0.2 + 0.6 * (chip % 5) / 4, 3) for chip in range(sessions.NUM_CHIPS)]
 
 
@@ -55,6 +59,28 @@ def library_scene(light=2.3e5):
 
 def parts(session, asked):
     return {part["kind"]: part for part in session.rest(asked, lambda: None)}
+
+
+def test_a_scene_may_be_in_units_of_ones_own():
+    """The page begins at half of its largest speed, and scenes beside it are in its units too."""
+    units = {
+        "speeds": {"uniform": {"min_mm_per_s": -1.0, "max_mm_per_s": 1.0, "count": 5}},
+        "view": {"px_per_mm": 800.0},
+        "light": {"white_e": 900.0, "white_ms": 5.0},
+        "sensor": {"read_noise_e": 4.0, "pixel_pitch_um": 5.0, "axis": "columns"},
+        "limits": {"max_stroke_mm": 0.1},
+    }
+    assert sessions.Beginning(units, {}).speed == 400
+    beside = [sessions.built(tables, {}) for tables in sessions._around(units) if tables]
+    strokes, rates, fastest = (
+        {round(float(number), 6) for number in numbers}
+        for numbers in (
+            [scene.limits.max_stroke for scene in beside],
+            [scene.photon_rate for scene in beside],
+            [scene.speeds[-1] for scene in beside],
+        )
+    )
+    assert (strokes, rates, fastest) == ({20, 40, 10}, {1.8e5, 1.836e5}, {800, 720})
 
 
 @pytest.mark.slow
@@ -138,6 +164,27 @@ def test_a_photograph_is_captured_and_restored(started):
     sizes = {opened(each[k]).size for each in shown["designs"] for k in ("captured", "restored")}
     assert sizes == {opened(shown["reference"]).size}
     assert all(10 < each["psnr"] < 60 for each in shown["designs"])
+    assert [each["found"] for each in shown["designs"]] == [None, None]
+
+
+@pytest.mark.slow
+def test_the_speed_that_is_found_stands_beside_the_picture():
+    """With its error, where the scene's decoder finds it; of a blur too short, with the doubt."""
+    begun = sessions.beginning(None)
+    taken = begun.photographs["example"](None, False)
+    scene = sessions.built(begun.tables | {"decoder": {"speed": "found"}}, begun.photographs)
+    rows = {
+        name: SimpleNamespace(motion=motion, shutter=RectShutter())
+        for name, motion in (("snapshot", StillCamera(half_exposure=0.001)), ("open", PARABOLA))
+    }
+    shown = pictures.restored(taken, scene, rows, 2960.0, lambda: None)["designs"]
+    short, told = (each["found"] for each in shown)
+    assert not short["trusted"]
+    assert short["doubt"] == "The blur is too short at all speeds to tell one."
+    assert told["trusted"]
+    assert told["doubt"] == ""
+    assert abs(told["speed"] - 2960) < 3 * told["error"] < 250
+    assert shown[1]["psnr"] > shown[0]["psnr"] + 1
 
 
 def opened(text):

@@ -233,7 +233,7 @@ def test_stages_have_units(tmp_path):
     assert built_in.max_jerk is None
     text = edited("max_travel_mm", "max_travel_mm = 0.5\nmax_jerk_g_per_s = 900")
     text = text.replace("max_acceleration_g = 0.8", "max_acceleration_g = 0.4")
-    with pytest.raises(ValueError, match=r"`\[sensor\] pixel_pitch_um` must be given where max_tr"):
+    with pytest.raises(ValueError, match=r"`\[sensor\] pixel_pitch_um` must be given where \[lim"):
         read_scene(written(tmp_path, text.replace("pixel_pitch_um = 3.45\n", "")))
     limits = read_scene(written(tmp_path, text)).limits
     assert float(limits.max_travel) == pytest.approx(500 / 3.45, rel=1e-14)

@@ -72,8 +72,9 @@ def test_a_condition_says_of_which_row_it_is(report, capsys):
     assert f", of {BEST_SNAPSHOT} at phase " in note
 
 
-def test_numbers_stand_under_their_columns(report, capsys):
+def test_numbers_stand_under_their_columns(report, capsys, monkeypatch):
     """The gain is over the snapshot's row, and the exposure is the whole of it."""
+    monkeypatch.setenv("COLUMNS", "100")
     print_report(report)
     lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     names = [cells for cells in lines if cells[0] == "shutter"]
@@ -86,6 +87,7 @@ def test_numbers_stand_under_their_columns(report, capsys):
         "shutter": "Hann",
         "PSNR dB": f"{m.expected_psnr:.2f}",
         "gain dB": f"{m.expected_psnr - snapshot.expected_psnr:+.2f}",
+        "worst speed": f"{m.worst_speed_psnr:.2f}",
         "light": "0.500",
         "stroke px": "22.0",
         "pan px/s": "0",
@@ -94,7 +96,8 @@ def test_numbers_stand_under_their_columns(report, capsys):
     assert same == best
     tukey = report.comparison.row(BEST_TUKEY).metrics
     gain = tukey.expected_psnr - snapshot.expected_psnr
-    assert bought[1:] == [f"{tukey.expected_psnr:.2f}", f"{gain:+.2f}", "22.0", "0", "20.00"]
+    levels = [f"{tukey.expected_psnr:.2f}", f"{gain:+.2f}", f"{tukey.worst_speed_psnr:.2f}"]
+    assert bought[1:] == [*levels, "22.0", "0", "20.00"]
     assert kernels == {
         "shutter": "Hann",
         "condition": f"{m.condition_number:.2f}",
@@ -142,7 +145,8 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
     assert lines.index(notes[0]) in range(purchases, same)
     for titles in (range(own_best, purchases), range(purchases, same), range(same, kernels)):
         assert sum(lines[index].startswith("───") for index in titles) == 1
-    columns = ["PSNR dB", "gain dB", "light", "stroke px", "pan px/s", "open ms", "ceiling"]
+    columns = ["PSNR dB", "gain dB", "worst speed", "light"]
+    columns += ["stroke px", "pan px/s", "open ms", "ceiling"]
     first_words = [line.split("  ")[0] for line in lines[own_best:purchases]]
     after = len(first_words) - first_words[::-1].index("ceiling")
     assert first_words[after - len(columns) : after] == columns
@@ -161,8 +165,10 @@ def test_what_a_photograph_showed(report):
 def test_a_high_photograph_is_cut_to_its_middle():
     """As many rows above as below are left out."""
     light = np.tile(np.arange(200.0)[:, None, None] / 200, (1, 9, 1))
-    assert np.array_equal(_middle_rows(Picture(light)).light, light[20:180])
-    assert np.array_equal(_middle_rows(Picture(light[:7])).light, light[:7])
+    assert np.array_equal(_middle_rows(Picture(light), "rows").light, light[20:180])
+    assert np.array_equal(_middle_rows(Picture(light[:7]), "rows").light, light[:7])
+    turned = Picture(light).turned()
+    assert np.array_equal(_middle_rows(turned, "columns").light, turned.light[:, 20:180])
 
 
 def _rivals(report, levels, velocity=0.0):

@@ -247,7 +247,7 @@ def test_lines_of_a_map_are_where_they_say():
 
 
 def test_a_gain_is_told_from_a_loss():
-    """The middle grey is 0 dB, all gains are lighter, all losses darker, and a line parts them."""
+    """The middle is 0 dB, all gains are lighter, all losses darker, and a line parts them."""
     figure = sweep_plots.plot_map(swept(), "gain", shutter="rect")
     axes, bar = figure.axes
     mesh = axes.collections[0]
@@ -271,7 +271,7 @@ def test_a_gain_is_told_from_a_loss():
 
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_a_gain_that_is_0_nowhere_has_no_line(sign):
-    """Where all of it is a loss, or a gain, the greys still end at 0."""
+    """Where all of it is a loss, or a gain, the colours still end at 0."""
     changed = swept().assign(gain=(sign * (1 + abs(swept().gain))).assign_attrs(swept().gain.attrs))
     figure = sweep_plots.plot_map(changed, "gain", shutter="rect")
     assert not figure.legends

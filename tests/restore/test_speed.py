@@ -123,10 +123,11 @@ def test_two_speeds_are_noticed():
     np.testing.assert_allclose(speeds, [800, 2960], atol=100)
 
 
-def test_a_speed_beyond_those_of_the_scene_is_not_trusted():
-    """Speeds a tenth of the range beyond are tried, so that those further out end there."""
+@pytest.mark.parametrize("speed", [5800.0, 7500.0, -9000.0])
+def test_a_speed_beyond_those_of_the_scene_is_not_trusted(speed):
+    """Speeds a tenth of the range beyond are tried; those further out fit none of them."""
     given = scene(), camera(), OPEN
-    assert not ms.estimate_speed(capture(grey(), *given, 5800.0), *given).trusted
+    assert not ms.estimate_speed(capture(grey(), *given, speed), *given).trusted
 
 
 def test_one_speed_needs_no_finding():

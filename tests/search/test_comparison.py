@@ -22,6 +22,7 @@ from mishutter import (
     Scene,
     StillCamera,
     TukeyShutter,
+    WorstSpeedLoss,
     ceiling,
     compare,
     evaluate,
@@ -269,6 +270,39 @@ def test_a_decoder_that_finds_the_speed_needs_no_shutter_where_an_open_one_is_as
         assert (words in _with_verdict(rows, {}, SCENE).verdict) == bool(is_said)
 
 
+def test_rows_are_judged_at_the_worst_speed_where_the_loss_is():
+    """Level, gain and verdict are of it, whatever the means are, and the verdict says so."""
+    means = {"a": 24.0, BEST_SNAPSHOT: 24.5}
+    worst = {"a": 23.0, BEST_SNAPSHOT: 21.0}
+    rows = [
+        replace(
+            row,
+            at_worst=True,
+            metrics=replace(row.metrics, worst_speed_psnr=jnp.asarray(worst[row.name])),
+        )
+        for row in made_up(means)
+    ]
+    found = _with_verdict(rows, {"a": HannShutter()}, SCENE)
+    line = "Build a: 23.00 dB at the worst speed, 2.00 dB above the best snapshot."
+    assert found.verdict.splitlines()[0] == line
+    assert found.gain == 2.0
+
+
+@pytest.mark.slow
+def test_a_search_for_the_worst_speed_is_better_there_and_worse_in_the_mean():
+    """Than one for the mean; a comparison judges every row by it, below the ceiling."""
+    loss = WorstSpeedLoss()
+    for_worst, for_mean = (optimise(SCENE, loss=x, num_starts=6) for x in (loss, None))
+    worst, mean = (for_worst.metrics, for_mean.metrics)
+    assert float(worst.worst_speed_psnr) > float(mean.worst_speed_psnr)
+    assert float(worst.expected_psnr) < float(mean.expected_psnr)
+    found = compare(SCENE, for_worst, loss=loss)
+    levels = [float(row.metrics.worst_speed_psnr) for row in found.rows]
+    assert [row.level for row in found.rows] == levels
+    assert max(levels) <= found.ceiling
+    assert found.row("optimised").level >= max(row.level for row in found.rows[:3]) - 1e-3
+
+
 def test_gains_are_over_the_best_snapshot_that_is_allowed():
     """One that pans, where that is better: in the verdict, the table and the document alike."""
     levels = {"a": 24.0, BEST_SNAPSHOT: 21.0, BEST_PANNED_SNAPSHOT: 23.0}
@@ -307,11 +341,12 @@ def test_the_table_as_text():
     numbers = (m.condition_number, m.kernel_difference, m.relative_kernel_difference)
     shares = (m.efficiency, m.bound_share)
     assert reading == OWN_BEST_MOTION
-    assert header.split() == (
-        "shutter PSNR dB cond. diff. rel. light bound stroke px pan px/s exposure ms loss".split()
-    )
+    names = "PSNR dB worst speed cond. diff. rel. light bound stroke px pan px/s exposure ms loss"
+    assert header.split() == ["shutter", *names.split()]
     cells = [float(cell) for cell in line.split()[1:]]
-    np.testing.assert_allclose(cells, [21.5, *numbers, *shares, 22, 0, 20, 0.25], atol=6e-3)
+    np.testing.assert_allclose(
+        cells, [21.5, m.worst_speed_psnr, *numbers, *shares, 22, 0, 20, 0.25], atol=6e-3
+    )
 
 
 def test_a_comparison_prints_its_table():

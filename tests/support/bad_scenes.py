@@ -17,7 +17,7 @@ LINES = {
     "light-as-text": (_RATE, f'{_RATE} = "3"', "must be a number; got '3'"),
     "light-as-truth": (_RATE, f"{_RATE} = true", "must be a number; got True"),
     "light-as-date": (_RATE, f"{_RATE} = 2020-01-01", "must be a number; got datetime.date"),
-    "light-missing": (_RATE, "", "`[light] photon_rate_per_s` must be given; got nothing"),
+    "light-missing": (_RATE, "", "`[light] photon_rate_per_s` must be given, or white_e"),
     "light-without-unit": (
         _RATE,
         "photon_rate = 3e4",

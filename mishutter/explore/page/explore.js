@@ -45,7 +45,7 @@ function hello(message) {
   state.scene = kept?.scene ?? message.scene;
   state.drawn = kept?.drawn ?? null;
   state.rows = (kept?.rows ?? [OPTIMISED, "best snapshot"]).filter((name) => !gone.includes(name));
-  state.speed = kept?.speed ?? typicalSpeed();
+  state.speed = kept?.speed ?? message.speed;
   $("speed").value = state.speed;
   undo = kept?.undo ?? [];
   lose([...gone, ...withoutPhotograph()]);
@@ -104,12 +104,6 @@ function takeBack() {
   $("undo").disabled = undo.length === 0;
   $("clear").disabled = state.drawn === null;
   showFields(); remember(); ask();
-}
-
-function typicalSpeed() {
-  const u = state.scene.speeds?.uniform;
-  if (u) return Math.round(Math.max(Math.abs(u.min_px_per_s), Math.abs(u.max_px_per_s)) / 2);
-  return Math.round(Math.max(0, ...(state.scene.speeds?.list_px_per_s ?? [0]).map(Math.abs)) / 2);
 }
 
 // At most one request a frame; the server answers the latest.
@@ -524,11 +518,18 @@ function showPins() {
 
 // ---------- photographs
 
+// The speed that was found in a capture: with its error where it is trusted, with the doubt where it is not.
+function speedFound(found) {
+  if (!found) return "";
+  const speed = `${rounded(found.speed, 0)} ± ${rounded(found.error, 0)} px/s`;
+  return found.trusted ? `; speed found: ${speed}` : `; speed in doubt, ${speed}: ${found.doubt}`;
+}
+
 async function photograph(message) {
   const pictures = [{ title: `the scene, at rest`, data: message.reference }];
   for (const d of message.designs) {
     pictures.push({ title: `${d.name}, captured at ${message.speed} px/s, brightened`, data: d.captured });
-    pictures.push({ title: `${d.name}, restored: ${decibel(d.psnr)}, linear light`, data: d.restored });
+    pictures.push({ title: `${d.name}, restored: ${decibel(d.psnr)}, linear light${speedFound(d.found)}`, data: d.restored });
   }
   const images = await Promise.all(pictures.map(({ data }) => new Promise((resolve) => {
     const image = new Image();

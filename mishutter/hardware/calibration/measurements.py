@@ -4,7 +4,7 @@ import io
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, final
+from typing import Annotated, Literal, NamedTuple, final, get_args
 
 import numpy as np
 from pydantic import Field
@@ -23,6 +23,7 @@ from mishutter._core import (
 )
 from mishutter.hardware.trace_files import read_trace
 from mishutter.hardware.traces import Trace
+from mishutter.model import Axis, pixels_along, turned
 
 TARGETS = ("point", "edge")
 END = 4
@@ -65,13 +66,15 @@ class SensorLevels:
 
 @dataclass(frozen=True)
 class TargetPicture:
-    """A picture of a point light or of an upright edge that moves along the rows.
+    """A picture of a point light or of an edge across the axis along which it moves.
 
     Attributes:
         levels: Rows of the picture, which show the same; `(rows, columns)` or `(columns,)`.
+            Where it moves along the columns, these are exchanged for the rows.
         target: `"point"` or `"edge"`.
         speed: Speed of the target, px/s; None for an unknown one, which all such pictures share.
         name: Name in errors and pictures.
+        axis: `"rows"`, or `"columns"` of a target that moves down or up the picture.
         is_rounded: Whether all levels are whole numbers.
     """
 
@@ -79,6 +82,7 @@ class TargetPicture:
     target: str = "point"
     speed: float | None = 0.0
     name: str = "TargetPicture(levels=...)"
+    axis: Axis = "rows"
     is_rounded: bool = field(init=False)
 
     def __post_init__(self) -> None:
@@ -89,8 +93,11 @@ class TargetPicture:
             self.target in TARGETS, "TargetPicture(target=...)", "be point or edge", self.target
         )
         require_finite(name, levels)
-        is_wide = levels.shape[-1] >= 4 * END
-        require(is_wide, name, f"have at least {4 * END} columns", int(levels.shape[-1]))
+        known = self.axis in get_args(Axis)
+        require(known, "TargetPicture(axis=...)", "be 'rows' or 'columns'", self.axis)
+        levels = turned(levels, self.axis) if levels.ndim == 2 else levels
+        is_wide, pixels = levels.shape[-1] >= 4 * END, pixels_along(self.axis)
+        require(is_wide, name, f"have at least {4 * END} {pixels}", int(levels.shape[-1]))
         if self.speed is not None:
             require_finite("TargetPicture(speed=...)", self.speed)
         object.__setattr__(self, "is_rounded", bool(np.all(levels == np.rint(levels))))
@@ -147,6 +154,7 @@ class _Sensor(Section):
     read_noise_e: Annotated[float, Field(ge=0)] = 0.0
     black_level: float = 0.0
     full_level: float | None = None
+    axis: Axis = "rows"
 
 
 @final
@@ -172,8 +180,8 @@ class _File(Section):
 def read_measurements(path: str | Path) -> Measurements:
     """Read a TOML file that lists pictures, the figures of the sensor, and perhaps a trace.
 
-    A picture is CSV, one line a row, or `.npy` of rows and columns. All pictures without a speed
-    share an unknown one.
+    A picture is CSV, one line a row, or `.npy` of rows and columns; `[sensor] axis` says along
+    which of them targets move. All pictures without a speed share an unknown one.
 
     Raises:
         ValueError: if a file does not hold what it must.
@@ -181,11 +189,17 @@ def read_measurements(path: str | Path) -> Measurements:
     """
     name, folder = str(path), Path(path).parent
     file = validated(_File, parsed(tomllib.loads, contents(path), name, "TOML"), name)
+    figures = file.sensor
     pictures = tuple(
-        TargetPicture(_levels(folder / p.path), p.target, p.speed_px_per_s, str(folder / p.path))
+        TargetPicture(
+            _levels(folder / p.path),
+            p.target,
+            p.speed_px_per_s,
+            str(folder / p.path),
+            figures.axis,
+        )
         for p in file.picture
     )
-    figures = file.sensor
     sensor = SensorLevels(
         electrons_per_level=figures.electrons_per_level,
         read_noise=figures.read_noise_e,

@@ -28,7 +28,7 @@ from mishutter._core import (
 )
 from mishutter.camera import as_pixels, distinct_colours, rows_last
 from mishutter.evaluation import PLANNED
-from mishutter.model import LUMINANCE, AbstractMotion, AbstractShutter, Scene, require_scene
+from mishutter.model import LUMINANCE, AbstractMotion, AbstractShutter, Scene, require_scene, turned
 from mishutter.restore.decoders.base import BlurModel, blur_model
 
 # In single precision, and typed, which SciPy's own are not.
@@ -480,10 +480,24 @@ def estimate_speed(
 
     Raises:
         ValueError: if the capture is traced, not finite or no picture, or the scene has no light.
+
+    Examples:
+        >>> import jax
+        >>> from mishutter import ParabolicMotion, RectShutter, Scene, estimate_speed
+        >>> from mishutter import example_picture, simulate_capture
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5)
+        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+        >>> picture = example_picture()
+        >>> captured = simulate_capture(
+        ...     picture, scene, motion, RectShutter(), speed=700.0, key=jax.random.key(0)
+        ... )
+        >>> found = estimate_speed(captured, scene, motion, RectShutter())
+        >>> print(f"{found.speed:.1e} px/s", found.trusted)
+        7.1e+02 px/s True
     """
     require_scene(scene)
     subject = "estimate_speed(capture=...)"
-    light = as_pixels(capture, subject)
+    light = turned(as_pixels(capture, subject), scene.axis)
     require(np.ndim(light) <= 3, subject, "be one picture", shape_of(light))
     model = blur_model(scene, motion, shutter)
     lit = model.electrons > 0 and model.efficiency > 0

@@ -1,0 +1,185 @@
+r"""Units that people have, as pixels, seconds and electrons: the one place that converts.
+
+Way: a thing of size 1 is $M$ on the sensor, and $M/p$ px by the pitch $p$. A thin lens of focal
+length $f$ at a distance $d$ from things has $M = f/(d - f)$. What is far away and turns by a small
+angle moves by $f$ times it on the sensor, in the middle of the picture.
+
+Light: a white, diffuse surface under an illuminance $E$ has the luminance $E/\pi$, and a lens of
+f-number $N$ and transmission $t$ collects it on the sensor from a cone of
+$\sin\theta = 1/(2N(1 + M))$: $E\,t/(2N(1 + M))^2$. Sunlight of 54 lx brings 1 umol of photons
+between 400 and 700 nm a second and square metre (Thimijan and Heins, "Photometric, radiometric, and
+quantum light units of measure", HortScience 18, 1983); cool white fluorescent lamps take 74 lx for
+it, high-pressure sodium lamps 82, incandescent lamps 50.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from mishutter._core import Section, Unquoted, require
+from mishutter.model.scene_schema import (
+    Light,
+    Sensor,
+    ViewSection,
+)
+
+_GRAVITY = 9.80665e6
+"""Standard gravity; um/s^2."""
+_MICROMETRES = {"mm": 1e3, "mm_per_s": 1e3, "g": _GRAVITY, "g_per_s": _GRAVITY}
+"""Units of the stage, in um and seconds."""
+_MILLIMETRES = {"mm_per_s": 1.0, "m_per_s": 1e3}
+"""Units of things, in mm and seconds."""
+_PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54 * 1e-12
+"""Photons of sunlight between 400 and 700 nm by lux, second and square micrometre: 1.1e4."""
+_NOTHING = Unquoted("nothing")
+
+
+class Scales(NamedTuple):
+    """What turns units of a scene file into pixels.
+
+    Attributes:
+        pitch: Distance of pixels; um; None where the file does not say it.
+        view: How large things are in the picture.
+    """
+
+    pitch: float | None
+    view: ViewSection
+
+    def of_stage(self, unit: str, key: str) -> float:
+        """Pixels in a unit of the sensor's own way; the key that is in it is named in errors."""
+        if unit.startswith("px"):
+            return 1.0
+        return _MICROMETRES[unit] / self.pitch_for(key)
+
+    def of_things(self, unit: str, key: str) -> float:
+        """Pixels in a unit of the way of things, as the picture shows it."""
+        if unit.startswith("px"):
+            return 1.0
+        if unit == "deg_per_s":
+            focal = self.view.focal_length_mm
+            requirement = f"be given where {key} is"
+            require(focal is not None, "[view] focal_length_mm", requirement, _NOTHING)
+            return math.radians(1) * 1e3 * focal / self.pitch_for(key)  # type: ignore[operator]
+        return _MILLIMETRES[unit] * self._px_per_mm(key)
+
+    def _px_per_mm(self, key: str) -> float:
+        magnification = self.magnification
+        if self.view.px_per_mm is not None:
+            return self.view.px_per_mm
+        ways = "magnification, px_per_mm, or distance_m and focal_length_mm"
+        requirement = f"hold {ways}, where {key} is given"
+        require(magnification is not None, "[view]", requirement, _NOTHING)
+        return magnification * 1e3 / self.pitch_for(key)  # type: ignore[operator]
+
+    @property
+    def magnification(self) -> float | None:
+        """Size on the sensor over that of things; None where the file does not say it.
+
+        Raises:
+            ValueError: if it says it in several ways, or half of it.
+        """
+        view = self.view
+        ways = {
+            "magnification": view.magnification,
+            "px_per_mm": view.px_per_mm,
+            "distance_m": view.distance_m,
+        }
+        told = [name for name, value in ways.items() if value is not None]
+        requirement = "hold one of magnification, px_per_mm and distance_m"
+        require(len(told) <= 1, "[view]", requirement, Unquoted(" and ".join(told)))
+        if view.distance_m is not None:
+            f, d = view.focal_length_mm, 1e3 * view.distance_m
+            beside = "be given where distance_m is"
+            require(f is not None, "[view] focal_length_mm", beside, _NOTHING)
+            beyond = f"be beyond the focal length, {f:g} mm"
+            require(d > f, "[view] distance_m", beyond, view.distance_m)  # type: ignore[operator]
+            return f / (d - f)  # type: ignore[operator]
+        if view.px_per_mm is not None:
+            return None if self.pitch is None else view.px_per_mm * self.pitch / 1e3
+        return view.magnification
+
+    def pitch_for(self, key: str) -> float:
+        """The pitch, um, which a key needs."""
+        requirement = f"be given where {key} is"
+        require(self.pitch is not None, "[sensor] pixel_pitch_um", requirement, _NOTHING)
+        return self.pitch  # type: ignore[return-value]
+
+
+def told_in(section: Section, name: str, units: tuple[str, ...], place: str) -> tuple[str, Any]:
+    """The one unit that a quantity of a section is given in, and its value there; None of none.
+
+    A default, of a key that the file does not have, gives way to another unit.
+
+    Args:
+        section: The section.
+        name: The keys without their units.
+        units: The units, that of the default first.
+        place: How an error calls the section.
+
+    Raises:
+        ValueError: if it is given in several units.
+    """
+    values = {unit: getattr(section, f"{name}_{unit}") for unit in units}
+    told = [unit for unit, x in values.items() if x is not None and _is_told(section, name, unit)]
+    chosen, other = (told[0], told[-1]) if told else (units[0], units[0])
+    subject, beside = f"{place} {name}_{other}", f"not stand beside {name}_{chosen}"
+    require(chosen == other, subject, beside, values[other])
+    return chosen, values[chosen]
+
+
+def _is_told(section: Section, name: str, unit: str) -> bool:
+    return f"{name}_{unit}" in section.model_fields_set
+
+
+_WAYS_OF_LIGHT = {
+    "photon_rate_per_s": (),
+    "white_e": ("white_ms",),
+    "illuminance_lux": ("f_number", "quantum_efficiency"),
+}
+"""Keys that say how much light there is, and those that each cannot do without."""
+
+
+def photon_rate(light: Light, scales: Scales) -> float:
+    """Photo-electrons a second at a white pixel of an open shutter.
+
+    Raises:
+        ValueError: if the section says it in several ways, in none, or half of it.
+    """
+    told = [way for way in _WAYS_OF_LIGHT if getattr(light, way) is not None]
+    requirement = "be given, or white_e and white_ms, or illuminance_lux"
+    require(len(told) > 0, "[light] photon_rate_per_s", requirement, _NOTHING)
+    requirement = "hold one of photon_rate_per_s, white_e and illuminance_lux"
+    require(len(told) == 1, "[light]", requirement, Unquoted(" and ".join(told)))
+    for way, keys in _WAYS_OF_LIGHT.items():
+        for key in keys:
+            value, subject = getattr(light, key), f"[light] {key}"
+            if way == told[0]:
+                require(value is not None, subject, f"be given where {way} is", _NOTHING)
+            else:
+                require(value is None, subject, f"stand beside {way}", value)
+    if light.photon_rate_per_s is not None:
+        return light.photon_rate_per_s
+    if light.white_e is not None:
+        return light.white_e / (light.white_ms * 1e-3)  # type: ignore[operator]
+    area = scales.pitch_for("[light] illuminance_lux") ** 2
+    cone = 2 * light.f_number * (1 + (scales.magnification or 0.0))  # type: ignore[operator]
+    on_sensor = light.illuminance_lux * light.lens_transmission / cone**2  # type: ignore[operator]
+    return on_sensor * _PHOTONS_PER_LUX * area * light.quantum_efficiency  # type: ignore[operator]
+
+
+def read_noise(sensor: Sensor) -> float:
+    r"""Standard deviation of the read noise; e-.
+
+    A dynamic range of $D$ dB is $20\log_{10}$ of the full well over it.
+
+    Raises:
+        ValueError: if the section says it in both ways, in none, or half of it.
+    """
+    range_db, well = sensor.dynamic_range_db, sensor.full_well_e
+    if range_db is None:
+        require(sensor.read_noise_e is not None, "[sensor] read_noise_e", "be given", _NOTHING)
+        return sensor.read_noise_e  # type: ignore[return-value]
+    subject = "[sensor] dynamic_range_db"
+    require(sensor.read_noise_e is None, subject, "not stand beside read_noise_e", range_db)
+    requirement = "be given where dynamic_range_db is"
+    require(well is not None, "[sensor] full_well_e", requirement, _NOTHING)
+    return well / 10 ** (range_db / 20)  # type: ignore[operator]

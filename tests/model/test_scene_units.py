@@ -1,0 +1,199 @@
+"""Scenes in the units that people have, against what a pocket calculator makes of them."""
+
+import numpy as np
+import pytest
+
+from mishutter.model import read_scene
+
+WHOLE = """
+[speeds]
+{speeds}
+[light]
+{light}
+[sensor]
+{sensor}
+{view}
+[limits]
+max_half_exposure_ms = 20
+{limits}
+"""
+DEFAULTS = {
+    "speeds": "list_px_per_s = [100, 300]",
+    "light": "photon_rate_per_s = 1e5",
+    "sensor": "read_noise_e = 4\npixel_pitch_um = 5",
+    "view": "",
+    "limits": "",
+}
+
+
+def scene_of(folder, **parts):
+    """The scene of a file with some parts in place of others."""
+    path = folder / "scene.toml"
+    path.write_text(WHOLE.format(**DEFAULTS | parts))
+    return read_scene(path)
+
+
+@pytest.mark.parametrize(
+    ("view", "speed", "expected"),
+    [
+        # 0.9 mm/s at 20 times are 18 mm/s on the sensor: 3,600 px/s of 5 um.
+        ("magnification = 20", "0.9 mm_per_s", 3600.0),
+        # A belt at 1.2 m/s, 0.8 m from a lens of 16 mm, which shows it 16/784 times as large.
+        ("distance_m = 0.8\nfocal_length_mm = 16", "1.2 m_per_s", 1200 * 16 / 784 / 5e-3),
+        # A ruler in the picture needs no pitch.
+        ("px_per_mm = 2.5", "1.2 m_per_s", 3000.0),
+        # A camera that turns by 3 degrees a second behind 50 mm.
+        ("focal_length_mm = 50", "3 deg_per_s", np.deg2rad(3) * 50 / 5e-3),
+        ("", "77 px_per_s", 77.0),
+    ],
+)
+@pytest.mark.parametrize("form", ["uniform", "normal", "list"])
+def test_speeds_are_those_of_things(tmp_path, view, speed, expected, form):
+    """In each of the three forms; the number is the fastest, or the deviation."""
+    number, unit = speed.split()
+    text = {
+        "uniform": f"uniform = {{ min_{unit} = 0, max_{unit} = {number}, count = 3 }}",
+        "normal": f"normal = {{ mean_{unit} = 0, deviation_{unit} = {number}, count = 3 }}",
+        "list": f"list_{unit} = [0, {number}]",
+    }[form]
+    pitch = "" if "px" in view else "pixel_pitch_um = 5"
+    parts = {"view": f"[view]\n{view}", "sensor": f"read_noise_e = 4\n{pitch}"}
+    scene = scene_of(tmp_path, speeds=text, **parts)
+    # Three equal steps over three deviations to either side are two deviations apart.
+    fastest = {"uniform": expected, "normal": 2 * expected, "list": expected}[form]
+    assert float(scene.max_speed) == pytest.approx(fastest, rel=1e-12)
+
+
+def test_limits_of_the_stage_are_by_the_pitch(tmp_path):
+    """A stroke in mm and a top speed in mm/s of the sensor itself, whatever it looks at."""
+    limits = "max_stroke_mm = 0.2\nmax_top_speed_mm_per_s = 30"
+    view = "[view]\nmagnification = 20"
+    found = scene_of(tmp_path, limits=limits, view=view).limits
+    assert float(found.max_stroke) == pytest.approx(40, rel=1e-14)
+    assert float(found.max_top_speed) == pytest.approx(6000, rel=1e-14)
+    assert float(scene_of(tmp_path).limits.max_stroke) == 200
+    limits = 'pans = "camera"\nmax_pan_deg_per_s = 2'
+    found = scene_of(tmp_path, limits=limits, view="[view]\nfocal_length_mm = 50").limits
+    assert float(found.max_pan) == pytest.approx(np.deg2rad(2) * 50 / 5e-3, rel=1e-14)
+
+
+def test_light_in_electrons_or_lux(tmp_path):
+    """White that fills a pixel in a time; 100 lx of sunlight on white paper behind f/2.8."""
+    filled = scene_of(tmp_path, light="white_e = 9000\nwhite_ms = 5")
+    assert float(filled.photon_rate) == pytest.approx(1.8e6, rel=1e-14)
+    lux = "illuminance_lux = 100\nf_number = 2.8\nquantum_efficiency = 0.6"
+    # 1 umol of photons is 6.02e17; a pixel is 25e-12 m^2.
+    expected = 100 / (4 * 2.8**2) / 54 * 6.02214076e17 * 25e-12 * 0.6
+    assert float(scene_of(tmp_path, light=lux).photon_rate) == pytest.approx(expected, rel=1e-9)
+    near = scene_of(
+        tmp_path, light=lux + "\nlens_transmission = 0.9", view="[view]\nmagnification = 1"
+    )
+    assert float(near.photon_rate) == pytest.approx(0.9 * expected / 4, rel=1e-9)
+    ruler = scene_of(tmp_path, light=lux, view="[view]\npx_per_mm = 200")
+    assert float(ruler.photon_rate) == pytest.approx(expected / 4, rel=1e-9)
+
+
+def test_read_noise_of_a_dynamic_range(tmp_path):
+    """60 dB below a full well of 9,000 e- are 9 e-."""
+    scene = scene_of(tmp_path, sensor="dynamic_range_db = 60\nfull_well_e = 9000")
+    assert float(scene.read_noise) == pytest.approx(9.0, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("parts", "line"),
+    [
+        (
+            {"speeds": "list_m_per_s = [1]"},
+            "[view]` must hold magnification, px_per_mm, or distance_m and focal_length_mm, where "
+            "[speeds] in m_per_s is given; got nothing.",
+        ),
+        (
+            {"speeds": "list_m_per_s = [1]", "view": "[view]\nmagnification = 2\npx_per_mm = 3"},
+            "[view]` must hold one of magnification, px_per_mm and distance_m; got magnification "
+            "and px_per_mm.",
+        ),
+        (
+            {"speeds": "list_m_per_s = [1]", "view": "[view]\ndistance_m = 2"},
+            "[view] focal_length_mm` must be given where distance_m is; got nothing.",
+        ),
+        (
+            {
+                "speeds": "list_m_per_s = [1]",
+                "view": "[view]\ndistance_m = 0.02\nfocal_length_mm = 25",
+            },
+            "[view] distance_m` must be beyond the focal length, 25 mm; got 0.02.",
+        ),
+        (
+            {
+                "speeds": "list_m_per_s = [1]",
+                "view": "[view]\nmagnification = 2",
+                "sensor": "read_noise_e = 4",
+            },
+            "[sensor] pixel_pitch_um` must be given where [speeds] in m_per_s is; got nothing.",
+        ),
+        (
+            {"speeds": "list_deg_per_s = [1]"},
+            "[view] focal_length_mm` must be given where [speeds] in deg_per_s is; got nothing.",
+        ),
+        (
+            {"speeds": "list_deg_per_s = [1]\nlist_px_per_s = [1]"},
+            "[speeds] list_deg_per_s` must not stand beside list_px_per_s; got [1.0].",
+        ),
+        (
+            {"speeds": "uniform = { min_px_per_s = 0, max_m_per_s = 1, count = 3 }"},
+            "[speeds] uniform` must be in one unit; got min_px_per_s and max_m_per_s.",
+        ),
+        (
+            {"speeds": "uniform = { max_m_per_s = 1, count = 3 }"},
+            "[speeds] uniform.min_m_per_s` must be given; got nothing.",
+        ),
+        (
+            {"speeds": "uniform = { count = 3 }"},
+            "[speeds] uniform.min_px_per_s` must be given; got nothing.",
+        ),
+        (
+            {"speeds": "list_m_per_s = [1e6]", "view": "[view]\nmagnification = 2"},
+            "[speeds]` must be at most 1e+07 px/s; got 400000000000.0.",
+        ),
+        (
+            {"light": "photon_rate_per_s = 1e5\nwhite_e = 3"},
+            "[light]` must hold one of photon_rate_per_s, white_e and illuminance_lux; got "
+            "photon_rate_per_s and white_e.",
+        ),
+        (
+            {"light": "white_e = 3"},
+            "[light] white_ms` must be given where white_e is; got nothing.",
+        ),
+        (
+            {"light": "photon_rate_per_s = 3\nf_number = 2"},
+            "[light] f_number` must stand beside illuminance_lux; got 2.0.",
+        ),
+        (
+            {"sensor": "read_noise_e = 4\ndynamic_range_db = 60"},
+            "[sensor] dynamic_range_db` must not stand beside read_noise_e; got 60.0.",
+        ),
+        (
+            {"sensor": "dynamic_range_db = 60"},
+            "[sensor] full_well_e` must be given where dynamic_range_db is; got nothing.",
+        ),
+        ({"sensor": "full_well_e = 60"}, "[sensor] read_noise_e` must be given; got nothing."),
+        (
+            {"limits": "max_stroke_px = 3\nmax_stroke_mm = 3"},
+            "[limits] max_stroke_mm` must not stand beside max_stroke_px; got 3.0.",
+        ),
+        (
+            {"limits": "max_stroke_mm = 900"},
+            "[limits] max_stroke_mm` must lie in 0.001 to 10000 px; got 180000.0.",
+        ),
+        (
+            {"limits": "max_pan_deg_per_s = 2", "view": "[view]\nfocal_length_mm = 50"},
+            '[limits] max_pan_deg_per_s` must stand beside pans = "camera": a stage does not '
+            "turn; got 2.0.",
+        ),
+    ],
+)
+def test_wrong_combinations_are_named(tmp_path, parts, line):
+    """By the key, what must hold, and what came."""
+    with pytest.raises(ValueError, match="must") as caught:
+        scene_of(tmp_path, **parts)
+    assert str(caught.value).partition(": `")[2] == line

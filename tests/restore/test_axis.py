@@ -1,0 +1,194 @@
+"""Pictures whose things move along their columns: those of rows, with both exchanged.
+
+Every function that takes a picture and a scene is held to it to the last digit.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.designs import MOTION
+
+from mishutter import (
+    Frames,
+    Layer,
+    Layers,
+    Limits,
+    Picture,
+    Scene,
+    TotalVariationDecoder,
+    TukeyShutter,
+    capture_and_restore,
+    deconvolve,
+    estimate_speed,
+    example_picture,
+    restore_photograph,
+    row_power_spectrum,
+    simulate_capture,
+    write_picture,
+)
+from mishutter.hardware import TargetPicture, read_measurements
+from mishutter.model import read_scene, scene_text, turned
+from mishutter.report import plots
+
+GIVEN = {"photon_rate": 1e5, "read_noise": 4.0, "limits": Limits(max_stroke=30.0)}
+ACROSS, DOWN = (Scene([-700.0, 0.0, 450.0], **GIVEN, axis=axis) for axis in ("rows", "columns"))
+CAMERA = MOTION, TukeyShutter(0.5)
+KEY = jax.random.key(3)
+LIGHT = example_picture().light[100:150, 200:310]
+
+
+def exchanged(light):
+    """Rows and columns exchanged, by other means than the package's."""
+    light = np.asarray(light)
+    return np.moveaxis(light, 1, 0) if light.ndim <= 3 else np.moveaxis(light, 2, 1)
+
+
+def subject(kind, light):
+    """A photograph, layers or footage of some light."""
+    matte = np.ones((12, 17), np.float32) * 0.7
+    if kind == "layers":
+        front = Layer(Picture(light[5:17, 9:26], matte), 450.0, left=31, top=7)
+        return Layers((Layer(Picture(light), -700.0), front))
+    return {"photograph": light, "frames": Frames.of([light, 0.5 * light, light**2])}[kind]
+
+
+def subject_down(kind, light):
+    """The same of light whose rows and columns are exchanged."""
+    if kind == "layers":
+        matte = np.ones((17, 12), np.float32) * 0.7
+        front = Layer(Picture(light[9:26, 5:17], matte), 450.0, left=7, top=31)
+        return Layers((Layer(Picture(light), -700.0), front))
+    return subject(kind, light)
+
+
+@pytest.mark.parametrize("kind", ["photograph", "layers", "frames"])
+def test_a_capture_down_is_that_across_with_rows_and_columns_exchanged(kind):
+    """Blur, noise and borders alike, of every kind of subject."""
+    across = simulate_capture(subject(kind, LIGHT), ACROSS, *CAMERA, key=KEY)
+    down = simulate_capture(subject_down(kind, exchanged(LIGHT)), DOWN, *CAMERA, key=KEY)
+    np.testing.assert_array_equal(down, exchanged(across))
+    assert not np.array_equal(down, simulate_capture(subject(kind, LIGHT), ACROSS, *CAMERA).mT)
+
+
+def test_a_capture_down_is_traced_as_one_across_is():
+    """Within `jit`, of a photograph with a displacement and the columns that are recorded whole."""
+    options = {"speed": 450.0, "displacement": 0.3, "border": "scene", "key": KEY}
+    across, down = (
+        jax.jit(lambda light, scene=scene: simulate_capture(light, scene, *CAMERA, **options))(seen)
+        for scene, seen in ((ACROSS, LIGHT), (DOWN, exchanged(LIGHT)))
+    )
+    assert across.shape[1] < LIGHT.shape[1]
+    np.testing.assert_array_equal(down, exchanged(across))
+    with pytest.raises(ValueError, match=r"have a picture of at least \d+ rows; got 12"):
+        simulate_capture(LIGHT[:12], DOWN, *CAMERA, border="scene")
+    with pytest.raises(ValueError, match=r"have a picture of at least \d+ columns; got 12"):
+        simulate_capture(LIGHT[:, :12], ACROSS, *CAMERA, border="scene")
+
+
+@pytest.mark.parametrize("decoder", [None, TotalVariationDecoder(num_iterations=20)])
+def test_what_is_restored_of_it_is_too(decoder):
+    """By a filter, and by a decoder that knows how rows go together."""
+    captured = simulate_capture(LIGHT, ACROSS, *CAMERA, speed=450.0, key=KEY)
+    across = deconvolve(captured, ACROSS, *CAMERA, decoder=decoder)
+    down = deconvolve(exchanged(captured), DOWN, *CAMERA, decoder=decoder)
+    np.testing.assert_array_equal(down, exchanged(across))
+
+
+@pytest.mark.parametrize("kind", ["photograph", "layers", "frames"])
+def test_captured_and_restored_in_portions(kind):
+    """Portions of rows are portions of columns, with the noise of each."""
+    options = {"key": KEY, "rows_at_once": 20}
+    across = capture_and_restore(subject(kind, LIGHT), ACROSS, *CAMERA, **options)
+    down = capture_and_restore(subject_down(kind, exchanged(LIGHT)), DOWN, *CAMERA, **options)
+    for one, other in zip(down, across, strict=True):
+        np.testing.assert_array_equal(one, exchanged(other))
+
+
+def test_a_photograph_at_every_speed():
+    """Levels are the same, pictures turned; one that is too short is told so by its rows."""
+    wide = example_picture().light[100:120, 100:500]
+    across = restore_photograph(wide, ACROSS, *CAMERA, num_seeds=2)
+    down = restore_photograph(exchanged(wide), DOWN, *CAMERA, num_seeds=2)
+    for name in across._fields:
+        one, other = getattr(down, name), getattr(across, name)
+        is_picture = name in ("reference", "captured", "restored")
+        np.testing.assert_array_equal(one, exchanged(other) if is_picture else other)
+    tall, flat = (
+        plots.plot_photograph({"x": found}, [450.0], axis=axis)
+        for found, axis in ((down, "columns"), (across, "rows"))
+    )
+    shapes = [[axes.images[0].get_array().shape[:2] for axes in f.axes[:5]] for f in (tall, flat)]
+    assert shapes[0] == [shape[::-1] for shape in shapes[1]]
+    with pytest.raises(ValueError, match=r"have at least \d+ rows; got 20"):
+        restore_photograph(wide, DOWN, *CAMERA)
+
+
+@pytest.mark.slow
+def test_its_speed_is_found_alike():
+    """The posterior is the same to the last digit."""
+    wide = Picture(example_picture().light).luminance[:128, :512]
+    speeds = np.linspace(-3000, 3000, 9)
+    across, down = (Scene(speeds, **GIVEN, axis=axis) for axis in ("rows", "columns"))
+    captured = simulate_capture(wide, across, *CAMERA, speed=1100.0, key=KEY)
+    found = estimate_speed(captured, across, *CAMERA)
+    same = estimate_speed(exchanged(captured), down, *CAMERA)
+    assert (same.speed, same.error, same.doubt) == (found.speed, found.error, found.doubt)
+    np.testing.assert_array_equal(same.weights, found.weights)
+
+
+def test_a_file_says_the_axis_and_its_photograph_is_read_along_it(tmp_path):
+    """The spectrum is that of the columns; a scene as text keeps it."""
+    write_picture(tmp_path / "tall.png", exchanged(LIGHT))
+    text = """
+        speeds = { list_px_per_s = [-700, 450] }
+        light = { photon_rate_per_s = 1e5 }
+        sensor = { read_noise_e = 4, axis = "columns" }
+        picture = { path = "tall.png" }
+    """
+    (tmp_path / "scene.toml").write_text(text)
+    scene = read_scene(tmp_path / "scene.toml")
+    assert scene.axis == "columns"
+    write_picture(tmp_path / "wide.png", LIGHT)
+    (tmp_path / "scene.toml").write_text(text.replace("tall", "wide").replace("columns", "rows"))
+    wide = read_scene(tmp_path / "scene.toml")
+    np.testing.assert_array_equal(scene.power_spectrum, wide.power_spectrum)
+    own = row_power_spectrum(Picture(exchanged(LIGHT))).power_spectrum
+    assert not np.allclose(scene.power_spectrum, own, rtol=0.1)
+    (tmp_path / "again.toml").write_text(scene_text(scene))
+    assert read_scene(tmp_path / "again.toml").axis == "columns"
+    (tmp_path / "scene.toml").write_text(text.replace("columns", "diagonal"))
+    with pytest.raises(ValueError, match=r"axis` must be 'rows' or 'columns'; got 'diagonal'"):
+        read_scene(tmp_path / "scene.toml")
+    with pytest.raises((ValueError, TypeError), match=r"'rows'.*'columns'"):
+        Scene([1.0], **GIVEN, axis="up")
+
+
+def test_targets_of_a_fit_move_along_it_too(tmp_path):
+    """Their profile is the mean along the columns."""
+    row = np.array([*[10.0] * 8, 40.0, 90.0, 30.0, *[10.0] * 8])
+    levels = np.tile(row, (5, 1))
+    across, down = TargetPicture(levels), TargetPicture(levels.T, axis="columns")
+    np.testing.assert_array_equal(down.levels, across.levels)
+    np.save(tmp_path / "point.npy", levels.T)
+    (tmp_path / "fit.toml").write_text(
+        '[sensor]\naxis = "columns"\n[[picture]]\npath = "point.npy"\n'
+    )
+    (found,) = read_measurements(tmp_path / "fit.toml").pictures
+    np.testing.assert_array_equal(found.levels, across.levels)
+    with pytest.raises(ValueError, match="must have at least 16 rows; got 5"):
+        TargetPicture(levels, axis="columns")
+    with pytest.raises((ValueError, TypeError), match=r"'rows'.*'columns'"):
+        TargetPicture(levels, axis="up")
+
+
+def test_turning_twice_is_not_turning():
+    """Of pictures of every shape, known or traced."""
+    for shape in ((3, 5), (3, 5, 1), (2, 3, 5, 3)):
+        light = np.arange(np.prod(shape), dtype=float).reshape(shape)
+        once = turned(light, "columns")
+        assert once.shape[: once.ndim - (once.ndim > 2)][-2:] == (5, 3)
+        np.testing.assert_array_equal(turned(once, "columns"), light)
+        traced = jax.jit(lambda x: turned(x, "columns"))(jnp.asarray(light))
+        np.testing.assert_array_equal(traced, once)
+    assert turned(light, "rows") is light
