@@ -49,8 +49,8 @@ Search = Callable[..., Any]
 NOTE = (
     "`first` compiles, the others share its programs. Parts that were there at commit 546a79c, on "
     "the searches of this list: descents from all starts at once by Optimistix's steps driven by "
-    "hand, of which the worse half was given up every ten steps, on half the frequencies and on fewer "
-    "nodes of tolerances; and losses and gradients in two programs, of which every kind of shutter "
+    "hand, of which the worse half was given up every ten steps, on half the frequencies and on "
+    "fewer nodes of tolerances; and losses and gradients in two programs, of which every kind of shutter "
     "and motion shared the longer. Without both, with tries of 20 steps and 300 steps at most, 44 "
     "of 48 losses were equal to 1e-5, one was 0.02 % higher, and those of the three scenes of two "
     "speeds in bright light 5.8, 0.4 and 0.6 %; processor seconds for all 48 of a first time were "
