@@ -687,17 +687,23 @@ def _minima(
     """Minima that differ, the lowest first, from where the first steps led lowest; `(n, size)`."""
     max_steps = history.max_steps
     tried = _polished(objective, boxes, min(_FIRST_STEPS, max_steps), history)[:num_lasting]
-    points, losses = [end.box for end in tried], [end.loss for end in tried]
+    places = _differing([end.loss for end in tried])
+    points = [tried[place].box for place in places]
+    losses = [tried[place].loss for place in places]
     call = partial(minimise, objective, max_steps=max_steps)
     for point, num_steps in in_threads(call, list(points), num_processors()):
         loss = losses_at(objective, point[None])
         history.add(loss, num_steps)
         points.append(point)
         losses.append(float(loss[0]))
+    return np.stack(points)[_differing(losses)]
+
+
+def _differing(losses: Sequence[float]) -> np.ndarray:
+    """Places of the losses that differ, the lowest first."""
     order = np.argsort(losses, kind="stable")
     ascending = np.array(losses)[order]
-    differs = np.diff(ascending, prepend=-np.inf) > _SAME * np.abs(ascending)
-    return np.stack(points)[order[differs]]
+    return order[np.diff(ascending, prepend=-np.inf) > _SAME * np.abs(ascending)]
 
 
 def _plan(scene: Scene, space: DesignSpace, settings: SearchSettings) -> Plan:
