@@ -465,7 +465,7 @@ def compared(scene: Scene) -> tuple[Comparison, dict[str, dict[str, float]]]:
     return table, beside(scene, {name: table.row(name) for name in ROWS if name in names})
 
 
-def beside(scene: Scene, rows: dict[str, Any], **effort: int) -> dict[str, dict[str, float]]:
+def beside(scene: Scene, rows: dict[str, Any], **effort: Any) -> dict[str, dict[str, float]]:
     """Expected PSNR, dB, velocity, px/s, and stroke, px, by the package and by this search.
 
     `anew` is what the package found by the measure of this search.

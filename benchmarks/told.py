@@ -6,6 +6,7 @@ acceleration and pan, then from the best of these and from random points with a 
 """
 
 import time
+from functools import partial
 from typing import Any
 
 import jax
@@ -23,17 +24,18 @@ from benchmarks.scenes import scenes
 from mishutter import KnownSpeedLoss, Scene, optimise
 
 FREE = ("shutter", "half_exposure", "velocity", "acceleration")
-EFFORT = {"num_screened": 300, "num_descents": 1}
+NUM_SCREENED, NUM_DESCENTS = 300, 1
 COLUMNS = ("scene", "package", "by the other measure", "open", "shaped", "lead")
 
 
 def measured(scene: Scene) -> dict[str, float]:
     """Levels of the best camera by either search, dB."""
     design = optimise(scene, loss=KnownSpeedLoss(), free=FREE)
-    opened = search(scene, OPEN_TOLD, **EFFORT)
+    best_of = partial(search, scene, num_screened=NUM_SCREENED, num_descents=NUM_DESCENTS)
+    opened = best_of(OPEN_TOLD)
     start = opened.point.copy()
     start[3 + NUM_PIECES :] = 1.0
-    shaped = search(scene, SHAPED_TOLD, first=(start,), **EFFORT)
+    shaped = best_of(SHAPED_TOLD, first=(start,))
     return {
         "package": float(design.metrics.known_speed_psnr),
         "by the other measure": measured_anew(scene, design.shutter, design.motion, is_told=True),
@@ -54,7 +56,8 @@ def main() -> None:
         print(rows[-1], f"{time.perf_counter() - start:.0f} s", flush=True)
     harness.write("told", rows, seconds=time.perf_counter() - start)
     shown = [
-        {key: f"{x:.3f}" if isinstance(x, float) else x for key, x in row.items()} for row in rows
+        {key: f"{round(x, 3) + 0.0:.3f}" if isinstance(x, float) else x for key, x in row.items()}
+        for row in rows
     ]
     largest = max(row["lead"] for row in rows)
     note = (

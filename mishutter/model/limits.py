@@ -224,9 +224,8 @@ class Limits(eqx.Module):
             acceleration=2 * acceleration,
         )
         numbers = np.broadcast_arrays(acceleration, half_exposure, velocity)
-        return demands | self._demand_of_travel(
-            lambda: self.stage_share(*(jnp.asarray(x) for x in numbers))
-        )
+        a, half, pan = (jnp.asarray(x) for x in numbers)
+        return demands | self._demand_of_travel(lambda: self.stage_share(a, half, pan))
 
     def _demands(
         self, *, extent: Any, top_speed: Any, half_exposure: Any, velocity: Any, acceleration: Any

@@ -5,7 +5,6 @@ import io
 import json
 import tomllib
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,6 +26,7 @@ from mishutter.explore import pictures
 from mishutter.explore import session as sessions
 from mishutter.explore.answers import curves, first_answer
 from mishutter.explore.session import Order, Request, Session, SupersededError
+from mishutter.search.comparison import Row
 from mishutter.search.space import beyond_limits
 
 TABLES = tomllib.loads(SMALL_SCENE.replace('path = "photo.png"', "mean_level = 0.23"))
@@ -171,10 +171,17 @@ def test_a_photograph_is_captured_and_restored(started):
 def test_the_speed_that_is_found_stands_beside_the_picture():
     """With its error, where the scene's decoder finds it; of a blur too short, with the doubt."""
     begun = sessions.beginning(None)
-    taken = begun.photographs["example"](None, False)
+    taken = begun.photographs["example"](None, False, "rows")
     scene = sessions.built(begun.tables | {"decoder": {"speed": "found"}}, begun.photographs)
     rows = {
-        name: SimpleNamespace(motion=motion, shutter=RectShutter())
+        name: Row(
+            "own best motion",
+            name,
+            RectShutter(),
+            motion,
+            None,
+            evaluate(scene, motion, RectShutter()),
+        )
         for name, motion in (("snapshot", StillCamera(half_exposure=0.001)), ("open", PARABOLA))
     }
     shown = pictures.restored(taken, scene, rows, 2960.0, lambda: None)["designs"]

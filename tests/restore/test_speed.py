@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.ndimage import rotate
 
 import mishutter as ms
 from mishutter import cli
@@ -128,6 +129,27 @@ def test_a_speed_beyond_those_of_the_scene_is_not_trusted(speed):
     """Speeds a tenth of the range beyond are tried; those further out fit none of them."""
     given = scene(), camera(), OPEN
     assert not ms.estimate_speed(capture(grey(), *given, speed), *given).trusted
+
+
+@pytest.mark.slow
+def test_a_wrong_stroke_is_a_wrong_speed():
+    """The stroke is taken for what it is said to be: 5 % more of it are nearly 10 % more speed."""
+    known, motion = scene(), camera()
+    longer = ms.ParabolicMotion(acceleration=1.05 * motion.acceleration, half_exposure=HALF)
+    seen = capture(grey(), known, motion, OPEN, 2210.0)
+    assert ms.estimate_speed(seen, known, longer, OPEN).speed == pytest.approx(2409, abs=60)
+
+
+@pytest.mark.slow
+def test_a_tilt_of_three_degrees_is_not_trusted():
+    """Where the blur runs across rows, no speed along them explains it."""
+    known, motion = scene(), camera()
+    turned = rotate(grey(336), -3.0, reshape=False, mode="reflect")
+    seen = ms.simulate_capture(np.maximum(turned, 0), known, motion, OPEN, speed=2210.0)
+    seen = rotate(np.asarray(seen), 3.0, reshape=False, mode="reflect")[40:-40, SEEN]
+    noise = np.sqrt(np.maximum(seen, 0) / 3000 + (8 / 3000) ** 2)
+    seen = seen + noise * np.random.default_rng(4).standard_normal(seen.shape)
+    assert not ms.estimate_speed(seen, known, motion, OPEN).trusted
 
 
 def test_one_speed_needs_no_finding():
