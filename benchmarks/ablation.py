@@ -47,19 +47,20 @@ _EQUAL = 1e-5
 WHOLE = "whole"
 Search = Callable[..., Any]
 NOTE = (
-    "`first` compiles, the others share its programs. Parts that were there at commit 546a79c, on "
-    "the searches of this list: descents from all starts at once by Optimistix's steps driven by "
-    "hand, of which the worse half was given up every ten steps, on half the frequencies and on "
-    "fewer nodes of tolerances; and losses and gradients in two programs, of which every kind of shutter "
-    "and motion shared the longer. Without both, with tries of 20 steps and 300 steps at most, 44 "
-    "of 48 losses were equal to 1e-5, one was 0.02 % higher, and those of the three scenes of two "
-    "speeds in bright light 5.8, 0.4 and 0.6 %; processor seconds for all 48 of a first time were "
-    "362 with these parts and 395 without. Tries of 60 steps and 400 steps at most came of that: "
-    "0.3 % lower, 1.4 % lower and 0.05 % lower on these three (the first and the last at 300 "
-    "steps). The two-speed scenes are where parts differ: L-BFGS-B alone, 60 steps from the 6 "
-    "lowest starts, ended 15 and 19 % higher on the first two, and 300 steps from 8, 16 or all 64 "
-    "16 and 3 % higher, where BFGS by `optx.minimise`, 300 steps from the 6 lowest, ended 5.8 and "
-    "0.3 % higher. Another seed changes these losses by up to 12 %, with and without the parts."
+    "`first` compiles, the others share its programs. Two parts that were there at commit "
+    "546a79c were measured on the searches of this list. Descents from all starts at once took "
+    "Optimistix's steps by hand, gave up the worse half every ten steps, and saw half the "
+    "frequencies and fewer nodes of tolerances. Losses and gradients took two programs, of "
+    "which every kind of shutter and motion shared the longer. Without both, with tries of 20 "
+    "steps from half of the starts and 300 steps at most, 44 of 48 losses were equal to 1e-5, "
+    "one was 0.02 % higher, and those of three scenes of two speeds in bright light were 5.8, "
+    "0.4 and 0.6 % higher; the processor took 395 s for all 48 the first time, with the parts "
+    "362 s. So tries take 60 steps, from a third of the starts, and a search 400: that 0.02 % "
+    "is gone, and the three are 0.4, 1.4 and 0.7 % lower than with the parts. Scenes of two "
+    "speeds tell methods apart: L-BFGS-B alone, 60 steps from the 6 lowest starts, ended 15 and "
+    "19 % higher on the first two, and up to 300 steps from 8, 16 or all 64 ended 16 and 3 % "
+    "higher, where BFGS by `optx.minimise`, 300 steps from the 6 lowest, ended 5.8 and 0.3 % "
+    "higher. Another seed changes these losses by up to 12 %, with the parts and without."
 )
 
 

@@ -84,7 +84,7 @@ from mishutter.search.starts import (
     start_boxes,
 )
 
-_TRIED_SHARE, _FIRST_STEPS = 2, 60
+_TRIED_SHARE, _FIRST_STEPS = 3, 60
 """One start in so many is tried, the lowest, for so many steps: after 20 those that lead are not
 yet those that end lowest, where speeds are few and the light is bright."""
 _NUM_LASTING, _LASTING_SHARE = 4, 8
@@ -185,7 +185,7 @@ def optimise(
     expected error.
 
     Starts are the given design, baselines' profiles and, where a free-form profile moves, the
-    lowest of valleys all over the space. The lower half of them is tried for 60 steps of SciPy's
+    lowest of valleys all over the space. The lowest third of them is tried for 60 steps of SciPy's
     box-constrained L-BFGS-B. Optimistix BFGS minimises from the lowest of the ends, four or an
     eighth of the starts, and L-BFGS-B polishes the three best minima that differ, and the best
     of these to the end, on either side of where limits meet if it ends there.
