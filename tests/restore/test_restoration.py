@@ -226,7 +226,7 @@ def test_columns_that_are_judged():
     judged = []
     for motion in (camera(), still):
         assert kernel_layout(motion, *speeds, least_taps=96)[0] == 96
-        window, inner = _common_columns(900, motion, speeds, 96)
+        window, inner = _common_columns(900, motion, speeds, 96, "rows")
         assert window.stop - window.start == 900 - 96 + 1
         assert inner.start >= 48
         assert inner.stop <= window.stop - window.start - 48
