@@ -52,7 +52,7 @@ def sweep(
     optimise: bool = False,
     loss: AbstractLoss | Callable[..., Any] | None = None,
     num_coefficients: int = 24,
-    max_steps: int = 300,
+    max_steps: int = 400,
     seed: int = 0,
     metrics: str | Sequence[str] | None = None,
     photon_rates: RowLike | None = None,
