@@ -19,16 +19,17 @@ PIXEL = 1.1e-6
 """Pitch of the pixels, m."""
 _GRAVITY = 9.81
 STAGES = {
-    "any": None,
+    "own": None,
     "phone": {"max_travel": 100e-6 / PIXEL, "max_acceleration": 0.1 * _GRAVITY / PIXEL},
     "piezo": {"max_travel": 100e-6 / PIXEL, "max_acceleration": 1.0 * _GRAVITY / PIXEL},
 }
 _FINER = 4
 NOTE = (
-    "*Phone*: an optical stabiliser, 100 µm of travel from rest to rest, 0.1 g. *Piezo*: a flexure "
-    "stage, 100 µm, 1 g. Pixels of 1.1 µm; run-up and run-out are included. The second table has "
-    "the same designs on a grid of speeds four times as fine. The shaped designs of daylight stand "
-    "still, and those of the street pan at constant velocity, but for the one on a free path."
+    "*Own*: the stage that the scene states. *Phone*: an optical stabiliser, 100 µm of travel "
+    "from rest to rest, 0.1 g. *Piezo*: a flexure stage, 100 µm, 1 g. Pixels of 1.1 µm; run- "
+    "up and run-out are included. The second table has the same designs on a grid of speeds "
+    "four times as fine. The shaped designs of daylight stand still, and those of the street "
+    "pan at constant velocity, but for the one on a free path."
 )
 
 
