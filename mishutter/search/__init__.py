@@ -11,6 +11,8 @@ from mishutter.search.comparison import Row as Row
 from mishutter.search.comparison import compare as compare
 from mishutter.search.comparison import taken_names as taken_names
 from mishutter.search.planning import plan as plan
+from mishutter.search.search import MAX_STEPS as MAX_STEPS
+from mishutter.search.search import NUM_COEFFICIENTS as NUM_COEFFICIENTS
 from mishutter.search.search import Outcome as Outcome
 from mishutter.search.search import SearchFailedError as SearchFailedError
 from mishutter.search.search import moved_by_default as moved_by_default

@@ -19,6 +19,7 @@ from jaxtyping import Array
 from mishutter._core import common_dtype, compiled
 from mishutter.blur import ExposureQuadrature, exposure_quadrature, path_ends
 from mishutter.evaluation import (
+    ONLY_SPECTRA,
     AbstractLoss,
     AbstractResponseLoss,
     Parts,
@@ -45,8 +46,6 @@ from mishutter.model import (
     seen_from,
 )
 from mishutter.search.space import DesignSpace
-
-_ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
 class AbstractObjective(eqx.Module):
@@ -155,9 +154,9 @@ def objective_of(
     if alone and isinstance(loss, AbstractResponseLoss):
         parts = loss.parts(plan)
         basis, layout = _basis(space, scene, plan, parts)
-        plan = _plan_of_spectra(plan) if parts == _ONLY_SPECTRA else plan
+        plan = _plan_of_spectra(plan) if parts == ONLY_SPECTRA else plan
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
-    if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == _ONLY_SPECTRA:
+    if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == ONLY_SPECTRA:
         require_sizes(plan.num_taps, plan.num_frequencies, kernels=False, spectra=True)
         # Rounding to two numbers an octave lets scenes of other speeds share programs.
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None

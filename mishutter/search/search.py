@@ -102,9 +102,9 @@ _SAME = 1e-5
 _NUM_STARTS, _FEW_SPEEDS = 16, 8
 """Starts by default, and speeds fewer than which have more of them, in proportion: these take less
 time, and the loss has more valleys, as each of the speeds alone decides what is open."""
-_MAX_STEPS = 400
+MAX_STEPS = 400
 """Steps of a minimisation, and of a polish, at most, by default."""
-_NUM_COEFFICIENTS = 24
+NUM_COEFFICIENTS = 24
 """Coefficients of a free-form profile, by default."""
 _NUM_PROFILES, _COVERED = 12, 5
 """Profiles that are minimised from by default where nothing else moves, and for how many times as
@@ -146,10 +146,10 @@ class SearchSettings(NamedTuple):
 
     loss: AbstractLoss
     plan: Plan | Automatic | None = PLANNED
-    num_coefficients: int = _NUM_COEFFICIENTS
+    num_coefficients: int = NUM_COEFFICIENTS
     num_starts: int | None = None
     seed: int = 0
-    max_steps: int = _MAX_STEPS
+    max_steps: int = MAX_STEPS
     progress: Progress | None = None
 
 
@@ -166,10 +166,10 @@ def optimise(
     *,
     loss: AbstractLoss | Callable[..., Any] | None = None,
     free: str | Iterable[str] | None = None,
-    num_coefficients: int = _NUM_COEFFICIENTS,
+    num_coefficients: int = NUM_COEFFICIENTS,
     num_starts: int | None = None,
     seed: int = 0,
-    max_steps: int = _MAX_STEPS,
+    max_steps: int = MAX_STEPS,
     progress: Progress | None = None,
     throw: bool = False,
     plan: Plan | Automatic | None = PLANNED,
@@ -779,7 +779,7 @@ def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
 
 
 @outside_trace()
-def starting_shutter(scene: Scene, num_coefficients: int = _NUM_COEFFICIENTS) -> SplineShutter:
+def starting_shutter(scene: Scene, num_coefficients: int = NUM_COEFFICIENTS) -> SplineShutter:
     """The free-form profile a search starts from: symmetric if the scene's speeds are.
 
     Where the camera pans, that is about the velocity in their middle; a stage, whose stroke holds

@@ -316,8 +316,7 @@ class DesignSpace(eqx.Module):
 
     def _meeting(self, bounds: tuple[Array, Array], shape: PathShape) -> Array:
         """Half exposure at which a path comes to its stroke and its top speed together; s."""
-        one = jnp.ones_like(shape.velocity)
-        path = shape.path(one, one, 0 * one, jnp.inf * one)
+        path = _unit_path(shape.pieces, shape.velocity)
         times = self.limits.max_stroke / path.extent * path.top_speed
         return jnp.clip(times / self.limits.max_top_speed, *bounds)
 
@@ -425,9 +424,16 @@ def _mean_acceleration(motion: AbstractMotion) -> Array:
     return steady(motion).acceleration
 
 
+def _unit_path(pieces: Array, velocity: Array) -> FreeMotion:
+    """The path of such pieces whose mean acceleration and half exposure are 1."""
+    return FreeMotion(
+        accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype), velocity=velocity
+    )
+
+
 def _level_velocity(pieces: Array) -> Array:
     """Velocity at mid-exposure at which a path ends where it began, in units of $aT$; scalar."""
-    path = FreeMotion(accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype))
+    path = _unit_path(pieces, jnp.zeros((), pieces.dtype))
     begin, end = jnp.asarray(path.position_at(np.array([-1, 1], pieces.dtype)))
     return (begin - end) / 2
 

@@ -28,7 +28,7 @@ from mishutter.evaluation import (
     loss_of_decoder,
 )
 from mishutter.model import AbstractShutter, Scene, TukeyShutter, baselines
-from mishutter.search import starting_shutter
+from mishutter.search import MAX_STEPS, NUM_COEFFICIENTS, starting_shutter
 from mishutter.sweeps.blocks import Engine
 from mishutter.sweeps.cluster import compute_remotely, connection
 from mishutter.sweeps.grid import METRICS, OPTIMISED, Frame, Grid, Search, checked_axis
@@ -51,8 +51,8 @@ def sweep(
     shutters: Mapping[str, Any] | None = None,
     optimise: bool = False,
     loss: AbstractLoss | Callable[..., Any] | None = None,
-    num_coefficients: int = 24,
-    max_steps: int = 400,
+    num_coefficients: int = NUM_COEFFICIENTS,
+    max_steps: int = MAX_STEPS,
     seed: int = 0,
     metrics: str | Sequence[str] | None = None,
     photon_rates: RowLike | None = None,
