@@ -42,7 +42,7 @@ from mishutter.model import (
     frequency_grid,
 )
 
-LEAST_EFFECTIVE_SPEEDS, MOST_EFFECTIVE_SPEEDS = 33, 513
+LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 33, 513
 """How many effective speeds there are, at least and at most."""
 _MOST_WEIGHTS = 40_000
 """Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
@@ -55,17 +55,16 @@ _NODES_A_PEAK = 96
 """Nodes of the quadrature about either peak of the beat."""
 
 
-def num_effective_speeds(travel: float, step: float, most: int = MOST_EFFECTIVE_SPEEDS) -> int:
+def num_effective_speeds(travel: float, step: float) -> int:
     """Odd number of effective speeds of which neighbours travel at most so far from each other.
 
     Args:
         travel: Travel of the fastest layer in half the exposure, against the middle of all; px.
         step: Travel of neighbours in the middle against each other; px.
-        most: How many there are at most, all the same.
     """
     finest = _FURTHEST * _GROWTH / math.sinh(_GROWTH)
     count = 1 + 2 * math.ceil(finest * travel / step)
-    return min(max(count, LEAST_EFFECTIVE_SPEEDS), most)
+    return min(max(count, LEAST_EFFECTIVE_SPEEDS), _MOST_EFFECTIVE_SPEEDS)
 
 
 class Background(NamedTuple):
