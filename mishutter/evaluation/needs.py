@@ -43,10 +43,9 @@ from mishutter.model import (
     seen_from,
 )
 
-_FINE_BEAT, _COARSE_BEAT, _MOST_COARSE = 0.8, 6.0, 65
-"""Travel of neighbouring effective speeds against each other in half the exposure, px: that by
-which an expected error of two layers is known to 1e-4 dB, as a rule, and that of a search, by
-which it is known to 0.01 dB; and how many of these there are at most."""
+_BEAT_STEP, _COARSE = 0.8, LEAST_EFFECTIVE_SPEEDS
+"""Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
+expected error of two layers is known to 1e-4 dB; and how many of them a search takes."""
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
@@ -169,10 +168,11 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
 
 
 def coarser(plan: Plan) -> Plan:
-    """A plan with as many effective speeds as tell designs apart, as a search takes it."""
-    share = _FINE_BEAT / _COARSE_BEAT
-    count = min(_MOST_COARSE, max(LEAST_EFFECTIVE_SPEEDS, int(plan.num_effective_speeds * share)))
-    return replace(plan, num_effective_speeds=min(plan.num_effective_speeds, count | 1))
+    """A plan with as many effective speeds as tell designs apart, as a search takes it.
+
+    The expected error is known to 0.01 dB by these, where light travels over up to 100 px.
+    """
+    return replace(plan, num_effective_speeds=min(plan.num_effective_speeds, _COARSE))
 
 
 def _effective_speeds(scene: Scene, motion: AbstractMotion) -> int:
@@ -188,7 +188,7 @@ def _effective_speeds(scene: Scene, motion: AbstractMotion) -> int:
     if not all_concrete((scene.speeds, background, half)):
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
-    return num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), _FINE_BEAT)
+    return num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), _BEAT_STEP)
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:
