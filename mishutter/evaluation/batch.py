@@ -24,7 +24,7 @@ from mishutter.evaluation.lengths import (
     occurring_speeds,
 )
 from mishutter.evaluation.metrics import bound_share, differences_from, expected_squared_error
-from mishutter.evaluation.needs import Plan, folds_speeds, reduced, sized_for
+from mishutter.evaluation.needs import Plan, effective_speeds, folds_speeds, reduced, sized_for
 from mishutter.evaluation.response import (
     Records,
     Response,
@@ -191,18 +191,51 @@ def _whole_blocks(count: np.ndarray) -> np.ndarray:
     return -(-count // BLOCK) * BLOCK
 
 
-def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
-    """Scenes with only the speeds that a shutter asks for, as many in each, and no tolerances."""
+def scenes_for(
+    scenes: Sequence[Scene], shutter: AbstractShutter, half_exposure: float, *, skips: bool
+) -> list[Scene]:
+    """Scenes with only the speeds that a shutter asks for, as many in each, and no tolerances.
+
+    Args:
+        scenes: The scenes, seen from the sensor.
+        shutter: The shutter.
+        half_exposure: The longest of all designs, for which two layers have effective speeds; s.
+        skips: Whether what cannot change a result is left out.
+    """
     scenes = [without_tolerances(scene) for scene in scenes]
-    folds = folds_speeds(scenes[0], scenes[0].fullest_motion, shutter)
-    plan = Plan(1, 1, 16, 1, skips=skips, folds=folds)
-    needed = [reduced(scene, plan) for scene in scenes]
+    plans = [_plan_of_scene(scene, shutter, half_exposure, skips) for scene in scenes]
+    needed = [reduced(scene, plan) for scene, plan in zip(scenes, plans, strict=True)]
     most = max(scene.speeds.size for scene in needed)
     spare = [(0, most - scene.speeds.size) for scene in needed]
     return [
-        scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad))
+        _with_layers_of(
+            after, scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad))
+        )
         for scene, after, pad in zip(scenes, needed, spare, strict=True)
     ]
+
+
+def _plan_of_scene(
+    scene: Scene, shutter: AbstractShutter, half_exposure: float, skips: bool
+) -> Plan:
+    folds = folds_speeds(scene, scene.fullest_motion, shutter)
+    count = effective_speeds(scene, half_exposure)
+    return Plan(1, 1, 16, 1, skips=skips, folds=folds, num_effective_speeds=count)
+
+
+def _with_layers_of(scene: Scene, other: Scene) -> Scene:
+    """A scene of fewer speeds, with the layers of another."""
+    layers = scene.occlusion
+    return other if layers is None else eqx.tree_at(lambda s: s.occlusion, other, layers)
+
+
+def _on_grid(scene: Scene, num_frequencies: int) -> Scene:
+    """What `scenes_for` makes of a scene, with its power and layers on a grid of frequencies."""
+    shares = None if scene.occlusion is None else scene.occlusion.shares
+    layers = {}
+    if shares is not None:
+        layers = {"folds": shares.folds, "num_effective_speeds": shares.speeds.size}
+    return reduced(scene, Plan(1, 1, num_frequencies, 1, **layers))
 
 
 def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtype) -> Rules:
@@ -269,12 +302,13 @@ def measure(
     of_kernels = tuple(name for name in metrics if name in KERNEL_METRICS)
     of_picture = tuple(name for name in metrics if name in SPECTRUM_METRICS)
     if of_kernels:
-        kernels = partial(_kernel_numbers, shutter, boxes is not None, scene, shapes, of_kernels)
+        whole = scene.of_one_layer()
+        kernels = partial(_kernel_numbers, shutter, boxes is not None, whole, shapes, of_kernels)
         found |= _by_parts(kernels, each, np.arange(count))
     if of_picture:
         levels = LightLevels(*(jnp.asarray(x, dtype) for x in light))
         for number in np.unique(sizes.num_frequencies):
-            seen = reduced(scene, Plan(1, 1, int(number), 1))
+            seen = _on_grid(scene, int(number))
             picture = partial(_picture_numbers, rules, seen, levels, int(number), of_picture)
             index = np.flatnonzero(sizes.num_frequencies == number)
             for name, values in _by_parts(picture, each, index).items():
