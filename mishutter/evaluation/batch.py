@@ -17,7 +17,7 @@ from jaxtyping import Array
 from mishutter._core import compiled, in_threads, num_threads
 from mishutter.blur import BLOCK, ExposureQuadrature, condition_number, exposure_quadrature
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.layers import computed_speeds
+from mishutter.evaluation.layers import computed_speeds, without_layers
 from mishutter.evaluation.lengths import (
     longest_within_limits,
     num_frequencies,
@@ -302,7 +302,7 @@ def measure(
     of_kernels = tuple(name for name in metrics if name in KERNEL_METRICS)
     of_picture = tuple(name for name in metrics if name in SPECTRUM_METRICS)
     if of_kernels:
-        whole = scene.of_one_layer()
+        whole = scene if scene.occlusion is None else without_layers(scene)
         kernels = partial(_kernel_numbers, shutter, boxes is not None, whole, shapes, of_kernels)
         found |= _by_parts(kernels, each, np.arange(count))
     if of_picture:

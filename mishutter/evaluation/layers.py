@@ -31,8 +31,8 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled
-from mishutter.evaluation.ensembles import ensemble_of, error_weights
-from mishutter.evaluation.power import picture_power
+from mishutter.evaluation.ensembles import ensemble_of, error_weights, without_tolerances
+from mishutter.evaluation.power import picture_power, power_on_grid
 from mishutter.model import (
     CORNER_FREQUENCY,
     NUM_FREQUENCIES,
@@ -41,6 +41,7 @@ from mishutter.model import (
     Occlusion,
     ParabolicMotion,
     Scene,
+    StillCamera,
 )
 
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 33, 513
@@ -122,6 +123,11 @@ def background_of(scene: Scene) -> Background:
     return Background(still, jnp.ones(1, scene.speeds.dtype))
 
 
+def without_layers(scene: Scene) -> Scene:
+    """A scene of two layers as one that moves as a whole, by the speeds of the objects."""
+    return eqx.tree_at(lambda s: s.occlusion, scene, None)
+
+
 def with_shares(
     scene: Scene, background: Background, count: int, grid: Frequencies, *, folds: bool
 ) -> Scene:
@@ -138,8 +144,7 @@ def with_shares(
     most = max(LEAST_EFFECTIVE_SPEEDS, _MOST_WEIGHTS // num_pairs)
     count = (min(max(count, LEAST_EFFECTIVE_SPEEDS), most) - 1) | 1
     occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
-    whole = eqx.tree_at(lambda s: s.occlusion, scene, None)
-    shares = _shares(whole, occlusion, background, count, grid, folds)
+    shares = _shares(without_layers(scene), occlusion, background, count, grid, folds)
     return eqx.tree_at(lambda s: s.occlusion, scene, occlusion.with_shares(shares))
 
 
@@ -495,3 +500,44 @@ def _folded(weights: Array, shares: LayerShares) -> Array:
         return weights
     middle = shares.speeds.size // 2
     return weights[..., middle:, :].at[..., 1:, :].add(weights[..., :middle, :][..., ::-1, :])
+
+
+class RowsAtRest(NamedTuple):
+    r"""Rows $r$ of a capture by a camera at rest, of power $S\sum_r W_r |H_{s_r}|^2$.
+
+    Attributes:
+        speeds: $s_r$, px/s; shape `(r,)`.
+        weights: $W_r$ at each frequency; shape `(m, r)`.
+        power: $S$; shape `(m,)`.
+    """
+
+    speeds: np.ndarray
+    weights: np.ndarray
+    power: np.ndarray
+
+
+def rows_at_rest(scene: Scene, count: int, num_frequencies: int) -> RowsAtRest:
+    """Speeds and weights of a scene, which may have two layers; of these $V = W$, all being at 0.
+
+    Args:
+        scene: The scene; concrete.
+        count: How many effective speeds.
+        num_frequencies: Frequencies of the grid.
+    """
+    if scene.occlusion is None:
+        weights = np.asarray(scene.weights, np.float64)[None]
+        power = power_on_grid(scene, num_frequencies)
+        return RowsAtRest(np.asarray(scene.speeds, np.float64), weights, power)
+    grid = Frequencies.of_grid(num_frequencies)
+    scene = without_tolerances(scene).bare()
+    scene = with_shares(scene, background_of(scene), count, grid, folds=False)
+    speeds = np.asarray(computed_speeds(scene).speeds, np.float64)
+    weights = np.asarray(_weights_at_rest(scene, num_frequencies), np.float64)
+    return RowsAtRest(speeds, weights, power_on_grid(scene, num_frequencies))
+
+
+@compiled
+def _weights_at_rest(scene: Scene, num_frequencies: int) -> Array:
+    motion, dtype = StillCamera(half_exposure=1.0), np.dtype(scene.speeds.dtype)
+    direct, _ = _row_weights(scene, motion, num_frequencies, dtype, told=False)
+    return direct[0].T

@@ -178,7 +178,10 @@ def coarser(plan: Plan) -> Plan:
 
 
 def effective_speeds(scene: Scene, half_exposure: ArrayLike) -> int:
-    """Effective speeds of two layers by half an exposure, s, or the longest in limits if traced."""
+    """Effective speeds of two layers by half an exposure, s, or the longest in limits if traced.
+
+    There are two numbers of them an octave, so that near exposures share a program.
+    """
     if scene.occlusion is None or not scene.occlusion.has_edges:
         return 0
     half = half_exposure if is_concrete(half_exposure) else scene.limits.max_half_exposure
@@ -186,7 +189,8 @@ def effective_speeds(scene: Scene, half_exposure: ArrayLike) -> int:
     if not all_concrete((scene.speeds, background, half)):
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
-    return num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), BEAT_STEP)
+    count = num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), BEAT_STEP)
+    return 1 + size_class(count - 1)
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:

@@ -123,18 +123,7 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     if scene.picture is None:
         levels = {"mean_level": scene.mean_level, "deviation": scene.deviation}
         tables["picture"] = {name: float(value) for name, value in levels.items()}
-    if scene.device is not None:
-        tables["shutter"] = _device_table(scene.device)
-    if scene.stage is not None:
-        bandwidth, damping = float(scene.stage.bandwidth), float(scene.stage.damping)
-        tables["stage"] = {"bandwidth_hz": bandwidth, "damping": damping}
-    if scene.burst is not None:
-        frames = float(scene.burst.frames_per_s)
-        tables["rivals"] = {"frames_per_s": frames, "max_frames": scene.burst.max_frames}
-    if scene.tolerances is not None:
-        tables["tolerances"] = _tolerances_table(scene.tolerances)
-    if scene.occlusion is not None:
-        tables["occlusion"] = _occlusion_table(scene.occlusion)
+    tables |= _optional_tables(scene)
     if scene.decoder_speed != "unknown":
         tables["decoder"] = {"speed": scene.decoder_speed}
     if isinstance(scene.given_motion, ParabolicMotion):
@@ -151,6 +140,24 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
         # Finite numbers and text of JSON are those of TOML.
         lines += [f"{key} = {json.dumps(value)}" for key, value in section.items()]
     return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _optional_tables(scene: Scene) -> dict[str, Any]:
+    """Tables of what a scene may do without."""
+    tables: dict[str, Any] = {}
+    if scene.occlusion is not None:
+        tables["occlusion"] = _occlusion_table(scene.occlusion)
+    if scene.device is not None:
+        tables["shutter"] = _device_table(scene.device)
+    if scene.stage is not None:
+        bandwidth, damping = float(scene.stage.bandwidth), float(scene.stage.damping)
+        tables["stage"] = {"bandwidth_hz": bandwidth, "damping": damping}
+    if scene.burst is not None:
+        frames = float(scene.burst.frames_per_s)
+        tables["rivals"] = {"frames_per_s": frames, "max_frames": scene.burst.max_frames}
+    if scene.tolerances is not None:
+        tables["tolerances"] = _tolerances_table(scene.tolerances)
+    return tables
 
 
 def _limits_table(limits: Limits) -> dict[str, float | str]:
