@@ -49,7 +49,7 @@ LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 33, 513
 BEAT_STEP = 0.8
 """Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
 expected error is known to 1e-4 dB."""
-_MOST_OF_DECODERS = 129
+_MOST_OF_DECODERS = 65
 """Effective speeds that a decoder's filter is made of at most: known to 0.01 dB of its error."""
 _MOST_WEIGHTS = 40_000
 """Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
