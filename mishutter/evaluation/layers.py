@@ -291,7 +291,7 @@ class _MatteRule(NamedTuple):
 
 def _matte_rule(frequency: Array, corner: Array, cutoff: Array) -> _MatteRule:
     """Nodes about the matte's peak at 0 and about the texture's, where it is at `frequency`."""
-    nodes, weights = (x.astype(frequency.dtype) for x in _gauss_legendre(_NODES_A_PEAK))
+    nodes, weights = (x[None].astype(frequency.dtype) for x in _gauss_legendre(_NODES_A_PEAK))
     f, cutoff = frequency[:, None], cutoff.astype(frequency.dtype)
     low, high = f - cutoff, f + cutoff
     between = jnp.clip(f / 2, low, high)
@@ -428,18 +428,19 @@ def _row_weights(
     behind = shares.background_weights.astype(dtype)
     chosen = jnp.eye(num_objects, dtype=dtype) if told else prior[None]
     complex_type = np.result_type(dtype, np.complex64)
-    beat = behind[:, None, None] * beat
+    beat = behind[None, :, None, None] * beat
     powers = jnp.einsum("on,fbnk->okf", chosen, beat)
     amplitudes = _beat_amplitudes(scene, motion, beat)
     amplitudes = jnp.einsum("on,enkf->eokf", chosen.astype(complex_type), amplitudes)
     powers, amplitudes = (_folded(x, shares) for x in (powers, amplitudes))
     speeds, background = (x.astype(dtype) for x in (scene.speeds, shares.background_speeds))
     meets = (background[:, None] == speeds[None]).astype(dtype) * behind[:, None]
-    together = chosen[:, :, None] * (objects + jnp.sum(meets, axis=0)[:, None] * same)[None]
+    as_one = objects[None] + jnp.sum(meets, axis=0)[:, None] * same[None]
+    together = chosen[:, :, None] * as_one[None]
     if _background_is_prior(scene):
-        rows = [together + prior[None, :, None] * own]
+        rows = [together + prior[None, :, None] * own[None, None]]
     else:
-        alone = jnp.broadcast_to(own, (chosen.shape[0], background.size, num_kept))
+        alone = jnp.broadcast_to(own[None, None], (chosen.shape[0], background.size, num_kept))
         rows = [together, alone]
     lines = jnp.concatenate(rows, axis=1)
     direct = jnp.concatenate([lines, powers], axis=1)
@@ -458,9 +459,12 @@ def _beat_amplitudes(
     ends = np.cumsum([background.size, objects.size])
     displacements = _displacements(scene, motion, jnp.concatenate(parts))
     behind, front, between = jnp.split(displacements, ends, axis=1)
-    difference = objects - background[:, None]
+    difference = objects[None] - background[:, None]
     moves = (difference != 0)[..., None]
-    place = (nodes - background[:, None, None]) / jnp.where(moves, difference[..., None], 1.0)
+    place = (nodes[None, None] - background[:, None, None]) / jnp.where(
+        moves, difference[..., None], 1.0
+    )
+    place, moves = place[None], moves[None]
     wanted = (1 - place) * behind[..., None, None] + place * front[:, None, :, None]
     angle = jnp.where(moves, wanted - between[:, None, None], 0.0)
     begin, step = (angle * (-2 * np.pi * f) for f in (shares.first, shares.step))
@@ -468,10 +472,10 @@ def _beat_amplitudes(
 
     def turned(
         wave: tuple[Array, Array], weights: Array
-    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
         """Waves of the next frequency of the grid; a product costs less than a cosine."""
         (cosine, sine), (c, s) = wave, turn
-        sums = jnp.sum(weights * cosine, axis=1), jnp.sum(weights * sine, axis=1)
+        sums = tuple(jnp.sum(weights[None] * part, axis=1) for part in wave)
         return (cosine * c - sine * s, sine * c + cosine * s), sums
 
     first = jnp.cos(begin), jnp.sin(begin)
