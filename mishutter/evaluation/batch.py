@@ -67,6 +67,7 @@ class Sizes(NamedTuple):
         num_nodes: Nodes over the exposure.
         aside: Whole taps from the first one to that of an object at rest: 0 where the sensor
             moves.
+        num_effective_speeds: Effective speeds of two layers; 0 of a picture that moves as a whole.
     """
 
     num_taps: np.ndarray
@@ -76,6 +77,7 @@ class Sizes(NamedTuple):
     num_still_taps: np.ndarray
     num_nodes: np.ndarray
     aside: np.ndarray
+    num_effective_speeds: np.ndarray
 
 
 class Shapes(NamedTuple):
@@ -166,7 +168,9 @@ def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
     nodes = _each(_by_whole(velocity, lambda x: sized_for(0.0, x)), "num_nodes")
     lit = np.minimum(lit, num_taps).astype(int)
     still = np.minimum(np.ceil(stroke) + 1, num_taps).astype(int)
-    return Sizes(num_taps, dft_length, counts, lit, still, nodes, aside)
+    halves, index = np.unique(half, return_inverse=True)
+    effective = np.array([effective_speeds(scene, x) for x in halves], int)[index]
+    return Sizes(num_taps, dft_length, counts, lit, still, nodes, aside, effective)
 
 
 def _by_whole(values: np.ndarray, plan: Callable[[float], Plan]) -> tuple[list[Plan], np.ndarray]:
@@ -191,19 +195,14 @@ def _whole_blocks(count: np.ndarray) -> np.ndarray:
     return -(-count // BLOCK) * BLOCK
 
 
-def scenes_for(
-    scenes: Sequence[Scene], shutter: AbstractShutter, half_exposure: float, *, skips: bool
-) -> list[Scene]:
+def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
     """Scenes with only the speeds that a shutter asks for, as many in each, and no tolerances.
 
-    Args:
-        scenes: The scenes, seen from the sensor.
-        shutter: The shutter.
-        half_exposure: The longest of all designs, for which two layers have effective speeds; s.
-        skips: Whether what cannot change a result is left out.
+    Each keeps the background that it was seen before, and whether its speeds are folded.
     """
     scenes = [without_tolerances(scene) for scene in scenes]
-    plans = [_plan_of_scene(scene, shutter, half_exposure, skips) for scene in scenes]
+    folds = [folds_speeds(scene, scene.fullest_motion, shutter) for scene in scenes]
+    plans = [Plan(1, 1, 16, 1, skips=skips, folds=each) for each in folds]
     needed = [reduced(scene, plan) for scene, plan in zip(scenes, plans, strict=True)]
     most = max(scene.speeds.size for scene in needed)
     spare = [(0, most - scene.speeds.size) for scene in needed]
@@ -215,27 +214,18 @@ def scenes_for(
     ]
 
 
-def _plan_of_scene(
-    scene: Scene, shutter: AbstractShutter, half_exposure: float, skips: bool
-) -> Plan:
-    folds = folds_speeds(scene, scene.fullest_motion, shutter)
-    count = effective_speeds(scene, half_exposure)
-    return Plan(1, 1, 16, 1, skips=skips, folds=folds, num_effective_speeds=count)
-
-
 def _with_layers_of(scene: Scene, other: Scene) -> Scene:
     """A scene of fewer speeds, with the layers of another."""
     layers = scene.occlusion
     return other if layers is None else eqx.tree_at(lambda s: s.occlusion, other, layers)
 
 
-def _on_grid(scene: Scene, num_frequencies: int) -> Scene:
+def _on_grid(scene: Scene, num_frequencies: int, num_effective_speeds: int) -> Scene:
     """What `scenes_for` makes of a scene, with its power and layers on a grid of frequencies."""
     shares = None if scene.occlusion is None else scene.occlusion.shares
-    layers = {}
-    if shares is not None:
-        layers = {"folds": shares.folds, "num_effective_speeds": shares.speeds.size}
-    return reduced(scene, Plan(1, 1, num_frequencies, 1, **layers))
+    folds = shares is not None and shares.folds
+    plan = Plan(1, 1, num_frequencies, 1, num_effective_speeds=num_effective_speeds, folds=folds)
+    return reduced(scene, plan)
 
 
 def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtype) -> Rules:
@@ -307,10 +297,12 @@ def measure(
         found |= _by_parts(kernels, each, np.arange(count))
     if of_picture:
         levels = LightLevels(*(jnp.asarray(x, dtype) for x in light))
-        for number in np.unique(sizes.num_frequencies):
-            seen = _on_grid(scene, int(number))
-            picture = partial(_picture_numbers, rules, seen, levels, int(number), of_picture)
-            index = np.flatnonzero(sizes.num_frequencies == number)
+        counts = np.stack([sizes.num_frequencies, sizes.num_effective_speeds], axis=1)
+        for count_of_each in np.unique(counts, axis=0):
+            number, effective = map(int, count_of_each)
+            seen = _on_grid(scene, number, effective)
+            picture = partial(_picture_numbers, rules, seen, levels, number, of_picture)
+            index = np.flatnonzero(np.all(counts == count_of_each, axis=1))
             for name, values in _by_parts(picture, each, index).items():
                 whole = found.setdefault(name, np.zeros((count, *values.shape[1:]), dtype))
                 whole[index] = values

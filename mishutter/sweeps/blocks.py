@@ -88,8 +88,7 @@ class Engine:
         return motions_at(accelerations, self.grid.half_exposures[columns].astype(dtype))
 
     def _kit(self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]) -> Kit:
-        longest = float(self.grid.half_exposures[-1])
-        scenes = scenes_for(self.scenes, shutter, longest, skips=self.grid.skips)
+        scenes = scenes_for(self.scenes, shutter, skips=self.grid.skips)
         device = self.scenes[0].device
         lags = device is not None and device.lags
         rules = None if lags else self._rules(coordinates, self.grid.half_exposures[-1])

@@ -21,7 +21,7 @@ from mishutter import (
 )
 
 AGREEMENT = 1e-4
-"""dB: sweeps take the effective speeds of their longest exposure, `evaluate` those of each."""
+"""dB: to which a sweep and `evaluate` agree, which take the same sizes."""
 LIMITS = Limits(
     max_stroke=37.0, max_top_speed=1.3e4, min_half_exposure=4e-4, max_half_exposure=0.011
 )
