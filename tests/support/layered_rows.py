@@ -54,10 +54,10 @@ class Camera(NamedTuple):
         end = np.copysign(half, vertex)
         return -(speed**2) / (4 * a) if abs(vertex) <= half else (a * end - speed) * end
 
-    def noise(self, photon_rate, read_noise):
-        """Variance of the noise of a pixel, of a fully open exposure of white."""
+    def noise(self, photon_rate, read_noise, mean_level=MEAN):
+        """Variance of the noise of a pixel; a fully open exposure of white is 1."""
         electrons = photon_rate * self.exposure
-        return np.sum(self.light) * MEAN / electrons + (read_noise / electrons) ** 2
+        return np.sum(self.light) * mean_level / electrons + (read_noise / electrons) ** 2
 
 
 def camera(motion, shutter, fastest):
@@ -299,7 +299,7 @@ class Measured(NamedTuple):
     expected: float
 
 
-def measure(random, camera, pairs, share, width, noise, count, *, known=None, period=PERIOD):
+def measure(random, camera, pairs, share, width, noise, count, *, known=None, num_frequencies=257):
     """Capture and restore random rows, `count` for each pair of speeds, by the best filter.
 
     Args:
@@ -311,15 +311,16 @@ def measure(random, camera, pairs, share, width, noise, count, *, known=None, pe
         noise: Variance of the noise of a pixel.
         count: Rows for each pair.
         known: The `Filter`; that of `best_filter` by default.
-        period: Pixels of a row.
+        num_frequencies: Frequencies at which that is computed.
     """
     if known is None:
-        known = best_filter(random_spectra(share, width), camera, pairs, noise)
-    response = known.on_dft(period)
+        frequency = np.linspace(0, 0.5, num_frequencies)
+        known = best_filter(random_spectra(share, width, frequency), camera, pairs, noise)
+    response = known.on_dft(PERIOD)
     errors = np.stack(
         [
             squared_errors(
-                random_rows(random, share, width, count, period), camera, speeds, response, noise
+                random_rows(random, share, width, count), camera, speeds, response, noise
             )
             for speeds in pairs
         ]
