@@ -19,7 +19,7 @@ from support.layered_rows import Spectra
 
 import mishutter as ms
 from benchmarks import harness
-from benchmarks.occlusion import CAMERAS, SPEEDS, pairs_of
+from benchmarks.occlusion import CAMERAS, SPEEDS, decibels, pairs_of
 from benchmarks.photographs import PHOTOGRAPHS, in_steps
 from mishutter.model.images import shipped_picture
 
@@ -111,7 +111,7 @@ def _horse(width: float) -> np.ndarray:
     outline = np.pad(shipped_picture("horse.png").luminance < 0.5, 1).astype(float)
     scale = width / mean_run(outline > 0)
     while True:
-        zoomed = ndimage.zoom(outline, (scale, scale * _FINE), order=1) > 0.5
+        zoomed = np.asarray(ndimage.zoom(outline, (scale, scale * _FINE), order=1)) > 0.5
         first = max(0, (zoomed.shape[0] - NUM_ROWS) // 2)
         zoomed = zoomed[first : first + NUM_ROWS]
         run = mean_run(zoomed) / _FINE
@@ -183,11 +183,8 @@ def spectra_of(scene: Layered, *, own_matte: bool = False) -> Spectra:
     turns = np.arange(-PERIOD, PERIOD + 1) / PERIOD
     matte = layered_rows.matte_power(turns, scene.share, scene.width)
     if own_matte:
-        matte = np.where(
-            np.abs(turns) <= 0.5,
-            power_of(scene.mattes.reshape(-1, PERIOD))[np.arange(-PERIOD, PERIOD + 1) % PERIOD],
-            0.0,
-        )
+        own = power_of(scene.mattes.reshape(-1, PERIOD))
+        matte = np.where(np.abs(turns) <= 0.5, np.concatenate([own, own, own[:1]]), 0.0)
     k = np.arange(half + 1)
     difference = k[:, None] - np.arange(-PERIOD, PERIOD + 1)
     within = np.abs(difference) < half
@@ -271,16 +268,15 @@ def levels(layers: Layered, background: str, camera: str) -> dict:
         restored = np.fft.irfft(spectrum, PERIOD) + level / exposure.light.sum()
         truth = placed(layers, matte, (exposure.place(speeds[0]), exposure.place(speeds[1])))
         errors.append(np.mean((restored - truth) ** 2))
-    expected, with_matte, measured = -10 * np.log10([known.error, own.error, np.mean(errors)])
     return {
-        "measured dB": f"{measured:.2f}",
+        "measured dB": f"{decibels(float(np.mean(errors))):.2f}",
         "`expected_psnr`": f"{float(ms.evaluate(scene, motion, shutter).expected_psnr):.2f}",
-        "from both spectra": f"{expected:.2f}",
-        "and the mattes' own": f"{with_matte:.2f}",
+        "from both spectra": f"{decibels(known.error):.2f}",
+        "and the mattes' own": f"{decibels(own.error):.2f}",
     }
 
 
-def scenes() -> list[tuple[str, float, str]]:
+def scenes() -> list[tuple[str, int, str]]:
     """Shape, width and background: three widths before one at rest, the middle before another."""
     still = [(shape, width, "still") for shape in SHAPES for width in WIDTHS[shape]]
     return still + [(shape, WIDTHS[shape][1], "moving") for shape in SHAPES]

@@ -140,7 +140,7 @@ def by_effective_speeds(
     aligned = np.stack([camera.path - s * camera.time for s in [*nodes, *layers]])
     aligned -= np.array([*shift, *ends.values()])[:, None]
     responses = np.exp(-2j * np.pi * np.multiply.outer(f, aligned)) @ camera.light
-    every = np.concatenate([weights.real, np.stack(list(own.values()), axis=1)], axis=1)
+    every = np.concatenate([np.real(weights), np.stack(list(own.values()), axis=1)], axis=1)
     turned = np.concatenate([phased, np.stack(list(own.values()), axis=1)], axis=1)
     power = np.sum(every * np.abs(responses) ** 2, axis=1) * np.sinc(f) ** 2
     cross = np.sum(turned * responses, axis=1) * np.sinc(f)

@@ -12,7 +12,6 @@ aliases. So the row is continuous, the lens passes 0.5 cycles/px and nothing is 
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft
 from scipy.interpolate import CubicSpline
 
 from support.time_sampling import instants, position
@@ -213,7 +212,7 @@ def random_textures(random, count, period=PERIOD):
     turns = np.arange(period // 2) / period
     real, imaginary = random.normal(size=(2, count, turns.size))
     waves[:, : turns.size] = np.sqrt(texture(turns) * period / 2) * (real + 1j * imaginary)
-    waves[:, 0] = np.sqrt(2) * waves[:, 0].real
+    waves[:, 0] = np.sqrt(2) * np.real(waves[:, 0])
     return waves
 
 
@@ -241,11 +240,11 @@ def random_rows(random, share, width, count, period=PERIOD):
 
 def _values(spectrum):
     """Values at two points a pixel."""
-    return 2 * fft.irfft(spectrum)
+    return 2 * np.fft.irfft(spectrum)
 
 
 def _spectrum(values):
-    return fft.rfft(values) / 2
+    return np.fft.rfft(values) / 2
 
 
 def expose(rows, camera, speeds):
@@ -299,8 +298,8 @@ class Measured(NamedTuple):
     expected: float
 
 
-def measure(random, camera, pairs, share, width, noise, count, *, known=None, num_frequencies=257):
-    """Capture and restore random rows, `count` for each pair of speeds, by the best filter.
+def measure(random, camera, pairs, share, width, noise, count, *, known):
+    """Capture and restore random rows, `count` for each pair of speeds, by a filter.
 
     Args:
         random: NumPy's generator.
@@ -310,12 +309,8 @@ def measure(random, camera, pairs, share, width, noise, count, *, known=None, nu
         width: Mean width of an object, px.
         noise: Variance of the noise of a pixel.
         count: Rows for each pair.
-        known: The `Filter`; that of `best_filter` by default.
-        num_frequencies: Frequencies at which that is computed.
+        known: The `Filter`.
     """
-    if known is None:
-        frequency = np.linspace(0, 0.5, num_frequencies)
-        known = best_filter(random_spectra(share, width, frequency), camera, pairs, noise)
     response = known.on_dft(PERIOD)
     errors = np.stack(
         [
