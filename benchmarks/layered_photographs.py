@@ -159,9 +159,8 @@ def placement(random: np.random.Generator, shape: str, width: float) -> np.ndarr
         top = int(random.integers(NUM_ROWS - one.shape[0] + 1))
         left = int(random.integers(inside.shape[1]))
         turned = np.roll(inside[top : top + one.shape[0]], -left, axis=1)
-        if not np.any(
-            turned[:, : one.shape[1]][ndimage.binary_dilation(one, np.ones((1, 3)), gap)]
-        ):
+        near = np.asarray(ndimage.binary_dilation(one, np.ones((1, 3)), gap), bool)
+        if not np.any(turned[:, : one.shape[1]] & near):
             turned[:, : one.shape[1]] |= one
             inside[top : top + one.shape[0]] = np.roll(turned, left, axis=1)
     return inside
@@ -202,7 +201,7 @@ def placed(scene: Layered, matte: np.ndarray, places: tuple[float, float]) -> np
 
     def finer(rows, place):
         moved = np.fft.rfft(rows) * np.exp(-2j * np.pi * turns * place)
-        moved[:, -1] = moved[:, -1].real / 2
+        moved[:, -1] /= 2  # the other half belongs to the negative frequency
         return 2 * np.fft.irfft(moved, 2 * PERIOD)
 
     behind = finer(scene.background, places[0])
