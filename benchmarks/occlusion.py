@@ -43,9 +43,10 @@ of the time: {verdict}.{again}
 
 Ways to compute it, on the same configurations; the error is that against sums over everything
 (instants, frequencies of the picture, frequencies of the matte), whose own is below 0.0001 dB. The
-rows of effective speeds, and the sums, are NumPy's and one processor's, and their weights, which
-belong to a scene, are not in their time; `evaluate` gives all its figures in that time, and
-computes the weights anew.
+rows of effective speeds, and the sums, are NumPy's on one processor; the weights of the speeds
+belong to a scene and are not in their time. `evaluate` gives all its figures in that time, and
+computes the weights anew. Evenly spaced effective speeds are cheap and wrong in bright light:
+they reach neither the fastest beats, of narrow objects, nor lie densely enough for long exposures.
 
 {forms}
 """
