@@ -52,8 +52,8 @@ both is off by as much as a dB.
 *Objects that show the same photograph upside down*, so that one spectrum is that of both. Measured
 less `expected_psnr` is {same}. On these spectra `expected_psnr` is within {apart:.2f} dB of the
 sums: what is left is no error of the arithmetic. The two layers are not independent
-here. Where a photograph is like itself upside down (`retina`, with a correlation of 0.33), its edges
-against itself are fainter than the formula has them, and the expectation is too low.
+here: where a photograph is like itself upside down (`retina`, with a correlation of 0.33), its
+edges against itself are fainter than the formula has them, and the expectation is too low.
 
 {same_table}
 
