@@ -7,9 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter._core import compiling
-from mishutter._core.compiling import compiled, outside_trace
-from mishutter._core.parallel import in_threads
+from mishutter._core import compiled, compiling, in_threads, outside_trace
 
 
 def _doubled_cube(x, *, factor=2.0):
@@ -37,6 +35,7 @@ def test_what_is_known_in_a_trace_is_a_number():
 def test_an_option_that_xla_does_not_know_is_done_without(monkeypatch):
     """Another XLA compiles by the options that it still has."""
     level = {"xla_backend_optimization_level": 1}
+    # No installed XLA lacks one of the package's own options.
     monkeypatch.setattr(compiling, "_QUICKLY", {"xla_no_such_choice": True} | level)
     compiling._quick_options.cache_clear()
     try:
