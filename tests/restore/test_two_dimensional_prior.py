@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from support.cameras import camera, scene
 
 import mishutter as ms
-from mishutter.model.images import shipped_picture
+from mishutter.model import shipped_picture
 from mishutter.restore.decoders.borders import continuation
 from mishutter.restore.decoders.linear import (
     ensemble_filter,
