@@ -36,10 +36,12 @@ class LayerShares(eqx.Module):
         objects: Share of the objects' texture; shape `(m,)`.
         background: Share of the background's own texture; shape `(m,)`.
         same: Share of the beat where both layers have one speed; shape `(m,)`.
-        beat: Share of the beat of each pair of speeds at each effective speed; `(b, n, k, m)`.
+        beat: Share of the beat of each pair of speeds at each effective speed; `(m, b, n, k)`.
         background_speeds: Speeds of the background; px/s, shape `(b,)`.
         background_weights: How often each occurs; shape `(b,)`.
         speeds: Effective speeds; px/s, shape `(k,)`.
+        first: Lowest of the frequencies, cycles/px; static.
+        step: Step between them; static.
         folds: Whether `+s` and `-s` are taken for one effective speed; static.
     """
 
@@ -51,6 +53,8 @@ class LayerShares(eqx.Module):
     background_speeds: Array
     background_weights: Array
     speeds: Array
+    first: float = eqx.field(static=True)
+    step: float = eqx.field(static=True)
     folds: bool = eqx.field(static=True)
 
     def seen_from(self, velocity: Array | np.ndarray) -> "LayerShares":

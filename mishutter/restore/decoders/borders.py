@@ -64,8 +64,8 @@ def continuation(model: BlurModel, columns: int) -> Continuation:
 
 def captured_spectrum(model: BlurModel, length: int) -> Float[np.ndarray, "{length}//2+1"]:
     """Power spectrum of a capture, noise included."""
-    power_response = model.weights @ np.abs(model.responses(length)) ** 2
-    return model.picture_spectrum(length) * power_response + model.noise
+    mean, spread = model.mean_and_spread(length)
+    return model.picture_spectrum(length) * (np.abs(mean) ** 2 + spread) + model.noise
 
 
 @lru_cache(maxsize=16)

@@ -43,23 +43,8 @@ class WienerDecoder(AbstractDecoder):
 
 def ensemble_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{length}//2+1"]:
     """The ensemble filter on the grid of a DFT."""
-    power, responses = model.picture_spectrum(length), model.responses(length)
-    power_response = model.weights @ np.abs(responses) ** 2
-    mean = model.weights @ np.conj(responses)
-    return power * mean / (power * power_response + model.noise)
-
-
-def mean_and_spread(
-    model: BlurModel, length: int
-) -> tuple[Complex[np.ndarray, "{length}//2+1"], Float[np.ndarray, "{length}//2+1"]]:
-    r"""Mean response over the speeds, and its variance, on the grid of a DFT.
-
-    $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$: a capture is $m f$ and an error of power
-    $N + S v$.
-    """
-    responses = model.responses(length)
-    mean = model.weights @ responses
-    return mean, model.weights @ np.abs(responses - mean) ** 2
+    power, (mean, spread) = model.picture_spectrum(length), model.mean_and_spread(length)
+    return power * np.conj(mean) / (power * (np.abs(mean) ** 2 + spread) + model.noise)
 
 
 def expected_residual(model: BlurModel, length: int) -> float:
@@ -68,7 +53,7 @@ def expected_residual(model: BlurModel, length: int) -> float:
     $\overline{|1 - m G|^2 (S \sum p_i |H_i|^2 + N)}
     = \overline{(N + S v)^2 / (S \sum p_i |H_i|^2 + N)}$ over the grid of a DFT.
     """
-    _, spread = mean_and_spread(model, length)
+    _, spread = model.mean_and_spread(length)
     error = model.noise + model.picture_spectrum(length) * spread
     return float(_mean_over_dft(error**2 / captured_spectrum(model, length), length))
 
@@ -87,7 +72,7 @@ def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
     """
     if not np.any(model.power > 0):
         return 0.0
-    power, (mean, spread) = model.picture_spectrum(length), mean_and_spread(model, length)
+    power, (mean, spread) = model.picture_spectrum(length), model.mean_and_spread(length)
     share = lost_share(power, np.abs(mean) ** 2, spread, model.noise)
     return float(_mean_over_dft(power * share, length))
 
