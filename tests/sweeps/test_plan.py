@@ -21,7 +21,7 @@ from mishutter import (
     sweep,
 )
 from mishutter.evaluation import scenes_for
-from mishutter.model.motion import ParabolicMotion
+from mishutter.model import ParabolicMotion
 
 RELATIVE = 1e-12
 """Difference that other nodes and another order of sums make, where nothing cancels."""
