@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import Array
 
 from mishutter._core import all_concrete, is_concrete, primal_values, require
 from mishutter.blur import default_num_frequencies
@@ -177,7 +177,7 @@ def coarser(plan: Plan) -> Plan:
     return replace(plan, num_effective_speeds=min(plan.num_effective_speeds, _COARSE))
 
 
-def effective_speeds(scene: Scene, half_exposure: ArrayLike) -> int:
+def effective_speeds(scene: Scene, half_exposure: Array | np.ndarray | np.floating | float) -> int:
     """Effective speeds of two layers by half an exposure, s, or the longest in limits if traced.
 
     There are two numbers of them an octave, so that near exposures share a program.
