@@ -48,6 +48,8 @@ from mishutter.model import (
 
 _COARSE = LEAST_EFFECTIVE_SPEEDS
 """Effective speeds that a search takes."""
+_LEAST_OF_ERRORS = 65
+"""Effective speeds of the shortest exposure: 33 leave 6e-4 dB before a background that moves."""
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
@@ -190,7 +192,7 @@ def effective_speeds(scene: Scene, half_exposure: Array | np.ndarray | np.floati
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
     count = num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), BEAT_STEP)
-    return 1 + size_class(count - 1)
+    return 1 + size_class(max(count, _LEAST_OF_ERRORS) - 1)
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:
