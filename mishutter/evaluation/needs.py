@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import Array
 
 from mishutter._core import all_concrete, is_concrete, primal_values, require
 from mishutter.blur import default_num_frequencies
@@ -48,6 +48,8 @@ from mishutter.model import (
 
 _COARSE = 65
 """Effective speeds that a search takes."""
+_LEAST_OF_ERRORS = 65
+"""Effective speeds of the shortest exposure: 33 leave 6e-4 dB before a background that moves."""
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
@@ -179,7 +181,7 @@ def coarser(plan: Plan) -> Plan:
     return replace(plan, num_effective_speeds=min(plan.num_effective_speeds, _COARSE))
 
 
-def effective_speeds(scene: Scene, half_exposure: ArrayLike) -> int:
+def effective_speeds(scene: Scene, half_exposure: Array | np.ndarray | np.floating | float) -> int:
     """Effective speeds of two layers by half an exposure, s, or the longest in limits if traced.
 
     There are two numbers of them an octave, so that near exposures share a program.
@@ -192,7 +194,7 @@ def effective_speeds(scene: Scene, half_exposure: ArrayLike) -> int:
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
     count = num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), BEAT_STEP)
-    return 1 + size_class(count - 1)
+    return 1 + size_class(max(count, _LEAST_OF_ERRORS) - 1)
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:

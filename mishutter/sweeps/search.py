@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mishutter.evaluation import automatic
+from mishutter.evaluation import automatic, coarser
 from mishutter.model import AbstractMotion, ParabolicMotion, Scene, SplineShutter, steady
 from mishutter.search import optimise
 from mishutter.sweeps.grid import Search
@@ -54,7 +54,7 @@ def search(
             free="shutter",
             seed=settings.seed,
             max_steps=settings.max_steps,
-            plan=automatic(scene, motion, profile) if skips else None,
+            plan=coarser(automatic(scene, motion, profile)) if skips else None,
         )
         boxes[index] = cast(SplineShutter, design.command).parameters
         losses[index], converged[index] = design.loss, design.converged
