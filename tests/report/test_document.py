@@ -21,7 +21,7 @@ from mishutter import (
     TukeyShutter,
     evaluate,
 )
-from mishutter.cli.tables import print_report
+from mishutter.cli.tables import print_comparison, print_photographs
 from mishutter.model.images import write_picture
 from mishutter.report import Report, document, shown_rows, write_report
 from mishutter.report.document import pictured_rows
@@ -65,7 +65,7 @@ def report():
 
 def test_a_condition_says_of_which_row_it_is(report, capsys):
     """Where phases differ, the few rows that have another are named."""
-    print_report(report)
+    print_comparison(report)
     lines = capsys.readouterr().out.splitlines()
     (note,) = (line for line in lines if line.startswith("Condition at"))
     assert note.count("phase") == 2
@@ -75,7 +75,7 @@ def test_a_condition_says_of_which_row_it_is(report, capsys):
 def test_numbers_stand_under_their_columns(report, capsys, monkeypatch):
     """The gain is over the snapshot's row, and the exposure is the whole of it."""
     monkeypatch.setenv("COLUMNS", "100")
-    print_report(report)
+    print_comparison(report)
     lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     names = [cells for cells in lines if cells[0] == "shutter"]
     numbers = [cells for cells in lines if cells[0] == "Hann"]
@@ -128,7 +128,7 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
     monkeypatch.setattr(sys, "stdout", terminal)
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("TERM", "dumb")
-    print_report(replace(report, comparison=table))
+    print_comparison(replace(report, comparison=table))
     lines = [line.strip() for line in terminal.getvalue().splitlines()]
     tables = [line for line in lines if not line.startswith("Condition")]
     assert max(map(len, tables)) <= 80
@@ -291,7 +291,7 @@ def test_a_photograph_at_some_speeds_or_all(report, capsys, every):
     assert shown.captured.shape == shown.restored.shape == (2, *shown.reference.shape)
     places = [speeds.index(speed) for speed in shown.speeds]
     np.testing.assert_array_equal(shown.psnr, found.levels["ensemble"]["Hann"].psnr[places])
-    print_report(replace(report, photographs=found))
+    print_photographs(found.levels)
     lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     (title,) = (i for i, cells in enumerate(lines) if cells[0].startswith("Photograph, restored"))
     names = next(cells for cells in lines[title:] if cells[0] == "shutter")
