@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from mishutter.model import IdealShutter as IdealShutter
     from mishutter.model import Limits as Limits
     from mishutter.model import LinearMotion as LinearMotion
+    from mishutter.model import Occlusion as Occlusion
     from mishutter.model import ParabolicMotion as ParabolicMotion
     from mishutter.model import Picture as Picture
     from mishutter.model import RectShutter as RectShutter
@@ -174,6 +175,7 @@ __all__ = [
     "MeasuredProfile",
     "Metrics",
     "NonFiniteLossError",
+    "Occlusion",
     "Outcome",
     "ParabolicMotion",
     "Picture",

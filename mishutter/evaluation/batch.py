@@ -17,6 +17,7 @@ from jaxtyping import Array
 from mishutter._core import compiled, in_threads, num_threads
 from mishutter.blur import BLOCK, ExposureQuadrature, condition_number, exposure_quadrature
 from mishutter.evaluation.ensembles import without_tolerances
+from mishutter.evaluation.layers import computed_speeds
 from mishutter.evaluation.lengths import (
     longest_within_limits,
     num_frequencies,
@@ -381,8 +382,7 @@ def _picture_numbers(
         spectra = aligned_spectra(
             nodes,
             motion,
-            scene.speeds,
-            scene.weights,
+            computed_speeds(scene),
             num_frequencies,
             num_blocks=rules.num_blocks[at],
         )

@@ -20,6 +20,7 @@ from mishutter.evaluation.ensembles import (
     error_weights,
     without_tolerances,
 )
+from mishutter.evaluation.layers import layer_moments
 from mishutter.evaluation.needs import (
     EVERY_PART,
     ONLY_SPECTRA,
@@ -318,12 +319,17 @@ def _moments(
 
     def along(row: Array) -> Array:
         """The frequencies that are kept of a row, along the last axis of the moments."""
-        return row[:num_kept].reshape((1,) * (spectra.ndim - 2) + (-1,))
+        return row[:num_kept].reshape((1, -1) if told else (-1,))
 
     aperture = along(_aperture(scene, every_power.size, np.dtype(dtype)))
-    mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
-    deviation = spectra - mean[None]
-    spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0) * aperture
+    if scene.occlusion is not None:
+        mean, spread = layer_moments(scene, motion, response.spectra, told=told)
+        mean, spread = (mean, spread) if told else (mean[0], spread[0])
+    else:
+        mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
+        deviation = spectra - mean[None]
+        spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0)
+    spread = spread * aperture
     if scene.tolerances is not None:
         driven = drive_variance(scene, motion, response.efficiency, every_power.size)
         spread = spread + along(driven) * aperture
@@ -566,7 +572,7 @@ def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Arr
     Levin et al. 2008), up to 0.5 cycles/px. No path and no shutter exceeds 1 at every
     speed in $[-S, S]$.
     """
-    spectra = response.spectra
+    spectra = response.spectra[: scene.speeds.size]
     frequency = frequency_grid(spectra.shape[1], np.dtype(response.efficiency.dtype))
     exposure = motion.exposure.astype(frequency.dtype)
     smear = 2 * scene.max_speed.astype(frequency.dtype) * exposure * frequency

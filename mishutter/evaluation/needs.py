@@ -17,6 +17,13 @@ import numpy as np
 from mishutter._core import all_concrete, is_concrete, primal_values, require
 from mishutter.blur import default_num_frequencies
 from mishutter.evaluation.ensembles import ensemble_of
+from mishutter.evaluation.layers import (
+    LEAST_EFFECTIVE_SPEEDS,
+    MOST_EFFECTIVE_SPEEDS,
+    background_of,
+    num_effective_speeds,
+    with_shares,
+)
 from mishutter.evaluation.lengths import (
     MAX_COUNT,
     Extent,
@@ -24,6 +31,7 @@ from mishutter.evaluation.lengths import (
     extent,
     longest_within_limits,
     num_frequencies,
+    occurring_speeds,
     size_class,
 )
 from mishutter.evaluation.power import spectrum_on_grid
@@ -36,6 +44,10 @@ from mishutter.model import (
     seen_from,
 )
 
+_FINE_BEAT, _COARSE_BEAT = (0.8, MOST_EFFECTIVE_SPEEDS), (6.0, 65)
+"""Travel of neighbouring effective speeds against each other in half the exposure, px, and how many
+there are at most: those by which an expected error of two layers is known to 1e-4 dB, as a rule,
+and those of a search, by which it is known to 0.01 dB."""
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
@@ -90,6 +102,8 @@ class Plan:
         still: Whether nothing in the scene moves, and one kernel is all there is.
         loss_dft_length: Length of the DFT that a loss takes its condition number over; None
             for `dft_length`.
+        num_effective_speeds: Effective speeds of the beat between objects and the background that
+            they hide; 0 of a picture that moves as a whole.
         items: The decisions and their reasons; they say nothing that is computed with.
     """
 
@@ -102,6 +116,7 @@ class Plan:
     folds: bool = False
     still: bool = False
     loss_dft_length: int | None = None
+    num_effective_speeds: int = 0
     items: tuple[Item, ...] = field(default=(), compare=False, repr=False)
 
     def __str__(self) -> str:
@@ -148,9 +163,38 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
         sized_for(max(found.reach, longest), max(found.velocity, longest)),
         num_frequencies=int(num_frequencies(scene, found.spread)),
         loss_dft_length=sized_for(longest, longest).dft_length,
+        num_effective_speeds=_effective_speeds(scene, motion, _FINE_BEAT),
     )
     plan_of_search = plan_of_traced_search.value
     return own if known or plan_of_search is None else larger(plan_of_search, own)
+
+
+def coarser(plan: Plan, scene: Scene, motion: AbstractMotion) -> Plan:
+    """A plan with as few effective speeds as a search takes; of one layer, the same."""
+    if not plan.num_effective_speeds:
+        return plan
+    scene, motion = seen_from(scene, motion)
+    return replace(plan, num_effective_speeds=_effective_speeds(scene, motion, _COARSE_BEAT))
+
+
+def _effective_speeds(scene: Scene, motion: AbstractMotion, fineness: tuple[float, int]) -> int:
+    """How many effective speeds there are of two layers, on a motion or the longest within limits.
+
+    Args:
+        scene: The scene, seen from the motion.
+        motion: Motion of the sensor.
+        fineness: Travel of neighbours against each other in half the exposure, px, at most, and
+            how many there are at most.
+    """
+    if scene.occlusion is None or not scene.occlusion.has_edges:
+        return 0
+    half = motion.half_exposure if is_concrete(motion.half_exposure) else None
+    half = scene.limits.max_half_exposure if half is None else half
+    background = background_of(scene)
+    if not all_concrete((scene.speeds, background, half)):
+        return LEAST_EFFECTIVE_SPEEDS
+    speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
+    return num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), *fineness)
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:
@@ -178,6 +222,7 @@ def larger(first: Plan, second: Plan) -> Plan:
         max(first.num_frequencies, second.num_frequencies),
         max(first.num_nodes, second.num_nodes),
         loss_dft_length=first.loss_dft_length,
+        num_effective_speeds=max(first.num_effective_speeds, second.num_effective_speeds),
     )
 
 
@@ -247,13 +292,17 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     power = scene.power_spectrum
     if is_concrete(power):
         power = spectrum_on_grid(scene, plan.num_frequencies, np.dtype(scene.speeds.dtype))
-    if not (plan.skips and scene.speeds_known):
-        return scene.bare(power_spectrum=power)
-    speeds, weights = distinct_speeds(scene, folds=plan.folds)
-    speeds, weights = padded(speeds, weights)
-    if speeds.size == scene.speeds.size:
-        return scene.bare(power_spectrum=power)
-    return scene.bare(speeds=speeds, weights=weights, power_spectrum=power)
+    speeds = weights = None
+    if plan.skips and scene.speeds_known:
+        speeds, weights = padded(*distinct_speeds(scene, folds=plan.folds))
+        if speeds.size == scene.speeds.size:
+            speeds = weights = None
+    fewer = scene.bare(speeds=speeds, weights=weights, power_spectrum=power)
+    if scene.occlusion is None:
+        return fewer
+    background = background_of(scene)
+    count, num_frequencies = plan.num_effective_speeds, plan.num_frequencies
+    return with_shares(fewer, background, count, num_frequencies, folds=plan.folds)
 
 
 def padded(speeds: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -289,4 +338,18 @@ def is_symmetric(shutter: AbstractShutter) -> bool:
 def folds_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
     """Whether the kernels of `+s` and `-s` are known to be one on a motion without velocity."""
     at_once = scene.device is None or scene.device.follows_at_once
+    at_once = at_once and _layers_fold(scene)
     return at_once and motion.mirrors and is_symmetric(shutter)
+
+
+def _layers_fold(scene: Scene) -> bool:
+    """Whether two layers of `+s` and `-s` are known to be recorded alike by a symmetric shutter."""
+    if scene.occlusion is None or not scene.occlusion.has_edges:
+        return True
+    background = background_of(scene)
+    if not (scene.speeds_known and all_concrete(background)):
+        return False
+    speeds, weights = (np.asarray(x) for x in background)
+    forward, backward = np.argsort(speeds), np.argsort(-speeds)
+    mirrored = np.array_equal(speeds[forward], -speeds[backward])
+    return mirrored and np.array_equal(weights[forward], weights[backward])

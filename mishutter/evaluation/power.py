@@ -15,7 +15,8 @@ _DOUBLE = np.dtype(np.float64)
 
 def picture_power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
     """The `power_on_grid` of a scene that may be traced."""
-    known = all_concrete((scene.power_spectrum, scene.cutoff_frequency, scene.deviation))
+    given = scene.power_spectrum, scene.cutoff_frequency, scene.deviation, scene.occlusion
+    known = all_concrete(given)
     if known:
         return device_constant(power_on_grid(scene, num_frequencies, dtype))
     return jnp.asarray(_power(scene, num_frequencies, dtype))
@@ -31,6 +32,8 @@ def power_on_grid(scene: Scene, num_frequencies: int, dtype: np.dtype = _DOUBLE)
 
 
 def _power(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Any:
+    if scene.occlusion is not None and scene.occlusion.shares is not None:
+        return scene.occlusion.shares.power.astype(dtype)
     given = scene.power_spectrum, scene.cutoff_frequency, scene.deviation
     space = np if all_concrete(given) else jnp
     spectrum = spectrum_on_grid(scene, num_frequencies, dtype)

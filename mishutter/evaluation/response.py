@@ -33,6 +33,7 @@ from mishutter.blur import (
     waves_on_dft,
 )
 from mishutter.evaluation.ensembles import ensemble_of
+from mishutter.evaluation.layers import ComputedSpeeds, computed_speeds
 from mishutter.evaluation.lengths import require_sizes, size_class
 from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.sensor_view import SampledView
@@ -283,8 +284,7 @@ def light_in_time(
 def aligned_spectra(
     nodes: ExposureQuadrature,
     motion: AbstractMotion,
-    speeds: Array,
-    weights: Array,
+    computed: ComputedSpeeds,
     num_frequencies: int,
     num_kept: int | None = None,
     num_blocks: Array | None = None,
@@ -294,7 +294,7 @@ def aligned_spectra(
     Speeds that occur are `aligned`. With `num_kept` only at the lowest of the frequencies; with
     `num_blocks` from so many first blocks of nodes, and without a derivative.
     """
-    position = _positions(nodes.tau, motion, speeds, weights > 0)
+    position = _positions(nodes.tau, motion, *computed)
     light, num_kept = nodes.weight[None], num_kept or num_frequencies
     if num_blocks is None:
         return sum_of_waves(position, light, num_frequencies, num_kept)
@@ -317,18 +317,17 @@ def spectra_of(
     num_kept: int | None = None,
 ) -> Array:
     """The `aligned_spectra` of a scene; within its tolerances, in order of `ensemble_weights`."""
-    speeds, weights, tolerances = scene.speeds, scene.weights, scene.tolerances
+    computed, tolerances = computed_speeds(scene), scene.tolerances
     if tolerances is None:
-        return aligned_spectra(nodes, motion, speeds, weights, num_frequencies, num_kept)
-    return _scattered_spectra(nodes, motion, speeds, weights, tolerances, num_frequencies, num_kept)
+        return aligned_spectra(nodes, motion, computed, num_frequencies, num_kept)
+    return _scattered_spectra(nodes, motion, computed, tolerances, num_frequencies, num_kept)
 
 
 @compiled
 def _scattered_spectra(
     nodes: ExposureQuadrature,
     motion: AbstractMotion,
-    speeds: Array,
-    weights: Array,
+    computed: ComputedSpeeds,
     tolerances: Tolerances,
     num_frequencies: int,
     num_kept: int | None,
@@ -336,8 +335,8 @@ def _scattered_spectra(
     """Transfer functions of an ensemble, each acceleration aligned by itself; `(k * n, m)`."""
     dtype = nodes.tau.dtype
     half = motion.half_exposure.astype(dtype)
-    accelerations, scattered = ensemble_of(speeds, tolerances, motion, np.dtype(dtype))
-    occurs = jnp.tile(weights > 0, tolerances.num_speeds)
+    accelerations, scattered = ensemble_of(computed.speeds, tolerances, motion, np.dtype(dtype))
+    occurs = jnp.tile(computed.occurs, tolerances.num_speeds)
 
     def at_error(acceleration: Array, speeds: Array) -> Array:
         moved = ParabolicMotion(acceleration=acceleration, half_exposure=half)

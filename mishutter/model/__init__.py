@@ -45,6 +45,9 @@ from mishutter.model.motion import panned as panned
 from mishutter.model.motion import settled as settled
 from mishutter.model.motion import steady as steady
 from mishutter.model.motion import without_velocity as without_velocity
+from mishutter.model.occlusion import Background as Background
+from mishutter.model.occlusion import LayerShares as LayerShares
+from mishutter.model.occlusion import Occlusion as Occlusion
 from mishutter.model.optics import WIDEST_BLUR as WIDEST_BLUR
 from mishutter.model.optics import Optics as Optics
 from mishutter.model.optics import frequencies as frequencies

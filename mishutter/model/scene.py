@@ -33,6 +33,7 @@ from mishutter.model.motion import (
     is_known_zero,
     without_velocity,
 )
+from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import WIDEST_BLUR, Optics, frequencies, on_steps
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.shutters import AbstractShutter
@@ -110,6 +111,7 @@ class Scene(eqx.Module):
             where it is sent at once.
         tolerances: How far a camera as it is built may be from its design; the expected error,
             and a search by it, are over these. None by default.
+        occlusion: Objects that hide part of a background; by default the picture moves as a whole.
         decoder_speed: What the decoder knows of a picture's speed: `"unknown"`, one filter for all
             speeds; `"found"`, which a `SpeedFindingDecoder` finds in the picture, where that moves
             as a whole; or `"told"`. The loss of searches and comparisons is by default the expected
@@ -148,6 +150,7 @@ class Scene(eqx.Module):
     burst: Burst | None
     stage: SecondOrderStage | None
     tolerances: Tolerances | None
+    occlusion: Occlusion | None
     given_motion: AbstractMotion | None
     decoder_speed: DecoderSpeed = eqx.field(static=True)
     axis: Axis = eqx.field(static=True)
@@ -173,6 +176,7 @@ class Scene(eqx.Module):
         burst: Burst | None = None,
         stage: SecondOrderStage | None = None,
         tolerances: Tolerances | None = None,
+        occlusion: Occlusion | None = None,
         decoder_speed: DecoderSpeed = "unknown",
         axis: Axis = "rows",
         motion: AbstractMotion | None = None,
@@ -201,6 +205,7 @@ class Scene(eqx.Module):
         self.burst = burst
         self.stage = stage
         self.tolerances = tolerances
+        self.occlusion = occlusion
         self.decoder_speed = decoder_speed
         self.axis = axis
         self.given_motion = motion
@@ -238,6 +243,7 @@ class Scene(eqx.Module):
             ("burst", Burst | None, "be a `Burst`"),
             ("stage", SecondOrderStage | None, "be a `SecondOrderStage`"),
             ("tolerances", Tolerances | None, "be `Tolerances`"),
+            ("occlusion", Occlusion | None, "be an `Occlusion`"),
             ("device", AbstractDevice | None, "be a device, as an `IdealShutter`"),
             ("picture", str | None, "be a path"),
         ):
@@ -249,6 +255,9 @@ class Scene(eqx.Module):
         requirement = "be 'unknown', 'found' or 'told'"
         known = self.decoder_speed in get_args(DecoderSpeed)
         require(known, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
+        whole = self.occlusion is None or self.decoder_speed != "found"
+        requirement = "be 'unknown' or 'told' before a background: one speed is no picture's there"
+        require(whole, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
         known = self.axis in get_args(Axis)
         require(known, "Scene(axis=...)", "be 'rows' or 'columns'", self.axis)
         known = isinstance(self.given_motion, AbstractMotion | None)
@@ -370,6 +379,7 @@ class Scene(eqx.Module):
             device=self.device,
             full_well=self.full_well,
             tolerances=self.tolerances,
+            occlusion=self.occlusion,
         )
 
     def light(
@@ -471,6 +481,8 @@ def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMoti
     if scene.tolerances is not None:
         tolerances = scene.tolerances.seen_from(velocity)
         scene = eqx.tree_at(lambda s: s.tolerances, scene, tolerances)
+    if scene.occlusion is not None:
+        scene = eqx.tree_at(lambda s: s.occlusion, scene, scene.occlusion.seen_from(velocity))
     return scene, without_velocity(motion)
 
 

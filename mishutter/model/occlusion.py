@@ -1,0 +1,155 @@
+"""Objects in front of a background: how much of a picture they cover, and how wide they are."""
+
+from typing import Literal, final, get_args
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import (
+    all_concrete,
+    as_float,
+    common_dtype,
+    is_concrete,
+    require,
+    require_at_least,
+    require_finite,
+    require_scalar,
+    shown,
+)
+
+Background = Literal["still", "moving"]
+"""How a background moves: not at all, or at one of the speeds that the objects have."""
+
+
+@final
+class LayerShares(eqx.Module):
+    r"""Shares that the parts of a picture of two layers have in its power, by frequency.
+
+    The texture of the objects and that of the background move rigidly. Where the edge of an object
+    uncovers the background, the product of their waves moves at an effective speed in between or
+    beyond: the beat.
+
+    Attributes:
+        power: Power of the picture, $S_r$; shape `(m,)`.
+        objects: Share of the objects' texture; shape `(m,)`.
+        background: Share of the background's own texture; shape `(m,)`.
+        same: Share of the beat where both layers have one speed; shape `(m,)`.
+        beat: Share of the beat of each pair of speeds at each effective speed; `(b, n, k, m)`.
+        background_speeds: Speeds of the background; px/s, shape `(b,)`.
+        background_weights: How often each occurs; shape `(b,)`.
+        speeds: Effective speeds; px/s, shape `(k,)`.
+        folds: Whether `+s` and `-s` are taken for one effective speed; static.
+    """
+
+    power: Array
+    objects: Array
+    background: Array
+    same: Array
+    beat: Array
+    background_speeds: Array
+    background_weights: Array
+    speeds: Array
+    folds: bool = eqx.field(static=True)
+
+    def seen_from(self, velocity: Array | np.ndarray) -> "LayerShares":
+        """The same shares in the frame of a sensor that pans."""
+        places = lambda s: (s.background_speeds, s.speeds)  # noqa: E731
+        return eqx.tree_at(places, self, tuple(_shifted(x, velocity) for x in places(self)))
+
+
+@final
+class Occlusion(eqx.Module):
+    r"""Objects that hide part of a background, which stands still or moves.
+
+    The objects have the scene's speeds, and both layers its spectrum and mean level. The widths of
+    the objects along the rows are exponentially distributed, as far as the theory knows them; what
+    counts is the number of edges by length.
+
+    Args:
+        front_share: Share of the picture that objects cover, from 0 to 1.
+        object_width: Mean width of an object along the direction of motion, px; None for objects
+            without edges: parts of the picture that move, beside others that do not.
+        level_difference: Mean of the objects less that of the background, white = 1. The scene's
+            mean level is that of the whole picture.
+        background: `"still"`, or `"moving"`: at one of the scene's speeds, whatever the objects'.
+
+    Raises:
+        ValueError: if a number is out of its range, or `background` neither.
+    """
+
+    front_share: Array
+    object_width: Array | None
+    level_difference: Array
+    background_speed: Array
+    background: Background = eqx.field(static=True)
+    shares: LayerShares | None
+
+    def __init__(
+        self,
+        *,
+        front_share: ArrayLike,
+        object_width: ArrayLike | None = None,
+        level_difference: ArrayLike = 0.0,
+        background: Background = "still",
+    ):
+        self.front_share = as_float(front_share, "Occlusion(front_share=...)")
+        self.object_width = None
+        if object_width is not None:
+            self.object_width = as_float(object_width, "Occlusion(object_width=...)")
+        self.level_difference = as_float(level_difference, "Occlusion(level_difference=...)")
+        self.background_speed = as_float(np.zeros((), self.front_share.dtype))
+        self.background = background
+        self.shares = None
+
+    def __check_init__(self) -> None:
+        subject = "Occlusion(front_share=...)"
+        require_scalar(subject, self.front_share)
+        require_at_least(subject, self.front_share, "at least 0")
+        if is_concrete(self.front_share):
+            require(float(self.front_share) <= 1, subject, "be at most 1", self.front_share)
+        if self.object_width is not None:
+            subject = "Occlusion(object_width=...)"
+            require_scalar(subject, self.object_width)
+            require_at_least(subject, self.object_width, "above 0 px", strict=True)
+        subject = "Occlusion(level_difference=...)"
+        require_scalar(subject, self.level_difference)
+        require_finite(subject, self.level_difference)
+        known = self.background in get_args(Background)
+        requirement = "be 'still' or 'moving'"
+        require(known, "Occlusion(background=...)", requirement, self.background)
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        names = "front_share", "object_width", "level_difference"
+        numbers = (f"{n}={shown(x)}" for n in names if (x := getattr(self, n)) is not None)
+        return f"Occlusion({', '.join(numbers)}, background={self.background!r})"
+
+    @property
+    def has_edges(self) -> bool:
+        """Whether objects have edges, behind which the background is uncovered."""
+        return self.object_width is not None
+
+    def seen_from(self, velocity: Array | np.ndarray) -> "Occlusion":
+        """The same layers in the frame of a sensor that pans."""
+        speed = _shifted(self.background_speed, velocity)
+        layers = eqx.tree_at(lambda o: o.background_speed, self, speed)
+        return (
+            layers if self.shares is None else layers.with_shares(self.shares.seen_from(velocity))
+        )
+
+    def with_shares(self, shares: LayerShares | None) -> "Occlusion":
+        """The same layers, with shares that have been computed, or without."""
+        return eqx.tree_at(lambda o: o.shares, self, shares, is_leaf=_is_shares)
+
+
+def _is_shares(part: object) -> bool:
+    return part is None or isinstance(part, LayerShares)
+
+
+def _shifted(speed: Array, velocity: Array | np.ndarray) -> Array:
+    dtype = common_dtype(speed, velocity)
+    if all_concrete((speed, velocity)):
+        return as_float(np.asarray(speed, dtype) - np.asarray(velocity, dtype))
+    return jnp.asarray(speed, dtype) - jnp.asarray(velocity, dtype)
