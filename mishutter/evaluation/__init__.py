@@ -1,5 +1,6 @@
 """Evaluation of a design: needs of a scene, response, metrics and losses."""
 
+from mishutter.evaluation.batch import ERRORS_BY_LIGHT as ERRORS_BY_LIGHT
 from mishutter.evaluation.batch import KERNEL_METRICS as KERNEL_METRICS
 from mishutter.evaluation.batch import SPECTRUM_METRICS as SPECTRUM_METRICS
 from mishutter.evaluation.batch import LightLevels as LightLevels

@@ -133,6 +133,9 @@ class Plan:
     def from_dict(data: Mapping[str, Any]) -> "Plan":
         """The plan that `to_dict` wrote.
 
+        Args:
+            data: What `to_dict` gave.
+
         Raises:
             KeyError: if `data` is not such a plan.
             TypeError: if it holds more than one.

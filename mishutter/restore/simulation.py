@@ -57,7 +57,13 @@ class Simulation(_Pictures):
     def of(
         cls, captured: np.ndarray, restored: np.ndarray, found: SpeedEstimate | None
     ) -> "Simulation":
-        """A pair, and the speed that was found."""
+        """A pair, and the speed that was found.
+
+        Args:
+            captured: What was recorded.
+            restored: What a decoder made of it.
+            found: The speed that it found; None by a decoder that looks for none.
+        """
         pair = cls(captured, restored)
         pair.found = found
         return pair

@@ -192,9 +192,11 @@ class DesignSpace(eqx.Module):
     def of_motion(self) -> "DesignSpace":
         """The space of the motion alone, whose programs serve shutters of every kind.
 
-        It is this space itself where pixels fill and the exposures there are depend on the profile.
+        It is this space itself where none of it moves, and where pixels fill and the exposures that
+        there are depend on the profile.
         """
-        if self.filling is not None and (self.num_profile_coordinates or self.lags):
+        fills = self.filling is not None and (self.num_profile_coordinates > 0 or self.lags)
+        if fills or not self.free_of_motion:
             return self
         free = tuple(name for name in self.free if name != "shutter")
         of_shutter = {"shutter": RectShutter(), "device": None, "num_profile_coordinates": 0}

@@ -9,6 +9,7 @@ import numpy as np
 
 from mishutter._core import in_threads, num_threads
 from mishutter.evaluation import (
+    ERRORS_BY_LIGHT,
     KERNEL_METRICS,
     SPECTRUM_METRICS,
     LightLevels,
@@ -184,10 +185,9 @@ class Engine:
                 if not found[name].size:
                     found[name] = np.zeros((halves.size, *values.shape[1:]), values.dtype)
                 found[name][index] = values
-        if "expected_psnr" in found:
-            tail = [x.size for x in given if x is not None]
-            found["expected_psnr"] = found["expected_psnr"].reshape(-1, *tail)
-        return found
+        tail = [x.size for x in given if x is not None]
+        lit = {name: found[name].reshape(-1, *tail) for name in ERRORS_BY_LIGHT if name in found}
+        return found | lit
 
     def _overflow(
         self, arrays: Arrays, efficiency: np.ndarray, block: Block, full_well: float
@@ -204,7 +204,7 @@ class Engine:
         bits = bits | arrays["outside"][:, :, None, None]
         arrays["outside"] = bits if by_light else bits[..., 0]
         for name in grid.metrics:
-            if by_light and name == "expected_psnr":
+            if by_light and name in ERRORS_BY_LIGHT:
                 arrays[name][full] = np.nan
             else:
                 arrays[name][np.all(full, axis=3)] = np.nan

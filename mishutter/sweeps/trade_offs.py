@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 OBJECTIVES = {
     "expected_psnr": True,
+    "worst_speed_psnr": True,
     "bound_share": True,
     "efficiency": True,
     "condition_number": False,
@@ -108,6 +109,10 @@ def pareto_front(
 
 def gain_over(dataset: "xarray.Dataset", name: str) -> "xarray.DataArray":
     """Expected PSNR of every shutter over another's at the same point; dB.
+
+    Args:
+        dataset: What `sweep` gave.
+        name: The shutter that gains are over.
 
     Raises:
         ValueError: if there is no such shutter, or no expected PSNR, in the sweep.

@@ -82,28 +82,49 @@ class BlurModel(eqx.Module):
         return self.noise_at(0.0)
 
     def noise_at(self, mean_level: float) -> float:
-        r"""Variance of the noise where the picture has a mean, $\eta\bar f/p + (\sigma/p)^2$."""
+        r"""Variance of the noise where the picture has a mean, $\eta\bar f/p + (\sigma/p)^2$.
+
+        Args:
+            mean_level: Mean level of the picture, white = 1.
+        """
         p = self.electrons
         if p <= 0:
             return math.inf
         return noise_power(self.efficiency, mean_level, p, self.read_noise, unit=p)
 
     def responses(self, length: int) -> np.ndarray:
-        """Responses at the speeds that may occur, on the grid of a DFT; `(s, length // 2 + 1)`."""
+        """Responses at the speeds that may occur, on the grid of a DFT; `(s, length // 2 + 1)`.
+
+        Args:
+            length: Pixels of the DFT.
+        """
         return self.responses_at(self.speeds, length)
 
     def assumed_response(self, length: int) -> np.ndarray:
-        """The one that classical decoders take for all, of a still object as in the paper."""
+        """The one that classical decoders take for all, of a still object as in the paper.
+
+        Args:
+            length: Pixels of the DFT.
+        """
         return self.responses_at(np.zeros(1), length)[0]
 
     def responses_at(self, speeds: np.ndarray, length: int) -> np.ndarray:
-        """Responses at speeds relative to the sensor, px/s, `(s,)`; `(s, length // 2 + 1)`."""
+        """Responses at speeds relative to the sensor, px/s, `(s,)`; `(s, length // 2 + 1)`.
+
+        Args:
+            speeds: Speeds of the objects; px/s.
+            length: Pixels of the DFT.
+        """
         with outside_trace():
             found = captured_response(self.motion, self.shutter, speeds.tolist(), length)
         return np.asarray(found) * self.optics.response(length)
 
     def picture_spectrum(self, length: int) -> np.ndarray:
-        """Power spectrum of the picture on the grid of a DFT; `(length // 2 + 1,)`."""
+        """Power spectrum of the picture on the grid of a DFT; `(length // 2 + 1,)`.
+
+        Args:
+            length: Pixels of the DFT.
+        """
         known = frequencies(self.power.size)
         least = np.finfo(np.float64).tiny
         logarithm = np.log(np.maximum(self.power, least))

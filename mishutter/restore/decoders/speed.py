@@ -444,7 +444,12 @@ class SpeedEstimate(NamedTuple):
     doubt: str
 
     def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
-        """The same of a scene, where speeds are relative to the sensor that pans by `motion`."""
+        """The same of a scene, where speeds are relative to the sensor that pans by `motion`.
+
+        Args:
+            scene: The scene.
+            motion: Motion of the sensor.
+        """
         require_scene(scene)
         pan, known = float(motion.velocity), np.asarray(scene.speeds, np.float64)
         either = self.speeds[0] >= 0
