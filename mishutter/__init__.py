@@ -82,6 +82,8 @@ if TYPE_CHECKING:
     from mishutter.model import row_power_spectrum as row_power_spectrum
     from mishutter.model import stage_path as stage_path
     from mishutter.model import write_picture as write_picture
+    from mishutter.report import Comparison as Comparison
+    from mishutter.report import compare as compare
     from mishutter.restore import AbstractDecoder as AbstractDecoder
     from mishutter.restore import BlurModel as BlurModel
     from mishutter.restore import EnsembleDecoder as EnsembleDecoder
@@ -104,11 +106,9 @@ if TYPE_CHECKING:
     from mishutter.restore import restore_photograph as restore_photograph
     from mishutter.restore import richardson_lucy as richardson_lucy
     from mishutter.restore import ssim as ssim
-    from mishutter.search import Comparison as Comparison
     from mishutter.search import NonFiniteLossError as NonFiniteLossError
     from mishutter.search import Outcome as Outcome
     from mishutter.search import SearchFailedError as SearchFailedError
-    from mishutter.search import compare as compare
     from mishutter.search import optimise as optimise
     from mishutter.search import plan as plan
     from mishutter.search import starting_shutter as starting_shutter
@@ -137,7 +137,17 @@ else:
 
 __version__ = "0.1.0"
 
-_FOLDERS = ("model", "blur", "evaluation", "hardware", "search", "camera", "restore", "sweeps")
+_FOLDERS = (
+    "model",
+    "blur",
+    "evaluation",
+    "hardware",
+    "search",
+    "camera",
+    "restore",
+    "sweeps",
+    "report",
+)
 """Where public names are from, in an order in which each folder imports those before it alone."""
 
 __all__ = [

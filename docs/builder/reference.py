@@ -47,12 +47,12 @@ _FOLDERS = {
     "model": "Scenes, shutters and motions",
     "blur": "Kernels and transfer functions",
     "evaluation": "Metrics, losses and ceilings",
-    "search": "Search and comparison",
+    "search": "Search",
     "camera": "Captures",
     "restore": "Restoration",
     "hardware": "Designs as files, drive tables, traces and cameras as built",
     "sweeps": "Maps",
-    "report": "Pictures",
+    "report": "Comparison and pictures",
 }
 _PICTURES = ("plot_", "save_figure")
 
@@ -66,11 +66,10 @@ def write_reference(folder: Path) -> None:
     names = public_names()
     lists = []
     for module, title in _FOLDERS.items():
-        owner = "mishutter.report" if module == "report" else "mishutter"
-        text = "".join(f"::: {owner}.{name}\n\n" for name in names[module])
+        text = "".join(f"::: {path}\n\n" for path in names[module].values())
         (place / f"{module}.md").write_text(f"# {title}\n\n{text}")
-        found = ", ".join(f"[`{name}`]({module}.md#{owner}.{name})" for name in names[module])
-        lists.append(f"**[{title}]({module}.md)**: {found}\n")
+        links = (f"[`{name}`]({module}.md#{path})" for name, path in names[module].items())
+        lists.append(f"**[{title}]({module}.md)**: {', '.join(links)}\n")
     head = (
         "# Functions and classes\n\nEverything is imported from `mishutter`, and the pictures "
         "from `mishutter.report`. Functions take and return JAX arrays, work under `jax.jit`, "
@@ -79,14 +78,15 @@ def write_reference(folder: Path) -> None:
     (place / "index.md").write_text(head + "\n".join(lists))
 
 
-def public_names() -> dict[str, list[str]]:
-    """Names that a user may import, by the folder that they are from."""
-    found: dict[str, list[str]] = {module: [] for module in _FOLDERS}
+def public_names() -> dict[str, dict[str, str]]:
+    """Names that a user may import, each with its dotted path, by the folder they are from."""
+    names: dict[str, dict[str, str]] = {module: {} for module in _FOLDERS}
     for module, name in _exported(ROOT / "mishutter" / "__init__.py"):
-        found[module.split(".")[1]].append(name)
-    drawn = (name for _, name in _exported(ROOT / "mishutter" / "report" / "__init__.py"))
-    found["report"] = [name for name in drawn if name.startswith(_PICTURES)]
-    return found
+        names[module.split(".")[1]][name] = f"mishutter.{name}"
+    for _, name in _exported(ROOT / "mishutter" / "report" / "__init__.py"):
+        if name.startswith(_PICTURES):
+            names["report"][name] = f"mishutter.report.{name}"
+    return names
 
 
 def _exported(path: Path) -> Iterator[tuple[str, str]]:

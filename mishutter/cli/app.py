@@ -307,7 +307,7 @@ def _compared(
 ) -> "Report":
     from mishutter.model import baselines
     from mishutter.report import Report
-    from mishutter.search import compare as beside_baselines
+    from mishutter.report import compare as beside_baselines
 
     total = len({*given, *baselines()}) + 3
     with progress_bar("comparing", total) as update:

@@ -8,9 +8,9 @@ from mishutter.cli.console import print_table, print_text
 if TYPE_CHECKING:
     from mishutter.evaluation import ToleranceCosts
     from mishutter.hardware import Design
-    from mishutter.report import Report
+    from mishutter.report import Comparison, Report
     from mishutter.restore import RestoredPhotograph
-    from mishutter.search import Comparison, Row
+    from mishutter.search import Row
 
 
 def print_comparison(report: "Report") -> None:

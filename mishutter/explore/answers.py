@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,7 +30,10 @@ from mishutter.model import (
     settled,
     steady,
 )
-from mishutter.search import BEST_BURST, OWN_BEST_MOTION, Comparison, Row, fills, optimise, plan
+from mishutter.search import BEST_BURST, OWN_BEST_MOTION, Row, fills, optimise, plan
+
+if TYPE_CHECKING:
+    from mishutter.report import Comparison
 
 OPTIMISED = "optimised"
 _SHORTER = 0.8
@@ -220,7 +223,7 @@ def _numbers(metrics: Metrics, motion: AbstractMotion, speed: DecoderSpeed) -> d
     }
 
 
-def table(comparison: Comparison) -> dict[str, Any]:
+def table(comparison: "Comparison") -> dict[str, Any]:
     """The rows of a comparison, each at its own best motion, the verdict and the ceiling."""
     rows = [
         _numbers(row.metrics, row.motion, row.speed)
@@ -235,7 +238,7 @@ def table(comparison: Comparison) -> dict[str, Any]:
     return {"rows": rows, "ceiling": comparison.ceiling, **words}
 
 
-def shown_rows(comparison: Comparison) -> dict[str, Row]:
+def shown_rows(comparison: "Comparison") -> dict[str, Row]:
     """Rows at their own best motion, by name."""
     return {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
 

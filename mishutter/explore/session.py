@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, final
+from typing import TYPE_CHECKING, Annotated, Any, final
 
 import numpy as np
 from pydantic import Field
@@ -38,7 +38,10 @@ from mishutter.model import (
     read_picture,
     scene_of_tables,
 )
-from mishutter.search import Comparison, compare, optimise
+from mishutter.search import optimise
+
+if TYPE_CHECKING:
+    from mishutter.report import Comparison
 
 DRAWN = "drawn"
 NUM_CHIPS = 64
@@ -243,7 +246,9 @@ class Session:
             curves(with_room(scene), found.motion, found.shutter, at_once=True)
             yield
 
-    def _compare(self, scene: Scene, request: Request, check: Check) -> Comparison:
+    def _compare(self, scene: Scene, request: Request, check: Check) -> "Comparison":
+        from mishutter.report import compare
+
         asked = json.dumps([self._key, request.drawn, list(self._pins)])
         if self._compared is None or asked != self._compared[0]:
             entries: dict[str, Any] = {OPTIMISED: self._found, **self._pins}

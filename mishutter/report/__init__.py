@@ -1,5 +1,8 @@
-"""Pictures and documents of designs, comparisons and sweeps."""
+"""Verdicts, pictures and documents of designs, comparisons and sweeps."""
 
+from mishutter.report.comparison import Comparison as Comparison
+from mishutter.report.comparison import compare as compare
+from mishutter.report.comparison import with_verdict as with_verdict
 from mishutter.report.document import Report as Report
 from mishutter.report.document import document as document
 from mishutter.report.document import shown_rows as shown_rows

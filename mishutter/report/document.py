@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mishutter._core import strict_json, write_text
 from mishutter.hardware import Design
 from mishutter.model import Scene, scene_picture
+from mishutter.report.comparison import Comparison
 from mishutter.report.layered import layered_captures, layered_scene
 from mishutter.report.photographs import (
     ENSEMBLE,
@@ -22,17 +23,15 @@ from mishutter.search import (
     BEST_BURST,
     BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
-    BEST_SNAPSHOT,
     BEST_TUKEY,
     OWN_BEST_MOTION,
-    Comparison,
+    SNAPSHOTS,
     Row,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SNAPSHOTS = (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT)
 _OF_PHOTOGRAPH = frozenset({"psnr.png", "photograph.png", "layers.png"})
 """Pictures of the scene's photograph."""
 _MOST_ROWS = 5
@@ -61,7 +60,7 @@ class Report:
 def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
     """Rows to photograph: those of `pictured_rows`, every snapshot and the coded still."""
     held = _at_best(comparison)
-    others = (n for n in (*_SNAPSHOTS, BEST_CODED_STILL) if n in held)
+    others = (n for n in (*SNAPSHOTS, BEST_CODED_STILL) if n in held)
     wanted = dict.fromkeys((*pictured_rows(comparison, names), *others))
     return {name: held[name] for name in wanted}
 
@@ -75,7 +74,7 @@ def pictured_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, R
     held = _at_best(comparison)
     rivals = [name for name in held if name not in names and name != BEST_BURST]
     level = {name: row.level for name, row in held.items()}.__getitem__
-    snapshot = max((name for name in _SNAPSHOTS if name in held), key=level)
+    snapshot = max((name for name in SNAPSHOTS if name in held), key=level)
     best = max(rivals, key=level)
     wanted = dict.fromkeys((*names[:1], snapshot, BEST_TUKEY, best, *names[1:], "Hann", "rect"))
     return {name: held[name] for name in wanted}
@@ -107,7 +106,7 @@ def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
     slowest, typical = shown_speeds(report.scene)[0], pictured_speeds(report.scene)[0]
     scene = report.scene
     seen = layered_scene(scene_picture(scene), slowest, typical, scene.axis)
-    few = {name: row for name, row in rows.items() if name in (*report.names[:1], *_SNAPSHOTS)}
+    few = {name: row for name, row in rows.items() if name in (*report.names[:1], *SNAPSHOTS)}
     captures = layered_captures(seen, scene.along_rows(), few)
     return plots.plot_layers(seen, captures, axis=scene.axis)
 

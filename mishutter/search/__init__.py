@@ -1,16 +1,27 @@
 """The design search: space, objective, minimisation, rivals."""
 
-from mishutter.search.comparison import BEST_BURST as BEST_BURST
-from mishutter.search.comparison import BEST_CODED_STILL as BEST_CODED_STILL
-from mishutter.search.comparison import BEST_PANNED_SNAPSHOT as BEST_PANNED_SNAPSHOT
-from mishutter.search.comparison import BEST_SNAPSHOT as BEST_SNAPSHOT
-from mishutter.search.comparison import BEST_TUKEY as BEST_TUKEY
-from mishutter.search.comparison import OWN_BEST_MOTION as OWN_BEST_MOTION
-from mishutter.search.comparison import Comparison as Comparison
-from mishutter.search.comparison import Row as Row
-from mishutter.search.comparison import compare as compare
-from mishutter.search.comparison import taken_names as taken_names
 from mishutter.search.planning import plan as plan
+from mishutter.search.rivals import BEST_BURST as BEST_BURST
+from mishutter.search.rivals import BEST_CODED_STILL as BEST_CODED_STILL
+from mishutter.search.rivals import BEST_PANNED_SNAPSHOT as BEST_PANNED_SNAPSHOT
+from mishutter.search.rivals import BEST_SNAPSHOT as BEST_SNAPSHOT
+from mishutter.search.rivals import BEST_TUKEY as BEST_TUKEY
+from mishutter.search.rivals import CODED_AT_REST as CODED_AT_REST
+from mishutter.search.rivals import OWN_BEST_MOTION as OWN_BEST_MOTION
+from mishutter.search.rivals import SAME_MOTION as SAME_MOTION
+from mishutter.search.rivals import SHAPED_ON_FREE_PATH as SHAPED_ON_FREE_PATH
+from mishutter.search.rivals import SNAPSHOTS as SNAPSHOTS
+from mishutter.search.rivals import Entry as Entry
+from mishutter.search.rivals import RivalSearch as RivalSearch
+from mishutter.search.rivals import Row as Row
+from mishutter.search.rivals import Step as Step
+from mishutter.search.rivals import best_of_each_purchase as best_of_each_purchase
+from mishutter.search.rivals import best_row as best_row
+from mishutter.search.rivals import compared_rows as compared_rows
+from mishutter.search.rivals import is_finished as is_finished
+from mishutter.search.rivals import may_be_named as may_be_named
+from mishutter.search.rivals import snapshots as snapshots
+from mishutter.search.rivals import taken_names as taken_names
 from mishutter.search.search import MAX_STEPS as MAX_STEPS
 from mishutter.search.search import NUM_COEFFICIENTS as NUM_COEFFICIENTS
 from mishutter.search.search import Outcome as Outcome
@@ -21,4 +32,5 @@ from mishutter.search.search import starting_shutter as starting_shutter
 from mishutter.search.search import with_device as with_device
 from mishutter.search.search import without_pan as without_pan
 from mishutter.search.solvers import NonFiniteLossError as NonFiniteLossError
+from mishutter.search.space import beyond_limits as beyond_limits
 from mishutter.search.space import fills as fills

@@ -27,7 +27,7 @@ from mishutter import (
 from mishutter.cli import app
 from mishutter.hardware import GIVEN, given_design
 from mishutter.model import panned, seen_from
-from mishutter.search.comparison import _is_finished
+from mishutter.search import is_finished
 
 LEVEL = (0.55 + 0.3 * np.sin(np.arange(11 * 90) * 0.37).reshape(11, 90)) * 255
 
@@ -207,4 +207,4 @@ def test_a_camera_that_is_given_is_not_tuned():
     camera = given_design(SCENE, MOTION, HannShutter(), "Built.")
     other = seen_from(SCENE, panned(MOTION, 100.0))[0]
     for loss in (ExpectedErrorLoss(), DesignLoss()):
-        assert _is_finished(camera, other, loss)
+        assert is_finished(camera, other, loss)

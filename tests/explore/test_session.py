@@ -26,7 +26,7 @@ from mishutter.explore import pictures
 from mishutter.explore import session as sessions
 from mishutter.explore.answers import curves, first_answer
 from mishutter.explore.session import Order, Request, Session, SupersededError
-from mishutter.search.comparison import Row
+from mishutter.search import Row
 from mishutter.search.space import beyond_limits
 
 TABLES = tomllib.loads(SMALL_SCENE.replace('path = "photo.png"', "mean_level = 0.23"))

@@ -12,6 +12,7 @@ from support.designs import LIMITS, MOTION, SCENE
 from support.photographs import photograph
 
 from mishutter import (
+    Comparison,
     HannShutter,
     LinearMotion,
     Picture,
@@ -32,7 +33,7 @@ from mishutter.report.photographs import (
     photographs,
     shown_speeds,
 )
-from mishutter.search.comparison import (
+from mishutter.search import (
     BEST_BURST,
     BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
@@ -40,7 +41,6 @@ from mishutter.search.comparison import (
     BEST_TUKEY,
     OWN_BEST_MOTION,
     SAME_MOTION,
-    Comparison,
     Row,
 )
 

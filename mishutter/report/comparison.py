@@ -1,0 +1,280 @@
+"""Designs beside their rivals: rows of a table, their ceiling and the verdict of a scene."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mishutter._core import alone_in_blas, named, outside_trace, require, require_known
+from mishutter.evaluation import (
+    PLANNED,
+    AbstractLoss,
+    Automatic,
+    Plan,
+    ToleranceCosts,
+    as_loss,
+    ceiling,
+    loss_of_decoder,
+    tolerance_costs,
+)
+from mishutter.hardware import Design, metrics_to_dict, motion_to_dict
+from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene, settled
+from mishutter.report.verdict import comparison_notes, verdict_lines
+from mishutter.search import (
+    BEST_BURST,
+    OWN_BEST_MOTION,
+    SNAPSHOTS,
+    Entry,
+    RivalSearch,
+    Row,
+    Step,
+    best_of_each_purchase,
+    best_row,
+    compared_rows,
+    may_be_named,
+    taken_names,
+)
+
+_NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
+_HEADER = (
+    f"{'shutter':<21}{'PSNR dB':>9}{'worst speed':>13}{'cond.':>8}{'diff.':>8}{'rel.':>7}"
+    f"{'light':>7}{'bound':>7}{'stroke px':>11}{'pan px/s':>10}{'exposure ms':>13}{'loss':>9}"
+)
+_WITHIN = f"{'within dB':>11}"
+"""Header of the expected PSNR within the scene's tolerances."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Shutters side by side.
+
+    Attributes:
+        rows: One a shutter and reading.
+        verdict: What to build for this scene or to use instead; on a second line how far physics
+            would let any camera go; and where there is one a line on a better camera than that,
+            and one on the nearest simpler.
+        gain: Gain of the best design that was given, or of the best coded camera, over the best
+            snapshot, panned where that is allowed, both within the scene's tolerances; dB,
+            negative where the snapshot is better.
+        ceiling: Expected PSNR that no camera exceeds; dB. Speeds in equal steps stand for those
+            between them, unless a design exceeds the ceiling of these by dwelling at the listed.
+        notes: Sentences for the foot of the tables: the light that the shutter loses, and what a
+            burst would reach.
+        costs: What each tolerance costs the best design; None for a scene without.
+    """
+
+    rows: tuple[Row, ...]
+    verdict: str
+    gain: float
+    ceiling: float
+    notes: tuple[str, ...] = ()
+    costs: ToleranceCosts | None = None
+
+    def __repr__(self) -> str:
+        """The number of rows and the first line of the verdict; `str` is the `text`."""
+        return f"Comparison({len(self.rows)} rows: {self.verdict.splitlines()[0]})"
+
+    def __str__(self) -> str:
+        return self.text()
+
+    @property
+    def rivals(self) -> dict[str, Row]:
+        """The best row of each purchase, the simplest first; bursts take another camera.
+
+        Whoever has bought more may use less of it: the best of a purchase is among all rows that
+        take no more.
+        """
+        return best_of_each_purchase(self.rows)
+
+    @property
+    def snapshot(self) -> Row:
+        """The best snapshot that the scene allows, which gains are over."""
+        rows = (row for row in self.rows if row.reading == OWN_BEST_MOTION)
+        return best_row(row for row in rows if row.name in SNAPSHOTS)
+
+    def over_snapshot(self, level: float) -> float:
+        """Gain of an expected PSNR over that of the best snapshot that the scene allows; dB.
+
+        Args:
+            level: The expected PSNR; dB.
+        """
+        snapshot = self.snapshot.level
+        return 0.0 if level == snapshot else level - snapshot
+
+    def row(self, name: str, reading: str = OWN_BEST_MOTION) -> Row:
+        """The row of a shutter in a reading.
+
+        Args:
+            name: Name of the shutter.
+            reading: `"own best motion"` or `"same motion"`.
+
+        Raises:
+            ValueError: if there is none.
+        """
+        for row in self.rows:
+            if (row.name, row.reading) == (name, reading):
+                return row
+        names = ", ".join(sorted({row.name for row in self.rows}))
+        raise ValueError(f"`Comparison.row(name=...)` must be one of {names}; got {name!r}.")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table as plain numbers and text."""
+        rows = [
+            {
+                "reading": row.reading,
+                "name": row.name,
+                "motion": motion_to_dict(row.motion),
+                "loss": row.loss,
+                "num_frames": row.num_frames,
+                "metrics": metrics_to_dict(row.metrics),
+            }
+            for row in self.rows
+        ]
+        rivals = {
+            purchase: {
+                "name": row.name,
+                "expected_psnr_db": row.level,
+                "over_snapshot_db": self.over_snapshot(row.level),
+                "motion": motion_to_dict(row.motion),
+            }
+            for purchase, row in self.rivals.items()
+        }
+        numbers = {"gain_db": self.gain, "ceiling_db": self.ceiling}
+        words = {"verdict": self.verdict, "notes": list(self.notes)}
+        costs = {} if self.costs is None else {"tolerance_costs": self.costs.to_dict()}
+        return {"rows": rows, "rivals": rivals, **words, **numbers, **costs}
+
+    def text(self) -> str:
+        """The verdict, the tables and their notes as text."""
+        lines = [self.verdict, ""]
+        for reading in dict.fromkeys(row.reading for row in self.rows):
+            lines += [f"{reading}", _HEADER if self.costs is None else _HEADER + _WITHIN]
+            lines += [_line(row) for row in self.rows if row.reading == reading]
+            lines.append("")
+            if reading == OWN_BEST_MOTION:
+                lines.append("what each purchase brings")
+                lines += [self._purchase_line(*item) for item in self.rivals.items()]
+                lines += [*self.notes, ""]
+                lines += [] if self.costs is None else [self.costs.text(), ""]
+        return "\n".join(lines[:-1])
+
+    def _purchase_line(self, purchase: str, row: Row) -> str:
+        gain = f"{self.over_snapshot(row.level):+.2f} dB"
+        return f"{purchase:<10}{row.name:<21}{row.level:>9.2f} dB, {gain}, {row.setting}"
+
+
+def _line(row: Row) -> str:
+    """A row under the names of `_HEADER`."""
+    m = row.metrics
+    loss = "" if row.loss is None else f"{row.loss:.4f}"
+    within = "" if m.toleranced_psnr is None else f"{float(m.toleranced_psnr):>11.2f}"
+    return (
+        f"{row.name:<21}{row.psnr:>9.2f}{float(m.worst_speed_psnr):>13.2f}{float(m.condition_number):>8.2f}"
+        f"{float(m.kernel_difference):>8.4f}{float(m.relative_kernel_difference):>7.3f}"
+        f"{float(m.efficiency):>7.3f}{float(m.bound_share):>7.3f}"
+        f"{float(row.motion.stroke):>11.2f}{float(row.motion.velocity) + 0.0:>10.1f}"
+        f"{float(row.motion.exposure) * 1e3:>13.3f}{loss:>9}{within}"
+    )
+
+
+@alone_in_blas()
+@outside_trace()
+def compare(
+    scene: Scene,
+    motion: AbstractMotion | Design,
+    shutters: Mapping[str, Any] | Sequence[Any] | Entry | None = None,
+    *,
+    loss: AbstractLoss | Callable[..., Any] | None = None,
+    step: Step | None = None,
+    plan: Plan | Automatic | None = PLANNED,
+) -> Comparison:
+    r"""Measure shutters beside the baselines, in two readings.
+
+    Every row is judged by the decoder that the scene names, by `KnownSpeedLoss` or
+    `FoundSpeedLoss` by one that is told the speed of the picture or finds it, and by
+    `WorstSpeedLoss` at the worst of the speeds.
+
+    *Own best motion*: exposure, velocity and acceleration, none included, tuned for each by the
+    same loss within the scene's limits, from `motion` or from the motion of a `Design`; a
+    `Design` that this loss found for this scene is finished and stays as it is. *Same motion*:
+    every shutter on `motion`.
+
+    Rivals beside the windows, tuned alike: the best Tukey, its taper too; the best snapshot, an
+    open shutter at rest, and where the sensor may pan the best panned snapshot; the best coded
+    still, a free profile without acceleration, and where that pans the best at rest; an open
+    shutter and a free profile on the best free path, unless the scene has tolerances or limits the
+    jerk of its stage; and the best burst of a scene that has a `Burst`.
+
+    Args:
+        scene: Speeds, light, noise and limits.
+        motion: Motion of the first reading, and the start of the second; or a design, which
+            is compared on its own motion, as "optimised" where no `shutters` are given.
+        shutters: Profiles or designs to compare with the baselines, by name. Those of a
+            list are "shutter 0" and so on.
+        loss: The loss that tunes the motions, or a function of scene, motion and shutter; the
+            expected error by default, and where the loss does not see how much light an exposure
+            brings.
+        step: Called with the name of each shutter when its own best motion is found.
+        plan: The parts to compute: a plan is made for each shutter and motion; None computes
+            everything.
+
+    Returns:
+        The table and the verdict.
+
+    Raises:
+        ValueError: if a name is that of a baseline that is not the same shutter, or
+            something else than a shutter or a design is given, or JAX traces the scene or the
+            motion.
+    """
+    require_scene(scene)
+    if isinstance(motion, Design):
+        shutters = {"optimised": motion} if shutters is None else shutters
+        motion = motion.motion
+    require_known("compare", scene=scene, motion=motion)
+    loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")
+    loss = loss if loss.sees_light else loss_of_decoder(scene)
+    motion = settled(motion)
+    entries = _entries(shutters) if shutters else {}
+    search = RivalSearch(scene, loss, PLANNED if isinstance(plan, Plan) else plan)
+    rows = compared_rows(search, motion, entries, step or (lambda name: None))
+    return with_verdict(rows, entries, scene)
+
+
+def _entries(shutters: object) -> dict[str, Entry]:
+    """Shutters and designs by names that are no other row's."""
+    subject, kinds = "compare(shutters=...)", (AbstractShutter, Design)
+    entries = named(subject, shutters, kinds, "shutter or design", label="shutter ")
+    requirement = f"call no other shutter one of {', '.join(taken_names())}"
+    for name, entry in entries.items():
+        require(may_be_named(entry, name), subject, requirement, name)
+    return entries
+
+
+def with_verdict(rows: Sequence[Row], entries: Mapping[str, Entry], scene: Scene) -> Comparison:
+    """Judges rows of a scene.
+
+    Args:
+        rows: One a shutter and reading, a snapshot among those at their own best motions.
+        entries: Shutters and designs that the verdict is about, by the names of their rows; the
+            best coded camera of all where there is none.
+        scene: The scene that the rows were measured for.
+    """
+    at_best = {row.name: row for row in rows if row.reading == OWN_BEST_MOTION}
+    burst = at_best.pop(BEST_BURST, None)
+    notes = comparison_notes(scene, entries, list(at_best.values()), burst)
+    snapshot = best_row(row for row in at_best.values() if row.name in SNAPSHOTS)
+    if np.isposinf(snapshot.level):
+        return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf, notes)
+    coded = [row for row in at_best.values() if row.name not in SNAPSHOTS]
+    best = best_row([row for row in coded if row.name in entries] or coded)
+    most = float(ceiling(scene))
+    if most < best_row(coded).level:  # by dwelling at the speeds that are listed
+        most = float(ceiling(scene, continuous=False))
+    own = best if best.name in entries else None
+    lines = verdict_lines(list(at_best.values()), own, snapshot, most)
+    costs = None
+    if scene.tolerances is not None:
+        costs = tolerance_costs(scene, best.motion, best.shutter)
+    gain = best.level - snapshot.level
+    return Comparison(tuple(rows), "\n".join(lines), gain, most, notes, costs)

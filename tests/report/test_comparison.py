@@ -1,0 +1,229 @@
+"""A design beside its baselines: two readings, one table, and names that stay apart."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.designs import MOTION, OUTLIER, SCENE, SLOW
+from support.rows import verdict
+
+from mishutter import (
+    GaussianShutter,
+    HannShutter,
+    KnownSpeedLoss,
+    Limits,
+    Scene,
+    StillCamera,
+    TukeyShutter,
+    WorstSpeedLoss,
+    compare,
+    optimise,
+)
+from mishutter.search import (
+    BEST_BURST,
+    BEST_PANNED_SNAPSHOT,
+    BEST_SNAPSHOT,
+    CODED_AT_REST,
+    OWN_BEST_MOTION,
+    SAME_MOTION,
+    taken_names,
+)
+
+ROUNDING_DB = 1e-9
+
+
+TOLD = Scene.uniform(
+    max_speed=2000.0,
+    num_speeds=5,
+    photon_rate=1e5,
+    read_noise=10.0,
+    limits=SCENE.limits,
+    decoder_speed="told",
+)
+"""The small scene, for a decoder that is told the speed."""
+
+
+@pytest.fixture(scope="module")
+def table():
+    return compare(OUTLIER, SLOW, {"mine": HannShutter()})
+
+
+@pytest.mark.slow
+def test_its_own_best_motion_is_never_below_the_same_motion(table):
+    """Also where the motion at hand gives up what the fastest object would ask for."""
+    for row in table.rows:
+        if row.reading == SAME_MOTION:
+            own = table.row(row.name, OWN_BEST_MOTION)
+            same = float(row.metrics.expected_psnr)
+            assert float(own.metrics.expected_psnr) >= same - ROUNDING_DB
+            assert np.isfinite(same)
+
+
+@pytest.mark.slow
+def test_nothing_to_restore_is_said_in_words():
+    """A scene without detail: no decibels of infinity, and no gain."""
+    grey = eqx.tree_at(lambda scene: scene.deviation, OUTLIER, jnp.zeros_like(OUTLIER.deviation))
+    table = compare(grey, SLOW, {"mine": TukeyShutter(0.3)})
+    assert "there is nothing to restore" in table.verdict
+    assert table.gain == 0
+
+
+def test_what_each_purchase_brings():
+    """The best of nothing, a stage, a shutter and both, given or not; a burst is none of them."""
+    levels = {"a": 23.0, "Hann": 24.5, "rect": 22.25, BEST_SNAPSHOT: 21.5}
+    levels |= {BEST_PANNED_SNAPSHOT: 21.75, CODED_AT_REST: 21.625, BEST_BURST: 29.0}
+    comparison = verdict(levels, "a")
+    names = {takes: row.name for takes, row in comparison.rivals.items()}
+    assert names == {
+        "nothing": BEST_SNAPSHOT,
+        "a stage": "rect",
+        "a shutter": CODED_AT_REST,
+        "both": "Hann",
+    }
+    document = comparison.to_dict()["rivals"]
+    assert {takes: each["name"] for takes, each in document.items()} == names
+    assert document["both"]["expected_psnr_db"] == 24.5
+    assert document["both"]["over_snapshot_db"] == 2.75
+    assert document["a stage"]["motion"]["velocity"] == -12345.0
+    _, table = comparison.text().split("what each purchase brings\n")
+    lines = [" ".join(line.split()) for line in table.splitlines()]
+    assert lines[:4] == [
+        "nothing best snapshot 21.50 dB, -0.25 dB, 2.6 ms, at rest",
+        "a stage rect 22.25 dB, +0.50 dB, 20 ms, pan -12345 px/s, stroke 21.9 px",
+        "a shutter best coded at rest 21.62 dB, -0.12 dB, 2.6 ms, at rest",
+        "both Hann 24.50 dB, +2.75 dB, 20 ms, stroke 22 px",
+    ]
+    better = verdict(levels | {"a": 25.0}, "a")
+    assert better.rivals["both"].name == "a"
+
+
+@pytest.mark.slow
+def test_a_scene_names_the_decoder_that_all_are_judged_by():
+    """Design, rivals, gain and ceiling are of it, as by the loss of that decoder."""
+    design = optimise(TOLD, num_starts=6)
+    same = optimise(SCENE, loss=KnownSpeedLoss(), num_starts=6)
+    assert float(design.loss) == float(same.loss)
+    comparison = compare(TOLD, design)
+    assert {row.speed for row in comparison.rows} == {"told"}
+    levels = [float(row.metrics.known_speed_psnr) for row in comparison.rows]
+    assert [row.level for row in comparison.rows] == levels
+    assert max(levels) <= comparison.ceiling
+    of_loss = compare(SCENE, same, loss=KnownSpeedLoss())
+    assert comparison.text() == of_loss.text()
+
+
+@pytest.mark.slow
+def test_a_search_for_the_worst_speed_is_better_there_and_worse_in_the_mean():
+    """Than one for the mean; a comparison judges every row by it, below the ceiling."""
+    loss = WorstSpeedLoss()
+    for_worst, for_mean = (optimise(SCENE, loss=x, num_starts=6) for x in (loss, None))
+    worst, mean = (for_worst.metrics, for_mean.metrics)
+    assert float(worst.worst_speed_psnr) > float(mean.worst_speed_psnr)
+    assert float(worst.expected_psnr) < float(mean.expected_psnr)
+    comparison = compare(SCENE, for_worst, loss=loss)
+    levels = [float(row.metrics.worst_speed_psnr) for row in comparison.rows]
+    assert [row.level for row in comparison.rows] == levels
+    assert max(levels) <= comparison.ceiling
+    assert comparison.row("optimised").level >= max(row.level for row in comparison.rows[:3]) - 1e-3
+
+
+def test_gains_are_over_the_best_snapshot_that_is_allowed():
+    """One that pans, where that is better: in the verdict, the table and the document alike."""
+    levels = {"a": 24.0, BEST_SNAPSHOT: 21.0, BEST_PANNED_SNAPSHOT: 23.0}
+    table = verdict(levels, "a")
+    assert table.verdict.startswith("Build a: 24.00 dB, 1.00 dB above the best panned snapshot.")
+    assert table.gain == table.over_snapshot(24.0) == table.to_dict()["gain_db"] == 1.0
+    assert table.over_snapshot(21.0) == -2.0
+
+
+@pytest.mark.slow
+def test_no_row_exceeds_the_ceiling(table):
+    """At its own best motion or at the same."""
+    assert all(float(row.metrics.expected_psnr) <= table.ceiling for row in table.rows)
+
+
+@pytest.mark.slow
+def test_a_scene_of_one_speed_is_panned():
+    """An open shutter on a camera that keeps up with it is as good as anything."""
+    turned = Limits(
+        max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03, pans="camera"
+    )
+    scene = Scene([1500.0], photon_rate=1e5, read_noise=4.0, limits=turned)
+    table = compare(scene, MOTION, {"mine": HannShutter()})
+    snapshot = table.row(BEST_PANNED_SNAPSHOT)
+    assert float(snapshot.motion.velocity) == pytest.approx(1500.0, abs=1.0)
+    assert table.verdict.startswith("Do not build a coded camera")
+    assert table.gain < 0.1
+
+
+def test_the_table_as_text():
+    """Each number stands under its name, in the units that are named."""
+    comparison = verdict({"a": 21.5, BEST_SNAPSHOT: 24.0}, "a")
+    table = comparison.text().removeprefix(comparison.verdict).strip()
+    reading, header, line, *_ = table.splitlines()
+    m = comparison.row("a").metrics
+    numbers = (m.condition_number, m.kernel_difference, m.relative_kernel_difference)
+    shares = (m.efficiency, m.bound_share)
+    assert reading == OWN_BEST_MOTION
+    names = "PSNR dB worst speed cond. diff. rel. light bound stroke px pan px/s exposure ms loss"
+    assert header.split() == ["shutter", *names.split()]
+    cells = [float(cell) for cell in line.split()[1:]]
+    np.testing.assert_allclose(
+        cells, [21.5, m.worst_speed_psnr, *numbers, *shares, 22, 0, 20, 0.25], atol=6e-3
+    )
+
+
+def test_a_comparison_prints_its_table():
+    """And shows its verdict alone, or a row's level, within something larger."""
+    table = verdict({"a": 21.5, BEST_SNAPSHOT: 24.0}, "a")
+    assert str(table) == table.text()
+    assert repr(table) == f"Comparison(2 rows: {table.verdict.splitlines()[0]})"
+    assert repr(table.row("a")).startswith("Row('own best motion', 'a', 21.50 dB, 20 ms, stroke")
+
+
+@pytest.mark.slow
+def test_shutters_without_names(table):
+    """A list is compared as a mapping is, under numbers."""
+    comparison = compare(OUTLIER, SLOW, [HannShutter()])
+    assert comparison.row("shutter 0").metrics == table.row("mine").metrics
+    assert "shutter 0" in comparison.text()
+
+
+@pytest.mark.slow
+def test_a_row_that_is_not_there(table):
+    """It is refused by the names that are."""
+    with pytest.raises(ValueError, match=r"name=...\)` must be one of .*Hann, .*; got 'Hamming'"):
+        table.row("Hamming")
+
+
+def test_what_is_no_shutter():
+    """Anything else is refused by name, before anything is computed."""
+    message = r"`compare\(shutters=...\)` must hold at least one shutter or design and nothing else"
+    with pytest.raises(ValueError, match=message):
+        compare(OUTLIER, SLOW, {"a": HannShutter(), "b": StillCamera(half_exposure=1e-3)})
+
+
+@pytest.mark.parametrize("name", taken_names())
+def test_a_baseline_keeps_its_name(name):
+    """Another shutter is refused by it, and the verdict never speaks of the wrong one."""
+    with pytest.raises(ValueError, match=f"call no other shutter one of .*; got '{name}'"):
+        compare(OUTLIER, SLOW, {name: TukeyShutter(0.3)})
+
+
+@pytest.mark.slow
+def test_a_baseline_may_be_given_by_name(table):
+    """The same window under its own name is one row, and one of those judged."""
+    given = compare(OUTLIER, SLOW, {"Hann": HannShutter(), "Gaussian": GaussianShutter()})
+    assert sorted(row.name for row in given.rows) == sorted(
+        row.name for row in table.rows if row.name != "mine"
+    )
+
+
+@pytest.mark.slow
+def test_a_design_brings_its_motion():
+    """`compare(scene, design)` is the table of the design on its own motion, as "optimised"."""
+    design = optimise(OUTLIER, SLOW, TukeyShutter(0.4), free="acceleration")
+    short = compare(OUTLIER, design)
+    spelled = compare(OUTLIER, design.motion, {"optimised": design})
+    assert short.text() == spelled.text()
+    assert short.row("optimised", "same motion").motion is design.motion

@@ -1,0 +1,58 @@
+"""Rows of a comparison with levels of a test's own, and the verdict on them."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+
+from mishutter import (
+    Comparison,
+    HannShutter,
+    LinearMotion,
+    ParabolicMotion,
+    RectShutter,
+    StillCamera,
+    evaluate,
+)
+from mishutter.report import with_verdict
+from mishutter.search import (
+    BEST_CODED_STILL,
+    BEST_PANNED_SNAPSHOT,
+    BEST_SNAPSHOT,
+    CODED_AT_REST,
+    OWN_BEST_MOTION,
+    Row,
+)
+from support.designs import MOTION, SCENE
+
+STILL = StillCamera(half_exposure=1.3e-3)
+PANNED = LinearMotion(half_exposure=2e-3, velocity=-1500.0)
+MOVING = ParabolicMotion(acceleration=21.875 / 1e-4, half_exposure=1e-2, velocity=-12345.0)
+OF_THEIR_KIND = {
+    BEST_SNAPSHOT: (STILL, RectShutter()),
+    BEST_PANNED_SNAPSHOT: (PANNED, RectShutter()),
+    BEST_CODED_STILL: (PANNED, HannShutter()),
+    CODED_AT_REST: (STILL, HannShutter()),
+    "rect": (MOVING, RectShutter()),
+}
+
+
+def made_up(levels: dict[str, float]) -> list[Row]:
+    """Rows of these expected PSNR, on the motions of their kind, others on one that moves."""
+    metrics = evaluate(SCENE, MOTION, HannShutter())
+    return [
+        Row(
+            OWN_BEST_MOTION,
+            name,
+            shutter,
+            motion,
+            0.25,
+            replace(metrics, expected_psnr=jnp.asarray(level)),
+        )
+        for name, level in levels.items()
+        for motion, shutter in [OF_THEIR_KIND.get(name, (MOTION, HannShutter()))]
+    ]
+
+
+def verdict(levels: dict[str, float], *names: str) -> Comparison:
+    """The comparison of such rows, of which these are the user's own."""
+    return with_verdict(made_up(levels), dict.fromkeys(names, RectShutter()), SCENE)
