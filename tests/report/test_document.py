@@ -1,6 +1,7 @@
 """Reports: notes that say of what they speak, and a folder that holds one run."""
 
 import io
+import json
 import re
 import sys
 from dataclasses import replace
@@ -22,6 +23,7 @@ from mishutter import (
     TukeyShutter,
     evaluate,
 )
+from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
 from mishutter.model.images import write_picture
 from mishutter.report import Report, document, shown_rows, write_report
@@ -221,13 +223,32 @@ def test_rivals_are_pictured_beside_many_designs(report):
     assert set(names) < set(rows)
 
 
+def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, monkeypatch):
+    """What is known is on standard output when the first capture begins; a document is whole."""
+    seen: list[str] = []
+
+    def photographed(result, num_seeds, every):
+        seen.append(capsys.readouterr().out)
+        return result
+
+    monkeypatch.setattr(app, "_photographed", photographed)
+    app._deliver(report, None, False, 1, False)
+    app._deliver(report, None, True, 1, False)
+    assert seen[0].startswith("A verdict.\n")
+    assert "Same motion" in seen[0]
+    assert seen[1] == ""
+    assert json.loads(capsys.readouterr().out)["files"] == []
+
+
 @pytest.mark.slow
 def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):
     """Those of a photograph go where this run has none; what is somebody else's stays."""
     kept, stale = {"design.json", "notes.txt"}, {"psnr.png", "photograph.png"}
     for name in kept | stale:
         (tmp_path / name).write_text("from before")
-    written = write_report(report, tmp_path)
+    told: list[str] = []
+    written = write_report(report, tmp_path, wrote=told.append)
+    assert told == written
     assert {path.name for path in tmp_path.iterdir()} == kept | set(written)
     assert not stale & set(written)
 
