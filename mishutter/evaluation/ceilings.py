@@ -30,6 +30,9 @@ $q = 2R\,T\lambda\,/\,(\bar f + \sigma^2/2RT)$.
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
+from typing import NamedTuple
+
+import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
@@ -39,14 +42,26 @@ from mishutter._core import (
     require_known,
     require_scalar,
 )
-from mishutter.evaluation.lengths import distinct_speeds, frequency_counts
+from mishutter.evaluation.layers import background_of, num_effective_speeds, with_shares
+from mishutter.evaluation.lengths import distinct_speeds, frequency_counts, occurring_speeds
 from mishutter.evaluation.power import power_on_grid
-from mishutter.model import NYQUIST_FREQUENCY, Scene, frequencies, pixel_response, require_scene
+from mishutter.model import (
+    NUM_FREQUENCIES,
+    NYQUIST_FREQUENCY,
+    Occlusion,
+    Scene,
+    frequencies,
+    pixel_response,
+    require_scene,
+)
 
 _LOWEST, _NUM_EIGENVALUES = 1e-6, 2048
 """Frequencies at which eigenvalues are computed: the lowest, below that of every grid, cycles/px,
 and how many from there to 0.5, each 1.006 times the last. The bound of the largest eigenvalue is
 too high by no more than that, and the ceiling by 0.03 dB."""
+_BEAT_STEP, _MOST_SPEEDS, _RIDGE = 6.0, 65, 1e-12
+"""Travel of effective speeds against each other in half the exposure, px; how many there are at
+most; and the share that keeps their Gram matrix regular."""
 _STEP_TOLERANCE = 1e-4
 """Part of a step by which steps of single precision may differ and count as equal."""
 
@@ -111,45 +126,69 @@ def ceiling(
     positive = np.asarray(longest).dtype.kind in "fiu" and float(np.asarray(longest)) > 0
     require(positive, "ceiling(max_half_exposure=...)", "be above 0 s", longest)
     half = float(np.asarray(longest))
-    bounds: list[tuple[np.ndarray, np.ndarray]] = []
+    bounds: list[Times] = []
     if continuous or (continuous is None and _stands_for_range(scene)):
         bounds.append(times_of_cells(scene))
     if not continuous:
         bounds.append(times_of_list(scene, half))
-    counts = frequency_counts()
     errors = [
-        min(_least_error(scene, half, knots, times, count) for count in counts)
-        for knots, times in bounds
+        _least_error_of_layers(scene, half, times)
+        if scene.occlusion is not None
+        else min(_least_error(scene, half, times, _power(scene, n)) for n in frequency_counts())
+        for times in bounds
     ]
     with np.errstate(divide="ignore"):
         return as_float(-10 * np.log10(max(errors)).astype(scene.speeds.dtype))
 
 
-def _least_error(
-    scene: Scene, half: float, knots: np.ndarray, times: np.ndarray, num_frequencies: int
-) -> float:
+class Times(NamedTuple):
+    r"""Bounds of $f T\lambda(Tf)$, which never fall with the frequency.
+
+    Attributes:
+        frequency: Frequencies, ascending up to 0.5; cycles/px, shape `(k,)`.
+        bound: The bound at these; cycles s/px, shape `(k,)`.
+    """
+
+    frequency: np.ndarray
+    bound: np.ndarray
+
+    def at(self, frequency: np.ndarray) -> np.ndarray:
+        """The bound at other frequencies."""
+        return self.bound[np.searchsorted(self.frequency, frequency)]
+
+
+class _Power(NamedTuple):
+    """Power of a picture at some frequencies, and by how many the mean over all is taken."""
+
+    frequency: np.ndarray
+    power: np.ndarray
+    num_frequencies: int
+
+
+def _power(scene: Scene, num_frequencies: int) -> _Power:
+    frequency, power = frequencies(num_frequencies), power_on_grid(scene, num_frequencies)
+    occurs = power > 0
+    return _Power(frequency[occurs], power[occurs], num_frequencies)
+
+
+def _least_error(scene: Scene, half: float, times: Times, picture: _Power) -> float:
     r"""Least expected squared error on a grid of frequencies, white = 1.
 
     Args:
-        scene: Light, noise and picture.
+        scene: Light and noise.
         half: The longest half exposure $T$; s.
-        knots: Frequencies, ascending up to 0.5; cycles/px, shape `(k,)`.
-        times: Bounds of $f T\lambda$ at these, which never fall; cycles s/px, shape `(k,)`.
-        num_frequencies: Number of frequencies in (0, 0.5) cycles/px.
+        times: Bounds of $f T\lambda$.
+        picture: Power of the picture.
     """
-    frequency = frequencies(num_frequencies)
-    power = power_on_grid(scene, num_frequencies)
-    occurs = power > 0
-    frequency, power = frequency[occurs], power[occurs]
-    rate, read_noise, mean_level, deviation = (
-        np.float64(x)
-        for x in (scene.photon_rate, scene.read_noise, scene.mean_level, scene.deviation)
+    frequency, power, num_frequencies = picture
+    rate, read_noise, mean_level = (
+        np.float64(x) for x in (scene.photon_rate, scene.read_noise, scene.mean_level)
     )
     if not power.size:
         return 0.0
     if rate == 0:
-        return float(deviation**2)
-    time = np.minimum(half, times[np.searchsorted(knots, frequency)] / frequency)
+        return float(np.sum(power) / num_frequencies)
+    time = np.minimum(half, times.at(frequency) / frequency)
     with np.errstate(divide="ignore", over="ignore"):
         signal = 2 * rate * time / (mean_level + read_noise * (read_noise / (2 * rate * half)))
         passed = np.asarray(pixel_response(frequency, float(scene.lens_blur))) ** 2
@@ -157,26 +196,75 @@ def _least_error(
     return float(np.sum(power * share) / num_frequencies)
 
 
-def times_of_list(scene: Scene, half: float) -> tuple[np.ndarray, np.ndarray]:
+def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> float:
+    r"""Least expected squared error of objects before a background.
+
+    The largest eigenvalue of a sum is at most the sum of the largest: that of the objects and of a
+    background that moves as they do; that of a still background, with which any camera keeps up;
+    and that of the beat at its effective speeds. The parts are uncorrelated, so that the error is
+    at least that of the others too where a still background is recorded without one.
+
+    Args:
+        scene: The scene.
+        half: The longest half exposure $T$; s.
+        of_objects: Bounds of $f T\lambda$ of the objects alone.
+    """
+    if np.isinf(half):
+        return 0.0
+    speeds = np.append(occurring_speeds(scene), np.asarray(background_of(scene).speeds))
+    count = min(num_effective_speeds(np.ptp(speeds) / 2 * half, _BEAT_STEP), _MOST_SPEEDS)
+    scene = with_shares(scene, background_of(scene), count, NUM_FREQUENCIES, folds=False)
+    occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
+    shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)
+    frequency, weights = frequencies(NUM_FREQUENCIES), np.asarray(scene.weights, np.float64)
+    beat = np.einsum("b,n,fbnk->fk", shares.background_weights, weights, shares.beat)
+    turns = 2 * half * (shares.speeds[:, None] - shares.speeds)
+    largest = [
+        _largest(share, np.sinc(turns * f)) for share, f in zip(beat, frequency, strict=True)
+    ]
+    own = np.minimum(of_objects.at(frequency), half * frequency)
+    is_still = occlusion.background == "still"
+    still = shares.background * is_still
+    # What beats at equal speeds moves as both layers do.
+    other = 1 - still - np.sum(beat, axis=1)
+    moving = other * own + half * frequency * np.array(largest)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        alone = np.where(still < 1, moving / (1 - still), 0)
+    parts = (shares.power, moving + still * half * frequency), (shares.power * (1 - still), alone)
+    return max(
+        _least_error(scene, half, Times(frequency, bound), _Power(frequency, power, frequency.size))
+        for power, bound in parts
+    )
+
+
+def _largest(shares: np.ndarray, gram: np.ndarray) -> float:
+    """Largest eigenvalue of a Gram matrix that is weighted with shares, some of them below 0."""
+    if not shares.size:
+        return 0.0
+    factor = np.linalg.cholesky(gram + _RIDGE * np.eye(shares.size))
+    return float(np.linalg.eigvalsh(factor.T @ (shares[:, None] * factor))[-1])
+
+
+def times_of_list(scene: Scene, half: float) -> Times:
     r"""Frequencies, and $f T\lambda(Tf)$ at these, of exactly the speeds that are listed."""
     knots = np.geomspace(_LOWEST, NYQUIST_FREQUENCY, _NUM_EIGENVALUES)
     if np.isinf(half):
-        return knots, np.full(knots.shape, np.inf)
+        return Times(knots, np.full(knots.shape, np.inf))
     speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=False))
     shares = np.sqrt(weights[:, None] * weights)
     turns = 2 * half * (speeds[:, None] - speeds)
     largest = [np.linalg.eigvalsh(shares * np.sinc(turns * f))[-1] for f in knots]
-    return knots, knots * half * np.array(largest)
+    return Times(knots, knots * half * np.array(largest))
 
 
-def times_of_cells(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+def times_of_cells(scene: Scene) -> Times:
     """Half the largest density, at every frequency, of speeds spread evenly over equal cells."""
     subject, requirement = "ceiling(scene=...)", "hold two or more speeds in equal steps"
     steps = in_equal_steps(scene)
     require(steps, subject, f"{requirement} where it is `continuous`", scene.speeds)
     speeds, weights = distinct_speeds(scene, folds=False)
     density = float(np.max(weights)) * speeds.size / float(np.ptp(speeds))
-    return np.array([NYQUIST_FREQUENCY]), np.array([density / 2])
+    return Times(np.array([NYQUIST_FREQUENCY]), np.array([density / 2]))
 
 
 def in_equal_steps(scene: Scene) -> bool:

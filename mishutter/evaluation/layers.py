@@ -42,7 +42,7 @@ from mishutter.model import (
     frequency_grid,
 )
 
-LEAST_EFFECTIVE_SPEEDS, MOST_EFFECTIVE_SPEEDS = 33, 513
+LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 33, 513
 """How many effective speeds there are, at least and at most."""
 _MOST_WEIGHTS = 40_000
 """Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
@@ -55,17 +55,16 @@ _NODES_A_PEAK = 96
 """Nodes of the quadrature about either peak of the beat."""
 
 
-def num_effective_speeds(travel: float, step: float, most: int = MOST_EFFECTIVE_SPEEDS) -> int:
+def num_effective_speeds(travel: float, step: float) -> int:
     """Odd number of effective speeds of which neighbours travel at most so far from each other.
 
     Args:
         travel: Travel of the fastest layer in half the exposure, against the middle of all; px.
         step: Travel of neighbours in the middle against each other; px.
-        most: How many there are at most, all the same.
     """
     finest = _FURTHEST * _GROWTH / math.sinh(_GROWTH)
     count = 1 + 2 * math.ceil(finest * travel / step)
-    return min(max(count, LEAST_EFFECTIVE_SPEEDS), most)
+    return min(max(count, LEAST_EFFECTIVE_SPEEDS), _MOST_EFFECTIVE_SPEEDS)
 
 
 class Background(NamedTuple):
@@ -127,7 +126,7 @@ def _shares(
     if occlusion.object_width is None:
         total, objects, own = texture, front * texture, behind * texture
         same = jnp.zeros_like(texture)
-        beat = jnp.zeros((*num_pairs, 0, num_frequencies), dtype)
+        beat = jnp.zeros((num_frequencies, *num_pairs, 0), dtype)
         effective = jnp.zeros(0, dtype)
     else:
         width = occlusion.object_width.astype(dtype)
@@ -154,11 +153,14 @@ def _shares(
             jnp.broadcast_to(speeds[:, None], num_pairs).ravel(),
             jnp.broadcast_to(scene.speeds.astype(dtype)[None], num_pairs).ravel(),
         )
-        beat = jax.lax.map(pair, pairs).reshape(*num_pairs, count, num_frequencies)
+        beat = jnp.moveaxis(jax.lax.map(pair, pairs), -1, 0)
+        beat = beat.reshape(num_frequencies, *num_pairs, count)
         effective = nodes.speeds
     divisor = jnp.where(total > 0, total, 1.0)
-    parts = (jnp.where(total > 0, part / divisor, 0) for part in (objects, own, same, beat))
-    return LayerShares(total, *parts, speeds, weights, effective, folds)
+    whole = jnp.where(total > 0, 1 / divisor, 0)
+    parts = (part * whole for part in (objects, own, same))
+    beat = beat * whole[:, None, None, None]
+    return LayerShares(total, *parts, beat, speeds, weights, effective, folds)
 
 
 def _spanned(scene: Scene, speeds: Array, weights: Array, *, folds: bool) -> tuple[Array, Array]:
@@ -336,16 +338,17 @@ def _row_weights(
     """Weights $W$ of powers, `(o, r, f)`, and $V$ of amplitudes, `(e, o, r, f)`, complex."""
     shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
     objects, own, same, beat = (
-        x[..., :num_kept].astype(dtype)
+        x[:num_kept].astype(dtype)
         for x in (shares.objects, shares.background, shares.same, shares.beat)
     )
     num_objects, prior = scene.speeds.size, scene.weights.astype(dtype)
     behind = shares.background_weights.astype(dtype)
     chosen = jnp.eye(num_objects, dtype=dtype) if told else prior[None]
-    phases = _beat_phases(scene, motion, num_kept, dtype)
     complex_type = np.result_type(dtype, np.complex64)
-    powers = jnp.einsum("on,b,bnkf->okf", chosen, behind, beat)
-    amplitudes = jnp.einsum("on,b,bnkf,ebnkf->eokf", chosen, behind, beat, phases)
+    beat = behind[:, None, None] * beat
+    powers = jnp.einsum("on,fbnk->okf", chosen, beat)
+    amplitudes = _beat_amplitudes(scene, motion, beat)
+    amplitudes = jnp.einsum("on,enkf->eokf", chosen.astype(complex_type), amplitudes)
     powers, amplitudes = (_folded(x, shares) for x in (powers, amplitudes))
     speeds, background = (x.astype(dtype) for x in (scene.speeds, shares.background_speeds))
     meets = (background[:, None] == speeds[None]).astype(dtype) * behind[:, None]
@@ -361,24 +364,36 @@ def _row_weights(
     return direct, jnp.concatenate([repeated, amplitudes], axis=2)
 
 
-def _beat_phases(
-    scene: Scene, motion: AbstractMotion, num_kept: int, dtype: np.dtype
-) -> Complex[Array, "errors background objects nodes kept"]:
-    """Phases that displace the beat of two layers as these are, from where it is aligned."""
+def _beat_amplitudes(
+    scene: Scene, motion: AbstractMotion, beat: Float[Array, "kept background objects nodes"]
+) -> Complex[Array, "errors objects nodes kept"]:
+    """Weights of the beat with the phases that displace its waves from where they are aligned."""
     shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
+    dtype = np.dtype(beat.dtype)
     parts = [x.astype(dtype) for x in (shares.background_speeds, scene.speeds, shares.speeds)]
     background, objects, nodes = parts
     ends = np.cumsum([background.size, objects.size])
     displacements = _displacements(scene, motion, jnp.concatenate(parts))
     behind, front, between = jnp.split(displacements, ends, axis=1)
-    difference = objects[None, :] - background[:, None]
-    moves = difference != 0
-    place = (nodes - background[:, None, None]) / jnp.where(moves, difference, 1.0)[..., None]
-    wanted = (1 - place) * behind[:, :, None, None] + place * front[:, None, :, None]
-    shift = jnp.where(moves[..., None], wanted - between[:, None, None, :], 0.0)
-    frequency = frequency_grid(shares.power.size, dtype)[:num_kept]
-    angle = (-2 * jnp.pi) * shift[..., None] * frequency
-    return jax.lax.complex(jnp.cos(angle), jnp.sin(angle))
+    difference = objects - background[:, None]
+    moves = (difference != 0)[..., None]
+    place = (nodes - background[:, None, None]) / jnp.where(moves, difference[..., None], 1.0)
+    wanted = (1 - place) * behind[..., None, None] + place * front[:, None, :, None]
+    angle = jnp.where(moves, wanted - between[:, None, None], 0.0)
+    angle = angle * (-jnp.pi / shares.power.size)
+    turn = jnp.cos(angle), jnp.sin(angle)
+
+    def turned(
+        wave: tuple[Array, Array], weights: Array
+    ) -> tuple[tuple[Array, Array], list[Array]]:
+        """Waves of the next frequency of the grid; a product costs less than a cosine."""
+        (cosine, sine), (c, s) = wave, turn
+        sums = [jnp.sum(weights * part, axis=1) for part in wave]
+        return (cosine * c - sine * s, sine * c + cosine * s), sums
+
+    first = jnp.cos(angle / 2), jnp.sin(angle / 2)
+    _, (real, imag) = jax.lax.scan(turned, first, beat)
+    return jnp.moveaxis(jax.lax.complex(real, imag), 0, -1)
 
 
 def _displacements(scene: Scene, motion: AbstractMotion, speeds: Array) -> Array:

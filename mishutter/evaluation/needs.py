@@ -19,7 +19,6 @@ from mishutter.blur import default_num_frequencies
 from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.layers import (
     LEAST_EFFECTIVE_SPEEDS,
-    MOST_EFFECTIVE_SPEEDS,
     background_of,
     num_effective_speeds,
     with_shares,
@@ -44,10 +43,9 @@ from mishutter.model import (
     seen_from,
 )
 
-_FINE_BEAT, _COARSE_BEAT = (0.8, MOST_EFFECTIVE_SPEEDS), (6.0, 65)
-"""Travel of neighbouring effective speeds against each other in half the exposure, px, and how many
-there are at most: those by which an expected error of two layers is known to 1e-4 dB, as a rule,
-and those of a search, by which it is known to 0.01 dB."""
+_BEAT_STEP, _COARSE = 0.8, LEAST_EFFECTIVE_SPEEDS
+"""Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
+expected error of two layers is known to 1e-4 dB; and how many of them a search takes."""
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
@@ -166,28 +164,24 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
         sized_for(max(found.reach, longest), max(found.velocity, longest)),
         num_frequencies=int(num_frequencies(scene, found.spread)),
         loss_dft_length=sized_for(longest, longest).dft_length,
-        num_effective_speeds=_effective_speeds(scene, motion, _FINE_BEAT),
+        num_effective_speeds=_effective_speeds(scene, motion),
     )
     plan_of_search = plan_of_traced_search.value
     return own if known or plan_of_search is None else larger(plan_of_search, own)
 
 
-def coarser(plan: Plan, scene: Scene, motion: AbstractMotion) -> Plan:
-    """A plan with as few effective speeds as a search takes; of one layer, the same."""
-    if not plan.num_effective_speeds:
-        return plan
-    scene, motion = seen_from(scene, motion)
-    return replace(plan, num_effective_speeds=_effective_speeds(scene, motion, _COARSE_BEAT))
+def coarser(plan: Plan) -> Plan:
+    """A plan with as many effective speeds as tell designs apart, as a search takes it.
+
+    The expected error is known to 0.01 dB by these, where light travels over up to 100 px.
+    """
+    return replace(plan, num_effective_speeds=min(plan.num_effective_speeds, _COARSE))
 
 
-def _effective_speeds(scene: Scene, motion: AbstractMotion, fineness: tuple[float, int]) -> int:
-    """How many effective speeds there are of two layers, on a motion or the longest within limits.
+def _effective_speeds(scene: Scene, motion: AbstractMotion) -> int:
+    """Effective speeds of two layers on a motion, or on the longest within limits if traced.
 
-    Args:
-        scene: The scene, seen from the motion.
-        motion: Motion of the sensor.
-        fineness: Travel of neighbours against each other in half the exposure, px, at most, and
-            how many there are at most.
+    Both are seen from the motion.
     """
     if scene.occlusion is None or not scene.occlusion.has_edges:
         return 0
@@ -197,7 +191,7 @@ def _effective_speeds(scene: Scene, motion: AbstractMotion, fineness: tuple[floa
     if not all_concrete((scene.speeds, background, half)):
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
-    return num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), *fineness)
+    return num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), _BEAT_STEP)
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:

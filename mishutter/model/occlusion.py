@@ -36,7 +36,7 @@ class LayerShares(eqx.Module):
         objects: Share of the objects' texture; shape `(m,)`.
         background: Share of the background's own texture; shape `(m,)`.
         same: Share of the beat where both layers have one speed; shape `(m,)`.
-        beat: Share of the beat of each pair of speeds at each effective speed; `(b, n, k, m)`.
+        beat: Share of the beat of each pair of speeds at each effective speed; `(m, b, n, k)`.
         background_speeds: Speeds of the background; px/s, shape `(b,)`.
         background_weights: How often each occurs; shape `(b,)`.
         speeds: Effective speeds; px/s, shape `(k,)`.

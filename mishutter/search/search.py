@@ -29,9 +29,11 @@ from mishutter.evaluation import (
     Automatic,
     Plan,
     as_loss,
+    coarser,
     evaluate,
     loss_of_decoder,
     reduced,
+    value_of,
 )
 from mishutter.hardware import Design
 from mishutter.model import (
@@ -636,6 +638,8 @@ def _best_of_space(
         certificate = certificate_at(objective, box, space.bends)
     history.add(np.append(end.history, value))
     shutter, motion = design_at(space, box)
+    if plan.num_effective_speeds:  # known more exactly of one design than of all that are tried
+        value = float(value_of(settings.loss, scene, motion, shutter, PLANNED))
     return _End(
         shutter=shutter,
         motion=motion,
@@ -712,7 +716,8 @@ def _plan(scene: Scene, space: DesignSpace, settings: SearchSettings) -> Plan:
         return settings.plan
     if settings.plan is None:
         return full_sizes(scene, space.motion, space)
-    return plan_of_scene(scene, space.motion, space.shutter, loss=settings.loss, free=space.free)
+    plan = plan_of_scene(scene, space.motion, space.shutter, loss=settings.loss, free=space.free)
+    return coarser(plan)
 
 
 class _Starts(NamedTuple):

@@ -556,7 +556,14 @@ def forbids_free_path(scene: Scene) -> str | None:
 
 
 def mirrors(scene: Scene, velocity: float) -> bool:
-    """Whether speeds and weights are the same in both directions from a velocity."""
+    """Whether speeds and weights are the same in both directions from a velocity.
+
+    So is a background that stands still.
+    """
+    layers = scene.occlusion
+    if layers is not None and layers.background == "still":
+        if float(layers.background_speed) != velocity:
+            return False
     speeds, weights = np.asarray(scene.speeds, np.float64) - velocity, np.asarray(scene.weights)
     forward = np.lexsort((weights, speeds))
     backward = np.lexsort((weights, -speeds))
