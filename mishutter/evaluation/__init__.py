@@ -15,8 +15,11 @@ from mishutter.evaluation.batch import sizes_of as sizes_of
 from mishutter.evaluation.bursts import best_burst as best_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
+from mishutter.evaluation.layers import Frequencies as Frequencies
 from mishutter.evaluation.layers import background_of as background_of
 from mishutter.evaluation.layers import computed_speeds as computed_speeds
+from mishutter.evaluation.layers import moments_on_dft as moments_on_dft
+from mishutter.evaluation.layers import with_shares as with_shares
 from mishutter.evaluation.lengths import distinct_speeds as distinct_speeds
 from mishutter.evaluation.lengths import extent as extent
 from mishutter.evaluation.lengths import num_frequencies as num_frequencies

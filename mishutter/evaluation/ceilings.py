@@ -42,7 +42,12 @@ from mishutter._core import (
     require_known,
     require_scalar,
 )
-from mishutter.evaluation.layers import background_of, num_effective_speeds, with_shares
+from mishutter.evaluation.layers import (
+    Frequencies,
+    background_of,
+    num_effective_speeds,
+    with_shares,
+)
 from mishutter.evaluation.lengths import distinct_speeds, frequency_counts, occurring_speeds
 from mishutter.evaluation.power import power_on_grid
 from mishutter.model import (
@@ -202,7 +207,8 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     The largest eigenvalue of a sum is at most the sum of the largest: that of the objects and of a
     background that moves as they do; that of a still background, with which any camera keeps up;
     and that of the beat at its effective speeds. The parts are uncorrelated, so that the error is
-    at least that of the others too where a still background is recorded without one.
+    at least that of the others too where a still background is recorded without one, and where the
+    beat is as well.
 
     Args:
         scene: The scene.
@@ -213,7 +219,8 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
         return 0.0
     speeds = np.append(occurring_speeds(scene), np.asarray(background_of(scene).speeds))
     count = min(num_effective_speeds(np.ptp(speeds) / 2 * half, _BEAT_STEP), _MOST_SPEEDS)
-    scene = with_shares(scene, background_of(scene), count, NUM_FREQUENCIES, folds=False)
+    grid = Frequencies.of_grid(NUM_FREQUENCIES)
+    scene = with_shares(scene, background_of(scene), count, grid, folds=False)
     occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
     shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)
     frequency, weights = frequencies(NUM_FREQUENCIES), np.asarray(scene.weights, np.float64)
@@ -230,7 +237,11 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     moving = other * own + half * frequency * np.array(largest)
     with np.errstate(divide="ignore", invalid="ignore"):
         alone = np.where(still < 1, moving / (1 - still), 0)
-    parts = (shares.power, moving + still * half * frequency), (shares.power * (1 - still), alone)
+    parts = (
+        (shares.power, moving + still * half * frequency),
+        (shares.power * (1 - still), alone),
+        (shares.power * other, own),
+    )
     return max(
         _least_error(scene, half, Times(frequency, bound), _Power(frequency, power, frequency.size))
         for power, bound in parts

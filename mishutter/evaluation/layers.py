@@ -20,7 +20,8 @@ $e^{-2\pi i f[(1 - u)D(s_0) + u D(s_1) - D(s_k)]}$, $u = (s_k - s_0)/(s_1 - s_0)
 """
 
 import math
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, reduce
 from typing import NamedTuple
 
 import equinox as eqx
@@ -34,16 +35,21 @@ from mishutter.evaluation.ensembles import ensemble_of, error_weights
 from mishutter.evaluation.power import picture_power
 from mishutter.model import (
     CORNER_FREQUENCY,
+    NUM_FREQUENCIES,
     AbstractMotion,
     LayerShares,
     Occlusion,
     ParabolicMotion,
     Scene,
-    frequency_grid,
 )
 
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 33, 513
 """How many effective speeds there are, at least and at most."""
+BEAT_STEP = 0.8
+"""Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
+expected error is known to 1e-4 dB."""
+_MOST_OF_DECODERS = 65
+"""Effective speeds that a decoder's filter is made of at most: known to 0.01 dB of its error."""
 _MOST_WEIGHTS = 40_000
 """Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
 _FURTHEST, _GROWTH = 64.0, 5.6
@@ -67,6 +73,37 @@ def num_effective_speeds(travel: float, step: float) -> int:
     return min(max(count, LEAST_EFFECTIVE_SPEEDS), _MOST_EFFECTIVE_SPEEDS)
 
 
+class Frequencies(NamedTuple):
+    """Frequencies in equal steps, cycles/px; static.
+
+    Attributes:
+        first: The lowest.
+        step: Step between neighbours.
+        number: How many.
+        num_known: Frequencies of the grid that the texture is known on.
+    """
+
+    first: float
+    step: float
+    number: int
+    num_known: int
+
+    @staticmethod
+    def of_grid(num_frequencies: int) -> "Frequencies":
+        """The grid of expected errors: centres of so many steps in (0, 0.5)."""
+        return Frequencies(0.25 / num_frequencies, 0.5 / num_frequencies, *(num_frequencies,) * 2)
+
+    @staticmethod
+    def of_dft(length: int) -> "Frequencies":
+        """Those of the DFT of so many pixels, from 0."""
+        return Frequencies(0.0, 1 / length, length // 2 + 1, NUM_FREQUENCIES)
+
+    def values(self, dtype: np.dtype) -> np.ndarray:
+        """The frequencies, of which 0 stands for one far below the others; shape `(m,)`."""
+        every = self.first + self.step * np.arange(self.number)
+        return np.maximum(every, self.step / 16).astype(dtype)
+
+
 class Background(NamedTuple):
     """Speeds that a background may have, px/s, and how often each occurs; shape `(b,)` each."""
 
@@ -86,7 +123,7 @@ def background_of(scene: Scene) -> Background:
 
 
 def with_shares(
-    scene: Scene, background: Background, count: int, num_frequencies: int, *, folds: bool
+    scene: Scene, background: Background, count: int, grid: Frequencies, *, folds: bool
 ) -> Scene:
     """A scene of two layers that knows the `LayerShares` of its picture.
 
@@ -94,7 +131,7 @@ def with_shares(
         scene: The scene, with the speeds that its objects are computed at.
         background: Its background.
         count: How many effective speeds.
-        num_frequencies: Frequencies of the grid.
+        grid: Frequencies of the shares.
         folds: Whether `+s` and `-s` are taken for one effective speed.
     """
     num_pairs = scene.speeds.size * np.size(background.speeds)
@@ -102,7 +139,7 @@ def with_shares(
     count = (min(max(count, LEAST_EFFECTIVE_SPEEDS), most) - 1) | 1
     occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
     whole = eqx.tree_at(lambda s: s.occlusion, scene, None)
-    shares = _shares(whole, occlusion, background, count, num_frequencies, folds)
+    shares = _shares(whole, occlusion, background, count, grid, folds)
     return eqx.tree_at(lambda s: s.occlusion, scene, occlusion.with_shares(shares))
 
 
@@ -112,12 +149,14 @@ def _shares(
     occlusion: Occlusion,
     background: Background,
     count: int,
-    num_frequencies: int,
+    grid: Frequencies,
     folds: bool,
 ) -> LayerShares:
     dtype = np.dtype(scene.speeds.dtype)
-    frequency = frequency_grid(num_frequencies, dtype)
-    texture = picture_power(scene, num_frequencies, dtype)
+    frequency = jnp.asarray(grid.values(dtype))
+    known = picture_power(scene, grid.num_known, dtype)
+    passes = frequency <= scene.cutoff_frequency.astype(dtype) * (1 + 1e-6)
+    texture = jnp.where(passes, _texture_at(known, frequency), 0)
     front = occlusion.front_share.astype(dtype)
     behind = 1 - front
     speeds, weights = (jnp.asarray(x, dtype) for x in background)
@@ -126,16 +165,15 @@ def _shares(
     if occlusion.object_width is None:
         total, objects, own = texture, front * texture, behind * texture
         same = jnp.zeros_like(texture)
-        beat = jnp.zeros((num_frequencies, *num_pairs, 0), dtype)
+        beat = jnp.zeros((grid.number, *num_pairs, 0), dtype)
         effective = jnp.zeros(0, dtype)
     else:
         width = occlusion.object_width.astype(dtype)
         length = width * jnp.where(behind > 0, behind, 1.0)
         rule = _matte_rule(frequency, 1 / (2 * jnp.pi * length), scene.cutoff_frequency)
         matte = front * behind * 2 * length / (1 + (2 * jnp.pi * rule.matte * length) ** 2)
-        mass = _texture_at(texture, frequency[:, None] - rule.matte) * matte * rule.step
+        mass = _texture_at(known, frequency[:, None] - rule.matte) * matte * rule.step
         same = jnp.sum(mass, axis=1)
-        passes = texture > 0
         levels = occlusion.level_difference.astype(dtype) ** 2 * front * behind * 2 * length
         levels = levels / (1 + (2 * jnp.pi * frequency * length) ** 2)
         objects = levels + front**2 * texture + same
@@ -154,13 +192,24 @@ def _shares(
             jnp.broadcast_to(scene.speeds.astype(dtype)[None], num_pairs).ravel(),
         )
         beat = jnp.moveaxis(jax.lax.map(pair, pairs), -1, 0)
-        beat = beat.reshape(num_frequencies, *num_pairs, count)
+        beat = beat.reshape(grid.number, *num_pairs, count)
         effective = nodes.speeds
     divisor = jnp.where(total > 0, total, 1.0)
     whole = jnp.where(total > 0, 1 / divisor, 0)
-    parts = (part * whole for part in (objects, own, same))
-    beat = beat * whole[:, None, None, None]
-    return LayerShares(total, *parts, beat, speeds, weights, effective, folds)
+    objects, own, same = (part * whole for part in (objects, own, same))
+    return LayerShares(
+        power=total,
+        objects=objects,
+        background=own,
+        same=same,
+        beat=beat * whole[:, None, None, None],
+        background_speeds=speeds,
+        background_weights=weights,
+        speeds=effective,
+        first=grid.first,
+        step=grid.step,
+        folds=folds,
+    )
 
 
 def _spanned(scene: Scene, speeds: Array, weights: Array, *, folds: bool) -> tuple[Array, Array]:
@@ -181,12 +230,12 @@ class _Nodes(NamedTuple):
     Attributes:
         middle: $c$, px/s.
         scale: $Rd/\sinh(bn)$, px/s.
-        count: $2n + 1$.
+        num: $2n + 1$.
     """
 
     middle: Array
     scale: Array
-    count: int
+    num: int
 
     @staticmethod
     def between(ends: tuple[Array, Array], count: int) -> "_Nodes":
@@ -197,21 +246,21 @@ class _Nodes(NamedTuple):
     @property
     def speeds(self) -> Array:
         """The effective speeds, ascending; px/s, shape `(k,)`."""
-        steps = np.arange(self.count) - self.count // 2
-        places = np.sinh(steps * (_GROWTH / (self.count // 2)))
+        steps = np.arange(self.num) - self.num // 2
+        places = np.sinh(steps * (_GROWTH / (self.num // 2)))
         return self.middle + self.scale * places.astype(self.middle.dtype)
 
     def shared(self, speed: Array, mass: Array) -> Array:
         """Sums of a mass at some speeds, `(m, g)`, shared among four neighbours; `(k, m)`."""
-        rate = (self.count // 2) / _GROWTH
-        place = jnp.arcsinh((speed - self.middle) / self.scale) * rate + self.count // 2
-        first, shares = _interpolation(jnp.clip(place, 0, self.count - 1), self.count)
-        rows = np.arange(speed.shape[0], dtype=np.int32)[:, None] * self.count
+        rate = (self.num // 2) / _GROWTH
+        place = jnp.arcsinh((speed - self.middle) / self.scale) * rate + self.num // 2
+        first, shares = _interpolation(jnp.clip(place, 0, self.num - 1), self.num)
+        rows = np.arange(speed.shape[0], dtype=np.int32)[:, None] * self.num
         index = rows + first
-        total = jnp.zeros(speed.shape[0] * self.count, mass.dtype)
+        total = jnp.zeros(speed.shape[0] * self.num, mass.dtype)
         for number, share in enumerate(shares):
             total = total.at[(index + number).ravel()].add((mass * share).ravel())
-        return total.reshape(speed.shape[0], self.count).T
+        return total.reshape(speed.shape[0], self.num).T
 
 
 def _interpolation(place: Array, count: int) -> tuple[Array, list[Array]]:
@@ -221,9 +270,10 @@ def _interpolation(place: Array, count: int) -> tuple[Array, list[Array]]:
     """
     first = jnp.clip(jnp.floor(place) - (_NEIGHBOURS // 2 - 1), 0, count - _NEIGHBOURS)
     t, each = place - first, range(_NEIGHBOURS)
-    shares = [
-        math.prod((t - other) / (own - other) for other in each if other != own) for own in each
-    ]
+    shares = []
+    for own in each:
+        others = [(t - other) / (own - other) for other in each if other != own]
+        shares.append(reduce(jnp.multiply, others))
     return first.astype(np.int32), shares
 
 
@@ -264,8 +314,8 @@ def _texture_at(texture: Array, frequency: Array) -> Array:
     mirrored = jnp.concatenate([texture[:3][::-1], texture, texture[-2:][::-1]])
     place = jnp.abs(frequency) * (2 * texture.size) + 2.5
     first, shares = _interpolation(place, mirrored.size)
-    values = sum(share * mirrored[first + number] for number, share in enumerate(shares))
-    return jnp.maximum(values, 0)
+    values = [share * mirrored[first + number] for number, share in enumerate(shares)]
+    return jnp.maximum(reduce(jnp.add, values), 0)
 
 
 class ComputedSpeeds(NamedTuple):
@@ -332,6 +382,34 @@ def layer_moments(
     return LayerMoments(mean, spread + 2 * (mean.real * lost.real + mean.imag * lost.imag))
 
 
+def moments_on_dft(
+    scene: Scene,
+    motion: AbstractMotion,
+    length: int,
+    responses: Callable[[np.ndarray], np.ndarray],
+) -> LayerMoments:
+    """Moments of a capture of two layers on the grid of a DFT; NumPy arrays of shape `(1, m)`.
+
+    Args:
+        scene: Scene of two layers, seen from the motion; concrete.
+        motion: Motion of the sensor, without velocity.
+        length: Pixels of the DFT.
+        responses: Responses at some speeds on its grid, aligned, `(s, m)`.
+    """
+    background = background_of(scene)
+    every = np.append(np.asarray(scene.speeds), np.asarray(background.speeds))
+    travel = float(np.ptp(every)) / 2 * float(motion.half_exposure)
+    count = min(num_effective_speeds(travel, BEAT_STEP), _MOST_OF_DECODERS)
+    scene = with_shares(scene, background, count, Frequencies.of_dft(length), folds=False)
+    spectra = responses(np.asarray(computed_speeds(scene).speeds))
+    return jax.tree.map(np.asarray, _moments_on_dft(scene, motion, jnp.asarray(spectra)))
+
+
+@compiled
+def _moments_on_dft(scene: Scene, motion: AbstractMotion, spectra: Array) -> LayerMoments:
+    return layer_moments(scene, motion, spectra, told=False)
+
+
 def _row_weights(
     scene: Scene, motion: AbstractMotion, num_kept: int, dtype: np.dtype, *, told: bool
 ) -> tuple[Array, Array]:
@@ -380,19 +458,19 @@ def _beat_amplitudes(
     place = (nodes - background[:, None, None]) / jnp.where(moves, difference[..., None], 1.0)
     wanted = (1 - place) * behind[..., None, None] + place * front[:, None, :, None]
     angle = jnp.where(moves, wanted - between[:, None, None], 0.0)
-    angle = angle * (-jnp.pi / shares.power.size)
-    turn = jnp.cos(angle), jnp.sin(angle)
+    begin, step = (angle * (-2 * np.pi * f) for f in (shares.first, shares.step))
+    turn = jnp.cos(step), jnp.sin(step)
 
     def turned(
         wave: tuple[Array, Array], weights: Array
-    ) -> tuple[tuple[Array, Array], list[Array]]:
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Waves of the next frequency of the grid; a product costs less than a cosine."""
         (cosine, sine), (c, s) = wave, turn
-        sums = [jnp.sum(weights * part, axis=1) for part in wave]
+        sums = jnp.sum(weights * cosine, axis=1), jnp.sum(weights * sine, axis=1)
         return (cosine * c - sine * s, sine * c + cosine * s), sums
 
-    first = jnp.cos(angle / 2), jnp.sin(angle / 2)
-    _, (real, imag) = jax.lax.scan(turned, first, beat)
+    first = jnp.cos(begin), jnp.sin(begin)
+    real, imag = jax.lax.scan(turned, first, beat)[1]
     return jnp.moveaxis(jax.lax.complex(real, imag), 0, -1)
 
 

@@ -18,7 +18,9 @@ from mishutter._core import all_concrete, is_concrete, primal_values, require
 from mishutter.blur import default_num_frequencies
 from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.layers import (
+    BEAT_STEP,
     LEAST_EFFECTIVE_SPEEDS,
+    Frequencies,
     background_of,
     num_effective_speeds,
     with_shares,
@@ -43,9 +45,8 @@ from mishutter.model import (
     seen_from,
 )
 
-_BEAT_STEP, _COARSE = 0.8, LEAST_EFFECTIVE_SPEEDS
-"""Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
-expected error of two layers is known to 1e-4 dB; and how many of them a search takes."""
+_COARSE = LEAST_EFFECTIVE_SPEEDS
+"""Effective speeds that a search takes."""
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
@@ -191,7 +192,7 @@ def _effective_speeds(scene: Scene, motion: AbstractMotion) -> int:
     if not all_concrete((scene.speeds, background, half)):
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
-    return num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), _BEAT_STEP)
+    return num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), BEAT_STEP)
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:
@@ -298,8 +299,8 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     if scene.occlusion is None:
         return fewer
     background = background_of(scene)
-    count, num_frequencies = plan.num_effective_speeds, plan.num_frequencies
-    return with_shares(fewer, background, count, num_frequencies, folds=plan.folds)
+    grid = Frequencies.of_grid(plan.num_frequencies)
+    return with_shares(fewer, background, plan.num_effective_speeds, grid, folds=plan.folds)
 
 
 def padded(speeds: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -40,6 +40,8 @@ class LayerShares(eqx.Module):
         background_speeds: Speeds of the background; px/s, shape `(b,)`.
         background_weights: How often each occurs; shape `(b,)`.
         speeds: Effective speeds; px/s, shape `(k,)`.
+        first: Lowest of the frequencies, cycles/px; static.
+        step: Step between them; static.
         folds: Whether `+s` and `-s` are taken for one effective speed; static.
     """
 
@@ -51,6 +53,8 @@ class LayerShares(eqx.Module):
     background_speeds: Array
     background_weights: Array
     speeds: Array
+    first: float = eqx.field(static=True)
+    step: float = eqx.field(static=True)
     folds: bool = eqx.field(static=True)
 
     def seen_from(self, velocity: Array | np.ndarray) -> "LayerShares":

@@ -5,6 +5,7 @@
 
 import math
 from abc import abstractmethod
+from functools import partial
 from typing import final
 
 import equinox as eqx
@@ -21,10 +22,14 @@ from mishutter.camera import (
 from mishutter.evaluation import (
     PLANNED,
     Automatic,
+    Frequencies,
     Plan,
+    background_of,
+    moments_on_dft,
     needed_speeds,
     picture_power,
     sensor_view,
+    with_shares,
 )
 from mishutter.model import (
     NUM_FREQUENCIES,
@@ -57,6 +62,8 @@ class BlurModel(eqx.Module):
             being the variance; shape `(m,)`.
         mean_level: Mean of the picture.
         optics: The lens.
+        layers: The scene, seen from the motion, where objects hide part of a background; None
+            where the picture moves as a whole.
     """
 
     motion: AbstractMotion
@@ -70,6 +77,7 @@ class BlurModel(eqx.Module):
     power: np.ndarray
     mean_level: float = eqx.field(static=True)
     optics: Optics = eqx.field(static=True)
+    layers: Scene | None = None
 
     @property
     def noise(self) -> float:
@@ -118,6 +126,22 @@ class BlurModel(eqx.Module):
         with outside_trace():
             found = captured_response(self.motion, self.shutter, speeds.tolist(), length)
         return np.asarray(found) * self.optics.response(length)
+
+    def mean_and_spread(self, length: int) -> tuple[np.ndarray, np.ndarray]:
+        r"""Mean response over the speeds, and how they differ from it, on the grid of a DFT.
+
+        $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$, each of shape `(length // 2 + 1,)`: a
+        capture is $m f$ and an error of power $N + S v$. Where objects hide a background the sums
+        are over the parts of the picture (`evaluation.layer_moments`).
+        """
+        if self.layers is None:
+            responses = self.responses(length)
+            mean = self.weights @ responses
+            return mean, self.weights @ np.abs(responses - mean) ** 2
+        with outside_trace():
+            at = partial(self.responses_at, length=length)
+            moments = moments_on_dft(self.layers, self.motion, length, at)
+        return np.asarray(moments.mean[0]), np.asarray(moments.spread[0])
 
     def picture_spectrum(self, length: int) -> np.ndarray:
         """Power spectrum of the picture on the grid of a DFT; `(length // 2 + 1,)`.
@@ -204,6 +228,10 @@ def _known_blur(
     # The speeds beside that of rest choose the nodes that the responses have too.
     *_, still = np.asarray(captured_response(motion, shutter, [*speeds.tolist(), 0.0], 2))
     light = float(still[0].real)
+    layers = None
+    if scene.occlusion is not None:
+        layers, grid = scene.bare(), Frequencies.of_grid(NUM_FREQUENCIES)
+        scene = with_shares(layers, background_of(scene), 1, grid, folds=False)
     power = picture_power(scene, NUM_FREQUENCIES, np.dtype(scene.speeds.dtype))
     return BlurModel(
         motion=motion,
@@ -217,4 +245,5 @@ def _known_blur(
         power=np.asarray(power, np.float64),
         mean_level=float(scene.mean_level),
         optics=scene.optics,
+        layers=layers,
     )

@@ -70,8 +70,8 @@ def continuation(model: BlurModel, columns: int) -> Continuation:
 
 def captured_spectrum(model: BlurModel, length: int) -> np.ndarray:
     """Power spectrum of a capture, noise included; shape `(length // 2 + 1,)`."""
-    passed = model.weights @ np.abs(model.responses(length)) ** 2
-    return model.picture_spectrum(length) * passed + model.noise
+    mean, spread = model.mean_and_spread(length)
+    return model.picture_spectrum(length) * (np.abs(mean) ** 2 + spread) + model.noise
 
 
 @lru_cache(maxsize=16)

@@ -19,7 +19,6 @@ from mishutter.restore.decoders.borders import Continuation, continuation
 from mishutter.restore.decoders.linear import (
     ensemble_filter,
     expected_squared_error,
-    mean_and_spread,
     wiener_filter,
 )
 from mishutter.restore.decoders.total_variation import (
@@ -93,7 +92,7 @@ class RichardsonLucyDecoder(AbstractDecoder):
         extension = continuation(model, captured.shape[-1])
         length, penalty = extension.length, None
         if self.until_noise:
-            response, filtering = mean_and_spread(model, length)[0], ensemble_filter
+            response, filtering = model.mean_and_spread(length)[0], ensemble_filter
             error = np.sqrt(max(expected_squared_error(model, length), LEAST_POWER))
             strength = EDGES / (error * model.electrons)
             dark = model.electrons * model.read_variance

@@ -43,21 +43,8 @@ class WienerDecoder(AbstractDecoder):
 
 def ensemble_filter(model: BlurModel, length: int) -> np.ndarray:
     """The ensemble filter on the grid of a DFT; shape `(length // 2 + 1,)`."""
-    power, responses = model.picture_spectrum(length), model.responses(length)
-    passed = model.weights @ np.abs(responses) ** 2
-    mean = model.weights @ np.conj(responses)
-    return power * mean / (power * passed + model.noise)
-
-
-def mean_and_spread(model: BlurModel, length: int) -> tuple[np.ndarray, np.ndarray]:
-    r"""Mean response over the speeds, and how they differ from it, on the grid of a DFT.
-
-    $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$, each of shape `(length // 2 + 1,)`: a capture
-    is $m f$ and an error of power $N + S v$.
-    """
-    responses = model.responses(length)
-    mean = model.weights @ responses
-    return mean, model.weights @ np.abs(responses - mean) ** 2
+    power, (mean, spread) = model.picture_spectrum(length), model.mean_and_spread(length)
+    return power * np.conj(mean) / (power * (np.abs(mean) ** 2 + spread) + model.noise)
 
 
 def expected_residual(model: BlurModel, length: int) -> float:
@@ -66,7 +53,7 @@ def expected_residual(model: BlurModel, length: int) -> float:
     $\overline{|1 - m G|^2 (S \sum p_i |H_i|^2 + N)}
     = \overline{(N + S v)^2 / (S \sum p_i |H_i|^2 + N)}$ over the grid of a DFT.
     """
-    _, spread = mean_and_spread(model, length)
+    _, spread = model.mean_and_spread(length)
     missed = model.noise + model.picture_spectrum(length) * spread
     return float(_mean_over_dft(missed**2 / captured_spectrum(model, length), length))
 
@@ -85,7 +72,7 @@ def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
     """
     if not np.any(model.power > 0):
         return 0.0
-    power, (mean, spread) = model.picture_spectrum(length), mean_and_spread(model, length)
+    power, (mean, spread) = model.picture_spectrum(length), model.mean_and_spread(length)
     lost = lost_share(power, np.abs(mean) ** 2, spread, model.noise)
     return float(_mean_over_dft(power * lost, length))
 

@@ -13,7 +13,7 @@ from mishutter._core import compiled
 from mishutter.camera import along_rows
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
 from mishutter.restore.decoders.borders import Continuation, continuation
-from mishutter.restore.decoders.linear import expected_residual, mean_and_spread
+from mishutter.restore.decoders.linear import expected_residual
 
 _RANGE = (1e-9, 1e9)
 _NUM_HALVINGS = 40
@@ -33,7 +33,7 @@ class TikhonovDecoder(AbstractDecoder):
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
         extension = continuation(model, captured.shape[-1])
-        response, _ = mean_and_spread(model, extension.length)
+        response, _ = model.mean_and_spread(extension.length)
         left = expected_residual(model, extension.length)
         light = model.efficiency
         gain = 1 / light if light > 0 else 0.0

@@ -17,7 +17,6 @@ from mishutter.restore.decoders.borders import Continuation, continuation
 from mishutter.restore.decoders.linear import (
     ensemble_filter,
     expected_squared_error,
-    mean_and_spread,
 )
 
 EDGES, _POWER = 0.3, 0.1
@@ -67,7 +66,7 @@ class TotalVariationDecoder(AbstractDecoder):
             return jnp.zeros_like(captured)
         extension = continuation(model, captured.shape[-1])
         length = extension.length
-        mean, spread = mean_and_spread(model, length)
+        mean, spread = model.mean_and_spread(length)
         power = np.maximum(model.picture_spectrum(length), LEAST_POWER)
         error = max(expected_squared_error(model, length), LEAST_POWER)
         coupling = EDGES * self.strength / _THRESHOLD
