@@ -82,6 +82,7 @@ def measure() -> list[dict]:
                         "of processor": took.verdict_processor,
                         "seconds to the end": took.whole,
                         "of processor to the end": took.whole_processor,
+                        "load": os.getloadavg()[0],
                     }
                 )
     return rows
