@@ -18,6 +18,7 @@ from mishutter.evaluation import (
     Plan,
     WeightedSum,
     as_loss,
+    coarser,
     distinct_speeds,
     extent,
     folds_speeds,
@@ -201,6 +202,7 @@ def exact_plan(
         folds=folds,
         still=still,
     )
+    kept = kept if space is None else coarser(kept)
     return replace(kept, items=items_of(scene, shutter, full, kept, needs, space))
 
 

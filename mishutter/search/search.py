@@ -29,7 +29,6 @@ from mishutter.evaluation import (
     Automatic,
     Plan,
     as_loss,
-    coarser,
     evaluate,
     loss_of_decoder,
     reduced,
@@ -716,8 +715,7 @@ def _plan(scene: Scene, space: DesignSpace, settings: SearchSettings) -> Plan:
         return settings.plan
     if settings.plan is None:
         return full_sizes(scene, space.motion, space)
-    plan = plan_of_scene(scene, space.motion, space.shutter, loss=settings.loss, free=space.free)
-    return coarser(plan)
+    return plan_of_scene(scene, space.motion, space.shutter, loss=settings.loss, free=space.free)
 
 
 class _Starts(NamedTuple):

@@ -1,0 +1,91 @@
+"""The gain of a coded camera where part of the picture stands still behind moving objects."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+
+from mishutter._core import alone_in_blas, outside_trace, require_known
+from mishutter.evaluation import AbstractLoss, loss_of_decoder
+from mishutter.model import Occlusion, Scene, is_straight, require_scene
+from mishutter.search import RivalSearch, best_row, optimise, snapshots
+
+STILL_SHARES = (0.5, 0.7)
+"""Shares of a picture that stand still, in the gains that stand beside a verdict."""
+OBJECT_WIDTH = 100.0
+"""Width of the objects before it; px."""
+_TELLING = 0.05
+"""Gain that a line tells; dB."""
+
+
+@dataclass(frozen=True)
+class BackgroundGain:
+    """The gain of the best camera for a picture of which a share stands still.
+
+    Attributes:
+        still_share: Share of the picture that stands still.
+        gain: Expected PSNR above that of the best snapshot for the same picture; dB.
+    """
+
+    still_share: float
+    gain: float
+
+
+@alone_in_blas()
+@outside_trace()
+def background_gains(
+    scene: Scene,
+    *,
+    loss: AbstractLoss | None = None,
+    step: Callable[[str], None] = lambda name: None,
+) -> tuple[BackgroundGain, ...]:
+    """Gains of the best cameras where half of the picture stands still, and where 70 % do.
+
+    A profile and a motion are designed for each, before a still background with objects of
+    100 px. They are empty of a scene that says what hides what, whose decoder knows the speed of a
+    picture, or in which nothing moves.
+
+    Args:
+        scene: Speeds, light, noise and limits.
+        loss: The loss that the cameras are searched by; the expected error by default.
+        step: Called with the name of each search before it begins.
+
+    Raises:
+        ValueError: if the scene is none or is traced.
+    """
+    require_scene(scene)
+    require_known("background_gains", scene=scene)
+    loss = loss_of_decoder(scene) if loss is None else loss
+    is_whole = scene.occlusion is None and loss.decoder_speed == "unknown"
+    if not is_whole or float(scene.max_speed) == 0:
+        return ()
+    gains = []
+    for share in STILL_SHARES:
+        step(f"{share:.0%} still")
+        layers = Occlusion(front_share=1 - share, object_width=OBJECT_WIDTH)
+        layered = eqx.tree_at(lambda s: s.occlusion, scene, layers, is_leaf=_is_occlusion)
+        snapshot = best_row(snapshots(RivalSearch(layered, loss)))
+        start = scene.fullest_motion if is_straight(scene.motion) else scene.motion
+        design = optimise(layered, start, loss=loss)
+        level = replace(snapshot, metrics=design.metrics).level
+        gains.append(BackgroundGain(share, max(level - snapshot.level, 0.0)))
+    return tuple(gains)
+
+
+def background_line(gains: tuple[BackgroundGain, ...]) -> str:
+    """The sentence that says what is left of a gain before a background; empty of no gains."""
+    if not gains:
+        return ""
+    parts = []
+    for each in gains:
+        gain = f"{each.gain:+.2f} dB" if each.gain >= _TELLING else "none"
+        parts.append(f"{gain} where {each.still_share:.0%}")
+    return (
+        "This is of a picture that moves as a whole. Behind moving objects, a background that "
+        f"stands still takes of the gain: the best camera for it has {' and '.join(parts)} of the "
+        "picture is still."
+    )
+
+
+def _is_occlusion(part: object) -> bool:
+    return part is None or isinstance(part, Occlusion)
