@@ -133,6 +133,9 @@ class BlurModel(eqx.Module):
         $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$, each of shape `(length // 2 + 1,)`: a
         capture is $m f$ and an error of power $N + S v$. Where objects hide a background the sums
         are over the parts of the picture (`evaluation.layer_moments`).
+
+        Args:
+            length: Pixels of the DFT.
         """
         if self.layers is None:
             responses = self.responses(length)
