@@ -108,7 +108,11 @@ def main() -> None:
     rows = measure()
     harness.write("command", rows)
     picture(rows)
-    text = "## The command line: first run and later ones\n\n![command](results/command.png)\n\n"
+    text = (
+        "## The command line: first run and later ones\n\n![command](results/command.png)\n\n"
+        "Processor seconds stand beside those on the clock. A machine that does other things "
+        "lengthens both: two threads of a core share it.\n\n"
+    )
     harness.section("command", text + harness.table(rows, list(rows[0])))
 
 
