@@ -95,7 +95,12 @@ class Frames:
 
     @staticmethod
     def of(frames: np.ndarray | list, border: str = "reflect") -> "Frames":
-        """Frames that are all there; the first axis counts them."""
+        """Frames that are all there; the first axis counts them.
+
+        Args:
+            frames: Pictures of one size.
+            border: What goes on beyond their borders, as `Frames` takes it.
+        """
         require(len(frames) >= 1, "Frames.of(frames=...)", "hold at least one frame", 0)
         return Frames(frames, len(frames), border)
 

@@ -98,6 +98,9 @@ class Layers:
     def load(path: str | Path) -> "Layers":
         """Read a layered scene from a TOML file; see `read_layers` for its keys.
 
+        Args:
+            path: The file.
+
         Raises:
             ValueError: if the file is not a layered scene, or a matte does not fit.
             OSError: if a file cannot be read.
@@ -156,6 +159,9 @@ def read_layers(path: str | Path) -> Layers:
 
     Paths are taken from the file's place. A matte is opacity, not light: no gamma is
     removed from it.
+
+    Args:
+        path: The file.
 
     Raises:
         OSError: if a file cannot be read.

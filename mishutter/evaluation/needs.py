@@ -21,6 +21,7 @@ from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.layers import (
     BEAT_STEP,
     LEAST_EFFECTIVE_SPEEDS,
+    SEARCHED_EFFECTIVE_SPEEDS,
     Frequencies,
     background_of,
     num_effective_speeds,
@@ -46,10 +47,6 @@ from mishutter.model import (
     seen_from,
 )
 
-_COARSE = 65
-"""Effective speeds that a search takes."""
-_LEAST_OF_ERRORS = 65
-"""Effective speeds of the shortest exposure: 33 leave 6e-4 dB before a background that moves."""
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
@@ -135,6 +132,9 @@ class Plan:
     def from_dict(data: Mapping[str, Any]) -> "Plan":
         """The plan that `to_dict` wrote.
 
+        Args:
+            data: What `to_dict` gave.
+
         Raises:
             KeyError: if `data` is not such a plan.
             TypeError: if it holds more than one.
@@ -172,13 +172,9 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
 
 
 def coarser(plan: Plan) -> Plan:
-    """A plan with as many effective speeds as tell designs apart, as a search takes it.
-
-    The longer the exposure, the less exact: by 0.01 dB where objects travel over 40 px, as those
-    of designs worth building do, by up to 0.1 dB over 80 px. A design that is found is measured
-    with all of them.
-    """
-    return replace(plan, num_effective_speeds=min(plan.num_effective_speeds, _COARSE))
+    """A plan with as many effective speeds as a search takes, which tell designs apart."""
+    count = min(plan.num_effective_speeds, SEARCHED_EFFECTIVE_SPEEDS)
+    return replace(plan, num_effective_speeds=count)
 
 
 def effective_speeds(scene: Scene, half_exposure: Array | np.ndarray | np.floating | float) -> int:
@@ -194,7 +190,7 @@ def effective_speeds(scene: Scene, half_exposure: Array | np.ndarray | np.floati
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
     count = num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), BEAT_STEP)
-    return 1 + size_class(max(count, _LEAST_OF_ERRORS) - 1)
+    return 1 + size_class(count - 1)
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:

@@ -148,6 +148,9 @@ class Design:
     def save(self, path: str | Path) -> None:
         """Write the design to one JSON file, whole or not at all.
 
+        Args:
+            path: The file.
+
         Raises:
             ValueError: if the shutter is of a kind that the file format does not know.
             OSError: if the file cannot be written.
@@ -157,6 +160,9 @@ class Design:
     @staticmethod
     def load(path: str | Path) -> "Design":
         """Read a design; its metrics are evaluated anew.
+
+        Args:
+            path: The file.
 
         Raises:
             ValueError: if the file is not a design of this format.
@@ -219,6 +225,9 @@ class Design:
 
     def write_profile(self, path: str | Path) -> None:
         """Write the profile as CSV with a line of units: time, normalised time, transmittance.
+
+        Args:
+            path: The file.
 
         Raises:
             OSError: if the file cannot be written.

@@ -1,7 +1,9 @@
 """A comparison for programs and for people: one document, pictures in a folder."""
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +32,8 @@ from mishutter.search import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_OF_PHOTOGRAPH = frozenset({"psnr.png", "photograph.png", "layers.png"})
+"""Pictures of the scene's photograph."""
 _MOST_ROWS = 5
 """Of a picture with a row for each design, at most."""
 
@@ -119,40 +123,69 @@ def _photograph_document(result: RestoredPhotograph) -> dict[str, Any]:
     }
 
 
-def write_report(report: Report, folder: Path) -> list[str]:
+def write_report(
+    report: Report, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
+) -> list[str]:
     """Designs, profiles and pictures into a folder; the names of the files.
 
     Pictures of a photograph that an earlier run left there, and this one has none for, go.
 
+    Args:
+        report: The comparison.
+        folder: Where the files go.
+        wrote: Called with the name of each file that is written.
+
     Raises:
         OSError: if a file cannot be written.
     """
+    writers = _writers(report)
+    for name, write in writers.items():
+        write(folder / name)
+        wrote(name)
+    for name in _OF_PHOTOGRAPH - set(writers):
+        (folder / name).unlink(missing_ok=True)
+    return list(writers)
+
+
+def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
+    """What writes each file, by its name, in the order in which they are written."""
+    writers: dict[str, Callable[[Path], None]] = {}
+    if report.design is not None:
+        writers |= {"design.json": report.design.save, "profile.csv": report.design.write_profile}
+    writers["report.json"] = lambda path: write_text(path, strict_json(document(report)) + "\n")
+    return writers | {
+        name: partial(_save_drawn, drawn) for name, drawn in _drawings(report).items()
+    }
+
+
+def _save_drawn(drawn: "Callable[[], Figure]", path: Path) -> None:
     from mishutter.report import plots
 
+    plots.save_figure(drawn(), path)
+
+
+def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
+    """What draws each picture, by the name of its file."""
+    from mishutter.report import plots
+
+    scene, shown = report.scene, report.photographs
     rows = pictured_rows(report.comparison, report.names)
     designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
     few = dict(itertools.islice(designs.items(), _MOST_ROWS))
-    figures = {
-        "profile.png": plots.plot_profiles(designs),
-        "kernels.png": plots.plot_kernels(few, shown_speeds(report.scene)),
-        "transfer.png": plots.plot_transfer(report.scene, designs),
+    drawings: dict[str, Callable[[], Figure]] = {
+        "profile.png": lambda: plots.plot_profiles(designs),
+        "kernels.png": lambda: plots.plot_kernels(few, shown_speeds(scene)),
+        "transfer.png": lambda: plots.plot_transfer(scene, designs),
     }
-    if report.photographs is not None:
-        figures["psnr.png"] = plots.plot_psnr(report.photographs.levels[ENSEMBLE], linear=True)
-        seen = {name: report.photographs.shown[name] for name in few}
-        speeds = pictured_speeds(report.scene)
-        figures["photograph.png"] = plots.plot_photograph(
-            seen, speeds, linear=True, axis=report.scene.axis
-        )
-    if report.photographs is not None and report.design is not None:
-        figures = {"layers.png": _layered(report, rows)} | figures
+    if shown is None:
+        return drawings
+    seen = {name: shown.shown[name] for name in few}
+    drawings |= {
+        "psnr.png": lambda: plots.plot_psnr(shown.levels[ENSEMBLE], linear=True),
+        "photograph.png": lambda: plots.plot_photograph(
+            seen, pictured_speeds(scene), linear=True, axis=scene.axis
+        ),
+    }
     if report.design is not None:
-        report.design.save(folder / "design.json")
-        report.design.write_profile(folder / "profile.csv")
-    for name, figure in figures.items():
-        plots.save_figure(figure, folder / name)
-    write_text(folder / "report.json", strict_json(document(report)) + "\n")
-    for name in {"psnr.png", "photograph.png", "layers.png"} - set(figures):
-        (folder / name).unlink(missing_ok=True)
-    written = ["report.json", *figures]
-    return written if report.design is None else ["design.json", "profile.csv", *written]
+        drawings["layers.png"] = lambda: _layered(report, rows)
+    return drawings

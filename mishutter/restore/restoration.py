@@ -86,12 +86,20 @@ class RestoredPhotograph(NamedTuple):
     restored: Float[np.ndarray, "s rows columns channels"]
 
     def at(self, *indices: int) -> "RestoredPhotograph":
-        """The figures and pictures of one or some of the speeds, alone."""
+        """The figures and pictures of one or some of the speeds, alone.
+
+        Args:
+            indices: Places of the speeds.
+        """
         each = {name: getattr(self, name)[list(indices)] for name in _AT_EACH_SPEED}
         return self._replace(**each)
 
     def turned(self, axis: Axis) -> "RestoredPhotograph":
-        """The same with pictures that are `turned` by an axis."""
+        """The same with pictures that are `turned` by an axis.
+
+        Args:
+            axis: The axis along which things move.
+        """
         names = ("reference", "captured", "restored")
         return self._replace(**{name: turned(getattr(self, name), axis) for name in names})
 

@@ -58,7 +58,13 @@ class Simulation(_Pictures):
     def of(
         cls, captured: np.ndarray, restored: np.ndarray, estimate: SpeedEstimate | None
     ) -> "Simulation":
-        """A pair, and the estimate of the speed."""
+        """A pair, and the estimate of the speed.
+
+        Args:
+            captured: What was recorded.
+            restored: What a decoder made of it.
+            estimate: The speed that it found; None by a decoder that looks for none.
+        """
         pair = cls(captured, restored)
         pair.found = estimate
         return pair

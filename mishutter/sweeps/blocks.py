@@ -9,6 +9,7 @@ import numpy as np
 
 from mishutter._core import in_threads, num_threads
 from mishutter.evaluation import (
+    ERRORS_BY_LIGHT,
     KERNEL_METRICS,
     SPECTRUM_METRICS,
     LightLevels,
@@ -183,11 +184,10 @@ class Engine:
                 if not metrics[name].size:
                     metrics[name] = np.zeros((halves.size, *values.shape[1:]), values.dtype)
                 metrics[name][index] = values
-        if "expected_psnr" in metrics:
-            axes = (grid.photon_rates, grid.read_noises)
-            tail = [axis.size for axis in axes if axis is not None]
-            metrics["expected_psnr"] = metrics["expected_psnr"].reshape(-1, *tail)
-        return metrics
+        axes = (grid.photon_rates, grid.read_noises)
+        tail = [axis.size for axis in axes if axis is not None]
+        by_light = (name for name in ERRORS_BY_LIGHT if name in metrics)
+        return metrics | {name: metrics[name].reshape(-1, *tail) for name in by_light}
 
     def _overflow(
         self, arrays: Arrays, efficiency: np.ndarray, block: Block, full_well: float
@@ -204,7 +204,7 @@ class Engine:
         bits = bits | arrays["outside"][:, :, None, None]
         arrays["outside"] = bits if by_light else bits[..., 0]
         for name in grid.metrics:
-            if by_light and name == "expected_psnr":
+            if by_light and name in ERRORS_BY_LIGHT:
                 arrays[name][full] = np.nan
             else:
                 arrays[name][np.all(full, axis=3)] = np.nan

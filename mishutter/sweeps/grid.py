@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt
 
 from mishutter._core import common_dtype, describe, require, shape_of
-from mishutter.evaluation import AbstractLoss
+from mishutter.evaluation import ERRORS_BY_LIGHT, AbstractLoss
 from mishutter.hardware import package_version, scene_to_dict, shutter_to_dict
 from mishutter.model import AbstractShutter, LinearMotion, Scene, SplineShutter, seen_from
 from mishutter.search import without_pan
@@ -24,6 +24,7 @@ METRICS = {
     "relative_kernel_difference": ("RMS difference over RMS of a still object's kernel", "1"),
     "efficiency": ("share of light let through", "1"),
     "expected_psnr": ("PSNR of the best single linear decoder, linear light", "dB"),
+    "worst_speed_psnr": ("PSNR of that decoder at the worst of the speeds, linear light", "dB"),
     "bound_share": ("share of the wedge bound, worst speed and frequency", "1"),
 }
 """Metrics of a design, with their descriptions and units."""
@@ -199,7 +200,7 @@ class Grid:
         if name == "outside":
             by_light = tuple(d for d in light if d == "photon_rate")
             return (*place, "shutter", *by_light) if self.full_well is not None else place
-        return (*place, "shutter", *(light if name == "expected_psnr" else ()))
+        return (*place, "shutter", *(light if name in ERRORS_BY_LIGHT else ()))
 
     @property
     def variables(self) -> dict[str, np.dtype]:

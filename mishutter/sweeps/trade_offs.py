@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from mishutter._core import RowLike, as_float, outside_trace, require
 from mishutter.evaluation import (
-    LEAST_EFFECTIVE_SPEEDS,
+    SEARCHED_EFFECTIVE_SPEEDS,
     LightLevels,
     RowsAtRest,
     distinct_speeds,
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 OBJECTIVES = {
     "expected_psnr": True,
+    "worst_speed_psnr": True,
     "bound_share": True,
     "efficiency": True,
     "condition_number": False,
@@ -113,6 +114,10 @@ def pareto_front(
 
 def gain_over(dataset: "xarray.Dataset", name: str) -> "xarray.DataArray":
     """Expected PSNR of every shutter over another's at the same point; dB.
+
+    Args:
+        dataset: What `sweep` gave.
+        name: The shutter that gains are over.
 
     Raises:
         ValueError: if there is no such shutter, or no expected PSNR, in the sweep.
@@ -218,7 +223,7 @@ def best_snapshots(
     velocity = _pans(scene)[:, None, None]
     slowest, fastest = velocity.min(), velocity.max()
     step = (fastest - slowest) / (_NUM_VELOCITIES - 1)
-    rough = _rows_of(scene, LEAST_EFFECTIVE_SPEEDS)
+    rough = _rows_of(scene, SEARCHED_EFFECTIVE_SPEEDS)
     for _ in range(_NUM_REFINEMENTS):
         best = _best_snapshot(scene, half, velocity, light, rough)
         near = np.linspace(-1, 1, _NUM_NEAR)[:, None, None]

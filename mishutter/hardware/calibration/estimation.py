@@ -139,7 +139,11 @@ class FittedCamera:
     def band(
         self, tau: Float[np.ndarray, "n"]
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-        """The profile less and plus two error bars, which count as 1 at most."""
+        """The profile less and plus two error bars, which count as 1 at most.
+
+        Args:
+            tau: Normalised times, from -1 to 1.
+        """
         from scipy.interpolate import BSpline
 
         count = self.coefficients.size
@@ -149,13 +153,21 @@ class FittedCamera:
         return profile - margin, profile + margin
 
     def seen_through_lens(self, scene: Scene) -> Scene:
-        """The scene behind the fitted lens."""
+        """The scene behind the fitted lens.
+
+        Args:
+            scene: A scene without the lens.
+        """
         require_scene(scene)
         blur = as_float(np.asarray(self.lens_blur, scene.speeds.dtype))
         return eqx.tree_at(lambda s: s.lens_blur, scene, blur)
 
     def design(self, scene: Scene) -> Design:
-        """The camera as built, as a design like any other, on a scene behind its lens."""
+        """The camera as built, as a design like any other, on a scene behind its lens.
+
+        Args:
+            scene: The scene that the design is for.
+        """
         scene = self.seen_through_lens(scene)
         outcome = "Fitted to measurements" + ", which it does not explain" * bool(self.doubt) + "."
         return given_design(scene, self.motion, self.shutter, outcome, is_measured=True)
@@ -165,6 +177,9 @@ class FittedCamera:
 
         Limits are widened to hold the motion. Comments give the error bars, and say where the
         profile is, for which there is no key.
+
+        Args:
+            scene: The scene whose numbers the file has.
         """
         require_scene(scene)
         limits, widened = _limits_with(scene.limits, self.motion)

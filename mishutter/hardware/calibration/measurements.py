@@ -59,7 +59,12 @@ class SensorLevels:
         require(is_noise, "SensorLevels(read_noise=...)", "be at least 0", self.read_noise)
 
     def variance(self, level: np.ndarray, is_rounded: bool) -> np.ndarray:
-        r"""Variance of a level, $(\mu - b)/e + (\sigma/e)^2$, and 1/12 if rounded; levels^2."""
+        r"""Variance of a level, $(\mu - b)/e + (\sigma/e)^2$, and 1/12 if rounded; levels^2.
+
+        Args:
+            level: Mean level of a pixel.
+            is_rounded: Whether levels are rounded to whole numbers.
+        """
         shot = np.maximum(level - self.black_level, 0) / self.electrons_per_level
         read = (self.read_noise / self.electrons_per_level) ** 2
         return np.maximum(shot + read, 1e-12) + (1 / 12 if is_rounded else 0.0)
@@ -106,6 +111,9 @@ class TargetPicture:
 
     def profile(self, sensor: SensorLevels) -> Float[np.ndarray, "columns"]:
         """Mean of the rows.
+
+        Args:
+            sensor: The sensor that recorded it.
 
         Raises:
             ValueError: if a pixel is saturated, the blur reaches an end, or there is no target.
@@ -183,6 +191,9 @@ def read_measurements(path: str | Path) -> Measurements:
 
     A picture is CSV, one line a row, or `.npy` of rows and columns; `[sensor] axis` says along
     which of them targets move. All pictures without a speed share an unknown one.
+
+    Args:
+        path: The file.
 
     Raises:
         ValueError: if a file does not match its format.

@@ -90,24 +90,41 @@ class BlurModel(eqx.Module):
         return self.noise_at(0.0)
 
     def noise_at(self, mean_level: float) -> float:
-        r"""Variance of the noise where the picture has a mean, $\eta\bar f/p + (\sigma/p)^2$."""
+        r"""Variance of the noise where the picture has a mean, $\eta\bar f/p + (\sigma/p)^2$.
+
+        Args:
+            mean_level: Mean level of the picture, white = 1.
+        """
         p = self.electrons
         if p <= 0:
             return math.inf
         return noise_power(self.efficiency, mean_level, p, self.read_noise, unit=p)
 
     def responses(self, length: int) -> Complex[np.ndarray, "s {length}//2+1"]:
-        """Responses at the speeds that may occur, on the grid of a DFT."""
+        """Responses at the speeds that may occur, on the grid of a DFT.
+
+        Args:
+            length: Pixels of the DFT.
+        """
         return self.responses_at(self.speeds, length)
 
     def assumed_response(self, length: int) -> Complex[np.ndarray, "{length}//2+1"]:
-        """Response of a still object, which classical decoders take for all, as in the paper."""
+        """Response of a still object, which classical decoders take for all, as in the paper.
+
+        Args:
+            length: Pixels of the DFT.
+        """
         return self.responses_at(np.zeros(1), length)[0]
 
     def responses_at(
         self, speeds: Float[np.ndarray, "speeds"], length: int
     ) -> Complex[np.ndarray, "speeds {length}//2+1"]:
-        """Responses at speeds relative to the sensor, px/s, on the grid of a DFT."""
+        """Responses at speeds relative to the sensor, px/s, on the grid of a DFT.
+
+        Args:
+            speeds: Speeds of the objects; px/s.
+            length: Pixels of the DFT.
+        """
         with outside_trace():
             responses = captured_response(self.motion, self.shutter, speeds.tolist(), length)
         return np.asarray(responses) * self.optics.response(length)
@@ -120,6 +137,9 @@ class BlurModel(eqx.Module):
         $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$: a capture is $m f$ and an error of power
         $N + S v$. Where objects hide a background the sums are over the parts of the picture
         (`evaluation.layer_moments`).
+
+        Args:
+            length: Pixels of the DFT.
         """
         if self.layers is None:
             responses = self.responses(length)
@@ -131,7 +151,11 @@ class BlurModel(eqx.Module):
         return np.asarray(moments.mean[0]), np.asarray(moments.spread[0])
 
     def picture_spectrum(self, length: int) -> Float[np.ndarray, "{length}//2+1"]:
-        """Power spectrum of the picture on the grid of a DFT."""
+        """Power spectrum of the picture on the grid of a DFT.
+
+        Args:
+            length: Pixels of the DFT.
+        """
         centres = frequencies(self.power.size)
         least = np.finfo(np.float64).tiny
         logarithm = np.log(np.maximum(self.power, least))

@@ -463,7 +463,12 @@ class SpeedEstimate(NamedTuple):
     doubt: str
 
     def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
-        """The estimate in the frame of a scene, from one relative to a sensor that pans."""
+        """The estimate in the frame of a scene, from one relative to a sensor that pans.
+
+        Args:
+            scene: The scene.
+            motion: Motion of the sensor.
+        """
         require_scene(scene)
         pan, expected = float(motion.velocity), np.asarray(scene.speeds, np.float64)
         is_mirrored = self.speeds[0] >= 0 and pan - np.min(expected) > np.max(expected) - pan
