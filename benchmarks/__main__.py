@@ -20,6 +20,8 @@ ALL = (
     "photographs",
     "borders",
     "monte_carlo",
+    "occlusion",
+    "layered_photographs",
     "restoration",
     "restoration_over_speeds",
     "speed",

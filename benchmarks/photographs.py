@@ -53,15 +53,19 @@ def rows_of(name: str) -> np.ndarray:
 
 def scene_of(rows: np.ndarray, scene: ms.Scene) -> ms.Scene:
     """The scene with pictures of the spectrum, the mean and the deviation of periodic rows."""
-    period, spectrum = rows.shape[1], np.fft.rfft(rows - np.mean(rows))
-    power = np.mean(np.abs(spectrum) ** 2, axis=0) / period
-    edges = np.concatenate([[0.0], (np.arange(period // 2) + 0.5) / period, [0.5]])
-    below = np.concatenate([[0.0], np.cumsum(power * np.diff(edges))])
-    binned = np.diff(np.interp(np.linspace(0, 0.5, _STEPS + 1), edges, below))
-    numbers = np.mean(rows), np.std(rows), binned
+    spectrum = np.fft.rfft(rows - np.mean(rows))
+    numbers = np.mean(rows), np.std(rows), in_steps(np.mean(np.abs(spectrum) ** 2, axis=0))
     leaves = lambda s: (s.mean_level, s.deviation, s.power_spectrum)  # noqa: E731
     values = tuple(jax.device_put(np.asarray(x, scene.speeds.dtype)) for x in numbers)
     return eqx.tree_at(leaves, scene, values, is_leaf=lambda x: x is None)
+
+
+def in_steps(power: np.ndarray) -> np.ndarray:
+    """Power on the grid of a DFT in the equal steps that a scene has, on any scale."""
+    period = 2 * (power.size - 1)
+    edges = np.concatenate([[0.0], (np.arange(period // 2) + 0.5) / period, [0.5]])
+    below = np.concatenate([[0.0], np.cumsum(power * np.diff(edges))])
+    return np.diff(np.interp(np.linspace(0, 0.5, _STEPS + 1), edges, below))
 
 
 def sampled_responses(

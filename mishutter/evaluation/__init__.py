@@ -15,10 +15,13 @@ from mishutter.evaluation.batch import sizes_of as sizes_of
 from mishutter.evaluation.bursts import best_burst as best_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
+from mishutter.evaluation.layers import LEAST_EFFECTIVE_SPEEDS as LEAST_EFFECTIVE_SPEEDS
 from mishutter.evaluation.layers import Frequencies as Frequencies
+from mishutter.evaluation.layers import RowsAtRest as RowsAtRest
 from mishutter.evaluation.layers import background_of as background_of
 from mishutter.evaluation.layers import computed_speeds as computed_speeds
 from mishutter.evaluation.layers import moments_on_dft as moments_on_dft
+from mishutter.evaluation.layers import rows_at_rest as rows_at_rest
 from mishutter.evaluation.layers import with_shares as with_shares
 from mishutter.evaluation.lengths import distinct_speeds as distinct_speeds
 from mishutter.evaluation.lengths import extent as extent
@@ -51,6 +54,7 @@ from mishutter.evaluation.needs import Item as Item
 from mishutter.evaluation.needs import Plan as Plan
 from mishutter.evaluation.needs import automatic as automatic
 from mishutter.evaluation.needs import coarser as coarser
+from mishutter.evaluation.needs import effective_speeds as effective_speeds
 from mishutter.evaluation.needs import folds_speeds as folds_speeds
 from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds

@@ -17,7 +17,7 @@ from jaxtyping import Array
 from mishutter._core import compiled, in_threads, num_threads
 from mishutter.blur import BLOCK, ExposureQuadrature, condition_number, exposure_quadrature
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.layers import computed_speeds
+from mishutter.evaluation.layers import computed_speeds, without_layers
 from mishutter.evaluation.lengths import (
     longest_within_limits,
     num_frequencies,
@@ -29,7 +29,7 @@ from mishutter.evaluation.metrics import (
     expected_squared_error,
     worst_squared_error,
 )
-from mishutter.evaluation.needs import Plan, folds_speeds, reduced, sized_for
+from mishutter.evaluation.needs import Plan, effective_speeds, folds_speeds, reduced, sized_for
 from mishutter.evaluation.response import (
     Records,
     Response,
@@ -77,6 +77,7 @@ class Sizes(NamedTuple):
         num_nodes: Nodes over the exposure.
         aside: Whole taps from the first one to that of an object at rest: 0 where the sensor
             moves.
+        num_effective_speeds: Effective speeds of two layers; 0 of a picture that moves as a whole.
     """
 
     num_taps: np.ndarray
@@ -86,6 +87,7 @@ class Sizes(NamedTuple):
     num_still_taps: np.ndarray
     num_nodes: np.ndarray
     aside: np.ndarray
+    num_effective_speeds: np.ndarray
 
 
 class Shapes(NamedTuple):
@@ -176,7 +178,9 @@ def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
     nodes = _each(_by_whole(velocity, lambda x: sized_for(0.0, x)), "num_nodes")
     lit = np.minimum(lit, num_taps).astype(int)
     still = np.minimum(np.ceil(stroke) + 1, num_taps).astype(int)
-    return Sizes(num_taps, dft_length, counts, lit, still, nodes, aside)
+    halves, index = np.unique(half, return_inverse=True)
+    effective = np.array([effective_speeds(scene, x) for x in halves], int)[index]
+    return Sizes(num_taps, dft_length, counts, lit, still, nodes, aside, effective)
 
 
 def _by_whole(values: np.ndarray, plan: Callable[[float], Plan]) -> tuple[list[Plan], np.ndarray]:
@@ -202,17 +206,36 @@ def _whole_blocks(count: np.ndarray) -> np.ndarray:
 
 
 def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
-    """Scenes with only the speeds that a shutter asks for, as many in each, and no tolerances."""
+    """Scenes with only the speeds that a shutter asks for, as many in each, and no tolerances.
+
+    Each keeps the background that it was seen before, and whether its speeds are folded.
+    """
     scenes = [without_tolerances(scene) for scene in scenes]
-    folds = folds_speeds(scenes[0], scenes[0].fullest_motion, shutter)
-    plan = Plan(1, 1, 16, 1, skips=skips, folds=folds)
-    needed = [reduced(scene, plan) for scene in scenes]
+    folds = [folds_speeds(scene, scene.fullest_motion, shutter) for scene in scenes]
+    plans = [Plan(1, 1, 16, 1, skips=skips, folds=each) for each in folds]
+    needed = [reduced(scene, plan) for scene, plan in zip(scenes, plans, strict=True)]
     most = max(scene.speeds.size for scene in needed)
     spare = [(0, most - scene.speeds.size) for scene in needed]
     return [
-        scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad))
+        _with_layers_of(
+            after, scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad))
+        )
         for scene, after, pad in zip(scenes, needed, spare, strict=True)
     ]
+
+
+def _with_layers_of(scene: Scene, other: Scene) -> Scene:
+    """A scene of fewer speeds, with the layers of another."""
+    layers = scene.occlusion
+    return other if layers is None else eqx.tree_at(lambda s: s.occlusion, other, layers)
+
+
+def _on_grid(scene: Scene, num_frequencies: int, num_effective_speeds: int) -> Scene:
+    """What `scenes_for` makes of a scene, with its power and layers on a grid of frequencies."""
+    shares = None if scene.occlusion is None else scene.occlusion.shares
+    folds = shares is not None and shares.folds
+    plan = Plan(1, 1, num_frequencies, 1, num_effective_speeds=num_effective_speeds, folds=folds)
+    return reduced(scene, plan)
 
 
 def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtype) -> Rules:
@@ -279,14 +302,17 @@ def measure(
     of_kernels = tuple(name for name in metrics if name in KERNEL_METRICS)
     of_picture = tuple(name for name in metrics if name in SPECTRUM_METRICS)
     if of_kernels:
-        kernels = partial(_kernel_numbers, shutter, boxes is not None, scene, shapes, of_kernels)
+        whole = scene if scene.occlusion is None else without_layers(scene)
+        kernels = partial(_kernel_numbers, shutter, boxes is not None, whole, shapes, of_kernels)
         found |= _by_parts(kernels, each, np.arange(count))
     if of_picture:
         levels = LightLevels(*(jnp.asarray(x, dtype) for x in light))
-        for number in np.unique(sizes.num_frequencies):
-            seen = reduced(scene, Plan(1, 1, int(number), 1))
-            picture = partial(_picture_numbers, rules, seen, levels, int(number), of_picture)
-            index = np.flatnonzero(sizes.num_frequencies == number)
+        counts = np.stack([sizes.num_frequencies, sizes.num_effective_speeds], axis=1)
+        for count_of_each in np.unique(counts, axis=0):
+            number, effective = map(int, count_of_each)
+            seen = _on_grid(scene, number, effective)
+            picture = partial(_picture_numbers, rules, seen, levels, number, of_picture)
+            index = np.flatnonzero(np.all(counts == count_of_each, axis=1))
             for name, values in _by_parts(picture, each, index).items():
                 whole = found.setdefault(name, np.zeros((count, *values.shape[1:]), dtype))
                 whole[index] = values

@@ -31,8 +31,8 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled
-from mishutter.evaluation.ensembles import ensemble_of, error_weights
-from mishutter.evaluation.power import picture_power
+from mishutter.evaluation.ensembles import ensemble_of, error_weights, without_tolerances
+from mishutter.evaluation.power import picture_power, power_on_grid
 from mishutter.model import (
     CORNER_FREQUENCY,
     NUM_FREQUENCIES,
@@ -41,18 +41,19 @@ from mishutter.model import (
     Occlusion,
     ParabolicMotion,
     Scene,
+    StillCamera,
 )
 
-LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 33, 513
+LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
 """How many effective speeds there are, at least and at most."""
 BEAT_STEP = 0.8
 """Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
 expected error is known to 1e-4 dB."""
-_MOST_OF_DECODERS = 65
+_MOST_OF_DECODERS = 97
 """Effective speeds that a decoder's filter is made of at most: known to 0.01 dB of its error."""
 _MOST_WEIGHTS = 40_000
 """Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
-_FURTHEST, _GROWTH = 64.0, 5.6
+_FURTHEST, _GROWTH = 512.0, 7.7
 """The furthest effective speed, in half ranges of the layers' speeds, and the logarithm by which
 steps grow up to it, about."""
 _NEIGHBOURS = 6
@@ -122,6 +123,11 @@ def background_of(scene: Scene) -> Background:
     return Background(still, jnp.ones(1, scene.speeds.dtype))
 
 
+def without_layers(scene: Scene) -> Scene:
+    """A scene of two layers as one that moves as a whole, by the speeds of the objects."""
+    return eqx.tree_at(lambda s: s.occlusion, scene, None)
+
+
 def with_shares(
     scene: Scene, background: Background, count: int, grid: Frequencies, *, folds: bool
 ) -> Scene:
@@ -138,8 +144,7 @@ def with_shares(
     most = max(LEAST_EFFECTIVE_SPEEDS, _MOST_WEIGHTS // num_pairs)
     count = (min(max(count, LEAST_EFFECTIVE_SPEEDS), most) - 1) | 1
     occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
-    whole = eqx.tree_at(lambda s: s.occlusion, scene, None)
-    shares = _shares(whole, occlusion, background, count, grid, folds)
+    shares = _shares(without_layers(scene), occlusion, background, count, grid, folds)
     return eqx.tree_at(lambda s: s.occlusion, scene, occlusion.with_shares(shares))
 
 
@@ -221,7 +226,7 @@ def _spanned(scene: Scene, speeds: Array, weights: Array, *, folds: bool) -> tup
     if folds:
         fastest = jnp.maximum(jnp.abs(slowest), jnp.abs(fastest))
         slowest = -fastest
-    return jax.lax.stop_gradient((slowest, fastest))
+    return slowest, fastest
 
 
 class _Nodes(NamedTuple):
@@ -286,7 +291,7 @@ class _MatteRule(NamedTuple):
 
 def _matte_rule(frequency: Array, corner: Array, cutoff: Array) -> _MatteRule:
     """Nodes about the matte's peak at 0 and about the texture's, where it is at `frequency`."""
-    nodes, weights = (x.astype(frequency.dtype) for x in _gauss_legendre(_NODES_A_PEAK))
+    nodes, weights = (x[None].astype(frequency.dtype) for x in _gauss_legendre(_NODES_A_PEAK))
     f, cutoff = frequency[:, None], cutoff.astype(frequency.dtype)
     low, high = f - cutoff, f + cutoff
     between = jnp.clip(f / 2, low, high)
@@ -423,18 +428,19 @@ def _row_weights(
     behind = shares.background_weights.astype(dtype)
     chosen = jnp.eye(num_objects, dtype=dtype) if told else prior[None]
     complex_type = np.result_type(dtype, np.complex64)
-    beat = behind[:, None, None] * beat
+    beat = behind[None, :, None, None] * beat
     powers = jnp.einsum("on,fbnk->okf", chosen, beat)
     amplitudes = _beat_amplitudes(scene, motion, beat)
     amplitudes = jnp.einsum("on,enkf->eokf", chosen.astype(complex_type), amplitudes)
     powers, amplitudes = (_folded(x, shares) for x in (powers, amplitudes))
     speeds, background = (x.astype(dtype) for x in (scene.speeds, shares.background_speeds))
     meets = (background[:, None] == speeds[None]).astype(dtype) * behind[:, None]
-    together = chosen[:, :, None] * (objects + jnp.sum(meets, axis=0)[:, None] * same)[None]
+    as_one = objects[None] + jnp.sum(meets, axis=0)[:, None] * same[None]
+    together = chosen[:, :, None] * as_one[None]
     if _background_is_prior(scene):
-        rows = [together + prior[None, :, None] * own]
+        rows = [together + prior[None, :, None] * own[None, None]]
     else:
-        alone = jnp.broadcast_to(own, (chosen.shape[0], background.size, num_kept))
+        alone = jnp.broadcast_to(own[None, None], (chosen.shape[0], background.size, num_kept))
         rows = [together, alone]
     lines = jnp.concatenate(rows, axis=1)
     direct = jnp.concatenate([lines, powers], axis=1)
@@ -453,9 +459,12 @@ def _beat_amplitudes(
     ends = np.cumsum([background.size, objects.size])
     displacements = _displacements(scene, motion, jnp.concatenate(parts))
     behind, front, between = jnp.split(displacements, ends, axis=1)
-    difference = objects - background[:, None]
+    difference = objects[None] - background[:, None]
     moves = (difference != 0)[..., None]
-    place = (nodes - background[:, None, None]) / jnp.where(moves, difference[..., None], 1.0)
+    place = (nodes[None, None] - background[:, None, None]) / jnp.where(
+        moves, difference[..., None], 1.0
+    )
+    place, moves = place[None], moves[None]
     wanted = (1 - place) * behind[..., None, None] + place * front[:, None, :, None]
     angle = jnp.where(moves, wanted - between[:, None, None], 0.0)
     begin, step = (angle * (-2 * np.pi * f) for f in (shares.first, shares.step))
@@ -463,10 +472,10 @@ def _beat_amplitudes(
 
     def turned(
         wave: tuple[Array, Array], weights: Array
-    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
         """Waves of the next frequency of the grid; a product costs less than a cosine."""
         (cosine, sine), (c, s) = wave, turn
-        sums = jnp.sum(weights * cosine, axis=1), jnp.sum(weights * sine, axis=1)
+        sums = tuple(jnp.sum(weights[None] * part, axis=1) for part in wave)
         return (cosine * c - sine * s, sine * c + cosine * s), sums
 
     first = jnp.cos(begin), jnp.sin(begin)
@@ -495,3 +504,44 @@ def _folded(weights: Array, shares: LayerShares) -> Array:
         return weights
     middle = shares.speeds.size // 2
     return weights[..., middle:, :].at[..., 1:, :].add(weights[..., :middle, :][..., ::-1, :])
+
+
+class RowsAtRest(NamedTuple):
+    r"""Rows $r$ of a capture by a camera at rest, of power $S\sum_r W_r |H_{s_r}|^2$.
+
+    Attributes:
+        speeds: $s_r$, px/s; shape `(r,)`.
+        weights: $W_r$ at each frequency; shape `(m, r)`.
+        power: $S$; shape `(m,)`.
+    """
+
+    speeds: np.ndarray
+    weights: np.ndarray
+    power: np.ndarray
+
+
+def rows_at_rest(scene: Scene, count: int, num_frequencies: int) -> RowsAtRest:
+    """Speeds and weights of a scene, which may have two layers; of these $V = W$, all being at 0.
+
+    Args:
+        scene: The scene; concrete.
+        count: How many effective speeds.
+        num_frequencies: Frequencies of the grid.
+    """
+    if scene.occlusion is None:
+        weights = np.asarray(scene.weights, np.float64)[None]
+        power = power_on_grid(scene, num_frequencies)
+        return RowsAtRest(np.asarray(scene.speeds, np.float64), weights, power)
+    grid = Frequencies.of_grid(num_frequencies)
+    scene = without_tolerances(scene).bare()
+    scene = with_shares(scene, background_of(scene), count, grid, folds=False)
+    speeds = np.asarray(computed_speeds(scene).speeds, np.float64)
+    weights = np.asarray(_weights_at_rest(scene, num_frequencies), np.float64)
+    return RowsAtRest(speeds, weights, power_on_grid(scene, num_frequencies))
+
+
+@compiled
+def _weights_at_rest(scene: Scene, num_frequencies: int) -> Array:
+    motion, dtype = StillCamera(half_exposure=1.0), np.dtype(scene.speeds.dtype)
+    direct, _ = _row_weights(scene, motion, num_frequencies, dtype, told=False)
+    return direct[0].T

@@ -24,7 +24,7 @@ from mishutter.evaluation.metrics import (
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Automatic, Parts, Plan
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.sensor_view import sampled_view
-from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene
+from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, require_whole
 
 ALIGNMENTS = ("vertex", "free")
 _SHARPNESS = 200
@@ -256,7 +256,7 @@ class ExpectedErrorLoss(AbstractResponseLoss):
             up to 0.01 dB.
 
     Raises:
-        ValueError: if `alignment` is neither.
+        ValueError: if `alignment` is neither, or, when it is called, `"free"` before a background.
     """
 
     alignment: str = eqx.field(default="vertex", static=True)
@@ -315,7 +315,8 @@ class FoundSpeedLoss(AbstractResponseLoss):
         share: $s$, from 0 to 1; static.
 
     Raises:
-        ValueError: if `share` is not within 0 and 1.
+        ValueError: if `share` is not within 0 and 1, or, when it is called, if the scene has a
+            background, before which no one speed is the picture's.
     """
 
     share: float = eqx.field(default=FOUND_SHARE, static=True)
@@ -331,6 +332,7 @@ class FoundSpeedLoss(AbstractResponseLoss):
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
     ) -> Array:
+        require_whole(scene, "FoundSpeedLoss")
         parts, rest = (scene, motion, response, plan.num_frequencies), 1 - self.share
         told = _over_contrast(scene, known_speed_squared_error(*parts))
         untold = _over_contrast(scene, expected_squared_error(*parts))

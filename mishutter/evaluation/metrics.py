@@ -43,6 +43,7 @@ from mishutter.model import (
     noise_power,
     pixel_response,
     require_scene,
+    require_whole,
 )
 
 FOUND_SHARE = 0.8
@@ -454,7 +455,11 @@ def freely_aligned(
     them come to within 1e-4 dB of the least error near the alignment of the kernels. The
     displacements are where the error is stationary: derivatives of the error do not pass through
     them.
+
+    Raises:
+        ValueError: if the scene has a background: its layers have no places by speed alone.
     """
+    require_whole(scene, "ExpectedErrorLoss(alignment='free')")
     dtype = response.efficiency.dtype
     spectra = jax.lax.stop_gradient(response.spectra)
     num_kept = spectra.shape[1]

@@ -11,6 +11,7 @@ import numpy as np
 from mishutter.evaluation import (
     Metrics,
     SpectralLevels,
+    coarser,
     evaluate,
     kernel_phase,
     kernels_at_speeds,
@@ -63,7 +64,7 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
     furthest = ParabolicMotion(
         acceleration=stroke / half**2, half_exposure=half, velocity=motion.velocity
     )
-    sizes_shared = plan(roomy, furthest, command, loss=loss, free="shutter")
+    sizes_shared = coarser(plan(roomy, furthest, command, loss=loss, free="shutter"))
     found = optimise(
         roomy,
         motion,

@@ -30,6 +30,7 @@ from mishutter.model import (
     IdealShutter,
     Limits,
     LinearMotion,
+    Occlusion,
     ParabolicMotion,
     Scene,
     SecondOrderStage,
@@ -324,6 +325,7 @@ def _built(file: SavedDesign) -> Design:
         "burst": Burst,
         "stage": SecondOrderStage,
         "tolerances": Tolerances,
+        "occlusion": Occlusion,
     }
     made = {name: kind(**scene[name]) for name, kind in kinds.items() if scene[name] is not None}
     scene |= made | {"motion": motion}

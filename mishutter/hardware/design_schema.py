@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from mishutter._core import Section
-from mishutter.model import Axis, DecoderSpeed
+from mishutter.model import Axis, Background, DecoderSpeed
 
 FORMAT = 1
 """Version of the file format."""
@@ -163,6 +163,16 @@ class SavedTolerances(Part):
 
 
 @final
+class SavedOcclusion(Part):
+    """The arguments of `Occlusion`."""
+
+    front_share: float
+    object_width: float | None = None
+    level_difference: float = 0.0
+    background: Background = "still"
+
+
+@final
 class SavedScene(Part):
     """The arguments of `Scene`, but for the motion."""
 
@@ -181,6 +191,7 @@ class SavedScene(Part):
     burst: SavedBurst | None = None
     stage: SavedStage | None = None
     tolerances: SavedTolerances | None = None
+    occlusion: SavedOcclusion | None = None
     decoder_speed: DecoderSpeed = "unknown"
     axis: Axis = "rows"
     picture: str | None = None
@@ -211,6 +222,7 @@ class SavedPlan(Part):
     folds: bool
     still: bool
     loss_dft_length: int | None = None
+    num_effective_speeds: int = 0
     items: list[SavedItem]
 
 

@@ -67,6 +67,7 @@ from mishutter.model.scene import Burst as Burst
 from mishutter.model.scene import DecoderSpeed as DecoderSpeed
 from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene import require_scene as require_scene
+from mishutter.model.scene import require_whole as require_whole
 from mishutter.model.scene import seen_from as seen_from
 from mishutter.model.scene_file import EXAMPLE_PICTURE as EXAMPLE_PICTURE
 from mishutter.model.scene_file import example_scene as example_scene

@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
     RowLike,
+    Unquoted,
     all_concrete,
     as_float,
     common_dtype,
@@ -449,6 +450,13 @@ def require_scene(scene: object) -> None:
     """Refuse what is no scene, such as the path of its file."""
     requirement = "be a `Scene`, as `Scene.load(path)` reads one from a file"
     require(isinstance(scene, Scene), "scene", requirement, scene)
+
+
+def require_whole(scene: Scene | None, user: str) -> None:
+    """Refuse a scene with a background to what is for pictures that move as a whole."""
+    whole = scene is None or scene.occlusion is None
+    requirement = f"move as a whole for {user}, without an occlusion"
+    require(whole, "scene", requirement, Unquoted("objects in front of a background"))
 
 
 def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMotion]:

@@ -39,11 +39,13 @@ from mishutter.model.images import (
 )
 from mishutter.model.limits import Demand, Limits
 from mishutter.model.motion import ParabolicMotion
+from mishutter.model.occlusion import Occlusion
 from mishutter.model.scene import Burst, Scene
 from mishutter.model.scene_schema import (
     LimitsSection,
     MotionSection,
     Normal,
+    OcclusionSection,
     PictureSection,
     SceneFile,
     ShutterSection,
@@ -157,16 +159,7 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     if scene.picture is None:
         levels = {"mean_level": scene.mean_level, "deviation": scene.deviation}
         tables["picture"] = {name: float(value) for name, value in levels.items()}
-    if scene.device is not None:
-        tables["shutter"] = _device_table(scene.device)
-    if scene.stage is not None:
-        bandwidth, damping = float(scene.stage.bandwidth), float(scene.stage.damping)
-        tables["stage"] = {"bandwidth_hz": bandwidth, "damping": damping}
-    if scene.burst is not None:
-        frames = float(scene.burst.frames_per_s)
-        tables["rivals"] = {"frames_per_s": frames, "max_frames": scene.burst.max_frames}
-    if scene.tolerances is not None:
-        tables["tolerances"] = _tolerances_table(scene.tolerances)
+    tables |= _optional_tables(scene)
     if scene.decoder_speed != "unknown":
         tables["decoder"] = {"speed": scene.decoder_speed}
     if isinstance(scene.given_motion, ParabolicMotion):
@@ -183,6 +176,24 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
         # Finite numbers and text of JSON are those of TOML.
         lines += [f"{key} = {json.dumps(value)}" for key, value in section.items()]
     return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _optional_tables(scene: Scene) -> dict[str, Any]:
+    """Tables of what a scene may do without."""
+    tables: dict[str, Any] = {}
+    if scene.occlusion is not None:
+        tables["occlusion"] = _occlusion_table(scene.occlusion)
+    if scene.device is not None:
+        tables["shutter"] = _device_table(scene.device)
+    if scene.stage is not None:
+        bandwidth, damping = float(scene.stage.bandwidth), float(scene.stage.damping)
+        tables["stage"] = {"bandwidth_hz": bandwidth, "damping": damping}
+    if scene.burst is not None:
+        frames = float(scene.burst.frames_per_s)
+        tables["rivals"] = {"frames_per_s": frames, "max_frames": scene.burst.max_frames}
+    if scene.tolerances is not None:
+        tables["tolerances"] = _tolerances_table(scene.tolerances)
+    return tables
 
 
 def _limits_table(limits: Limits) -> dict[str, float | str]:
@@ -232,6 +243,17 @@ def _tolerances_table(tolerances: Tolerances) -> dict[str, float]:
     return table | ({"drive_step_us": step} if step > 0 else {})
 
 
+def _occlusion_table(occlusion: Occlusion) -> dict[str, float | str]:
+    table: dict[str, float | str] = {
+        "front_share": float(occlusion.front_share),
+        "background": occlusion.background,
+    }
+    if occlusion.object_width is not None:
+        table["object_width_px"] = float(occlusion.object_width)
+        table["level_difference"] = float(occlusion.level_difference)
+    return table
+
+
 def _scene(data: bytes, name: str, folder: Path) -> Scene:
     return scene_of_tables(parsed(tomllib.loads, data, name, "TOML"), name, folder)
 
@@ -272,6 +294,10 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         requirement,
         Unquoted(f"{travel:g} px in {2 * file.limits.max_half_exposure_ms:g} ms"),
     )
+    occlusion = _occlusion(file.occlusion, scales)
+    is_whole = occlusion is None or file.decoder.speed != "found"
+    requirement = "be 'unknown' or 'told' beside [occlusion], where no one speed is the picture's"
+    require(is_whole, "[decoder] speed", requirement, file.decoder.speed)
     return Scene(
         speeds,
         weights,
@@ -285,6 +311,7 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         stage=None if file.stage is None else _stage(file.stage),
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
         tolerances=_tolerances(file.tolerances, scales),
+        occlusion=occlusion,
         decoder_speed=file.decoder.speed,
         axis=file.sensor.axis,
         motion=_motion(file.motion, file.limits, limits, scales),
@@ -423,6 +450,24 @@ def _of_things(
     """A speed of things in px/s, given in one of its units; None where it is not."""
     unit, value = told_in(section, name, units, place)
     return None if value is None else value * scales.of_things(unit, f"{place} {name}_{unit}")
+
+
+def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | None:
+    if section is None:
+        return None
+    unit, width = told_in(section, "object_width", ("px", "mm", "m"), "[occlusion]")
+    if width is not None:
+        width *= scales.of_things(unit, f"[occlusion] object_width_{unit}")
+    difference = section.level_difference
+    seen = difference == 0 or width is not None
+    requirement = "stand beside object_width_px: it shows at the edges of objects alone"
+    require(seen, "[occlusion] level_difference", requirement, difference)
+    return Occlusion(
+        front_share=section.front_share,
+        object_width=width,
+        level_difference=difference,
+        background=section.background,
+    )
 
 
 def _tolerances(section: TolerancesSection | None, scales: Scales) -> Tolerances | None:

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from mishutter._core import Section
 from mishutter.model.images import Axis
+from mishutter.model.occlusion import Background
 from mishutter.model.optics import WIDEST_BLUR
 from mishutter.model.scene import DecoderSpeed
 
@@ -88,6 +89,18 @@ class ViewSection(Section):
     distance_m: Annotated[float, Field(gt=0, le=1e9)] | None = None
     focal_length_mm: Annotated[float, Field(ge=0.01, le=1e6)] | None = None
     px_per_mm: Annotated[float, Field(ge=1e-9, le=1e6)] | None = None
+
+
+@final
+class OcclusionSection(Section):
+    """Objects in front of a background: their share of the picture, and how wide they are."""
+
+    front_share: Share
+    object_width_px: Annotated[float, Field(gt=0, le=1e7)] | None = None
+    object_width_mm: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    object_width_m: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    level_difference: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    background: Background = "still"
 
 
 @final
@@ -216,6 +229,7 @@ class SceneFile(Section):
     light: Light
     sensor: Sensor
     view: ViewSection = ViewSection()
+    occlusion: OcclusionSection | None = None
     shutter: ShutterSection | None = None
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()

@@ -27,7 +27,7 @@ _GRAVITY = 9.80665e6
 """Standard gravity; um/s^2."""
 _MICROMETRES = {"mm": 1e3, "mm_per_s": 1e3, "g": _GRAVITY, "g_per_s": _GRAVITY}
 """Units of the stage, in um and seconds."""
-_MILLIMETRES = {"mm_per_s": 1.0, "m_per_s": 1e3}
+_MILLIMETRES = {"mm": 1.0, "m": 1e3, "mm_per_s": 1.0, "m_per_s": 1e3}
 """Units of things, in mm and seconds."""
 _PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54 * 1e-12
 """Photons of sunlight between 400 and 700 nm by lux, second and square micrometre: 1.1e4."""
@@ -57,7 +57,7 @@ class Scales(NamedTuple):
         return _MICROMETRES[unit] / self.pitch_for(key)
 
     def of_things(self, unit: str, key: str) -> float:
-        """Pixels in a unit of the way of things, as the picture shows it."""
+        """Pixels in a unit of the size or the way of things, as the picture shows them."""
         if unit.startswith("px"):
             return 1.0
         if unit == "deg_per_s":

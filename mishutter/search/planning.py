@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike
 
 from mishutter._core import compiled, require_known
 from mishutter.evaluation import (
+    LEAST_EFFECTIVE_SPEEDS,
     AbstractLoss,
     AbstractResponseLoss,
     Item,
@@ -247,6 +248,7 @@ def items_of(
             f"hence {full.dft_length // 2 + 1} frequencies",
         ),
         *_spectra_items(full, kept, needs, space),
+        *_layers_items(kept, needs),
         *_terms_items(needs),
         *_search_items(shutter, space),
         _precision_item(scene),
@@ -314,6 +316,18 @@ def _spectra_items(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | No
         Item("frequencies", str(full.num_frequencies), count, why),
         Item("nodes in time", str(full.num_nodes), str(kept.num_nodes), reach),
     ]
+
+
+def _layers_items(kept: Plan, needs: Needs) -> list[Item]:
+    """How finely the light is followed that edges of objects uncover; none for scenes without."""
+    count = kept.num_effective_speeds
+    if not count:
+        return []
+    if not needs.spectra:
+        return [Item("effective speeds", str(count), "0", "no transfer function is needed")]
+    beat = "background that edges uncover moves at speeds in between and beyond, by the exposure"
+    why = f"{beat}; {LEAST_EFFECTIVE_SPEEDS} are enough for a search"
+    return [Item("effective speeds", *_pair(count), why)]
 
 
 def _terms_items(needs: Needs) -> list[Item]:

@@ -1,17 +1,21 @@
 """Reading a sweep: the best points, the Pareto front, and the gain of coding."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mishutter._core import RowLike, as_float, outside_trace, require
 from mishutter.evaluation import (
+    LEAST_EFFECTIVE_SPEEDS,
     LightLevels,
+    RowsAtRest,
     distinct_speeds,
+    effective_speeds,
     lost_share,
     num_frequencies,
-    power_on_grid,
+    rows_at_rest,
 )
 from mishutter.model import (
     Scene,
@@ -218,15 +222,18 @@ def best_snapshots(
     velocity = _pans(scene)[:, None, None]
     slowest, fastest = velocity.min(), velocity.max()
     step = (fastest - slowest) / (_NUM_VELOCITIES - 1)
+    rough = _rows_of(scene, LEAST_EFFECTIVE_SPEEDS)
     for _ in range(_NUM_REFINEMENTS):
-        best = _best_snapshot(scene, half, velocity, light)
+        best = _best_snapshot(scene, half, velocity, light, rough)
         near = np.linspace(-1, 1, _NUM_NEAR)[:, None, None]
         half = np.clip(best.half_exposure * ratio**near, low, longest)[:, None]
         velocity = best.velocity[None]
         if step > 0:
             velocity = np.clip(best.velocity + step * near, slowest, fastest)
         ratio, step = np.sqrt(ratio), step / 2
-    best = _best_snapshot(scene, half, velocity, light)
+    best = _best_snapshot(scene, half, velocity, light, rough)
+    exact = _rows_of(scene, effective_speeds(scene, best.half_exposure.max()))
+    best = _best_snapshot(scene, best.half_exposure[None, None], best.velocity[None], light, exact)
     dimensions = ("photon_rate", "read_noise")
     with np.errstate(divide="ignore"):  # a picture without detail is restored without error
         level = -10 * np.log10(best.error)
@@ -238,6 +245,15 @@ def best_snapshots(
         },
         {"photon_rate": rates, "read_noise": noises},
     )
+
+
+_Rows = Callable[[int], RowsAtRest]
+"""Speeds and weights on a grid of so many frequencies."""
+
+
+def _rows_of(scene: Scene, count: int) -> _Rows:
+    """Rows by so many effective speeds, each grid of them once."""
+    return cache(lambda num_frequencies: rows_at_rest(scene, count, num_frequencies))
 
 
 def _pans(scene: Scene) -> np.ndarray:
@@ -264,7 +280,7 @@ class _Snapshots(NamedTuple):
 
 
 def _best_snapshot(
-    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels
+    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels, rows: _Rows
 ) -> _Snapshots:
     """The best of some snapshots under each light.
 
@@ -273,11 +289,12 @@ def _best_snapshot(
         half: Half exposures, s; shape `(e, 1, p, r)`, or 1 for either light.
         velocity: Velocities, px/s; shape `(v, p, r)`, or 1 for either.
         light: Photon rates of shape `(p, 1)`, read noises of shape `(1, r)`.
+        rows: Speeds and weights of the scene.
     """
     if scene.limits.pans == "stage":
         furthest = float(scene.limits.max_stroke) / (2 * half)
         velocity = np.clip(velocity, -furthest, furthest)
-    error = _snapshot_error(scene, half, velocity, light)
+    error = _snapshot_error(scene, half, velocity, light, rows)
     flat = error.reshape(-1, *error.shape[2:])
     index = np.argmin(flat, axis=0)[None]
 
@@ -304,7 +321,7 @@ def _psnr(subject: str, dataset: "xarray.Dataset") -> "xarray.DataArray":
 
 
 def _snapshot_error(
-    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels
+    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels, rows: _Rows
 ) -> np.ndarray:
     r"""Expected squared error of an open shutter on a sensor that pans; `(e, v, p, r)`.
 
@@ -321,28 +338,29 @@ def _snapshot_error(
     shape = light.photon_rates.shape[0], light.read_noises.shape[1]
     total = np.zeros(half.shape[:2] + shape)
     for count in np.unique(counts):
-        rows = counts == count
-        total[rows] = _error_of_pans(scene, half[rows], velocity[rows], light, int(count))
+        at = counts == count
+        total[at] = _error_of_pans(scene, half[at], velocity[at], light, rows(int(count)))
     return total
 
 
 def _error_of_pans(
-    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels, count: int
+    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels, rows: RowsAtRest
 ) -> np.ndarray:
     """The same over a number of frequencies; `(n, p, r)`."""
-    frequency, power = frequencies(count), power_on_grid(scene, count)
-    speeds, weights = (np.asarray(x, np.float64) for x in (scene.speeds, scene.weights))
-    travel = 2 * (speeds - velocity[..., None]) * half[..., None]
+    count = rows.power.size
+    travel = 2 * (rows.speeds - velocity[..., None]) * half[..., None]
     electrons = np.asarray(light.photon_rates) * 2 * half
     noise = noise_power(1.0, float(scene.mean_level), electrons, np.asarray(light.read_noises))
     total = np.zeros(np.broadcast_shapes(electrons.shape, noise.shape))
     blur = float(scene.lens_blur)
     num_parts = -(-count * max(travel.size, total.size) // _NUM_AT_A_TIME)
     for part in np.array_split(np.arange(count), min(num_parts, count)):
-        f, level = (x[part].reshape(-1, 1, 1, 1) for x in (frequency, power))
+        f, level = (x[part].reshape(-1, 1, 1, 1) for x in (frequencies(count), rows.power))
+        weights = np.broadcast_to(rows.weights, (count, rows.speeds.size))[part]
+        weights = weights[:, None, None, :, None]
         responses = np.sinc(f[..., None] * travel) * pixel_response(f[..., None], blur)
-        mean = responses @ weights
-        spread = ((responses - mean[..., None]) ** 2) @ weights
+        mean = (responses @ weights)[..., 0]
+        spread = (((responses - mean[..., None]) ** 2) @ weights)[..., 0]
         signal = level * electrons**2
         total += np.sum(level * lost_share(signal, mean**2, spread, noise), axis=0)
     return total / count

@@ -17,6 +17,7 @@ from mishutter import (
     FoundSpeedLoss,
     KnownSpeedLoss,
     Limits,
+    Occlusion,
     ParabolicMotion,
     Plan,
     RectShutter,
@@ -111,6 +112,17 @@ def test_a_decoder_that_finds_the_speed_keeps_a_share_of_what_being_told_brings(
         assert loss == pytest.approx(10 ** (-level / 20) / 0.17, rel=1e-12)
     with pytest.raises(ValueError, match=r"must be from 0 to 1; got 1\.2"):
         FoundSpeedLoss(1.2)
+
+
+@pytest.mark.parametrize("loss", [FoundSpeedLoss(), ExpectedErrorLoss(alignment="free")])
+def test_losses_of_pictures_that_move_as_a_whole_refuse_a_background(loss):
+    """One speed is no picture's there, and speeds have no places of their own."""
+    layers = Occlusion(front_share=0.4, object_width=70.0)
+    scene = Scene([-700.0, 250.0], photon_rate=2e5, read_noise=4.0, occlusion=layers)
+    text = r"`scene` must move as a whole for .*; got objects in front of a background\."
+    with pytest.raises(ValueError, match=text) as caught:
+        loss(scene, MOTION, TukeyShutter(0.6))
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("tolerances", [None, Tolerances(acceleration=0.04, speed=60.0)])

@@ -77,6 +77,15 @@ def test_a_section_that_is_put_in_is_a_section_of_a_scene_file(name):
     validated(SceneFile, tables, "a scene", in_section)
 
 
+def test_objects_before_a_background_are_put_in_by_a_tick():
+    """The section is off at first, and begins with edges before a still background."""
+    assert SECTIONS["occlusion"]["optional"]
+    begin = {"front_share": 0.5, "object_width_px": 100, "background": "still"}
+    assert SECTIONS["occlusion"]["begin"] == begin
+    assert FIELDS["occlusion", "background"]["choices"] == ["still", "moving"]
+    assert "occlusion" not in tomllib.loads(example_scene_text())
+
+
 def test_what_the_example_leaves_out_begins_with_what_it_says_in_comments():
     """Values of devices stand in the example alone."""
     assert FIELDS["sensor", "full_well_e"]["begin"] == 5900

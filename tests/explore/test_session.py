@@ -116,6 +116,19 @@ def test_tolerances_are_drawn_beside(started):
     assert min(answer["psnr"]) < answer["numbers"]["psnr"] < max(answer["psnr"])
 
 
+def test_numbers_of_the_page_are_of_the_scene_with_its_background():
+    """What is drawn at once, and what stands in the table, are what `evaluate` measures."""
+    section = {"front_share": 0.41, "object_width_px": 37.0, "background": "moving"}
+    before = sessions.built(TABLES | {"occlusion": section}, {})
+    motion = ParabolicMotion(acceleration=4.1e4, half_exposure=0.011)
+    level = float(evaluate(before, motion, HannShutter()).expected_psnr)
+    for at_once in (True, False):
+        drawn = curves(before, motion, HannShutter(), at_once=at_once)
+        assert drawn["numbers"]["psnr"] == pytest.approx(level, abs=1e-4)
+    whole = sessions.built(TABLES, {})
+    assert level < float(evaluate(whole, motion, HannShutter()).expected_psnr) - 0.05
+
+
 def test_what_to_send_to_the_stage_is_drawn_beside_the_motion():
     """Where the scene knows how it follows: turning before the sensor does."""
     followed = TABLES | {"stage": {"bandwidth_hz": 60.0, "damping": 0.7}}

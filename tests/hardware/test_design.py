@@ -18,6 +18,7 @@ from mishutter import (
     HannShutter,
     IdealShutter,
     LinearMotion,
+    Occlusion,
     RectShutter,
     Scene,
     SplineShutter,
@@ -27,6 +28,7 @@ from mishutter import (
     TriangleShutter,
     TukeyShutter,
     drive_table,
+    plan,
 )
 from mishutter._core.files import strict_json
 from mishutter.evaluation.needs import Item
@@ -116,6 +118,26 @@ def test_a_saved_design_has_its_device_and_tolerances(design, device, tmp_path):
     assert eqx.tree_equal(read.scene.device, device)
     assert eqx.tree_equal(read.scene.tolerances, tolerances)
     assert eqx.tree_equal(read.shutter, light)
+
+
+def test_a_saved_design_gives_back_what_hides_what(design, tmp_path):
+    """And with it the same expected errors, by a plan of as many effective speeds."""
+    layers = Occlusion(
+        front_share=0.37, object_width=61.0, level_difference=0.04, background="moving"
+    )
+    scene = Scene([-310.0, 420.0], photon_rate=2e5, read_noise=3.0, occlusion=layers)
+    saved = replace(design, scene=scene, plan=plan(scene, MOTION, design.shutter))
+    path = tmp_path / "design.json"
+    saved.save(path)
+    read = Design.load(path)
+    assert eqx.tree_equal(read.scene.occlusion, layers)
+    assert read.plan == saved.plan
+    assert read.plan.num_effective_speeds > 0
+    assert float(read.metrics.expected_psnr) == float(saved.metrics.expected_psnr)
+    document = json.loads(path.read_text())
+    del document["scene"]["occlusion"], document["plan"]["num_effective_speeds"]
+    path.write_text(json.dumps(document))
+    assert Design.load(path).scene.occlusion is None
 
 
 def test_a_saved_design_knows_how_its_photograph_is_read(design, tmp_path):

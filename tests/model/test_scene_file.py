@@ -14,6 +14,7 @@ from mishutter import (
     HannShutter,
     IdealShutter,
     Limits,
+    Occlusion,
     ParabolicMotion,
     Scene,
     SecondOrderStage,
@@ -264,6 +265,66 @@ def test_tolerances_have_units(tmp_path):
         read_scene(written(tmp_path, EXAMPLE + section + "transmittance = 0.02\n"))
 
 
+def test_a_file_says_what_hides_what(tmp_path):
+    """Share, width, background and level of objects; without the section there is no background."""
+    keys = "front_share = 0.31\nobject_width_px = 73\nlevel_difference = -0.07\n"
+    path = written(tmp_path, f'{EXAMPLE}\n[occlusion]\n{keys}background = "moving"\n')
+    wanted = Occlusion(
+        front_share=0.31, object_width=73.0, level_difference=-0.07, background="moving"
+    )
+    assert eqx.tree_equal(read_scene(path).occlusion, wanted)
+    plain = written(tmp_path, f"{EXAMPLE}\n[occlusion]\nfront_share = 0.31\n")
+    assert eqx.tree_equal(read_scene(plain).occlusion, Occlusion(front_share=0.31))
+    assert example_scene().occlusion is None
+
+
+@pytest.mark.parametrize("width", [None, 57.0])
+@pytest.mark.parametrize("background", ["still", "moving"])
+def test_a_scene_with_a_background_is_written_as_it_was_read(width, background, tmp_path):
+    """With and without edges, before each kind of background."""
+    layers = Occlusion(front_share=0.83, object_width=width, background=background)
+    scene = Scene([30.0, -470.0], photon_rate=3.1e5, read_noise=4.3, occlusion=layers)
+    (tmp_path / "scene.toml").write_text(scene_text(scene))
+    assert eqx.tree_equal(read_scene(tmp_path / "scene.toml"), scene, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("object_width_px = 30", "`[occlusion] front_share` must be given"),
+        ("front_share = 1.1", "`[occlusion] front_share` must be at most 1; got 1.1"),
+        ("front_share = 0.3\nobject_width_px = 0", "`[occlusion] object_width_px` must be above 0"),
+        (
+            "front_share = 0.3\nobject_width_px = 9\nobject_width_m = 2",
+            "`[occlusion] object_width_m` must not stand beside object_width_px; got 2",
+        ),
+        (
+            "front_share = 0.3\nobject_width_mm = 9",
+            "where [occlusion] object_width_mm is given; got nothing",
+        ),
+        (
+            "front_share = 0.3\nlevel_difference = 0.1",
+            "`[occlusion] level_difference` must stand beside object_width_px",
+        ),
+        (
+            'front_share = 0.3\nbackground = "moves"',
+            "`[occlusion] background` must be 'still' or 'moving'; got 'moves'",
+        ),
+        ("front_share = 0.3\nwidth_px = 9", "perhaps `[occlusion] object_width_px`"),
+        (
+            'front_share = 0.3\n[decoder]\nspeed = "found"',
+            "`[decoder] speed` must be 'unknown' or 'told' beside [occlusion]",
+        ),
+    ],
+)
+def test_layers_that_cannot_be_are_named(keys, message, tmp_path):
+    """Each in one line that begins with the key."""
+    path = written(tmp_path, f"{EXAMPLE}\n[occlusion]\n{keys}\n")
+    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+        read_scene(path)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_byte_order_mark_is_no_error(tmp_path):
     """Editors on Windows begin a file with one."""
     path = tmp_path / "scene.toml"
@@ -369,6 +430,7 @@ def test_a_scene_written_is_the_scene_read(slug, tmp_path):
         burst=Burst(frames_per_s=240.0, max_frames=6),
         stage=SecondOrderStage(bandwidth=43.0, damping=0.35),
         tolerances=Tolerances(acceleration=0.02, delay=1.5e-4, transmittance=0.03, drive_step=5e-5),
+        occlusion=Occlusion(front_share=0.4, object_width=83.0, level_difference=0.06),
         motion=ParabolicMotion(acceleration=2.9e5, half_exposure=0.0105, velocity=-210.0),
     )
     text = scene_text(scene, {"": ["First."], "motion": ['a = "1"']})

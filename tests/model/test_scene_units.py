@@ -64,6 +64,23 @@ def test_speeds_are_those_of_things(tmp_path, view, speed, expected, form):
     assert float(scene.max_speed) == pytest.approx(fastest, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("view", "width", "expected"),
+    [
+        # 40 mm at a hundredth are 0.4 mm on the sensor: 80 px of 5 um.
+        ("magnification = 0.01", "object_width_mm = 40", 80.0),
+        ("distance_m = 0.8\nfocal_length_mm = 16", "object_width_m = 0.05", 50 * 16 / 784 / 5e-3),
+        ("px_per_mm = 2.5", "object_width_mm = 40", 100.0),
+        ("px_per_mm = 2.5", "object_width_px = 40", 40.0),
+    ],
+)
+def test_widths_are_those_of_objects(tmp_path, view, width, expected):
+    """As large as the picture shows them."""
+    section = f"[view]\n{view}\n[occlusion]\nfront_share = 0.4\n{width}"
+    layers = scene_of(tmp_path, view=section).occlusion
+    assert float(layers.object_width) == pytest.approx(expected, rel=1e-12)
+
+
 def test_limits_of_the_stage_are_by_the_pitch(tmp_path):
     """A stroke in mm and a top speed in mm/s of the sensor itself, whatever it looks at."""
     limits = "max_stroke_mm = 0.2\nmax_top_speed_mm_per_s = 30"

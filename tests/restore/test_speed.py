@@ -5,6 +5,7 @@ to their own error bars, and to the 2 px of smear that the tried speeds are apar
 """
 
 import json
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -242,6 +243,16 @@ def test_refusals():
         ms.estimate_speed(np.ones((2, 4, 90, 1)), *given)
     with pytest.raises(ValueError, match="must have light that the shutter lets through; got 0"):
         ms.estimate_speed(np.ones((4, 90)), scene(photon_rate=0.0), camera(), OPEN)
+    layered = scene(occlusion=ms.Occlusion(front_share=0.4, object_width=70.0)), camera(), OPEN
+    text = (
+        "`scene` must move as a whole for the speed to be found, without an occlusion; got objects"
+    )
+    decoder = ms.SpeedFindingDecoder()
+    for use in (ms.estimate_speed, partial(ms.deconvolve, decoder=decoder)):
+        with pytest.raises(ValueError, match=text):
+            use(np.ones((4, 90)), *layered)
+    with pytest.raises(ValueError, match=text):
+        ms.capture_and_restore(np.ones((4, 90)), *layered, speed=300.0, decoder=decoder)
 
 
 @pytest.mark.slow

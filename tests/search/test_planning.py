@@ -22,10 +22,12 @@ from mishutter import (
     GaussianShutter,
     HannShutter,
     Limits,
+    Occlusion,
     ParabolicMotion,
     Plan,
     RectShutter,
     Scene,
+    StillCamera,
     TukeyShutter,
     cli,
     evaluate,
@@ -83,6 +85,27 @@ def test_speeds_are_dropped_merged_and_folded():
     assert np.allclose(kept.weights, [0.25, 0.75])
     one_sided = plan(scene, MOTION, ChippedShutter([1.0, 0.4]))
     assert item(one_sided, "speeds").kept == "3"
+
+
+def test_effective_speeds_are_for_edges_alone():
+    """The plan says how many there are where objects have edges, more for a longer exposure."""
+    layers = {"edges": Occlusion(front_share=0.4, object_width=70.0), "none": None}
+    layers["without edges"] = Occlusion(front_share=0.4)
+    counts = {}
+    for name, occlusion in layers.items():
+        scene = Scene([-4600.0, 1300.0], photon_rate=1e5, read_noise=3.0, occlusion=occlusion)
+        for half in (0.002, 0.019):
+            found = plan(scene, StillCamera(half_exposure=half), HannShutter())
+            names = [item.name for item in found.items]
+            assert ("effective speeds" in names) == (name == "edges")
+            counts[name, half] = found.num_effective_speeds
+    assert counts["edges", 0.019] > counts["edges", 0.002] > 0
+    scene = Scene([-600.0, 600.0], photon_rate=1e5, read_noise=3.0, occlusion=layers["edges"])
+    own = item(plan(scene, MOTION, HannShutter()), "effective speeds")
+    assert own.kept == own.full
+    assert "33 are enough for a search" in own.why
+    without_spectra = plan(scene, MOTION, HannShutter(), loss=DesignLoss())
+    assert item(without_spectra, "effective speeds").kept == "0"
 
 
 @pytest.mark.slow

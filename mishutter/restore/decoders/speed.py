@@ -28,7 +28,15 @@ from mishutter._core import (
 )
 from mishutter.camera import as_pixels, distinct_colours, rows_last
 from mishutter.evaluation import PLANNED
-from mishutter.model import LUMINANCE, AbstractMotion, AbstractShutter, Scene, require_scene, turned
+from mishutter.model import (
+    LUMINANCE,
+    AbstractMotion,
+    AbstractShutter,
+    Scene,
+    require_scene,
+    require_whole,
+    turned,
+)
 from mishutter.restore.decoders.base import BlurModel, blur_model
 
 # In single precision, and typed, which SciPy's own are not.
@@ -484,7 +492,8 @@ def estimate_speed(
         The speed, its error and what speaks against it; see `SpeedEstimate`.
 
     Raises:
-        ValueError: if the capture is traced, not finite or no picture, or the scene has no light.
+        ValueError: if the capture is traced, not finite or no picture, or the scene has no light,
+            or a background, before which no one speed is the picture's.
 
     Examples:
         >>> import jax
@@ -520,8 +529,9 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
         model: Blur and noise.
 
     Raises:
-        ValueError: if the capture is traced.
+        ValueError: if the capture is traced, or of a scene with a background.
     """
+    require_whole(model.layers, "the speed to be found")
     known_now = is_concrete(planes)
     require(known_now, "estimate_speed(capture=...)", "be known, not traced", Unquoted("a tracer"))
     light, noise = luminance(np.asarray(planes), model)

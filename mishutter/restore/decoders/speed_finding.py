@@ -31,7 +31,7 @@ class SpeedFindingDecoder(AbstractDecoder):
         inner: The decoder that restores, knowing these speeds.
 
     Raises:
-        ValueError: if a capture is traced.
+        ValueError: if a capture is traced, or of a scene with a background.
     """
 
     inner: AbstractDecoder = eqx.field(default_factory=TotalVariationDecoder)
