@@ -444,6 +444,14 @@ def _of_stage(
     return None if value is None else value * scales.of_stage(unit, f"{place} {name}_{unit}")
 
 
+def _of_things(
+    section: Section, name: str, units: tuple[str, ...], scales: Scales, place: str
+) -> Any:
+    """A speed of things in px/s, given in one of its units; None where it is not."""
+    unit, value = told_in(section, name, units, place)
+    return None if value is None else value * scales.of_things(unit, f"{place} {name}_{unit}")
+
+
 def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | None:
     if section is None:
         return None
@@ -460,14 +468,6 @@ def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | 
         level_difference=difference,
         background=section.background,
     )
-
-
-def _of_things(
-    section: Section, name: str, units: tuple[str, ...], scales: Scales, place: str
-) -> Any:
-    """A speed of things in px/s, given in one of its units; None where it is not."""
-    unit, value = told_in(section, name, units, place)
-    return None if value is None else value * scales.of_things(unit, f"{place} {name}_{unit}")
 
 
 def _tolerances(section: TolerancesSection | None, scales: Scales) -> Tolerances | None:
