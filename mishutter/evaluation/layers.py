@@ -44,16 +44,16 @@ from mishutter.model import (
     StillCamera,
 )
 
-LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 33, 513
+LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
 """How many effective speeds there are, at least and at most."""
 BEAT_STEP = 0.8
 """Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
 expected error is known to 1e-4 dB."""
-_MOST_OF_DECODERS = 65
+_MOST_OF_DECODERS = 97
 """Effective speeds that a decoder's filter is made of at most: known to 0.01 dB of its error."""
 _MOST_WEIGHTS = 40_000
 """Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
-_FURTHEST, _GROWTH = 64.0, 5.6
+_FURTHEST, _GROWTH = 512.0, 7.7
 """The furthest effective speed, in half ranges of the layers' speeds, and the logarithm by which
 steps grow up to it, about."""
 _NEIGHBOURS = 6
@@ -226,7 +226,7 @@ def _spanned(scene: Scene, speeds: Array, weights: Array, *, folds: bool) -> tup
     if folds:
         fastest = jnp.maximum(jnp.abs(slowest), jnp.abs(fastest))
         slowest = -fastest
-    return jax.lax.stop_gradient((slowest, fastest))
+    return slowest, fastest
 
 
 class _Nodes(NamedTuple):

@@ -78,12 +78,12 @@ def background_line(gains: tuple[BackgroundGain, ...]) -> str:
         return ""
     parts = []
     for each in gains:
+        of_picture = "half of the picture" if each.still_share == 0.5 else f"{each.still_share:.0%}"
         gain = f"{each.gain:+.2f} dB" if each.gain >= _TELLING else "none"
-        parts.append(f"{gain} where {each.still_share:.0%}")
+        parts.append(f"{gain} where {of_picture} stands still")
     return (
-        "This is of a picture that moves as a whole. Behind moving objects, a background that "
-        f"stands still takes of the gain: the best camera for it has {' and '.join(parts)} of the "
-        "picture is still."
+        "This is of a picture that moves as a whole. Objects that move before a background leave "
+        f"another gain: {', '.join(parts)}, by a camera designed for it."
     )
 
 

@@ -1,0 +1,294 @@
+"""The expected error of objects before a background: its reference, its limits, its derivatives."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mishutter import (
+    ExpectedErrorLoss,
+    FreeMotion,
+    HannShutter,
+    KnownSpeedLoss,
+    Limits,
+    Occlusion,
+    ParabolicMotion,
+    RectShutter,
+    Scene,
+    SplineShutter,
+    StillCamera,
+    Tolerances,
+    WorstSpeedLoss,
+    blur_model,
+    ceiling,
+    evaluate,
+)
+from mishutter.restore.decoders import expected_squared_error
+
+REFERENCE = 1.5e-4
+"""Difference from the reference's values, dB: these have four decimals, and are known to 1e-4."""
+SPEEDS = 4500 * (np.arange(9) + 0.5) / 9
+LIMITS = Limits(max_stroke=45, max_half_exposure=0.02)
+SWEPT = ParabolicMotion(acceleration=45 / 0.009**2, half_exposure=0.009)
+SNAPSHOT = StillCamera(half_exposure=1.08e-3)
+
+
+def scene_of(occlusion, speeds=SPEEDS, **others):
+    numbers = {"photon_rate": 1e5, "read_noise": 8.0, "limits": LIMITS} | others
+    return Scene(speeds, occlusion=occlusion, **numbers)
+
+
+STILL = Occlusion(front_share=0.3, object_width=100.0)
+LAYERS = {
+    "still": scene_of(STILL),
+    "narrow": scene_of(Occlusion(front_share=0.55, object_width=23.0)),
+    "moving": scene_of(
+        Occlusion(front_share=0.4, object_width=70.0, background="moving"), [-3100.0, 700.0, 2900.0]
+    ),
+    "levels": scene_of(Occlusion(front_share=0.3, object_width=60.0, level_difference=0.13)),
+}
+
+
+@pytest.mark.parametrize(
+    ("motion", "shutter", "layers", "mean_level", "psnr"),
+    [
+        (SNAPSHOT, RectShutter(), STILL, 0.25, 27.1784),
+        (SWEPT, HannShutter(), STILL, 0.25, 26.7466),
+        (
+            ParabolicMotion(acceleration=30 / 0.009**2, half_exposure=0.009),
+            RectShutter(),
+            Occlusion(front_share=0.3, object_width=100.0, level_difference=0.1),
+            0.28,
+            25.4146,
+        ),
+        (SWEPT, HannShutter(), Occlusion(front_share=0.3), 0.25, 27.3689),
+    ],
+    ids=["snapshot", "Hann", "levels apart", "no edges"],
+)
+def test_the_reference(motion, shutter, layers, mean_level, psnr):
+    """Plain sums over time and over the frequencies of the matte give the same expected PSNR."""
+    metrics = evaluate(scene_of(layers, mean_level=mean_level), motion, shutter)
+    np.testing.assert_allclose(metrics.expected_psnr, psnr, rtol=0, atol=REFERENCE)
+
+
+@pytest.mark.parametrize("motion", [SNAPSHOT, SWEPT], ids=["snapshot", "swept"])
+def test_objects_that_cover_everything_move_as_a_whole(motion):
+    """With a share of 1 the picture is the objects', with a share of 0 a background's at rest."""
+    shutter = HannShutter()
+    for share, speeds in ((1.0, SPEEDS), (0.0, np.array([0.0]))):
+        layers = Occlusion(front_share=share, object_width=37.0)
+        hidden = evaluate(scene_of(layers), motion, shutter).expected_psnr
+        whole = evaluate(scene_of(None, speeds), motion, shutter).expected_psnr
+        np.testing.assert_allclose(hidden, whole, rtol=0, atol=1e-5)
+
+
+def test_objects_without_edges_are_a_prior_of_two_kinds_of_speeds():
+    """Without edges the picture is one that moves as the objects or not at all, by their shares."""
+    share, shutter = 0.37, HannShutter()
+    hidden = evaluate(scene_of(Occlusion(front_share=share)), SWEPT, shutter).expected_psnr
+    weights = np.append(np.full(SPEEDS.size, share / SPEEDS.size), 1 - share)
+    both = scene_of(None, np.append(SPEEDS, 0.0), weights=weights)
+    np.testing.assert_allclose(hidden, evaluate(both, SWEPT, shutter).expected_psnr, atol=1e-9)
+
+
+def test_wide_objects_have_hardly_any_edges():
+    """The wider the objects, the nearer the error is to that of objects without edges."""
+    without = float(
+        evaluate(scene_of(Occlusion(front_share=0.3)), SWEPT, HannShutter()).expected_psnr
+    )
+    widths = (30.0, 100.0, 1e3, 1e4)
+    levels = [
+        float(
+            evaluate(
+                scene_of(Occlusion(front_share=0.3, object_width=w)), SWEPT, HannShutter()
+            ).expected_psnr
+        )
+        for w in widths
+    ]
+    distances = np.abs(np.array(levels) - without)
+    assert np.all(np.diff(distances) < 0)
+    np.testing.assert_allclose(levels[-1], 27.36155, rtol=0, atol=REFERENCE)
+
+
+def test_layers_of_one_speed_are_one_picture():
+    """Where both layers move alike nothing is uncovered: the error is of the picture's spectrum."""
+    layers = Occlusion(front_share=0.4, object_width=50.0, background="moving")
+    alone = np.array([900.0])
+    shares = np.array([0.2, 0.8])
+    one = evaluate(scene_of(layers, alone), SWEPT, HannShutter())
+    twice = evaluate(
+        scene_of(layers, np.array([900.0, 900.0]), weights=shares), SWEPT, HannShutter()
+    )
+    assert float(one.expected_psnr) == pytest.approx(float(one.known_speed_psnr), abs=1e-9)
+    np.testing.assert_allclose(one.expected_psnr, twice.expected_psnr, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", LAYERS)
+def test_a_short_snapshot_sees_no_edges(name):
+    """Over a short exposure nothing moves: little but noise is lost, as of one speed."""
+    scene, short = LAYERS[name], StillCamera(half_exposure=2e-5)
+    metrics = evaluate(scene, short, RectShutter())
+    np.testing.assert_allclose(metrics.expected_psnr, metrics.known_speed_psnr, rtol=0, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", LAYERS)
+def test_the_errors_at_each_speed_have_the_expected_mean(name):
+    """A decoder that is told more loses no more, and the worst speed is no better than the mean."""
+    metrics = evaluate(LAYERS[name], SWEPT, HannShutter())
+    assert float(metrics.known_speed_psnr) >= float(metrics.expected_psnr)
+    assert float(metrics.worst_speed_psnr) <= float(metrics.expected_psnr)
+
+
+@pytest.mark.parametrize("name", LAYERS)
+@pytest.mark.parametrize("motion", [SNAPSHOT, SWEPT], ids=["snapshot", "swept"])
+def test_no_camera_exceeds_the_ceiling(name, motion):
+    """The ceiling of two layers bounds a decoder that is told the speed, too."""
+    metrics = evaluate(LAYERS[name], motion, HannShutter())
+    assert float(metrics.known_speed_psnr) < float(ceiling(LAYERS[name]))
+
+
+@pytest.mark.parametrize("name", LAYERS)
+def test_folded_speeds_change_nothing(name):
+    """Mirrored speeds of a symmetric shutter are computed once; without a plan, each."""
+    planned = evaluate(LAYERS[name], SWEPT, HannShutter()).expected_psnr
+    every = evaluate(LAYERS[name], SWEPT, HannShutter(), plan=None).expected_psnr
+    np.testing.assert_allclose(planned, every, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["still", "moving"])
+def test_the_decoder_leaves_what_is_expected(name):
+    """The ensemble filter of a scene of two layers is the filter whose error is expected."""
+    expected = evaluate(LAYERS[name], SWEPT, HannShutter()).expected_psnr
+    error = expected_squared_error(blur_model(LAYERS[name], SWEPT, HannShutter()))
+    np.testing.assert_allclose(-10 * np.log10(error), expected, rtol=0, atol=0.01)
+
+
+@pytest.mark.parametrize("name", LAYERS)
+def test_a_pan_is_a_change_of_all_speeds(name):
+    """A sensor that pans meets the objects and a still background less its velocity."""
+    scene, velocity = LAYERS[name], 600.0
+    panned = ParabolicMotion(acceleration=4e5, half_exposure=0.009, velocity=velocity)
+    shifted = eqx.tree_at(lambda s: s.speeds, scene, scene.speeds - velocity)
+    layers = scene.occlusion.seen_from(jnp.asarray(velocity))
+    shifted = eqx.tree_at(lambda s: s.occlusion, shifted, layers)
+    still = ParabolicMotion(acceleration=4e5, half_exposure=0.009)
+    np.testing.assert_allclose(
+        evaluate(scene, panned, RectShutter()).expected_psnr,
+        evaluate(shifted, still, RectShutter()).expected_psnr,
+        rtol=0,
+        atol=1e-4,
+    )
+
+
+@pytest.mark.parametrize("loss", [ExpectedErrorLoss(), KnownSpeedLoss(), WorstSpeedLoss()])
+def test_losses_are_the_metrics(loss):
+    """The loss over the picture's deviation is the PSNR that `evaluate` measures."""
+    scene = LAYERS["narrow"]
+    metrics = evaluate(scene, SWEPT, HannShutter())
+    level = -20 * np.log10(float(loss(scene, SWEPT, HannShutter())) * float(scene.deviation))
+    of = {
+        ExpectedErrorLoss: "expected",
+        KnownSpeedLoss: "known_speed",
+        WorstSpeedLoss: "worst_speed",
+    }
+    np.testing.assert_allclose(level, getattr(metrics, f"{of[type(loss)]}_psnr"), rtol=0, atol=0.02)
+
+
+@pytest.mark.parametrize("name", ["still", "moving"])
+def test_derivatives_follow_the_loss(name):
+    """By motion, profile, light, speeds and layers they agree with central differences."""
+    scene, loss = LAYERS[name], ExpectedErrorLoss()
+    profile = SplineShutter.fit(HannShutter(), num_coefficients=6)
+
+    def value(numbers):
+        a, T, v, light, speed, share, width, edge = numbers
+        layers = eqx.tree_at(
+            lambda o: (o.front_share, o.object_width), scene.occlusion, (share, width)
+        )
+        places = lambda s: (s.photon_rate, s.speeds, s.occlusion)  # noqa: E731
+        own = eqx.tree_at(places, scene, (light * 1e5, scene.speeds * speed, layers))
+        box = profile.at(jnp.linspace(0.2, 0.9, 6).at[2].set(edge))
+        return loss(
+            own,
+            ParabolicMotion(acceleration=a * 5e5, half_exposure=T * 0.008, velocity=v * 300),
+            box,
+        )
+
+    numbers = jnp.array([1.07, 0.93, 1.11, 1.3, 0.97, 0.41, 63.0, 0.6])
+    slope, value = jax.jit(jax.grad(value))(numbers), jax.jit(value)
+    steps = 1e-4 * numbers
+    differences = [
+        (value(numbers.at[i].add(h)) - value(numbers.at[i].add(-h))) / (2 * h)
+        for i, h in enumerate(steps)
+    ]
+    np.testing.assert_allclose(slope, differences, rtol=2e-4, atol=1e-7)
+
+
+def test_the_hessian_is_the_slope_of_the_slope():
+    """Forward over reverse gives second derivatives by the profile and the motion."""
+    scene, profile = LAYERS["still"], SplineShutter.fit(HannShutter(), num_coefficients=4)
+
+    def value(numbers):
+        motion = ParabolicMotion(acceleration=numbers[0] * 5e5, half_exposure=0.008)
+        box = profile.at(jnp.linspace(0.3, 0.8, 4).at[1].set(numbers[1]))
+        return ExpectedErrorLoss()(scene, motion, box)
+
+    numbers = jnp.array([1.05, 0.55])
+    hessian = jax.jit(jax.hessian(value))(numbers)
+    slope = jax.jit(jax.grad(value))
+    h = 1e-4
+    differences = [
+        (slope(numbers.at[i].add(h)) - slope(numbers.at[i].add(-h))) / (2 * h) for i in range(2)
+    ]
+    np.testing.assert_allclose(hessian, np.array(differences), rtol=1e-3, atol=1e-6)
+
+
+def test_single_precision_is_near():
+    """In float32 the expected PSNR is that of float64 to 1e-3 dB."""
+    scene = LAYERS["still"]
+    single = jax.tree.map(lambda x: x.astype(np.float32) if eqx.is_array(x) else x, scene)
+    motion = jax.tree.map(lambda x: jnp.asarray(x, np.float32), SWEPT)
+    level = evaluate(single, motion, HannShutter()).expected_psnr
+    assert level.dtype == np.float32
+    expected = evaluate(scene, SWEPT, HannShutter()).expected_psnr
+    np.testing.assert_allclose(level, expected, rtol=0, atol=1e-3)
+
+
+def test_a_free_path_of_one_acceleration_is_a_parabola():
+    """A free path has its own alignment, and the same error where it is the same path."""
+    path = FreeMotion.fit(SWEPT, num_pieces=4)
+    levels = [evaluate(LAYERS["still"], motion, HannShutter()) for motion in (path, SWEPT)]
+    np.testing.assert_allclose(levels[0].expected_psnr, levels[1].expected_psnr, rtol=0, atol=1e-4)
+
+
+def test_errors_of_no_size_cost_nothing():
+    """Within tolerances each error is another camera; of errors near 0 all are the same."""
+    tiny = scene_of(STILL, tolerances=Tolerances(acceleration=1e-9, delay=1e-12, speed=1e-6))
+    metrics = evaluate(tiny, SWEPT, HannShutter())
+    np.testing.assert_allclose(metrics.toleranced_psnr, metrics.expected_psnr, rtol=0, atol=2e-3)
+    wide = scene_of(STILL, tolerances=Tolerances(acceleration=0.05))
+    assert float(evaluate(wide, SWEPT, HannShutter()).toleranced_psnr) < float(
+        metrics.expected_psnr
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        ({"front_share": 1.2}, r"`Occlusion\(front_share=...\)` must be at most 1; got 1.2"),
+        ({"front_share": -0.1}, r"must be at least 0; got -0.1"),
+        ({"front_share": 0.3, "object_width": 0.0}, r"must be above 0 px; got 0"),
+        ({"front_share": 0.3, "level_difference": np.inf}, r"must be finite; got inf"),
+    ],
+)
+def test_what_layers_must_be(arguments, line):
+    """Each number that is out of its range is named."""
+    with pytest.raises(ValueError, match=line):
+        Occlusion(**arguments)
+
+
+def test_a_speed_that_is_found_is_a_whole_picture_s():
+    """Before a background one speed is no picture's, so that no decoder finds it."""
+    with pytest.raises(ValueError, match="one speed is no picture's there"):
+        scene_of(STILL, decoder_speed="found")
