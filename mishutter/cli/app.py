@@ -320,11 +320,15 @@ def _deliver(
 ) -> None:
     """The verdict and its tables as soon as they are known, then photographs, then files."""
     from mishutter.cli.tables import print_comparison, print_photographs
-    from mishutter.report import document, write_report
+    from mishutter.report import background_line, document, write_report
 
     if not as_json:
         with may_be_left():  # files are written for whoever has read enough, too
             print_comparison(result)
+    result = _before_backgrounds(result)
+    if result.backgrounds and not as_json:
+        with may_be_left():
+            print_text(f"{background_line(result.backgrounds)}\n")
     result = _photographed(result, num_seeds, every)
     if result.photographs is not None and not as_json:
         with may_be_left():
@@ -334,6 +338,18 @@ def _deliver(
         files = write_report(result, folder, wrote=lambda name: note(f"wrote {folder / name}"))
     if as_json:
         write_json(document(result) | {"files": files})
+
+
+def _before_backgrounds(result: "Report") -> "Report":
+    """A comparison with what is left of its gain where part of the picture stands still."""
+    from mishutter.report import STILL_SHARES, background_gains
+
+    row = result.comparison.rows[0]
+    if row.at_worst or row.speed != "unknown":
+        return result
+    with progress_bar("before a background", len(STILL_SHARES)) as update:
+        gains = background_gains(result.scene, step=_counting(update))
+    return replace(result, backgrounds=gains)
 
 
 def _photographed(result: "Report", num_seeds: int, every: bool) -> "Report":

@@ -3,6 +3,10 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from mishutter.report.backgrounds import STILL_SHARES as STILL_SHARES
+from mishutter.report.backgrounds import BackgroundGain as BackgroundGain
+from mishutter.report.backgrounds import background_gains as background_gains
+from mishutter.report.backgrounds import background_line as background_line
 from mishutter.report.comparison import Comparison as Comparison
 from mishutter.report.comparison import compare as compare
 from mishutter.report.comparison import with_verdict as with_verdict

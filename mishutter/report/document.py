@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mishutter._core import strict_json, write_text
 from mishutter.hardware import Design
 from mishutter.model import Scene, scene_picture
+from mishutter.report.backgrounds import BackgroundGain
 from mishutter.report.comparison import Comparison
 from mishutter.report.layered import layered_captures, layered_scene
 from mishutter.report.photographs import (
@@ -48,6 +49,7 @@ class Report:
         names: The given shutters among them.
         photographs: Results of the photograph for each on its own best motion; None for none.
         design: The design that was searched for; None for none.
+        backgrounds: Gains of the best cameras where part of the picture stands still.
     """
 
     scene: Scene
@@ -55,6 +57,7 @@ class Report:
     names: tuple[str, ...]
     photographs: Photographs | None = None
     design: Design | None = None
+    backgrounds: tuple[BackgroundGain, ...] = ()
 
 
 def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
@@ -96,7 +99,14 @@ def document(report: Report) -> dict[str, Any]:
         for decoder, results in levels.items()
     }
     found = {} if report.design is None else {"design": report.design.to_dict()}
-    return found | {"comparison": report.comparison.to_dict(), "photographs": photographs}
+    backgrounds = [
+        {"still_share": each.still_share, "gain_db": each.gain} for each in report.backgrounds
+    ]
+    return found | {
+        "comparison": report.comparison.to_dict(),
+        "before_a_background": backgrounds,
+        "photographs": photographs,
+    }
 
 
 def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
