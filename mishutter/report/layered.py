@@ -140,7 +140,7 @@ def _world(seen: LayeredScene, scene: Scene, judged: slice) -> Scene:
         object_width=np.sum(opacity) / np.sum(np.any(opacity > 0, axis=1)),
         level_difference=float(np.sqrt(np.mean(differences**2))),
     ).seen_from(as_float(-back.speed))
-    bare = scene.bare([front.speed], [1.0], power)
+    bare = scene.bare(np.array([front.speed], float), np.ones(1), power)
     numbers = float(np.mean(seen.truth[:, judged])), float(np.sqrt(np.mean(power)))
     level, deviation = (as_float(x) for x in numbers)
     return eqx.tree_at(

@@ -59,7 +59,7 @@ _ONE_FILTER = (
     "PSNR in linear light. Expected: of such\nlayers, whatever their places. Behind:\n"
     "where the object never was. In front:\nwhere it alone is."
 )
-_OTHER_WORLD = "The table is of a picture that moves\nas a whole. This one does not.\n\n"
+_OTHER_WORLD = ": the verdict is of a picture that moves as a whole, and this one does not"
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
 MAP_COLOURS = "cividis"
@@ -269,15 +269,15 @@ def plot_layers(
     panels = figure.subplots(2, across, squeeze=False)
     back, front = (layer.speed for layer in seen.layers.layers)
     kind = "still" if back == 0 else "moving"
-    figure.suptitle(f"An object before a {kind} background", fontsize="medium")
+    title = f"An object before a {kind} background{_OTHER_WORLD if whole else ''}"
+    figure.suptitle(title, fontsize="medium")
     title = f"the scene: {back:g} px/s behind,\n{front:g} px/s in front, outlined"
     _show(panels[0, 0], truth, title)
     for colour, style in (("black", "-"), ("white", "--")):
         lines = {"colors": colour, "linestyles": style, "linewidths": 1.2}
         panels[0, 0].contour(turned(seen.matte, axis), [0.5], **lines)
     panels[1, 0].axis("off")
-    words = f"{_OTHER_WORLD if whole else ''}{_ONE_FILTER}"
-    panels[1, 0].text(0.5, 0.5, words, ha="center", va="center", fontsize="small")
+    panels[1, 0].text(0.5, 0.5, _ONE_FILTER, ha="center", va="center", fontsize="small")
     for (name, found), (top, bottom) in zip(captures.items(), panels.T[1:], strict=True):
         title = f"{shown_name(name, 30)}, {found.exposure * 1e3:.3g} ms,\ncaptured"
         _show(top, turned(found.captured, axis), title)
