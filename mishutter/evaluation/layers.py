@@ -398,6 +398,8 @@ def moments_on_dft(
 ) -> LayerMoments:
     """Moments of a capture of two layers on the grid of a DFT; NumPy arrays of shape `(1, m)`.
 
+    They are of the camera as it was designed, without the errors that its tolerances allow.
+
     Args:
         scene: Scene of two layers, seen from the motion; concrete.
         motion: Motion of the sensor, without velocity.
@@ -405,6 +407,7 @@ def moments_on_dft(
         responses: Function that gives responses at some speeds on its grid, aligned, `(s, m)`, of
             each at so many of the lowest frequencies at least.
     """
+    scene = without_tolerances(scene)
     background = background_of(scene)
     every = np.append(np.asarray(scene.speeds), np.asarray(background.speeds))
     travel = float(np.ptp(every)) / 2 * float(motion.half_exposure)

@@ -53,3 +53,16 @@ def test_fast_speeds_are_computed_at_low_frequencies_alone():
     for row, exact, count in zip(found, known, counts, strict=True):
         np.testing.assert_allclose(row[:count], exact[:count], atol=2e-6)
         assert np.all(row[2 * count :] == 0)
+
+
+def test_tolerances_change_no_filter():
+    """A decoder knows the camera as it was designed, with a background as without."""
+    tolerances = ms.Tolerances(acceleration=0.05)
+    loose = scene(occlusion=LAYERS["still"], tolerances=tolerances)
+    model = blur_model(loose, camera(), ms.HannShutter())
+    for own, exact in zip(
+        model.mean_and_spread(64),
+        model_of("still", ms.HannShutter()).mean_and_spread(64),
+        strict=True,
+    ):
+        np.testing.assert_allclose(own, exact, atol=1e-6)
