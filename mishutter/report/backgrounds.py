@@ -41,8 +41,9 @@ def background_gains(
     """Gains of the best cameras where half of the picture stands still, and where 70 % do.
 
     The best Tukey window and motion are searched for each, before a still background with objects
-    of 100 px: a free-form profile adds up to 0.03 dB, and takes three times as long. They are empty of a scene that says what hides what, whose decoder knows the speed of a
-    picture, or in which nothing moves.
+    of 100 px: a free-form profile adds up to 0.03 dB, and takes three times as long. There are none
+    of a scene that says what hides what, of one whose decoder knows the speed of a picture, and of
+    one in which nothing moves.
 
     Args:
         scene: Speeds, light, noise and limits.
