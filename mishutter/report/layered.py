@@ -19,8 +19,7 @@ from mishutter.model import (
     turned,
 )
 from mishutter.report.photographs import longest_kernel
-from mishutter.restore import blur_model, deconvolve
-from mishutter.restore.decoders.linear import squared_error_in
+from mishutter.restore import blur_model, deconvolve, squared_error_in
 from mishutter.search import Row
 
 _ROWS, _COLUMNS, _HEIGHT = 128, 336, 104
