@@ -139,13 +139,11 @@ def _world(seen: LayeredScene, scene: Scene, judged: slice) -> Scene:
         object_width=np.sum(opacity) / np.sum(np.any(opacity > 0, axis=1)),
         level_difference=float(np.sqrt(np.mean(differences**2))),
     ).seen_from(as_float(-back.speed))
-    bare = scene.bare(np.array([front.speed], float), np.ones(1), power)
-    numbers = float(np.mean(seen.truth[:, judged])), float(np.sqrt(np.mean(power)))
-    level, deviation = (as_float(x) for x in numbers)
+    numbers = np.mean(seen.truth[:, judged]), np.sqrt(np.mean(power)), power
     return eqx.tree_at(
-        lambda s: (s.mean_level, s.deviation, s.occlusion),
-        bare,
-        (level, deviation, occlusion),
+        lambda s: (s.mean_level, s.deviation, s.power_spectrum, s.occlusion),
+        scene.bare(np.array([front.speed], float), np.ones(1)),
+        (*(as_float(x) for x in numbers), occlusion),
         is_leaf=lambda part: part is None or isinstance(part, Occlusion),
     )
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import mishutter as ms
-from mishutter.report import plots
+from mishutter.report import BackgroundGain, Comparison, Report, plots
 from mishutter.report.backgrounds import before_still_background
+from mishutter.report.document import _layered
 from mishutter.report.layered import _displaced, _swept, layered_captures, layered_scene
-from mishutter.search import Row
+from mishutter.search import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
 
 HALF = 0.009
 MOTION = ms.ParabolicMotion(acceleration=24 / HALF**2, half_exposure=HALF)
@@ -74,6 +75,13 @@ def test_layers_come_back_as_well_as_is_expected(background_speed):
         assert each.psnr == pytest.approx(each.expected_psnr, abs=0.4)
 
 
+def test_a_picture_without_detail_is_restored_to_its_noise():
+    """Of layers without texture nothing but noise is left, as is expected."""
+    flat = layered_scene(ms.Picture(np.full((40, 320, 1), 0.3)), 0.0, SPEED)
+    found = captures(2e5, "snapshot", before=flat)["snapshot"]
+    assert found.psnr == pytest.approx(found.expected_psnr, abs=0.2)
+
+
 @pytest.mark.slow
 def test_light_decides():
     """The same capture in a thousandth of the light comes back worse, behind and in front."""
@@ -117,3 +125,19 @@ def test_the_picture_of_layers_names_speeds_and_levels():
     assert titles[-len(levels) :] == levels
     with pytest.raises(ValueError, match=r"plot_layers\(captures=...\)` must hold a capture"):
         plots.plot_layers(seen(), {})
+
+
+@pytest.mark.slow
+def test_a_report_shows_the_camera_for_the_background():
+    """The design of the verdict and its snapshot stand beside the best camera for this world."""
+    known = ms.Scene([0.0, SPEED], photon_rate=2e5, read_noise=2.0, picture="example")
+    cameras = {"optimised": CAMERAS["Hann"], BEST_SNAPSHOT: CAMERAS["snapshot"]}
+    rows = {
+        name: Row(OWN_BEST_MOTION, name, shutter, motion, None, ms.evaluate(known, motion, shutter))
+        for name, (motion, shutter) in cameras.items()
+    }
+    gains = (BackgroundGain(0.5, 0.3), BackgroundGain(0.7, 0.0, rows[BEST_SNAPSHOT]))
+    table = Comparison(tuple(rows.values()), "A verdict.", 0.1, 31.0)
+    figure = _layered(Report(known, table, ("optimised",), backgrounds=gains), rows)
+    titles = [axes.get_title().split(",")[0] for axes in figure.axes]
+    assert titles[1:4] == ["optimised", BEST_SNAPSHOT, "snapshot for this"]
