@@ -277,7 +277,7 @@ PARTS = {
     "normal errors for Student's t": {"_FREEDOM": 1e6},
     "no prior of spectra": {"precision": 1e-4},
     "no misfit": {"misfit": 1e-6},
-    "no leak of the window": {"_passed": lambda responses, _: np.abs(responses) ** 2},
+    "no leak of the window": {"_power_through_window": lambda responses, _: np.abs(responses) ** 2},
     "two octaves": {"_OCTAVES": ((0.018, 0.04), (0.04, 0.09))},
     "Hann windows along rows": {"_TAPER": 1.0},
     "bands of rows at all": {"_MOST_BANDS": 1},

@@ -1,5 +1,6 @@
 """What builds the documentation site: its generated pages are whole, and no broken link passes."""
 
+import inspect
 import re
 from pathlib import Path
 
@@ -43,6 +44,29 @@ def test_every_public_name_is_on_a_page_of_the_reference():
     """A name that is added to the package is documented."""
     named = {name for names in public_names().values() for name in names}
     assert set(mishutter.__all__) <= named
+
+
+def parameters():
+    """Public functions and methods that have a docstring of their own, with their parameters."""
+    for name in mishutter.__all__:
+        public = getattr(mishutter, name)
+        members = vars(public) if inspect.isclass(public) else {}
+        methods = {f"{name}.{m}": getattr(f, "__func__", f) for m, f in members.items()}
+        own = {name: public} if inspect.isfunction(public) else methods
+        for called, function in own.items():
+            is_shown = inspect.isfunction(function) and not called.partition(".")[2].startswith("_")
+            if is_shown and function.__doc__:
+                names = inspect.signature(function).parameters
+                yield called, function.__doc__, [n for n in names if n not in ("self", "cls")]
+
+
+def test_every_argument_is_explained():
+    """Pages show them with their types, by what stands in the docstring."""
+    shown = list(parameters())
+    assert len(shown) > 100
+    for called, text, names in shown:
+        explained = set(re.findall(r"^\s+\*{0,2}(\w+):", text, re.MULTILINE))
+        assert set(names) <= explained, called
 
 
 def test_every_page_can_be_reached_from_the_site_s_menu():

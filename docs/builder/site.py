@@ -60,9 +60,8 @@ def build() -> None:
 
 
 def as_shown(text: str) -> str:
-    """A page with pictures that lead to themselves at full size, and room for them."""
-    found, count = _PICTURE.subn(r"[\g<0>](\1)", text)
-    return f"---\nhide: [toc]\n---\n\n{found}" if count else found
+    """A page with pictures that lead to themselves at full size."""
+    return _PICTURE.sub(r"[\g<0>](\1)", text)
 
 
 def _write_generated() -> None:

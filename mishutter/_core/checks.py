@@ -15,24 +15,26 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, PyTree
 
+_Tree = TypeVar("_Tree")
+_Kind = TypeVar("_Kind")
 RowLike = ArrayLike | Sequence[float]
 """An array, or a plain list of numbers."""
 
 
-def all_concrete(tree: Any) -> bool:
+def all_concrete(tree: PyTree) -> bool:
     """Whether every leaf of a tree `is_concrete`."""
     return all(is_concrete(leaf) for leaf in jax.tree.leaves(tree))
 
 
-def primal_values(tree: Any) -> Any:
+def primal_values(tree: _Tree) -> _Tree:
     """Replaces `jax.grad` tracers by their primal values; `jit` tracers stay."""
     return jax.tree.map(lambda x: x if is_concrete(x) else jax.lax.stop_gradient(x), tree)
 
@@ -177,8 +179,12 @@ def require_positive_int(subject: str, value: object) -> int:
 
 
 def named(
-    subject: str, items: object, kind: type | tuple[type, ...], noun: str, label: str = ""
-) -> dict[str, Any]:
+    subject: str,
+    items: object,
+    kind: type[_Kind] | tuple[type[_Kind], ...],
+    noun: str,
+    label: str = "",
+) -> dict[str, _Kind]:
     """Items by name, from a mapping, a list or a single item.
 
     Args:
@@ -191,6 +197,7 @@ def named(
     Raises:
         ValueError: if there is no item, or one of another kind.
     """
+    by_name: dict[str, Any]
     if isinstance(items, Mapping):
         by_name = {str(name): value for name, value in items.items()}
     elif isinstance(items, Sequence) and not isinstance(items, str):

@@ -64,9 +64,9 @@ def number_rows(lines: Iterable[str], count: int, name: str, *, least_rows: int 
     rows = [cells(line) for line in lines]
     is_enough = len(rows) >= least_rows
     require(is_enough, name, "hold at least one row of numbers", Unquoted("none"))
-    odd = next((row for row in rows if len(row) != count), None)
-    if odd is not None:
-        got = Unquoted(f"{len(odd)} in '{describe(Unquoted(','.join(odd)))}'")
+    ragged = next((row for row in rows if len(row) != count), None)
+    if ragged is not None:
+        got = Unquoted(f"{len(ragged)} in '{describe(Unquoted(','.join(ragged)))}'")
         require(False, name, f"hold {count} {'value' if count == 1 else 'values'} a row", got)
     try:
         numbers = np.array(rows, dtype=np.float64).reshape(-1, count)
@@ -92,8 +92,8 @@ def _is_number(cell: str) -> bool:
 def unit_columns(
     lines: Sequence[str],
     name: str,
-    known: Mapping[str, Units | None],
-    needed: Sequence[str],
+    possible: Mapping[str, Units | None],
+    required: Sequence[str],
     *,
     least_rows: int = 1,
 ) -> dict[str, np.ndarray]:
@@ -102,8 +102,8 @@ def unit_columns(
     Args:
         lines: A line of names, one of units, and the rows.
         name: The file's name in an error.
-        known: Columns that the file may have, with their units; None for any unit.
-        needed: Columns that the file must have.
+        possible: Columns that the file may have, with their units; None for any unit.
+        required: Columns that the file must have.
         least_rows: Fewest rows, 0 or 1.
 
     Raises:
@@ -111,9 +111,9 @@ def unit_columns(
     """
     names = cells(lines[0])
     for column in names:
-        require(column in known, name, f"have columns of {', '.join(known)}", column)
+        require(column in possible, name, f"have columns of {', '.join(possible)}", column)
         require(names.count(column) == 1, name, "have each column once", column)
-    for column in needed:
+    for column in required:
         requirement = f"have a column of the name {column}"
         require(column in names, name, requirement, Unquoted(lines[0]))
     require(len(lines) > 1, name, "have a line of units below its names", Unquoted("one line"))
@@ -121,10 +121,10 @@ def unit_columns(
     got = Unquoted(f"{len(units)} units of {len(names)} columns")
     require(len(units) == len(names), name, "have a unit for each column in its second line", got)
     for column, unit in zip(names, units, strict=True):
-        allowed = known[column]
-        right = allowed is None or unit in allowed
+        allowed = possible[column]
+        is_allowed = allowed is None or unit in allowed
         requirement = f"have `{column}` in {' or '.join(allowed or ())} by its second line"
-        require(right, name, requirement, unit)
+        require(is_allowed, name, requirement, unit)
         factors.append(1.0 if allowed is None else allowed[unit])
     numbers = number_rows(lines[2:], len(names), name, least_rows=least_rows)
     # Divides by the reciprocal where that is whole: 1e-3 is not exact, 1000 is.

@@ -67,7 +67,7 @@ def validated(
         model: The schema.
         tables: The contents of the file.
         name: The file's name in an error.
-        key_name: How an error writes a key.
+        key_name: The form in which an error writes a key.
 
     Raises:
         ValueError: if the tables do not match the schema. The message is of one error; an unknown

@@ -7,28 +7,31 @@ which piece of the shutter holds the crossing.
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, PyTree
 
 from mishutter._core import DoubleWord
-from mishutter.blur.trajectory import Motion, Path, opaque_to_fusion, speed_at
+from mishutter.blur.trajectory import Motion, Path, PathChange, opaque_to_fusion, speed_at
 from mishutter.model import FEW_PIECES
 
 _LATE = 2.0
 """Bound on a moment, in units of tau: after the exposure, but too small to overflow a product."""
 
 _FEW_VALUES = 4
+"""Number of values up to which selection is quicker than a gather."""
+
+_Values = TypeVar("_Values")
 
 AFTER = np.array([[False], [True]])
 """Whether time runs outwards, away from the vertex, on each branch; branches lead the shape."""
 
 
 class Crossings(NamedTuple):
-    r"""Where and when each edge is crossed on each branch; shapes `(2, n + 1)`.
+    r"""Places and times at which each branch crosses each edge.
 
     `piece` is the piece of the shutter that holds the crossing, and `offset` the crossing's
     time, in units of tau, from the left end of that piece, or from its right end if not
@@ -38,12 +41,12 @@ class Crossings(NamedTuple):
     clipped to twice the half exposure.
     """
 
-    piece: Array
-    from_left: Array
-    offset: Array
-    nearest: Array
-    moment: Array
-    velocity: Array
+    piece: Int[Array, "2 edges"]
+    from_left: Bool[Array, "2 edges"]
+    offset: Float[Array, "2 edges"]
+    nearest: Int[Array, "2 edges"]
+    moment: Float[Array, "2 edges"]
+    velocity: Float[Array, "2 edges"]
 
     def part(self, which: tuple[slice | Array | int, ...]) -> "Crossings":
         """Crossings of some branches and edges."""
@@ -192,7 +195,7 @@ def _with_tangent_jvp(primals, tangents):
 
 
 def drift_change(motion: Motion, by_motion: Motion) -> Array:
-    """How far changes of the motion move the vertex of a slow object's trajectory in time.
+    """Delay of the vertex of a slow object's trajectory by a change of the motion.
 
     Every crossing moves with the vertex. The drift is separate from `moment_change` because under a
     symmetric profile its effects on the exposure of the two branches nearly cancel.
@@ -205,19 +208,14 @@ def drift_change(motion: Motion, by_motion: Motion) -> Array:
 
 
 def moment_change(
-    from_vertex: Array,
-    motion: Motion,
-    x: Crossings,
-    mirrored: Array,
-    by_motion: Motion,
-    dedge: Array,
+    from_vertex: Array, motion: Motion, x: Crossings, mirrored: Array, change: PathChange
 ) -> Array:
-    """How far changes of the motion, and of its edge, move a crossing in time.
+    """Delay of a crossing by a change of the motion and of its edge.
 
     The change excludes the part that all crossings of a slow object share, `drift_change`.
     `mirrored` is the `mirrored_velocity` at the breakpoint nearest to the crossing.
     """
-    (a, T, s), (da, dT, ds) = motion, by_motion
+    (a, T, s), (da, dT, ds) = motion, change.motion
     velocity, tau = x.velocity, x.moment
     slow = _is_slow(motion)
     reaches = (a > 0) & (from_vertex | (4 * a * T >= jnp.abs(s)))
@@ -228,19 +226,42 @@ def moment_change(
     # object is its drift; elsewhere as the edge does from where the point was.
     pivot = jnp.where(from_vertex, 0.0, jnp.where(slow, vertex, T * tau))
     moves = velocity != 0
-    along = (dedge + pivot * (ds - pivot * da)) * T / jnp.where(moves, velocity, 1.0)
+    along = (change.edge + pivot * (ds - pivot * da)) * T / jnp.where(moves, velocity, 1.0)
     # The sum counts from the breakpoint, because the times of crossing and vertex may cancel.
     apart = bend * (velocity / T)
     beyond = jnp.where(slow, apart, bend * (mirrored / T) + T * x.offset)
     turn = bend * (jnp.where(slow, 0.0, ds) - beyond * da)
-    change = jnp.where(slow | from_vertex | ~moves, turn, 0.0) + jnp.where(moves, along, 0.0)
-    return change / T - jnp.where(slow, apart / T, tau) * (dT / T)
+    delay = jnp.where(slow | from_vertex | ~moves, turn, 0.0) + jnp.where(moves, along, 0.0)
+    return delay / T - jnp.where(slow, apart / T, tau) * (dT / T)
+
+
+class Parabola(NamedTuple):
+    r"""Coefficients of a trajectory $A\tau^2 - B\tau$; px, scalars."""
+
+    stroke: Float[Array, ""]
+    smear: Float[Array, ""]
+
+
+def parabola_of(motion: Motion) -> Parabola:
+    """Stroke and smear of a motion."""
+    a, T, s = motion
+    return Parabola(a * T * T, s * T)
+
+
+class Passage(NamedTuple):
+    r"""Time and velocity at which edges are passed.
+
+    Attributes:
+        moment: $\tau$, to rounding.
+        velocity: $u$, to rounding; px per half exposure.
+    """
+
+    moment: Float[Array, "2 edges"]
+    velocity: Float[Array, "2 edges"]
 
 
 @jax.custom_jvp
-def crossing_time(
-    from_vertex: Array, stroke: Array, smear: Array, edge: Array, moment: Array, velocity: Array
-) -> tuple[Array, Array]:
+def crossing_time(from_vertex: Array, parabola: Parabola, edge: Array, passage: Passage) -> Passage:
     r"""Time and velocity at which edges are crossed, with derivatives of every order.
 
     From $A\tau^2 - B\tau = e$ and $u = 2A\tau - B$ follow $d\tau = (de + \tau dB - \tau^2 dA)/u$
@@ -253,16 +274,14 @@ def crossing_time(
 
     Args:
         from_vertex: Whether edges count from the vertex; else from mid-exposure.
-        stroke: $A$, px; scalar.
-        smear: $B$, px; scalar.
+        parabola: $A$ and $B$.
         edge: $e$, of which only the derivative is taken, px; shape `(1, n + 1)`.
-        moment: $\tau$, to rounding; shape `(2, n + 1)`.
-        velocity: $u$, to rounding, px per half exposure; shape `(2, n + 1)`.
+        passage: The values that the result has.
     """
-    return with_nan_tangent((moment, velocity), (stroke, smear, edge))
+    return with_nan_tangent(passage, (*parabola, edge))
 
 
-def with_nan_tangent(values: Any, moved_by: Any) -> Any:
+def with_nan_tangent(values: _Values, moved_by: PyTree) -> _Values:
     """`values`, whose derivative by `moved_by` is NaN unless a rule replaces it.
 
     In reverse mode through `jax.lax.scan` JAX drops nested derivative rules and would return 0
@@ -274,29 +293,24 @@ def with_nan_tangent(values: Any, moved_by: Any) -> Any:
 
 @crossing_time.defjvp
 def _crossing_time_jvp(primals, tangents):
-    from_vertex, stroke, smear, _, _, _ = primals
-    _, d_stroke, d_smear, d_edge, _, _ = tangents
-    moment, velocity = crossing_time(*primals)
-    x = moment, velocity
-    delay = crossing_time_change(from_vertex, stroke, smear, *x, d_stroke, d_smear, d_edge)
-    return x, (delay, 2 * (stroke * delay + moment * d_stroke) - d_smear)
+    from_vertex, parabola, _, _ = primals
+    _, d_parabola, d_edge, _ = tangents
+    passage = crossing_time(*primals)
+    delay = crossing_time_change(from_vertex, parabola, passage, d_parabola, d_edge)
+    gain = 2 * (parabola.stroke * delay + passage.moment * d_parabola.stroke) - d_parabola.smear
+    return passage, Passage(delay, gain)
 
 
 def crossing_time_change(
-    from_vertex: Array,
-    stroke: Array,
-    smear: Array,
-    moment: Array,
-    velocity: Array,
-    d_stroke: Array,
-    d_smear: Array,
-    d_edge: Array,
+    from_vertex: Array, parabola: Parabola, passage: Passage, d_parabola: Parabola, d_edge: Array
 ) -> Array:
-    """How far changes of stroke, smear and edge move a crossing in time.
+    """Delay of a crossing by changes of stroke, smear and edge.
 
     The formulae are those of `crossing_time`. `moment_change` computes the same where crossings
     of narrow taps would cancel.
     """
+    (stroke, smear), (d_stroke, d_smear) = parabola, d_parabola
+    moment, velocity = passage
     moves = velocity != 0
     pace, rate = jnp.where(moves, velocity, 1.0), jnp.where(from_vertex, 2 * stroke, 1.0)
     drift = (d_smear - (smear / rate + moment) * d_stroke) / rate

@@ -1,4 +1,4 @@
-r"""How the exposure of taps changes with the motion, the edges and the breakpoints.
+r"""Derivatives of the exposure of taps by the motion, the edges and the breakpoints.
 
 On a branch a tap holds the integral of the transmittance $w$ from one crossing, at $\tau_1$,
 to the next, at $\tau_2$. It changes by the transmittance at each crossing, times the motion of that
@@ -27,23 +27,32 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from mishutter._core import DoubleWord
 from mishutter.blur.crossings import (
     AFTER,
     Crossings,
+    Parabola,
+    Passage,
     at,
     crossing_time,
     crossing_time_change,
     drift_change,
     moment_change,
+    parabola_of,
     sum_over_branches,
     time_between,
     with_nan_tangent,
     with_tangent,
 )
-from mishutter.blur.trajectory import Motion, mirrored_velocity, opaque_to_fusion, speed_change
+from mishutter.blur.trajectory import (
+    Motion,
+    PathChange,
+    mirrored_velocity,
+    opaque_to_fusion,
+    speed_change,
+)
 from mishutter.model import AbstractPiecewiseShutter, within_unit
 
 _ASIDE = float(np.sqrt(1 / 12))
@@ -57,29 +66,28 @@ class BreakpointCells(NamedTuple):
     beginning, `is_after` its branch as in `AFTER`, and `width` its duration.
     """
 
-    place: tuple[Array, Array]
-    exists: Array
+    place: tuple[Int[Array, "cells"], Int[Array, "cells"]]
+    exists: Bool[Array, "cells"]
     start: Crossings
-    is_after: Array
-    width: Array
+    is_after: Bool[Array, "cells"]
+    width: Float[Array, "cells"]
 
 
 class KernelPrimal(NamedTuple):
     """Intermediate values of a kernel from which its derivatives are computed.
 
-    `tau` are the breakpoints, `x` the crossings and `edges` the edges, `(1, n + 1)`. `gap` is
-    the distance between a tap's edges, `(1, n)`, and `width` the duration of the cell that
-    begins at its inner edge, `(2, n)`; `cut` are all other cells. `is_held` tells whether a
-    crossing is held at an end of the exposure, `(2, n + 1)`.
+    `tau` are the breakpoints, `x` the crossings and `edges` the edges. `gap` is the distance
+    between a tap's edges, and `width` the duration of the cell that begins at its inner edge;
+    `cut` are all other cells. `is_held` tells whether a crossing is held at an end of the exposure.
     """
 
     profile: AbstractPiecewiseShutter
     tau: DoubleWord
     x: Crossings
-    edges: Array
-    gap: Array
-    width: Array
-    is_held: Array
+    edges: Float[Array, "1 edges"]
+    gap: Float[Array, "1 taps"]
+    width: Float[Array, "2 taps"]
+    is_held: Bool[Array, "2 edges"]
     cut: BreakpointCells | None
 
     @property
@@ -93,41 +101,50 @@ def parts(num_taps: int) -> tuple[tuple[slice, slice], ...]:
     return (slice(None), slice(0, num_taps)), (slice(None), slice(1, num_taps + 1))
 
 
+class KernelInputs(NamedTuple):
+    """The numbers on which a kernel depends.
+
+    Attributes:
+        motion: Motion of the point.
+        edges: Edges of the taps, which include the shift; px.
+        shift: Change of position of all edges together; px.
+        profile: The shutter.
+        tau: Its breakpoints.
+    """
+
+    motion: Motion
+    edges: Float[Array, "edges"]
+    shift: Float[Array, "..."]
+    profile: AbstractPiecewiseShutter
+    tau: DoubleWord
+
+
 @eqx.filter_custom_jvp
 def attach_motion_jvp(
-    exposure: Array,
-    motion: Motion,
-    edges: Array,
-    shift: Array,
-    profile: AbstractPiecewiseShutter,
-    tau: DoubleWord,
-    *,
-    from_vertex: Array,
-    primal: KernelPrimal,
+    exposure: Array, inputs: KernelInputs, *, from_vertex: Array, primal: KernelPrimal
 ) -> Array:
     """Exposure of taps, `(n,)`, with its derivatives by the motion and the edges attached.
 
-    `shift` moves all edges together, and `edges` include it. The tangent of the `exposure` itself
-    is that by the profile and its breakpoints; these are arguments for second derivatives alone.
+    The tangent of the `exposure` itself is that by the profile and its breakpoints; these are
+    among the inputs for second derivatives alone.
     """
     return exposure
 
 
 @attach_motion_jvp.def_jvp
 def _attach_motion_jvp_rule(primals, tangents, *, from_vertex, primal):
-    exposure, motion, *_ = primals
-    change, by_motion, by_edges, by_shift, *_ = tangents
+    exposure, inputs = primals
+    change, by_inputs = tangents
+    by_motion, by_edges, by_shift, *_ = by_inputs
     same = attach_motion_jvp(*primals, from_vertex=from_vertex, primal=primal)
     changes = [] if change is None else [change]
-    scalars = enumerate((*(by_motion or (None,) * 3), by_shift))
+    scalars = enumerate((*by_motion, by_shift))
     steps = {i: step for i, step in scalars if step is not None}
     if not steps and by_edges is None:
         return same, sum(changes[1:], changes[0]) if changes else None
     units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(exposure.dtype)
-    rates = _rates(from_vertex, jax.lax.stop_gradient(motion), primal, units)
-    rates = _second_order_rates(
-        rates, *primals[1:], from_vertex=from_vertex, primal=primal, units=units
-    )
+    rates = _rates(from_vertex, jax.lax.stop_gradient(inputs.motion), primal, units)
+    rates = _second_order_rates(rates, inputs, from_vertex=from_vertex, primal=primal, units=units)
     if steps:
         step = jnp.stack([*steps.values()])
         changes.append(jnp.matmul(step, rates[: len(steps)], precision="highest"))
@@ -140,11 +157,7 @@ def _attach_motion_jvp_rule(primals, tangents, *, from_vertex, primal):
 @eqx.filter_custom_jvp
 def _second_order_rates(
     rates: Array,
-    motion: Motion,
-    edges: Array,
-    shift: Array,
-    profile: AbstractPiecewiseShutter,
-    tau: DoubleWord,
+    inputs: KernelInputs,
     *,
     from_vertex: Array,
     primal: KernelPrimal,
@@ -154,7 +167,7 @@ def _second_order_rates(
 
     Only second derivatives go back through them in reverse mode.
     """
-    return with_nan_tangent(rates, (motion, edges, shift))
+    return with_nan_tangent(rates, (inputs.motion, inputs.edges, inputs.shift))
 
 
 @_second_order_rates.def_jvp
@@ -167,39 +180,25 @@ def _second_order_rates_jvp(primals, tangents, *, from_vertex, primal, units):
 
 
 def _plain_rates(
-    motion: Motion,
-    edges: Array,
-    shift: Array,
-    profile: AbstractPiecewiseShutter,
-    tau: DoubleWord,
-    *,
-    from_vertex: Array,
-    primal: KernelPrimal,
-    units: ArrayLike,
+    inputs: KernelInputs, *, from_vertex: Array, primal: KernelPrimal, units: ArrayLike
 ) -> Array:
     r"""The `_rates` as the difference $w_2\,d\tau_2 - w_1\,d\tau_1$; shape `(m, n)`.
 
     The two terms nearly cancel in a narrow tap, and so do their derivatives: among `n` taps one
     loses as many digits as `n` has. Taps near the vertex lose none.
     """
-    a, T, s = motion
-    moment, velocity = _crossing_time(motion, edges, shift, from_vertex, primal.x)
-    since = moment - at(tau.high, primal.x.nearest)
+    a, T, s = inputs.motion
+    passage = _crossing_time(inputs.motion, inputs.edges, inputs.shift, from_vertex, primal.x)
+    since = passage.moment - at(inputs.tau.high, primal.x.nearest)
     offset = with_tangent(primal.x.offset, jnp.where(primal.is_held, 0.0, since))
-    w = transmittance_at(profile, primal.x._replace(offset=offset))
+    w = transmittance_at(inputs.profile, primal.x._replace(offset=offset))
     w = jnp.where(primal.is_held, 0.0, jnp.where(AFTER, w, -w))
 
     def rate(unit):
         da, dT, ds, shift, stretch = unit
+        d_parabola = Parabola(T * (T * da + 2 * a * dT), T * ds + s * dT)
         change = partial(
-            crossing_time_change,
-            from_vertex,
-            a * T * T,
-            s * T,
-            moment,
-            velocity,
-            T * (T * da + 2 * a * dT),
-            T * ds + s * dT,
+            crossing_time_change, from_vertex, parabola_of(inputs.motion), passage, d_parabola
         )
         first, last = change(shift - stretch / 2), change(shift + stretch / 2)
         begin, end = primal.parts
@@ -236,14 +235,14 @@ def _rates(from_vertex: Array, motion: Motion, primal: KernelPrimal, units: np.n
     mirrored = at(mirrored_velocity(motion, primal.tau), primal.x.nearest)
 
     def rate(unit):
-        by_motion, (shift, stretch) = tuple(unit[:3]), unit[3:]
+        by_motion, (shift, stretch) = Motion(*unit[:3]), unit[3:]
         delays, gains = [], []
         for k, dedge in zip(primal.parts, (shift - stretch / 2, shift + stretch / 2), strict=True):
-            x, change = primal.x.part(k), (by_motion, dedge)
-            delays.append(moment_change(from_vertex, motion, x, mirrored[k], *change))
+            x, change = primal.x.part(k), PathChange(by_motion, dedge)
+            delays.append(moment_change(from_vertex, motion, x, mirrored[k], change))
             speed = x.velocity[1:]
-            gains.append(speed_change(from_vertex, motion, primal.edges[k], speed, *change))
-        d_stroke = T * (by_motion[0] * T + 2 * a * by_motion[1])
+            gains.append(speed_change(from_vertex, motion, primal.edges[k], speed, change))
+        d_stroke = T * (by_motion.acceleration * T + 2 * a * by_motion.half_exposure)
         changes = jnp.full_like(primal.gap, stretch), *gains, d_stroke
         _, d_duration = jax.jvp(time_between, (primal.gap, u, v, a * T * T), changes)
         between = end * delays[1] - begin * delays[0]
@@ -258,11 +257,10 @@ def _rates(from_vertex: Array, motion: Motion, primal: KernelPrimal, units: np.n
 
 def _crossing_time(
     motion: Motion, edges: Array, shift: Array, from_vertex: Array | bool, x: Crossings
-) -> tuple[Array, Array]:
+) -> Passage:
     """Moment and velocity of crossings, with derivatives of every order."""
-    a, T, s = motion
     edge = edges[None, : x.moment.shape[1]] + shift
-    return crossing_time(from_vertex, a * T * T, s * T, edge, x.moment, x.velocity)
+    return crossing_time(from_vertex, parabola_of(motion), edge, Passage(x.moment, x.velocity))
 
 
 def _transmittance_and_rise(primal: KernelPrimal) -> tuple[Array, Array]:
@@ -395,7 +393,7 @@ class BoundaryTimes(NamedTuple):
         """All moments in a row."""
         moment = jnp.zeros_like(x.moment)
         if self.path is not None:
-            moment = jnp.where(is_held, 0.0, _crossing_time(*self.path, from_vertex, x)[0])
+            moment = jnp.where(is_held, 0.0, _crossing_time(*self.path, from_vertex, x).moment)
         return jnp.concatenate([jnp.ravel(moment), self.tau, jnp.zeros(1, moment.dtype)])
 
 

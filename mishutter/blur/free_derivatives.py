@@ -1,4 +1,4 @@
-r"""How the exposure of taps changes with a free path.
+r"""Derivatives of the exposure of taps by a free path.
 
 Where the trajectory changes by $\delta x$ at a fixed time, the crossing of an edge moves by
 $d\tau = (de - \delta x)/u$. On a piece $\delta x$ is a parabola, as the trajectory is, whose
@@ -16,13 +16,13 @@ is that of taps plus pieces.
 
 from bisect import bisect_right
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from mishutter._core import DoubleWord
 from mishutter.blur.crossings import AFTER, lengths, sum_over_branches
@@ -35,18 +35,18 @@ class DifferentiablePath(NamedTuple):
     """A trajectory by differentiable formulae, whose tangents are used and whose values are not.
 
     Attributes:
-        stroke: Stroke $A$ of each piece; px, shape `(m,)`.
-        velocity: Velocity at breakpoints; px per half exposure, shape `(m + 1,)`.
-        position: Position of breakpoints; px, shape `(m + 1,)`.
-        vertex: Turning point of each piece, or its beginning where it has none; px, shape `(m,)`.
-        origin: Position that edges count from; px, scalar.
+        stroke: Stroke $A$ of each piece; px.
+        velocity: Velocity at breakpoints; px per half exposure.
+        position: Position of breakpoints; px.
+        vertex: Turning point of each piece, or its beginning where it has none; px.
+        origin: Position that edges count from; px.
     """
 
-    stroke: Array
-    velocity: Array
-    position: Array
-    vertex: Array
-    origin: Array
+    stroke: Float[Array, "m"]
+    velocity: Float[Array, "m+1"]
+    position: Float[Array, "m+1"]
+    vertex: Float[Array, "m"]
+    origin: Float[Array, ""]
 
 
 def differentiable_path(
@@ -54,11 +54,12 @@ def differentiable_path(
     ends: tuple[Fraction, ...],
     track: FreePath,
     tau: DoubleWord,
-    place: Array,
-    from_vertex: Array | bool,
+    place: Int[Array, "m"],
+    *,
+    from_vertex: Bool[Array, ""] | bool,
 ) -> DifferentiablePath:
     """The trajectory at fixed breakpoints `tau`, on a path whose pieces have these `ends`."""
-    a, T, speed = parameters
+    a, T, (speed, _) = parameters
     stroke, smear = a * T * T, speed * T
     # Sums outwards from mid-exposure, so that only the pieces between change a position.
     times = sorted({*ends, Fraction(0)})
@@ -132,7 +133,7 @@ def _attach_path_jvp_rule(primals, tangents, *, track, primal):
     return same, sum(changes[1:], changes[0]) if changes else None
 
 
-def first_derivative(change: Array, moved_by: Any) -> Array:
+def first_derivative(change: Array, moved_by: PyTree) -> Array:
     """A change of exposure whose derivative by `moved_by` is an error; JAX would return 0."""
     point = _differentiated(moved_by)
     # Adds 0, because JAX drops values that nothing uses, and the error with them.
@@ -140,7 +141,7 @@ def first_derivative(change: Array, moved_by: Any) -> Array:
 
 
 @jax.custom_jvp
-def _differentiated(moved_by: Any) -> Any:
+def _differentiated(moved_by: PyTree) -> PyTree:
     """The point of a derivative; differentiating it raises an error."""
     return moved_by
 

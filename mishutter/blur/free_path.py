@@ -22,7 +22,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from mishutter._core import (
     DoubleWord,
@@ -185,19 +185,19 @@ class PathParameters(NamedTuple):
     """Parameters of a point's path.
 
     Attributes:
-        accelerations: Acceleration of each piece that has a length; px/s^2, shape `(m,)`.
-        half_exposure: s; scalar.
-        speed: Speed of the object over the sensor; px/s, scalar.
+        accelerations: Acceleration of each piece that has a length; px/s^2.
+        half_exposure: Half the exposure; s.
+        speed: Speed of the object over the sensor; px/s. The upper word carries the derivative.
     """
 
-    accelerations: Array
-    half_exposure: Array
-    speed: Array
+    accelerations: Float[Array, "pieces"]
+    half_exposure: Float[Array, ""]
+    speed: DoubleWord
 
 
-def path_parameters(motion: FreeMotion, speed: Array) -> PathParameters:
+def path_parameters(motion: FreeMotion, speed: DoubleWord) -> PathParameters:
     """Parameters of a path in the precision of the `speed` of the object over the sensor."""
-    a, T = (x.astype(speed.dtype) for x in (motion.accelerations, motion.half_exposure))
+    a, T = (x.astype(speed.high.dtype) for x in (motion.accelerations, motion.half_exposure))
     return PathParameters(a[motion.lasting], T, speed)
 
 
@@ -205,25 +205,24 @@ class FreePath(NamedTuple):
     """Position and velocity of a point at breakpoints, and each piece's parabola; in px.
 
     Attributes:
-        stroke: Stroke $A$ of each piece; shape `(m,)`.
-        velocity: Velocity at breakpoints, px per half exposure; shape `(m + 1,)`.
+        stroke: Stroke $A$ of each piece.
+        velocity: Velocity at breakpoints, px per half exposure.
         position: Position of breakpoints; shape `(m + 1,)`.
         vertex: Turning point of each piece, or its beginning where it has none; shape `(m,)`.
-        turns: Whether each piece has a turning point; shape `(m,)`.
+        turns: Whether each piece has a turning point.
         lowest: The lowest position if edges count from it, else 0; shape `(1,)`.
-        lowest_index: Index of the lowest position among the vertices followed by the path's end;
-            scalar.
-        from_lowest: Whether edges count from the lowest position; scalar.
+        lowest_index: Index of the lowest position among the vertices followed by the path's end.
+        from_lowest: Whether edges count from the lowest position.
     """
 
-    stroke: Array
-    velocity: Array
+    stroke: Float[Array, "m"]
+    velocity: Float[Array, "m+1"]
     position: DoubleWord
     vertex: DoubleWord
-    turns: Array
+    turns: Bool[Array, "m"]
     lowest: DoubleWord
-    lowest_index: Array
-    from_lowest: Array
+    lowest_index: Int[Array, ""]
+    from_lowest: Bool[Array, ""]
 
     def mirrored(self, sign: Array) -> "FreePath":
         """The path, upside down if `sign` is -1."""
@@ -234,19 +233,17 @@ class FreePath(NamedTuple):
 
 def free_path(
     parameters: PathParameters,
-    speed_low: Array,
     ends: tuple[Fraction, ...],
     tau: DoubleWord,
-    place: Array,
+    place: Int[Array, "m"],
     *,
-    from_lowest: Array | bool,
+    from_lowest: Bool[Array, ""] | bool,
 ) -> FreePath:
     """The path at breakpoints `tau`, without derivatives.
 
-    `place` is the piece of the path between each two breakpoints, and `speed_low` the lower word of
-    the speed.
+    `place` is the piece of the path between each two breakpoints.
     """
-    primals = jax.lax.stop_gradient((parameters, speed_low, tau, jnp.asarray(from_lowest)))
+    primals = jax.lax.stop_gradient((parameters, tau, jnp.asarray(from_lowest)))
     return opaque_to_fusion(lambda *x: _exact_path(ends, place, *x), *primals)
 
 
@@ -254,15 +251,14 @@ def _exact_path(
     ends: tuple[Fraction, ...],
     place: Array,
     parameters: PathParameters,
-    speed_low: Array,
     tau: DoubleWord,
     from_lowest: Array,
 ) -> FreePath:
     a, T, speed = parameters
-    dtype, half = np.dtype(speed.dtype), word(T)
+    dtype, half = np.dtype(T.dtype), word(T)
     spread = DoubleWord(*(jnp.broadcast_to(x, a.shape) for x in half))
     stroke = multiply(two_product(a, spread.high), spread)
-    smear = multiply(DoubleWord(speed, speed_low), half)
+    smear = multiply(speed, half)
     cuts = fractions_as_words(ends, dtype)
     length = fractions_as_words([y - x for x, y in itertools.pairwise(ends)], dtype)
 
@@ -334,11 +330,11 @@ def looked_up(values: Array, index: Array) -> Array:
 
 
 class MonotoneRun(NamedTuple):
-    """Pieces whose accelerations have one sign, from `first` to before `past`; scalars."""
+    """Pieces whose accelerations have one sign, from `first` to before `past`."""
 
-    first: Array
-    past: Array
-    sign: Array
+    first: Int[Array, "*runs"]
+    past: Int[Array, "*runs"]
+    sign: Float[Array, "*runs"]
 
 
 def runs(accelerations: Array, place: Array, count: int) -> MonotoneRun:

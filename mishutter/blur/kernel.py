@@ -11,12 +11,13 @@ the piece over it. `docs/derivation.md` draws the geometry.
 """
 
 from functools import partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
 
 from mishutter._core import (
     DoubleWord,
@@ -48,6 +49,7 @@ from mishutter.blur.derivatives import (
     BoundaryTimes,
     BreakpointCells,
     CellBoundaries,
+    KernelInputs,
     KernelPrimal,
     attach_breakpoint_jvp,
     attach_motion_jvp,
@@ -94,7 +96,7 @@ def blur_kernel(
     speed: ArrayLike = 0.0,
     num_taps: int | np.integer,
     phase: ArrayLike = 0.0,
-) -> Array:
+) -> Float[Array, "{num_taps}"]:
     r"""Blur kernel of a moving point, aligned at the vertex of its path.
 
     $h_k = \frac12\int_{r_k}^{r_{k+1}} [w(\nu + r) + w(\nu - r)]\,dr$ with
@@ -156,9 +158,9 @@ def aligned_kernel(
     num_taps: int,
     phase: ArrayLike,
     *,
-    from_vertex: Array | bool,
+    from_vertex: Bool[Array, ""] | bool,
     count: int | None = None,
-) -> Array:
+) -> Float[Array, "{num_taps}"]:
     """The `blur_kernel`, or one aligned at mid-exposure where not `from_vertex`.
 
     `count` is the number of runs of a free path; a caller that traces the path must give it.
@@ -167,14 +169,14 @@ def aligned_kernel(
     first = jnp.asarray(phase, dtype)
     index = jnp.arange(num_taps + 1 + (num_taps + 1) % 2, dtype=dtype)
     edges = two_sum(index, jnp.broadcast_to(jax.lax.stop_gradient(first), index.shape))
-    point, profile = (motion, jnp.asarray(speed, dtype)), piecewise(shutter)
-    rule = {"from_vertex": from_vertex, "count": count or num_runs(motion)}
-    return _exposure(num_taps, profile, point, edges, first, **rule)
+    profile = piecewise(shutter)
+    taps = _Taps(num_taps, edges, first, from_vertex)
+    return _exposure(profile, motion, jnp.asarray(speed, dtype), taps, count or num_runs(motion))
 
 
 def binned_exposure(
     shutter: AbstractShutter, motion: AbstractMotion, *, speed: ArrayLike, edges: RowLike
-) -> Array:
+) -> Float[Array, "taps"]:
     r"""Exposure between given positions on the sensor, relative to mid-exposure.
 
     $h_k = \frac{1}{2T}\int w(t/T)\,[e_k \le a t^2 - (s - v) t < e_{k+1}]\,dt$. It exists for
@@ -210,12 +212,11 @@ def binned_exposure(
     num_taps = row.size - 1
     row = jnp.pad(row, (0, row.size % 2), mode="edge")
     ends, shift = DoubleWord(row, jnp.zeros(1, dtype)), jnp.zeros((), dtype)
-    point, profile = (motion, jnp.asarray(speed, dtype)), piecewise(shutter)
-    rule = {"from_vertex": False, "count": num_runs(motion)}
-    return _exposure(num_taps, profile, point, ends, shift, **rule)
+    taps, s = _Taps(num_taps, ends, shift, False), jnp.asarray(speed, dtype)
+    return _exposure(piecewise(shutter), motion, s, taps, num_runs(motion))
 
 
-def support(motion: AbstractMotion, speed: ArrayLike) -> Array | np.ndarray:
+def support(motion: AbstractMotion, speed: ArrayLike) -> Shaped[Array | np.ndarray, "..."]:
     r"""Length of an aligned kernel; px, shape of `speed`, by NumPy where all is known.
 
     It is $aT^2 (1 + |\nu|)^2$ from the vertex, and $2|s|T$ about mid-exposure for a camera at rest.
@@ -252,51 +253,52 @@ def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: RowLike) -
     return common_dtype(*jax.tree.leaves((shutter, motion)), *values)
 
 
+class _Taps(NamedTuple):
+    """The taps of a kernel.
+
+    Attributes:
+        num_taps: Number of taps $n$; static.
+        edges: Edges of the taps, and perhaps one more; px.
+        shift: Number by which all edges move together, and which they include; px.
+        from_vertex: Whether edges count from the vertex; else from mid-exposure.
+    """
+
+    num_taps: int
+    edges: DoubleWord
+    shift: Float[Array, "..."]
+    from_vertex: Bool[Array, ""] | bool
+
+
 @eqx.filter_jit
 def _exposure(
-    num_taps: int,
     profile: AbstractPiecewiseShutter,
-    point: tuple[AbstractMotion, Array],
-    edges: DoubleWord,
-    shift: Array,
-    *,
-    from_vertex: Array | bool,
-    count: int,
-) -> Array:
-    """Share of a full exposure between `edges`, which move with `shift`; shape `(n,)`.
+    motion: AbstractMotion,
+    speed: Float[Array, ""],
+    taps: _Taps,
+    num_runs: int,
+) -> Float[Array, "n"]:
+    """Share of a full exposure in each tap.
 
-    `count` is the number of runs of a free path, and 1 for any other.
+    `num_runs` is the number of runs of a free path, and 1 for any other.
     """
-    motion, speed = point
     if isinstance(motion, FreeMotion):
-        exposure = _free_exposure(
-            count, num_taps, profile, motion, speed, edges, shift, from_vertex
-        )
-        return exposure / 2
+        return _free_exposure(profile, motion, speed, taps, num_runs) / 2
     a = steady(motion).acceleration.astype(speed.dtype)
     T = motion.half_exposure.astype(speed.dtype)
     s, low = speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
-    tau = profile.breakpoints(np.dtype(speed.dtype))
-    return (
-        _parabolic_exposure(num_taps, profile, (a, T, s), low, tau, edges, shift, from_vertex) / 2
-    )
+    return _parabolic_exposure(profile, Motion(a, T, s), low, taps) / 2
 
 
 def _parabolic_exposure(
-    num_taps: int,
-    profile: AbstractPiecewiseShutter,
-    motion: Motion,
-    speed_low: Array,
-    tau: DoubleWord,
-    edges: DoubleWord,
-    shift: Array,
-    from_vertex: Array | bool,
-) -> Array:
-    """Exposure of both branches between edges, in units of tau; shape `(n,)`.
+    profile: AbstractPiecewiseShutter, motion: Motion, speed_low: Float[Array, ""], taps: _Taps
+) -> Float[Array, "n"]:
+    """Exposure of both branches of each tap, in units of tau.
 
     Edges and breakpoints cut a branch into cells, each in one tap and in one piece. One
     cell starts at each edge, and one at each breakpoint inside the exposure.
     """
+    num_taps, edges, shift, from_vertex = taps
+    tau = profile.breakpoints(np.dtype(speed_low.dtype))
     # Carries no derivative by the motion and the edges up to `attach_motion_jvp`.
     motion, at_rest = nonstationary_motion(motion)
     from_vertex = from_vertex & ~at_rest
@@ -317,16 +319,9 @@ def _parabolic_exposure(
         from_vertex=from_vertex,
     )
     primal = KernelPrimal(profile, tau, x, clipped.high, gap, width, is_held, cut)
-    return attach_motion_jvp(
-        sum_over_branches(exposure),
-        motion,
-        edges.high,
-        shift,
-        profile,
-        tau,
-        from_vertex=from_vertex,
-        primal=jax.lax.stop_gradient(primal),
-    )
+    inputs = KernelInputs(motion, edges.high, shift, profile, tau)
+    exposure, primal = sum_over_branches(exposure), jax.lax.stop_gradient(primal)
+    return attach_motion_jvp(exposure, inputs, from_vertex=from_vertex, primal=primal)
 
 
 def _gaps(num_taps: int, edges: DoubleWord) -> Array:
@@ -339,15 +334,15 @@ def _branch_exposures(
     num_taps: int,
     profile: AbstractPiecewiseShutter,
     tau: DoubleWord,
-    velocity: Array,
+    velocity: Float[Array, "breakpoints"],
     x: Crossings,
     *,
-    within: Array,
-    is_held: Array,
+    within: Float[Array, "#2 taps"],
+    is_held: Bool[Array, "2 edges"],
     times: BoundaryTimes,
-    from_vertex: Array | bool,
+    from_vertex: Bool[Array, ""] | bool,
     run: MonotoneRun | None = None,
-) -> tuple[Array, Array, BreakpointCells | None]:
+) -> tuple[Float[Array, "2 taps"], Float[Array, "2 taps"], BreakpointCells | None]:
     """Exposure of each branch, `(2, n)`; duration of cells at inner edges; and all other cells.
 
     Args:
@@ -356,8 +351,8 @@ def _branch_exposures(
         tau: Its breakpoints.
         velocity: Velocity at breakpoints.
         x: Crossings of the edges.
-        within: Time between the crossings of a tap's edges; shape `(2, n)`.
-        is_held: Whether crossings are held at an end of the exposure; shape `(2, n + 1)`.
+        within: Time between the crossings of a tap's edges, which branches of a parabola share.
+        is_held: Whether crossings are held at an end of the exposure.
         times: Moments that second derivatives by the profile follow.
         from_vertex: Whether edges count from the vertex.
         run: The pieces to integrate over; all by default.
@@ -384,7 +379,15 @@ def _branch_exposures(
     exposure, cut = cell_exposure(profile, here.offset, width, times, **cells), None
     if in_pieces:
         cut, more = _from_breakpoints(
-            num_taps, profile, tau, velocity, x, is_free, times, boundaries, run
+            num_taps,
+            profile,
+            tau,
+            velocity,
+            x,
+            is_free=is_free,
+            times=times,
+            boundaries=boundaries,
+            run=run,
         )
         exposure = exposure.at[cut.place].add(
             more, mode="promise_in_bounds", wrap_negative_indices=False
@@ -393,23 +396,22 @@ def _branch_exposures(
 
 
 def _free_exposure(
-    count: int,
-    num_taps: int,
     profile: AbstractPiecewiseShutter,
     motion: FreeMotion,
-    speed: Array,
-    edges: DoubleWord,
-    shift: Array,
-    from_vertex: Array | bool,
-) -> Array:
-    """Exposure between edges, in units of tau, on a free path of `count` runs; shape `(n,)`."""
+    speed: Float[Array, ""],
+    taps: _Taps,
+    num_runs: int,
+) -> Float[Array, "n"]:
+    """Exposure of each tap, in units of tau, on a free path of `num_runs` runs."""
+    num_taps, edges, shift, from_vertex = taps
     ends = path_ends(motion)
     refined_profile, place = refined(profile, ends, np.dtype(speed.dtype))
-    s, low = speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
-    parameters = path_parameters(motion, s)
+    parameters = path_parameters(
+        motion, speed_on_sensor(speed, motion.velocity.astype(speed.dtype))
+    )
     tau = jax.lax.stop_gradient(refined_profile.ends)
-    track = free_path(parameters, low, ends, tau, place, from_lowest=from_vertex)
-    smooth_path = differentiable_path(parameters, ends, track, tau, place, from_vertex)
+    track = free_path(parameters, ends, tau, place, from_lowest=from_vertex)
+    smooth_path = differentiable_path(parameters, ends, track, tau, place, from_vertex=from_vertex)
     rows = DoubleWord(*(jnp.broadcast_to(x, edges.high.shape)[: num_taps + 1] for x in edges))
     primal_edges = add(jax.lax.stop_gradient(rows), track.lowest)
 
@@ -449,8 +451,8 @@ def _free_exposure(
         exposure = jnp.where(is_mirrored, exposure[::-1], exposure)
         return jnp.where(run.past > run.first, exposure, 0.0)
 
-    all_runs = runs(parameters.accelerations, place, count)
-    if count == 1:
+    all_runs = runs(parameters.accelerations, place, num_runs)
+    if num_runs == 1:
         return run_exposure(jax.tree.map(lambda x: x[0], all_runs))
     return jnp.sum(jax.vmap(run_exposure)(all_runs), axis=0)
 
@@ -468,6 +470,7 @@ def _from_breakpoints(
     tau: DoubleWord,
     velocity: Array,
     x: Crossings,
+    *,
     is_free: Array,
     times: BoundaryTimes,
     boundaries: CellBoundaries,

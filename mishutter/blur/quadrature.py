@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from mishutter._core import DoubleWord, all_concrete, compiled, device_constant
 from mishutter.blur.free_path import RefinedShutter, refined
@@ -34,14 +34,14 @@ class ExposureQuadrature(NamedTuple):
     """Quadrature nodes over the exposure, weighted by the transmittance.
 
     Attributes:
-        tau: Normalised times; shape `(q,)`.
-        weight: Quadrature weight times transmittance there; shape `(q,)`.
-        efficiency: Mean transmittance over the exposure; scalar.
+        tau: Normalised times.
+        weight: Quadrature weight times transmittance there.
+        efficiency: Mean transmittance over the exposure.
     """
 
-    tau: Array
-    weight: Array
-    efficiency: Array
+    tau: Float[Array, "q"]
+    weight: Float[Array, "q"]
+    efficiency: Float[Array, ""]
 
 
 def exposure_quadrature(
@@ -101,14 +101,14 @@ def _nodes_of_pieces(
     return ExposureQuadrature(jnp.pad(tau, padding), jnp.pad(weight, padding), efficiency)
 
 
-def mean_transmittance(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Array:
-    """Efficiency of a profile, its mean transmittance, in a given precision; scalar."""
+def mean_transmittance(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Float[Array, ""]:
+    """Efficiency of a profile, its mean transmittance, in the precision `dtype`."""
     return integrated_transmittance(profile).astype(dtype) / 2
 
 
 def _own_panels(
     profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
     """Nodes of panels; every piece has as many as the longest one needs."""
     ends = exact_ends.high
     num_panels = profile.panels_per_piece
@@ -125,7 +125,7 @@ def _own_panels(
 
 def _shared_panels(
     profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
     """Nodes of panels that are distributed over the pieces by length, which parameters may change.
 
     No panel is longer than one of `num_equal` equal panels, and unused panels have no weight.

@@ -6,7 +6,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Complex, Float
 
 from mishutter._core import (
     RowLike,
@@ -43,7 +43,7 @@ _BLOCK_SIZE = 1 << 14
 """Frequencies times panels in one block; it bounds the memory."""
 
 
-def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> Array:
+def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> Float[Array, ""]:
     r"""Condition number of the convolution with a kernel, $\max|H| / \min|H|$.
 
     Equation (3) of the paper, over the frequencies of the discrete Fourier transform of the
@@ -58,7 +58,7 @@ def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> 
             9.274, 4.438 and 19.57. The function misses a minimum between two samples.
 
     Returns:
-        The condition number, at least 1; scalar.
+        The condition number, at least 1.
 
     Raises:
         ValueError: if `kernel` is not one row of finite taps, or `num_frequencies` is
@@ -95,7 +95,7 @@ def transfer_function(
     *,
     speed: RowLike,
     frequency: RowLike,
-) -> Array:
+) -> Complex[Array, "..."]:
     r"""Response to a spatial frequency, in the sensor frame, without the pixel aperture.
 
     $H(f) = \frac{1}{2T}\int_{-T}^{T} w(t/T)\,e^{-2\pi i f x(t)}\,dt$ with
@@ -113,7 +113,7 @@ def transfer_function(
         frequency: $f$, cycles/px; either sign, any shape.
 
     Returns:
-        $H(f)$, complex; the shape of `frequency`, broadcast with `speed`.
+        $H(f)$; the shape of `frequency`, broadcast with `speed`.
 
     Raises:
         ValueError: if `speed` or `frequency` is not finite, or their shapes do not broadcast.
@@ -145,13 +145,24 @@ def _common_shape(speed: tuple[int, ...], frequency: tuple[int, ...]) -> tuple[i
 
 
 @compiled
-def _transfer(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
+def _transfer(
+    profile: AbstractPiecewiseShutter,
+    motion: AbstractMotion,
+    s: Float[Array, "points"],
+    f: Float[Array, "points"],
+) -> Complex[Array, "points"]:
     # Not `abs`, whose derivative at 0 is 0: that of the response at 0 is not.
     response = _at_positive(profile, motion, s, jnp.where(f < 0, -f, f))
     return jnp.where(f < 0, jnp.conj(response), response)
 
 
-def _at_positive(profile: AbstractPiecewiseShutter, motion: AbstractMotion, s, f) -> Array:
+def _at_positive(
+    profile: AbstractPiecewiseShutter,
+    motion: AbstractMotion,
+    s: Float[Array, "points"],
+    f: Float[Array, "points"],
+) -> Complex[Array, "points"]:
+    """The transfer function at frequencies of at least 0."""
     dtype = np.dtype(f.dtype)
     T, v = (x.astype(dtype) for x in (motion.half_exposure, motion.velocity))
     if isinstance(motion, FreeMotion):

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Complex, Float
 
 from mishutter._core import DoubleWord, multiply, two_sum, word
 from mishutter.blur.free_derivatives import differentiable_path
@@ -31,22 +31,22 @@ _DIRECTION = complex(_ROOT_HALF, -_ROOT_HALF)
 
 
 class _Rule(NamedTuple):
-    """Quadrature rules, of shape `(1, 1, q)`, and their range.
+    """Quadrature rules and their range.
 
     The rule of `nodes` integrates over a panel whose phase turns by up to `max_turn` radians. A ray
     ends where the integrand has decayed by `exp(-decay)`.
     """
 
-    nodes: np.ndarray
-    weights: np.ndarray
-    line_nodes: np.ndarray
-    line_weights: np.ndarray
+    nodes: Float[np.ndarray, "1 1 q"]
+    weights: Float[np.ndarray, "1 1 q"]
+    line_nodes: Float[np.ndarray, "1 1 q"]
+    line_weights: Float[np.ndarray, "1 1 q"]
     max_turn: float
     decay: float
 
 
 class Panels(NamedTuple):
-    r"""Phase over each panel; arrays are pieces by panels of a piece, `(n, m)`.
+    r"""Phase over each panel; arrays are pieces by panels of a piece.
 
     Attributes:
         offset: Time from the left end of the piece to that of the panel.
@@ -54,15 +54,15 @@ class Panels(NamedTuple):
         curvature: $\kappa$, rad.
         slopes: $\theta$ at the left and at the right end, rad.
         cycles: Phase at both ends, in cycles, without whole ones.
-        vertex_cycles: Phase at the vertex.
+        vertex_cycles: Phase at the vertex, of a shape that broadcasts with the panels.
     """
 
-    offset: Array
-    length: Array
-    curvature: Array
-    slopes: tuple[Array, Array]
-    cycles: tuple[Array, Array]
-    vertex_cycles: Array
+    offset: Float[Array, "n m"]
+    length: Float[Array, "n m"]
+    curvature: Float[Array, "n m"]
+    slopes: tuple[Float[Array, "n m"], Float[Array, "n m"]]
+    cycles: tuple[Float[Array, "n m"], Float[Array, "n m"]]
+    vertex_cycles: Float[Array, "..."]
 
 
 @lru_cache
@@ -109,9 +109,9 @@ def free_panels(
     offset, length, ends = _panel_ends(profile, np.dtype(frequency.dtype))
     tau = DoubleWord(*(jnp.append(x[:, :-1], x[-1:, -1]) for x in ends))
     piece = jnp.repeat(place, length.shape[1])
-    parameters, cuts = path_parameters(motion, s.high), path_ends(motion)
-    exact = free_path(parameters, s.low, cuts, tau, piece, from_lowest=False)
-    smooth_path = differentiable_path(parameters, cuts, exact, tau, piece, False)
+    parameters, cuts = path_parameters(motion, s), path_ends(motion)
+    exact = free_path(parameters, cuts, tau, piece, from_lowest=False)
+    smooth_path = differentiable_path(parameters, cuts, exact, tau, piece, from_vertex=False)
     sign = jnp.where(exact.stroke < 0, -1.0, 1.0).astype(length.dtype)
     turn = 2 * jnp.pi * frequency
 
@@ -142,21 +142,21 @@ def _panel_ends(
     length = jnp.diff(ends.high) + jnp.diff(ends.low)
     count = profile.panels_per_piece
     offset = length[:, None] * jnp.asarray(np.arange(count + 1)[None] / count, length.dtype)
-    left = two_sum(jnp.broadcast_to(ends.high[:-1, None], offset.shape), offset)
-    high = left.high.at[:, -1].set(ends.high[1:])
-    low = (left.low + ends.low[:-1, None]).at[:, -1].set(ends.low[1:])
+    summed = two_sum(jnp.broadcast_to(ends.high[:-1, None], offset.shape), offset)
+    high = summed.high.at[:, -1].set(ends.high[1:])
+    low = (summed.low + ends.low[:-1, None]).at[:, -1].set(ends.low[1:])
     lengths = jnp.broadcast_to(length[:, None] / count, offset[:, 1:].shape)
     return offset, lengths, DoubleWord(high, low)
 
 
-def turns_far(panel: Panels) -> Array:
+def turns_far(panel: Panels) -> Bool[Array, "..."]:
     """Whether the phase turns over a panel by more than the rule along the panel integrates."""
     steepest = jnp.maximum(*(jnp.abs(slope) for slope in panel.slopes))
     return steepest * panel.length > _rule(np.dtype(steepest.dtype)).max_turn
 
 
-def along_panel(profile: AbstractPiecewiseShutter, panel: Panels) -> Array:
-    """Integral over each panel by the rule along it; shape `(n, m)`."""
+def along_panel(profile: AbstractPiecewiseShutter, panel: Panels) -> Complex[Array, "n m"]:
+    """Integral over each panel by the rule along it."""
     rule = _rule(np.dtype(panel.length.dtype))
     h = panel.length[..., None] * rule.nodes
     phase = h * (panel.slopes[0][..., None] + panel.curvature[..., None] * h)
@@ -167,8 +167,8 @@ def along_panel(profile: AbstractPiecewiseShutter, panel: Panels) -> Array:
     return _times(panel.length, _unit(panel.cycles[0]) * integral)
 
 
-def along_rays(profile: AbstractPiecewiseShutter, panel: Panels) -> Array:
-    """Integral over each panel by steepest descent, where `turns_far`; shape `(n, m)`."""
+def along_rays(profile: AbstractPiecewiseShutter, panel: Panels) -> Complex[Array, "n m"]:
+    """Integral over each panel by steepest descent, where `turns_far`."""
     far = turns_far(panel)
     from_left = _ray(profile, panel, 0, far)
     from_right = _ray(profile, panel, 1, far)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float
 
 from mishutter._core import (
     DoubleWord,
@@ -31,8 +31,32 @@ from mishutter._core import (
     word,
 )
 
-Motion = tuple[Array, Array, Array]
-"""Acceleration parameter, px/s^2, half exposure, s, and object speed, px/s; scalars."""
+
+class Motion(NamedTuple):
+    """Motion of a point over the sensor; scalars.
+
+    Attributes:
+        acceleration: Acceleration parameter $a$; px/s^2.
+        half_exposure: $T$; s.
+        speed: Speed of the point over the sensor, $s$; px/s.
+    """
+
+    acceleration: Float[Array, ""]
+    half_exposure: Float[Array, ""]
+    speed: Float[Array, ""]
+
+
+class PathChange(NamedTuple):
+    """A change of a motion and of the edges that it passes.
+
+    Attributes:
+        motion: Change of each number of the motion.
+        edge: Change of the edges; px, a shape that broadcasts with theirs.
+    """
+
+    motion: Motion
+    edge: Float[Array, "..."]
+
 
 _REST = {np.dtype(np.float64): 1e-130, np.dtype(np.float32): 1e-18}
 """Shortest path, px, whose square does not underflow; a point on a shorter one is at rest."""
@@ -45,8 +69,8 @@ def nonstationary_motion(motion: Motion) -> tuple[Motion, Array]:
     """
     a, T, s = motion
     at_rest = jnp.abs(a * T * T) + jnp.abs(s * T) < _REST[np.dtype(s.dtype)]
-    a, T, s = (jnp.where(at_rest, *x) for x in ((0.0, a), (1.0, T), (1.0, s)))
-    return (a, T, s), at_rest
+    moving = (jnp.where(at_rest, *x) for x in ((0.0, a), (1.0, T), (1.0, s)))
+    return Motion(*moving), at_rest
 
 
 class Path(NamedTuple):
@@ -57,18 +81,18 @@ class Path(NamedTuple):
     """
 
     motion: Motion
-    table: Array
-    from_vertex: Array | bool
+    table: Float[Array, "5 breakpoints"]
+    from_vertex: Bool[Array, ""] | bool
 
     @property
     def stroke(self) -> Array:
-        """How far the sensor goes from mid-exposure to either end, px."""
+        """Distance that the sensor moves from mid-exposure to either end, px."""
         a, T, _ = self.motion
         return a * T * T
 
     @property
     def smear(self) -> Array:
-        """How far the object goes in half an exposure, px."""
+        """Distance that the object moves in half an exposure, px."""
         _, T, s = self.motion
         return s * T
 
@@ -112,9 +136,8 @@ def path(a: Array, T: Array, s: DoubleWord, tau: DoubleWord, *, from_vertex: boo
     Positions count from the vertex if `from_vertex`, else from the position at
     mid-exposure.
     """
-    return Path(
-        (a, T, s.high), _table(from_vertex, a, T, s.high, s.low, tau.high, tau.low), from_vertex
-    )
+    motion = Motion(a, T, s.high)
+    return Path(motion, _table(from_vertex, motion, s.low, tau), from_vertex)
 
 
 def primal_path(motion: Motion, speed_low: Array, tau: DoubleWord, *, from_vertex: Array) -> Path:
@@ -122,11 +145,7 @@ def primal_path(motion: Motion, speed_low: Array, tau: DoubleWord, *, from_verte
 
     `speed_low` is the lower word of its speed.
     """
-
-    def table(motion, low, tau):
-        a, T, s = motion
-        return _table_exact(from_vertex, a, T, s, low, tau.high, tau.low)
-
+    table = partial(_exact_table, from_vertex)
     return Path(motion, opaque_to_fusion(table, motion, speed_low, tau), from_vertex)
 
 
@@ -154,24 +173,24 @@ def speed_at(track: Path, edges: DoubleWord) -> Array:
 
 
 def speed_change(
-    from_vertex: Array, motion: Motion, edge: Array, speed: Array, by_motion: Motion, dedge: Array
+    from_vertex: Array, motion: Motion, edge: Array, speed: Array, change: PathChange
 ) -> Array:
     r"""Change of the `speed` at an edge, caused by changes of the motion and of the edge.
 
     It follows from $(u/T)^2 = s^2 + 4ax$, a form in which a change of $T$ cancels nothing. At
     the vertex the derivative of the root is infinite, and the change is set to 0.
     """
-    (a, T, s), (da, dT, ds) = motion, by_motion
-    square = 4 * (a * dedge + edge * da) + jnp.where(from_vertex, 0.0, 2 * s * ds)
+    (a, T, s), (da, dT, ds) = motion, change.motion
+    square = 4 * (a * change.edge + edge * da) + jnp.where(from_vertex, 0.0, 2 * s * ds)
     is_moving = speed > 0
-    change = T * T * square / jnp.where(is_moving, 2 * speed, 1.0)
-    return speed * (dT / T) + jnp.where(is_moving, change, 0.0)
+    gain = T * T * square / jnp.where(is_moving, 2 * speed, 1.0)
+    return speed * (dT / T) + jnp.where(is_moving, gain, 0.0)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _table(from_vertex, a, T, s, s_low, tau_high, tau_low):
+def _table(from_vertex: bool, motion: Motion, speed_low: Array, tau: DoubleWord) -> Array:
     """Rows of a path's table: velocity, position, and height of mid-exposure above the vertex."""
-    return opaque_to_fusion(partial(_table_exact, from_vertex), a, T, s, s_low, tau_high, tau_low)
+    return opaque_to_fusion(partial(_exact_table, from_vertex), motion, speed_low, tau)
 
 
 def opaque_to_fusion(function, *arguments, when: Array | bool = True):
@@ -204,15 +223,17 @@ def _materialised_jvp(primals, tangents):
     return materialised(*primals), tangents[0]
 
 
-def _table_exact(from_vertex, a, T, s, s_low, tau_high, tau_low):
-    stroke, smear = _stroke_and_smear(a, T, s, s_low)
+def _exact_table(
+    from_vertex: Array | bool, motion: Motion, speed_low: Array, tau: DoubleWord
+) -> Array:
+    a, T, s = motion
+    stroke, smear = _stroke_and_smear(a, T, s, speed_low)
     exists = jnp.where(from_vertex, a > 0, _turns(a * T * T, s * T))
     high = jnp.where(exists, 4 * stroke.high, 1.0)
     rate = reciprocal(DoubleWord(high, jnp.where(exists, 4 * stroke.low, 0.0)))
     rise = multiply(multiply(smear, smear), rate)
     rise = DoubleWord(*(jnp.where(exists, x, 0.0) for x in rise))
 
-    tau = DoubleWord(tau_high, tau_low)
     velocity, linear = _velocity(stroke, smear, tau)
     position = multiply(tau, add(linear, negate(smear)))
     risen = add(position, rise)
@@ -241,8 +262,9 @@ def _rows(*rows):
 def _table_jvp(from_vertex, primals, tangents):
     exact = _table(from_vertex, *primals)
 
-    def plain(a, T, s, _, tau, __):
-        stroke, smear = a * T * T, s * T
+    def plain(motion: Motion, _: Array, exact_tau: DoubleWord) -> Array:
+        a, T, s = motion
+        tau, stroke, smear = exact_tau.high, a * T * T, s * T
         velocity = valued(2 * stroke * tau - smear, exact[0])
         exists = (stroke > 0) if from_vertex else _turns(stroke, smear)
         rise = jnp.broadcast_to(_plain_vertex_distance(smear, stroke, exists), tau.shape)

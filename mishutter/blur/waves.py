@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import custom_vmap
-from jaxtyping import Array
+from jaxtyping import Array, Complex, Float, Int
 
 from mishutter._core import namespace_of
 from mishutter.model import frequency_grid
@@ -28,16 +28,19 @@ BLOCK = 64
 
 
 def waves_on_dft(
-    position: Array | np.ndarray, weight: Array | np.ndarray, length: int, num_frequencies: int
-) -> Array | np.ndarray:
-    r"""$\sum_q w_q e^{-2\pi i k x_q / L}$ for $k = 0, 1, \dots$; `(s, num_frequencies)`, complex.
+    position: Float[Array | np.ndarray, "#s q"],
+    weight: Float[Array | np.ndarray, "#s q"],
+    length: int,
+    num_frequencies: int,
+) -> Complex[Array | np.ndarray, "s {num_frequencies}"]:
+    r"""$\sum_q w_q e^{-2\pi i k x_q / L}$ for $k = 0, 1, \dots$.
 
     The wave of $k$ is the product of the waves of its higher and of its lower digits, which makes
     the sum over $q$ a product of two matrices. NumPy arrays give a NumPy array.
 
     Args:
-        position: $x_q$, px; shape `(s, q)` or `(1, q)`.
-        weight: $w_q$; shape `(s, q)` or `(1, q)`.
+        position: $x_q$; px.
+        weight: $w_q$.
         length: Length of the transform, $L$, px.
         num_frequencies: Number of frequencies, from 0.
     """
@@ -55,17 +58,19 @@ def waves_on_dft(
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(2, 3))
-def sum_of_waves(position: Array, weight: Array, num_frequencies: int, num_kept: int) -> Array:
+def sum_of_waves(
+    position: Float[Array, "#s q"],
+    weight: Float[Array, "#s q"],
+    num_frequencies: int,
+    num_kept: int,
+) -> Complex[Array, "s {num_kept}"]:
     r"""$\sum_q w_q e^{-2\pi i f_m x_q}$ at the lowest `num_kept` frequencies of the grid.
 
     Args:
-        position: $x_q$, px; shape `(s, q)`.
-        weight: $w_q$; shape `(s, q)` or `(1, q)`.
+        position: $x_q$; px.
+        weight: $w_q$.
         num_frequencies: Frequencies of the whole grid.
         num_kept: Number of frequencies to compute.
-
-    Returns:
-        Complex; shape `(s, num_kept)`.
     """
 
     def waves(position: Array, weight: Array) -> Array:
@@ -87,8 +92,12 @@ def sum_of_waves_jvp(num_frequencies, num_kept, primals, tangents):
 
 
 def waves_of_blocks(
-    position: Array, weight: Array, num_frequencies: int, num_kept: int, num_blocks: Array
-) -> Array:
+    position: Float[Array, "#s q"],
+    weight: Float[Array, "#s q"],
+    num_frequencies: int,
+    num_kept: int,
+    num_blocks: Int[Array, ""],
+) -> Complex[Array, "s {num_kept}"]:
     """`sum_of_waves` over the first `num_blocks` blocks of positions; it has no derivative."""
 
     def add(block: Array, cells: list[Array]) -> list[Array]:

@@ -5,11 +5,10 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core import (
     alone_in_blas,
@@ -73,7 +72,7 @@ _ROLL_OFF = 0.4
 _TAIL = 24
 """Pixels beyond the geometric reach in which the taps of such a kernel die away."""
 _DEVIATIONS = 5
-"""Of a lens, over which it spreads light further."""
+"""Standard deviations of a lens's Gaussian within which its light falls."""
 
 
 @alone_in_blas()
@@ -90,7 +89,7 @@ def simulate_capture(
     full_well: float | None = None,
     adc_bits: int | None = None,
     plan: Plan | Automatic | None = PLANNED,
-) -> Array:
+) -> Float[Array, "..."]:
     r"""Simulate the capture of a picture that moves along its rows, or along the scene's axis.
 
     A picture that moves along its columns is captured as one of exchanged rows and columns would
@@ -121,7 +120,7 @@ def simulate_capture(
         full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
         adc_bits: Bits of the converter; None for no rounding.
         plan: By default equal colours of a picture are computed once; None computes every
-            colour. Layers are computed where they are seen, in either case.
+            colour. Layers off the sensor are left out in either case.
 
     Returns:
         Light in units of a fully open exposure; the shape of `picture`, but for the
@@ -151,15 +150,15 @@ def simulate_capture(
     _check_noise(scene, key)
     shutter = sensor_view(scene, motion, shutter).shutter
     if isinstance(picture, Layers | Frames):
-        alone = speed == 0 and displacement == 0 and border == "reflect"
+        are_defaults = speed == 0 and displacement == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., displacement=..., border=...)"
         got = f"{speed!r}, {displacement!r}, {border!r}"
-        require(alone, subject, "be left to layers and frames", got)
+        require(are_defaults, subject, "be left to layers and frames", got)
         along = picture if scene.axis == "rows" else picture.turned()
         expose = expose_layers if isinstance(picture, Layers) else expose_frames
-        light = expose(along, motion, shutter, scene.optics)  # type: ignore[arg-type]
-        seen = _recorded(light, scene, motion, key, full_well, adc_bits)
-        return as_float(turned(seen, scene.axis))
+        irradiance = expose(along, motion, shutter, scene.optics)  # type: ignore[arg-type]
+        levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
+        return as_float(turned(levels, scene.axis))
     light = turned(as_light(picture, "simulate_capture(picture=...)"), scene.axis)
     require_known("simulate_capture", motion=motion, speed=speed, displacement=displacement)
     for name, value in (("speed", speed), ("displacement", displacement)):
@@ -167,21 +166,21 @@ def simulate_capture(
         require_finite(f"simulate_capture({name}=...)", value)
     columns = light.shape[-1 if light.ndim == 2 else -2]
     num_taps, _ = kernel_layout(motion, speed)
-    seen = slice(0, columns)
+    window = slice(0, columns)
     if border == "scene":
         subject = "simulate_capture(border='scene')"
         requirement = f"have a picture of at least {num_taps} {pixels_along(scene.axis)}"
         require(columns >= num_taps, subject, requirement, columns)
-        seen = captured_columns(motion, speed, columns)
+        window = captured_columns(motion, speed, columns)
     period = period_of(columns, num_taps + math.ceil(abs(displacement)), border)
-    response = _seen(
+    response = _through_lens(
         scene, captured_response(motion, shutter, [speed], period)[0], period, displacement
     )
     planes = rows_last(distinct_colours(light, plan))
-    exposed = _exposed(planes, response, period, border)[..., seen]
-    exposed = channels_last(exposed, light)
-    exposed = _recorded(every_colour(exposed, light), scene, motion, key, full_well, adc_bits)
-    return as_float(turned(exposed, scene.axis))
+    irradiance = channels_last(_exposed(planes, response, period, border)[..., window], light)
+    irradiance = every_colour(irradiance, light)
+    levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
+    return as_float(turned(levels, scene.axis))
 
 
 def blurred_at_speeds(
@@ -190,10 +189,11 @@ def blurred_at_speeds(
     motion: AbstractMotion,
     shutter: AbstractShutter,
     speeds: Sequence[float],
+    *,
     plan: Plan | Automatic | None = PLANNED,
     least_taps: int = 1,
 ) -> Iterator[Planes]:
-    """Light on the sensor from a picture at each of several speeds, without noise.
+    """Irradiance of the sensor from a picture at each of several speeds, without noise.
 
     The picture is the scene: of `columns` those are recorded whose light is known at every
     speed (see `kernel_layout`).
@@ -202,17 +202,20 @@ def blurred_at_speeds(
     planes = rows_last(distinct_colours(light, plan))
     columns = planes.shape[-1]
     period = period_of(columns, num_taps, "scene")
-    seen = slice(num_taps - 1 - origin, columns - origin)
+    window = slice(num_taps - 1 - origin, columns - origin)
     for response in captured_response(motion, shutter, speeds, period):
-        exposed = _exposed(planes, _seen(scene, response, period), period, "scene")[..., seen]
-        yield every_colour(channels_last(exposed, light), light)
+        response = _through_lens(scene, response, period)
+        irradiance = _exposed(planes, response, period, "scene")[..., window]
+        yield every_colour(channels_last(irradiance, light), light)
 
 
-def through_optics(rows: np.ndarray, cutoff: float) -> np.ndarray:
+def through_optics(
+    rows: Float[np.ndarray, "*planes columns"], cutoff: float
+) -> Float[np.ndarray, "*planes columns"]:
     """Rows of a picture as optics of some cutoff pass them, mirrored beyond their ends.
 
     Args:
-        rows: Columns on the last axis.
+        rows: The picture's rows.
         cutoff: Highest frequency that passes, cycles/px.
     """
     if cutoff >= NYQUIST_FREQUENCY:
@@ -220,8 +223,8 @@ def through_optics(rows: np.ndarray, cutoff: float) -> np.ndarray:
     columns = rows.shape[-1]
     period = period_of(columns, 0, "reflect")
     spectrum = np.fft.rfft(continued(rows, period, "reflect"))
-    passed = np.fft.irfft(spectrum * Optics(cutoff).response(period), period)
-    return passed[..., :columns].astype(rows.dtype)
+    image = np.fft.irfft(spectrum * Optics(cutoff).response(period), period)
+    return image[..., :columns].astype(rows.dtype)
 
 
 def captured_columns(motion: AbstractMotion, speed: float, num_columns: int) -> slice:
@@ -235,8 +238,8 @@ def captured_columns(motion: AbstractMotion, speed: float, num_columns: int) -> 
 
 def captured_response(
     motion: AbstractMotion, shutter: AbstractShutter, speeds: Sequence[float], period: int
-) -> Array | np.ndarray:
-    """Responses at some speeds as a capture has them, on the grid of a DFT; `(s, k)`, complex."""
+) -> Complex[Array | np.ndarray, "speeds frequencies"]:
+    """Responses at some speeds as a capture has them, on the grid of a DFT."""
     relative = np.asarray(speeds, np.float64) - float(motion.velocity)
     fastest = float(np.max(np.abs(relative), initial=0.0))
     with outside_trace():
@@ -252,7 +255,7 @@ def centred_kernel(
     *,
     speed: float = 0.0,
     lens_blur: float = 0.0,
-) -> np.ndarray:
+) -> Float[np.ndarray, "1 taps"]:
     r"""The blur as other libraries take it: one row of taps, odd, its middle at rest.
 
     The samples of the band-limited response of a point,
@@ -266,11 +269,11 @@ def centred_kernel(
     Args:
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        speed: Speed of the picture, px/s; 0 is what the classical decoders assume.
+        speed: Speed of the picture, px/s; classical decoders assume 0.
         lens_blur: Deviation of the lens's Gaussian, as `Scene` has it; px.
 
     Returns:
-        Taps in units of a fully open exposure, float64; shape `(1, 2 m + 1)`.
+        Taps in units of a fully open exposure, float64; an odd number of them.
 
     Raises:
         ValueError: if the speed is not finite, the light displaced by over 8,192 px, or the blur
@@ -279,8 +282,8 @@ def centred_kernel(
     require_scalar("centred_kernel(speed=...)", speed)
     require_finite("centred_kernel(speed=...)", speed)
     requirement = f"be at least 0 and at most {WIDEST_BLUR:g} px"
-    within = 0 <= lens_blur <= WIDEST_BLUR
-    require(within, "centred_kernel(lens_blur=...)", requirement, lens_blur)
+    is_narrow = 0 <= lens_blur <= WIDEST_BLUR
+    require(is_narrow, "centred_kernel(lens_blur=...)", requirement, lens_blur)
     num_taps, origin = kernel_layout(motion, speed)
     tail = _TAIL + math.ceil(_DEVIATIONS * lens_blur)
     middle = max(origin, num_taps - 1 - origin) + tail
@@ -288,8 +291,8 @@ def centred_kernel(
     response = np.asarray(captured_response(motion, shutter, [speed], length)[0])
     frequency = np.arange(response.size) / length
     response = response * lens_response(frequency, lens_blur)
-    past = np.clip((frequency - _ROLL_OFF) / (NYQUIST_FREQUENCY - _ROLL_OFF), 0, 1)
-    taps = np.fft.irfft(response * np.cos(np.pi / 2 * past) ** 2, length)
+    roll_off = np.clip((frequency - _ROLL_OFF) / (NYQUIST_FREQUENCY - _ROLL_OFF), 0, 1)
+    taps = np.fft.irfft(response * np.cos(np.pi / 2 * roll_off) ** 2, length)
     return np.roll(taps, middle)[None, : 2 * middle + 1]
 
 
@@ -305,8 +308,8 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     reach, stroke = float(support(still, speed)), float(motion.stroke)
     smear = 2 * fastest * float(motion.half_exposure)
     longest = max(reach, smear) + 1
-    held = math.isfinite(longest) and longest <= MAX_REACH
-    require(held, "simulate_capture(speed=...)", f"blur over at most {MAX_REACH} px", longest)
+    is_short = math.isfinite(longest) and longest <= MAX_REACH
+    require(is_short, "simulate_capture(speed=...)", f"blur over at most {MAX_REACH} px", longest)
     num_taps = max(least_taps, sized_for(longest - 1, stroke + smear / 2).num_taps)
     return num_taps, num_taps // 2 if is_straight(motion) else 0
 
@@ -331,34 +334,46 @@ def as_pixels(picture: ArrayLike, subject: str) -> Planes:
 
 
 def _recorded(
-    light: Planes,
+    irradiance: Planes,
     scene: Scene,
     motion: AbstractMotion,
     key: Array | None,
-    full_well: float | None,
-    adc_bits: int | None,
+    *,
+    full_well: float | None = None,
+    adc_bits: int | None = None,
 ) -> Array:
     if full_well is None and scene.full_well is not None:
         full_well = float(scene.full_well)
-    limits = {"full_well": full_well, "adc_bits": adc_bits}
-    return recorded(light, white_electrons(scene, motion), scene.read_noise, key=key, **limits)
+    return recorded(
+        irradiance,
+        white_electrons(scene, motion),
+        scene.read_noise,
+        key=key,
+        full_well=full_well,
+        adc_bits=adc_bits,
+    )
 
 
-def noisy(light: Planes, scene: Scene, motion: AbstractMotion, key: Array) -> Array:
-    """The noise of one capture on what fell on the sensor; the shape of `light`."""
+def noisy(irradiance: Planes, scene: Scene, motion: AbstractMotion, key: Array) -> Array:
+    """An irradiance of the sensor with the noise of one capture; its shape."""
     _check_noise(scene, key)
-    return _recorded(light, scene, motion, key, None, None)
+    return _recorded(irradiance, scene, motion, key)
 
 
 def _check_noise(scene: Scene, key: Array | None) -> None:
     require_key("simulate_capture(key=...)", key)
     rate = scene.photon_rate
-    lit = key is None or not is_concrete(rate) or float(rate) > 0
-    require(lit, "simulate_capture(scene=...)", "have a photon rate above 0 e-/s", 0.0)
+    has_light = key is None or not is_concrete(rate) or float(rate) > 0
+    require(has_light, "simulate_capture(scene=...)", "have a photon rate above 0 e-/s", 0.0)
 
 
-def _seen(scene: Scene, response: Any, period: int, displacement: float = 0.0) -> Any:
-    """A response on the grid of a DFT through the scene's optics, of a picture aside."""
+def _through_lens(
+    scene: Scene,
+    response: Complex[Array | np.ndarray, "frequencies"],
+    period: int,
+    displacement: float = 0.0,
+) -> Complex[Array | np.ndarray, "frequencies"]:
+    """A response on the grid of a DFT times that of the lens and of the picture's displacement."""
     frequency = np.arange(response.size) / period
     shift = np.exp(-2j * np.pi * frequency * float(displacement))
     return response * (shift * scene.optics.response(period)).astype(response.dtype)
@@ -375,7 +390,7 @@ def _blurred(planes: Planes, response: ArrayLike, period: int, border: str) -> A
 
 
 def skips(plan: Plan | Automatic | None) -> bool:
-    """Whether an argument `plan=` leaves out what changes nothing."""
+    """Whether an argument `plan=` leaves out parts that change no result."""
     require_plan(plan)
     return plan.skips if isinstance(plan, Plan) else plan is not None
 
@@ -393,8 +408,8 @@ def distinct_colours(light: Planes, plan: Plan | Automatic | None) -> Planes:
     if not (skips(plan) and light.ndim > 2 and light.shape[-1] > 1 and is_concrete(light)):
         return light
     colours = np.asarray(light)
-    alike = bool(np.all(colours == colours[..., :1]))
-    return colours[..., :1] if alike else light
+    are_equal = bool(np.all(colours == colours[..., :1]))
+    return colours[..., :1] if are_equal else light
 
 
 def every_colour(light: Planes, like: ArrayLike) -> Planes:

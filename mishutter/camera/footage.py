@@ -6,9 +6,10 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, Float, Int
 
 from mishutter._core import (
     Unquoted,
@@ -41,7 +42,7 @@ VIDEO_SUFFIXES = (
     *(".3gp", ".asf", ".avi", ".flv", _GIF, ".m2ts", ".m4v", ".mkv", ".mov", ".mp4"),
     *(".mpeg", ".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv"),
 )
-"""How the names of video files end. FFmpeg also reads single pictures, and some of them wrongly."""
+"""Suffixes of video files. FFmpeg also reads single pictures, and some of them wrongly."""
 _READ = "read_frames(path=...)"
 _LOG_PREFIX = re.compile(r"^(\[[^]]*\]\s*)+")
 """FFmpeg's names and addresses of the parts that speak."""
@@ -56,9 +57,9 @@ class Frames:
     Attributes:
         frames: Light of each frame, white = 1, shape `(rows, columns, channels)`; an
             array, a list, or an iterator that is read once.
-        num_frames: How many there are.
-        border: How each goes on beyond its ends: `"reflect"`, `"edge"`, `"wrap"`, `"zero"`.
-        durations: How long each shows, in any one unit; equally long by default.
+        num_frames: Number of frames.
+        border: Continuation of each beyond its ends: `"reflect"`, `"edge"`, `"wrap"`, `"zero"`.
+        durations: Duration of each, in any one unit; all equal by default.
     """
 
     frames: Iterable[np.ndarray | Picture]
@@ -73,19 +74,19 @@ class Frames:
         )
         if self.durations is not None:
             subject, durations = "Frames(durations=...)", self.durations
-            one_each = np.shape(durations) == (self.num_frames,)
-            require(one_each, subject, f"be {self.num_frames}, one a frame", shape_of(durations))
+            is_complete = np.shape(durations) == (self.num_frames,)
+            require(is_complete, subject, f"be {self.num_frames}, one a frame", shape_of(durations))
             require_finite(subject, np.asarray(durations))
             least = float(np.min(durations))
             require(least > 0, subject, "be above 0", least)
 
     @property
-    def ends(self) -> np.ndarray:
+    def ends(self) -> Float[np.ndarray, "ends"]:
         """Times at which frames begin, and the last ends, in half exposures from its middle."""
         if self.durations is None:
             return np.linspace(-1, 1, self.num_frames + 1)
-        shown = np.concatenate([[0.0], np.cumsum(np.asarray(self.durations, np.float64))])
-        return 2 * (shown / shown[-1]) - 1
+        times = np.concatenate([[0.0], np.cumsum(np.asarray(self.durations, np.float64))])
+        return 2 * (times / times[-1]) - 1
 
     def turned(self) -> "Frames":
         """The footage with rows and columns exchanged."""
@@ -94,7 +95,12 @@ class Frames:
 
     @staticmethod
     def of(frames: np.ndarray | list, border: str = "reflect") -> "Frames":
-        """Frames that are all there; the first axis counts them."""
+        """Frames that are all there; the first axis counts them.
+
+        Args:
+            frames: Pictures of one size.
+            border: What goes on beyond their borders, as `Frames` takes it.
+        """
         require(len(frames) >= 1, "Frames.of(frames=...)", "hold at least one frame", 0)
         return Frames(frames, len(frames), border)
 
@@ -125,7 +131,7 @@ def read_frames(
     Warns:
         PictureWarning: as `read_picture`, once for a folder; or if FFmpeg has met errors.
     """
-    path, told = Path(path), (checked_white("read_frames(white=...)", white), linear)
+    path, white_level = Path(path), checked_white("read_frames(white=...)", white)
     if not path.exists():
         raise FileNotFoundError(
             f"`{_READ}` must name a folder or a video; got {str(path)!r}, not found."
@@ -133,7 +139,7 @@ def read_frames(
     if path.is_dir():
         names = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
         require(len(names) >= 1, _READ, "hold pictures", str(path))
-        return Frames(_pictures(names, *told), len(names), border)
+        return Frames(_pictures(names, white_level, linear), len(names), border)
     kinds = ", ".join(suffix[1:] for suffix in VIDEO_SUFFIXES)
     is_video = path.suffix.lower() in VIDEO_SUFFIXES
     require(is_video, _READ, f"name a folder of pictures or a video ({kinds})", str(path))
@@ -153,8 +159,8 @@ def read_frames(
             f"`{_READ}` must name a whole video; got {str(path)!r}: {reason.removesuffix('.')}."
         ) from error
     require(len(durations) >= 1, _READ, "hold at least one frame", str(path))
-    light = (light_of(Decoded(frame, None, 255.0), path, *told) for frame in frames)
-    return Frames(light, len(durations), border, durations)
+    lights = (light_of(Decoded(frame, None, 255.0), path, white_level, linear) for frame in frames)
+    return Frames(lights, len(durations), border, durations)
 
 
 def expose_frames(
@@ -179,30 +185,31 @@ def expose_frames(
         ValueError: if frames differ in shape, hold values that are not light, or are not
             as many as was said.
     """
-    position, light, number = _nodes(shutter, motion, frames.ends)
-    reach = int(np.ceil(np.max(np.abs(position))))
-    total, shape, dtype, period, num_seen = None, None, None, 0, 0
+    nodes = _nodes(shutter, motion, frames.ends)
+    reach = int(np.ceil(np.max(np.abs(nodes.position))))
+    total, shape, dtype, period, num_frames = None, None, None, 0, 0
     for index, frame in enumerate(frames.frames):
         image = _checked(frame, shape)
-        num_seen += 1
+        num_frames += 1
         if total is None:
             shape, dtype = image.shape, image.dtype
             period = period_of(shape[1], reach, frames.border)
             total = np.zeros((shape[0], shape[2], period // 2 + 1), complex)
-        mine = number == index
-        if not np.any(light[mine]):
+        is_own = nodes.frame == index
+        position, weight = nodes.position[None, is_own], nodes.weight[None, is_own]
+        if not np.any(weight):
             continue
-        waves = waves_on_dft(position[None, mine], light[None, mine], period, total.shape[-1])
+        waves = waves_on_dft(position, weight, period, total.shape[-1])
         rows = continued(np.moveaxis(image, 1, 2).astype(np.float64), period, frames.border)
         total += np.fft.rfft(rows) * np.asarray(waves[0])
     subject = "Frames(num_frames=...)"
-    wanted = frames.num_frames
-    require(num_seen == wanted, subject, f"be the {num_seen} that came", wanted)
+    is_complete = num_frames == frames.num_frames
+    require(is_complete, subject, f"be the {num_frames} that came", frames.num_frames)
     if total is None or shape is None:
         return np.zeros((0, 0, 1))
     aperture = np.sinc(np.arange(total.shape[-1]) / period) * optics.response(period)
-    recorded = np.fft.irfft(total * aperture, period)[..., : shape[1]]
-    return np.ascontiguousarray(np.moveaxis(recorded, 2, 1)).astype(dtype)
+    irradiance = np.fft.irfft(total * aperture, period)[..., : shape[1]]
+    return np.ascontiguousarray(np.moveaxis(irradiance, 2, 1)).astype(dtype)
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
@@ -211,10 +218,24 @@ _NUM_PANELS = 16
 _PX_A_PANEL = 2.0
 
 
+class _Nodes(NamedTuple):
+    """Quadrature nodes over the exposure.
+
+    Attributes:
+        position: Position of the sensor; px.
+        weight: Quadrature weight times transmittance.
+        frame: Index of the frame that shows.
+    """
+
+    position: Float[np.ndarray, "q"]
+    weight: Float[np.ndarray, "q"]
+    frame: Int[np.ndarray, "q"]
+
+
 def _nodes(
-    shutter: AbstractShutter, motion: AbstractMotion, shown: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions of the sensor, px, the light there, and the frame that shows; shape `(q,)` each."""
+    shutter: AbstractShutter, motion: AbstractMotion, frame_ends: Float[np.ndarray, "ends"]
+) -> _Nodes:
+    """Nodes of panels that also end where frames do."""
     half = float(motion.half_exposure)
     profile = piecewise(shutter)
     dtype = np.dtype(profile.dtype() or common_dtype())
@@ -222,42 +243,44 @@ def _nodes(
     breaks = np.append(breaks, np.array(path_ends(motion), float))
     fastest = float(motion.top_speed) * half
     count = _NUM_PANELS + int(np.ceil(2 * fastest / _PX_A_PANEL))
-    ends = np.unique(np.concatenate([np.linspace(-1, 1, count + 1), shown, np.clip(breaks, -1, 1)]))
+    equal_ends, breaks = np.linspace(-1, 1, count + 1), np.clip(breaks, -1, 1)
+    ends = np.unique(np.concatenate([equal_ends, frame_ends, breaks]))
     width = np.diff(ends)[:, None]
     tau = ends[:-1, None] + width * (_NODES + 1) / 2
-    light = width / 4 * _WEIGHTS * np.asarray(shutter.transmittance(tau.astype(dtype)), np.float64)
-    number = np.clip(np.searchsorted(shown, tau) - 1, 0, shown.size - 2)
-    time = tau * half
-    return np.asarray(motion.position(time)).ravel(), light.ravel(), number.ravel()
+    transmittance = np.asarray(shutter.transmittance(tau.astype(dtype)), np.float64)
+    weight = width / 4 * _WEIGHTS * transmittance
+    frame = np.clip(np.searchsorted(frame_ends, tau) - 1, 0, frame_ends.size - 2)
+    position = np.asarray(motion.position(tau * half))
+    return _Nodes(position.ravel(), weight.ravel(), frame.ravel())
 
 
 def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
     subject = "Frames(frames=...)"
     light = floating_light(frame.light if isinstance(frame, Picture) else frame, subject)
     light = light[..., None] if light.ndim == 2 else light
-    layout = light.ndim == 3 and light.shape[2] in (1, 3) and min(light.shape) > 0
-    require(layout, subject, "be pictures", shape_of(light))
-    finite = bool(np.all(np.isfinite(light)))
-    require(finite, subject, "hold finite light", Unquoted("a value that is not"))
+    is_picture = light.ndim == 3 and light.shape[2] in (1, 3) and min(light.shape) > 0
+    require(is_picture, subject, "be pictures", shape_of(light))
+    is_finite = bool(np.all(np.isfinite(light)))
+    require(is_finite, subject, "hold finite light", Unquoted("a value that is not"))
     require(bool(np.min(light) >= 0), subject, "hold light of at least 0", np.min(light))
-    same = shape is None or light.shape == shape
-    require(same, subject, f"all have shape {shape}", shape_of(light))
+    has_shape = shape is None or light.shape == shape
+    require(has_shape, subject, f"all have shape {shape}", shape_of(light))
     return light
 
 
 def _pictures(names: Sequence[Path], white: float | None, linear: bool) -> Iterator[np.ndarray]:
     """Light of pictures, with one warning for all of them."""
-    is_said = False
+    has_warned = False
     for name in names:
         picture, doubts = examined(name, white, linear)
-        if doubts and not is_said:
+        if doubts and not has_warned:
             warnings.warn(doubts[0], PictureWarning, stacklevel=2)
-            is_said = True
+            has_warned = True
         yield picture.light
 
 
 def _durations_of_gif(path: Path) -> tuple[float, ...]:
-    """How long each frame of a GIF shows; equally long if it does not say so."""
+    """Durations of the frames of a GIF; all equal if the file has none."""
     from PIL import Image, ImageSequence
 
     with Image.open(path, formats=("GIF",)) as file:
@@ -278,23 +301,23 @@ def _frames_of_gif(path: Path) -> Iterator[np.ndarray]:
 
 
 def _durations_of_video(path: Path) -> tuple[float, ...]:
-    """How long each of the `_frames_of_video` shows, of a file that FFmpeg reads without failing.
+    """Durations of the `_frames_of_video`, of a file that FFmpeg reads without failing.
 
     Raises:
         ValueError: with FFmpeg's reason.
     """
     from imageio_ffmpeg import get_ffmpeg_exe
 
-    quietly = (get_ffmpeg_exe(), "-nostdin", "-v", "error", "-xerror")
-    command = [*quietly, "-i", str(path), *_ONCE, "-f", "framecrc", "-"]
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
-    said = [_LOG_PREFIX.sub("", line) for line in done.stderr.splitlines() if line.strip()]
-    if done.returncode:
-        raise ValueError(said[0] if said else f"FFmpeg ended with code {done.returncode}")
-    # Number of the stream, times of decoding and showing, duration, and what is of no use here.
-    lines = [line.split(",") for line in done.stdout.splitlines() if not line.startswith("#")]
-    if said:
-        doubt = f"{path}: {len(lines)} frames are read, and FFmpeg says: {said[0]}"
+    command = [get_ffmpeg_exe(), "-nostdin", "-v", "error", "-xerror"]
+    command += ["-i", str(path), *_ONCE, "-f", "framecrc", "-"]
+    run = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+    messages = [_LOG_PREFIX.sub("", line) for line in run.stderr.splitlines() if line.strip()]
+    if run.returncode:
+        raise ValueError(messages[0] if messages else f"FFmpeg ended with code {run.returncode}")
+    # Number of the stream, times of decoding and showing, duration, and three unused numbers.
+    lines = [line.split(",") for line in run.stdout.splitlines() if not line.startswith("#")]
+    if messages:
+        doubt = f"{path}: {len(lines)} frames are read, and FFmpeg says: {messages[0]}"
         warnings.warn(doubt, PictureWarning, stacklevel=3)
     begins = [float(line[2]) for line in lines]
     ends = [*begins[1:], *(begins[-1] + float(line[3]) for line in lines[-1:])]

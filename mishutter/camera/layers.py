@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from mishutter._core import (
@@ -37,9 +38,9 @@ class Layer:
 
     Attributes:
         picture: The picture; opaque where it has no matte.
-        speed: px/s on the sensor, either sign.
-        left: Column of the sensor over which its first column is at mid-exposure.
-        top: Row of the sensor over which its first row is.
+        speed: Speed on the sensor, either sign; px/s.
+        left: Column of the sensor under its first column at mid-exposure.
+        top: Row of the sensor under its first row.
 
     Where the scene's `axis` is `"columns"` it moves along its columns, and the corner is where it
     is at mid-exposure all the same.
@@ -55,18 +56,18 @@ class Layer:
         require(isinstance(picture, Picture), "Layer(picture=...)", "be a `Picture`", picture)
         require_finite("Layer(speed=...)", self.speed)
         for name, place in (("left", self.left), ("top", self.top)):
-            near = -_FARTHEST <= place <= _FARTHEST
-            require(near, f"Layer({name}=...)", f"lie within {_FARTHEST:g} px", place)
+            is_near = -_FARTHEST <= place <= _FARTHEST
+            require(is_near, f"Layer({name}=...)", f"lie within {_FARTHEST:g} px", place)
 
     def turned(self) -> "Layer":
         """The layer with rows and columns exchanged."""
         return Layer(self.picture.turned(), self.speed, left=self.top, top=self.left)
 
     @property
-    def matte(self) -> np.ndarray:
-        """Opacity; shape `(rows, columns)`."""
-        given = self.picture.matte
-        return np.ones(self.picture.light.shape[:2], np.float32) if given is None else given
+    def matte(self) -> Float[np.ndarray, "rows columns"]:
+        """Opacity of each pixel."""
+        matte = self.picture.matte
+        return np.ones(self.picture.light.shape[:2], np.float32) if matte is None else matte
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,7 @@ class Layers:
 
     Attributes:
         layers: At least one.
-        border: How the first goes on beyond its ends: `"reflect"`, `"edge"`, `"wrap"`
+        border: Continuation of the first beyond its ends: `"reflect"`, `"edge"`, `"wrap"`
             or `"zero"`. The others end where they end.
     """
 
@@ -83,19 +84,22 @@ class Layers:
     border: str = "reflect"
 
     def __post_init__(self) -> None:
-        subject, given = "Layers(layers=...)", self.layers
-        some = isinstance(given, Sequence) and len(given) >= 1
-        right = some and all(isinstance(layer, Layer) for layer in given)
-        require(right, subject, "hold at least one layer and nothing else", given)
+        subject, layers = "Layers(layers=...)", self.layers
+        is_list = isinstance(layers, Sequence) and len(layers) >= 1
+        are_layers = is_list and all(isinstance(layer, Layer) for layer in layers)
+        require(are_layers, subject, "hold at least one layer and nothing else", layers)
         require(
             self.border in PAD_MODES, "Layers(border=...)", f"be one of {[*PAD_MODES]}", self.border
         )
-        opaque = bool(np.all(self.layers[0].matte == 1))
-        require(opaque, subject, "begin with an opaque layer", Unquoted("one with a matte"))
+        is_opaque = bool(np.all(self.layers[0].matte == 1))
+        require(is_opaque, subject, "begin with an opaque layer", Unquoted("one with a matte"))
 
     @staticmethod
     def load(path: str | Path) -> "Layers":
         """Read a layered scene from a TOML file; see `read_layers` for its keys.
+
+        Args:
+            path: The file.
 
         Raises:
             ValueError: if the file is not a layered scene, or a matte does not fit.
@@ -155,6 +159,9 @@ def read_layers(path: str | Path) -> Layers:
 
     Paths are taken from the file's place. A matte is opacity, not light: no gamma is
     removed from it.
+
+    Args:
+        path: The file.
 
     Raises:
         OSError: if a file cannot be read.

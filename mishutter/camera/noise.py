@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     as_numpy,
@@ -21,9 +21,9 @@ from mishutter._core import (
 from mishutter.model import AbstractMotion, Scene
 
 Number = Array | np.ndarray | np.floating
-"""Of NumPy where it is known, and of JAX elsewhere."""
+"""A scalar: of NumPy where it is concrete, and of JAX elsewhere."""
 _MOST_COUNTED = 1e15
-"""Electrons above which they are no longer told apart, and their number is normal."""
+"""Number of electrons above which its distribution counts as normal."""
 
 _RUN = 1 << 16
 """Pixels whose numbers one generator draws."""
@@ -36,14 +36,14 @@ def white_electrons(scene: Scene, motion: AbstractMotion) -> Number:
 
 
 def recorded(
-    light: Array | np.ndarray,
+    light: Float[Array | np.ndarray, "*pixels"],
     electrons: ArrayLike,
     read_noise: ArrayLike,
     *,
     key: Array | None,
     full_well: float | None = None,
     adc_bits: int | None = None,
-) -> Array:
+) -> Float[Array, "*pixels"]:
     r"""Light as a sensor records it, in units of a fully open exposure of white.
 
     $g = \mathrm{Poisson}(p f)/p + \mathrm{Normal}(0, (\sigma/p)^2)$ (4). A full well cuts
@@ -52,7 +52,7 @@ def recorded(
     records nothing below or above.
 
     Args:
-        light: Light without noise; any shape.
+        light: Irradiance without noise.
         electrons: $p$, e-.
         read_noise: $\sigma$, e-.
         key: JAX key of the noise; None for none.
@@ -60,7 +60,7 @@ def recorded(
         adc_bits: Bits of the converter; None for no rounding.
 
     Returns:
-        Shape and dtype of `light`.
+        Levels, in the precision of `light`.
 
     Raises:
         ValueError: if the full well is not positive and finite, or the bits are not from 1 to 24.
@@ -71,7 +71,9 @@ def recorded(
     if key is not None:
         shot_key, read_key = _keys(key)
         shot = shot_electrons(shot_key, shot)
-    return _digitised(shot, light, electrons, read_noise, read_key, full_well, adc_bits)
+    return _digitised(
+        shot, light, electrons, read_noise, read_key, full_well=full_well, adc_bits=adc_bits
+    )
 
 
 @compiled
@@ -89,12 +91,14 @@ def fixed_key() -> Array:
         )
 
 
-def shot_electrons(key: Array, mean: Array | np.ndarray) -> Array:
-    """Poisson numbers of a given mean, none where that is negative; its shape and dtype.
+def shot_electrons(
+    key: Array, mean: Float[Array | np.ndarray, "*pixels"]
+) -> Float[Array, "*pixels"]:
+    """Poisson numbers of some means, 0 where a mean is negative; in their precision.
 
     NumPy draws them, on every core: on two it takes a quarter of the time of JAX's own.
     The same key gives the same numbers under `jit` and `vmap`. They differentiate as their
-    mean does, the noise being held.
+    mean does, the noise being constant.
     """
     typed = jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
     return _counted(jax.random.key_data(key) if typed else key, mean)
@@ -119,18 +123,18 @@ def _drawn(words: Array | np.ndarray, mean: Array | np.ndarray) -> np.ndarray:
     runs = np.array_split(expected, -(-expected.size // _RUN) or 1)
     seeds = np.random.SeedSequence(np.asarray(words).ravel().tolist()).spawn(len(runs))
     with ThreadPoolExecutor(num_processors()) as pool:
-        drawn = list(pool.map(_poisson, seeds, runs))
-    return np.concatenate(drawn).astype(mean.dtype).reshape(mean.shape)
+        counts = list(pool.map(_poisson, seeds, runs))
+    return np.concatenate(counts).astype(mean.dtype).reshape(mean.shape)
 
 
 def _poisson(seed: np.random.SeedSequence, expected: np.ndarray) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    counted = rng.poisson(np.minimum(expected, _MOST_COUNTED)).astype(np.float64)
-    many = expected > _MOST_COUNTED
-    if np.any(many):
+    counts = rng.poisson(np.minimum(expected, _MOST_COUNTED)).astype(np.float64)
+    is_large = expected > _MOST_COUNTED
+    if np.any(is_large):
         spread = np.sqrt(expected) * rng.standard_normal(expected.shape)
-        counted = np.where(many, expected + spread, counted)
-    return counted
+        counts = np.where(is_large, expected + spread, counts)
+    return counts
 
 
 @compiled
@@ -140,20 +144,21 @@ def _digitised(
     white: ArrayLike,
     read_noise: ArrayLike,
     key: Array | None,
+    *,
     full_well: float | None,
     adc_bits: int | None,
 ) -> Array:
     """Electrons as they are read out, in units of a fully open exposure of white."""
     if full_well is not None:
-        limited, requirement = 0 < full_well < np.inf, "be above 0 e- and finite"
-        require(limited, "simulate_capture(full_well=...)", requirement, full_well)
+        is_limit, requirement = 0 < full_well < np.inf, "be above 0 e- and finite"
+        require(is_limit, "simulate_capture(full_well=...)", requirement, full_well)
         electrons = jnp.minimum(electrons, full_well)
     if key is not None:
         sigma = jnp.asarray(read_noise, light.dtype)
         electrons = electrons + sigma * jax.random.normal(key, light.shape, light.dtype)
     p = jnp.asarray(white, light.dtype)
-    lit = p > 0
-    value = jnp.where(lit, electrons / jnp.where(lit, p, 1), light)
+    has_light = p > 0
+    value = jnp.where(has_light, electrons / jnp.where(has_light, p, 1), light)
     if adc_bits is None:
         return value
     require_positive_int("simulate_capture(adc_bits=...)", adc_bits)

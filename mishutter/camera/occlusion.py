@@ -1,10 +1,11 @@
-"""The exposure of layers that hide one another while they move, where it can be seen."""
+"""The exposure of layers that hide one another while they move."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Complex, Float
 
 from mishutter._core import in_threads, num_processors
 from mishutter.blur import waves_on_dft
@@ -16,44 +17,44 @@ from mishutter.model import AbstractMotion, AbstractShutter, Optics
 _STEP = 0.5
 """Way of the fastest layer between two instants, px."""
 _HALF_WIDTH = 8
-"""Instants to either side of a time that an image then is interpolated from."""
+"""Instants to either side of a time from which the image at that time is interpolated."""
 _SHARPNESS = 12.5
 _LEAST_NODES = 512
-"""Quadrature nodes by which cameras of most exposures share the program that places them."""
+"""Fewest quadrature nodes, so that cameras of most exposures share one compiled program."""
 _ROWS_AT_ONCE = 8
 """Rows whose images stay in a processor's cache from one instant to the next."""
 
 
 class _Exposure(NamedTuple):
-    """Light over the time of an exposure, and the optics that it passes through.
+    """Quadrature nodes over an exposure, and the optics that its light passes through.
 
     Attributes:
-        time: From mid-exposure; s, shape `(q,)`.
-        light: Share of a fully open exposure; shape `(q,)`.
-        path: Position of the sensor, px; shape `(q,)`.
+        time: Time from mid-exposure; s.
+        weight: Quadrature weight times transmittance, as a share of a fully open exposure.
+        path: Position of the sensor; px.
         optics: The lens.
     """
 
-    time: np.ndarray
-    light: np.ndarray
-    path: np.ndarray
+    time: Float[np.ndarray, "q"]
+    weight: Float[np.ndarray, "q"]
+    path: Float[np.ndarray, "q"]
     optics: Optics
 
 
-class _Seen(NamedTuple):
-    """A layer as it would be seen with nothing in front of it.
+class _Image(NamedTuple):
+    """The image of a layer with nothing in front of it.
 
     Attributes:
-        light: Light times matte at no displacement; shape `(channels, rows, period)`.
-        displacement: Its displacement at each time of the exposure, px; shape `(q,)`.
-        speed: px/s.
+        light: Light times matte at no displacement.
+        displacement: Its displacement at each time of the exposure; px.
+        speed: Its speed; px/s.
         left: Column of the sensor of its first column.
         num_columns: Columns before it is continued.
         rows: Rows of the sensor that it covers.
     """
 
-    light: np.ndarray
-    displacement: np.ndarray
+    light: Float[np.ndarray, "channels rows period"]
+    displacement: Float[np.ndarray, "q"]
     speed: float
     left: int
     num_columns: int
@@ -73,7 +74,7 @@ def expose_layers(
     $g = \int w(t) \sum_l (\alpha_l C_l)(x - d_l) \prod_{m > l} (1 - \alpha_m(x - d_m))\,dt$ with
     displacements $d_l(t)$: the time integral of the composite, not a composite of blurred
     layers. Light and mattes are continuous, band-limited functions through their pixels, so that
-    an edge is as sharp as the pixels are; the optics cut off what is finer in the composite.
+    an edge is as sharp as the pixels are; the optics cut off finer detail of the composite.
 
     Each layer is added blurred as if nothing hid it, and its hidden parts are taken away. In the
     layer's own frame these are images $u(t)$, which change as the layers in front move relative
@@ -82,7 +83,7 @@ def expose_layers(
 
     $\hat g(f) = \sum_j \hat u(t_j, f) \int w(t)\,\varphi(t - t_j)\,e^{-2\pi i f d_l(t)}\,dt$.
 
-    Layers that nobody sees are left out, and equal colours are computed once.
+    Layers that are not `visible_layers` are left out, and equal colours are computed once.
 
     Args:
         layers: The scene, in linear light.
@@ -95,19 +96,19 @@ def expose_layers(
         `layers.shape`.
     """
     shape, dtype = layers.shape, layers.layers[0].picture.light.dtype
-    layers = seen_layers(_in_one_colour(layers) if _is_grey(layers) else layers, motion)
+    layers = visible_layers(_in_one_colour(layers) if _is_grey(layers) else layers, motion)
     exposure = _exposure_of(layers, motion, shutter, optics)
     rows, columns, channels = layers.shape
     total = np.zeros((channels, rows, columns))
     for index in range(len(layers.layers)):
-        seen = _seen(layers, index, exposure)
-        period = seen.light.shape[-1]
-        response = _responses(seen, exposure, exposure.light[None], period)
-        whole = np.fft.irfft(np.fft.rfft(seen.light) * response, period)
-        _add(total[:, seen.rows], whole, seen, seen.left)
-        front = [m for m in layers.layers[index + 1 :] if _shared(m, seen.rows)]
+        image = _image(layers, index, exposure)
+        period = image.light.shape[-1]
+        response = _responses(image, exposure, exposure.weight[None], period)
+        irradiance = np.fft.irfft(np.fft.rfft(image.light) * response, period)
+        _add(total[:, image.rows], irradiance, image, image.left)
+        front = [m for m in layers.layers[index + 1 :] if _overlaps(m, image.rows)]
         if front:
-            _hide(total, seen, front, exposure)
+            _hide(total, image, front, exposure)
     light = np.moveaxis(total, 0, -1).astype(dtype)
     return np.ascontiguousarray(np.broadcast_to(light, shape))
 
@@ -124,12 +125,12 @@ def _exposure_of(
     fastest = max(abs(layer.speed - v) for layer in layers.layers)
     # Images that change while they are displaced ask for as many nodes once more.
     num_nodes = nodes_for(2 * (float(motion.speed_gain) + fastest) * half)
-    tau, light = (np.asarray(x)[0] for x in light_in_time(shutter, motion, num_nodes))
+    tau, weight = (np.asarray(x)[0] for x in light_in_time(shutter, motion, num_nodes))
     time = tau * half
-    return _Exposure(time, light, np.asarray(motion.position(time)), optics)
+    return _Exposure(time, weight, np.asarray(motion.position(time)), optics)
 
 
-def _seen(layers: Layers, index: int, exposure: _Exposure) -> _Seen:
+def _image(layers: Layers, index: int, exposure: _Exposure) -> _Image:
     layer, (num_rows, _, channels) = layers.layers[index], layers.shape
     top, left = (layer.top, layer.left) if index else (0, 0)
     rows = slice(max(top, 0), min(top + _height(layer), num_rows))
@@ -138,100 +139,109 @@ def _seen(layers: Layers, index: int, exposure: _Exposure) -> _Seen:
     light = np.broadcast_to(light, (channels, *light.shape[1:])) * layer.matte[own_rows]
     border = "zero" if index else layers.border
     displacement = exposure.path - layer.speed * exposure.time
-    period = period_of(light.shape[-1], _reach(displacement), border)
-    whole = continued(light, period, border)
-    return _Seen(whole, displacement, layer.speed, left, light.shape[-1], rows)
+    num_columns = light.shape[-1]
+    period = period_of(num_columns, _reach(displacement), border)
+    light = continued(light, period, border)
+    return _Image(light, displacement, layer.speed, left, num_columns, rows)
 
 
 def _reach(displacement: np.ndarray) -> int:
     return int(np.ceil(np.max(np.abs(displacement))))
 
 
-def _responses(seen: _Seen, exposure: _Exposure, light: np.ndarray, period: int) -> np.ndarray:
-    """Responses of the pixels to a layer, on the grid of a DFT, under some lights; `(n, k)`."""
+def _responses(
+    image: _Image, exposure: _Exposure, weights: Float[np.ndarray, "n q"], period: int
+) -> Complex[np.ndarray, "n k"]:
+    """Responses of the pixels to a layer, on the grid of a DFT, for some weights of the nodes."""
     count = period // 2 + 1
     aperture = np.sinc(np.arange(count) / period) * exposure.optics.response(period)
-    return np.asarray(waves_on_dft(seen.displacement[None], light, period, count)) * aperture
+    return np.asarray(waves_on_dft(image.displacement[None], weights, period, count)) * aperture
 
 
-def _add(total: np.ndarray, light: np.ndarray, seen: _Seen, left: int) -> None:
+def _add(total: np.ndarray, light: np.ndarray, image: _Image, left: int) -> None:
     """Add periodic light whose first column lies at `left` to some rows of the sensor."""
-    first = max(seen.left - seen.aside, 0)
-    last = min(seen.left + seen.num_columns + seen.aside, total.shape[-1])
+    first = max(image.left - image.aside, 0)
+    last = min(image.left + image.num_columns + image.aside, total.shape[-1])
     if first < last:
         total[..., first:last] += light[..., np.arange(first - left, last - left) % light.shape[-1]]
 
 
-def _hide(total: np.ndarray, seen: _Seen, front: Sequence[Layer], exposure: _Exposure) -> None:
+def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _Exposure) -> None:
     """Take away the light of a layer that layers in front of it stop."""
-    first = max(seen.rows.start, min(m.top for m in front))
-    last = min(seen.rows.stop, max(m.top + _height(m) for m in front))
-    rates = [seen.speed - m.speed for m in front]
+    first = max(image.rows.start, min(m.top for m in front))
+    last = min(image.rows.stop, max(m.top + _height(m) for m in front))
+    rates = [image.speed - m.speed for m in front]
     longest, fastest = np.max(np.abs(exposure.time)), max(map(abs, rates))
     way = int(np.ceil(fastest * longest))
     low = max(
-        min(m.left for m in front) - way - seen.left, -seen.aside, -seen.left - 2 * seen.aside
+        min(m.left for m in front) - way - image.left, -image.aside, -image.left - 2 * image.aside
     )
     high = min(
-        max(m.left + m.matte.shape[1] for m in front) + way - seen.left,
-        seen.num_columns + seen.aside,
-        total.shape[-1] - seen.left + 2 * seen.aside,
+        max(m.left + m.matte.shape[1] for m in front) + way - image.left,
+        image.num_columns + image.aside,
+        total.shape[-1] - image.left + 2 * image.aside,
     )
     if low >= high:
         return
     # So much further that no light and no matte comes round to the columns from `low` to `high`.
-    left = low - way - seen.aside
-    period = fast_length(high - low + 2 * (way + seen.aside))
+    origin = low - way - image.aside
+    period = fast_length(high - low + 2 * (way + image.aside))
     finer = 1 + -(-len(front) // 2)
-    column = left + np.arange(finer * period) / finer
-    within = (column >= -seen.aside) & (column < seen.num_columns + seen.aside)
-    times, shares = _instants(exposure, fastest)
+    column = origin + np.arange(finer * period) / finer
+    is_inside = (column >= -image.aside) & (column < image.num_columns + image.aside)
+    times, weights = _instants(exposure, fastest)
     turns = -2j * np.pi / period * np.arange(period // 2 + 1)
     shifts = [np.exp(np.multiply.outer(times * rate, turns)) for rate in rates]
-    responses = _responses(seen, exposure, shares, period)
+    responses = _responses(image, exposure, weights, period)
 
     def hide(begin: int) -> None:
         end = min(begin + _ROWS_AT_ONCE, last)
-        own = seen.light[:, begin - seen.rows.start : end - seen.rows.start]
+        own = image.light[:, begin - image.rows.start : end - image.rows.start]
         light = _finer(np.fft.rfft(own), own.shape[-1], finer)
-        light = light[..., (finer * left + np.arange(finer * period)) % light.shape[-1]] * within
-        mattes = [np.fft.rfft(_placed(m, begin, end, seen.left + left, period)) for m in front]
-        hidden = np.zeros((*light.shape[:2], period // 2 + 1), complex)
+        light = light[..., (finer * origin + np.arange(finer * period)) % light.shape[-1]]
+        light = light * is_inside
+        place = image.left + origin
+        mattes = [np.fft.rfft(_placed(m, begin, end, place, period)) for m in front]
+        loss = np.zeros((*light.shape[:2], period // 2 + 1), complex)
         for index, response in enumerate(responses):
-            moved = [m * shift[index] for m, shift in zip(mattes, shifts, strict=True)]
-            clear = np.prod([1 - _finer(m, period, finer) for m in moved], axis=0)
-            image = np.fft.rfft(light * (1 - clear))[..., : period // 2 + 1]
-            hidden -= image * (response / finer)
-        _add(total[:, begin:end], np.fft.irfft(hidden, period), seen, seen.left + left)
+            shifted = [m * shift[index] for m, shift in zip(mattes, shifts, strict=True)]
+            clearness = np.prod([1 - _finer(m, period, finer) for m in shifted], axis=0)
+            spectrum = np.fft.rfft(light * (1 - clearness))[..., : period // 2 + 1]
+            loss -= spectrum * (response / finer)
+        _add(total[:, begin:end], np.fft.irfft(loss, period), image, place)
 
     for _ in in_threads(hide, range(first, last, _ROWS_AT_ONCE), num_processors()):
         pass
 
 
-def _instants(exposure: _Exposure, fastest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times of images that give those between; the light at each node that each stands for."""
+def _instants(
+    exposure: _Exposure, fastest: float
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n q"]]:
+    """Times of images that give those between, and the weight of each image at each node."""
     step = _STEP / fastest if fastest > 0 else np.inf
     longest = np.max(np.abs(exposure.time))
     if longest < step / _HALF_WIDTH / 1e3:  # nothing moves
-        return np.zeros(1), exposure.light[None]
+        return np.zeros(1), exposure.weight[None]
     count = int(np.ceil(longest / step)) + _HALF_WIDTH
     times = step * np.arange(-count, count + 1)
     apart = (exposure.time[None] - times[:, None]) / step
     inside = np.sqrt(np.maximum(1 - (apart / _HALF_WIDTH) ** 2, 0))
     window = np.where(np.abs(apart) < _HALF_WIDTH, np.i0(_SHARPNESS * inside), 0.0)
-    return times, exposure.light * np.sinc(apart) * window / np.i0(_SHARPNESS)
+    return times, exposure.weight * np.sinc(apart) * window / np.i0(_SHARPNESS)
 
 
 def _finer(spectrum: np.ndarray, period: int, finer: int) -> np.ndarray:
-    """Periodic rows, of which the DFT is given, at a multiple of their columns."""
-    whole = spectrum.copy()
+    """Periodic rows, from their DFT, at a multiple of their columns."""
+    one_sided = spectrum.copy()
     if period % 2 == 0:  # half of it belongs to the negative frequency
-        whole[..., -1] /= 2
-    return finer * np.fft.irfft(whole, finer * period)
+        one_sided[..., -1] /= 2
+    return finer * np.fft.irfft(one_sided, finer * period)
 
 
-def _placed(layer: Layer, first: int, last: int, left: int, period: int) -> np.ndarray:
-    """A matte on some rows and columns of the sensor, clear where it is not; `(rows, period)`."""
+def _placed(
+    layer: Layer, first: int, last: int, left: int, period: int
+) -> Float[np.ndarray, "rows {period}"]:
+    """A matte on some rows and columns of the sensor, clear where it is not."""
     matte = np.zeros((last - first, period))
     top, aside = layer.top - first, layer.left - left
     rows = slice(max(top, 0), min(top + _height(layer), last - first))
@@ -246,7 +256,7 @@ def _height(layer: Layer) -> int:
     return layer.picture.light.shape[0]
 
 
-def _shared(layer: Layer, rows: slice) -> bool:
+def _overlaps(layer: Layer, rows: slice) -> bool:
     return layer.top < rows.stop and layer.top + _height(layer) > rows.start
 
 
@@ -266,11 +276,11 @@ def _in_one_colour(layers: Layers) -> Layers:
     return replace(layers, layers=tuple(one))
 
 
-def seen_layers(layers: Layers, motion: AbstractMotion) -> Layers:
+def visible_layers(layers: Layers, motion: AbstractMotion) -> Layers:
     """Layers without those that are clear, or too far off the sensor."""
     first, *others = layers.layers
-    seen = [layer for layer in others if not _is_off(layers, layer, motion)]
-    return replace(layers, layers=(first, *seen))
+    visible = [layer for layer in others if not _is_off(layers, layer, motion)]
+    return replace(layers, layers=(first, *visible))
 
 
 def _is_off(layers: Layers, layer: Layer, motion: AbstractMotion) -> bool:

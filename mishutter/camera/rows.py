@@ -1,4 +1,4 @@
-"""Pictures as rows of a continuous, band-limited scene, and what lies beyond a row's ends.
+"""Pictures as rows of a continuous, band-limited scene, and their continuation beyond the ends.
 
 Arrays hold rows on their last axis. A row of `W` pixels becomes one period of a periodic row, of
 which the discrete Fourier transform is the spectrum of the band-limited scene through its pixels.
@@ -8,12 +8,12 @@ from typing import Any, Literal, get_args
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import is_concrete, namespace_of, require
 
 Planes = Array | np.ndarray
-"""Rows of light: of NumPy where they are known, which no program is compiled to move about."""
+"""Rows of light: of NumPy where they are concrete, so that moving them compiles no program."""
 Border = Literal["scene", "reflect", "edge", "wrap", "zero"]
 PAD_MODES = {"reflect": "symmetric", "edge": "edge", "wrap": "wrap", "zero": "constant"}
 MARGIN = 64
@@ -21,7 +21,7 @@ MARGIN = 64
 
 
 def require_border(subject: str, border: object) -> None:
-    """Refuse the name of a border rule that is not known."""
+    """Refuse an unknown border rule."""
     names = get_args(Border)
     require(border in names, subject, f"be one of {', '.join(names)}", border)
 
@@ -60,8 +60,10 @@ def continued(rows: Any, period: int, border: str) -> Any:
     return space.pad(rows, [(0, 0)] * (rows.ndim - 1) + [(0, period - columns)])
 
 
-def blurred(rows: Array, response: ArrayLike) -> Array:
-    """Periodic rows through a response on the grid of their DFT; shape of `rows`."""
+def blurred(
+    rows: Float[Array, "*planes columns"], response: ArrayLike
+) -> Float[Array, "*planes columns"]:
+    """Periodic rows through a response on the grid of their DFT."""
     spectrum = jnp.fft.rfft(rows)
     return jnp.fft.irfft(spectrum * along_rows(response, spectrum), rows.shape[-1])
 
@@ -89,7 +91,7 @@ def _is_smooth(number: int) -> bool:
 def rows_last(light: ArrayLike) -> Planes:
     """A picture `(..., rows, columns, channels)` or `(rows, columns)`, columns last.
 
-    The result has the shape `(..., channels, rows, columns)`; NumPy's of a picture that is known.
+    The result has the shape `(..., channels, rows, columns)`; NumPy's of a concrete picture.
     """
     space, picture = _in_its_space(light)
     picture = picture[..., None] if picture.ndim == 2 else picture
@@ -104,5 +106,5 @@ def channels_last(planes: Planes, like: ArrayLike) -> Planes:
 
 
 def _in_its_space(light: Any) -> tuple[Any, Any]:
-    """NumPy and its array of rows that are known, JAX's NumPy and the rows of others."""
+    """NumPy and its array of concrete rows; JAX's NumPy and the rows where they are traced."""
     return (np, np.asarray(light)) if is_concrete(light) else (jnp, light)

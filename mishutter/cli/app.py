@@ -213,8 +213,8 @@ def optimise(
     with kept(lambda: _saved(scene_file, folder)):
         if folder is not None:
             design.save(folder / "design.json")
-        result = _compared(scene, design.motion, {"optimised": design}, chosen, *tried)
-        _deliver(replace(result, design=design), folder, json)
+        result = _compared(scene, design.motion, {"optimised": design}, chosen)
+        _deliver(replace(result, design=design), folder, json, *tried)
 
 
 def _saved(scene_file: Path | None, folder: Path | None) -> str:
@@ -283,8 +283,8 @@ def compare(
     folder = None if out is None else writable_folder(out)
     tried = noise_seeds, every_photograph
     with kept(lambda: AGAIN):
-        result = _compared(scene, motion, saved | windows, loss_of(loss, scene), *tried)
-        _deliver(result, folder, json)
+        result = _compared(scene, motion, saved | windows, loss_of(loss, scene))
+        _deliver(result, folder, json, *tried)
 
 
 for _command, _group in (
@@ -304,43 +304,72 @@ def _compared(
     motion: "AbstractMotion",
     given: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
-    num_seeds: int,
-    every: bool,
 ) -> "Report":
     from mishutter.model import baselines
-    from mishutter.report import Report, photograph_of, photographs, shown_rows
+    from mishutter.report import Report
     from mishutter.report import compare as beside_baselines
 
     total = len({*given, *baselines()}) + 3
     with progress_bar("comparing", total) as update:
         comparison = beside_baselines(scene, motion, given, loss=loss, step=_counting(update))
-    rows = shown_rows(comparison, tuple(given))
-    picture = photograph_of(scene, rows, note=note) if num_seeds > 0 else None
+    return Report(scene, comparison, tuple(given))
+
+
+def _deliver(
+    result: "Report", folder: Path | None, as_json: bool, num_seeds: int, every: bool
+) -> None:
+    """The verdict and its tables as soon as they are known, then photographs, then files."""
+    from mishutter.cli.tables import print_comparison, print_photographs
+    from mishutter.report import background_line, document, write_report
+
+    if not as_json:
+        with may_be_left():  # files are written for whoever has read enough, too
+            print_comparison(result)
+    result = _before_backgrounds(result)
+    if result.backgrounds and not as_json:
+        with may_be_left():
+            print_text(f"{background_line(result.backgrounds)}\n")
+    result = _photographed(result, num_seeds, every)
+    if result.photographs is not None and not as_json:
+        with may_be_left():
+            print_photographs(result.photographs.levels)
+    files = []
+    if folder is not None:
+        files = write_report(result, folder, wrote=lambda name: note(f"wrote {folder / name}"))
+    if as_json:
+        write_json(document(result) | {"files": files})
+
+
+def _before_backgrounds(result: "Report") -> "Report":
+    """A comparison with what is left of its gain where part of the picture stands still."""
+    from mishutter.report import STILL_SHARES, background_gains
+
+    row = result.comparison.rows[0]
+    if row.at_worst or row.speed != "unknown":
+        return result
+    with progress_bar("before a background", len(STILL_SHARES)) as update:
+        gains = background_gains(result.scene, step=_counting(update))
+    return replace(result, backgrounds=gains)
+
+
+def _photographed(result: "Report", num_seeds: int, every: bool) -> "Report":
+    """A comparison with what the scene's photograph shows of it."""
+    from mishutter.report import photograph_of, photographs, shown_rows
+
+    rows = shown_rows(result.comparison, result.names)
+    picture = photograph_of(result.scene, rows, note=note) if num_seeds > 0 else None
     if picture is None:
-        return Report(scene, comparison, tuple(given))
+        return result
     with progress_bar("photograph", len(rows)) as update:
         step = _counting(update)
-        shown = photographs(picture, scene, rows, num_seeds, every=every, update=step)
-    return Report(scene, comparison, tuple(given), shown)
+        shown = photographs(picture, result.scene, rows, num_seeds, every=every, update=step)
+    return replace(result, photographs=shown)
 
 
 def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
     """A callback that takes names of what is done and moves a bar on by one each time."""
     count = itertools.count(1)
     return lambda name: update(next(count), name)
-
-
-def _deliver(result: "Report", folder: Path | None, as_json: bool) -> None:
-    from mishutter.cli.tables import print_report
-    from mishutter.report import document, write_report
-
-    files = [] if folder is None else write_report(result, folder)
-    if as_json:
-        write_json(document(result) | {"files": files})
-    else:
-        print_report(result)
-    if files:
-        note(f"{folder}: {', '.join(files)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

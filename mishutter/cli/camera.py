@@ -113,17 +113,15 @@ def simulate(
     middle_ms: MiddleOption = 0.0,
     closed: ClosedOption = None,
     opened: OpenOption = None,
-    speed: Annotated[
-        float,
+    speed_text: Annotated[
+        str,
         typer.Option(
             "--speed",
-            metavar="PX_PER_S",
-            min=-1e7,
-            max=1e7,
+            metavar="SPEED",
             rich_help_panel=PICTURES,
-            help="Speed of a photograph, px/s.",
+            help="Speed of a photograph: px/s, or with its unit, as 0.9m/s, 0.9mm/s or 3deg/s.",
         ),
-    ] = 0.0,
+    ] = "0",
     decoder: Annotated[
         DecoderName,
         typer.Option(
@@ -192,11 +190,12 @@ def simulate(
     start_jax()
     import jax
 
-    from mishutter.model import Picture, named_shutter, write_picture
+    from mishutter.model import Picture, named_shutter, read_speed, write_picture
     from mishutter.report import motion_text, plot_capture, save_figure, shown_name
     from mishutter.restore import capture_and_restore
 
     scene = scene_of(scene_file)
+    speed = read_speed(speed_text, scene_file, "--speed")
     known = cameras(scene, files_of_camera)
     chosen = list(known.values())[-1] if known else None
     motion = scene.motion if chosen is None else chosen.motion

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from mishutter._core import require
 from mishutter.cli.console import note
 from mishutter.cli.help import CAMERA
 from mishutter.cli.options import as_path
@@ -165,6 +166,7 @@ def cameras(scene: "Scene", files: Files) -> "dict[str, Design]":
     """The camera as designed, as driven and as measured, as far as there is a file of each."""
     from mishutter.hardware import GIVEN, Design
 
+    _require_table(files)
     found: dict[str, Design] = {}
     motion = scene.motion
     if files.design is not None:
@@ -189,6 +191,20 @@ def cameras(scene: "Scene", files: Files) -> "dict[str, Design]":
     if files.measured is not None:
         found[AS_MEASURED] = _measured(scene, motion, files, files.measured)
     return found
+
+
+def _require_table(files: Files) -> None:
+    """Refuse what is told of a drive table where there is none."""
+    told = {
+        "--half-exposure-ms": files.half_exposure_ms,
+        "--position-scale-px": files.position_scale_px,
+        "--drive-steps": files.num_steps,
+    }
+    requirement = (
+        "stand beside --drive: a trace is as long as the design's exposure, or the scene's"
+    )
+    for name, value in told.items():
+        require(files.drive is not None or value is None, name, requirement, value)
 
 
 def _measured(scene: "Scene", motion: "AbstractMotion", files: Files, path: Path) -> "Design":

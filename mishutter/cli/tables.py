@@ -1,4 +1,4 @@
-"""The comparison as a terminal shows it: tables, the photograph's, the verdict."""
+"""The comparison as a terminal shows it: the verdict, its tables, the photograph's."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from mishutter.search import Row
 
 
-def print_report(report: "Report") -> None:
-    """The verdict, the comparison and the photograph's table, on standard output."""
+def print_comparison(report: "Report") -> None:
+    """The verdict, its tables and how the search ended, on standard output."""
     from mishutter.search import OWN_BEST_MOTION, fills
 
     comparison = report.comparison
@@ -41,10 +41,8 @@ def print_report(report: "Report") -> None:
             if full:
                 print_text(f"White fills a pixel on this motion: {', '.join(full)}.")
         print_text()
-    if report.photographs is not None:
-        _print_photographs(report.photographs.levels)
     if report.design is not None:
-        print_text(_design_line(report.design))
+        print_text(f"{_design_line(report.design)}\n")
 
 
 COLUMNS = (
@@ -150,9 +148,10 @@ def _condition_note(rows: "list[Row]") -> str:
     return f"Condition at {most}{''.join(others)}."
 
 
-def _print_photographs(
+def print_photographs(
     photographs: "Mapping[str, Mapping[str, RestoredPhotograph]]",
 ) -> None:
+    """How well each design restored the scene's photograph, by decoder, on standard output."""
     results = next(iter(photographs.values()))
     speeds = next(iter(results.values())).speeds
     if len(photographs) == 1:
@@ -177,7 +176,6 @@ def _print_photographs(
     print_table(f"{title}: PSNR dB, linear light, own best motion", ["shutter", *columns], rows)
     if len(photographs) == 1:
         print_text(_OF_PHOTOGRAPH)
-    print_text()
 
 
 _OF_PHOTOGRAPH = (

@@ -1,5 +1,6 @@
 """Evaluation of a design: needs of a scene, response, metrics and losses."""
 
+from mishutter.evaluation.batch import ERRORS_BY_LIGHT as ERRORS_BY_LIGHT
 from mishutter.evaluation.batch import KERNEL_METRICS as KERNEL_METRICS
 from mishutter.evaluation.batch import SPECTRUM_METRICS as SPECTRUM_METRICS
 from mishutter.evaluation.batch import LightLevels as LightLevels
@@ -14,7 +15,7 @@ from mishutter.evaluation.batch import sizes_of as sizes_of
 from mishutter.evaluation.bursts import best_burst as best_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
-from mishutter.evaluation.layers import LEAST_EFFECTIVE_SPEEDS as LEAST_EFFECTIVE_SPEEDS
+from mishutter.evaluation.layers import SEARCHED_EFFECTIVE_SPEEDS as SEARCHED_EFFECTIVE_SPEEDS
 from mishutter.evaluation.layers import Frequencies as Frequencies
 from mishutter.evaluation.layers import RowsAtRest as RowsAtRest
 from mishutter.evaluation.layers import background_of as background_of

@@ -23,7 +23,12 @@ from mishutter.evaluation.lengths import (
     num_frequencies,
     occurring_speeds,
 )
-from mishutter.evaluation.metrics import bound_share, differences_from, expected_squared_error
+from mishutter.evaluation.metrics import (
+    bound_share,
+    differences_from,
+    expected_squared_error,
+    worst_squared_error,
+)
 from mishutter.evaluation.needs import Plan, effective_speeds, folds_speeds, reduced, sized_for
 from mishutter.evaluation.response import (
     Records,
@@ -46,7 +51,12 @@ from mishutter.model import (
 )
 
 KERNEL_METRICS = ("condition_number", "kernel_difference", "relative_kernel_difference")
-SPECTRUM_METRICS = ("expected_psnr", "bound_share")
+ERRORS_BY_LIGHT = {
+    "expected_psnr": expected_squared_error,
+    "worst_speed_psnr": worst_squared_error,
+}
+"""Squared errors that a PSNR is of, by its name: they depend on light and noise."""
+SPECTRUM_METRICS = (*ERRORS_BY_LIGHT, "bound_share")
 _TAPS = 64
 """Taps that are done at a time."""
 _DESIGNS_A_CALL = 64
@@ -277,7 +287,7 @@ def measure(
         rules: Its rules; of its coordinates where each design has its own.
         shapes: Sizes that hold all designs.
         sizes: Sizes that each design asks for.
-        metrics: Which are wanted. Expected PSNRs have the shape `(n, p, r)`, others `(n,)`.
+        metrics: Which are wanted. PSNRs have the shape `(n, p, r)`, others `(n,)`.
         light: Light and noise that each design is measured in.
         boxes: Coordinates of each design's own shutter, shape `(n, k)`, where the rules are of
             `k + 1`: of a closed one and of each coordinate open; None for one shutter.
@@ -415,15 +425,15 @@ def _picture_numbers(
         nothing = jnp.zeros(0, box.dtype)
         response = Response(nothing, nothing, nothing, spectra, efficiency)
 
-        def error(pair: tuple[Array, Array]) -> Array:
+        def psnr(pair: tuple[Array, Array]) -> dict[str, Array]:
             lit = eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene, pair)
-            return expected_squared_error(lit, motion, response)
+            wanted = {name: ERRORS_BY_LIGHT[name] for name in metrics if name in ERRORS_BY_LIGHT}
+            errors = {name: error(lit, motion, response) for name, error in wanted.items()}
+            return {name: -10 * jnp.log10(error) for name, error in errors.items()}
 
-        found = {}
-        if "expected_psnr" in metrics:
-            shape = light.photon_rates.size, light.read_noises.size
-            errors = jax.lax.map(error, (rates, noises)).reshape(shape)
-            found["expected_psnr"] = -10 * jnp.log10(errors)
+        shape = light.photon_rates.size, light.read_noises.size
+        levels = jax.lax.map(psnr, (rates, noises))
+        found = {name: level.reshape(shape) for name, level in levels.items()}
         if "bound_share" in metrics:
             found["bound_share"] = bound_share(scene, motion, response)
         return found

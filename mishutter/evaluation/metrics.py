@@ -99,7 +99,11 @@ class Metrics(eqx.Module):
         return jnp.where(told == untold, untold, untold + FOUND_SHARE * (told - untold))
 
     def psnr_of(self, decoder_speed: DecoderSpeed) -> Array:
-        """PSNR expected of the decoder that knows so much of the speed; dB."""
+        """PSNR expected of the decoder that knows so much of the speed; dB.
+
+        Args:
+            decoder_speed: What the decoder knows of the speed: `"unknown"`, `"found"` or `"told"`.
+        """
         levels = {
             "unknown": self.expected_psnr,
             "found": self.found_speed_psnr,
@@ -212,7 +216,7 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
         efficiency=response.efficiency,
         expected_psnr=-10 * jnp.log10(expected_squared_error(scene, motion, response)),
         known_speed_psnr=-10 * jnp.log10(known_speed_squared_error(scene, motion, response)),
-        worst_speed_psnr=-10 * jnp.log10(_worst_squared_error(scene, motion, response)),
+        worst_speed_psnr=-10 * jnp.log10(worst_squared_error(scene, motion, response)),
         bound_share=bound_share(scene, motion, response),
         phase=jnp.asarray(kernel_phase(motion, plan.num_taps), response.efficiency.dtype),
         dft_length=plan.dft_length,
@@ -542,7 +546,8 @@ def squared_errors_by_speed(
     return (of_kept + jnp.sum(power[num_kept:])) / num_frequencies
 
 
-def _worst_squared_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
+def worst_squared_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
+    """The `expected_squared_error` at the worst of the speeds that occur; scalar."""
     errors = squared_errors_by_speed(scene, motion, response)
     return jnp.max(jnp.where(scene.weights > 0, errors, 0.0))
 

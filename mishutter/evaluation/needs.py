@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import Array
 
 from mishutter._core import all_concrete, is_concrete, primal_values, require
 from mishutter.blur import default_num_frequencies
@@ -21,6 +21,7 @@ from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.layers import (
     BEAT_STEP,
     LEAST_EFFECTIVE_SPEEDS,
+    SEARCHED_EFFECTIVE_SPEEDS,
     Frequencies,
     background_of,
     num_effective_speeds,
@@ -46,8 +47,6 @@ from mishutter.model import (
     seen_from,
 )
 
-_COARSE = 65
-"""Effective speeds that a search takes."""
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
@@ -133,6 +132,9 @@ class Plan:
     def from_dict(data: Mapping[str, Any]) -> "Plan":
         """The plan that `to_dict` wrote.
 
+        Args:
+            data: What `to_dict` gave.
+
         Raises:
             KeyError: if `data` is not such a plan.
             TypeError: if it holds more than one.
@@ -170,16 +172,12 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
 
 
 def coarser(plan: Plan) -> Plan:
-    """A plan with as many effective speeds as tell designs apart, as a search takes it.
-
-    The longer the exposure, the less exact: by 0.01 dB where objects travel over 40 px, as those
-    of designs worth building do, by up to 0.1 dB over 80 px. A design that is found is measured
-    with all of them.
-    """
-    return replace(plan, num_effective_speeds=min(plan.num_effective_speeds, _COARSE))
+    """A plan with as many effective speeds as a search takes, which tell designs apart."""
+    count = min(plan.num_effective_speeds, SEARCHED_EFFECTIVE_SPEEDS)
+    return replace(plan, num_effective_speeds=count)
 
 
-def effective_speeds(scene: Scene, half_exposure: ArrayLike) -> int:
+def effective_speeds(scene: Scene, half_exposure: Array | np.ndarray | np.floating | float) -> int:
     """Effective speeds of two layers by half an exposure, s, or the longest in limits if traced.
 
     There are two numbers of them an octave, so that near exposures share a program.

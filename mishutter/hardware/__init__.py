@@ -1,4 +1,4 @@
-"""What is sent to hardware and measured of it: design files, drive tables, traces, calibration."""
+"""Designs in a laboratory: design files, drive tables, traces and calibration."""
 
 from mishutter.hardware.calibration import FittedCamera as FittedCamera
 from mishutter.hardware.calibration import SensorLevels as SensorLevels

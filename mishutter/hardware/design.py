@@ -1,4 +1,4 @@
-"""A finished design: kept, written to one file, and read back to the same numbers."""
+"""A finished design, and the file that it is written to and read back from exactly."""
 
 import json
 from dataclasses import dataclass, fields
@@ -59,20 +59,19 @@ GIVEN = "none: the camera is given"
 
 @dataclass(frozen=True)
 class Design:
-    """A shutter and a motion, how good they are, and how they were found.
+    """A shutter and a motion, their quality, and the search that led to them.
 
     Attributes:
-        shutter: The transmittance that light sees.
+        shutter: The transmittance behind the device.
         motion: The sensor's motion.
         scene: The scene it was designed for.
         loss: Final loss.
-        history: Smallest loss known so far: after each start, each minimisation, and each step
-            of a polish.
+        history: Smallest loss after each start, each minimisation, and each step of a polish.
         converged: Whether the search met its tolerance.
-        outcome: How the search ended, in a sentence.
+        outcome: A sentence about the end of the search.
         certificate: Projected-gradient norm in the unit box of designs; where limits of the
             motion meet, by the slopes that lead down on either side.
-        loss_name: The loss that was made small.
+        loss_name: The loss that was minimised.
         best_start_loss: Smallest loss among the starts.
         plan: The plan of the search; None where that is not known.
         straight: The best design without acceleration, where the search has set one beside
@@ -149,6 +148,9 @@ class Design:
     def save(self, path: str | Path) -> None:
         """Write the design to one JSON file, whole or not at all.
 
+        Args:
+            path: The file.
+
         Raises:
             ValueError: if the shutter is of a kind that the file format does not know.
             OSError: if the file cannot be written.
@@ -158,6 +160,9 @@ class Design:
     @staticmethod
     def load(path: str | Path) -> "Design":
         """Read a design; its metrics are evaluated anew.
+
+        Args:
+            path: The file.
 
         Raises:
             ValueError: if the file is not a design of this format.
@@ -203,23 +208,26 @@ class Design:
             OSError: if the file cannot be read.
         """
         require_scene(scene)
-        wanted = scene.motion if motion is None else motion
+        intended = scene.motion if motion is None else motion
         drive = read_drive(
             path,
-            scene.limits.of_stage(wanted),
+            scene.limits.of_stage(intended),
             half_exposure=half_exposure,
             position_scale=position_scale,
             floor=floor,
             ceiling=ceiling,
             num_steps=num_steps,
         )
-        made = drive.motion
-        if scene.limits.pans == "camera" and not is_known_zero(wanted.velocity):
-            made = panned(made, made.velocity + wanted.velocity)
-        return given_design(scene, made, drive.shutter, f"Read from {Path(path).name}.")
+        actual = drive.motion
+        if scene.limits.pans == "camera" and not is_known_zero(intended.velocity):
+            actual = panned(actual, actual.velocity + intended.velocity)
+        return given_design(scene, actual, drive.shutter, f"Read from {Path(path).name}.")
 
     def write_profile(self, path: str | Path) -> None:
         """Write the profile as CSV with a line of units: time, normalised time, transmittance.
+
+        Args:
+            path: The file.
 
         Raises:
             OSError: if the file cannot be written.
@@ -242,23 +250,23 @@ def given_design(
     *,
     is_measured: bool = False,
 ) -> Design:
-    """A camera that is given, as hardware or as measurements, rather than searched for.
+    """A design of an existing camera, from hardware or measurements, without a search.
 
     Args:
         scene: The scene that it is measured on.
         motion: Its motion.
         shutter: The profile that it is sent.
-        outcome: Where it comes from, in a sentence.
-        is_measured: Whether the profile is that of light, which has been through the device: its
-            lag is in the profile already, and its transmission and leakage are not.
+        outcome: A sentence about its origin.
+        is_measured: Whether the profile was measured behind the device: it has the device's lag
+            already, and not its transmission and leakage.
     """
     if is_measured and scene.device is not None:
         dtype = np.dtype(scene.speeds.dtype)
-        light = scene.device.without_lag.light(shutter, motion.half_exposure, dtype)
+        transmittance = scene.device.without_lag.light(shutter, motion.half_exposure, dtype)
     else:
-        light = scene.light(shutter, motion)
+        transmittance = scene.light(shutter, motion)
     return Design(
-        shutter=light,
+        shutter=transmittance,
         motion=motion,
         scene=scene,
         loss=np.nan,
@@ -318,8 +326,8 @@ def _built(file: SavedDesign) -> Design:
         "tolerances": Tolerances,
         "occlusion": Occlusion,
     }
-    made = {name: kind(**scene[name]) for name, kind in kinds.items() if scene[name] is not None}
-    scene |= made | {"motion": motion}
+    objects = {name: kind(**scene[name]) for name, kind in kinds.items() if scene[name] is not None}
+    scene |= objects | {"motion": motion}
     whole = Scene(**scene)
     parts = {
         "shutter": whole.light(shutter_from_dict(file.shutter.model_dump()), motion),
@@ -333,12 +341,18 @@ def _built(file: SavedDesign) -> Design:
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:
-    numbers = {"half_exposure": saved.half_exposure, "velocity": saved.velocity}
-    if saved.kind == "FreeMotion":
-        path = saved.model_dump(include={"accelerations", "durations"})
-        return FreeMotion(**path, **numbers)
-    if saved.kind == "ParabolicMotion":
-        return ParabolicMotion(acceleration=saved.acceleration, **numbers)  # type: ignore[arg-type]
+    half, velocity = saved.half_exposure, saved.velocity
+    if saved.kind == "FreeMotion" and saved.accelerations is not None:
+        return FreeMotion(
+            accelerations=saved.accelerations,
+            half_exposure=half,
+            velocity=velocity,
+            durations=saved.durations,
+        )
+    if saved.kind == "ParabolicMotion" and saved.acceleration is not None:
+        return ParabolicMotion(
+            acceleration=saved.acceleration, half_exposure=half, velocity=velocity
+        )
     if saved.kind == "LinearMotion":
-        return LinearMotion(**numbers)
-    return StillCamera(half_exposure=saved.half_exposure)
+        return LinearMotion(half_exposure=half, velocity=velocity)
+    return StillCamera(half_exposure=half)

@@ -1,4 +1,4 @@
-"""The keys of a saved design: what a file is checked by, and what it is written from."""
+"""The schema by which a design's file is written and checked."""
 
 import math
 from dataclasses import fields, is_dataclass
@@ -120,7 +120,7 @@ class SavedSwitchedShutter(Part):
 
 
 def _as_arguments(value: Any) -> Any:
-    """A device as its arguments, which tell what it is."""
+    """A device as its arguments, which tell its kind."""
     if not is_dataclass(value):
         return value
     return {field.name: getattr(value, field.name) for field in fields(value)}

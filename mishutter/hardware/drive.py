@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float, Int
 
 from mishutter._core import (
     common_dtype,
@@ -32,7 +33,7 @@ from mishutter.model import (
 )
 
 _NUM_STEPS, _NUM_LEVELS = 256, 256
-"""Of a table for a device that asks for no number of its own."""
+"""Steps and levels of a table for a device that asks for no number of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,18 +42,18 @@ class DriveTable:
 
     Attributes:
         design: The design that is driven.
-        begin: Beginning of each step, from mid-exposure; s, shape `(n,)`.
-        wanted: Mean over each step of the profile that the design sends; shape `(n,)`.
-        level: Drive level of each step; whole numbers, shape `(n,)`.
-        transmittance: Transmittance at that level; shape `(n,)`.
-        num_levels: How many levels there are.
+        begin: Beginning of each step, from mid-exposure; s.
+        wanted: Mean over each step of the profile that the design sends.
+        level: Drive level of each step.
+        transmittance: Transmittance at that level.
+        num_levels: Number of levels.
     """
 
     design: Design
-    begin: np.ndarray
-    wanted: np.ndarray
-    level: np.ndarray
-    transmittance: np.ndarray
+    begin: Float[np.ndarray, "n"]
+    wanted: Float[np.ndarray, "n"]
+    level: Int[np.ndarray, "n"]
+    transmittance: Float[np.ndarray, "n"]
     num_levels: int
 
     def __repr__(self) -> str:
@@ -65,12 +66,12 @@ class DriveTable:
         return float(self.design.motion.exposure)
 
     @property
-    def position(self) -> np.ndarray:
+    def position(self) -> Float[np.ndarray, "n"]:
         """Position of the stage at the beginning of each step, without a pan of the camera; px."""
         return np.asarray(self._of_stage.position(self.begin))
 
     @property
-    def velocity(self) -> np.ndarray:
+    def velocity(self) -> Float[np.ndarray, "n"]:
         """Velocity of the stage there; px/s."""
         return np.asarray(self._of_stage.velocity_at(self.begin))
 
@@ -92,7 +93,7 @@ class DriveTable:
         return evaluate(self.design.scene, self.design.motion, self.shutter())
 
     def blind_metrics(self) -> Metrics | None:
-        """Metrics of the design where its stage is sent the path itself, not what `stage_csv` says.
+        """Metrics of the design where its stage is sent the path itself, not that of `stage_csv`.
 
         None where the scene does not say how its stage follows, or its limits no `stage_path`.
         """
@@ -100,15 +101,22 @@ class DriveTable:
         path = scene.limits.stage_path(self.design.motion)
         if scene.stage is None or path is None:
             return None
-        made = scene.stage.made_of(path)
+        actual = scene.stage.made_of(path)
         if scene.limits.pans == "camera":
-            made = panned(made, made.velocity + self.design.motion.velocity)
-        return evaluate(without_tolerances(scene), made, self.design.shutter)
+            actual = panned(actual, actual.velocity + self.design.motion.velocity)
+        return evaluate(without_tolerances(scene), actual, self.design.shutter)
 
     def to_csv(self) -> str:
         """The table as text: a line of names, a line of units, then one a step."""
-        columns = (self.begin * 1e3, self.wanted, self.level, self.transmittance)
-        rows = zip(*columns, self.position, self.velocity, strict=True)
+        rows = zip(
+            self.begin * 1e3,
+            self.wanted,
+            self.level,
+            self.transmittance,
+            self.position,
+            self.velocity,
+            strict=True,
+        )
         lines = [
             "begin,wanted_transmittance,level,transmittance,sensor_position,sensor_velocity",
             "ms,1,1,1,px,px/s",
@@ -121,7 +129,7 @@ class DriveTable:
 
         Rows are at the steps of the table, and as many between each two as make 256 of an exposure
         in fewer steps: a stage that is sent so few positions leaves its path. Where the scene says
-        how its stage follows, the last column is what to send to it. None where the limits have no
+        how its stage follows, the last column is the command for it. None where the limits have no
         `stage_path`.
         """
         path = self.design.scene.limits.stage_path(self.design.motion)
@@ -138,9 +146,9 @@ class DriveTable:
         times = self.begin[0] + step * np.arange(-before, count + after + 1)
         position, velocity = path.at(times)
         index = np.arange(times.size) - before
-        begun, ended = times > path.times[0], times >= path.times[-1]
+        is_begun, is_over = times > path.times[0], times >= path.times[-1]
         parts = np.select(
-            [~begun, index < 0, index < count, ~ended],
+            [~is_begun, index < 0, index < count, ~is_over],
             ["rest", "run-up", "exposure", "run-out"],
             "rest",
         )
@@ -180,7 +188,7 @@ class DriveTable:
         write_bytes(path, drive_bytes(self, form))
 
     def to_dict(self) -> dict[str, Any]:
-        """The table and what is measured of it, as plain numbers."""
+        """The table and its metrics, as plain numbers."""
         blind = self.blind_metrics()
         of_blind = {} if blind is None else {"metrics_of_blind_stage": metrics_to_dict(blind)}
         return {
@@ -224,7 +232,7 @@ def drive_table(
         num_levels: Drive levels, at least 2; by default those of the device, or 256.
         floor: Transmittance of the lowest level.
         ceiling: Transmittance of the highest level, above `floor` and at most 1.
-        carries_error: Whether each step makes up for what those before it lack.
+        carries_error: Whether each step makes up for the errors of those before it.
 
     Raises:
         ValueError: if there is no design, or a count or a transmittance is out of its range.
@@ -245,22 +253,22 @@ def drive_table(
     if num_levels is None:
         num_levels = (device and device.levels) or _NUM_LEVELS
     require_positive_int("drive_table(num_steps=...)", num_steps)
-    few = num_steps <= MAX_STEPS
-    require(few, "drive_table(num_steps=...)", f"be at most {MAX_STEPS}", num_steps)
+    is_short = num_steps <= MAX_STEPS
+    require(is_short, "drive_table(num_steps=...)", f"be at most {MAX_STEPS}", num_steps)
     require_positive_int("drive_table(num_levels=...)", num_levels)
     require(num_levels >= 2, "drive_table(num_levels=...)", "be at least 2", num_levels)
     require_levels("drive_table", floor, ceiling)
     half = float(design.motion.half_exposure)
     dtype = common_dtype(*jax.tree.leaves((design.command, design.motion)))
-    wanted = np.asarray(slot_means(piecewise(design.command), num_steps, dtype), np.float64)
-    steps = (np.clip(ceiling * wanted, floor, ceiling) - floor) / (ceiling - floor)
+    means = np.asarray(slot_means(piecewise(design.command), num_steps, dtype), np.float64)
+    steps = (np.clip(ceiling * means, floor, ceiling) - floor) / (ceiling - floor)
     if carries_error:
         steps = np.asarray(diffused(steps, num_levels))
     level = np.rint(steps * (num_levels - 1)).astype(int)
     return DriveTable(
         design=design,
         begin=(np.arange(num_steps) * (2 / num_steps) - 1) * half,
-        wanted=wanted,
+        wanted=means,
         level=level,
         transmittance=floor + (ceiling - floor) * level / (num_levels - 1),
         num_levels=num_levels,

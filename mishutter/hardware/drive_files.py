@@ -17,9 +17,10 @@ is how many pixels 1 stands for. `docs/drive_formats.md` quotes the makers' desc
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float
 
 from mishutter._core import (
     Unquoted,
@@ -39,7 +40,7 @@ _WORDS = (1 << 14) - 1
 _LEAST_FILLED = 8192
 """Words up to which the smallest generator fills a file with zeros."""
 _FILL = 1 / 8
-"""Share of such a file that is taken to be filled up where it ends in zeros."""
+"""Share of zeros at the end of such a file above which they count as filling."""
 _MOST_PULSE_STEPS = 2048
 """Equal steps that a list of pulses becomes where no fewer have its edges."""
 _SAME = 1e-8
@@ -65,7 +66,7 @@ class Drive(NamedTuple):
 
     Attributes:
         shutter: Equal steps of the exposure.
-        motion: That which the file holds; of what it does not, the motion it was made for.
+        motion: The motion in the file; numbers that it lacks are those of the intended motion.
     """
 
     shutter: ChippedShutter
@@ -73,14 +74,23 @@ class Drive(NamedTuple):
 
 
 class _Samples(NamedTuple):
-    """What a file holds: transmittance or drive of equal steps, and what else there is."""
+    """The contents of a file: transmittance or drive of equal steps, and perhaps more.
+
+    Attributes:
+        half_exposure: Half the exposure; s.
+        drive: Drive of each step, from -1 to 1.
+        transmittance: Transmittance of each step.
+        position: Position of the sensor at the beginning of each step; px.
+        share: Position on a scale from -1 to 1.
+        edges: Times at which pulses begin and end, by turns; s.
+    """
 
     half_exposure: float | None = None
-    drive: np.ndarray | None = None
-    transmittance: np.ndarray | None = None
-    position: np.ndarray | None = None
-    share: np.ndarray | None = None
-    edges: np.ndarray | None = None
+    drive: Float[np.ndarray, "steps"] | None = None
+    transmittance: Float[np.ndarray, "steps"] | None = None
+    position: Float[np.ndarray, "steps"] | None = None
+    share: Float[np.ndarray, "steps"] | None = None
+    edges: Float[np.ndarray, "edges"] | None = None
 
 
 # Writing
@@ -88,7 +98,7 @@ class _Samples(NamedTuple):
 
 @runtime_checkable
 class Table(Protocol):
-    """What is written of a drive table, whose attributes `DriveTable` describes."""
+    """The parts of a drive table that are written, which `DriveTable` describes."""
 
     @property
     def exposure(self) -> float: ...
@@ -138,10 +148,10 @@ def _npy(table: Table) -> bytes:
 
 
 def _pulse_list(table: Table) -> bytes:
-    binary = bool(np.all((table.transmittance == 0) | (table.transmittance == 1)))
+    is_binary = bool(np.all((table.transmittance == 0) | (table.transmittance == 1)))
     requirement = "be open or closed in each step for pulses: of 2 levels from 0 to 1"
     got = Unquoted(f"{table.num_levels} levels")
-    require(binary, "DriveTable.save(form='pulses')", requirement, got)
+    require(is_binary, "DriveTable.save(form='pulses')", requirement, got)
     step = table.exposure * 1e6 / table.level.size
     turns = np.flatnonzero(np.diff(np.pad(table.transmittance, 1))) * step
     opens, closes = turns[::2], turns[1::2]
@@ -208,8 +218,7 @@ def read_drive(
         num_steps: Steps of the exposure, of a Rigol file that a generator has filled up with zeros.
 
     Raises:
-        ValueError: if the file is none of them, or an argument is out of its range; the line says
-            what must hold.
+        ValueError: if the file is none of them, or an argument is out of its range.
         OSError: if it cannot be read.
     """
     require(isinstance(motion, AbstractMotion), "read_drive(motion=...)", "be a motion", motion)
@@ -221,25 +230,25 @@ def read_drive(
     if num_steps is not None:
         require_positive_int("read_drive(num_steps=...)", num_steps)
     name = str(path)
-    found = _samples(contents(path), name, num_steps)
-    half = _half_exposure(found, motion, half_exposure, name)
-    if found.edges is not None:
-        steps = _steps_of_pulses(found.edges, half, name)
-    elif found.drive is not None:
-        steps = floor + (ceiling - floor) * (found.drive + 1) / 2
+    samples = _samples(contents(path), name, num_steps)
+    half = _half_exposure(samples, motion, half_exposure, name)
+    if samples.edges is not None:
+        steps = _steps_of_pulses(samples.edges, half, name)
+    elif samples.drive is not None:
+        steps = floor + (ceiling - floor) * (samples.drive + 1) / 2
     else:
-        steps = np.asarray(found.transmittance)
-    same = num_steps is None or num_steps == len(steps)
-    require(same, name, f"have the {num_steps} steps that were told", len(steps))
+        steps = np.asarray(samples.transmittance)
+    is_complete = num_steps is None or num_steps == len(steps)
+    require(is_complete, name, f"have the {num_steps} steps that were told", len(steps))
     require(len(steps) <= MAX_STEPS, name, f"hold at most {MAX_STEPS} steps", len(steps))
-    position = found.position
-    if found.share is not None and position_scale is not None:
-        position = found.share * position_scale
+    position = samples.position
+    if samples.share is not None and position_scale is not None:
+        position = samples.share * position_scale
     return Drive(ChippedShutter(steps), _motion(position, half, motion, name))
 
 
 def require_levels(function: str, floor: float, ceiling: float) -> None:
-    """Refuse transmittances of the lowest and the highest level that are none."""
+    """Refuse transmittances of the lowest and the highest level that are out of range."""
     for name, value in (("floor", floor), ("ceiling", ceiling)):
         require_finite(f"{function}({name}=...)", value)
     require(0 <= floor < 1, f"{function}(floor=...)", "lie in [0, 1)", floor)
@@ -261,8 +270,8 @@ def _samples(content: bytes, name: str, num_steps: int | None) -> _Samples:
     if "=" in lines[0] or names[0] in _HARDWARE:
         return _from_keysight(lines, name)
     kinds = ", ".join(DRIVE_FORMATS)
-    numeric = all(_is_value(cell) for cell in names)
-    require(numeric, name, f"be a drive table of a known format ({kinds})", lines[0])
+    are_numbers = all(_is_value(cell) for cell in names)
+    require(are_numbers, name, f"be a drive table of a known format ({kinds})", lines[0])
     return _Samples(drive=_within("a drive", number_rows(lines, 1, name)[:, 0], -1.0, name))
 
 
@@ -274,19 +283,19 @@ def _is_value(cell: str) -> bool:
     return True
 
 
-def _within(what: str, values: np.ndarray, least: float, name: str) -> np.ndarray:
+def _within(noun: str, values: np.ndarray, least: float, name: str) -> np.ndarray:
     """Values that lie between `least` and 1."""
     outside = (values < least) | (values > 1)
     worst = values[np.argmax(outside)] if outside.any() else 0.0
-    require(not outside.any(), name, f"hold {what} in [{least:g}, 1] alone", worst)
+    require(not outside.any(), name, f"hold {noun} in [{least:g}, 1] alone", worst)
     return values
 
 
 def _from_table(lines: list[str], name: str) -> _Samples:
     columns = unit_columns(lines, name, _TABLE, ("begin", "transmittance"))
-    light = _within("a transmittance", columns["transmittance"], 0.0, name)
+    transmittance = _within("a transmittance", columns["transmittance"], 0.0, name)
     half = _half_of(columns["begin"], name)
-    return _Samples(half, transmittance=light, position=columns.get("sensor_position"))
+    return _Samples(half, transmittance=transmittance, position=columns.get("sensor_position"))
 
 
 def _half_of(begin: np.ndarray, name: str) -> float:
@@ -295,17 +304,19 @@ def _half_of(begin: np.ndarray, name: str) -> float:
     requirement = "begin before mid-exposure, at a time below 0"
     require(half > 0, name, requirement, Unquoted(f"{begin[0] * 1e3:g} ms"))
     if count > 1:
-        later = np.diff(begin) > 0
-        fall = begin[1 + int(np.argmin(later))]
-        require(bool(later.all()), name, "have times that ascend", Unquoted(f"{fall * 1e3:g} ms"))
+        is_later = np.diff(begin) > 0
+        fall = begin[1 + int(np.argmin(is_later))]
+        require(
+            bool(is_later.all()), name, "have times that ascend", Unquoted(f"{fall * 1e3:g} ms")
+        )
     step = 2 * half / count
-    aside = np.abs(begin - (np.arange(count) * step - half)) > step / 1000 + _SAME * half
-    first = int(np.argmax(aside))
+    is_aside = np.abs(begin - (np.arange(count) * step - half)) > step / 1000 + _SAME * half
+    first = int(np.argmax(is_aside))
     requirement = (
         f"have equal steps without a gap, {count} from {-half * 1e3:g} to {half * 1e3:g} ms"
     )
     got = Unquoted(f"{begin[first] * 1e3:g} ms in row {first + 1}")
-    require(not aside.any(), name, requirement, got)
+    require(not is_aside.any(), name, requirement, got)
     return half
 
 
@@ -327,15 +338,15 @@ def _steps_of_pulses(edges: np.ndarray, half: float, name: str) -> np.ndarray:
     got = Unquoted(f"{last * 1e6:g} us")
     require(last / (2 * half) <= 1 + _SAME, name, requirement, got)
     counts = range(1, _MOST_PULSE_STEPS + 1)
-    whole = (n for n in counts if np.all(np.abs(shares * n - np.rint(shares * n)) < 1e-6))
-    count = next(whole, _MOST_PULSE_STEPS)
+    fitting = (n for n in counts if np.all(np.abs(shares * n - np.rint(shares * n)) < 1e-6))
+    count = next(fitting, _MOST_PULSE_STEPS)
     shares = np.minimum(shares * count, count)
     shares = np.where(np.abs(shares - np.rint(shares)) < 1e-6, np.rint(shares), shares)
     # Time open until the end of each step: open time grows over pulses and rests between them.
-    opened = np.concatenate([[0.0], np.cumsum(np.diff(shares)[::2])])
+    open_time = np.concatenate([[0.0], np.cumsum(np.diff(shares)[::2])])
     times = np.concatenate([[0.0], shares, [count]])
-    light = np.interp(np.arange(count + 1), times, np.repeat(opened, 2))
-    return np.clip(np.diff(light), 0, 1)
+    open_time = np.interp(np.arange(count + 1), times, np.repeat(open_time, 2))
+    return np.clip(np.diff(open_time), 0, 1)
 
 
 def _from_keysight(lines: list[str], name: str) -> _Samples:
@@ -364,10 +375,10 @@ def _parameter(line: str) -> tuple[str, str]:
 def _rate(text: str, name: str) -> float:
     number = text.rstrip("GMkHz").rstrip()
     unit = text[len(number) :].strip()
-    right = unit in _RATES and _is_value(number)
-    rate = float(number) * _RATES[unit] if right else np.nan
-    valid = bool(np.isfinite(rate)) and rate > 0
-    require(valid, name, "have a SampleRate above 0 in Hz, kHz, MHz or GHz", text)
+    is_rate = unit in _RATES and _is_value(number)
+    rate = float(number) * _RATES[unit] if is_rate else np.nan
+    is_positive = bool(np.isfinite(rate)) and rate > 0
+    require(is_positive, name, "have a SampleRate above 0 in Hz, kHz, MHz or GHz", text)
     return rate
 
 
@@ -376,9 +387,9 @@ def _gated(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Drive and position while the gate is open, all in their range."""
     if gate is not None:
-        binary = (gate == 0) | (gate == 1)
-        wrong = gate[np.argmin(binary)]
-        require(bool(binary.all()), name, "have a gate of 0 and 1", wrong)
+        is_binary = (gate == 0) | (gate == 1)
+        other = gate[np.argmin(is_binary)]
+        require(bool(is_binary.all()), name, "have a gate of 0 and 1", other)
         edges = int(np.count_nonzero(np.diff(np.pad(gate, 1))))
         requirement = "have its gate open once, without a gap"
         require(edges == 2, name, requirement, Unquoted(f"{edges // 2} openings"))
@@ -389,8 +400,8 @@ def _gated(
 
 
 def _from_rigol(content: bytes, name: str, num_steps: int | None) -> _Samples:
-    even = len(content) > 0 and len(content) % 2 == 0
-    require(even, name, "hold 16-bit words, 2 bytes a step", Unquoted(f"{len(content)} bytes"))
+    is_even = len(content) > 0 and len(content) % 2 == 0
+    require(is_even, name, "hold 16-bit words, 2 bytes a step", Unquoted(f"{len(content)} bytes"))
     words = np.frombuffer(content, "<u2")
     highest = int(words.max())
     require(highest <= _WORDS, name, f"hold words of 14 bits, up to {_WORDS}", highest)
@@ -401,8 +412,8 @@ def _from_rigol(content: bytes, name: str, num_steps: int | None) -> _Samples:
 def _without_fill(words: np.ndarray, name: str, num_steps: int | None) -> np.ndarray:
     """The words of the exposure, without the zeros up to the length that a generator takes.
 
-    A profile may be closed at its ends: how many of the zeros are its own must be told where they
-    are many more than those at its beginning.
+    A profile may be closed at its ends: the caller must give the number of steps where there are
+    many more zeros at the end than at the beginning.
     """
     if num_steps is not None:
         rest = words[num_steps:]
@@ -430,26 +441,28 @@ def _from_npy(content: bytes, name: str) -> _Samples:
         reason = " ".join(str(error).split())
         raise ValueError(f"{name} must be a whole .npy file; got: {reason}.") from None
     shape = getattr(array, "shape", ())
-    right = len(shape) == 2 and 1 <= shape[0] <= 3 and shape[1] >= 1
+    has_channels = len(shape) == 2 and 1 <= shape[0] <= 3 and shape[1] >= 1
     requirement = "be an array of (channels, samples) of 1 to 3 channels"
-    require(right, name, requirement, Unquoted(f"shape {shape}"))
+    require(has_channels, name, requirement, Unquoted(f"shape {shape}"))
     require(array.dtype.kind in "fiu", name, "hold real numbers", Unquoted(array.dtype))
     numbers = array.astype(np.float64)
-    finite = np.isfinite(numbers)
-    require(bool(finite.all()), name, "hold finite numbers", numbers[~finite][:1])
+    is_finite = np.isfinite(numbers)
+    require(bool(is_finite.all()), name, "hold finite numbers", numbers[~is_finite][:1])
     share, gate = (numbers[k] if len(numbers) > k else None for k in (1, 2))
     drive, share = _gated(numbers[0], share, gate, name)
     return _Samples(drive=drive, share=share)
 
 
-def _half_exposure(found: _Samples, motion: AbstractMotion, told: float | None, name: str) -> float:
-    """The half exposure of a file, or that which the reader was told, which may not differ."""
-    own = found.half_exposure
+def _half_exposure(
+    samples: _Samples, motion: AbstractMotion, argument: float | None, name: str
+) -> float:
+    """The half exposure of a file, or the reader's argument, which may not differ from it."""
+    own = samples.half_exposure
     if own is None:
-        return float(motion.half_exposure) if told is None else told
-    same = told is None or abs(told - own) <= 1e-6 * own
-    requirement = f"have the half exposure that was given, {told or own:g} s"
-    require(same, name, requirement, Unquoted(f"{own:g} s"))
+        return float(motion.half_exposure) if argument is None else argument
+    is_same = argument is None or abs(argument - own) <= 1e-6 * own
+    requirement = f"have the half exposure that was given, {argument or own:g} s"
+    require(is_same, name, requirement, Unquoted(f"{own:g} s"))
     return own
 
 
@@ -457,15 +470,17 @@ def _motion(
     position: np.ndarray | None, half: float, motion: AbstractMotion, name: str
 ) -> AbstractMotion:
     """Motion of a sensor that follows positions at the beginning of each step."""
-    known = float(motion.half_exposure)
+    intended_half = float(motion.half_exposure)
     if isinstance(motion, FreeMotion) and position is not None:
-        wanted = np.asarray(motion.position(_step_begins(position.size) * half))
-        _require_follows(position, wanted, "on the free path that was given", name)
+        path = np.asarray(motion.position(_step_begins(position.size) * half))
+        _require_follows(position, path, "on the free path that was given", name)
     if position is None or position.size < 3 or isinstance(motion, FreeMotion):
-        if abs(half - known) <= _SAME * known:
+        if abs(half - intended_half) <= _SAME * intended_half:
             return motion
-        numbers: dict[str, Any] = {"acceleration": steady(motion).acceleration}
-        return ParabolicMotion(half_exposure=half, velocity=motion.velocity, **numbers)
+        acceleration = steady(motion).acceleration
+        return ParabolicMotion(
+            acceleration=acceleration, half_exposure=half, velocity=motion.velocity
+        )
     powers = np.vander(_step_begins(position.size), 3)
     (stroke, drift, start), *_ = np.linalg.lstsq(powers, position, rcond=None)
     _require_follows(position, powers @ (stroke, drift, start), "along v t + a t^2", name)
@@ -481,9 +496,9 @@ def _step_begins(num_steps: int) -> np.ndarray:
     return np.arange(num_steps) * (2 / num_steps) - 1
 
 
-def _require_follows(position: np.ndarray, wanted: np.ndarray, where: str, name: str) -> None:
+def _require_follows(position: np.ndarray, path: np.ndarray, phrase: str, name: str) -> None:
     """Refuse positions that are aside of a path, by more than a share of their travel."""
-    stray = float(np.max(np.abs(wanted - position)))
-    follows = stray <= _STRAY * (1 + float(np.ptp(position)))
-    got = Unquoted(f"a path up to {stray:.3g} px aside")
-    require(follows, name, f"move the sensor {where}", got)
+    distance = float(np.max(np.abs(path - position)))
+    is_near = distance <= _STRAY * (1 + float(np.ptp(position)))
+    got = Unquoted(f"a path up to {distance:.3g} px aside")
+    require(is_near, name, f"move the sensor {phrase}", got)

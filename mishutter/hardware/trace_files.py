@@ -1,8 +1,8 @@
-"""Traces as instruments write them: a block of numbers in text, and what stands beside it.
+"""Traces as instruments write them: a block of numbers in text, with headings and settings.
 
-Oscilloscopes export text of many layouts, and none is known here by its maker. The block is where
-lines hold numbers in the same columns. Its headings, and the settings above it or beside it, say
-which column is the time and in which unit, or how long a step is where no column is.
+Oscilloscopes export text of many layouts, and the reader knows none by its maker. The block is the
+run of lines that hold numbers in the same columns. Its headings, and the settings above it or
+beside it, name the column of times and its unit, or the length of a step where there is none.
 """
 
 import csv
@@ -41,7 +41,7 @@ _HOW = "as `time (s),level` above its numbers would say"
 
 
 class _Block(NamedTuple):
-    """Lines of numbers, and what else a file holds.
+    """Lines of numbers, and the lines above them.
 
     Attributes:
         header: Cells of the lines above.
@@ -62,15 +62,15 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
     Columns are separated by commas, semicolons, tabs or white space; with any but the first,
     decimals may have commas. The header names a unit of time (s, ms, us or ns) for one column, or
     a sample interval where there is no such column; then time counts from the first sample where
-    the header does not say when that was. Lines without numbers above and below are passed over.
+    the header gives no time for that. Lines without numbers above and below are ignored.
 
     Args:
         path: A file in UTF-8, UTF-16 or Latin-1.
         column: Name of the column of levels; by default the only one, or that named `level`.
 
     Raises:
-        ValueError: if the file does not say what its columns are, a number is missing or out of
-            the instrument's range, or times fall.
+        ValueError: if the file does not name its columns, a number is missing or out of the
+            instrument's range, or times fall.
         OSError: if it cannot be read.
     """
     name = str(path)
@@ -205,7 +205,7 @@ def _refuse_row(block: _Block, column: int, name: str) -> None:
         require(abs(number or 0.0) < _OVERRANGE, name, requirement, Unquoted(line))
 
 
-# What is said of it
+# The headings and settings beside the block
 
 
 def _headings(block: _Block) -> tuple[list[str], list[str]]:
@@ -226,10 +226,10 @@ _HEADING = re.compile(r"(.*?)[\s_]*(?:[(\[]([^)\]]*)[)\]]|\bin\s+(\S+)|/\s*(\S+)
 
 def _split(heading: str) -> tuple[str, str]:
     """Name and unit of a heading such as `time (s)`, `Time(s)`, `in s`, `time/ms` or `time_us`."""
-    found = _HEADING.fullmatch(heading.strip())
-    if found is None:
+    match = _HEADING.fullmatch(heading.strip())
+    if match is None:
         return heading.strip(), ""
-    name, *units = found.groups()
+    name, *units = match.groups()
     return name, next(unit.strip() for unit in units if unit is not None)
 
 
@@ -245,21 +245,21 @@ def _factor(unit: str, heading: str) -> float | None:
 def _chosen(levels: Sequence[int], names: Sequence[str], column: str | None, name: str) -> int:
     """The column of levels."""
     require(bool(levels), name, "have a column of levels beside the times", Unquoted("none"))
-    said = Unquoted(", ".join(_at(names, c) or "one without a name" for c in levels))
+    got = Unquoted(", ".join(_at(names, c) or "one without a name" for c in levels))
     if column is None:
         alone = levels if len(levels) == 1 else _of_name(levels, names, "level")
         requirement = "have one column of levels, or be read with the name of one as its `column`"
     else:
         alone = _of_name(levels, names, column)
         requirement = f"have one column of levels of the name {column}"
-    require(len(alone) == 1, name, requirement, said)
+    require(len(alone) == 1, name, requirement, got)
     return alone[0]
 
 
 def _of_name(columns: Sequence[int], names: Sequence[str], name: str) -> list[int]:
-    wanted = name.strip().casefold()
+    folded = name.strip().casefold()
     texts = {c: (_at(names, c), _split(_at(names, c))[0]) for c in columns}
-    return [c for c, each in texts.items() if wanted in [text.casefold() for text in each]]
+    return [c for c, each in texts.items() if folded in [text.casefold() for text in each]]
 
 
 def _time_by_settings(
@@ -268,20 +268,21 @@ def _time_by_settings(
     """The column that no level is in, if there is one, and the times, of a block without units."""
     settings = dict(_settings(block))
     unit = next((settings[key] for key in _CLOCK_UNITS if key in settings), [""])
-    told = _UNITS.get(unit[0].casefold())
-    factor = 1.0 if told is None else told
+    own_factor = _UNITS.get(unit[0].casefold())
+    factor = 1.0 if own_factor is None else own_factor
     interval = _quantity(settings, _INTERVALS, factor)
     start = _quantity(settings, _STARTS, factor) or 0.0
-    named = [c for c in block.columns if _split(_at(names, c))[0].casefold() in _TIMES]
+    clocks = [c for c in block.columns if _split(_at(names, c))[0].casefold() in _TIMES]
     requirement = f"name s, ms, us or ns as the unit of a column of times, {_HOW}"
     rows = [",".join(row) for row in block.header[-2:]]
     got = Unquoted(" / ".join(rows) or block.lines[0])
-    column = (*named, *block.columns)[0]
-    is_told = told is not None and (bool(named) or (interval is None and len(block.columns) > 1))
-    require(is_told or interval is not None, name, requirement, got)
+    column = (*clocks, *block.columns)[0]
+    is_time = bool(clocks) or (interval is None and len(block.columns) > 1)
+    has_times = own_factor is not None and is_time
+    require(has_times or interval is not None, name, requirement, got)
     numbers = _numbers(block, column, name)
     times = _in_seconds(numbers, factor)
-    if is_told or interval is None:
+    if has_times or interval is None:
         return [column], times
     step = (numbers[-1] - numbers[0]) / max(numbers.size - 1, 1)
     if len(block.columns) > 1 and abs(step * factor - interval) <= _CLOSE * interval:
@@ -320,10 +321,10 @@ def _quantity(settings: dict[str, list[str]], keys: Sequence[str], factor: float
     """A time among the settings, in its own unit or, without one, in that of the clock; s."""
     for key in keys:
         first, *others = settings.get(key) or [""]
-        found = _QUANTITY.fullmatch(first.rpartition(":")[2].strip())
-        number = None if found is None else _number(found[1])
-        if found is None or number is None:
+        match = _QUANTITY.fullmatch(first.rpartition(":")[2].strip())
+        number = None if match is None else _number(match[1])
+        if match is None or number is None:
             continue
-        units = [text.casefold() for text in (found[2], *others[:1])]
+        units = [text.casefold() for text in (match[2], *others[:1])]
         return number * next((_UNITS[unit] for unit in units if unit in _UNITS), factor)
     return None

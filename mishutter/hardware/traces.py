@@ -2,12 +2,13 @@
 
 A trace is a table of times and levels, noise and unequal steps included. The level of the closed
 shutter counts as 0 and that of the open one as 1, so that a profile from a trace stands where a
-profile that is sent stands: what a scene's device loses of the light is not in it.
+profile that is sent stands: the transmission and the leakage of a scene's device are not in it.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from mishutter._core import Unquoted, require, require_finite
 from mishutter.model import SplineShutter, bounded_coefficients, spline_basis
@@ -24,9 +25,9 @@ _LONGEST_GAP = 1 / 16
 _STEADY = 0.1
 """Share of the swing by which the dark of a trace that is taken as inverted may vary."""
 _MOST = 4096
-"""About as many samples of a trace tell all of it to a fit."""
+"""Number of samples beyond which more of them do not improve a fit."""
 _RIDGE = 1e-12
-"""Share of the mean square of a B-spline that holds a coefficient which hardly a sample sees."""
+"""Ridge that fixes a coefficient with hardly a sample, as a share of a B-spline's mean square."""
 _LEAST_NOISE = 1e-4
 """Noise below which, as a share of the swing, a trace is not taken as clipped."""
 
@@ -35,13 +36,12 @@ class Trace(NamedTuple):
     """Levels of a photodiode behind the shutter.
 
     Attributes:
-        time: Ascending, or equal where they are rounded, on any clock; s, shape `(n,)`.
-        level: In any unit, proportional to the light but for an offset, or to less of it where
-            the photodiode is inverted; shape `(n,)`.
+        time: Times, ascending, or equal where they are rounded, on any clock; s.
+        level: Levels in any unit, proportional to the light but for an offset, with either sign.
     """
 
-    time: np.ndarray
-    level: np.ndarray
+    time: Float[np.ndarray, "n"]
+    level: Float[np.ndarray, "n"]
 
 
 class MeasuredProfile(NamedTuple):
@@ -70,11 +70,13 @@ def require_ascending(trace: Trace, name: str) -> None:
     fall = Unquoted(
         f"{time[1 + int(np.argmax(steps < 0))]:g} s" if np.any(steps < 0) else "one time"
     )
-    right = bool(np.all(steps >= 0)) and time.size > 0 and bool(time[-1] > time[0])
-    require(right, name, "have times that ascend", fall)
+    ascends = bool(np.all(steps >= 0)) and time.size > 0 and bool(time[-1] > time[0])
+    require(ascends, name, "have times that ascend", fall)
 
 
-def within_exposure(trace: Trace, half_exposure: float, middle: float, name: str) -> np.ndarray:
+def within_exposure(
+    trace: Trace, half_exposure: float, middle: float, name: str
+) -> Float[np.ndarray, "n"]:
     """Normalised time of each sample; the exposure is covered without a gap.
 
     Args:
@@ -82,9 +84,6 @@ def within_exposure(trace: Trace, half_exposure: float, middle: float, name: str
         half_exposure: $T$; s.
         middle: Mid-exposure on the clock of the trace; s.
         name: The trace's name in an error.
-
-    Returns:
-        Shape `(n,)`.
 
     Raises:
         ValueError: if the trace begins late, ends early, has a gap or too few samples.
@@ -194,14 +193,14 @@ def for_a_fit(trace: Trace, half_exposure: float, name: str) -> tuple[Trace, tup
     tau = np.asarray(trace.time) / half_exposure
     is_known = int(np.sum(np.abs(tau) > 1)) >= _LEAST_CLOSED
     closed = None if is_known else float(np.min(trace.level))
-    found = measured_profile(trace, half_exposure=half_exposure, closed=closed, name=name)
-    sign = 1.0 if found.opened > found.closed else -1.0
+    profile = measured_profile(trace, half_exposure=half_exposure, closed=closed, name=name)
+    sign = 1.0 if profile.opened > profile.closed else -1.0
     ends = [np.searchsorted(tau, -1, side="left"), np.searchsorted(tau, 1, side="right")]
     first = np.unique(np.append(np.arange(0, tau.size, -(-tau.size // _MOST)), ends))
     first = first[first < tau.size]
     count = np.diff([*first, tau.size])
     time, level = (np.add.reduceat(np.asarray(each), first) / count for each in trace)
-    return Trace(time, sign * level), found.notes
+    return Trace(time, sign * level), profile.notes
 
 
 class _Smooth(NamedTuple):
@@ -209,17 +208,17 @@ class _Smooth(NamedTuple):
 
     Attributes:
         score: Generalised cross-validation of the spline within [0, 1].
-        extremes: Least and greatest value of the spline that is not held there.
+        extremes: Least and greatest value of the spline without bounds.
         white: Level of the open shutter above the closed one.
-        variance: Of a sample about the spline within [0, 1].
-        coefficients: Of that; shape `(count,)`.
+        variance: Variance of a sample about the spline within [0, 1].
+        coefficients: Coefficients of that spline.
     """
 
     score: float
     extremes: tuple[float, float]
     white: float
     variance: float
-    coefficients: np.ndarray
+    coefficients: Float[np.ndarray, "count"]
 
 
 def _smoothed(tau: np.ndarray, level: np.ndarray, white: float | None) -> _Smooth:
@@ -231,9 +230,9 @@ def _smoothed(tau: np.ndarray, level: np.ndarray, white: float | None) -> _Smoot
 
 
 def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None) -> _Smooth:
-    """The spline of so many coefficients, of levels above that of the closed shutter.
+    """The spline of `count` coefficients, of levels above that of the closed shutter.
 
-    It is found by normal equations, which take four numbers a sample where the whole basis takes
+    Normal equations give it, which take four numbers a sample where the whole basis takes
     `count`. Those of B-splines that samples cover are well conditioned. Their triangle makes the
     bounded problem one of `count` rows, whose squares add to those of the free spline.
     """
@@ -249,8 +248,8 @@ def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None)
     if white is None:
         white = greatest if greatest > -least else least
     coefficients = bounded_coefficients(triangle, target / (white or 1.0))
-    held = target - triangle @ coefficients * white
-    residual = float(np.sum((level - basis @ free) ** 2) + np.sum(held**2))
+    excess = target - triangle @ coefficients * white
+    residual = float(np.sum((level - basis @ free) ** 2) + np.sum(excess**2))
     return _Smooth(
         score=residual / (1 - count / tau.size) ** 2,
         extremes=(least, greatest),
@@ -263,10 +262,10 @@ def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None)
 def _clipping(level: np.ndarray) -> tuple[str, ...]:
     """A sentence for each end at which a trace is cut off.
 
-    Samples of a noisy signal do not stand at one level, its greatest or its least, for long: by
+    Samples of a noisy signal do not stay at one level, its greatest or its least, for long: by
     chance, at even odds for each, no run is as long as twice the binary logarithm of their number.
-    Where noise is less than a step of the converter nothing can be told. Neighbouring second
-    differences of noise have opposite signs, by which it is told from a smooth signal.
+    Where noise is less than a step of the converter the function adds no sentence. Neighbouring
+    second differences of noise have opposite signs, which distinguishes it from a smooth signal.
     """
     bend = np.diff(level, 2)
     noise = float(np.sqrt(max(np.median(-bend[1:] * bend[:-1]), 0.0))) if bend.size > 1 else 0.0

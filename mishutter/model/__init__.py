@@ -74,6 +74,7 @@ from mishutter.model.scene_file import example_scene as example_scene
 from mishutter.model.scene_file import example_scene_text as example_scene_text
 from mishutter.model.scene_file import picture_arguments as picture_arguments
 from mishutter.model.scene_file import read_scene as read_scene
+from mishutter.model.scene_file import read_speed as read_speed
 from mishutter.model.scene_file import scene_of_tables as scene_of_tables
 from mishutter.model.scene_file import scene_picture as scene_picture
 from mishutter.model.scene_file import scene_text as scene_text

@@ -103,12 +103,23 @@ class AbstractDevice(eqx.Module):
     def passed(
         self, profile: AbstractPiecewiseShutter, dtype: np.dtype, sent: AbstractShutter | None
     ) -> "TransmittedShutter":
-        """The transmittance of a profile that the device follows."""
+        """The transmittance of a profile that the device follows.
+
+        Args:
+            profile: The profile that it follows.
+            dtype: Precision of the numbers.
+            sent: The profile that was sent; None where that is the one it follows.
+        """
         transmission, leakage = (jnp.asarray(x, dtype) for x in (self.transmission, self.leakage))
         return TransmittedShutter(profile, transmission, leakage, sent)
 
     def slots(self, command: AbstractShutter, dtype: np.dtype) -> Array:
-        """Level that is held over each slot; shape `(num_slots,)`."""
+        """Level that is held over each slot; shape `(num_slots,)`.
+
+        Args:
+            command: The profile that is sent.
+            dtype: Precision of the numbers.
+        """
         means = slot_means(piecewise(command), self.num_slots or NUM_SLOTS, dtype)
         if self.levels is None:
             return means

@@ -195,6 +195,9 @@ class Limits(eqx.Module):
         """What a motion takes of each limit, by the limit's name; scalars.
 
         The electrons that fill a pixel are a limit of the scene.
+
+        Args:
+            motion: Motion of the sensor.
         """
         demands = self._demands(
             extent=self.of_stage(motion).extent,
@@ -203,7 +206,7 @@ class Limits(eqx.Module):
             velocity=motion.velocity,
             acceleration=motion.greatest_acceleration,
         )
-        return demands | self._demand_of_travel(lambda: self.stage_share_of(motion))
+        return demands | self._demand_of_travel(lambda: _stage_share_of(self, motion))
 
     def demands_of_parabolas(
         self, acceleration: np.ndarray, half_exposure: np.ndarray, velocity: np.ndarray
@@ -250,7 +253,11 @@ class Limits(eqx.Module):
         return {"travel": Demand(np.asarray(share(), np.float64), np.ones(()))}
 
     def of_stage(self, motion: AbstractMotion) -> AbstractMotion:
-        """The part of a motion that the stage makes, seen from where it is mounted."""
+        """The part of a motion that the stage makes, seen from where it is mounted.
+
+        Args:
+            motion: Motion of the sensor.
+        """
         if self.pans == "camera":
             return without_velocity(motion)
         if self.frame_velocity is None:
@@ -261,6 +268,10 @@ class Limits(eqx.Module):
         """Largest $a$ that the stroke leaves beside a pan, 0 where it holds no more than that.
 
         In px/s^2, of the shape of `half_exposure`.
+
+        Args:
+            half_exposure: $T$; s.
+            velocity: Velocity at mid-exposure; px/s.
         """
         half, stroke = half_exposure, as_array_like(half_exposure, self.max_stroke)
         root = np.sqrt if isinstance(half, np.ndarray) else safe_root
@@ -270,7 +281,12 @@ class Limits(eqx.Module):
         return space.where(left >= 0, of_stroke, 0.0) / 2 / half / half
 
     def velocity_by_stroke(self, acceleration: Array, half_exposure: Array) -> Array | None:
-        """Greatest $|v|$ that the stroke leaves beside an acceleration; px/s, None for any."""
+        """Greatest $|v|$ that the stroke leaves beside an acceleration; px/s, None for any.
+
+        Args:
+            acceleration: $a$; px/s^2.
+            half_exposure: $T$; s.
+        """
         if self.pans == "camera":
             return None
         stroke, a, half = self.max_stroke, acceleration, half_exposure
@@ -280,7 +296,11 @@ class Limits(eqx.Module):
         return jnp.where(turns_within, jnp.maximum(turned, 0), stroke / (2 * half))
 
     def half_exposure_by_stroke(self, acceleration: Array) -> Array:
-        """Largest $T$ that the stroke leaves beside an acceleration, and the frame's pan; s."""
+        """Largest $T$ that the stroke leaves beside an acceleration, and the frame's pan; s.
+
+        Args:
+            acceleration: $a$; px/s^2.
+        """
         stroke, a = self.max_stroke, acceleration
         speed = self._speed_of_stage(jnp.zeros_like(a))
         turns_within = (a > 0) & (speed * speed < stroke * a)
@@ -303,6 +323,12 @@ class Limits(eqx.Module):
         With the `shape` of a free path it is that of the path, whose velocity is counted from the
         shape's own; of scalars then, and where no jerk is limited. Stroke and top speed count
         there too, which have closed forms for a parabola alone.
+
+        Args:
+            acceleration: $a$; px/s^2.
+            half_exposure: $T$; s.
+            velocity: Velocity at mid-exposure; px/s.
+            shape: Shape of a free path; None of a parabola.
         """
         if shape is not None:
             path = shape.path(acceleration, half_exposure, velocity, self.max_pan)
@@ -315,7 +341,11 @@ class Limits(eqx.Module):
         return self._share_of(use, jnp.abs(pan) - jnp.abs(frame))
 
     def stage_share_of(self, motion: AbstractMotion) -> Array:
-        """The `stage_share` of a motion; scalar."""
+        """The `stage_share` of a motion; scalar.
+
+        Args:
+            motion: Motion of the sensor.
+        """
         velocity = jnp.asarray(motion.velocity)
         if isinstance(motion, FreeMotion):
             path = cast(FreeMotion, self.of_stage(motion))
@@ -435,12 +465,23 @@ class Limits(eqx.Module):
         return self.acceleration_of_stage(acceleration, half, velocity), half, velocity
 
     def acceleration_of_stage(self, most: Array, half_exposure: Array, velocity: Array) -> Array:
-        """Largest $a$ up to `most` that the stage reaches on a parabola; px/s^2, scalar."""
+        """Largest $a$ up to `most` that the stage reaches on a parabola; px/s^2, scalar.
+
+        Args:
+            most: Acceleration above which none is looked for; px/s^2.
+            half_exposure: $T$; s.
+            velocity: Velocity at mid-exposure; px/s.
+        """
         if self.max_acceleration is not None:
             most = jnp.minimum(most, self.max_acceleration / 2)
         rest = jnp.zeros_like(most)
         numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": velocity}
         return self.largest("acceleration", rest, most, numbers)
+
+
+@compiled
+def _stage_share_of(limits: Limits, motion: AbstractMotion) -> Array:
+    return limits.stage_share_of(motion)
 
 
 @compiled

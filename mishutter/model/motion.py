@@ -68,7 +68,11 @@ class AbstractMotion(eqx.Module):
 
     @abstractmethod
     def velocity_at(self, time: RowLike) -> Positions:
-        """Velocity of the sensor; px/s, shape of `time`, which is as in `position`."""
+        """Velocity of the sensor; px/s, shape of `time`, which is as in `position`.
+
+        Args:
+            time: Times from mid-exposure; s.
+        """
 
     @abstractmethod
     def alignment(self, speed: RowLike) -> Positions:
@@ -76,6 +80,9 @@ class AbstractMotion(eqx.Module):
 
         It counts from where they are at mid-exposure. A NumPy array gives one, where the motion
         is known.
+
+        Args:
+            speed: Speed of the object; px/s.
         """
 
     @abstractmethod
@@ -89,15 +96,28 @@ class AbstractMotion(eqx.Module):
 
     @abstractmethod
     def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
-        """The `position_of` objects, from where they are aligned."""
+        """The `position_of` objects, from where they are aligned.
+
+        Args:
+            tau: Normalised times, from -1 to 1.
+            speed: Speed of the object; px/s.
+        """
 
     @abstractmethod
     def side_by_side(self, speeds: RowLike) -> Alignment:
-        """The `Alignment` of objects of several speeds, px/s; shape `(s,)`."""
+        """The `Alignment` of objects of several speeds, px/s; shape `(s,)`.
+
+        Args:
+            speeds: Speeds of the objects; px/s.
+        """
 
     @abstractmethod
     def reach(self, max_speed: float) -> Reach:
-        """How far light travels of objects up to a speed, px/s; of a motion that is known."""
+        """How far light travels of objects up to a speed, px/s; of a motion that is known.
+
+        Args:
+            max_speed: Greatest speed of an object; px/s.
+        """
 
     @property
     @abstractmethod
@@ -343,34 +363,60 @@ class FreeMotion(AbstractMotion):
         return cls(accelerations=rates, half_exposure=half, velocity=pan)
 
     def position(self, time: RowLike) -> Positions:
-        r"""$v t + 2\int_0^t (t - t')\,a(t')\,dt'$; px, shape of `time`."""
+        r"""$v t + 2\int_0^t (t - t')\,a(t')\,dt'$; px, shape of `time`.
+
+        Args:
+            time: Times from mid-exposure; s.
+        """
         return self.position_at(self._shares(time))
 
     def position_at(self, tau: Any) -> Positions:
-        r"""`position` at $t = \tau T$; derivatives by $T$ take $\tau$ for fixed."""
+        r"""`position` at $t = \tau T$; derivatives by $T$ take $\tau$ for fixed.
+
+        Args:
+            tau: Normalised times, from -1 to 1.
+        """
         tau, v, a, T = _together(tau, self.velocity, self.accelerations, self.half_exposure)
         begin, end = self._passed(tau)
         passed = (end - begin) * abs(2 * tau[..., None] - begin - end)
         return (v * tau + _of_pieces(a, passed) * T) * T
 
     def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
-        r"""$x(\tau T) - s\tau T$; px."""
+        r"""$x(\tau T) - s\tau T$; px.
+
+        Args:
+            tau: Normalised times, from -1 to 1.
+            speed: Speed of the object; px/s.
+        """
         tau, s, T = _together(tau, speed, self.half_exposure)
         return self.position_at(tau) - (s * T) * tau
 
     def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
-        """The `position_of` objects, from the lowest of it; px."""
+        """The `position_of` objects, from the lowest of it; px.
+
+        Args:
+            tau: Normalised times, from -1 to 1.
+            speed: Speed of the object; px/s.
+        """
         tau, s = _together(tau, speed)
         return self.position_of(tau, s) - self.alignment(s)
 
     def side_by_side(self, speeds: RowLike) -> Alignment:
-        """Alignment at the lowest positions, whose distances are not cut."""
+        """Alignment at the lowest positions, whose distances are not cut.
+
+        Args:
+            speeds: Speeds of the objects; px/s.
+        """
         (s,) = _together(speeds)
         extent = (self.highest(s) - self.lowest(s)).max(keepdims=True)
         return Alignment(-self.alignment(s), extent)
 
     def reach(self, max_speed: float) -> Reach:
-        """From the lowest to the highest position that objects reach, in either direction."""
+        """From the lowest to the highest position that objects reach, in either direction.
+
+        Args:
+            max_speed: Greatest speed of an object; px/s.
+        """
         half, fastest = np.asarray(self.half_exposure, np.float64), float(max_speed)
         speeds = np.array([-fastest, 0.0, fastest])
         length = np.max(self.highest(speeds) - self.lowest(speeds))
@@ -378,7 +424,11 @@ class FreeMotion(AbstractMotion):
         return Reach(np.maximum(length, 2 * fastest * half), velocity)
 
     def velocity_at(self, time: RowLike) -> Positions:
-        r"""$v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`."""
+        r"""$v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`.
+
+        Args:
+            time: Times from mid-exposure; s.
+        """
         return self._velocity_at(self._shares(time))
 
     def _velocity_at(self, tau: Any) -> Positions:
@@ -403,18 +453,30 @@ class FreeMotion(AbstractMotion):
         return places[..., :-1], places[..., 1:]
 
     def alignment(self, speed: RowLike) -> Positions:
-        """The lowest position, or where the object is at mid-exposure on a straight path; px."""
+        """The lowest position, or where the object is at mid-exposure on a straight path; px.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
         moves, lowest = has_vertex(self), self.lowest(speed)
         if isinstance(lowest, Array):
             return jnp.where(moves, lowest, 0.0)
         return lowest if moves else np.zeros_like(lowest)
 
     def lowest(self, speed: RowLike) -> Positions:
-        r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`."""
+        r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
         return self._extreme(speed, 1.0)
 
     def highest(self, speed: RowLike) -> Positions:
-        r"""Highest position of objects on the sensor, $\max_t x(t) - s t$; px, shape of `speed`."""
+        r"""Highest position of objects on the sensor, $\max_t x(t) - s t$; px, shape of `speed`.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
         return -self._extreme(speed, -1.0)
 
     def _extreme(self, speed: RowLike, sign: float) -> Positions:

@@ -136,7 +136,11 @@ class Occlusion(eqx.Module):
         return self.object_width is not None
 
     def seen_from(self, velocity: Array | np.ndarray) -> "Occlusion":
-        """The same layers in the frame of a sensor that pans."""
+        """The same layers in the frame of a sensor that pans.
+
+        Args:
+            velocity: Velocity of the sensor; px/s.
+        """
         speed = _shifted(self.background_speed, velocity)
         layers = eqx.tree_at(lambda o: o.background_speed, self, speed)
         return (
@@ -144,7 +148,11 @@ class Occlusion(eqx.Module):
         )
 
     def with_shares(self, shares: LayerShares | None) -> "Occlusion":
-        """The same layers, with shares that have been computed, or without."""
+        """The same layers, with shares that have been computed, or without.
+
+        Args:
+            shares: What `LayerShares` holds; None for layers without.
+        """
         return eqx.tree_at(lambda o: o.shares, self, shares, is_leaf=_is_shares)
 
 

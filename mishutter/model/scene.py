@@ -337,6 +337,9 @@ class Scene(eqx.Module):
     def load(path: str | os.PathLike[str]) -> "Scene":
         """Read a scene from a TOML file; see `mishutter.model.scene_file` for its keys.
 
+        Args:
+            path: The file.
+
         Raises:
             ValueError: if the file is not a scene; the line says which key and why.
             OSError: if it cannot be read.

@@ -13,7 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from mishutter._core import Unquoted, contents, in_section, parsed, require, validated
+from mishutter._core import (
+    Section,
+    Unquoted,
+    contents,
+    in_section,
+    parsed,
+    require,
+    validated,
+)
 from mishutter.model.devices import (
     NUM_SLOTS,
     AbstractDevice,
@@ -46,7 +54,15 @@ from mishutter.model.scene_schema import (
     TolerancesSection,
     Uniform,
 )
-from mishutter.model.scene_units import Scales, photon_rate, read_noise, told_in
+from mishutter.model.scene_units import (
+    FASTEST,
+    SPEED_UNITS,
+    Scales,
+    photon_rate,
+    read_noise,
+    speed_of,
+    told_in,
+)
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.tolerances import Tolerances
 
@@ -58,9 +74,7 @@ EXAMPLE_PICTURE = "example"
 _NUM_FREQUENCIES = 256
 _DEVIATIONS = 3.0
 _MAX_TRAVEL = 1e4
-_FASTEST = 1e7
 _STROKES = 1e-3, 1e4
-_SPEED_UNITS = ("px_per_s", "mm_per_s", "m_per_s", "deg_per_s")
 _MARGIN = 1e-9
 """Share of a limit by which rounding may exceed it."""
 
@@ -78,6 +92,28 @@ def read_scene(path: str | Path) -> Scene:
     """
     place = Path(path)
     return _scene(contents(place), str(path), place.parent)
+
+
+def read_speed(text: str, path: str | Path | None, subject: str) -> float:
+    """The speed of a thing in a scene, which a text gives in px/s or in a unit of its file; px/s.
+
+    Args:
+        text: As `2400`, `0.9 m/s`, `0.9 mm/s` or `3 deg/s`.
+        path: The file; None for the built-in scene.
+        subject: What the speed is of, in an error.
+
+    Raises:
+        ValueError: as `speed_of`, and if the file is not a scene.
+        OSError: if the file cannot be read.
+    """
+    data = example_scene_text().encode() if path is None else contents(Path(path))
+    name = str(path or "example_scene.toml")
+    file = validated(SceneFile, parsed(tomllib.loads, data, name, "TOML"), name, in_section)
+    return speed_of(text, _scales(file), subject)
+
+
+def _scales(file: SceneFile) -> Scales:
+    return Scales(file.sensor.pixel_pitch_um, file.view)
 
 
 def example_scene() -> Scene:
@@ -247,7 +283,7 @@ def scene_of_tables(
 
 
 def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Scene:
-    scales = Scales(file.sensor.pixel_pitch_um, file.view)
+    scales = _scales(file)
     speeds, weights = _speeds(file.speeds, scales)
     limits = _limits(file.limits, scales)
     travel = float(np.max(np.abs(speeds))) * 2 * file.limits.max_half_exposure_ms / 1000
@@ -274,17 +310,17 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         full_well=file.sensor.full_well_e,
         stage=None if file.stage is None else _stage(file.stage),
         burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
-        tolerances=_tolerances(file.tolerances),
+        tolerances=_tolerances(file.tolerances, scales),
         occlusion=occlusion,
         decoder_speed=file.decoder.speed,
         axis=file.sensor.axis,
-        motion=_motion(file.motion, file.limits, limits),
+        motion=_motion(file.motion, file.limits, limits, scales),
         **_picture(file.picture, file.sensor.axis, folder, photographs),
     )
 
 
 def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
-    unit, listed = told_in(section, "list", _SPEED_UNITS, "[speeds]")
+    unit, listed = told_in(section, "list", SPEED_UNITS, "[speeds]")
     forms = {"uniform": section.uniform, "normal": section.normal, "list": listed}
     given = [name for name, value in forms.items() if value is not None]
     requirement = "hold one of uniform, normal and list_px_per_s"
@@ -299,13 +335,13 @@ def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
     require(goes, "[speeds] weights", "go with list_px_per_s", Unquoted(given[0]))
     speeds = speeds * scales.of_things(unit, f"[speeds] in {unit}")
     fastest = float(np.max(np.abs(speeds)))
-    require(fastest <= _FASTEST, "[speeds]", f"be at most {_FASTEST:g} px/s", fastest)
+    require(fastest <= FASTEST, "[speeds]", f"be at most {FASTEST:g} px/s", fastest)
     return speeds, weights
 
 
 def _pair(form: Uniform | Normal, place: str, names: tuple[str, str]) -> tuple[str, float, float]:
     """The unit of a form of speeds, and its two numbers in that unit."""
-    (unit, first), (other, second) = (told_in(form, name, _SPEED_UNITS, place) for name in names)
+    (unit, first), (other, second) = (told_in(form, name, SPEED_UNITS, place) for name in names)
     unit, other = (other if first is None else unit), (unit if second is None else other)
     for name, value, own in ((names[0], first, unit), (names[1], second, other)):
         require(value is not None, f"{place}.{name}_{own}", "be given", Unquoted("nothing"))
@@ -385,13 +421,11 @@ def _limits(section: LimitsSection, scales: Scales) -> Limits:
     stroke = _of_stage(section, "max_stroke", ("px", "mm"), scales)
     top_speed = _of_stage(section, "max_top_speed", ("px_per_s", "mm_per_s"), scales)
     subject, requirement = "[limits] max_stroke_mm", f"lie in {_STROKES[0]:g} to {_STROKES[1]:g} px"
-    require(_STROKES[0] <= stroke <= _STROKES[1], subject, requirement, stroke)  # type: ignore[operator]
-    unit, pan = told_in(section, "max_pan", ("px_per_s", "deg_per_s"), "[limits]")
-    if pan is not None:
-        pan *= scales.of_things(unit, f"[limits] max_pan_{unit}")
+    require(_STROKES[0] <= stroke <= _STROKES[1], subject, requirement, stroke)
+    pan = _of_things(section, "max_pan", ("px_per_s", "deg_per_s"), scales, "[limits]")
     return Limits(
-        max_stroke=stroke,  # type: ignore[arg-type]
-        max_top_speed=top_speed,  # type: ignore[arg-type]
+        max_stroke=stroke,
+        max_top_speed=top_speed,
         min_half_exposure=shortest / 1000,
         max_half_exposure=longest / 1000,
         max_pan=pan,
@@ -403,11 +437,19 @@ def _limits(section: LimitsSection, scales: Scales) -> Limits:
 
 
 def _of_stage(
-    section: LimitsSection, name: str, units: tuple[str, str], scales: Scales
-) -> float | None:
-    """A limit of the stage in px, given in one of its units."""
-    unit, value = told_in(section, name, units, "[limits]")
-    return None if value is None else value * scales.of_stage(unit, f"[limits] {name}_{unit}")
+    section: Section, name: str, units: tuple[str, str], scales: Scales, place: str = "[limits]"
+) -> Any:
+    """A number of the stage in px, given in one of its units; None where it is not."""
+    unit, value = told_in(section, name, units, place)
+    return None if value is None else value * scales.of_stage(unit, f"{place} {name}_{unit}")
+
+
+def _of_things(
+    section: Section, name: str, units: tuple[str, ...], scales: Scales, place: str
+) -> Any:
+    """A speed of things in px/s, given in one of its units; None where it is not."""
+    unit, value = told_in(section, name, units, place)
+    return None if value is None else value * scales.of_things(unit, f"{place} {name}_{unit}")
 
 
 def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | None:
@@ -428,47 +470,57 @@ def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | 
     )
 
 
-def _tolerances(section: TolerancesSection | None) -> Tolerances | None:
+def _tolerances(section: TolerancesSection | None, scales: Scales) -> Tolerances | None:
     if section is None:
         return None
-    step = section.drive_step_us
+    place, step = "[tolerances]", section.drive_step_us
     requirement = "be given where transmittance has an error"
     lasts = section.transmittance == 0 or step is not None
-    require(lasts, "[tolerances] drive_step_us", requirement, Unquoted("nothing"))
+    require(lasts, f"{place} drive_step_us", requirement, Unquoted("nothing"))
     return Tolerances(
         acceleration=section.acceleration_share,
-        velocity=section.velocity_px_per_s,
+        velocity=_of_stage(section, "velocity", ("px_per_s", "mm_per_s"), scales, place),
         delay=section.delay_us * 1e-6,
-        speed=section.object_speed_px_per_s,
+        speed=_of_things(section, "object_speed", SPEED_UNITS, scales, place),
         transmittance=section.transmittance,
         drive_step=0.0 if step is None else step * 1e-6,
     )
 
 
 def _motion(
-    section: MotionSection | None, limits: LimitsSection, reach: Limits
+    section: MotionSection | None, limits: LimitsSection, reach: Limits, scales: Scales
 ) -> ParabolicMotion | None:
     if section is None:
         return None
-    subject = "[motion] half_exposure_ms"
-    half = section.half_exposure_ms
+    place, half = "[motion]", section.half_exposure_ms
     low, high = limits.min_half_exposure_ms, limits.max_half_exposure_ms
-    require(low <= half <= high, subject, f"lie in the limits {low:g} to {high:g}", half)
-    forms = {
-        "stroke_px": section.stroke_px,
-        "acceleration_px_per_s2": section.acceleration_px_per_s2,
-    }
-    given = [name for name, value in forms.items() if value is not None]
-    requirement = "hold one of stroke_px and acceleration_px_per_s2"
-    require(len(given) == 1, "[motion]", requirement, Unquoted(" and ".join(given) or "neither"))
+    requirement = f"lie in the limits {low:g} to {high:g}"
+    require(low <= half <= high, f"{place} half_exposure_ms", requirement, half)
+    forms = ("stroke_px", "stroke_mm", "acceleration_px_per_s2")
+    given = [name for name in forms if getattr(section, name) is not None]
+    requirement = "hold one of stroke_px, stroke_mm and acceleration_px_per_s2"
+    require(len(given) == 1, place, requirement, Unquoted(" and ".join(given) or "neither"))
     T = half / 1000
     a = section.acceleration_px_per_s2
-    a = section.stroke_px / T**2 if a is None else a  # type: ignore[operator]
-    v = section.velocity_px_per_s
+    a = _of_stage(section, "stroke", ("px", "mm"), scales, place) / T**2 if a is None else a
+    v = _velocity(section, limits, scales)
     motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
     for name, demand in reach.demands(motion).items():
-        _require_met(name, demand, f"[motion] {given[0]}", v)
+        _require_met(name, demand, f"{place} {given[0]}", v)
     return motion
+
+
+def _velocity(section: MotionSection, limits: LimitsSection, scales: Scales) -> float:
+    """The velocity of the sensor; px/s. Degrees a second are of a camera that turns."""
+    subject, turned = "[motion] velocity_deg_per_s", section.velocity_deg_per_s
+    turns = turned is None or limits.pans == "camera"
+    requirement = 'stand beside [limits] pans = "camera": a stage does not turn'
+    require(turns, subject, requirement, turned)
+    units = ("px_per_s", "mm_per_s", "deg_per_s")
+    unit, velocity = told_in(section, "velocity", units, "[motion]")
+    if unit == "deg_per_s":
+        return velocity * scales.of_things(unit, subject)
+    return velocity * scales.of_stage(unit, f"[motion] velocity_{unit}")
 
 
 def _require_met(name: str, demand: Demand, key: str, velocity: float) -> None:

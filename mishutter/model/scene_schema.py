@@ -13,6 +13,7 @@ from mishutter.model.scene import DecoderSpeed
 Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
 ListOfSpeeds = Annotated[list[Speed], Field(min_length=1, max_length=1000)]
 PositiveSpeed = Annotated[float, Field(gt=0, le=1e7)]
+SizeOfSpeed = Annotated[float, Field(ge=0, le=1e7)]
 PhotonRate = Annotated[float, Field(gt=0, le=1e12)]
 Count = Annotated[int, Field(ge=1, le=1000)]
 Milliseconds = Annotated[float, Field(ge=1e-3, le=1e5)]
@@ -178,9 +179,13 @@ class TolerancesSection(Section):
     """Standard deviations of what a camera as it is built, or an object, is off by."""
 
     acceleration_share: Annotated[float, Field(ge=0, le=0.3)] = 0.0
-    velocity_px_per_s: Annotated[float, Field(ge=0, le=1e7)] = 0.0
+    velocity_px_per_s: SizeOfSpeed = 0.0
+    velocity_mm_per_s: SizeOfSpeed | None = None
     delay_us: Annotated[float, Field(ge=0, le=1e6)] = 0.0
-    object_speed_px_per_s: Annotated[float, Field(ge=0, le=1e7)] = 0.0
+    object_speed_px_per_s: SizeOfSpeed = 0.0
+    object_speed_mm_per_s: SizeOfSpeed | None = None
+    object_speed_m_per_s: SizeOfSpeed | None = None
+    object_speed_deg_per_s: SizeOfSpeed | None = None
     transmittance: Annotated[float, Field(ge=0, le=0.5)] = 0.0
     drive_step_us: Annotated[float, Field(gt=0, le=1e6)] | None = None
 
@@ -194,12 +199,15 @@ class DecoderSection(Section):
 
 @final
 class MotionSection(Section):
-    """A half exposure, the stroke or the acceleration, and a velocity."""
+    """A half exposure, the stroke or the acceleration, and a velocity, all of the sensor."""
 
     half_exposure_ms: Milliseconds
     stroke_px: Annotated[float, Field(ge=0, le=1e4)] | None = None
+    stroke_mm: Annotated[float, Field(ge=0, le=1e3)] | None = None
     acceleration_px_per_s2: Annotated[float, Field(ge=0, le=1e14)] | None = None
     velocity_px_per_s: Speed = 0.0
+    velocity_mm_per_s: Speed | None = None
+    velocity_deg_per_s: Speed | None = None
 
 
 @final

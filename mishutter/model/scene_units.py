@@ -13,6 +13,7 @@ it, high-pressure sodium lamps 82, incandescent lamps 50.
 """
 
 import math
+import re
 from typing import Any, NamedTuple
 
 from mishutter._core import Section, Unquoted, require
@@ -31,6 +32,11 @@ _MILLIMETRES = {"mm": 1.0, "m": 1e3, "mm_per_s": 1.0, "m_per_s": 1e3}
 _PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54 * 1e-12
 """Photons of sunlight between 400 and 700 nm by lux, second and square micrometre: 1.1e4."""
 _NOTHING = Unquoted("nothing")
+SPEED_UNITS = ("px_per_s", "mm_per_s", "m_per_s", "deg_per_s")
+"""Units of the speeds of things, as the names of keys end in them."""
+_SPEED = re.compile(r"\s*(\S+?)\s*(px|mm|m|deg)/s\s*")
+FASTEST = 1e7
+"""Of all things, px/s."""
 
 
 class Scales(NamedTuple):
@@ -102,6 +108,31 @@ class Scales(NamedTuple):
         requirement = f"be given where {key} is"
         require(self.pitch is not None, "[sensor] pixel_pitch_um", requirement, _NOTHING)
         return self.pitch  # type: ignore[return-value]
+
+
+def speed_of(text: str, scales: Scales, subject: str) -> float:
+    """The speed of a thing that a text gives in px/s, or with its unit; px/s.
+
+    Args:
+        text: As `2400`, `0.9 m/s`, `0.9 mm/s` or `3 deg/s`.
+        scales: Of the scene that it moves in.
+        subject: What the speed is of, in an error.
+
+    Raises:
+        ValueError: if it is no number, one of another unit, or faster than anything, or the scene
+            does not say what the unit needs.
+    """
+    match = _SPEED.fullmatch(text)
+    number, unit = match.groups() if match else (text, "px")
+    try:
+        value = float(number)
+    except ValueError:
+        value = math.nan
+    requirement = "be a number of px/s, or one with its unit, as 0.9m/s: px/s, mm/s, m/s or deg/s"
+    require(math.isfinite(value), subject, requirement, text)
+    speed = value * scales.of_things(f"{unit}_per_s", f"{subject} in {unit}/s")
+    require(abs(speed) <= FASTEST, subject, f"be at most {FASTEST:g} px/s", speed)
+    return speed
 
 
 def told_in(section: Section, name: str, units: tuple[str, ...], place: str) -> tuple[str, Any]:

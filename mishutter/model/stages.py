@@ -147,7 +147,11 @@ class StagePath(NamedTuple):
         return self.times[piece] + np.clip(np.real(roots), 0, length)
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions, px, and velocities, px/s, at some times, s, of any shape; at rest outside."""
+        """Positions, px, and velocities, px/s, at some times, s, of any shape; at rest outside.
+
+        Args:
+            times: Times from mid-exposure; s.
+        """
         count = self.jerks.size
         piece = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, count - 1)
         elapsed = np.clip(times, self.times[0], self.times[-1]) - self.times[piece]
@@ -159,7 +163,11 @@ class StagePath(NamedTuple):
         return position, np.where(rests, 0.0, velocity)
 
     def acceleration_at(self, times: np.ndarray) -> np.ndarray:
-        """Accelerations, px/s^2, at some times, s, of any shape: where they jump, those after."""
+        """Accelerations, px/s^2, at some times, s, of any shape: where they jump, those after.
+
+        Args:
+            times: Times from mid-exposure; s.
+        """
         piece = np.clip(
             np.searchsorted(self.times, times, side="right") - 1, 0, self.jerks.size - 1
         )

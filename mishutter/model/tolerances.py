@@ -111,7 +111,11 @@ class Tolerances(eqx.Module):
         return fields_text(self)
 
     def seen_from(self, velocity: Array | np.ndarray) -> "Tolerances":
-        """The tolerances in the frame of a sensor that pans, where its error is one of speeds."""
+        """The tolerances in the frame of a sensor that pans, where its error is one of speeds.
+
+        Args:
+            velocity: Velocity of the sensor; px/s.
+        """
         pans = velocity != 0
         known = is_concrete(velocity) and is_concrete(self.speed) and is_concrete(self.velocity)
         space = np if known else jnp
@@ -123,7 +127,11 @@ class Tolerances(eqx.Module):
         return eqx.tree_at(lambda t: (t.speed, t.velocity), self, numbers)
 
     def alone(self, name: str) -> "Tolerances":
-        """The tolerance of one name, without the others."""
+        """The tolerance of one name, without the others.
+
+        Args:
+            name: The tolerance that stays.
+        """
         names = [n for n in TOLERANCE_NAMES if n != name]
         nothing = [jnp.zeros_like(getattr(self, n)) for n in names]
         return eqx.tree_at(lambda t: [getattr(t, n) for n in names], self, nothing)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import equinox as eqx
 
 from mishutter._core import alone_in_blas, outside_trace, require_known
-from mishutter.evaluation import AbstractLoss, loss_of_decoder
+from mishutter.evaluation import ExpectedErrorLoss
 from mishutter.model import Occlusion, Scene, is_straight, require_scene
 from mishutter.search import RivalSearch, best_row, optimise, snapshots
 
@@ -36,7 +36,6 @@ class BackgroundGain:
 def background_gains(
     scene: Scene,
     *,
-    loss: AbstractLoss | None = None,
     step: Callable[[str], None] = lambda name: None,
 ) -> tuple[BackgroundGain, ...]:
     """Gains of the best cameras where half of the picture stands still, and where 70 % do.
@@ -47,7 +46,6 @@ def background_gains(
 
     Args:
         scene: Speeds, light, noise and limits.
-        loss: The loss that the cameras are searched by; the expected error by default.
         step: Called with the name of each search before it begins.
 
     Raises:
@@ -55,11 +53,10 @@ def background_gains(
     """
     require_scene(scene)
     require_known("background_gains", scene=scene)
-    loss = loss_of_decoder(scene) if loss is None else loss
-    is_whole = scene.occlusion is None and loss.decoder_speed == "unknown"
+    is_whole = scene.occlusion is None and scene.decoder_speed == "unknown"
     if not is_whole or float(scene.max_speed) == 0:
         return ()
-    gains = []
+    gains, loss = [], ExpectedErrorLoss()
     for share in STILL_SHARES:
         step(f"{share:.0%} still")
         layers = Occlusion(front_share=1 - share, object_width=OBJECT_WIDTH)

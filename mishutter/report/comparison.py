@@ -94,12 +94,20 @@ class Comparison:
         return best_row(row for row in rows if row.name in SNAPSHOTS)
 
     def over_snapshot(self, level: float) -> float:
-        """Gain of an expected PSNR over that of the best snapshot that the scene allows; dB."""
+        """Gain of an expected PSNR over that of the best snapshot that the scene allows; dB.
+
+        Args:
+            level: The expected PSNR; dB.
+        """
         snapshot = self.snapshot.level
         return 0.0 if level == snapshot else level - snapshot
 
     def row(self, name: str, reading: str = OWN_BEST_MOTION) -> Row:
         """The row of a shutter in a reading.
+
+        Args:
+            name: Name of the shutter.
+            reading: `"own best motion"` or `"same motion"`.
 
         Raises:
             ValueError: if there is none.

@@ -1,13 +1,16 @@
 """A comparison for programs and for people: one document, pictures in a folder."""
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mishutter._core import strict_json, write_text
 from mishutter.hardware import Design
 from mishutter.model import Scene, scene_picture
+from mishutter.report.backgrounds import BackgroundGain
 from mishutter.report.comparison import Comparison
 from mishutter.report.layered import layered_captures, layered_scene
 from mishutter.report.photographs import (
@@ -30,6 +33,8 @@ from mishutter.search import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_OF_PHOTOGRAPH = frozenset({"psnr.png", "photograph.png", "layers.png"})
+"""Pictures of the scene's photograph."""
 _MOST_ROWS = 5
 """Of a picture with a row for each design, at most."""
 
@@ -44,6 +49,7 @@ class Report:
         names: The given shutters among them.
         photographs: Results of the photograph for each on its own best motion; None for none.
         design: The design that was searched for; None for none.
+        backgrounds: Gains of the best cameras where part of the picture stands still.
     """
 
     scene: Scene
@@ -51,6 +57,7 @@ class Report:
     names: tuple[str, ...]
     photographs: Photographs | None = None
     design: Design | None = None
+    backgrounds: tuple[BackgroundGain, ...] = ()
 
 
 def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
@@ -92,7 +99,14 @@ def document(report: Report) -> dict[str, Any]:
         for decoder, results in levels.items()
     }
     found = {} if report.design is None else {"design": report.design.to_dict()}
-    return found | {"comparison": report.comparison.to_dict(), "photographs": photographs}
+    backgrounds = [
+        {"still_share": each.still_share, "gain_db": each.gain} for each in report.backgrounds
+    ]
+    return found | {
+        "comparison": report.comparison.to_dict(),
+        "before_a_background": backgrounds,
+        "photographs": photographs,
+    }
 
 
 def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
@@ -119,40 +133,69 @@ def _photograph_document(result: RestoredPhotograph) -> dict[str, Any]:
     }
 
 
-def write_report(report: Report, folder: Path) -> list[str]:
+def write_report(
+    report: Report, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
+) -> list[str]:
     """Designs, profiles and pictures into a folder; the names of the files.
 
     Pictures of a photograph that an earlier run left there, and this one has none for, go.
 
+    Args:
+        report: The comparison.
+        folder: Where the files go.
+        wrote: Called with the name of each file that is written.
+
     Raises:
         OSError: if a file cannot be written.
     """
+    writers = _writers(report)
+    for name, write in writers.items():
+        write(folder / name)
+        wrote(name)
+    for name in _OF_PHOTOGRAPH - set(writers):
+        (folder / name).unlink(missing_ok=True)
+    return list(writers)
+
+
+def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
+    """What writes each file, by its name, in the order in which they are written."""
+    writers: dict[str, Callable[[Path], None]] = {}
+    if report.design is not None:
+        writers |= {"design.json": report.design.save, "profile.csv": report.design.write_profile}
+    writers["report.json"] = lambda path: write_text(path, strict_json(document(report)) + "\n")
+    return writers | {
+        name: partial(_save_drawn, drawn) for name, drawn in _drawings(report).items()
+    }
+
+
+def _save_drawn(drawn: "Callable[[], Figure]", path: Path) -> None:
     from mishutter.report import plots
 
+    plots.save_figure(drawn(), path)
+
+
+def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
+    """What draws each picture, by the name of its file."""
+    from mishutter.report import plots
+
+    scene, shown = report.scene, report.photographs
     rows = pictured_rows(report.comparison, report.names)
     designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
     few = dict(itertools.islice(designs.items(), _MOST_ROWS))
-    figures = {
-        "profile.png": plots.plot_profiles(designs),
-        "kernels.png": plots.plot_kernels(few, shown_speeds(report.scene)),
-        "transfer.png": plots.plot_transfer(report.scene, designs),
+    drawings: dict[str, Callable[[], Figure]] = {
+        "profile.png": lambda: plots.plot_profiles(designs),
+        "kernels.png": lambda: plots.plot_kernels(few, shown_speeds(scene)),
+        "transfer.png": lambda: plots.plot_transfer(scene, designs),
     }
-    if report.photographs is not None:
-        figures["psnr.png"] = plots.plot_psnr(report.photographs.levels[ENSEMBLE], linear=True)
-        seen = {name: report.photographs.shown[name] for name in few}
-        speeds = pictured_speeds(report.scene)
-        figures["photograph.png"] = plots.plot_photograph(
-            seen, speeds, linear=True, axis=report.scene.axis
-        )
-    if report.photographs is not None and report.design is not None:
-        figures = {"layers.png": _layered(report, rows)} | figures
+    if shown is None:
+        return drawings
+    seen = {name: shown.shown[name] for name in few}
+    drawings |= {
+        "psnr.png": lambda: plots.plot_psnr(shown.levels[ENSEMBLE], linear=True),
+        "photograph.png": lambda: plots.plot_photograph(
+            seen, pictured_speeds(scene), linear=True, axis=scene.axis
+        ),
+    }
     if report.design is not None:
-        report.design.save(folder / "design.json")
-        report.design.write_profile(folder / "profile.csv")
-    for name, figure in figures.items():
-        plots.save_figure(figure, folder / name)
-    write_text(folder / "report.json", strict_json(document(report)) + "\n")
-    for name in {"psnr.png", "photograph.png", "layers.png"} - set(figures):
-        (folder / name).unlink(missing_ok=True)
-    written = ["report.json", *figures]
-    return written if report.design is None else ["design.json", "profile.csv", *written]
+        drawings["layers.png"] = lambda: _layered(report, rows)
+    return drawings

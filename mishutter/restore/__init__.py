@@ -1,4 +1,4 @@
-"""Restoration of what was recorded: decoders, borders and image quality."""
+"""Restoration of captures: decoders, borders and image quality."""
 
 from mishutter.restore.decoders import AbstractDecoder as AbstractDecoder
 from mishutter.restore.decoders import BlurModel as BlurModel

@@ -1,4 +1,4 @@
-"""How good a restored picture is: PSNR, SSIM, ghosts; whole, inside, and at the border.
+"""Quality of a restored picture: PSNR, SSIM, ghosts; whole, inside, and at the border.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -6,7 +6,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, Float
 
 from mishutter._core import (
     floating_light,
@@ -63,17 +63,17 @@ def psnr(
     Raises:
         ValueError: if the shapes differ, a value is not finite, or the matte is empty.
     """
-    true, found = _alike("psnr", reference, estimate)
-    weight = None if matte is None else _weights("psnr", true.shape, matte)
+    truth, restored = _alike("psnr", reference, estimate)
+    weight = None if matte is None else _weights("psnr", truth.shape, matte)
     total = 0.0
-    true, found = (x[None] if x.ndim == 0 else x for x in (true, found))
-    for first in range(0, len(true), _ROWS_AT_ONCE):
+    truth, restored = (x[None] if x.ndim == 0 else x for x in (truth, restored))
+    for first in range(0, len(truth), _ROWS_AT_ONCE):
         rows = slice(first, first + _ROWS_AT_ONCE)
-        pair = [np.asarray(x[rows], np.float64) for x in (true, found)]
+        pair = [np.asarray(x[rows], np.float64) for x in (truth, restored)]
         pair = [to_display(x) for x in pair] if gamma else pair
         squared = (pair[0] - pair[1]) ** 2
         total += float(np.sum(squared if weight is None else squared * weight[rows]))
-    error = total / true.size
+    error = total / truth.size
     return float(-10 * np.log10(error)) if error > 0 else float("inf")
 
 
@@ -94,14 +94,16 @@ def ssim(reference: ArrayLike, estimate: ArrayLike, *, matte: ArrayLike | None =
     """
     from skimage.metrics import structural_similarity
 
-    true, found = (to_display(x) for x in _pair("ssim", reference, estimate))
-    sides = true.shape[:2]
-    require(min(sides) >= 7, "ssim(reference=...)", "be at least 7 x 7 px", shape_of(true))
-    axis = -1 if true.ndim == 3 else None
-    parts: Any = structural_similarity(true, found, data_range=1.0, channel_axis=axis, full=True)
+    truth, restored = (to_display(x) for x in _pair("ssim", reference, estimate))
+    sides = truth.shape[:2]
+    require(min(sides) >= 7, "ssim(reference=...)", "be at least 7 x 7 px", shape_of(truth))
+    axis = -1 if truth.ndim == 3 else None
+    parts: Any = structural_similarity(
+        truth, restored, data_range=1.0, channel_axis=axis, full=True
+    )
     if matte is None:
         return float(parts[0])
-    return float(np.mean(parts[1] * _weights("ssim", true.shape, matte)))
+    return float(np.mean(parts[1] * _weights("ssim", truth.shape, matte)))
 
 
 def measure_quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -> Quality:
@@ -117,19 +119,19 @@ def measure_quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -
             integer, or nothing is left between the borders.
     """
     require_positive_int("measure_quality(border=...)", border)
-    true, found = _pair("measure_quality", reference, estimate)
-    columns = true.shape[1]
-    fits = columns >= 2 * border + 7
-    require(fits, "measure_quality(border=...)", f"leave 7 of the {columns} columns", border)
+    truth, restored = _pair("measure_quality", reference, estimate)
+    columns = truth.shape[1]
+    is_wide = columns >= 2 * border + 7
+    require(is_wide, "measure_quality(border=...)", f"leave 7 of the {columns} columns", border)
     inner = np.s_[:, border : columns - border]
     outer = np.r_[0:border, columns - border : columns]
     return Quality(
-        psnr=psnr(true, found),
-        linear_psnr=psnr(true, found, gamma=False),
-        inner_psnr=psnr(true[inner], found[inner]),
-        border_psnr=psnr(true[:, outer], found[:, outer]),
-        ssim=ssim(true, found),
-        inner_ssim=ssim(true[inner], found[inner]),
+        psnr=psnr(truth, restored),
+        linear_psnr=psnr(truth, restored, gamma=False),
+        inner_psnr=psnr(truth[inner], restored[inner]),
+        border_psnr=psnr(truth[:, outer], restored[:, outer]),
+        ssim=ssim(truth, restored),
+        inner_ssim=ssim(truth[inner], restored[inner]),
     )
 
 
@@ -147,8 +149,8 @@ def ghost_energy(
     Args:
         reference: Linear light; shape `(rows, columns)` or with channels last.
         estimate: The same.
-        distance: Where the kernel ends; px.
-        width: How far from there to look; px.
+        distance: Displacement at which the kernel ends; px.
+        width: Distance from there within which copies count; px.
 
     Returns:
         Energy of the copy, as a share of the picture's own.
@@ -157,15 +159,15 @@ def ghost_energy(
         ValueError: if the shapes differ, a value is not finite, or the picture is narrower
             than twice the distance, which is at least 0, and a few `width`.
     """
-    true, found = _pair("ghost_energy", reference, estimate)
-    true, found = (x[..., None] if x.ndim == 2 else x for x in (true, found))
+    truth, restored = _pair("ghost_energy", reference, estimate)
+    truth, restored = (x[..., None] if x.ndim == 2 else x for x in (truth, restored))
     subject = "ghost_energy(distance=...)"
     require_finite(subject, distance)
     require(distance >= 0, subject, "be at least 0 px", distance)
-    columns, reach = true.shape[1], round(distance) + 4 * width
+    columns, reach = truth.shape[1], round(distance) + 4 * width
     require(reach < columns // 2, subject, f"be well below half of {columns} px", distance)
-    edges = np.diff(true, axis=1)
-    error = np.diff(found - true, axis=1)
+    edges = np.diff(truth, axis=1)
+    error = np.diff(restored - truth, axis=1)
     size = float(np.sum(edges**2))
     if size == 0:
         return 0.0
@@ -176,29 +178,33 @@ def ghost_energy(
             source, copy = edges[:, -shift:], error[:, : columns - 1 + shift]
         return float(np.sum(source * copy)) / size
 
-    at = range(round(distance) - width, round(distance) + width + 1)
-    return max(echo(sign * d) ** 2 for d in at for sign in (1, -1))
+    shifts = range(round(distance) - width, round(distance) + width + 1)
+    return max(echo(sign * d) ** 2 for d in shifts for sign in (1, -1))
 
 
 def _weights(name: str, shape: tuple, matte: ArrayLike) -> np.ndarray:
     """Weights of the rows and columns of an array of `shape`, of mean 1."""
     weight = np.asarray(matte, np.float64)
-    fits = weight.shape == shape[:2] and float(np.sum(weight)) > 0
-    require(fits, f"{name}(matte=...)", f"have shape {shape[:2]} and weight", weight.shape)
+    has_weight = weight.shape == shape[:2] and float(np.sum(weight)) > 0
+    require(has_weight, f"{name}(matte=...)", f"have shape {shape[:2]} and weight", weight.shape)
     return weight.reshape(weight.shape + (1,) * (len(shape) - 2)) / np.mean(weight)
 
 
-def _alike(name: str, reference: ArrayLike, estimate: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    true = floating_light(reference, f"{name}(reference=...)")
-    found = floating_light(estimate, f"{name}(estimate=...)")
-    alike = true.shape == found.shape and true.size > 0
-    require(alike, f"{name}(estimate=...)", f"have shape {true.shape}", shape_of(found))
-    for argument, values in (("reference", true), ("estimate", found)):
-        finite = bool(np.all(np.isfinite(values)))
-        require(finite, f"{name}({argument}=...)", "be finite", "a value that is not")
-    return true, found
+def _alike(
+    name: str, reference: ArrayLike, estimate: ArrayLike
+) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:
+    truth = floating_light(reference, f"{name}(reference=...)")
+    restored = floating_light(estimate, f"{name}(estimate=...)")
+    are_alike = truth.shape == restored.shape and truth.size > 0
+    require(are_alike, f"{name}(estimate=...)", f"have shape {truth.shape}", shape_of(restored))
+    for argument, values in (("reference", truth), ("estimate", restored)):
+        is_finite = bool(np.all(np.isfinite(values)))
+        require(is_finite, f"{name}({argument}=...)", "be finite", "a value that is not")
+    return truth, restored
 
 
-def _pair(name: str, reference: ArrayLike, estimate: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    true, found = _alike(name, reference, estimate)
-    return true.astype(np.float64), found.astype(np.float64)
+def _pair(
+    name: str, reference: ArrayLike, estimate: ArrayLike
+) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:
+    truth, restored = _alike(name, reference, estimate)
+    return truth.astype(np.float64), restored.astype(np.float64)

@@ -1,13 +1,13 @@
-"""A photograph through the camera and back, at every speed, and how good it came out."""
+"""A photograph captured and restored at every speed, and the quality of the result."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     alone_in_blas,
@@ -50,49 +50,56 @@ from mishutter.restore.decoders.linear import expected_squared_error, squared_er
 from mishutter.restore.image_quality import psnr
 
 _CAPTURES_AT_ONCE = 4
-"""At most: each holds a picture and what every decoder made of it."""
+"""Most captures at a time, each of which holds a picture and its restorations."""
 
 
 class RestoredPhotograph(NamedTuple):
     """A photograph captured and restored at several speeds.
 
     Attributes:
-        speeds: px/s; shape `(s,)`.
-        psnr: PSNR with gamma put back, mean over noise seeds, inside the borders; dB,
-            shape `(s,)`.
+        speeds: Speeds of the picture; px/s.
+        psnr: PSNR with gamma put back, mean over noise seeds, inside the borders; dB.
         linear_psnr: The same in linear light: of the mean squared error over seeds; dB.
         standard_error: Standard error of `psnr` over the seeds; dB.
         linear_standard_error: That of `linear_psnr`.
         mean_psnr: Weighted over speeds: PSNR of the mean squared error, linear light; dB.
         expected_psnr: PSNR that the ensemble filter is expected to reach on captures of pictures
             with the scene's spectrum, over the scene's speeds; linear light, dB.
-        own_expected_psnr: The same of pictures with the spectrum and the mean of this one, where it
-            is judged, at each speed: what is left between it and `expected_psnr` is that one
-            photograph is not another; dB, shape `(s,)`.
-        reference: The picture that a perfect decoder would find; `(rows, columns, channels)`.
-        captured: Light as recorded, first seed; shape `(s, rows, columns, channels)`.
-        restored: Light restored, first seed; the same shape.
+        own_expected_psnr: The same of pictures with the spectrum and the mean of this one, in the
+            columns over which errors are taken, at each speed; it differs from `expected_psnr`
+            as one photograph does from another; dB.
+        reference: The picture as a perfect decoder would restore it.
+        captured: Light as recorded, first seed.
+        restored: Light restored, first seed.
     """
 
-    speeds: np.ndarray
-    psnr: np.ndarray
-    linear_psnr: np.ndarray
-    standard_error: np.ndarray
-    linear_standard_error: np.ndarray
+    speeds: Float[np.ndarray, "s"]
+    psnr: Float[np.ndarray, "s"]
+    linear_psnr: Float[np.ndarray, "s"]
+    standard_error: Float[np.ndarray, "s"]
+    linear_standard_error: Float[np.ndarray, "s"]
     mean_psnr: float
     expected_psnr: float
-    own_expected_psnr: np.ndarray
-    reference: np.ndarray
-    captured: np.ndarray
-    restored: np.ndarray
+    own_expected_psnr: Float[np.ndarray, "s"]
+    reference: Float[np.ndarray, "rows columns channels"]
+    captured: Float[np.ndarray, "s rows columns channels"]
+    restored: Float[np.ndarray, "s rows columns channels"]
 
     def at(self, *indices: int) -> "RestoredPhotograph":
-        """The figures and pictures of one or some of the speeds, alone."""
+        """The figures and pictures of one or some of the speeds, alone.
+
+        Args:
+            indices: Places of the speeds.
+        """
         each = {name: getattr(self, name)[list(indices)] for name in _AT_EACH_SPEED}
         return self._replace(**each)
 
     def turned(self, axis: Axis) -> "RestoredPhotograph":
-        """The same with pictures that are `turned` by an axis."""
+        """The same with pictures that are `turned` by an axis.
+
+        Args:
+            axis: The axis along which things move.
+        """
         names = ("reference", "captured", "restored")
         return self._replace(**{name: turned(getattr(self, name), axis) for name in names})
 
@@ -123,8 +130,8 @@ def deconvolve(
     decoder: AbstractDecoder | None = None,
     model: BlurModel | None = None,
     plan: Plan | Automatic | None = PLANNED,
-) -> Array:
-    """Restore captured pictures, without knowing how fast anything in them moved.
+) -> Float[Array, "..."]:
+    """Restore captured pictures by the speeds that may occur in them.
 
     Args:
         captured: Light in units of a fully open exposure, as `simulate_capture` gives
@@ -132,13 +139,13 @@ def deconvolve(
         scene: Speeds that may occur, light, noise, spectrum of pictures.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        decoder: How; the ensemble filter by default.
+        decoder: The method; the ensemble filter by default.
         model: The result of `blur_model` for these, if it is at hand.
         plan: The parts to compute: by default equal colours once; None for all.
 
     Returns:
         Light of the picture, white = 1; the shape of `captured`. A moving object stays
-        displaced by what its speed alone decides.
+        displaced by a distance that its speed alone decides.
 
     Raises:
         ValueError: if `captured` is not finite or not a picture, or the scene has no light.
@@ -160,13 +167,13 @@ def deconvolve(
     require_scene(scene)
     light = turned(as_pixels(captured, "deconvolve(captured=...)"), scene.axis)
     chosen = EnsembleDecoder() if decoder is None else decoder
-    right = isinstance(chosen, AbstractDecoder)
-    require(right, "deconvolve(decoder=...)", "be a decoder", decoder)
-    known = blur_model(scene, motion, shutter, plan=plan) if model is None else model
-    lit, subject = known.electrons > 0, "deconvolve(scene=...)"
-    require(lit, subject, "have a photon rate above 0 e-/s", known.electrons)
+    is_decoder = isinstance(chosen, AbstractDecoder)
+    require(is_decoder, "deconvolve(decoder=...)", "be a decoder", decoder)
+    blur = blur_model(scene, motion, shutter, plan=plan) if model is None else model
+    has_light, subject = blur.electrons > 0, "deconvolve(scene=...)"
+    require(has_light, subject, "have a photon rate above 0 e-/s", blur.electrons)
     distinct = distinct_colours(light, plan)
-    restored = channels_last(chosen.restore(as_float(rows_last(distinct)), known), light)
+    restored = channels_last(chosen.restore(as_float(rows_last(distinct)), blur), light)
     return as_float(turned(every_colour(restored, light), scene.axis))
 
 
@@ -194,9 +201,9 @@ def restore_photograph(
         scene: Light and noise, and what the decoder may know.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        decoder: How to restore; the ensemble filter by default.
-        speeds: px/s; the scene's by default.
-        num_seeds: How many captures, each with its own noise.
+        decoder: The method; the ensemble filter by default.
+        speeds: Speeds of the photograph, px/s; the scene's by default.
+        num_seeds: Number of captures at each speed, each with its own noise.
         key: JAX key of the noise; a fixed one by default.
         plan: The parts to compute: by default equal colours once; None for all.
 
@@ -215,8 +222,18 @@ def restore_photograph(
         ['29 dB', '27 dB']
     """
     chosen = EnsembleDecoder() if decoder is None else decoder
-    options = {"speeds": speeds, "num_seeds": num_seeds, "key": key, "plan": plan}
-    return restore_by_each(picture, scene, motion, shutter, {"": chosen}, **options)[""]
+    results = restore_by_each(
+        picture,
+        scene,
+        motion,
+        shutter,
+        {"": chosen},
+        speeds=speeds,
+        num_seeds=num_seeds,
+        key=key,
+        plan=plan,
+    )
+    return results[""]
 
 
 @alone_in_blas()
@@ -240,9 +257,9 @@ def restore_by_each(
         scene: Light and noise, and what the decoders may know.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        decoders: How to restore, by name.
-        speeds: px/s; the scene's by default.
-        num_seeds: How many captures, each with its own noise.
+        decoders: The methods, by name.
+        speeds: Speeds of the photograph, px/s; the scene's by default.
+        num_seeds: Number of captures at each speed, each with its own noise.
         key: JAX key of the noise; a fixed one by default.
         plan: The parts to compute, as for `restore_photograph`.
         least_taps: Length of the kernels, where they do not need more: with one for several
@@ -259,15 +276,15 @@ def restore_by_each(
     axis, scene = scene.axis, scene.along_rows()
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     require_finite("restore_photograph(speeds=...)", chosen_speeds)
-    row = chosen_speeds.ndim == 1 and chosen_speeds.size > 0
+    is_row = chosen_speeds.ndim == 1 and chosen_speeds.size > 0
     got = shape_of(chosen_speeds)
-    require(row, "restore_photograph(speeds=...)", "be one row of at least one speed", got)
+    require(is_row, "restore_photograph(speeds=...)", "be one row of at least one speed", got)
     weights = np.asarray(scene.weights) if speeds is None else None
     key = fixed_key() if key is None else key
     scene, motion, shutter, velocity = sensor_view(scene, motion, shutter)
     relative = chosen_speeds - float(velocity)
     window, inner = _common_columns(light.shape[-2], motion, relative, least_taps, axis)
-    reference = _seen_by_optics(np.asarray(light), scene)[:, window]
+    reference = _behind_optics(np.asarray(light), scene)[:, window]
     model = blur_model(scene, motion, shutter, plan=plan, least_taps=least_taps)
     seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
 
@@ -282,7 +299,7 @@ def restore_by_each(
         for trial, words in enumerate(seeds[index]):
             seed = jax.random.wrap_key_data(words, impl=jax.random.key_impl(key))
             capture = noisy(blurred, scene, motion, seed)
-            found = [
+            estimates = [
                 np.asarray(
                     deconvolve(
                         capture, scene, motion, shutter, decoder=decoder, model=model, plan=plan
@@ -291,15 +308,16 @@ def restore_by_each(
                 for decoder in decoders.values()
             ]
             if trial == 0:
-                for kept, light in zip((captured, *restored), (capture, *found), strict=True):
-                    kept[index] = light
-            pairs = [(reference[:, inner], estimate[:, inner]) for estimate in found]
+                results = zip((captured, *restored), (capture, *estimates), strict=True)
+                for store, result in results:
+                    store[index] = result
+            pairs = [(reference[:, inner], estimate[:, inner]) for estimate in estimates]
             errors.append([np.mean(np.square(b - a, dtype=np.float64)) for a, b in pairs])
             codes.append([psnr(truth, estimate) for truth, estimate in pairs])
         return _Errors(np.array(errors), np.array(codes))
 
     on_sensor = blurred_at_speeds(
-        light, scene, motion, shutter, relative.tolist(), plan, least_taps
+        light, scene, motion, shutter, relative.tolist(), plan=plan, least_taps=least_taps
     )
     count = min(num_processors(), _CAPTURES_AT_ONCE)
     trials = list(in_threads(tried, enumerate(on_sensor), count))
@@ -309,7 +327,7 @@ def restore_by_each(
         own_expected = -10 * np.log10(squared_error_of(model, rows, relative))
     return {
         name: RestoredPhotograph(
-            **_levels(chosen_speeds, weights, trials, index),
+            **_levels(chosen_speeds, weights, trials, index)._asdict(),
             expected_psnr=expected,
             own_expected_psnr=own_expected,
             reference=reference,
@@ -320,8 +338,10 @@ def restore_by_each(
     }
 
 
-def _seen_by_optics(light: np.ndarray, scene: Scene) -> np.ndarray:
-    """What a perfect decoder would find of a picture `(rows, columns, channels)`."""
+def _behind_optics(
+    light: Float[np.ndarray, "rows columns channels"], scene: Scene
+) -> Float[np.ndarray, "rows columns channels"]:
+    """The picture behind the scene's optics, as a perfect decoder would restore it."""
     rows = np.moveaxis(light, 1, 2)
     return np.moveaxis(through_optics(rows, float(scene.cutoff_frequency)), 2, 1)
 
@@ -334,44 +354,52 @@ def _seeds(key: Array, num_speeds: int, num_seeds: int) -> Array:
 
 
 class _Errors(NamedTuple):
-    """Errors at one speed, squared in linear light, and as a PSNR with gamma put back.
+    """Errors at one speed, squared in linear light, and as a PSNR with gamma put back."""
 
-    Of shape `(seeds, decoders)`.
-    """
-
-    squared: np.ndarray
-    coded: np.ndarray
+    squared: Float[np.ndarray, "seeds decoders"]
+    coded: Float[np.ndarray, "seeds decoders"]
 
 
 def least_columns(num_taps: int) -> int:
-    """How wide a photograph must be for kernels of a length."""
+    """Least width of a photograph for kernels of a length; px."""
     return num_taps + num_taps // 2 + 15
 
 
 def _common_columns(
     num_columns: int, motion: AbstractMotion, speeds: np.ndarray, least_taps: int, axis: Axis
 ) -> tuple[slice, slice]:
-    """Columns that are recorded whole at every speed, and which of those to judge.
+    """Columns that are recorded whole at every speed, and those over which errors are taken.
 
     A camera at rest and a moving one record different columns of the scene by kernels of one
-    length. Judged are those that both do.
+    length. Errors are taken over the columns that both record.
     """
     num_taps, origin = kernel_layout(motion, *speeds.tolist(), least_taps=least_taps)
-    left = num_columns - num_taps + 1
+    num_recorded = num_columns - num_taps + 1
     enough, subject = least_columns(num_taps), "restore_photograph(picture=...)"
     require(
         num_columns >= enough, subject, f"have at least {enough} {pixels_along(axis)}", num_columns
     )
-    margin = min(num_taps // 2, (left - num_taps // 2) // 4)
+    margin = min(num_taps // 2, (num_recorded - num_taps // 2) // 4)
     first = num_taps - 1 - origin
-    judged = slice(origin + margin, num_columns - num_taps // 2 - margin - first)
-    return slice(first, num_columns - origin), judged
+    inner = slice(origin + margin, num_columns - num_taps // 2 - margin - first)
+    return slice(first, num_columns - origin), inner
+
+
+class _Levels(NamedTuple):
+    """The fields of a `RestoredPhotograph` of these names."""
+
+    speeds: Float[np.ndarray, "s"]
+    psnr: Float[np.ndarray, "s"]
+    linear_psnr: Float[np.ndarray, "s"]
+    standard_error: Float[np.ndarray, "s"]
+    linear_standard_error: Float[np.ndarray, "s"]
+    mean_psnr: float
 
 
 def _levels(
     speeds: np.ndarray, weights: np.ndarray | None, trials: Sequence[_Errors], decoder: int
-) -> dict[str, Any]:
-    """The figures of a `RestoredPhotograph` by one of the decoders."""
+) -> _Levels:
+    """The levels of a `RestoredPhotograph` by one of the decoders."""
     squared = np.stack([trial.squared[:, decoder] for trial in trials])
     coded = np.stack([trial.coded[:, decoder] for trial in trials])
     count = squared.shape[1]
@@ -379,11 +407,11 @@ def _levels(
     spread = np.std(squared, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
     coded_spread = np.std(coded, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
     share = np.full(len(mean), 1 / len(mean)) if weights is None else weights
-    return {
-        "speeds": speeds,
-        "psnr": np.mean(coded, axis=1),
-        "linear_psnr": -10 * np.log10(mean),
-        "standard_error": coded_spread / np.sqrt(count),
-        "linear_standard_error": 10 / np.log(10) * spread / mean / np.sqrt(count),
-        "mean_psnr": float(-10 * np.log10(share @ mean)),
-    }
+    return _Levels(
+        speeds=speeds,
+        psnr=np.mean(coded, axis=1),
+        linear_psnr=-10 * np.log10(mean),
+        standard_error=coded_spread / np.sqrt(count),
+        linear_standard_error=10 / np.log(10) * spread / mean / np.sqrt(count),
+        mean_psnr=float(-10 * np.log10(share @ mean)),
+    )

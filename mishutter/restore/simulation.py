@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -32,7 +33,7 @@ from mishutter.restore.decoders.speed_finding import at_speed
 from mishutter.restore.restoration import deconvolve
 
 Progress = Callable[[str, float], None]
-"""Called with what is being done and the share that is."""
+"""Function that is called with a sentence about the work and the share of it that is done."""
 
 
 class _Pictures(NamedTuple):
@@ -41,25 +42,31 @@ class _Pictures(NamedTuple):
 
 
 class Simulation(_Pictures):
-    """A capture and what a decoder makes of it: a pair.
+    """A capture and its restoration: a pair.
 
     Attributes:
         captured: Light in units of a fully open exposure; `(rows, columns, channels)`, or
             `(rows, columns)` of an array of that shape.
         restored: Light of the picture, white = 1; the same shape.
-        found: The speed that the `SpeedFindingDecoder` found, which is no part of the pair; None
-            of others.
+        found: The estimate of the `SpeedFindingDecoder`, which is no part of the pair; None by
+            other decoders.
     """
 
     found: SpeedEstimate | None = None
 
     @classmethod
     def of(
-        cls, captured: np.ndarray, restored: np.ndarray, found: SpeedEstimate | None
+        cls, captured: np.ndarray, restored: np.ndarray, estimate: SpeedEstimate | None
     ) -> "Simulation":
-        """A pair, and the speed that was found."""
+        """A pair, and the estimate of the speed.
+
+        Args:
+            captured: What was recorded.
+            restored: What a decoder made of it.
+            estimate: The speed that it found; None by a decoder that looks for none.
+        """
         pair = cls(captured, restored)
-        pair.found = found
+        pair.found = estimate
         return pair
 
 
@@ -83,8 +90,8 @@ def capture_and_restore(
 
     Blur and noise are along rows, so that rows can be done in any portions; a decoder that knows
     how rows go together is given a few more above and below (`rows_beyond`), and one that finds the
-    speed finds it in all of them. One that sets its strength by what a plane leaves unexplained
-    does so for each portion.
+    speed finds it in all of them. One that sets its strength by the residual of a plane does so for
+    each portion.
 
     Args:
         subject: A photograph, a layered scene, or footage.
@@ -92,12 +99,12 @@ def capture_and_restore(
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
         speed: Speed of a photograph, px/s; 0 for layers and frames.
-        decoder: How to restore; the ensemble filter by default.
+        decoder: The method; the ensemble filter by default.
         key: JAX key of the noise; None for none.
         border: As in `simulate_capture`, for a photograph.
         full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
         adc_bits: Bits of the converter; None for no rounding.
-        rows_at_once: How many rows, at most; of columns where the scene's things move along these.
+        rows_at_once: Most rows of a portion, or columns if the scene's objects move along these.
         progress: Called with a sentence and the share done.
         plan: The argument of `simulate_capture` and of `deconvolve`.
 
@@ -110,14 +117,22 @@ def capture_and_restore(
     axis, scene = scene.axis, scene.along_rows()
     chosen = EnsembleDecoder() if decoder is None else decoder
     report = progress if progress is not None else lambda text, share: None
-    options = {"speed": speed, "border": border, "plan": plan}
-    options |= {"full_well": full_well, "adc_bits": adc_bits}
-    whole = isinstance(subject, Layers | Frames)
+    capture = partial(
+        simulate_capture,
+        scene=scene,
+        motion=motion,
+        shutter=shutter,
+        speed=speed,
+        border=border,
+        full_well=full_well,
+        adc_bits=adc_bits,
+        plan=plan,
+    )
+    is_exposed = isinstance(subject, Layers | Frames)
     if isinstance(subject, Layers | Frames):
         subject = subject if axis == "rows" else subject.turned()
         report("exposing", 0.0)
-        exposed = simulate_capture(subject, scene, motion, shutter, key=key, **options)
-        light = np.asarray(exposed)
+        light = np.asarray(capture(subject, key=key))
     else:
         light = turned(as_light(subject, "capture_and_restore(subject=...)"), axis)
     model = blur_model(scene, motion, shutter, plan=plan)
@@ -127,9 +142,9 @@ def capture_and_restore(
     for first in portions:
         report("capturing", 0.5 * first / num_rows)
         part = jnp.asarray(light[first : first + rows_at_once])
-        if not whole:
-            own = None if key is None else jax.random.fold_in(key, first)
-            part = simulate_capture(part, scene, motion, shutter, key=own, **options)
+        if not is_exposed:
+            own_key = None if key is None else jax.random.fold_in(key, first)
+            part = capture(part, key=own_key)
         if first == 0:
             shape = (num_rows, *part.shape[1:])
             captured, restored = np.empty(shape, part.dtype), np.empty(shape, part.dtype)
@@ -145,14 +160,14 @@ def capture_and_restore(
         report("restoring", 0.5 + 0.5 * first / num_rows)
         above = min(first, beyond)
         part = captured[first - above : past + beyond]
-        found = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
-        restored[first:past] = found[above : above + past - first]
+        rows = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
+        restored[first:past] = rows[above : above + past - first]
     report("done", 1.0)
     return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)
 
 
 def _mirrored_portions(num_rows: int, at_once: int) -> list[int]:
-    """Where portions of about equal size meet, which a picture turned over has too."""
+    """Ends of portions of about equal size; a picture that is turned over has the same."""
     count = -(-num_rows // at_once)
     if num_rows % 2 and count % 2 == 0:
         count += 1  # the middle row has a portion to be in

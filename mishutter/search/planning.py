@@ -8,11 +8,11 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import Array, ArrayLike
 
 from mishutter._core import compiled, require_known
 from mishutter.evaluation import (
-    LEAST_EFFECTIVE_SPEEDS,
+    SEARCHED_EFFECTIVE_SPEEDS,
     AbstractLoss,
     AbstractResponseLoss,
     Item,
@@ -131,19 +131,32 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     spaces = [space]
     if "acceleration" in space.free and "path" not in space.free:
         spaces.append(space.without_acceleration())
-    motions = [design_at(each, corner)[1] for each in spaces for corner in corners]
+    motions = [_motion_at(each, corner) for each in spaces for corner in corners]
     return reduce(larger, [sizes(scene, motion) for motion in motions])
 
 
 def design_at(space: DesignSpace, box: np.ndarray) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
-    shutter, motion = _design_at(space, box)
-    return shutter, settled(motion)
+    motion = _motion_at(space, box)
+    if space.device is None and not space.num_profile_coordinates:
+        return space.shutter, motion
+    return _shutter_at(space, box, motion.half_exposure), motion
+
+
+def _motion_at(space: DesignSpace, box: np.ndarray) -> AbstractMotion:
+    """The motion at a point of the box."""
+    alone = space.of_motion
+    return settled(_of_motion(alone, box[space.size - alone.size :]))
 
 
 @compiled
-def _design_at(space: DesignSpace, box: ArrayLike) -> tuple[AbstractShutter, AbstractMotion]:
-    return space.at(jnp.asarray(box))
+def _of_motion(space: DesignSpace, box: ArrayLike) -> AbstractMotion:
+    return space.at(jnp.asarray(box))[1]
+
+
+@compiled
+def _shutter_at(space: DesignSpace, box: ArrayLike, half_exposure: Array) -> AbstractShutter:
+    return space.shutter_at(jnp.asarray(box), half_exposure)
 
 
 def _corners(space: DesignSpace) -> list[np.ndarray]:
@@ -313,7 +326,7 @@ def _layers_items(kept: Plan, needs: Needs) -> list[Item]:
     if not needs.spectra:
         return [Item("effective speeds", str(count), "0", "no transfer function is needed")]
     beat = "background that edges uncover moves at speeds in between and beyond, by the exposure"
-    why = f"{beat}; {LEAST_EFFECTIVE_SPEEDS} are enough for a search"
+    why = f"{beat}; {SEARCHED_EFFECTIVE_SPEEDS} are enough for a search"
     return [Item("effective speeds", *_pair(count), why)]
 
 

@@ -117,7 +117,7 @@ class Row:
         """Parts that a camera at rest with an ordinary shutter lacks for it: a stage, a shutter."""
         of_stage = without_velocity(self.motion) if self.turns else self.motion
         stays_open = isinstance(self.shutter, RectShutter)
-        stays_open = stays_open or float(self.shutter.efficiency()) > _OPEN
+        stays_open = stays_open or float(self.metrics.efficiency) > _OPEN
         takes = {
             "a stage": float(of_stage.extent) >= _STANDS_STILL,
             "a shutter": not stays_open,

@@ -788,6 +788,10 @@ def starting_shutter(scene: Scene, num_coefficients: int = NUM_COEFFICIENTS) -> 
     Where the camera pans, that is about the velocity in their middle; a stage, whose stroke holds
     its pan, may not reach it. Through a device that lags it is not: the command has to be ahead of
     a symmetric light. Its precision is that of the speeds.
+
+    Args:
+        scene: The scene.
+        num_coefficients: Coefficients of the profile.
     """
     require_scene(scene)
     require_known("starting_shutter", scene=(scene.speeds, scene.weights, scene.limits))

@@ -36,7 +36,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Unquoted, common_dtype, device_constant, require
+from mishutter._core import Unquoted, common_dtype, compiled, device_constant, require
 from mishutter.model import (
     AbstractDevice,
     AbstractMotion,
@@ -46,6 +46,7 @@ from mishutter.model import (
     LinearMotion,
     ParabolicMotion,
     PathShape,
+    RectShutter,
     Scene,
     StillCamera,
     at_coordinates,
@@ -68,6 +69,8 @@ _ROUNDS_TO_FILL = 8
 each leaves less than a quarter of the error."""
 _NUM_TRIED, _HALVINGS = 256, 40
 """Half exposures between which a limit of the stage may begin to hold, and halvings of one step."""
+_TIMES_AT_ONCE = 8
+"""Of these, for one program to serve both the first of them and the halvings."""
 _MOST_PIECES_DIFFER = 20.0
 """How many times more, or less, than the mean the acceleration of a piece of a free path may be."""
 _MEETING = 0.5
@@ -139,9 +142,7 @@ class DesignSpace(eqx.Module):
     def at(self, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
         """The design at a point of the box; shape `(size,)`."""
         count = self.num_profile_coordinates
-        shutter = self.shutter
-        if count:
-            shutter = at_coordinates(shutter, box[:count])
+        shutter = self._profile_at(box)
         share = dict(zip(self.free_of_motion, box[self.num_shape_coordinates :], strict=True))
         if not share:
             return self.light(shutter, self.motion.half_exposure), self.motion
@@ -167,6 +168,15 @@ class DesignSpace(eqx.Module):
             return shutter, FreeMotion(accelerations=acceleration * shape.pieces, **numbers)
         return shutter, ParabolicMotion(acceleration=acceleration, **numbers)
 
+    def shutter_at(self, box: Array, half_exposure: Array) -> AbstractShutter:
+        """The transmittance of the design at a point of the box, whose half exposure is known."""
+        return self.light(self._profile_at(box), half_exposure)
+
+    def _profile_at(self, box: Array) -> AbstractShutter:
+        """The profile that is sent to the device at a point of the box."""
+        count = self.num_profile_coordinates
+        return at_coordinates(self.shutter, box[:count]) if count else self.shutter
+
     def _shape(self, box: Array) -> PathShape | None:
         """The shape of a free path at its coordinates."""
         if not self.num_path_coordinates:
@@ -177,6 +187,20 @@ class DesignSpace(eqx.Module):
             pieces = jnp.concatenate([pieces[::-1], pieces])
         pans = "velocity" in self.free and self.limits.pans == "stage"
         return PathShape(pieces, _level_velocity(pieces) if pans else jnp.zeros_like(pieces[0]))
+
+    @property
+    def of_motion(self) -> "DesignSpace":
+        """The space of the motion alone, whose programs serve shutters of every kind.
+
+        It is this space itself where none of it moves, and where pixels fill and the exposures that
+        there are depend on the profile.
+        """
+        fills = self.filling is not None and (self.num_profile_coordinates > 0 or self.lags)
+        if fills or not self.free_of_motion:
+            return self
+        free = tuple(name for name in self.free if name != "shutter")
+        of_shutter = {"shutter": RectShutter(), "device": None, "num_profile_coordinates": 0}
+        return replace(self, free=free, **of_shutter)
 
     @property
     def free_of_motion(self) -> tuple[str, ...]:
@@ -216,7 +240,8 @@ class DesignSpace(eqx.Module):
         path only the place where stroke and top speed do is known.
         """
         index = self.num_shape_coordinates
-        if not {"acceleration", "half_exposure"} <= set(self.free):
+        moves = {"acceleration", "half_exposure"} <= set(self.free)
+        if not moves or is_known_zero(self.strongest):
             return Bends(index, np.zeros(0))
         if self.num_path_coordinates:
             return Bends(index, np.array([_MEETING]))
@@ -234,32 +259,38 @@ class DesignSpace(eqx.Module):
     def _bends_of_stage(self, low: float, high: float) -> np.ndarray:
         """Half exposures at which another limit on the acceleration begins to hold; s."""
 
-        @jax.jit
-        def binding(times: Array) -> Array:
-            a, half = jax.vmap(self._acceleration_bounds)(times)[1], times
-            most, rest = self.limits.max_acceleration, jnp.zeros_like(half)
-            shares = [
-                a / self.limits.acceleration_by_stroke(half),
-                2 * a * half / self.limits.max_top_speed,
-                self.limits.stage_share(a, half, rest),
-                rest if most is None else 2 * a / most,
-            ]
-            least = jax.vmap(self._acceleration_bounds)(times)[0]
-            floors = jnp.stack([jnp.full_like(a, self.demand), _SLOWEST * 2 * a * half])
-            own = least * 2 * half / jnp.maximum(self.motion.speed_gain, 1e-30)
-            course = jnp.argmax(jnp.stack(shares), axis=0) * 8
-            course += jnp.argmax(floors, axis=0) * 4 + jnp.where(own < 1 - 1e-9, 2, 0)
-            return course + jnp.where(least >= a, 1, 0)
+        def courses_at(some: np.ndarray) -> np.ndarray:
+            padded = np.resize(some, -(-some.size // _TIMES_AT_ONCE) * _TIMES_AT_ONCE)
+            rows = padded.astype(self.dtype).reshape(-1, _TIMES_AT_ONCE)
+            each = [np.asarray(_courses(self.of_motion, row)) for row in rows]
+            return np.concatenate(each)[: some.size]
 
         times = np.geomspace(low, high, _NUM_TRIED)
-        courses = np.asarray(binding(jnp.asarray(times, self.dtype)))
+        courses = courses_at(times)
         at = np.flatnonzero(np.diff(courses))
         before, after = times[at], times[at + 1]
         for _ in range(_HALVINGS if at.size else 0):
             middle = np.sqrt(before * after)
-            same = np.asarray(binding(jnp.asarray(middle, self.dtype))) == courses[at]
+            same = courses_at(middle) == courses[at]
             before, after = np.where(same, middle, before), np.where(same, after, middle)
         return after
+
+    def course_at(self, half_exposure: Array) -> Array:
+        """A number that tells which limits the acceleration ends at over an exposure; scalar."""
+        limits, half = self.limits, half_exposure
+        least, most = self._acceleration_bounds(half)
+        rest = jnp.zeros_like(half)
+        shares = [
+            most / limits.acceleration_by_stroke(half),
+            2 * most * half / limits.max_top_speed,
+            limits.stage_share(most, half, rest),
+            rest if limits.max_acceleration is None else 2 * most / limits.max_acceleration,
+        ]
+        floors = jnp.stack([self.demand.astype(most.dtype), _SLOWEST * 2 * most * half])
+        own = least * 2 * half / jnp.maximum(self.motion.speed_gain, 1e-30)
+        course = jnp.argmax(jnp.stack(shares)) * 8
+        course += jnp.argmax(floors) * 4 + jnp.where(own < 1 - 1e-9, 2, 0)
+        return course + jnp.where(least >= most, 1, 0)
 
     def box(self, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
         """The point of the box nearest to a design; shape `(size,)`."""
@@ -415,6 +446,11 @@ class DesignSpace(eqx.Module):
         keeping_up = jnp.clip(self.demand / (2 * half_exposure), _SLOWEST * high, high)
         kept_up = jnp.abs(_mean_acceleration(self.motion)) * self.motion.half_exposure
         return jnp.minimum(keeping_up, kept_up / half_exposure), high
+
+
+@compiled
+def _courses(space: DesignSpace, half_exposures: Array | np.ndarray) -> Array:
+    return jax.vmap(space.course_at)(jnp.asarray(half_exposures))
 
 
 def _mean_acceleration(motion: AbstractMotion) -> Array:

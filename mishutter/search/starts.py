@@ -20,6 +20,7 @@ from mishutter.model import (
     TriangleShutter,
     TukeyShutter,
     as_parabolic,
+    coordinates,
     fitted_boxes,
 )
 from mishutter.search.space import DesignSpace
@@ -65,12 +66,22 @@ def box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion)
     if isinstance(shutter, SplineShutter) and isinstance(own, SplineShutter):
         if shutter.symmetric and not own.symmetric:
             shutter = SplineShutter(shutter.coefficients)
-    return np.asarray(_box_at(space, shutter, as_parabolic(motion)))
+    alone = space.of_motion
+    if alone is space:
+        return np.asarray(_box_at(space, shutter, as_parabolic(motion)))
+    of_motion = np.asarray(_box_at(alone, RectShutter(), as_parabolic(motion)))
+    if "shutter" not in space.free:
+        return of_motion
+    profile = np.clip(np.asarray(_coordinates(shutter)), 0, 1).astype(of_motion.dtype)
+    return np.concatenate([profile, of_motion])
 
 
 @compiled
 def _box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
     return space.box(shutter, motion)
+
+
+_coordinates = compiled(coordinates)
 
 
 def path_boxes(space: DesignSpace, boxes: np.ndarray) -> np.ndarray:

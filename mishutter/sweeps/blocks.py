@@ -1,4 +1,4 @@
-"""One block of a sweep: the profile of each point found if asked for, then all measured."""
+"""One block of a sweep: the best profile at each point if asked for, then all metrics."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from operator import itemgetter
@@ -9,6 +9,7 @@ import numpy as np
 
 from mishutter._core import in_threads, num_threads
 from mishutter.evaluation import (
+    ERRORS_BY_LIGHT,
     KERNEL_METRICS,
     SPECTRUM_METRICS,
     LightLevels,
@@ -35,9 +36,9 @@ class Kit(NamedTuple):
 
     Attributes:
         shutter: The shutter, or one of the kind of which each point has its own.
-        coordinates: What is sent: the shutter, or those of which each point's own is made.
-        rules: Rules of quadrature of their light; None where it depends on the exposure.
-        scenes: The speeds of each frame that it needs.
+        coordinates: The shutter, or those whose sums are the points' own.
+        rules: Rules of quadrature behind the device; None where they depend on the exposure.
+        scenes: Scenes of each frame with the speeds that the shutter needs.
     """
 
     shutter: AbstractShutter
@@ -56,7 +57,7 @@ class Engine:
 
     def __init__(self, grid: Grid):
         self.grid = grid
-        self.scenes = [frame.seen for frame in grid.frames]
+        self.scenes = [frame.sensor_scene for frame in grid.frames]
         self.outside = [
             outside_limits(frame, grid.accelerations, grid.half_exposures) for frame in grid.frames
         ]
@@ -95,15 +96,15 @@ class Engine:
         return Kit(shutter, coordinates, rules, scenes)
 
     def _rules(self, coordinates: Sequence[AbstractShutter], half_exposure: Any) -> Rules:
-        """Rules of quadrature of what light sees of some profiles."""
+        """Rules of quadrature of some profiles behind the device."""
         scene = self.scenes[0]
-        passed = [transmittance(scene, half_exposure, each) for each in coordinates]
-        return rules_of(passed, self.shapes, self.grid.dtype)
+        shutters = [transmittance(scene, half_exposure, each) for each in coordinates]
+        return rules_of(shutters, self.shapes, self.grid.dtype)
 
     def _rules_at(
         self, kit: Kit, half_exposures: np.ndarray
     ) -> Iterator[tuple[np.ndarray | slice, Rules]]:
-        """Points whose light has the same rules, and these."""
+        """Points that share rules of quadrature, and these."""
         if kit.rules is not None:
             yield slice(None), kit.rules
             return
@@ -129,7 +130,7 @@ class Engine:
             name: _placed(getattr(sizes, name), inside) for name in ("num_taps", "dft_length")
         }
         arrays["outside"] = everywhere[at]
-        found = [self._measured(kit, block.frame, motions, sizes) for kit in self.kits]
+        metrics = [self._measured(kit, block.frame, motions, sizes) for kit in self.kits]
         if grid.search is not None:
             scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
             best = search(grid.search, scene, motions, profile, grid.skips)
@@ -143,12 +144,12 @@ class Engine:
                 )
             }
             basis = self.bases[profile.symmetric]
-            found.append(self._measured(basis, block.frame, motions, sizes, best.boxes))
+            metrics.append(self._measured(basis, block.frame, motions, sizes, best.boxes))
         for name in grid.metrics:
-            arrays[name] = _placed(np.stack([x[name] for x in found], axis=1), inside)
+            arrays[name] = _placed(np.stack([x[name] for x in metrics], axis=1), inside)
         if grid.full_well is not None:
-            light = _placed(np.stack([x["efficiency"] for x in found], axis=1), inside)
-            self._overflow(arrays, light, block, grid.full_well)
+            efficiency = np.stack([x["efficiency"] for x in metrics], axis=1)
+            self._overflow(arrays, _placed(efficiency, inside), block, grid.full_well)
         return {key: arrays[key].astype(dtype) for key, dtype in grid.variables.items()}
 
     def _measured(
@@ -160,17 +161,16 @@ class Engine:
         boxes: np.ndarray | None = None,
     ) -> Arrays:
         """Metrics of a kit's shutter at some points, by name."""
-        grid, seen = self.grid, kit.scenes[frame]
-        given, own = (grid.photon_rates, grid.read_noises), (seen.photon_rate, seen.read_noise)
-        pairs = zip(given, own, strict=True)
-        levels = (np.atleast_1d(np.asarray(o if g is None else g)) for g, o in pairs)
-        light = LightLevels(*levels)
-        found = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
+        grid, scene = self.grid, kit.scenes[frame]
+        rates = scene.photon_rate if grid.photon_rates is None else grid.photon_rates
+        noises = scene.read_noise if grid.read_noises is None else grid.read_noises
+        light = LightLevels(*(np.atleast_1d(np.asarray(level)) for level in (rates, noises)))
+        metrics = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
         halves = np.asarray(motions.half_exposure)
         for index, rules in self._rules_at(kit, halves) if halves.size else ():
             some, own_sizes, own_boxes = jax.tree.map(itemgetter(index), (motions, sizes, boxes))
             part = measure(
-                seen,
+                scene,
                 some,
                 kit.shutter,
                 rules,
@@ -181,18 +181,18 @@ class Engine:
                 boxes=own_boxes,
             )
             for name, values in part.items():
-                if not found[name].size:
-                    found[name] = np.zeros((halves.size, *values.shape[1:]), values.dtype)
-                found[name][index] = values
-        if "expected_psnr" in found:
-            tail = [x.size for x in given if x is not None]
-            found["expected_psnr"] = found["expected_psnr"].reshape(-1, *tail)
-        return found
+                if not metrics[name].size:
+                    metrics[name] = np.zeros((halves.size, *values.shape[1:]), values.dtype)
+                metrics[name][index] = values
+        axes = (grid.photon_rates, grid.read_noises)
+        tail = [axis.size for axis in axes if axis is not None]
+        by_light = (name for name in ERRORS_BY_LIGHT if name in metrics)
+        return metrics | {name: metrics[name].reshape(-1, *tail) for name in by_light}
 
     def _overflow(
         self, arrays: Arrays, efficiency: np.ndarray, block: Block, full_well: float
     ) -> None:
-        """Leave out what fills a white pixel."""
+        """Leave out points at which white fills a pixel."""
         grid, scene = self.grid, self.scenes[block.frame]
         half = grid.half_exposures[grid.place(block)[1]]
         by_light = grid.photon_rates is not None
@@ -204,7 +204,7 @@ class Engine:
         bits = bits | arrays["outside"][:, :, None, None]
         arrays["outside"] = bits if by_light else bits[..., 0]
         for name in grid.metrics:
-            if by_light and name == "expected_psnr":
+            if by_light and name in ERRORS_BY_LIGHT:
                 arrays[name][full] = np.nan
             else:
                 arrays[name][np.all(full, axis=3)] = np.nan
@@ -216,7 +216,7 @@ def _mark(reason: str) -> np.unsignedinteger:
 
 
 def _placed(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Values of the points inside where these are; elsewhere NaN, or 0 of whole numbers."""
+    """Values at the points inside; elsewhere NaN, or 0 for whole numbers."""
     nothing = np.nan if values.dtype.kind == "f" else 0
     whole = np.full((*inside.shape, *values.shape[1:]), nothing, values.dtype)
     whole[inside] = values

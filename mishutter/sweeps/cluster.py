@@ -50,8 +50,8 @@ def compute_remotely(
 ) -> Iterator[Block]:
     """Compute blocks on a cluster, in whatever order they are finished.
 
-    With a store its workers write to it; without one they send what they found. A block
-    whose worker dies goes to another.
+    With a store its workers write to it; without one they send their results. A block whose worker
+    dies goes to another.
 
     Raises:
         ValueError: if a worker has not this version of the package, or another store than ours, or
@@ -105,8 +105,8 @@ def check_workers(client: Any) -> None:
     if not workers:
         _LOG.warning("no worker has joined the scheduler yet: waiting for one")
     ours, subject = package_version(), "sweep(scheduler=...)"
-    for address, found in workers.items():
-        theirs = found["packages"]["mishutter"] or "unknown"
+    for address, versions in workers.items():
+        theirs = versions["packages"]["mishutter"] or "unknown"
         got = Unquoted(f"{theirs} on {address}")
         require(theirs == ours, subject, f"have workers with mishutter {ours}", got)
 

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Float, UInt
 
 from mishutter._core import common_dtype, describe, require, shape_of
-from mishutter.evaluation import AbstractLoss
+from mishutter.evaluation import ERRORS_BY_LIGHT, AbstractLoss
 from mishutter.hardware import package_version, scene_to_dict, shutter_to_dict
 from mishutter.model import AbstractShutter, LinearMotion, Scene, SplineShutter, seen_from
 from mishutter.search import without_pan
@@ -23,9 +24,10 @@ METRICS = {
     "relative_kernel_difference": ("RMS difference over RMS of a still object's kernel", "1"),
     "efficiency": ("share of light let through", "1"),
     "expected_psnr": ("PSNR of the best single linear decoder, linear light", "dB"),
+    "worst_speed_psnr": ("PSNR of that decoder at the worst of the speeds, linear light", "dB"),
     "bound_share": ("share of the wedge bound, worst speed and frequency", "1"),
 }
-"""Metrics of a design, what they are and their units."""
+"""Metrics of a design, with their descriptions and units."""
 
 REASONS = (
     "stroke",
@@ -38,9 +40,9 @@ REASONS = (
     "acceleration",
     "blur_too_long",
 )
-"""Why a point is left out, in the order of the bits of `outside`."""
+"""Reasons to leave a point out, in the order of the bits of `outside`."""
 MARKS = np.dtype(np.uint16)
-"""Of `outside`: as many bits as there are reasons, at least."""
+"""Precision of `outside`: it has as many bits as there are reasons, at least."""
 
 OPTIMISED = "optimised"
 FORMAT = 3
@@ -51,13 +53,13 @@ _SEARCH_BLOCK = 16
 
 
 class Search(NamedTuple):
-    """How the best profile of each point is searched for.
+    """Settings of the search for the best profile at each point.
 
     Attributes:
         loss: The loss to minimise.
         profiles: A profile of the kind that is searched in each frame, to start from.
-        max_steps: Steps of each search, at most.
-        seed: Of the random starts.
+        max_steps: Most steps of each search.
+        seed: Seed of the random starts.
     """
 
     loss: AbstractLoss
@@ -81,7 +83,7 @@ class Search(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """A scene as a sensor sees it that pans.
+    """A scene and the velocity of a sensor that pans.
 
     Attributes:
         scene: The scene at rest.
@@ -92,7 +94,7 @@ class Frame(NamedTuple):
     velocity: float
 
     @property
-    def seen(self) -> Scene:
+    def sensor_scene(self) -> Scene:
         """The scene in the frame of the sensor, which may pan no further."""
         velocity = np.asarray(self.velocity, self.scene.speeds.dtype)
         motion = LinearMotion(half_exposure=1.0, velocity=velocity)
@@ -110,7 +112,7 @@ def frames_of(scenes: Iterable[Scene], velocities: np.ndarray | None) -> list[Fr
 
 
 class Block(NamedTuple):
-    """A rectangle of the grid of one frame: what is computed and written at once."""
+    """A rectangle of the grid of one frame, which is computed and written at once."""
 
     frame: int
     acceleration: int
@@ -122,28 +124,28 @@ class Grid:
     """A sweep as it was asked for; see `sweep`.
 
     Attributes:
-        accelerations: px/s^2, ascending; shape `(a,)`.
-        half_exposures: s, ascending; shape `(t,)`.
-        velocities: px/s, ascending; None for the middle of each scene's speeds.
-        scenes: By name.
-        shutters: The fixed ones, by name.
-        metrics: Names of those wanted.
-        photon_rates: e-/s; None for each scene's own.
-        read_noises: e-; None for each scene's own.
-        full_well: e-; None for no limit.
-        search: How the best profile is found; None for fixed shutters alone.
+        accelerations: $a$, ascending; px/s^2.
+        half_exposures: $T$, ascending; s.
+        velocities: $v$, ascending, px/s; None for the middle of each scene's speeds.
+        scenes: Scenes by name.
+        shutters: Fixed shutters by name.
+        metrics: Names of the metrics to compute.
+        photon_rates: Photon rates, e-/s; None for each scene's own.
+        read_noises: Read noises, e-; None for each scene's own.
+        full_well: Most electrons of a pixel, e-; None for no limit.
+        search: Settings of the search for the best profile; None for fixed shutters alone.
         named_scenes: Whether scenes are a dimension.
-        skips: Whether what cannot change a result is left out.
+        skips: Whether parts that cannot change a result are left out.
     """
 
-    accelerations: np.ndarray
-    half_exposures: np.ndarray
-    velocities: np.ndarray | None
+    accelerations: Float[np.ndarray, "a"]
+    half_exposures: Float[np.ndarray, "t"]
+    velocities: Float[np.ndarray, "v"] | None
     scenes: dict[str, Scene]
     shutters: dict[str, AbstractShutter]
     metrics: tuple[str, ...]
-    photon_rates: np.ndarray | None
-    read_noises: np.ndarray | None
+    photon_rates: Float[np.ndarray, "p"] | None
+    read_noises: Float[np.ndarray, "r"] | None
     full_well: float | None
     search: Search | None
     named_scenes: bool
@@ -198,21 +200,21 @@ class Grid:
         if name == "outside":
             by_light = tuple(d for d in light if d == "photon_rate")
             return (*place, "shutter", *by_light) if self.full_well is not None else place
-        return (*place, "shutter", *(light if name == "expected_psnr" else ()))
+        return (*place, "shutter", *(light if name in ERRORS_BY_LIGHT else ()))
 
     @property
     def variables(self) -> dict[str, np.dtype]:
         """Every variable and its precision."""
-        found: dict[str, np.dtype] = dict.fromkeys(self.metrics, self.dtype)
+        dtypes: dict[str, np.dtype] = dict.fromkeys(self.metrics, self.dtype)
         if "condition_number" in self.metrics:
-            found |= dict.fromkeys(("num_taps", "dft_length"), np.dtype(np.int32))
+            dtypes |= dict.fromkeys(("num_taps", "dft_length"), np.dtype(np.int32))
         if self.search is not None:
-            found |= {"loss": self.dtype, "coefficients": self.dtype, "converged": np.dtype(bool)}
-        return found | {"outside": MARKS}
+            dtypes |= {"loss": self.dtype, "coefficients": self.dtype, "converged": np.dtype(bool)}
+        return dtypes | {"outside": MARKS}
 
     @cached_property
     def block_shape(self) -> tuple[int, int]:
-        """Accelerations and half exposures of a block, by what its results weigh."""
+        """Numbers of accelerations and half exposures of a block, by the size of its results."""
         rows, columns = self.accelerations.size, self.half_exposures.size
         if self.search is not None:
             return min(rows, _SEARCH_BLOCK), min(columns, _SEARCH_BLOCK)
@@ -224,12 +226,14 @@ class Grid:
     def blocks(self) -> list[Block]:
         """Every block, in order."""
         rows, columns = self.block_shape
-        counts = (-(-self.accelerations.size // rows), -(-self.half_exposures.size // columns))
-        ranges = (range(len(self.frames)), *map(range, counts))
-        return [Block(*index) for index in itertools.product(*ranges)]
+        frames = range(len(self.frames))
+        accelerations = range(-(-self.accelerations.size // rows))
+        half_exposures = range(-(-self.half_exposures.size // columns))
+        indices = itertools.product(frames, accelerations, half_exposures)
+        return [Block(*index) for index in indices]
 
     def place(self, block: Block) -> tuple[slice, slice]:
-        """Where a block's accelerations and half exposures stand in the grid."""
+        """Slices of the grid's accelerations and half exposures that a block holds."""
         rows, columns = self.block_shape
         a, t = block.acceleration * rows, block.half_exposure * columns
         return slice(a, min(a + rows, self.accelerations.size)), slice(
@@ -237,7 +241,7 @@ class Grid:
         )
 
     def region(self, block: Block, name: str) -> tuple[int | slice, ...]:
-        """Where a block's values of a variable stand in the whole."""
+        """Index of a block's values in the whole array of a variable."""
         dimensions = self.dimensions(name)
         of_frame = np.unravel_index(block.frame, tuple(self.frame_sizes.values()))
         place = (*map(int, of_frame), *self.place(block))
@@ -277,8 +281,10 @@ class Grid:
 
 
 @np.errstate(over="ignore")
-def outside_limits(frame: Frame, accelerations: np.ndarray, half_exposures: np.ndarray):
-    """Bits of `REASONS` of the motion's limits at every point; shape `(a, t)`."""
+def outside_limits(
+    frame: Frame, accelerations: Float[np.ndarray, "a"], half_exposures: Float[np.ndarray, "t"]
+) -> UInt[np.ndarray, "a t"]:
+    """Bits of `REASONS` of the motion's limits at every point."""
     a, half = accelerations[:, None], half_exposures[None]
     demands = frame.scene.limits.demands_of_parabolas(a, half, np.asarray(frame.velocity))
     bits = np.zeros((a.size, half.size), MARKS)
@@ -315,7 +321,9 @@ def require_some_inside(subject: str, outside: np.ndarray) -> None:
         )
 
 
-def checked_axis(subject: str, values: Any, *, bound: str = "", strict: bool = False) -> np.ndarray:
+def checked_axis(
+    subject: str, values: Any, *, bound: str = "", strict: bool = False
+) -> Float[np.ndarray, "n"]:
     """One axis of the grid: at least one finite value, ascending, in its range if it has one."""
     try:
         axis = np.asarray(values, np.float64)
@@ -325,8 +333,8 @@ def checked_axis(subject: str, values: Any, *, bound: str = "", strict: bool = F
     require(axis.ndim == 1, subject, "be one row", shape_of(axis))
     require(axis.size >= 1, subject, "hold at least one value", "none")
     require(bool(np.all(np.isfinite(axis))), subject, "be finite", axis)
-    inside = axis > 0 if strict else axis >= 0
-    require(not bound or bool(np.all(inside)), subject, f"be {bound}", axis)
+    is_inside = axis > 0 if strict else axis >= 0
+    require(not bound or bool(np.all(is_inside)), subject, f"be {bound}", axis)
     require(bool(np.all(np.diff(axis) > 0)), subject, "ascend without repeats", axis)
     return axis
 
@@ -336,7 +344,7 @@ def _listed(values: np.ndarray | None) -> list[float] | None:
 
 
 def _described(shutter: AbstractShutter) -> dict[str, Any]:
-    """A shutter's parameters; samples of one that is not the package's own."""
+    """Parameters of a shutter of the package; samples of any other."""
     try:
         return shutter_to_dict(shutter)
     except ValueError:

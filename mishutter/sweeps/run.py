@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from mishutter._core import (
     RowLike,
@@ -79,23 +80,22 @@ def sweep(
             pan.
         shutters: Fixed shutters by name; the baselines and a Tukey window by default.
         optimise: Whether the best profile at each point is found as well; it is the
-            shutter `"optimised"`, and its B-spline `coefficients` are kept.
+            shutter `"optimised"`, and the result has its B-spline `coefficients`.
         loss: The loss that the profile minimises, a loss or a function of scene, motion and
             shutter; the expected error by default, of the decoder that the scenes name.
         num_coefficients: Coefficients of the profile.
         max_steps: Steps of the search at each point, at most.
-        seed: Of the random starts.
-        metrics: Which field or fields of `Metrics` to keep; all by default.
+        seed: Seed of the random starts.
+        metrics: Field or fields of `Metrics` to compute; all by default.
         photon_rates: Light to measure under in place of the scene's, e-/s at white,
             ascending; a dimension of the expected PSNR.
-        read_noises: The same of the read noise, e-.
+        read_noises: Read noises to measure under in place of the scene's, e-; likewise.
         full_well: Most electrons of a white pixel; by default as many as the scenes say.
         plan: The parts to compute. By default those that change no result are left out: mirrored,
             repeated and absent speeds, taps and nodes that a point does not reach. None
-            computes everything. Of a plan only that choice is kept: every point has sizes
-            of its own.
+            computes everything. A plan's sizes do not matter: every point has its own.
         store: Folder of a Zarr store, written block by block. The same sweep run again
-            computes what is missing.
+            computes the missing blocks.
         scheduler: A `dask.distributed` client, or the address of a scheduler, whose
             workers compute the blocks.
         progress: Called with the points that are done and that there are.
@@ -122,19 +122,22 @@ def sweep(
         >>> print(dict(zip(best.shutter.values.tolist(), best.values.round(2).tolist())))
         {'rect': 28.09, 'Hann': 28.77}
     """
-    grid = _grid(
-        scenes,
+    axes = _Axes(
         checked_axis("sweep(accelerations=...)", accelerations, bound="at least 0", strict=False),
         checked_axis("sweep(half_exposures=...)", half_exposures, bound="above 0", strict=True),
         None if velocities is None else checked_axis("sweep(velocities=...)", velocities),
-        _shutters(shutters),
-        metrics,
         _light("sweep(photon_rates=...)", photon_rates),
         _light("sweep(read_noises=...)", read_noises),
-        full_well,
-        optimise,
-        _SearchOptions(loss, num_coefficients, max_steps, seed),
-        plan,
+    )
+    search = _SearchOptions(loss, num_coefficients, max_steps, seed) if optimise else None
+    grid = _grid(
+        scenes,
+        axes,
+        _shutters(shutters),
+        metrics=metrics,
+        full_well=full_well,
+        search=search,
+        plan=plan,
     )
     with connection(scheduler) as client:
         blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
@@ -164,6 +167,16 @@ def _computed_here(grid: Grid, missing: list, blocks: AbstractBlocks):
             yield block
 
 
+class _Axes(NamedTuple):
+    """Axes of the grid, ascending; None for the scenes' own values."""
+
+    accelerations: Float[np.ndarray, "a"]
+    half_exposures: Float[np.ndarray, "t"]
+    velocities: Float[np.ndarray, "v"] | None
+    photon_rates: Float[np.ndarray, "p"] | None
+    read_noises: Float[np.ndarray, "r"] | None
+
+
 class _SearchOptions(NamedTuple):
     """Arguments of `sweep` for the search of the best profiles, as they are given."""
 
@@ -174,57 +187,54 @@ class _SearchOptions(NamedTuple):
 
 
 def _grid(
-    scenes: Any,
-    accelerations: np.ndarray,
-    half_exposures: np.ndarray,
-    velocities: np.ndarray | None,
+    scenes: Scene | Sequence[Any] | Mapping[str, Any],
+    axes: _Axes,
     shutters: dict[str, AbstractShutter],
-    metrics: Sequence[str] | None,
-    photon_rates: np.ndarray | None,
-    read_noises: np.ndarray | None,
+    *,
+    metrics: str | Sequence[str] | None,
     full_well: float | None,
-    optimise: bool,
-    search: _SearchOptions,
+    search: _SearchOptions | None,
     plan: Plan | Automatic | None,
 ) -> Grid:
-    what = "scene, as `Scene.load(path)` reads one from a file,"
-    named_scenes = named("sweep(scenes=...)", scenes, Scene, what)
+    """The grid of a sweep, with a search for the best profiles if there are options for one."""
+    noun = "scene, as `Scene.load(path)` reads one from a file,"
+    named_scenes = named("sweep(scenes=...)", scenes, Scene, noun)
     require_known("sweep", scenes=named_scenes)
     metrics = [metrics] if isinstance(metrics, str) else metrics
     chosen = tuple(METRICS) if metrics is None else tuple(metrics)
-    known = bool(chosen) and all(name in METRICS for name in chosen)
-    require(known, "sweep(metrics=...)", f"name some of {', '.join(METRICS)}", metrics)
+    are_metrics = bool(chosen) and all(name in METRICS for name in chosen)
+    require(are_metrics, "sweep(metrics=...)", f"name some of {', '.join(METRICS)}", metrics)
     first, *others = named_scenes.values()
     shared = first.device, first.full_well
-    same = all(bool(eqx.tree_equal(shared, (s.device, s.full_well))) for s in others)
-    require(same, "sweep(scenes=...)", "share one device and full well", list(named_scenes))
+    is_shared = all(bool(eqx.tree_equal(shared, (s.device, s.full_well))) for s in others)
+    require(is_shared, "sweep(scenes=...)", "share one device and full well", list(named_scenes))
     device = first.device
-    if optimise and device is not None:
+    if search is not None and device is not None:
         requirement = "be False where a device has levels, or falls otherwise than it rises"
-        require(device.is_linear, "sweep(optimise=...)", requirement, optimise)
+        require(device.is_linear, "sweep(optimise=...)", requirement, True)
     if full_well is None and first.full_well is not None:
         full_well = float(first.full_well)
     if full_well is not None:
-        positive = bool(np.isfinite(full_well)) and full_well > 0
-        require(positive, "sweep(full_well=...)", "be above 0 e-", full_well)
+        is_positive = bool(np.isfinite(full_well)) and full_well > 0
+        require(is_positive, "sweep(full_well=...)", "be above 0 e-", full_well)
     grid = Grid(
-        accelerations=accelerations,
-        half_exposures=half_exposures,
-        velocities=velocities,
+        accelerations=axes.accelerations,
+        half_exposures=axes.half_exposures,
+        velocities=axes.velocities,
         scenes=named_scenes,
         shutters=shutters,
         metrics=chosen,
-        photon_rates=photon_rates,
-        read_noises=read_noises,
+        photon_rates=axes.photon_rates,
+        read_noises=axes.read_noises,
         full_well=full_well,
         search=None,
         named_scenes=not isinstance(scenes, Scene),
         skips=skips(plan),
     )
-    if optimise:
-        one_light = photon_rates is None and read_noises is None
+    if search is not None:
+        is_one_light = axes.photon_rates is None and axes.read_noises is None
         requirement = "be False where photon_rates or read_noises are given; use scenes for them"
-        require(one_light, "sweep(optimise=...)", requirement, optimise)
+        require(is_one_light, "sweep(optimise=...)", requirement, True)
         require(OPTIMISED not in shutters, "sweep(shutters=...)", "have other names", OPTIMISED)
         return replace(grid, search=_search(grid.frames, search))
     return grid
@@ -233,7 +243,9 @@ def _grid(
 def _search(frames: Sequence[Frame], options: _SearchOptions) -> Search:
     require_positive_int("sweep(max_steps=...)", options.max_steps)
     require_seed("sweep(seed=...)", options.seed)
-    profiles = tuple(starting_shutter(frame.seen, options.num_coefficients) for frame in frames)
+    profiles = tuple(
+        starting_shutter(frame.sensor_scene, options.num_coefficients) for frame in frames
+    )
     loss, decoders = options.loss, {frame.scene.decoder_speed for frame in frames}
     requirement = "name one decoder_speed, where no loss is given"
     require(loss is not None or len(decoders) == 1, "sweep(scenes=...)", requirement, decoders)
@@ -241,13 +253,13 @@ def _search(frames: Sequence[Frame], options: _SearchOptions) -> Search:
     return Search(as_loss(loss, "sweep(loss=...)"), profiles, options.max_steps, options.seed)
 
 
-def _shutters(given: Mapping[str, Any] | None) -> dict[str, AbstractShutter]:
-    if given is None:
+def _shutters(shutters: Mapping[str, Any] | None) -> dict[str, AbstractShutter]:
+    if shutters is None:
         return {**baselines(), "Tukey": TukeyShutter(0.5)}
-    return named("sweep(shutters=...)", given, AbstractShutter, "shutter")
+    return named("sweep(shutters=...)", shutters, AbstractShutter, "shutter")
 
 
-def _light(subject: str, values: RowLike | None) -> np.ndarray | None:
+def _light(subject: str, values: RowLike | None) -> Float[np.ndarray, "n"] | None:
     if values is None:
         return None
     return checked_axis(subject, values, bound="at least 0", strict=False)

@@ -4,8 +4,9 @@ from typing import NamedTuple, cast
 
 import jax
 import numpy as np
+from jaxtyping import Bool, Float
 
-from mishutter.evaluation import automatic
+from mishutter.evaluation import automatic, coarser
 from mishutter.model import AbstractMotion, ParabolicMotion, Scene, SplineShutter, steady
 from mishutter.search import optimise
 from mishutter.sweeps.grid import Search
@@ -15,14 +16,14 @@ class Profiles(NamedTuple):
     """The best profiles of `n` points.
 
     Attributes:
-        boxes: Coordinates of each profile; shape `(n, c)`.
-        losses: Loss of each; shape `(n,)`.
-        converged: Whether each search converged; shape `(n,)`.
+        boxes: Coordinates of each profile.
+        losses: Loss of each.
+        converged: Whether each search converged.
     """
 
-    boxes: np.ndarray
-    losses: np.ndarray
-    converged: np.ndarray
+    boxes: Float[np.ndarray, "n c"]
+    losses: Float[np.ndarray, "n"]
+    converged: Bool[np.ndarray, "n"]
 
 
 def basis_of(profile: SplineShutter) -> list[SplineShutter]:
@@ -36,11 +37,14 @@ def search(
     settings: Search, scene: Scene, motions: AbstractMotion, profile: SplineShutter, skips: bool
 ) -> Profiles:
     """The best profiles of a kind on some motions of a scene."""
-    numbers = np.asarray(steady(motions).acceleration), np.asarray(motions.half_exposure)
-    boxes = np.zeros((numbers[0].size, profile.parameters.size))
+    accelerations = np.asarray(steady(motions).acceleration)
+    half_exposures = np.asarray(motions.half_exposure)
+    boxes = np.zeros((accelerations.size, profile.parameters.size))
     losses, converged = np.zeros(len(boxes)), np.zeros(len(boxes), bool)
-    for index, (acceleration, half_exposure) in enumerate(zip(*numbers, strict=True)):
-        motion = ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
+    for index in range(len(boxes)):
+        motion = ParabolicMotion(
+            acceleration=accelerations[index], half_exposure=half_exposures[index]
+        )
         # A plan for every motion within the limits lets points share programs.
         design = optimise(
             scene,
@@ -50,15 +54,17 @@ def search(
             free="shutter",
             seed=settings.seed,
             max_steps=settings.max_steps,
-            plan=automatic(scene, motion, profile) if skips else None,
+            plan=coarser(automatic(scene, motion, profile)) if skips else None,
         )
         boxes[index] = cast(SplineShutter, design.command).parameters
         losses[index], converged[index] = design.loss, design.converged
     return Profiles(boxes, losses, converged)
 
 
-def coefficients_of(boxes: np.ndarray, profile: SplineShutter) -> np.ndarray:
-    """B-spline coefficients of profiles of a kind; shape `(..., n)`."""
+def coefficients_of(
+    boxes: Float[np.ndarray, "*points c"], profile: SplineShutter
+) -> Float[np.ndarray, "*points n"]:
+    """B-spline coefficients of profiles of a kind."""
     if not profile.symmetric:
         return boxes
     mirrored = boxes[..., : profile.num_coefficients // 2]

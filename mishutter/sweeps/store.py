@@ -1,8 +1,8 @@
-"""Where the blocks of a sweep are kept: in memory, or in a Zarr store that can be resumed.
+"""Storage for the blocks of a sweep: in memory, or in a Zarr store that can be resumed.
 
-A store is a Zarr group that xarray opens. Its attribute `sweep` says what was asked for; a
-store of anything else is refused. A block's arrays are chunks of their own, and its mark in
-`done` is written last: what is marked is whole.
+A store is a Zarr group that xarray opens. Its attribute `sweep` describes the sweep; a store of
+another sweep is refused. A block's arrays are chunks of their own, and its mark in `done` is
+written last, so that marked blocks are whole.
 """
 
 import errno
@@ -55,7 +55,7 @@ class AbstractBlocks(ABC):
 
     @abstractmethod
     def write(self, block: Block, arrays: Arrays) -> None:
-        """Keep a block."""
+        """Store a block."""
 
     @abstractmethod
     def dataset(self) -> "xarray.Dataset":
@@ -104,10 +104,10 @@ class StoredBlocks(AbstractBlocks):
         import zarr
 
         self.grid, self.path = grid, Path(path)
-        occupied = self.path.exists()
-        folder, got = not occupied or self.path.is_dir(), Unquoted(f"a file, '{path}'")
-        require(folder, _SUBJECT, "be a folder", got)
-        if make and not (occupied and any(self.path.iterdir())):
+        is_there = self.path.exists()
+        is_folder, got = not is_there or self.path.is_dir(), Unquoted(f"a file, '{path}'")
+        require(is_folder, _SUBJECT, "be a folder", got)
+        if make and not (is_there and any(self.path.iterdir())):
             try:
                 _create(grid, self.path)
             except OSError as error:
@@ -119,13 +119,13 @@ class StoredBlocks(AbstractBlocks):
             self.group = zarr.open_group(self.path, mode="r+")
         except (FileNotFoundError, ValueError, KeyError):
             raise ValueError(f"`{_SUBJECT}` must be a sweep's store; got '{path}'.") from None
-        found = self.group.attrs.get("sweep")
-        require(found is not None, _SUBJECT, "be a sweep's store", str(path))
-        _check_same(json.loads(str(found)), json.loads(json.dumps(grid.describe())))
+        stored = self.group.attrs.get("sweep")
+        require(stored is not None, _SUBJECT, "be a sweep's store", str(path))
+        _check_same(json.loads(str(stored)), json.loads(json.dumps(grid.describe())))
 
     def missing(self) -> list[Block]:
-        done = np.asarray(self._array(_DONE)[...])
-        return [block for block in self.grid.blocks() if not done[block]]
+        is_done = np.asarray(self._array(_DONE)[...])
+        return [block for block in self.grid.blocks() if not is_done[block]]
 
     def write(self, block: Block, arrays: Arrays) -> None:
         for name, values in arrays.items():
@@ -139,8 +139,8 @@ class StoredBlocks(AbstractBlocks):
     def dataset(self) -> "xarray.Dataset":
         import xarray
 
-        opened = xarray.open_zarr(self.path, chunks=None, consolidated=False)
-        return opened[list(self.grid.variables)]
+        dataset = xarray.open_zarr(self.path, chunks=None, consolidated=False)
+        return dataset[list(self.grid.variables)]
 
 
 def _labelled(grid: Grid, arrays: Arrays) -> "xarray.Dataset":
@@ -160,7 +160,7 @@ def _labelled(grid: Grid, arrays: Arrays) -> "xarray.Dataset":
 
 def _coordinates(grid: Grid) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
     """Dimensions and values of every dimension, and of the velocity where it is none."""
-    known = {
+    values = {
         "scene": np.array(list(grid.scenes), dtype=object),
         "velocity": grid.velocities,
         "acceleration": grid.accelerations,
@@ -170,9 +170,9 @@ def _coordinates(grid: Grid) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
         "read_noise": grid.read_noises,
     }
     if grid.search is not None:
-        known["coefficient"] = np.arange(grid.search.num_coefficients)
+        values["coefficient"] = np.arange(grid.search.num_coefficients)
     coordinates: dict[str, tuple[tuple[str, ...], np.ndarray]] = {
-        name: ((name,), np.asarray(known[name])) for name in grid.sizes
+        name: ((name,), np.asarray(values[name])) for name in grid.sizes
     }
     if grid.velocities is None:
         of_scenes = np.reshape(
@@ -183,7 +183,7 @@ def _coordinates(grid: Grid) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
 
 
 def attributes_of(name: str) -> dict[str, Any]:
-    """Name and unit of a variable, and what its flags mean."""
+    """Name and unit of a variable, and the meanings of its flags."""
     long_name, unit = (METRICS | _COORDINATES | _OTHERS)[name]
     attributes: dict[str, Any] = {"long_name": long_name, "units": unit}
     if name == "outside":
@@ -235,7 +235,7 @@ def _create(grid: Grid, path: Path) -> None:
         os.rename(folder, path)
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
-        # Another process that began meanwhile made it; whether it is the same sweep is seen next.
+        # Another process may have made the store meanwhile; the caller checks that it is the same.
         if not (isinstance(error, OSError) and error.errno in _OCCUPIED):
             raise
 
@@ -247,25 +247,25 @@ def _chunks(grid: Grid, dimensions: tuple[str, ...]) -> tuple[int, ...]:
     return tuple(of_block.get(name, grid.sizes[name]) for name in dimensions)
 
 
-def _check_same(found: dict[str, Any], asked: dict[str, Any]) -> None:
-    """Refuse a store of another sweep, by what differs first."""
-    for name in asked:
-        if found.get(name) != asked[name]:
-            got, want = (_short(x) for x in _first_difference(found.get(name), asked[name]))
+def _check_same(stored: dict[str, Any], current: dict[str, Any]) -> None:
+    """Refuse a store of another sweep, by the first part that differs."""
+    for name in current:
+        if stored.get(name) != current[name]:
+            got, want = (_short(x) for x in _first_difference(stored.get(name), current[name]))
             words = name.replace("_", " ")
             raise ValueError(
                 f"`{_SUBJECT}` must hold the same sweep, with {words}: {want}; got {got}."
             )
 
 
-def _first_difference(found: Any, asked: Any) -> tuple[Any, Any]:
+def _first_difference(stored: Any, current: Any) -> tuple[Any, Any]:
     """The innermost parts in which two descriptions differ."""
-    if isinstance(found, dict) and isinstance(asked, dict):
-        for key in {**asked, **found}:
-            if found.get(key) != asked.get(key):
-                inner = _first_difference(found.get(key), asked.get(key))
+    if isinstance(stored, dict) and isinstance(current, dict):
+        for key in {**current, **stored}:
+            if stored.get(key) != current.get(key):
+                inner = _first_difference(stored.get(key), current.get(key))
                 return tuple(f"{key}: {x}" if isinstance(x, str) else {key: x} for x in inner)  # type: ignore[return-value]
-    return found, asked
+    return stored, current
 
 
 def _short(value: Any) -> str:

@@ -5,10 +5,11 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from mishutter._core import RowLike, as_float, outside_trace, require
 from mishutter.evaluation import (
-    LEAST_EFFECTIVE_SPEEDS,
+    SEARCHED_EFFECTIVE_SPEEDS,
     LightLevels,
     RowsAtRest,
     distinct_speeds,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 OBJECTIVES = {
     "expected_psnr": True,
+    "worst_speed_psnr": True,
     "bound_share": True,
     "efficiency": True,
     "condition_number": False,
@@ -43,12 +45,12 @@ _PLACE = ("velocity", "acceleration", "half_exposure", "shutter")
 _NUM_EXPOSURES = 129
 _NUM_VELOCITIES = 9
 _NUM_SPEEDS = 32
-"""Exposures, velocities, and speeds of the largest weight, that a best snapshot is looked for at:
-exposures that are long have a valley about each speed."""
+"""Exposures, velocities, and speeds of the largest weight, at which a search for the best snapshot
+starts: long exposures have a valley about each speed."""
 _NUM_NEAR = 5
 _NUM_REFINEMENTS = 12
 _NUM_AT_A_TIME = 1 << 17
-"""Numbers of an array that is worked on."""
+"""Most numbers of an intermediate array; it bounds the memory."""
 
 
 def best_points(
@@ -57,7 +59,7 @@ def best_points(
     """The best point of a sweep under each objective, of all shutters; by objective.
 
     Args:
-        dataset: What `sweep` returned, of one scene and light.
+        dataset: The result of `sweep` for one scene and light.
         objectives: One metric or several; all that the sweep holds by default.
 
     Raises:
@@ -65,14 +67,14 @@ def best_points(
     """
     objectives = [objectives] if isinstance(objectives, str) else objectives
     names = [n for n in OBJECTIVES if n in dataset] if objectives is None else list(objectives)
-    found = {}
+    points = {}
     for name in names:
         values = _oriented(dataset, name)
         if np.all(np.isnan(values)):
             continue
         index = np.unravel_index(np.nanargmax(values), values.shape)
-        found[name] = dataset.isel(dict(zip(dataset[name].dims, index, strict=True)))
-    return found
+        points[name] = dataset.isel(dict(zip(dataset[name].dims, index, strict=True)))
+    return points
 
 
 def pareto_front(
@@ -81,8 +83,8 @@ def pareto_front(
     """Points of a sweep that nothing betters under every objective at once.
 
     Args:
-        dataset: What `sweep` returned, of one scene and light.
-        objectives: Metrics, each wanted large or small as is usual for it; or a mapping
+        dataset: The result of `sweep` for one scene and light.
+        objectives: Metrics, of which more or less is better as `OBJECTIVES` says; or a mapping
             from a variable to `"max"` or `"min"`.
 
     Returns:
@@ -100,18 +102,22 @@ def pareto_front(
         require(sense in ("", "max", "min"), subject, "say max or min", sense)
         _oriented(dataset, name, sense)
     dimensions = dataset[next(iter(senses))].dims
-    alike = all(dataset[name].dims == dimensions for name in senses)
-    require(alike, subject, "be over the same dimensions", objectives)
+    are_alike = all(dataset[name].dims == dimensions for name in senses)
+    require(are_alike, subject, "be over the same dimensions", objectives)
     values = np.stack([_oriented(dataset, name, sense).ravel() for name, sense in senses.items()])
-    known = np.flatnonzero(np.all(~np.isnan(values), axis=0))
-    kept = known[_undominated(values[:, known])]
-    kept = kept[np.argsort(values[0, kept], kind="stable")]
-    stacked = dataset.stack(point=dimensions).isel(point=kept)
+    inside = np.flatnonzero(np.all(~np.isnan(values), axis=0))
+    front = inside[_undominated(values[:, inside])]
+    front = front[np.argsort(values[0, front], kind="stable")]
+    stacked = dataset.stack(point=dimensions).isel(point=front)
     return stacked.reset_index("point")
 
 
 def gain_over(dataset: "xarray.Dataset", name: str) -> "xarray.DataArray":
     """Expected PSNR of every shutter over another's at the same point; dB.
+
+    Args:
+        dataset: What `sweep` gave.
+        name: The shutter that gains are over.
 
     Raises:
         ValueError: if there is no such shutter, or no expected PSNR, in the sweep.
@@ -130,7 +136,7 @@ def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataA
     exposure and velocity tuned within the scene's limits for each light and each read noise.
 
     Args:
-        dataset: What `sweep` returned.
+        dataset: The result of `sweep`.
         scene: The scene, or the one of the sweep's that the dataset was reduced to.
 
     Raises:
@@ -172,8 +178,8 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
     require_scene(scene)
     subject = "light_map(dataset=...)"
     psnr = _psnr(subject, dataset)
-    lit = all(name in psnr.dims for name in ("photon_rate", "read_noise"))
-    require(lit, subject, "have photon rates and read noises", dict(dataset.sizes))
+    is_map = all(name in psnr.dims for name in ("photon_rate", "read_noise"))
+    require(is_map, subject, "have photon rates and read noises", dict(dataset.sizes))
     stacked = gain_over_snapshot(dataset, scene)
     stacked = stacked.stack(point=[name for name in _PLACE if name in stacked.dims])
     index = stacked.fillna(-np.inf).argmax("point")
@@ -192,8 +198,8 @@ def best_snapshots(
     Args:
         scene: Speeds, picture and the limits of the exposure, which ends where white fills a
             pixel that holds so many electrons and no more, and of the pan.
-        photon_rates: e-/s at white; the scene's by default.
-        read_noises: e-; the scene's by default.
+        photon_rates: Photon rates at white, e-/s; the scene's by default.
+        read_noises: Read noises, e-; the scene's by default.
 
     Returns:
         `expected_psnr` in dB, `half_exposure` in s and `velocity` in px/s over both.
@@ -217,7 +223,7 @@ def best_snapshots(
     velocity = _pans(scene)[:, None, None]
     slowest, fastest = velocity.min(), velocity.max()
     step = (fastest - slowest) / (_NUM_VELOCITIES - 1)
-    rough = _rows_of(scene, LEAST_EFFECTIVE_SPEEDS)
+    rough = _rows_of(scene, SEARCHED_EFFECTIVE_SPEEDS)
     for _ in range(_NUM_REFINEMENTS):
         best = _best_snapshot(scene, half, velocity, light, rough)
         near = np.linspace(-1, 1, _NUM_NEAR)[:, None, None]
@@ -252,7 +258,7 @@ def _rows_of(scene: Scene, count: int) -> _Rows:
 
 
 def _pans(scene: Scene) -> np.ndarray:
-    """Velocities that a best snapshot is first looked for at, rest among them; px/s."""
+    """Velocities at which the search for the best snapshot starts, rest among them; px/s."""
     speeds, weights = distinct_speeds(scene, folds=False)
     most = min(float(scene.limits.max_pan), float(scene.limits.max_top_speed))
     slowest, *_, fastest = np.clip(speeds[[0, -1]].astype(np.float64), -most, most)
@@ -261,17 +267,17 @@ def _pans(scene: Scene) -> np.ndarray:
 
 
 class _Snapshots(NamedTuple):
-    """Snapshots, one under each light; shape `(p, r)` each.
+    """Snapshots, one under each photon rate and read noise.
 
     Attributes:
-        half_exposure: s.
-        velocity: px/s.
+        half_exposure: $T$; s.
+        velocity: $v$; px/s.
         error: Expected squared error, white = 1.
     """
 
-    half_exposure: np.ndarray
-    velocity: np.ndarray
-    error: np.ndarray
+    half_exposure: Float[np.ndarray, "p r"]
+    velocity: Float[np.ndarray, "p r"]
+    error: Float[np.ndarray, "p r"]
 
 
 def _best_snapshot(
@@ -363,21 +369,21 @@ def _error_of_pans(
 
 def _oriented(dataset: "xarray.Dataset", name: str, sense: str = "") -> np.ndarray:
     """Values of a metric, turned so that more is better."""
-    known = name in dataset and (name in OBJECTIVES or sense != "")
+    is_metric = name in dataset and (name in OBJECTIVES or sense != "")
     names = ", ".join(n for n in OBJECTIVES if n in dataset)
-    require(known, "objectives", f"be metrics of the sweep, {names}", name)
+    require(is_metric, "objectives", f"be metrics of the sweep, {names}", name)
     up = OBJECTIVES.get(name, True) if sense == "" else sense == "max"
     values = dataset[name].values.astype(np.float64)
     return values if up else -values
 
 
 def _undominated(values: np.ndarray) -> np.ndarray:
-    """Columns that no other column is at least as good as everywhere and better somewhere."""
+    """Columns that no other column equals or betters everywhere and betters somewhere."""
     order = np.lexsort(values[::-1])[::-1]
-    kept: list[int] = []
+    front: list[int] = []
     for index in order:
-        rivals = values[:, kept]
+        rivals = values[:, front]
         at_least = np.all(rivals >= values[:, index, None], axis=0)
         if not np.any(at_least):
-            kept.append(int(index))
-    return np.array(kept, int)
+            front.append(int(index))
+    return np.array(front, int)

@@ -28,7 +28,7 @@ from mishutter import (
     starting_shutter,
     sweep,
 )
-from mishutter._core.checks import (
+from mishutter._core import (
     as_float,
     common_dtype,
     describe,
@@ -36,8 +36,7 @@ from mishutter._core.checks import (
     require_key,
     require_positive_int,
 )
-from mishutter.model.motion import settled
-from mishutter.model.shutters.base import piecewise
+from mishutter.model import piecewise, settled
 
 
 def test_a_count_is_a_plain_integer():

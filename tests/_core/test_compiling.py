@@ -7,9 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter._core import compiling
-from mishutter._core.compiling import compiled, outside_trace
-from mishutter._core.parallel import in_threads
+from mishutter._core import compiled, compiling, in_threads, is_tracing, outside_trace
 
 
 def _doubled_cube(x, *, factor=2.0):
@@ -37,6 +35,7 @@ def test_what_is_known_in_a_trace_is_a_number():
 def test_an_option_that_xla_does_not_know_is_done_without(monkeypatch):
     """Another XLA compiles by the options that it still has."""
     level = {"xla_backend_optimization_level": 1}
+    # No installed XLA lacks one of the package's own options.
     monkeypatch.setattr(compiling, "_QUICKLY", {"xla_no_such_choice": True} | level)
     compiling._quick_options.cache_clear()
     try:
@@ -58,7 +57,7 @@ def test_a_function_that_fails_may_be_called_again():
     with pytest.raises(ValueError, match="must be a row"):
         program(jnp.array(1.3))
     assert np.array_equal(program(jnp.array([1.3])), [2.6])
-    assert not compiling._TRACING.allowed
+    assert not is_tracing()
 
 
 @jax.custom_jvp
@@ -99,7 +98,7 @@ def test_without_compiling_it_says_the_same():
     with jax.disable_jit():
         found = program(x)
     assert np.allclose(found, _doubled_cube(x) + _doubled_cube(2 * x), rtol=1e-15)
-    assert not compiling.is_tracing()
+    assert not is_tracing()
 
 
 def test_the_operation_that_made_a_nan_is_named():

@@ -7,15 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mishutter._core.double_double import (
-    DoubleWord,
-    add,
-    multiply,
-    reciprocal,
-    two_product,
-    two_sum,
-    word,
-)
+from mishutter._core import DoubleWord, add, multiply, reciprocal, two_product, two_sum, word
 
 UNITS = {np.float64: 2.0**-100, np.float32: 2.0**-44}
 """Relative error of one operation: the last few of twice 53, or 24, bits."""

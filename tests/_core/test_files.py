@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mishutter import Design, Scene
-from mishutter._core.files import is_own_folder, short_names, strict_json, write_text
+from mishutter._core import is_own_folder, short_names, strict_json, write_text
 
 
 def test_a_file_has_the_permissions_of_any_new_one(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from mishutter._core.parallel import alone_in_blas, in_threads, num_threads
+from mishutter._core import alone_in_blas, in_threads, num_threads
 
 
 @pytest.mark.parametrize("count", [1, 3])

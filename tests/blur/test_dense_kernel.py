@@ -17,7 +17,7 @@ from support.helpers import (
 )
 
 from mishutter import ParabolicMotion, binned_exposure, blur_kernel
-from mishutter._core.double_double import DoubleWord, two_sum
+from mishutter._core import DoubleWord, two_sum
 
 NUM_POINTS = 25
 

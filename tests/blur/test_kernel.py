@@ -23,7 +23,7 @@ from mishutter import (
     binned_exposure,
     blur_kernel,
 )
-from mishutter.blur.kernel import support
+from mishutter.blur import support
 
 MASS_ULP_PER_THOUSAND = 4
 """Units in the last place by which a thousand taps may miss the efficiency."""

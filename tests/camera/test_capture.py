@@ -17,9 +17,7 @@ from support.time_sampling import captured_footage, captured_layers, captured_pi
 from support.videos import film
 
 import mishutter as ms
-from mishutter.camera.noise import _RUN, recorded, shot_electrons
-from mishutter.model import noise_power, panned
-from mishutter.model.images import shipped_picture
+from mishutter.model import noise_power, panned, shipped_picture
 
 HALF = 0.011
 MOVING = ms.ParabolicMotion(acceleration=27.0 / HALF**2, half_exposure=HALF)
@@ -39,6 +37,19 @@ ROUNDING = 1e-12
 """Where rows repeat themselves; white = 1."""
 WAVES = 1e-4
 """Of photographs with hard mattes and ends, white = 1; white noise has ten times as much."""
+
+
+RUN = 1 << 16
+"""Pixels after which numbers would repeat if generators shared a seed."""
+
+
+def flat_capture(levels, white, read_noise=0.0, *, shape=(1, 1), **options):
+    """Captures of flat pictures, `white` electrons at 1; one row of them is one flat level."""
+    rows, columns = shape
+    light = np.ones((rows, columns)) * np.asarray(levels, float).reshape(-1, 1)
+    scene = ms.Scene([0.0], photon_rate=white / (2 * HALF), read_noise=read_noise)
+    captured = ms.simulate_capture(light, scene, STILL, ms.RectShutter(), **options)
+    return np.asarray(captured)
 
 
 def rows(count=7, columns=260, channels=3, seed=1):
@@ -194,7 +205,7 @@ def test_a_capture_differentiates_by_the_shutter():
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_scene_beyond_the_sensor(motion):
     """With `border="scene"` the capture is the middle of the capture of a larger picture."""
-    from mishutter.camera.capture import captured_columns
+    from mishutter.camera import captured_columns
 
     whole = photograph(3, 400)
     seen = captured_columns(motion, 99.0, 200)
@@ -207,19 +218,19 @@ def test_scene_beyond_the_sensor(motion):
 
 def test_noise_has_the_variance_of_equation_four():
     """Mean and variance of the noise are the light and `f/p + (sigma/p)^2`, within 4 sigma."""
-    light = jnp.full((200, 500), 0.3)
     p = float(SCENE.photon_rate) * 2 * HALF
-    noisy = recorded(light, p, 6.0, key=jax.random.key(3))
+    noisy = flat_capture(0.3, p, 6.0, shape=(200, 500), key=jax.random.key(3))
     variance = float(noise_power(1.0, 0.3, p, 6.0, unit=p))
     assert variance == pytest.approx(0.3 / p + (6.0 / p) ** 2)
-    assert abs(float(jnp.mean(noisy)) - 0.3) < 4 * np.sqrt(variance / light.size)
-    assert float(jnp.var(noisy)) == pytest.approx(variance, rel=4 * np.sqrt(2 / light.size))
+    assert abs(noisy.mean() - 0.3) < 4 * np.sqrt(variance / noisy.size)
+    assert noisy.var() == pytest.approx(variance, rel=4 * np.sqrt(2 / noisy.size))
 
 
 @pytest.mark.parametrize("mean", [0.0, 0.3, 40.0, 3e7, 4e16])
 def test_shot_noise_is_poisson(mean):
     """Mean and variance are the number expected, from none to more than can be counted."""
-    drawn = np.asarray(shot_electrons(jax.random.key(5), jnp.full(40_000, mean)))
+    white = max(mean, 1.0)
+    drawn = flat_capture(mean / white, white, shape=(200, 200), key=jax.random.key(5)) * white
     assert abs(drawn.mean() - mean) <= 4 * np.sqrt(mean / drawn.size)
     fourth = np.sqrt((2 * mean**2 + mean) / drawn.size)
     assert abs(drawn.var() - mean) <= 5 * fourth
@@ -227,10 +238,10 @@ def test_shot_noise_is_poisson(mean):
 
 def test_no_two_runs_of_pixels_have_the_same_noise():
     """However many pixels there are, none's noise is another's: sums over lags stay small."""
-    drawn = np.asarray(shot_electrons(jax.random.key(5), jnp.full(3 * _RUN, 40.0))) - 40
+    drawn = flat_capture(1.0, 40.0, shape=(3 * RUN // 256, 256), key=jax.random.key(5)) * 40 - 40
     first, second, third = drawn.reshape(3, -1) / np.sqrt(40)
     for one, other in ((first, second), (second, third), (first, third)):
-        assert abs(np.mean(one * other)) < 5 / np.sqrt(_RUN)
+        assert abs(np.mean(one * other)) < 5 / np.sqrt(RUN)
 
 
 @pytest.mark.slow
@@ -313,20 +324,23 @@ def test_a_parabola_of_no_acceleration_captures_as_a_camera_at_rest(speed):
 
 def test_full_well_and_converter():
     """Light is cut at the full well and rounded to the converter's steps, both ends included."""
-    light = jnp.linspace(0.0, 1.5, 40)
-    cut = recorded(light, 1000.0, 0.0, key=None, full_well=800.0)
-    np.testing.assert_allclose(cut, np.minimum(light, 0.8), atol=1e-12)
-    stepped = recorded(light, 1000.0, 0.0, key=None, adc_bits=3)
-    np.testing.assert_allclose(stepped, np.round(np.clip(light, 0, 1) * 7) / 7, atol=1e-12)
-    both = recorded(light, 1000.0, 0.0, key=None, full_well=800.0, adc_bits=3)
+    light = np.linspace(0.0, 1.5, 41)[:, None]  # none half-way between two of the steps
+
+    def recorded(**limits):
+        return flat_capture(light, 1000.0, shape=(41, 1), **limits)
+
+    np.testing.assert_allclose(recorded(full_well=800.0), np.minimum(light, 0.8), atol=1e-12)
+    stepped = np.round(np.clip(light, 0, 1) * 7) / 7
+    np.testing.assert_allclose(recorded(adc_bits=3), stepped, atol=1e-12)
+    both = recorded(full_well=800.0, adc_bits=3)
     steps = np.round(np.minimum(light / 0.8, 1) * 7)
     np.testing.assert_allclose(both, 0.8 * steps / 7, atol=1e-12)
 
 
 def test_read_noise_goes_beyond_a_full_well():
     """A full well cuts off what is collected, not what is read: noise lies to either side."""
-    bright = jnp.full((30, 40), 1.3)
-    found = np.asarray(recorded(bright, 1000.0, 9.0, key=jax.random.key(3), full_well=800.0))
+    limits = {"key": jax.random.key(3), "full_well": 800.0}
+    found = flat_capture(1.3, 1000.0, 9.0, shape=(30, 40), **limits)
     np.testing.assert_allclose(found.mean(), 0.8, atol=4 * 0.009 / np.sqrt(found.size))
     np.testing.assert_allclose(found.std(), 0.009, rtol=4 / np.sqrt(2 * found.size))
 

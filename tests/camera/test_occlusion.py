@@ -27,7 +27,6 @@ from mishutter import (
     simulate_capture,
 )
 from mishutter.camera import occlusion, rows
-from mishutter.camera.occlusion import expose_layers, seen_layers
 
 HALF = 0.009
 MOVING = ParabolicMotion(acceleration=13.0 / HALF**2, half_exposure=HALF)
@@ -84,13 +83,17 @@ def deep_layers(depth):
 
 def error(layers, motion):
     """Largest difference of a capture from its composites at many instants; white = 1."""
-    found = expose_layers(layers, motion, HannShutter(), SCENE.optics)
+    found = simulate_capture(layers, SCENE, motion, HannShutter())
     wanted = captured_layers(layers, motion, HannShutter(), count=160)
     return float(np.max(np.abs(found - wanted)))
 
 
 def widen(monkeypatch):
-    """Let light end farther off, here and in the brute force."""
+    """Let light end farther off, here and in the brute force.
+
+    Captures have no argument for this distance, and only a longer one tells a composite that is too
+    coarse from light that ends.
+    """
     for module in (occlusion, rows):
         monkeypatch.setattr(module, "MARGIN", WIDE)
     monkeypatch.setattr("support.time_sampling.BEYOND", WIDE)
@@ -131,7 +134,9 @@ def test_layers_that_nobody_sees_are_left_out(gone):
     """A layer that is clear or off the sensor is not rendered, and leaves no light."""
     front = Layer(picture(9, 11), speed=-350.0, left=20, top=7)
     layers = Layers((Layer(picture(13, 61)), gone, front))
-    assert seen_layers(layers, MOVING).layers == (layers.layers[0], front)
+    without = Layers((layers.layers[0], front))
+    captures = [simulate_capture(each, SCENE, MOVING, HannShutter()) for each in (layers, without)]
+    assert np.array_equal(*captures)
     assert error(layers, MOVING) < WAVES
 
 

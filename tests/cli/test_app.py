@@ -90,7 +90,7 @@ USAGE = {
         "`--levels` must be at most 16777216; got '16777217'",
     ),
     "negative-seed": (["optimise", "--seed", "-1"], "`--seed` must be at least 0; got '-1'"),
-    "speed-as-text": (["simulate", "--speed", "x"], "`--speed` must be a number; got 'x'"),
+    "speed-as-text": (["simulate", "--speed", "x"], "`--speed` must be a number of px/s, or"),
     "unknown-loss": (
         ["optimise", "--loss", "beauty"],
         "'known-speed', 'found-speed', 'worst-speed', 'design'; got 'beauty'",

@@ -176,7 +176,7 @@ def test_what_cannot_be_captured(slug, tmp_path, scene, capsys):
 
 
 USAGE = {
-    "speed": (["--speed", "quick"], "`--speed` must be a number; got 'quick'"),
+    "speed": (["--speed", "quick"], "`--speed` must be a number of px/s, or"),
     "long-blur": (["--speed", "1e7"], "must blur over at most 8192 px; got"),
     "decoder": (["--decoder", "magic"], "; got 'magic'"),
     "bits": (["--adc-bits", "25"], "`--adc-bits` must be at most 24; got '25'"),

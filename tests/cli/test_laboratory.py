@@ -87,6 +87,11 @@ OPTIONS = {
         ["simulate", "--drive", "{d}", "--drive-steps", "3"],
         "must have the 3 steps that were told; got 2",
     ),
+    "length-of-a-trace": (
+        ["simulate", "--measured", "no.csv", "--half-exposure-ms", "18"],
+        "`--half-exposure-ms` must stand beside --drive: a trace is as long as the design's "
+        "exposure, or the scene's; got 18.0",
+    ),
     "floor": (["compare", "--drive", "{d}", "--floor", "2"], "must lie in [0, 1); got 2.0"),
     "bytes-to-the-terminal": (
         ["export", "{j}", "--format", "rigol"],

@@ -30,9 +30,9 @@ from mishutter import (
     drive_table,
     plan,
 )
-from mishutter._core.files import strict_json
-from mishutter.evaluation.needs import Item
-from mishutter.hardware.design import motion_to_dict, shutter_from_dict, shutter_to_dict
+from mishutter._core import strict_json
+from mishutter.evaluation import Item
+from mishutter.hardware import motion_to_dict, shutter_from_dict, shutter_to_dict
 from mishutter.model import panned
 
 SHUTTERS = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mishutter.model import read_scene
+from mishutter.model import read_scene, read_speed
 
 WHOLE = """
 [speeds]
@@ -92,6 +92,70 @@ def test_limits_of_the_stage_are_by_the_pitch(tmp_path):
     limits = 'pans = "camera"\nmax_pan_deg_per_s = 2'
     found = scene_of(tmp_path, limits=limits, view="[view]\nfocal_length_mm = 50").limits
     assert float(found.max_pan) == pytest.approx(np.deg2rad(2) * 50 / 5e-3, rel=1e-14)
+
+
+def test_a_motion_and_its_tolerances_in_units_of_the_stage(tmp_path):
+    """A stroke of 0.2 mm and a pan of 3 mm/s on 5 um; errors of the stage and of a belt."""
+    sections = """[motion]
+half_exposure_ms = 10
+stroke_mm = 0.2
+velocity_mm_per_s = 3
+[tolerances]
+velocity_mm_per_s = 0.05
+object_speed_m_per_s = 0.03
+[view]
+magnification = 0.02"""
+    scene = scene_of(tmp_path, view=sections, limits="max_stroke_px = 80")
+    assert float(scene.motion.stroke) == pytest.approx(40, rel=1e-12)
+    assert float(scene.motion.velocity) == pytest.approx(600, rel=1e-14)
+    assert float(scene.tolerances.velocity) == pytest.approx(10, rel=1e-14)
+    assert float(scene.tolerances.speed) == pytest.approx(120, rel=1e-14)
+    turning = """[motion]
+half_exposure_ms = 10
+stroke_px = 30
+velocity_deg_per_s = 2
+[view]
+focal_length_mm = 50"""
+    scene = scene_of(tmp_path, view=turning, limits='pans = "camera"')
+    assert float(scene.motion.velocity) == pytest.approx(np.deg2rad(2) * 50 / 5e-3, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("-77", -77.0), ("1.5e2 px/s", 150.0), ("0.9mm/s", 3600.0), ("-0.9e-3 m/s", -3600.0)],
+)
+def test_a_speed_as_text(tmp_path, text, expected):
+    """A number is in px/s, and one with a unit is converted as the scene's own speeds are."""
+    scene_of(tmp_path, view="[view]\nmagnification = 20")
+    speed = read_speed(text, tmp_path / "scene.toml", "--speed")
+    assert speed == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (
+            "0.9 furlongs",
+            "`--speed` must be a number of px/s, or one with its unit, as 0.9m/s: px/s, mm/s, m/s "
+            "or deg/s; got '0.9 furlongs'.",
+        ),
+        (
+            "2 deg/s",
+            "`[view] focal_length_mm` must be given where --speed in deg/s is; got nothing.",
+        ),
+        (
+            "2 m/s",
+            "`[view]` must hold magnification, px_per_mm, or distance_m and focal_length_mm, "
+            "where --speed in m/s is given; got nothing.",
+        ),
+        ("2e7", "`--speed` must be at most 1e+07 px/s; got 20000000.0."),
+    ],
+)
+def test_a_speed_without_a_meaning_is_named(text, line):
+    """By what it is, what must hold, and what came."""
+    with pytest.raises(ValueError, match="must") as caught:
+        read_speed(text, None, "--speed")
+    assert str(caught.value) == line
 
 
 def test_light_in_electrons_or_lux(tmp_path):
@@ -197,6 +261,11 @@ def test_read_noise_of_a_dynamic_range(tmp_path):
         (
             {"limits": "max_stroke_px = 3\nmax_stroke_mm = 3"},
             "[limits] max_stroke_mm` must not stand beside max_stroke_px; got 3.0.",
+        ),
+        (
+            {"limits": "[motion]\nhalf_exposure_ms = 3\nstroke_px = 2\nvelocity_deg_per_s = 1"},
+            '[motion] velocity_deg_per_s` must stand beside [limits] pans = "camera": a stage does '
+            "not turn; got 1.0.",
         ),
         (
             {"limits": "max_stroke_mm = 900"},

@@ -1,6 +1,7 @@
 """Reports: notes that say of what they speak, and a folder that holds one run."""
 
 import io
+import json
 import re
 import sys
 from dataclasses import replace
@@ -22,7 +23,8 @@ from mishutter import (
     TukeyShutter,
     evaluate,
 )
-from mishutter.cli.tables import print_report
+from mishutter.cli import app
+from mishutter.cli.tables import print_comparison, print_photographs
 from mishutter.model.images import write_picture
 from mishutter.report import Report, document, shown_rows, write_report
 from mishutter.report.document import pictured_rows
@@ -65,7 +67,7 @@ def report():
 
 def test_a_condition_says_of_which_row_it_is(report, capsys):
     """Where phases differ, the few rows that have another are named."""
-    print_report(report)
+    print_comparison(report)
     lines = capsys.readouterr().out.splitlines()
     (note,) = (line for line in lines if line.startswith("Condition at"))
     assert note.count("phase") == 2
@@ -75,7 +77,7 @@ def test_a_condition_says_of_which_row_it_is(report, capsys):
 def test_numbers_stand_under_their_columns(report, capsys, monkeypatch):
     """The gain is over the snapshot's row, and the exposure is the whole of it."""
     monkeypatch.setenv("COLUMNS", "100")
-    print_report(report)
+    print_comparison(report)
     lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     names = [cells for cells in lines if cells[0] == "shutter"]
     numbers = [cells for cells in lines if cells[0] == "Hann"]
@@ -128,7 +130,7 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
     monkeypatch.setattr(sys, "stdout", terminal)
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("TERM", "dumb")
-    print_report(replace(report, comparison=table))
+    print_comparison(replace(report, comparison=table))
     lines = [line.strip() for line in terminal.getvalue().splitlines()]
     tables = [line for line in lines if not line.startswith("Condition")]
     assert max(map(len, tables)) <= 80
@@ -221,13 +223,32 @@ def test_rivals_are_pictured_beside_many_designs(report):
     assert set(names) < set(rows)
 
 
+def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, monkeypatch):
+    """What is known is on standard output when the first capture begins; a document is whole."""
+    seen: list[str] = []
+
+    def photographed(result, num_seeds, every):
+        seen.append(capsys.readouterr().out)
+        return result
+
+    monkeypatch.setattr(app, "_photographed", photographed)
+    app._deliver(report, None, False, 1, False)
+    app._deliver(report, None, True, 1, False)
+    assert seen[0].startswith("A verdict.\n")
+    assert "Same motion" in seen[0]
+    assert seen[1] == ""
+    assert json.loads(capsys.readouterr().out)["files"] == []
+
+
 @pytest.mark.slow
 def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):
     """Those of a photograph go where this run has none; what is somebody else's stays."""
     kept, stale = {"design.json", "notes.txt"}, {"psnr.png", "photograph.png"}
     for name in kept | stale:
         (tmp_path / name).write_text("from before")
-    written = write_report(report, tmp_path)
+    told: list[str] = []
+    written = write_report(report, tmp_path, wrote=told.append)
+    assert told == written
     assert {path.name for path in tmp_path.iterdir()} == kept | set(written)
     assert not stale & set(written)
 
@@ -291,7 +312,7 @@ def test_a_photograph_at_some_speeds_or_all(report, capsys, every):
     assert shown.captured.shape == shown.restored.shape == (2, *shown.reference.shape)
     places = [speeds.index(speed) for speed in shown.speeds]
     np.testing.assert_array_equal(shown.psnr, found.levels["ensemble"]["Hann"].psnr[places])
-    print_report(replace(report, photographs=found))
+    print_photographs(found.levels)
     lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     (title,) = (i for i, cells in enumerate(lines) if cells[0].startswith("Photograph, restored"))
     names = next(cells for cells in lines[title:] if cells[0] == "shutter")

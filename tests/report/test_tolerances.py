@@ -5,7 +5,7 @@ import pytest
 from support.designs import MOTION, SCENE
 
 from mishutter import Comparison, RectShutter, Tolerances, TukeyShutter, evaluate, tolerance_costs
-from mishutter.cli.tables import print_report
+from mishutter.cli.tables import print_comparison
 from mishutter.report import Report
 from mishutter.search import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
 
@@ -51,7 +51,7 @@ def test_the_text_holds_both_levels_and_the_costs(comparison):
 
 def test_the_terminal_shows_the_table(comparison, capsys):
     """The costs are a table of their own, and each row has its level within tolerances."""
-    print_report(Report(_within(), comparison, ("own",)))
+    print_comparison(Report(_within(), comparison, ("own",)))
     shown = capsys.readouterr().out
     assert "within dB" in shown
     assert "What each tolerance costs the best design" in shown

@@ -15,24 +15,16 @@ from support.cameras import camera, scene
 from support.classes import final_classes
 
 import mishutter as ms
-from mishutter.evaluation.needs import PLANNED
-from mishutter.restore import decoders
+from mishutter.evaluation import PLANNED
+from mishutter.restore import decoders, restore_by_each, richardson_lucy
 from mishutter.restore.decoders.banded import banded
 from mishutter.restore.decoders.borders import Continuation
-from mishutter.restore.decoders.likelihood import (
-    _Blur,
-    _Method,
-    _Penalty,
-    _restored,
-    richardson_lucy,
-)
-from mishutter.restore.decoders.linear import (
-    ensemble_filter,
-    expected_squared_error,
-    wiener_filter,
-)
+
+# The minimisers alone: what they minimise is a short formula on periodic rows, which no camera's
+# rows are.
+from mishutter.restore.decoders.likelihood import _Blur, _Method, _Penalty, _restored
+from mishutter.restore.decoders.linear import ensemble_filter, expected_squared_error, wiener_filter
 from mishutter.restore.decoders.tikhonov import _regularised
-from mishutter.restore.restoration import restore_by_each
 
 PLAIN = ms.RichardsonLucyDecoder(30, accelerated=False, until_noise=False, start="capture")
 DECODERS = {
@@ -61,7 +53,7 @@ def photograph(first=100, last=124):
 
 def portrait():
     """Rows whose ends differ, as those of most photographs do."""
-    from mishutter.model.images import shipped_picture
+    from mishutter.model import shipped_picture
 
     return shipped_picture("astronaut.png").luminance[100:228, :, None].astype(np.float64)
 
@@ -380,8 +372,9 @@ def test_richardson_lucy_ends_at_the_likeliest_picture_of_few_edges():
     rows = np.fft.irfft(np.fft.rfft(truth) * response, 64)
     rows = rows + 0.03 * rng.standard_normal(rows.shape)
     penalty = _Penalty(np.asarray(strength), np.asarray(0.07))
-    given = around, _Blur(response), np.asarray(light), _Method(4000, True, 0.1), penalty, None
-    found = np.asarray(_restored(jnp.asarray(rows), *given))
+    given = around, _Blur(response), np.asarray(light), _Method(4000, True, 0.1)
+    weighed = {"penalty": penalty, "first_filter": None}
+    found = np.asarray(_restored(jnp.asarray(rows), *given, **weighed))
     dark = 0.07 + 0.1 * rows.mean()
 
     def unlikely(picture):

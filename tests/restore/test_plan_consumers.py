@@ -11,9 +11,10 @@ import pytest
 from support.random_scenes import random_scene
 
 import mishutter as ms
-from mishutter.evaluation.needs import reduced
+from mishutter.evaluation import reduced
+from mishutter.search import plan
 from mishutter.search.objective import objective_of
-from mishutter.search.planning import full_sizes, plan
+from mishutter.search.planning import full_sizes
 from mishutter.search.space import FREE_NAMES, design_space
 
 LOSSES = (ms.ExpectedErrorLoss(), ms.DesignLoss())

@@ -14,13 +14,12 @@ from scipy.optimize import minimize
 from support.cameras import camera, scene
 
 import mishutter as ms
-from mishutter.model.images import shipped_picture
+from mishutter.model import shipped_picture
 from mishutter.restore.decoders.borders import continuation
 from mishutter.restore.decoders.linear import (
     ensemble_filter,
     expected_residual,
     expected_squared_error,
-    mean_and_spread,
 )
 from mishutter.restore.decoders.total_variation import adjoint_differences, differences
 
@@ -47,7 +46,7 @@ def test_the_spread_is_what_the_mean_response_misses():
     """The mean and the spread together pass as much light power as the speeds do in the mean."""
     model, length = model_of(), 600
     responses = model.responses(length)
-    mean, spread = mean_and_spread(model, length)
+    mean, spread = model.mean_and_spread(length)
     np.testing.assert_allclose(mean, model.weights @ responses, rtol=1e-13)
     passed = model.weights @ np.abs(responses) ** 2
     np.testing.assert_allclose(np.abs(mean) ** 2 + spread, passed, rtol=1e-9)
@@ -57,7 +56,7 @@ def test_the_spread_is_what_the_mean_response_misses():
 def test_what_the_ensemble_filter_leaves_of_a_capture():
     """The closed form is what the filter misses of a capture's spectrum, over all of a DFT."""
     model, length = model_of(), 600
-    mean, _ = mean_and_spread(model, length)
+    mean, _ = model.mean_and_spread(length)
     captured = model.picture_spectrum(length) * (
         model.weights @ np.abs(model.responses(length)) ** 2
     )
@@ -73,7 +72,7 @@ def test_tikhonov_leaves_what_is_expected(speed):
     captured = np.asarray(captured_at(speed))
     estimate = np.asarray(ms.TikhonovDecoder().restore(jnp.asarray(captured), model))
     length = continuation(model, captured.shape[1]).length
-    mean, _ = mean_and_spread(model, length)
+    mean, _ = model.mean_and_spread(length)
     level = captured.mean(axis=1, keepdims=True)
     padded = np.pad(estimate - level / model.efficiency, ((0, 0), (0, length - 400)))
     again = np.fft.irfft(np.fft.rfft(padded) * mean, length)[:, :400] + level
@@ -94,7 +93,7 @@ def test_total_variation_finds_the_least_of_its_objective():
     rows, columns = captured.shape
     extension = continuation(model, columns)
     length = extension.length
-    mean, spread = mean_and_spread(model, length)
+    mean, spread = model.mean_and_spread(length)
     power = model.picture_spectrum(length)
     error = np.sqrt(expected_squared_error(model, length))
     deviation, level = (np.asarray(x) for x in extension.deviations(captured))

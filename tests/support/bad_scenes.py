@@ -171,7 +171,11 @@ LINES = {
         "stroke_px = 45\nvelocity_px_per_s = -12000",
         "must keep the top speed within max_top_speed_px_per_s = 20000; got 21000 px/s",
     ),
-    "no-stroke": ("stroke_px", "", "hold one of stroke_px and acceleration_px_per_s2; got neither"),
+    "no-stroke": (
+        "stroke_px",
+        "",
+        "hold one of stroke_px, stroke_mm and acceleration_px_per_s2; got neither",
+    ),
     "stroke-and-acceleration": (
         "stroke_px",
         "stroke_px = 45\nacceleration_px_per_s2 = 4.5e5",

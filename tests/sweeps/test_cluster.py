@@ -89,6 +89,7 @@ def test_a_dead_worker_is_survived(cluster, tmp_path):
 @pytest.mark.slow
 def test_a_scheduler_that_does_not_answer(monkeypatch, tmp_path, capsys):
     """One line within seconds, in Python and on the command line, and no store is made."""
+    # The test would take the package's own ten seconds twice.
     monkeypatch.setattr("mishutter.sweeps.cluster._SECONDS_TO_ANSWER", 1)
     address = "tcp://127.0.0.1:9"
     with pytest.raises(ValueError, match=r"must be a scheduler that answers within 1 s; got"):
@@ -108,6 +109,7 @@ def test_without_the_extra(monkeypatch):
 
 def test_workers_of_another_version_are_refused(worker, monkeypatch):
     """Before any block is computed, with both versions and the worker named."""
+    # A worker in this process cannot have another version installed.
     monkeypatch.setattr("mishutter.sweeps.cluster.package_version", lambda: "0.0.7")
     message = rf"must have workers with mishutter 0\.0\.7; got {mishutter.__version__} on inproc://"
     with pytest.raises(ValueError, match=message):
@@ -153,6 +155,7 @@ def test_a_store_that_a_worker_does_not_see(tmp_path):
 
 def test_blocks_that_workers_wrote_elsewhere_are_missed(worker, tmp_path, monkeypatch):
     """A sweep does not end as if they were there."""
+    # A worker in this process has no other disk to write to.
     monkeypatch.setattr(StoredBlocks, "write", lambda *_: None)
     with pytest.raises(ValueError, match="which lacks 6 of the 6 blocks that they wrote"):
         sweep(SCENE, **many(scheduler=worker, store=tmp_path / "a.zarr"))
@@ -174,6 +177,7 @@ def test_shutters_of_a_script_cannot_be_sent(worker, monkeypatch):
     shutters = {"mine": _Parabola(0.7)}
     few = many(scheduler=worker, shutters=shutters, accelerations=[3e4, 9e4])
     assert bool(sweep(SCENE, **few).expected_psnr.notnull().any())
+    # The class of a script, whose module is the one that Python was started with.
     monkeypatch.setattr(_Parabola, "__module__", "__main__")
     message = "from modules that workers can import; got _Parabola of a script or notebook"
     with pytest.raises(ValueError, match=message):

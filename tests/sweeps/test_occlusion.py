@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from mishutter import (
+    ExpectedErrorLoss,
     HannShutter,
     Limits,
     LinearMotion,
@@ -12,11 +13,11 @@ from mishutter import (
     ParabolicMotion,
     RectShutter,
     Scene,
+    SplineShutter,
     TukeyShutter,
     best_snapshots,
     evaluate,
     gain_over_snapshot,
-    optimise,
     sweep,
 )
 
@@ -25,7 +26,7 @@ AGREEMENT = 1e-4
 LIMITS = Limits(
     max_stroke=37.0, max_top_speed=1.3e4, min_half_exposure=4e-4, max_half_exposure=0.011
 )
-ACCELERATIONS, HALVES = [0.0, 1.7e5, 4.1e5], [7e-4, 4.3e-3, 8.9e-3]
+ACCELERATIONS, HALVES = [0.0, 3.1e5], [7e-4, 8.9e-3]
 LAYERS = {
     "still": Occlusion(front_share=0.43, object_width=61.0),
     "moving": Occlusion(front_share=0.37, object_width=83.0, background="moving"),
@@ -76,29 +77,29 @@ def test_a_sweep_is_what_evaluate_measures(name):
     shutters = {"hann": HannShutter(), "rect": RectShutter()}
     swept = swept_over(scene, ACCELERATIONS, HALVES, shutters)
     differences = points(swept.isel(velocity=0), scene, shutters)
-    assert differences.size >= 10
+    assert differences.size == 8
     np.testing.assert_allclose(differences, 0, atol=AGREEMENT)
 
 
+@pytest.mark.slow
 def test_a_sweep_that_pans_is_what_evaluate_measures():
     """A still background moves for a sensor that pans, and folds no speeds there."""
     scene = scene_before("still", speeds=(-700.0, 1100.0, 2900.0))
-    shutters = {"tukey": TukeyShutter(0.41)}
-    swept = swept_over(
-        scene, ACCELERATIONS[:2], HALVES[:2], shutters, velocities=[-300.0, 0.0, 1100.0]
-    )
-    for index in range(3):
+    shutters, velocities = {"tukey": TukeyShutter(0.41)}, [0.0, 1100.0]
+    swept = swept_over(scene, ACCELERATIONS[:1], HALVES[:1], shutters, velocities=velocities)
+    for index in range(2):
         differences = points(swept.isel(velocity=index), scene, shutters)
-        assert differences.size >= 2
+        assert differences.size == 1
         np.testing.assert_allclose(differences, 0, atol=AGREEMENT)
 
 
+@pytest.mark.slow
 def test_scenes_of_one_sweep_may_differ_in_their_layers():
     """Scenes with a background, and one that moves as a whole, keep their own levels."""
     scenes = {name: scene_before(name) for name in ("still", "moving")}
     scenes["whole"] = eqx.tree_at(lambda s: s.occlusion, scenes["still"], None)
     shutters = {"hann": HannShutter()}
-    swept = swept_over(scenes, ACCELERATIONS[1:2], HALVES[1:2], shutters)
+    swept = swept_over(scenes, ACCELERATIONS[1:2], HALVES[:1], shutters)
     for name, scene in scenes.items():
         differences = points(swept.sel(scene=name).isel(velocity=0), scene, shutters)
         np.testing.assert_allclose(differences, 0, atol=AGREEMENT)
@@ -124,16 +125,19 @@ def test_the_best_snapshot_before_a_background_is_what_evaluate_measures(name):
             assert level(half * factor, velocity + step) < own + AGREEMENT
 
 
-def test_the_best_profiles_of_a_sweep_before_a_background_are_those_of_optimise():
-    """A sweep's own search knows of the background, and its levels are those of `evaluate`."""
-    scene = scene_before("moving", speeds=(-2300.0, 2300.0))
+@pytest.mark.slow
+def test_the_best_profiles_of_a_sweep_are_measured_before_the_background():
+    """The search of a sweep knows of it: losses and levels are those of the profiles."""
+    scene, loss = scene_before("moving", speeds=(-2300.0, 2300.0)), ExpectedErrorLoss()
     swept = swept_over(scene, [2.9e5], [6.1e-3], {"rect": RectShutter()}, optimise=True)
     at = swept.isel(velocity=0, acceleration=0, half_exposure=0)
     motion = ParabolicMotion(acceleration=2.9e5, half_exposure=6.1e-3)
-    own = optimise(scene, motion, free="shutter")
+    profile = SplineShutter(np.asarray(at.coefficients))
     best, rect = (float(at.expected_psnr.sel(shutter=n)) for n in ("optimised", "rect"))
     assert best > rect
-    assert best == pytest.approx(float(own.metrics.expected_psnr), abs=0.01)
+    own = float(evaluate(scene, motion, profile).expected_psnr)
+    assert best == pytest.approx(own, abs=AGREEMENT)
+    assert float(at.loss) == pytest.approx(float(loss(scene, motion, profile)), rel=1e-5)
 
 
 def test_gains_of_a_sweep_are_over_the_best_snapshot_before_the_background():

@@ -37,7 +37,7 @@ from mishutter import (
     optimise,
     sweep,
 )
-from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model import AbstractShutter
 from mishutter.sweeps.grid import REASONS, Frame, outside_limits
 
 

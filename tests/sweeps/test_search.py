@@ -192,6 +192,8 @@ def test_every_loss_is_searched(slug):
 def test_blocks_at_a_time_change_nothing(monkeypatch):
     """Bit for bit what they are one after the other."""
     few: dict[str, Any] = AXES | {"metrics": ["expected_psnr"], "max_steps": 5}
+    # Blocks of the package's own size would take several hundred searches, and the number of
+    # threads is that of the machine.
     monkeypatch.setattr("mishutter.sweeps.grid._SEARCH_BLOCK", 1)
     found = []
     for count in (1, 3):

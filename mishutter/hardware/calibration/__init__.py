@@ -1,4 +1,4 @@
-"""A camera as it was built, from what it recorded."""
+"""A camera as it was built, from its recordings."""
 
 from mishutter.hardware.calibration.estimation import FittedCamera as FittedCamera
 from mishutter.hardware.calibration.estimation import fit as fit

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from mishutter._core import Unquoted, as_float, fields_text, require, require_positive_int
 from mishutter.hardware.calibration.likelihood import (
@@ -60,8 +61,8 @@ class FittedCamera:
     Attributes:
         motion: The stage's motion, on the camera's clock.
         shutter: The transmittance.
-        coefficients: Its B-spline coefficients before they are clipped to [0, 1]; shape `(n,)`.
-        coefficient_errors: Their error bars; shape `(n,)`.
+        coefficients: Its B-spline coefficients before they are clipped to [0, 1].
+        coefficient_errors: Their error bars.
         estimates: The other numbers by name, with their units in the name.
         not_identifiable: Sentences about numbers that the measurements do not determine.
         names: Names of the pictures.
@@ -74,14 +75,14 @@ class FittedCamera:
 
     motion: ParabolicMotion
     shutter: SplineShutter
-    coefficients: np.ndarray
-    coefficient_errors: np.ndarray
+    coefficients: Float[np.ndarray, "n"]
+    coefficient_errors: Float[np.ndarray, "n"]
     estimates: dict[str, Estimate]
     not_identifiable: tuple[str, ...]
     names: tuple[str, ...]
-    levels: tuple[np.ndarray, ...]
-    expected: tuple[np.ndarray, ...]
-    noise: tuple[np.ndarray, ...]
+    levels: tuple[Float[np.ndarray, "columns"], ...]
+    expected: tuple[Float[np.ndarray, "columns"], ...]
+    noise: tuple[Float[np.ndarray, "columns"], ...]
     chi_squared: float
     num_free: int
 
@@ -135,8 +136,14 @@ class FittedCamera:
             )
         return None
 
-    def band(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The profile less and plus two error bars, which count as 1 at most; shapes of `tau`."""
+    def band(
+        self, tau: Float[np.ndarray, "n"]
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+        """The profile less and plus two error bars, which count as 1 at most.
+
+        Args:
+            tau: Normalised times, from -1 to 1.
+        """
         from scipy.interpolate import BSpline
 
         count = self.coefficients.size
@@ -146,13 +153,21 @@ class FittedCamera:
         return profile - margin, profile + margin
 
     def seen_through_lens(self, scene: Scene) -> Scene:
-        """The scene behind the fitted lens."""
+        """The scene behind the fitted lens.
+
+        Args:
+            scene: A scene without the lens.
+        """
         require_scene(scene)
         blur = as_float(np.asarray(self.lens_blur, scene.speeds.dtype))
         return eqx.tree_at(lambda s: s.lens_blur, scene, blur)
 
     def design(self, scene: Scene) -> Design:
-        """The camera as built, as a design like any other, on a scene behind its lens."""
+        """The camera as built, as a design like any other, on a scene behind its lens.
+
+        Args:
+            scene: The scene that the design is for.
+        """
         scene = self.seen_through_lens(scene)
         outcome = "Fitted to measurements" + ", which it does not explain" * bool(self.doubt) + "."
         return given_design(scene, self.motion, self.shutter, outcome, is_measured=True)
@@ -162,12 +177,16 @@ class FittedCamera:
 
         Limits are widened to hold the motion. Comments give the error bars, and say where the
         profile is, for which there is no key.
+
+        Args:
+            scene: The scene whose numbers the file has.
         """
         require_scene(scene)
         limits, widened = _limits_with(scene.limits, self.motion)
         built = eqx.tree_at(lambda s: s.limits, self.seen_through_lens(scene), limits)
-        nothing = {"is_leaf": lambda leaf: leaf is None}
-        built = eqx.tree_at(lambda s: s.given_motion, built, self.motion, **nothing)
+        built = eqx.tree_at(
+            lambda s: s.given_motion, built, self.motion, is_leaf=lambda leaf: leaf is None
+        )
         lines = {
             name: f"{name} = {each.value:.6g} +- {each.error:.2g}"
             for name, each in self.estimates.items()
@@ -260,9 +279,9 @@ def fit(
         num_coefficients: Number of B-spline coefficients of the profile; at least 4.
 
     Returns:
-        The camera, its error bars and residuals, and sentences about what is not identifiable.
-        Where noise alone leaves residuals as great or as small in fewer than 3 fits of 1,000,
-        `doubt` says so, and so does a warning.
+        The camera, its error bars and residuals, and sentences about parameters that are not
+        identifiable. Where noise alone leaves residuals as great or as small in fewer than 3 fits
+        of 1,000, `doubt` says so, and so does a warning.
 
     Raises:
         ValueError: if a picture is saturated or shows no target, the fitted acceleration is less

@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float
 
 from mishutter._core import compiled, require
 from mishutter.blur import support
@@ -56,7 +56,7 @@ _LEAST_FALL = 1.0
 """Fall of the sum of squares from which another start is preferred to the camera that was sent.
 
 It prevents rounding from choosing between two ends of which neither is likelier, and keeps the
-one that is nearer to what was sent.
+one that is nearer to the camera that was sent.
 """
 _LEAST_BLUR = 0.3
 """Least blur of the lens at the start of a fit; px."""
@@ -72,32 +72,32 @@ class _Arrays(NamedTuple):
     They are arguments of the compiled program, so that one program serves all data of a shape.
 
     Attributes:
-        levels: Mean of the rows of each picture; shape `(pictures, columns)`.
-        deviation: Standard deviation of each level; of the same shape.
-        speeds: Known speeds, px/s, and 0 where one is unknown; shape `(pictures,)`.
-        is_unknown: Whether the speed of each picture is unknown; shape `(pictures,)`.
-        is_edge: Whether each picture is of an edge; shape `(pictures,)`.
-        half_exposure: $T$, s.
-        scales: Scale of each parameter, in its unit; shape `(parameters,)`.
-        ties: Rows of all `Ties`; shape `(k, parameters)`.
-        aims: Their aims; shape `(k,)`.
-        trace: Levels of the trace; shape `(samples,)`.
-        trace_basis: B-splines at its samples; shape `(samples, coefficients)`.
+        levels: Mean of the rows of each picture.
+        deviation: Standard deviation of each level.
+        speeds: Known speeds, and 0 where one is unknown; px/s.
+        is_unknown: Whether the speed of each picture is unknown.
+        is_edge: Whether each picture is of an edge.
+        half_exposure: $T$; s.
+        scales: Scale of each parameter, in its unit.
+        ties: Rows of all `Ties`.
+        aims: Their aims.
+        trace: Levels of the trace.
+        trace_basis: B-splines at its samples.
         trace_deviation: Standard deviation of its levels.
     """
 
-    levels: Any
-    deviation: Any
-    speeds: Any
-    is_unknown: Any
-    is_edge: Any
-    half_exposure: Any
-    scales: Any
-    ties: Any
-    aims: Any
-    trace: Any
-    trace_basis: Any
-    trace_deviation: Any
+    levels: Float[np.ndarray, "pictures columns"]
+    deviation: Float[np.ndarray, "pictures columns"]
+    speeds: Float[np.ndarray, "pictures"]
+    is_unknown: Bool[np.ndarray, "pictures"]
+    is_edge: Bool[np.ndarray, "pictures"]
+    half_exposure: Float[np.ndarray, ""]
+    scales: Float[np.ndarray, "parameters"]
+    ties: Float[np.ndarray, "k parameters"]
+    aims: Float[np.ndarray, "k"]
+    trace: Float[np.ndarray, "samples"]
+    trace_basis: Float[np.ndarray, "samples coefficients"]
+    trace_deviation: Float[np.ndarray, ""]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class Setting:
         sent_motion: The motion as sent.
         coefficients: B-spline coefficients of the transmittance as sent.
         num_taps: Number of taps of a kernel, of 1/8 px.
-        notes: Sentences about what no measurement of this kind determines.
+        notes: Sentences about parameters that no measurement of this kind determines.
     """
 
     names: tuple[str, ...]
@@ -442,12 +442,12 @@ class Ties(NamedTuple):
     """Linear combinations of the parameters that are held near values.
 
     Attributes:
-        rows: Coefficients of each combination, over its standard deviation; `(k, parameters)`.
-        aims: The values, over the same; shape `(k,)`.
+        rows: Coefficients of each combination, over its standard deviation.
+        aims: The values, over the same.
     """
 
-    rows: np.ndarray
-    aims: np.ndarray
+    rows: Float[np.ndarray, "k parameters"]
+    aims: Float[np.ndarray, "k"]
 
 
 class Solution(NamedTuple):
@@ -458,16 +458,16 @@ class Solution(NamedTuple):
         values: Parameters, in their own scales.
         residual: Residuals of the data and the pins.
         matrix: Their Jacobian.
-        expected: Expected levels; shape `(pictures, columns)`.
-        noise: Standard deviations of the levels in this round; shape `(pictures, columns)`.
+        expected: Expected levels.
+        noise: Standard deviations of the levels in this round.
     """
 
     loss: float
-    values: np.ndarray
-    residual: np.ndarray
-    matrix: np.ndarray
-    expected: np.ndarray
-    noise: np.ndarray
+    values: Float[np.ndarray, "parameters"]
+    residual: Float[np.ndarray, "residuals"]
+    matrix: Float[np.ndarray, "residuals parameters"]
+    expected: Float[np.ndarray, "pictures columns"]
+    noise: Float[np.ndarray, "pictures columns"]
 
 
 def solved(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, final, get_args
 
 import numpy as np
+from jaxtyping import Float, Shaped
 from pydantic import Field
 
 from mishutter._core import (
@@ -58,7 +59,12 @@ class SensorLevels:
         require(is_noise, "SensorLevels(read_noise=...)", "be at least 0", self.read_noise)
 
     def variance(self, level: np.ndarray, is_rounded: bool) -> np.ndarray:
-        r"""Variance of a level, $(\mu - b)/e + (\sigma/e)^2$, and 1/12 if rounded; levels^2."""
+        r"""Variance of a level, $(\mu - b)/e + (\sigma/e)^2$, and 1/12 if rounded; levels^2.
+
+        Args:
+            level: Mean level of a pixel.
+            is_rounded: Whether levels are rounded to whole numbers.
+        """
         shot = np.maximum(level - self.black_level, 0) / self.electrons_per_level
         read = (self.read_noise / self.electrons_per_level) ** 2
         return np.maximum(shot + read, 1e-12) + (1 / 12 if is_rounded else 0.0)
@@ -78,7 +84,7 @@ class TargetPicture:
         is_rounded: Whether all levels are whole numbers.
     """
 
-    levels: np.ndarray
+    levels: Shaped[np.ndarray, "*rows columns"]
     target: str = "point"
     speed: float | None = 0.0
     name: str = "TargetPicture(levels=...)"
@@ -93,8 +99,8 @@ class TargetPicture:
             self.target in TARGETS, "TargetPicture(target=...)", "be point or edge", self.target
         )
         require_finite(name, levels)
-        known = self.axis in get_args(Axis)
-        require(known, "TargetPicture(axis=...)", "be 'rows' or 'columns'", self.axis)
+        is_axis = self.axis in get_args(Axis)
+        require(is_axis, "TargetPicture(axis=...)", "be 'rows' or 'columns'", self.axis)
         levels = turned(levels, self.axis) if levels.ndim == 2 else levels
         is_wide, pixels = levels.shape[-1] >= 4 * END, pixels_along(self.axis)
         require(is_wide, name, f"have at least {4 * END} {pixels}", int(levels.shape[-1]))
@@ -103,8 +109,11 @@ class TargetPicture:
         object.__setattr__(self, "is_rounded", bool(np.all(levels == np.rint(levels))))
         object.__setattr__(self, "levels", np.atleast_2d(levels.astype(np.float64)))
 
-    def profile(self, sensor: SensorLevels) -> np.ndarray:
-        """Mean of the rows; shape `(columns,)`.
+    def profile(self, sensor: SensorLevels) -> Float[np.ndarray, "columns"]:
+        """Mean of the rows.
+
+        Args:
+            sensor: The sensor that recorded it.
 
         Raises:
             ValueError: if a pixel is saturated, the blur reaches an end, or there is no target.
@@ -183,8 +192,11 @@ def read_measurements(path: str | Path) -> Measurements:
     A picture is CSV, one line a row, or `.npy` of rows and columns; `[sensor] axis` says along
     which of them targets move. All pictures without a speed share an unknown one.
 
+    Args:
+        path: The file.
+
     Raises:
-        ValueError: if a file does not hold what it must.
+        ValueError: if a file does not match its format.
         OSError: if a file cannot be read.
     """
     name, folder = str(path), Path(path).parent

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from mishutter.blur import blur_kernel
 from mishutter.model import ParabolicMotion, SplineShutter
@@ -28,16 +28,20 @@ _REACH = 15.5
 
 
 def kernels(
-    coefficients: Array, acceleration: Array, half_exposure: Array, relative: Array, num_taps: int
-) -> Array:
-    r"""Kernels of a spline of any coefficients, in taps of 1/8 px; shape `(speeds, taps + 4)`.
+    coefficients: Float[Array, "n"],
+    acceleration: Float[Array, ""],
+    half_exposure: ArrayLike,
+    relative: Float[Array, "speeds"],
+    num_taps: int,
+) -> Float[Array, "speeds {num_taps}+4"]:
+    r"""Kernels of a spline of any coefficients, in taps of 1/8 px.
 
     The first tap lies two before the vertex. Noise, or a step of the minimiser, may take a
     profile $w$ out of [0, 1]. It then is $(1 + 2r) w' - r$ with a profile $w'$ inside, and its
     kernel is the same combination of the kernels of $w'$ and of an open shutter.
 
     Args:
-        coefficients: B-spline coefficients; shape `(n,)`.
+        coefficients: B-spline coefficients.
         acceleration: $a$, px/s^2.
         half_exposure: $T$, s.
         relative: Speeds relative to the sensor at mid-exposure, $s - v$; px/s.
@@ -93,14 +97,20 @@ def _with_moments(taps: Array) -> Array:
     return jnp.sum(jnp.stack(shifted), axis=0)
 
 
-def collected(taps: Array, begin: Array, blur: Array, is_edge: Array, num_columns: int) -> Array:
-    """Irradiance that each pixel integrates, of points or edges; shape `(s, columns)`.
+def collected(
+    taps: Float[Array, "s taps"],
+    begin: Float[Array, "s"],
+    blur: Float[Array, ""],
+    is_edge: Bool[Array | np.ndarray, "s"],
+    num_columns: int,
+) -> Float[Array, "s {num_columns}"]:
+    """Irradiance that each pixel integrates, of points or edges.
 
     Args:
-        taps: Kernels, in taps of 1/8 px; shape `(s, taps)`.
-        begin: Position of the first tap's beginning; px, shape `(s,)`.
+        taps: Kernels, in taps of 1/8 px.
+        begin: Position of the first tap's beginning; px.
         blur: Standard deviation of the lens's Gaussian; px.
-        is_edge: Whether the target is an edge; shape `(s,)`.
+        is_edge: Whether the target is an edge.
         num_columns: Number of pixels, of which the first lies from 0 to 1 px.
     """
     num_taps = taps.shape[1]

@@ -8,6 +8,7 @@ are those of the profile likelihood.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from mishutter.hardware.calibration.likelihood import Setting, Solution, Ties, solved
 
@@ -33,14 +34,14 @@ class ErrorBars:
     """Error bars of the parameters, in their own scales, and of the delay.
 
     Attributes:
-        errors: Of each parameter; shape `(n,)`. Above `WIDEST` it is not identifiable.
-        delay: Of the delay; s.
-        blind: Directions of almost no information; shape `(k, n)`.
+        errors: Error bar of each parameter, which is not identifiable above `WIDEST`.
+        delay: Error bar of the delay; s.
+        blind: Directions of almost no information.
     """
 
-    errors: np.ndarray
+    errors: Float[np.ndarray, "n"]
     delay: float
-    blind: np.ndarray
+    blind: Float[np.ndarray, "k n"]
 
 
 def error_bars(setting: Setting, solution: Solution) -> tuple[Solution, ErrorBars]:
@@ -109,8 +110,8 @@ def _information(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Covariance by the Fisher information, in the parameters' own scales, and blind directions.
 
     A direction is blind where its error bar exceeds a third of that scale. No error bar exceeds
-    three of it, ten standard deviations of its range, which prevents the uncertainty of what is
-    not seen at all from spreading to what is.
+    three of it, ten standard deviations of its range, which prevents the uncertainty of parameters
+    without information from spreading to others.
     """
     _, singular, directions = np.linalg.svd(matrix, full_matrices=False)
     bars = directions / np.maximum(singular, _LEAST_SEEN)[:, None]

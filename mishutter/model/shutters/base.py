@@ -62,7 +62,11 @@ class AbstractShutter(eqx.Module):
 
     @abstractmethod
     def transmittance(self, tau: ArrayLike) -> Array:
-        r"""$w(\tau)$ at normalised times of any shape; same shape, in $[0, 1]$."""
+        r"""$w(\tau)$ at normalised times of any shape; same shape, in $[0, 1]$.
+
+        Args:
+            tau: Normalised times, from -1 to 1.
+        """
 
     def discontinuities(self) -> Sequence[ArrayLike]:
         r"""Times $\tau$ at which $w$ jumps or bends, in any order; none by default.
@@ -117,11 +121,19 @@ class AbstractPiecewiseShutter(AbstractShutter):
 
     @abstractmethod
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
-        """Ends of the pieces, ascending from -1 to 1; shape `(n + 1,)`."""
+        """Ends of the pieces, ascending from -1 to 1; shape `(n + 1,)`.
+
+        Args:
+            dtype: Precision of the numbers.
+        """
 
     @abstractmethod
     def piece_transmittance(self, offset: Any) -> Any:
-        """Each piece's function at offsets, an array, complex ones included; shape `(n, ...)`."""
+        """Each piece's function at offsets, an array, complex ones included; shape `(n, ...)`.
+
+        Args:
+            offset: Distance from the left end of each piece; shape `(n,)`.
+        """
 
     @abstractmethod
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
@@ -149,7 +161,11 @@ class AbstractAdjustableShutter(AbstractPiecewiseShutter):
 
     @abstractmethod
     def at(self, box: Array) -> "AbstractAdjustableShutter":
-        """The shutter of the same kind at other coordinates."""
+        """The shutter of the same kind at other coordinates.
+
+        Args:
+            box: Coordinates in the unit box; shape `(p,)`.
+        """
 
 
 def is_adjustable(shutter: AbstractShutter) -> bool:

@@ -11,11 +11,12 @@ from typing import final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 _BLOCKS = range(32, 129, 16)
 _COST_OF_COPY = 16
-"""Of copying a block into a window, in units of a row of its product; measured on two cores."""
+"""Cost of copying a block into a window, in units of a row of its product; measured on two
+cores."""
 
 
 @final
@@ -23,12 +24,12 @@ class BandedConvolution(eqx.Module):
     """Convolution with a kernel and its adjoint, on rows whose length is a multiple of `block`.
 
     Attributes:
-        forward: Matrix from blocks `k - J, ..., k` to block `k`; shape `((J + 1) B, B)`.
-        adjoint: Matrix from blocks `k, ..., k + J` to block `k`; the same shape.
+        forward: Matrix from blocks `k - J, ..., k` to block `k`; $(J + 1) B$ rows, $B$ columns.
+        adjoint: Matrix from blocks `k, ..., k + J` to block `k`.
     """
 
-    forward: np.ndarray
-    adjoint: np.ndarray
+    forward: Float[np.ndarray, "window block"]
+    adjoint: Float[np.ndarray, "window block"]
 
     @property
     def block(self) -> int:
@@ -40,14 +41,14 @@ class BandedConvolution(eqx.Module):
         """Blocks that a block depends on, less one: $J$."""
         return self.forward.shape[0] // self.block - 1
 
-    def __call__(self, rows: Array) -> Array:
-        r"""$y_k = \sum_i h_i x_{k - i}$, periodic; shape `(..., length)` to the same."""
+    def __call__(self, rows: Float[Array, "*planes length"]) -> Float[Array, "*planes length"]:
+        r"""$y_k = \sum_i h_i x_{k - i}$, periodic."""
         blocks = self._blocks(rows)
         before = blocks[:, blocks.shape[1] - self.span :]
         return self._product(jnp.concatenate([before, blocks], axis=1), self.forward, rows)
 
-    def back(self, rows: Array) -> Array:
-        """The adjoint of `__call__`; shape `(..., length)` to the same."""
+    def back(self, rows: Float[Array, "*planes length"]) -> Float[Array, "*planes length"]:
+        """The adjoint of `__call__`."""
         blocks = self._blocks(rows)
         wrapped = jnp.concatenate([blocks, blocks[:, : self.span]], axis=1)
         return self._product(wrapped, self.adjoint, rows)
@@ -62,7 +63,7 @@ class BandedConvolution(eqx.Module):
         return (window @ jnp.asarray(matrix, like.dtype)).reshape(like.shape)
 
 
-def banded(kernel: np.ndarray) -> BandedConvolution:
+def banded(kernel: Float[np.ndarray, "taps"]) -> BandedConvolution:
     """The convolution with a kernel, in blocks of a size that suits its length."""
     taps = np.trim_zeros(np.asarray(kernel), "b")
     taps = taps if taps.size else np.zeros(1)

@@ -10,7 +10,7 @@ from typing import final
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Complex, Float
 
 from mishutter._core import alone_in_blas, outside_trace, require_known
 from mishutter.camera import (
@@ -52,14 +52,14 @@ class BlurModel(eqx.Module):
     Attributes:
         motion: Motion of the sensor, without velocity.
         shutter: Transmittance over the exposure.
-        speeds: Speeds that may occur, relative to the sensor; px/s, shape `(s,)`, numpy.
-        weights: How often each occurs; shape `(s,)`.
+        speeds: Speeds that may occur, relative to the sensor; px/s.
+        weights: Probability of each.
         num_taps: Pixels over which light of the fastest falls.
         efficiency: Mean transmittance over the exposure.
         read_noise: Standard deviation of the read noise; e-.
         electrons: Photo-electrons of a white pixel in a fully open exposure.
-        power: Power of the picture's rows in equal steps of (0, 0.5) cycles/px, its mean
-            being the variance; shape `(m,)`.
+        power: Power of the picture's rows in equal steps of (0, 0.5) cycles/px; its mean is the
+            variance.
         mean_level: Mean of the picture.
         optics: The lens.
         layers: The scene, seen from the motion, where objects hide part of a background; None
@@ -68,13 +68,13 @@ class BlurModel(eqx.Module):
 
     motion: AbstractMotion
     shutter: AbstractShutter
-    speeds: np.ndarray
-    weights: np.ndarray
+    speeds: Float[np.ndarray, "s"]
+    weights: Float[np.ndarray, "s"]
     num_taps: int = eqx.field(static=True)
     efficiency: float = eqx.field(static=True)
     read_noise: float = eqx.field(static=True)
     electrons: float = eqx.field(static=True)
-    power: np.ndarray
+    power: Float[np.ndarray, "m"]
     mean_level: float = eqx.field(static=True)
     optics: Optics = eqx.field(static=True)
     layers: Scene | None = None
@@ -90,32 +90,56 @@ class BlurModel(eqx.Module):
         return self.noise_at(0.0)
 
     def noise_at(self, mean_level: float) -> float:
-        r"""Variance of the noise where the picture has a mean, $\eta\bar f/p + (\sigma/p)^2$."""
+        r"""Variance of the noise where the picture has a mean, $\eta\bar f/p + (\sigma/p)^2$.
+
+        Args:
+            mean_level: Mean level of the picture, white = 1.
+        """
         p = self.electrons
         if p <= 0:
             return math.inf
         return noise_power(self.efficiency, mean_level, p, self.read_noise, unit=p)
 
-    def responses(self, length: int) -> np.ndarray:
-        """Responses at the speeds that may occur, on the grid of a DFT; `(s, length // 2 + 1)`."""
+    def responses(self, length: int) -> Complex[np.ndarray, "s {length}//2+1"]:
+        """Responses at the speeds that may occur, on the grid of a DFT.
+
+        Args:
+            length: Pixels of the DFT.
+        """
         return self.responses_at(self.speeds, length)
 
-    def assumed_response(self, length: int) -> np.ndarray:
-        """The one that classical decoders take for all, of a still object as in the paper."""
+    def assumed_response(self, length: int) -> Complex[np.ndarray, "{length}//2+1"]:
+        """Response of a still object, which classical decoders take for all, as in the paper.
+
+        Args:
+            length: Pixels of the DFT.
+        """
         return self.responses_at(np.zeros(1), length)[0]
 
-    def responses_at(self, speeds: np.ndarray, length: int) -> np.ndarray:
-        """Responses at speeds relative to the sensor, px/s, `(s,)`; `(s, length // 2 + 1)`."""
+    def responses_at(
+        self, speeds: Float[np.ndarray, "speeds"], length: int
+    ) -> Complex[np.ndarray, "speeds {length}//2+1"]:
+        """Responses at speeds relative to the sensor, px/s, on the grid of a DFT.
+
+        Args:
+            speeds: Speeds of the objects; px/s.
+            length: Pixels of the DFT.
+        """
         with outside_trace():
-            found = captured_response(self.motion, self.shutter, speeds.tolist(), length)
-        return np.asarray(found) * self.optics.response(length)
+            responses = captured_response(self.motion, self.shutter, speeds.tolist(), length)
+        return np.asarray(responses) * self.optics.response(length)
 
-    def mean_and_spread(self, length: int) -> tuple[np.ndarray, np.ndarray]:
-        r"""Mean response over the speeds, and how they differ from it, on the grid of a DFT.
+    def mean_and_spread(
+        self, length: int
+    ) -> tuple[Complex[np.ndarray, "{length}//2+1"], Float[np.ndarray, "{length}//2+1"]]:
+        r"""Mean response over the speeds, and its variance, on the grid of a DFT.
 
-        $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$, each of shape `(length // 2 + 1,)`: a
-        capture is $m f$ and an error of power $N + S v$. Where objects hide a background the sums
-        are over the parts of the picture (`evaluation.layer_moments`).
+        $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$: a capture is $m f$ and an error of power
+        $N + S v$. Where objects hide a background the sums are over the parts of the picture
+        (`evaluation.layer_moments`).
+
+        Args:
+            length: Pixels of the DFT.
         """
         if self.layers is None:
             responses = self.responses(length)
@@ -126,16 +150,20 @@ class BlurModel(eqx.Module):
             moments = moments_on_dft(self.layers, self.motion, length, at)
         return np.asarray(moments.mean[0]), np.asarray(moments.spread[0])
 
-    def picture_spectrum(self, length: int) -> np.ndarray:
-        """Power spectrum of the picture on the grid of a DFT; `(length // 2 + 1,)`."""
-        known = frequencies(self.power.size)
+    def picture_spectrum(self, length: int) -> Float[np.ndarray, "{length}//2+1"]:
+        """Power spectrum of the picture on the grid of a DFT.
+
+        Args:
+            length: Pixels of the DFT.
+        """
+        centres = frequencies(self.power.size)
         least = np.finfo(np.float64).tiny
         logarithm = np.log(np.maximum(self.power, least))
-        return np.exp(np.interp(np.fft.rfftfreq(length), known, logarithm))
+        return np.exp(np.interp(np.fft.rfftfreq(length), centres, logarithm))
 
 
 class AbstractDecoder(eqx.Module):
-    """Turns captured rows into rows of the picture, knowing a `BlurModel`.
+    """Turns captured rows into rows of the picture by a `BlurModel`.
 
     A decoder is a function of its parameters and the capture: it draws no numbers and
     keeps no state. Planes are independent of one another.
@@ -147,16 +175,17 @@ class AbstractDecoder(eqx.Module):
         return 0
 
     @abstractmethod
-    def restore(self, captured: Array, model: BlurModel) -> Array:
+    def restore(
+        self, captured: Float[Array, "*planes rows columns"], model: BlurModel
+    ) -> Float[Array, "*planes rows columns"]:
         """Restore planes of captured rows.
 
         Args:
-            captured: Light in units of a fully open exposure; shape
-                `(..., rows, columns)`.
+            captured: Light in units of a fully open exposure.
             model: Blur, noise and the picture's statistics.
 
         Returns:
-            Light of the picture, white = 1; shape of `captured`.
+            Light of the picture, white = 1.
         """
 
 
@@ -201,12 +230,13 @@ def _known_blur(
     num_taps, _ = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     weights = np.asarray(scene.weights, np.float64)
     if skips(plan):
-        kept = needed_speeds(scene, motion, shutter)
-        speeds, weights = np.asarray(kept.speeds), np.asarray(kept.weights, np.float64)
+        scene_of_needs = needed_speeds(scene, motion, shutter)
+        speeds = np.asarray(scene_of_needs.speeds)
+        weights = np.asarray(scene_of_needs.weights, np.float64)
     electrons = float(white_electrons(scene, motion))
     # The speeds beside that of rest choose the nodes that the responses have too.
     *_, still = np.asarray(captured_response(motion, shutter, [*speeds.tolist(), 0.0], 2))
-    light = float(still[0].real)
+    efficiency = float(still[0].real)
     layers = None
     if scene.occlusion is not None:
         layers, grid = scene.bare(), Frequencies.of_grid(NUM_FREQUENCIES)
@@ -218,7 +248,7 @@ def _known_blur(
         speeds=speeds,
         weights=weights,
         num_taps=num_taps,
-        efficiency=light,
+        efficiency=efficiency,
         read_noise=float(scene.read_noise),
         electrons=electrons,
         power=np.asarray(power, np.float64),

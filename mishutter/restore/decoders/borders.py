@@ -1,11 +1,11 @@
 r"""The likeliest continuation of a captured row beyond its ends.
 
 A filter that takes a row for periodic, dark or mirrored outside rings at the borders.
-Here the row is continued by the conditional mean of a Gaussian process with the known
+Here the row is continued by the conditional mean of a Gaussian process with the
 autocovariance of a capture, $r = \mathcal F^{-1}[S \sum p_i |H_i|^2 + N]$, given the
 pixels at both ends, over a gap that makes the row periodic without a jump. By the tower
 rule the best linear filter of the continued row is the best linear estimate from the row
-as it is: nothing is lost at the borders but what was not recorded.
+as it is: the continuation loses nothing that was recorded.
 """
 
 from functools import lru_cache
@@ -14,7 +14,7 @@ from typing import final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from mishutter.camera import fast_length
 from mishutter.restore.decoders.base import BlurModel
@@ -25,41 +25,35 @@ _RELATIVE_JITTER = 1e-10
 
 @final
 class Continuation(eqx.Module):
-    """How rows of one length are continued, for one blur model.
+    """Continuation of rows of one length, for one blur model.
 
     Attributes:
         prediction: Linear map from the deviations of the last and the first pixels, in
-            the order in which they meet across the gap, to those in the gap; shape
-            `(length - columns, 2 * context)`.
+            the order in which they meet across the gap, to those in the gap.
         columns: Length of a row.
         length: Length of the continued row.
-        context: Pixels at either end that the continuation is made from.
+        context: Pixels at either end from which the continuation is predicted.
     """
 
-    prediction: np.ndarray
+    prediction: Float[np.ndarray, "gap ends"]
     columns: int = eqx.field(static=True)
     length: int = eqx.field(static=True)
     context: int = eqx.field(static=True)
 
-    def deviations(self, rows: Array) -> tuple[Array, Array]:
-        """Deviations of continued rows from each row's mean, and these means.
-
-        Args:
-            rows: Shape `(..., columns)`.
-
-        Returns:
-            Shapes `(..., length)` and `(..., 1)`.
-        """
+    def deviations(
+        self, rows: Float[Array, "*planes columns"]
+    ) -> tuple[Float[Array, "*planes length"], Float[Array, "*planes 1"]]:
+        """Deviations of continued rows from each row's mean, and these means."""
         mean = jnp.mean(rows, axis=-1, keepdims=True)
         deviation = rows - mean
         first, last = deviation[..., : self.context], deviation[..., self.columns - self.context :]
-        known = jnp.concatenate([last, first], axis=-1)
-        gap = known @ jnp.asarray(self.prediction.T, rows.dtype)
+        ends = jnp.concatenate([last, first], axis=-1)
+        gap = ends @ jnp.asarray(self.prediction.T, rows.dtype)
         return jnp.concatenate([deviation, gap], axis=-1), mean
 
 
 def continuation(model: BlurModel, columns: int) -> Continuation:
-    """The likeliest continuation of rows of `columns` pixels captured as `model` says."""
+    """The likeliest continuation of rows of `columns` pixels of captures with the blur `model`."""
     reach = model.num_taps
     length = fast_length(columns + max(3 * reach, 128))
     context = min(columns // 2, max(reach, 64), _MAX_CONTEXT)
@@ -68,8 +62,8 @@ def continuation(model: BlurModel, columns: int) -> Continuation:
     return Continuation(prediction, columns, length, context)
 
 
-def captured_spectrum(model: BlurModel, length: int) -> np.ndarray:
-    """Power spectrum of a capture, noise included; shape `(length // 2 + 1,)`."""
+def captured_spectrum(model: BlurModel, length: int) -> Float[np.ndarray, "{length}//2+1"]:
+    """Power spectrum of a capture, noise included."""
     mean, spread = model.mean_and_spread(length)
     return model.picture_spectrum(length) * (np.abs(mean) ** 2 + spread) + model.noise
 
@@ -80,8 +74,8 @@ def _prediction(periodic_covariance: bytes, gap: int, context: int) -> np.ndarra
     from scipy.linalg import cho_factor, cho_solve
 
     covariance = np.frombuffer(periodic_covariance)
-    known = np.concatenate([np.arange(-context, 0), gap + np.arange(context)])
-    among = covariance[np.abs(known[:, None] - known) % covariance.size]
+    ends = np.concatenate([np.arange(-context, 0), gap + np.arange(context)])
+    among = covariance[np.abs(ends[:, None] - ends) % covariance.size]
     among[np.diag_indices_from(among)] += _RELATIVE_JITTER * covariance[0]
-    across = covariance[np.abs(np.arange(gap)[:, None] - known) % covariance.size]
+    across = covariance[np.abs(np.arange(gap)[:, None] - ends) % covariance.size]
     return cho_solve(cho_factor(among), across.T).T if context else np.zeros((gap, 0))

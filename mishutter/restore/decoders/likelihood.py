@@ -1,4 +1,4 @@
-"""Richardson-Lucy deconvolution along rows: plain, accelerated, kept from the noise.
+"""Richardson-Lucy deconvolution along rows: plain, accelerated, and with a penalty on noise.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core import compiled, require, require_positive_int, shape_of
 from mishutter.camera import along_rows, blurred
@@ -35,7 +35,7 @@ _TILE = 128
 """Rows that one loop iterates on: few enough that they stay in the cache."""
 _LEAST_BLURRED = 0.1
 """Least blur of an estimate, as a share of the capture: taps of a band-limited kernel are below 0
-here and there, and so may be what they make of an estimate that ends sharply in the dark."""
+here and there, and so may be the blur of an estimate that ends sharply in the dark."""
 _LEAST_VARIANCE = 0.1
 """Light in the dark whose noise counts, as a share of a plane's mean."""
 _LEAST_NORM = 0.2
@@ -58,14 +58,14 @@ class RichardsonLucyDecoder(AbstractDecoder):
     in turns with steps of $q$, $|q| \le 1$, along $\nabla f$ (Chambolle and Pock 2011).
 
     Args:
-        num_iterations: How many steps; 30 in the paper.
+        num_iterations: Number of steps; 30 in the paper.
         accelerated: Whether each step starts from an extrapolation of the last two
             (Biggs and Andrews 1997, as MATLAB's `deconvlucy` does), for each row on its own.
         until_noise: Whether edges, noise of reading and all speeds count. Without, the kernel is
             the still object's and steps lead on into the noise.
-        start: The estimate of the first step: `"capture"`, $g/\eta$, or `"wiener"`, what
-            the filter for the same speeds makes of it, Wiener's of one and the ensemble filter
-            of all, which is nearer and shows more of fine detail.
+        start: The estimate of the first step: `"capture"`, $g/\eta$, or `"wiener"`, that of
+            the filter for the same speeds, Wiener's for one and the ensemble filter for all,
+            which is nearer and shows more of fine detail.
 
     Raises:
         ValueError: if `num_iterations` is not a positive integer or `start` not one of the two.
@@ -78,16 +78,16 @@ class RichardsonLucyDecoder(AbstractDecoder):
 
     def __check_init__(self) -> None:
         require_positive_int("RichardsonLucyDecoder(num_iterations=...)", self.num_iterations)
-        known, subject = self.start in ("capture", "wiener"), "RichardsonLucyDecoder(start=...)"
-        require(known, subject, "be 'capture' or 'wiener'", self.start)
+        is_start, subject = self.start in ("capture", "wiener"), "RichardsonLucyDecoder(start=...)"
+        require(is_start, subject, "be 'capture' or 'wiener'", self.start)
 
     @property
     def rows_beyond(self) -> int:
         return self.num_iterations + 1 if self.until_noise else 0
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
-        light = model.efficiency
-        if light <= 0:
+        efficiency = model.efficiency
+        if efficiency <= 0:
             return jnp.zeros_like(captured)
         extension = continuation(model, captured.shape[-1])
         length, penalty = extension.length, None
@@ -101,9 +101,15 @@ class RichardsonLucyDecoder(AbstractDecoder):
             response, filtering = model.assumed_response(length), wiener_filter
         method = _Method(self.num_iterations, self.accelerated, _LEAST_BLURRED)
         first = filtering(model, length) if self.start == "wiener" else None
-        operator = _Blur(response)
-        light = np.asarray(light)
-        return _restored(captured, extension, operator, light, method, penalty, first)
+        return _restored(
+            captured,
+            extension,
+            _Blur(response),
+            np.asarray(efficiency),
+            method,
+            penalty=penalty,
+            first_filter=first,
+        )
 
 
 def richardson_lucy(
@@ -120,7 +126,7 @@ def richardson_lucy(
     Args:
         captured: Shape `(..., rows, columns)`.
         kernel: Taps; shape `(n,)`.
-        num_iterations: How many steps.
+        num_iterations: Number of steps.
         start: Value of the first estimate.
 
     Returns:
@@ -131,12 +137,12 @@ def richardson_lucy(
     """
     require_positive_int("richardson_lucy(num_iterations=...)", num_iterations)
     taps, rows = np.asarray(kernel), jnp.asarray(captured)
-    one_row = taps.ndim == 1 and taps.size >= 1
-    require(one_row, "richardson_lucy(kernel=...)", "be one row of taps", shape_of(taps))
+    is_row = taps.ndim == 1 and taps.size >= 1
+    require(is_row, "richardson_lucy(kernel=...)", "be one row of taps", shape_of(taps))
     columns, middle = rows.shape[-1], (taps.size - 1) // 2
     operator = banded(taps)
     length = -(-(columns + taps.size) // operator.block) * operator.block
-    return _dark(rows, operator, middle, length, np.asarray(start), num_iterations)
+    return _dark(rows, operator, middle, length, np.asarray(start), num_iterations=num_iterations)
 
 
 @final
@@ -144,21 +150,21 @@ class _Blur(eqx.Module):
     """Periodic blur by a response on the grid of the DFT, and its adjoint.
 
     Attributes:
-        response: Shape `(length // 2 + 1,)`.
+        response: The response, at half the frequencies of the DFT.
     """
 
-    response: ArrayLike
+    response: Complex[Array | np.ndarray, "k"]
 
-    def __call__(self, rows: Array) -> Array:
+    def __call__(self, rows: Float[Array, "*planes length"]) -> Float[Array, "*planes length"]:
         return blurred(rows, self.response)
 
-    def back(self, rows: Array) -> Array:
+    def back(self, rows: Float[Array, "*planes length"]) -> Float[Array, "*planes length"]:
         """The adjoint of `__call__`."""
         return blurred(rows, jnp.conj(jnp.asarray(self.response)))
 
 
 class _Method(NamedTuple):
-    """Steps, whether they are accelerated, and the least blur in units of the capture."""
+    """Number of steps, whether they are accelerated, and the least blur, in the capture's unit."""
 
     num_iterations: int
     accelerated: bool
@@ -166,14 +172,14 @@ class _Method(NamedTuple):
 
 
 class _Penalty(NamedTuple):
-    """Weight of differences of neighbours, and the light that reading is as noisy as."""
+    """Weight of differences of neighbours, and the light whose noise is that of reading."""
 
     strength: ArrayLike
     dark: ArrayLike
 
 
 class _State(NamedTuple):
-    """The estimate; accelerated the one before and the last two changes; penalised the flow."""
+    """The estimate; if accelerated, the last one and two changes; if penalised, the flow."""
 
     estimate: Array
     before: Array | None
@@ -192,8 +198,10 @@ def _dark(
     origin: int,
     length: int,
     start: ArrayLike,
+    *,
     num_iterations: int,
 ) -> Array:
+    """Plain steps on rows that are dark beyond their ends."""
     columns = rows.shape[-1]
     outside = [(0, 0)] * (rows.ndim - 1) + [(0, length - columns)]
     data = jnp.pad(rows, outside)
@@ -202,8 +210,7 @@ def _dark(
     norm = jnp.asarray(np.where(inside, 1.0, np.inf)[None], rows.dtype)
     data = jnp.roll(data, origin, axis=-1)
     method = _Method(num_iterations, accelerated=False, least_blurred=0.0)
-    found = _iterated(data, first, operator, norm, method, None)
-    return found[..., :columns]
+    return _iterated(data, first, operator, norm, method)[..., :columns]
 
 
 @compiled
@@ -211,21 +218,23 @@ def _restored(
     captured: Array,
     extension: Continuation,
     operator: _Blur,
-    light: ArrayLike,
+    efficiency: ArrayLike,
     method: _Method,
+    *,
     penalty: _Penalty | None,
     first_filter: ArrayLike | None,
 ) -> Array:
+    """Steps on continued rows, from the capture or from an estimate by the `first_filter`."""
     rows, mean = extension.deviations(captured)
-    norm = jnp.asarray(light, rows.dtype)
+    norm = jnp.asarray(efficiency, rows.dtype)
     data = jnp.maximum(rows + mean, _LEAST * norm)
     start = data / norm
     if first_filter is not None:
         spectrum = jnp.fft.rfft(rows)
         filtered = jnp.fft.irfft(spectrum * along_rows(first_filter, spectrum), extension.length)
         start = jnp.maximum(filtered + mean / norm, _DARKEST * start)
-    found = _iterated(data, start, operator, norm, method, penalty)
-    return found[..., : extension.columns]
+    estimate = _iterated(data, start, operator, norm, method, penalty=penalty)
+    return estimate[..., : extension.columns]
 
 
 def _first_state(start: Array, accelerated: bool, penalised: bool) -> _State:
@@ -263,6 +272,7 @@ def _step(
     data: Array,
     operator: Operator,
     norm: Array,
+    *,
     least_blurred: float,
     penalty: _Penalty | None,
 ) -> _State:
@@ -272,9 +282,9 @@ def _step(
         strength, dark = (jnp.asarray(v, data.dtype) for v in penalty)
         flow = _next_flow(flow, begin, strength / norm)
         weight = jnp.maximum(norm + strength * adjoint_differences(flow), _LEAST_NORM * norm)
-    light = data + dark
-    again = jnp.maximum(operator(begin) + dark, jnp.maximum(least_blurred * light, 1e-12))
-    after = begin * jnp.maximum(operator.back(light / again), 0) / weight
+    total = data + dark
+    blurred_again = jnp.maximum(operator(begin) + dark, jnp.maximum(least_blurred * total, 1e-12))
+    after = begin * jnp.maximum(operator.back(total / blurred_again), 0) / weight
     if state.before is None:
         return _State(after, None, None, None, flow)
     return _State(after, state.estimate, after - begin, state.change, flow)
@@ -286,7 +296,8 @@ def _iterated(
     operator: Operator,
     norm: Array,
     method: _Method,
-    penalty: _Penalty | None,
+    *,
+    penalty: _Penalty | None = None,
 ) -> Array:
     """Steps, a few rows at a time: differences reach one row further with each of them."""
     rows, length = data.shape[-2:]
@@ -311,13 +322,15 @@ def _iterated(
             weights = weights._replace(dark=dark)
 
         def step(_: Array, state: _State) -> _State:
-            return _step(state, data, operator, norm, method.least_blurred, weights)
+            return _step(
+                state, data, operator, norm, least_blurred=method.least_blurred, penalty=weights
+            )
 
         # JAX differentiates a loop in reverse only if the number of its turns is known beforehand.
         begin = _first_state(start, method.accelerated, penalty is not None)
         return jax.lax.fori_loop(0, method.num_iterations, step, begin).estimate
 
-    found = jax.lax.map(iterated, (tiles(data), tiles(start), means))
-    which = np.arange(rows) // tile
-    found = found.reshape(-1, count, size, length)[:, which, np.arange(rows) - first[which]]
-    return found.reshape(data.shape)
+    estimates = jax.lax.map(iterated, (tiles(data), tiles(start), means))
+    owner = np.arange(rows) // tile
+    place = np.arange(rows) - first[owner]
+    return estimates.reshape(-1, count, size, length)[:, owner, place].reshape(data.shape)

@@ -7,7 +7,7 @@ from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core import compiled
 from mishutter.camera import along_rows
@@ -41,31 +41,31 @@ class WienerDecoder(AbstractDecoder):
         return filtered(captured, model, extension, wiener_filter(model, extension.length))
 
 
-def ensemble_filter(model: BlurModel, length: int) -> np.ndarray:
-    """The ensemble filter on the grid of a DFT; shape `(length // 2 + 1,)`."""
+def ensemble_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{length}//2+1"]:
+    """The ensemble filter on the grid of a DFT."""
     power, (mean, spread) = model.picture_spectrum(length), model.mean_and_spread(length)
     return power * np.conj(mean) / (power * (np.abs(mean) ** 2 + spread) + model.noise)
 
 
 def expected_residual(model: BlurModel, length: int) -> float:
-    r"""Power that the mean response of the ensemble filter's estimate leaves of a capture.
+    r"""Power of a capture less the mean response of the ensemble filter's estimate.
 
     $\overline{|1 - m G|^2 (S \sum p_i |H_i|^2 + N)}
     = \overline{(N + S v)^2 / (S \sum p_i |H_i|^2 + N)}$ over the grid of a DFT.
     """
     _, spread = model.mean_and_spread(length)
-    missed = model.noise + model.picture_spectrum(length) * spread
-    return float(_mean_over_dft(missed**2 / captured_spectrum(model, length), length))
+    error = model.noise + model.picture_spectrum(length) * spread
+    return float(_mean_over_dft(error**2 / captured_spectrum(model, length), length))
 
 
-def wiener_filter(model: BlurModel, length: int) -> np.ndarray:
-    """Wiener's filter on the grid of a DFT; shape `(length // 2 + 1,)`."""
+def wiener_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{length}//2+1"]:
+    """Wiener's filter on the grid of a DFT."""
     power, response = model.picture_spectrum(length), model.assumed_response(length)
     return power * np.conj(response) / (power * np.abs(response) ** 2 + model.noise)
 
 
 def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
-    r"""Error that the ensemble filter leaves of pictures with the scene's spectrum; white = 1.
+    r"""Mean squared error of the ensemble filter on pictures with the scene's spectrum; white = 1.
 
     $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2 + v) + N)\,df$, the `lost_share` of the picture's power.
     Of a picture without detail it is 0.
@@ -73,43 +73,48 @@ def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
     if not np.any(model.power > 0):
         return 0.0
     power, (mean, spread) = model.picture_spectrum(length), model.mean_and_spread(length)
-    lost = lost_share(power, np.abs(mean) ** 2, spread, model.noise)
-    return float(_mean_over_dft(power * lost, length))
+    share = lost_share(power, np.abs(mean) ** 2, spread, model.noise)
+    return float(_mean_over_dft(power * share, length))
 
 
-def squared_error_of(model: BlurModel, rows: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-    r"""Error that the ensemble filter is expected to leave of one picture at some speeds; `(s,)`.
+def squared_error_of(
+    model: BlurModel, rows: Float[np.ndarray, "*planes columns"], speeds: Float[np.ndarray, "s"]
+) -> Float[np.ndarray, "s"]:
+    r"""Expected squared error of the ensemble filter on one picture at some speeds.
 
     $2\int_0^{1/2} [P |1 - G H_s|^2 + N_P |G|^2]\,df$ with the spectrum $P$ of the picture's rows,
     mirrored, about their means, and the noise $N_P$ of its mean level.
 
     Args:
         model: The scene that the filter is made for.
-        rows: Light of the picture, white = 1; columns on the last axis.
-        speeds: px/s relative to the sensor; shape `(s,)`.
+        rows: Light of the picture, white = 1.
+        speeds: Speeds relative to the sensor; px/s.
     """
     length = 2 * rows.shape[-1]
     deviation = rows - np.mean(rows, axis=-1, keepdims=True)
     spectrum = np.fft.rfft(np.concatenate([deviation, deviation[..., ::-1]], axis=-1))
     power = np.mean(np.abs(spectrum.reshape(-1, spectrum.shape[-1])) ** 2, axis=0) / length
     response = ensemble_filter(model, length)
-    missed = np.abs(1 - response * model.responses_at(speeds, length)) ** 2
-    left = power * missed + model.noise_at(float(np.mean(rows))) * np.abs(response) ** 2
-    return _mean_over_dft(left, length)
+    share = np.abs(1 - response * model.responses_at(speeds, length)) ** 2
+    error = power * share + model.noise_at(float(np.mean(rows))) * np.abs(response) ** 2
+    return _mean_over_dft(error, length)
 
 
 def _mean_over_dft(spectrum: np.ndarray, length: int) -> np.ndarray:
-    """Mean over all frequencies of a DFT of even length, by those from 0 up; the last axis goes."""
+    """Mean over the last axis, all frequencies of a DFT of even length, by those from 0 up."""
     ends = spectrum[..., 0] + spectrum[..., -1]
     return np.asarray((ends + 2 * np.sum(spectrum[..., 1:-1], axis=-1)) / length)
 
 
 def filtered(
-    captured: Array, model: BlurModel, extension: Continuation, response: np.ndarray
-) -> Array:
-    """Rows through a filter given on the DFT grid, each row's mean divided by the light."""
-    light = model.efficiency
-    gain = 1 / light if light > 0 else 0.0
+    captured: Float[Array, "*planes columns"],
+    model: BlurModel,
+    extension: Continuation,
+    response: Complex[np.ndarray, "k"],
+) -> Float[Array, "*planes columns"]:
+    """Rows through a filter on the grid of a DFT, each row's mean divided by the efficiency."""
+    efficiency = model.efficiency
+    gain = 1 / efficiency if efficiency > 0 else 0.0
     return _filtered(captured, extension, response, np.asarray(gain))
 
 

@@ -1,4 +1,4 @@
-r"""One speed of a whole picture, found in a capture of it.
+r"""One speed of a whole picture, estimated from a capture of it.
 
 Two things tell it. The ripple of $|H_s(f)|^2$ shows in the power spectrum of the capture, and
 only the right phase of $H_s$, undone, makes edges: few, high, and flat between (Wiggins 1978,
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, Bool, Complex, Float
 from scipy.special import digamma, polygamma
 
 from mishutter._core import (
@@ -47,7 +47,7 @@ STEP = 2.0
 """Steps of the speeds that are tried: so much more smear over the exposure, px."""
 _LEAST_STEPS, _MOST_STEPS = 32, 512
 _BEYOND = 0.1
-"""How far beyond the scene's speeds others are tried, as a share of their range."""
+"""Distance beyond the scene's speeds to which others are tried, as a share of their range."""
 _TAPER = 0.25
 """Share of a row in which the window rises and falls."""
 _MOST_ROWS, _MOST_COLUMNS, _MOST_BLURS = 512, 1024, 4
@@ -58,17 +58,17 @@ _LEAST_COLUMNS = 64
 _FREEDOM = 4.0
 """Degrees of freedom of Student's t: a photograph has lines in its spectrum that no trend has."""
 _OCTAVES = ((0.008, 0.018), (0.018, 0.04), (0.04, 0.09), (0.09, 0.2))
-"""Bands along the rows in which edges are looked for; cycles/px."""
+"""Bands along the rows in which edges count; cycles/px."""
 _LEAST_POWER = 1e-14
 """Least variance of the noise: prevents a logarithm of 0 where a camera has none."""
 LITTLE = "Little in the picture tells the speed."
 SHORT = "The blur is too short at all speeds to tell one."
 _LEAST_TOLD = 16
-"""Steps of 2 px below which speeds are not told apart: a photograph may be as soft as its blur."""
+"""Steps of 2 px below which speeds do not differ: a photograph may be as soft as its blur."""
 _DENIED = 0.01
 """Probability of the speed of all rows below which a band of them is said to have another."""
 _NUM_STEPS, _NUM_MORE_STEPS = 12, 4
-"""Towards the likeliest spectrum for all speeds, and from there on for each."""
+"""Steps towards the likeliest spectrum for all speeds, and from there on for each."""
 _LOWEST = 2
 """Frequencies of the DFT that are left to the window, at either end."""
 
@@ -77,18 +77,18 @@ class Prior(NamedTuple):
     """Statistics of photographs, which `python -m benchmarks.speed fit` makes.
 
     Attributes:
-        mean: Mean of the coefficients of a smooth logarithm of a power spectrum; shape `(11,)`.
-        precision: Inverse of their covariance; shape `(11, 11)`.
-        misfit: Variance of what a smooth spectrum misses of the logarithm.
+        mean: Mean of the coefficients of a smooth logarithm of a power spectrum.
+        precision: Inverse of their covariance.
+        misfit: Variance of the logarithm about a smooth spectrum.
         spectrum_weight: Weight of the evidence of the spectrum.
         phase_weight: Weight of the sparsity.
         trust: Probability near the mode from which on a speed is trusted.
-        width: Of error bars, in units of the posterior's width near its mode: weights that are
-            right for errors that are gross are too low for those that are fine.
+        width: Width of error bars, in units of the posterior's width near its mode: weights that
+            are right for errors that are gross are too low for those that are fine.
     """
 
-    mean: np.ndarray
-    precision: np.ndarray
+    mean: Float[np.ndarray, "11"]
+    precision: Float[np.ndarray, "11 11"]
     misfit: float
     spectrum_weight: float
     phase_weight: float
@@ -107,20 +107,22 @@ def prior() -> Prior:
 
 
 class Energies(NamedTuple):
-    r"""How unlikely each speed is by the parts of the evidence.
+    r"""Negative logarithms of how likely each speed is by the parts of the evidence.
 
     Attributes:
-        spectrum: Of the power spectrum; shape `(s,)`.
-        phase: Mean of $\log(1 + u^2)$, by octave; shape `(o, s)`.
-        counts: How many waves each octave has; shape `(o,)`.
+        spectrum: The one by the power spectrum.
+        phase: Mean of $\log(1 + u^2)$, by octave.
+        counts: Number of waves of each octave.
     """
 
-    spectrum: np.ndarray
-    phase: np.ndarray
-    counts: np.ndarray
+    spectrum: Float[np.ndarray, "s"]
+    phase: Float[np.ndarray, "o s"]
+    counts: Float[np.ndarray, "o"]
 
 
-def windows(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+def windows(
+    rows: int, columns: int
+) -> tuple[Float[np.ndarray, "{rows}"], Float[np.ndarray, "{columns}"]]:
     """Windows of a tile: a sine down its columns; along its rows flat but for the ends."""
     down = np.sin(np.pi * (np.arange(rows) + 0.5) / rows)
     return down, _flat_window(columns)
@@ -132,19 +134,19 @@ def _flat_window(count: int) -> np.ndarray:
 
 
 class Bands(NamedTuple):
-    """Frequencies at which the logarithm of a power spectrum is looked at.
+    """Frequencies at which the logarithm of a power spectrum is evaluated.
 
     Attributes:
         members: Indices of the DFT down the rows, by band of their frequency.
-        counts: How many independent ones each band has; shape `(b, 1)`.
+        counts: Number of independent ones in each band.
         along: Indices of the DFT along the rows.
-        terms: Terms of the smooth spectrum; shape `(b * k, 11)`.
+        terms: Terms of the smooth spectrum at every frequency.
     """
 
     members: list[np.ndarray]
-    counts: np.ndarray
+    counts: Float[np.ndarray, "b 1"]
     along: slice
-    terms: np.ndarray
+    terms: Float[np.ndarray, "b*k 11"]
 
 
 @lru_cache(maxsize=4)
@@ -174,8 +176,8 @@ def bands(rows: int, columns: int) -> Bands:
     return Bands(members, counts, along, terms.astype(np.float32))
 
 
-def log_power(tile: np.ndarray) -> np.ndarray:
-    """Unbiased logarithm of the power of a tile, by band and along the rows; shape `(b, k)`."""
+def log_power(tile: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "b k"]:
+    """Unbiased logarithm of the power of a tile, by band and along the rows."""
     rows, columns = tile.shape
     layout, (down, across) = bands(rows, columns), windows(rows, columns)
     window = (down[:, None] * across).astype(tile.dtype)
@@ -187,8 +189,10 @@ def log_power(tile: np.ndarray) -> np.ndarray:
     return np.log(mean.astype(np.float64) + 1e-30) - bias
 
 
-def _passed(responses: np.ndarray, columns: int) -> np.ndarray:
-    """Power that a row's window lets see of some responses; `(s, k)`."""
+def _power_through_window(
+    responses: Complex[np.ndarray, "s k"], columns: int
+) -> Float[np.ndarray, "s k"]:
+    """Power of some responses in the spectrum of a windowed row."""
     leak = np.abs(np.fft.fft(_flat_window(columns))) ** 2
     leak = np.concatenate([leak[-6:], leak[:7]])
     power = np.abs(responses) ** 2
@@ -200,82 +204,86 @@ class Blurs(NamedTuple):
     """Blurs of the speeds in rows of one width.
 
     Attributes:
-        passed: $|H_s|^2$ as a row's window lets it be seen; shape `(s, k)`.
-        phases: Factors that undo the phase of $H_s$; shape `(s, k)`.
+        power: $|H_s|^2$ in the spectrum of a windowed row.
+        phases: Factors that undo the phase of $H_s$.
     """
 
-    passed: np.ndarray
-    phases: np.ndarray
+    power: Float[np.ndarray, "s k"]
+    phases: Complex[np.ndarray, "s k"]
 
 
-def _blurs(responses: np.ndarray, columns: int) -> Blurs:
-    """The blurs whose responses, of shape `(s, k)`, are given."""
+def _blurs(responses: Complex[np.ndarray, "s k"], columns: int) -> Blurs:
+    """Blurs from their responses."""
     phases = np.conj(responses) / (np.abs(responses) + 1e-9)
-    return Blurs(_passed(responses, columns), phases.astype(np.complex64))
+    return Blurs(_power_through_window(responses, columns), phases.astype(np.complex64))
 
 
 def _spectrum_energy(
-    observed: np.ndarray, passed: np.ndarray, noise: float, layout: Bands, known: Prior
-) -> tuple[np.ndarray, np.ndarray]:
+    observed: Float[np.ndarray, "b k"],
+    blur_power: Float[np.ndarray, "s k"],
+    noise: float,
+    layout: Bands,
+    statistics: Prior,
+) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s 11"]]:
     r"""Laplace's evidence of each speed by the power spectrum; and the likeliest coefficients.
 
     $\log$ power is $\log(S |H_s|^2 + N)$ with $\log S$ linear in coefficients whose prior is
     Gaussian. The steps are Gauss's and Newton's, with the weights of Student's t.
 
     Args:
-        observed: `log_power`; shape `(b, k)`.
-        passed: $|H_s|^2$ at the same frequencies; shape `(s, k)`.
+        observed: The `log_power`.
+        blur_power: $|H_s|^2$ at the same frequencies.
         noise: $N$.
         layout: The bands.
-        known: The prior.
-
-    Returns:
-        Shapes `(s,)` and `(s, 11)`.
+        statistics: The prior.
     """
-    terms, num = layout.terms, len(known.mean)
+    terms, num = layout.terms, len(statistics.mean)
     upper = np.triu_indices(num)
     pairs = terms[:, upper[0]] * terms[:, upper[1]]
     scatter = polygamma(1, layout.counts).astype(terms.dtype)
-    target, seen = observed.astype(terms.dtype), passed.astype(terms.dtype)[:, None]
-    misfit, freedom = terms.dtype.type(known.misfit), terms.dtype.type(_FREEDOM)
+    target, power = observed.astype(terms.dtype), blur_power.astype(terms.dtype)[:, None]
+    misfit, freedom = terms.dtype.type(statistics.misfit), terms.dtype.type(_FREEDOM)
 
-    def fit(coefficients: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, ...]:
+    def fit(coefficients: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Energies, curvatures and gradients at some coefficients."""
         smooth = np.clip(coefficients.astype(terms.dtype) @ terms.T, -25, 15)
-        signal = np.exp(smooth).reshape(-1, *target.shape) * seen
+        signal = np.exp(smooth).reshape(-1, *target.shape) * power
         total = signal + terms.dtype.type(noise)
         share = signal / total
-        missed = (target - np.log(total)).reshape(len(coefficients), -1)
-        variance = (scatter + share**2 * misfit).reshape(missed.shape)
-        share = share.reshape(missed.shape)
-        ratio = missed**2 / (freedom * variance)
+        residual = (target - np.log(total)).reshape(len(coefficients), -1)
+        variance = (scatter + share**2 * misfit).reshape(residual.shape)
+        share = share.reshape(residual.shape)
+        ratio = residual**2 / (freedom * variance)
         weight = (1 + 1 / freedom) / (1 + ratio) / variance * share
         curvature = np.empty((len(coefficients), num, num))
         curvature[:, upper[0], upper[1]] = (weight * share) @ pairs
         curvature[:, upper[1], upper[0]] = curvature[:, upper[0], upper[1]]
-        fitted = (freedom + 1) / 2 * np.log1p(ratio) + np.log(variance) / 2
-        energy = fitted.sum(axis=1, dtype=np.float64)
-        return energy, curvature + known.precision, (weight * missed) @ terms
+        losses = (freedom + 1) / 2 * np.log1p(ratio) + np.log(variance) / 2
+        energy = losses.sum(axis=1, dtype=np.float64)
+        return energy, curvature + statistics.precision, (weight * residual) @ terms
 
-    def stepped(coefficients: np.ndarray, seen: np.ndarray, count: int) -> np.ndarray:
+    def stepped(coefficients: np.ndarray, power: np.ndarray, count: int) -> np.ndarray:
         for _ in range(count):
-            _, curvature, gradient = fit(coefficients, seen)
-            gradient = gradient - (coefficients - known.mean) @ known.precision
+            _, curvature, gradient = fit(coefficients, power)
+            gradient = gradient - (coefficients - statistics.mean) @ statistics.precision
             step = np.linalg.solve(curvature, gradient[..., None])[..., 0]
             coefficients = coefficients + np.clip(step, -1.5, 1.5)
         return coefficients
 
-    first = stepped(known.mean[None], seen.mean(axis=0, keepdims=True), _NUM_STEPS)
-    coefficients = stepped(np.repeat(first, len(passed), axis=0), seen, _NUM_MORE_STEPS)
-    energy, curvature, _ = fit(coefficients, seen)
-    away = coefficients - known.mean
-    energy += np.einsum("si,ij,sj->s", away, known.precision, away) / 2
+    first = stepped(statistics.mean[None], power.mean(axis=0, keepdims=True), _NUM_STEPS)
+    coefficients = stepped(np.repeat(first, len(power), axis=0), power, _NUM_MORE_STEPS)
+    energy, curvature, _ = fit(coefficients, power)
+    deviation = coefficients - statistics.mean
+    energy += np.einsum("si,ij,sj->s", deviation, statistics.precision, deviation) / 2
     return energy + np.linalg.slogdet(curvature)[1] / 2, coefficients
 
 
 def _phase_energy(
-    tile: np.ndarray, phases: np.ndarray, amplitude: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    r"""Mean of $\log(1 + u^2)$ by octave and speed; `(o, s)`, and waves of each octave; `(o,)`.
+    tile: Float[np.ndarray, "rows columns"],
+    phases: Complex[np.ndarray, "s k"],
+    amplitude: Float[np.ndarray, "rows k"],
+) -> tuple[Float[np.ndarray, "o s"], Float[np.ndarray, "o"]]:
+    r"""Mean of $\log(1 + u^2)$ by octave and speed, and the number of waves of each octave.
 
     $u$ is the tile with the phase of $H_s$ undone, of unit variance; its amplitudes are the same
     for all speeds.
@@ -291,29 +299,31 @@ def _phase_energy(
         mask /= 1 + np.exp(8 * (octave - np.log2(high)))
         mask[0] = 0
         # Low octaves are coarse, and cheap on a coarse grid.
-        kept = min(octave.size, 1 + _fast_length(max(32, int(2 * high * columns))))
+        num_waves = min(octave.size, 1 + _fast_length(max(32, int(2 * high * columns))))
         lines = min(rows, 2 * _fast_length(max(32, int(3 * high * rows))))
-        part = spectrum[:, :kept] * mask[:kept].astype(tile.dtype)
+        part = spectrum[:, :num_waves] * mask[:num_waves].astype(tile.dtype)
         if lines < rows:
             part = np.concatenate([part[: lines // 2], part[-(lines // 2) :]])
         power = np.abs(part) ** 2
         counts[index] = power.sum() ** 2 / max((power**2).sum(), 1e-300)
-        for place, phase in enumerate(phases[:, :kept]):
+        for place, phase in enumerate(phases[:, :num_waves]):
             square = _irfft2(part * phase) ** 2
             energy[index, place] = np.log1p(square / max(square.mean(), 1e-300)).mean()
     return energy, counts
 
 
-def energies(tile: np.ndarray, blurs: Blurs, noise: float, known: Prior) -> Energies:
+def energies(
+    tile: Float[np.ndarray, "rows columns"], blurs: Blurs, noise: float, statistics: Prior
+) -> Energies:
     """The parts of the evidence of each speed, from one tile in single precision."""
     rows, columns = tile.shape
     layout = bands(rows, columns)
-    passed = blurs.passed[:, layout.along]
+    power = blurs.power[:, layout.along]
     observed = log_power(tile)
-    spectrum, coefficients = _spectrum_energy(observed, passed, noise, layout, known)
+    spectrum, coefficients = _spectrum_energy(observed, power, noise, layout, statistics)
     likeliest = coefficients[np.argmin(spectrum)]
     smooth = np.exp(np.clip(layout.terms @ likeliest, -25, 15)).reshape(observed.shape)
-    smooth = smooth * passed.mean(axis=0)
+    smooth = smooth * power.mean(axis=0)
     amplitude = np.zeros((rows, columns // 2 + 1), tile.dtype)
     for line, band in zip(np.sqrt(smooth) / (smooth + noise), layout.members, strict=True):
         amplitude[band, layout.along] = line
@@ -322,17 +332,17 @@ def energies(tile: np.ndarray, blurs: Blurs, noise: float, known: Prior) -> Ener
 
 
 class Posterior(NamedTuple):
-    """How likely each speed is, given a capture.
+    """Probabilities of speeds, given a capture.
 
     Attributes:
-        speeds: Speeds relative to the sensor that were tried, ascending; px/s, shape `(s,)`.
-        weights: Their probabilities; shape `(s,)`.
-        reach: How far from the mode a speed counts as the same; px/s.
-        width: As `Prior` has it.
+        speeds: Speeds relative to the sensor that were tried, ascending; px/s.
+        weights: Their probabilities.
+        reach: Distance from the mode within which a speed counts as the same; px/s.
+        width: The `width` of `Prior`.
     """
 
-    speeds: np.ndarray
-    weights: np.ndarray
+    speeds: Float[np.ndarray, "s"]
+    weights: Float[np.ndarray, "s"]
     reach: float
     width: float
 
@@ -342,8 +352,8 @@ class Posterior(NamedTuple):
         return int(np.argmax(self.weights))
 
     @property
-    def near(self) -> np.ndarray:
-        """Whether each speed is as good as the mode; shape `(s,)`."""
+    def near(self) -> Bool[np.ndarray, "s"]:
+        """Whether each speed counts as the mode."""
         return np.abs(self.speeds - self.speeds[self.mode]) <= self.reach * (1 + 1e-9)
 
     @property
@@ -373,15 +383,15 @@ class Posterior(NamedTuple):
         return float(self.weights @ (np.abs(self.speeds - speed) <= 2 * self.reach))
 
     def trusted(self, share: float) -> bool:
-        """Whether so much of the probability is near the mode, and the mode at no end."""
+        """Whether a share of the probability is near the mode, and the mode at no end."""
         return bool(self.weights @ self.near >= share) and not self.at_end
 
 
-def speeds_to_try(model: BlurModel) -> tuple[np.ndarray, float]:
-    """Speeds relative to the sensor at equal steps, and how far apart two are told; px/s.
+def speeds_to_try(model: BlurModel) -> tuple[Float[np.ndarray, "s"], float]:
+    """Speeds relative to the sensor at equal steps, and the least difference that counts; px/s.
 
-    Those of the model and a tenth of their range more at either end. Where speeds of both signs
-    have one blur but for its place, to what a step makes of it, only those from 0 up.
+    They cover the range of the model's and a tenth of it more at either end. If speeds of both
+    signs have blurs of one shape, more alike than those a step apart, only those from 0 up count.
     """
     occurs = model.speeds[model.weights > 0]
     low, high = float(np.min(occurs)), float(np.max(occurs))
@@ -391,13 +401,13 @@ def speeds_to_try(model: BlurModel) -> tuple[np.ndarray, float]:
     low, high = low - beyond, high + beyond
     reach = STEP / float(2 * model.motion.half_exposure)
     fastest = max(abs(low), abs(high))
-    some = np.array([0.7 * fastest, -0.7 * fastest, 0.7 * fastest + reach])
-    one, turned, next_to = model.responses_at(some, _MOST_ROWS)
-    if _likeness(turned, one) > _likeness(next_to, one):
+    probes = np.array([0.7 * fastest, -0.7 * fastest, 0.7 * fastest + reach])
+    response, opposite, neighbour = model.responses_at(probes, _MOST_ROWS)
+    if _likeness(opposite, response) > _likeness(neighbour, response):
         low, high = max(low, -high, 0.0), fastest
     count = int(np.clip(np.ceil((high - low) / reach), _LEAST_STEPS, _MOST_STEPS))
-    tried = np.linspace(low, high, count + 1)
-    return tried, max(reach, float(tried[1] - tried[0]))
+    speeds = np.linspace(low, high, count + 1)
+    return speeds, max(reach, float(speeds[1] - speeds[0]))
 
 
 def _likeness(one: np.ndarray, other: np.ndarray) -> float:
@@ -409,21 +419,22 @@ def _likeness(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def posterior_of(
-    parts: list[Energies], speeds: np.ndarray, reach: float, known: Prior
+    parts: list[Energies], speeds: Float[np.ndarray, "s"], reach: float, statistics: Prior
 ) -> Posterior:
     """The posterior by the evidence of some tiles of one picture."""
-    energy = known.spectrum_weight * np.mean([part.spectrum for part in parts], axis=0)
+    energy = statistics.spectrum_weight * np.mean([part.spectrum for part in parts], axis=0)
     waves = np.sqrt(np.sum([part.counts for part in parts], axis=0))
-    energy = energy + known.phase_weight * waves @ np.mean([part.phase for part in parts], axis=0)
+    phase = np.mean([part.phase for part in parts], axis=0)
+    energy = energy + statistics.phase_weight * waves @ phase
     weights = np.exp(np.min(energy) - energy)
-    return Posterior(speeds, weights / weights.sum(), reach, known.width)
+    return Posterior(speeds, weights / weights.sum(), reach, statistics.width)
 
 
-def tiles_of(light: np.ndarray, num_taps: int) -> list[list[np.ndarray]]:
+def tiles_of(light: Float[np.ndarray, "rows columns"], num_taps: int) -> list[list[np.ndarray]]:
     """A picture as rows of tiles of about equal size, from each of which evidence is taken.
 
-    There are at least two rows of them where each can be high enough to tell a speed: what moves
-    at another speed shows in one of them.
+    There are at least two rows of them where each can be high enough to tell a speed, so that a
+    part of the picture at another speed shows in one of them.
     """
     widest = max(_MOST_COLUMNS, _MOST_BLURS * num_taps)
     rows, columns = -(-light.shape[0] // _MOST_ROWS), -(-light.shape[1] // widest)
@@ -432,32 +443,36 @@ def tiles_of(light: np.ndarray, num_taps: int) -> list[list[np.ndarray]]:
 
 
 class SpeedEstimate(NamedTuple):
-    """The speed of a whole picture, found in one capture of it.
+    """The speed of a whole picture, estimated from one capture of it.
 
     Attributes:
-        speed: px/s. Where speeds of both signs relative to the sensor have one blur, the one
-            that is more of the scene.
+        speed: The speed; px/s. Where speeds of both signs relative to the sensor have one blur,
+            the one that is more of the scene.
         error: Its standard error; px/s.
         trusted: Whether a decoder does well to take it for the speed.
-        speeds: Speeds that were tried, ascending; px/s, shape `(s,)`.
-        weights: Their probabilities; shape `(s,)`.
-        doubt: What speaks against it, in a sentence; empty where nothing does.
+        speeds: Speeds that were tried, ascending; px/s.
+        weights: Their probabilities.
+        doubt: A sentence about the evidence against it; empty where there is none.
     """
 
     speed: float
     error: float
     trusted: bool
-    speeds: np.ndarray
-    weights: np.ndarray
+    speeds: Float[np.ndarray, "s"]
+    weights: Float[np.ndarray, "s"]
     doubt: str
 
     def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
-        """The same of a scene, where speeds are relative to the sensor that pans by `motion`."""
+        """The estimate in the frame of a scene, from one relative to a sensor that pans.
+
+        Args:
+            scene: The scene.
+            motion: Motion of the sensor.
+        """
         require_scene(scene)
-        pan, known = float(motion.velocity), np.asarray(scene.speeds, np.float64)
-        either = self.speeds[0] >= 0
-        turned = either and bool(pan - np.min(known) > np.max(known) - pan)
-        sign, order = (-1.0, slice(None, None, -1)) if turned else (1.0, slice(None))
+        pan, expected = float(motion.velocity), np.asarray(scene.speeds, np.float64)
+        is_mirrored = self.speeds[0] >= 0 and pan - np.min(expected) > np.max(expected) - pan
+        sign, order = (-1.0, slice(None, None, -1)) if is_mirrored else (1.0, slice(None))
         speeds = (pan + sign * self.speeds)[order]
         return self._replace(
             speed=pan + sign * self.speed, speeds=speeds, weights=self.weights[order]
@@ -484,7 +499,7 @@ def estimate_speed(
         shutter: Transmittance over the exposure; concrete.
 
     Returns:
-        The speed, its error and what speaks against it; see `SpeedEstimate`.
+        The speed, its error and any doubt; see `SpeedEstimate`.
 
     Raises:
         ValueError: if the capture is traced, not finite or no picture, or the scene has no light,
@@ -509,8 +524,8 @@ def estimate_speed(
     light = turned(as_pixels(capture, subject), scene.axis)
     require(np.ndim(light) <= 3, subject, "be one picture", shape_of(light))
     model = blur_model(scene, motion, shutter)
-    lit = model.electrons > 0 and model.efficiency > 0
-    require(lit, "estimate_speed(scene=...)", "have light that the shutter lets through", 0.0)
+    has_light = model.electrons > 0 and model.efficiency > 0
+    require(has_light, "estimate_speed(scene=...)", "have light that the shutter lets through", 0.0)
     planes = rows_last(distinct_colours(light, PLANNED))
     return speed_in(planes, model).of(scene, motion)
 
@@ -527,42 +542,45 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
         ValueError: if the capture is traced, or of a scene with a background.
     """
     require_whole(model.layers, "the speed to be found")
-    known_now = is_concrete(planes)
-    require(known_now, "estimate_speed(capture=...)", "be known, not traced", Unquoted("a tracer"))
+    concrete, got = is_concrete(planes), Unquoted("a tracer")
+    require(concrete, "estimate_speed(capture=...)", "be known, not traced", got)
     light, noise = luminance(np.asarray(planes), model)
-    known = prior()
+    statistics = prior()
     speeds, reach = speeds_to_try(model)
     is_short = np.ptp(speeds) < _LEAST_TOLD * reach
     is_narrow = light.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
     if speeds.size == 1 or is_short or is_narrow or not np.ptp(light) > 0:
         flat = np.full(speeds.size, 1 / speeds.size)
-        found = Posterior(speeds, flat, reach, 1.0)
+        posterior = Posterior(speeds, flat, reach, 1.0)
         doubt = "" if speeds.size == 1 else SHORT if is_short else LITTLE
-        return SpeedEstimate(found.speed, found.error, not doubt, speeds, flat, doubt)
-    parts = parts_of(light, model, speeds, noise, known)
-    whole, weights, doubt = judged(parts, speeds, reach, known)
+        return SpeedEstimate(posterior.speed, posterior.error, not doubt, speeds, flat, doubt)
+    parts = parts_of(light, model, speeds, noise, statistics)
+    whole, weights, doubt = judged(parts, speeds, reach, statistics)
     return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt)
 
 
 class Verdict(NamedTuple):
-    """The posterior of all rows, the weights of speeds, and what speaks against a single speed."""
+    """The posterior of all rows, the weights of speeds, and any doubt about a single speed."""
 
     whole: Posterior
-    weights: np.ndarray
+    weights: Float[np.ndarray, "s"]
     doubt: str
 
 
-def judged(parts: list[list[Energies]], speeds: np.ndarray, reach: float, known: Prior) -> Verdict:
-    """What the evidence of the bands of a picture says, together and apart."""
-    whole = posterior_of([part for band in parts for part in band], speeds, reach, known)
-    each = [posterior_of(band, speeds, reach, known) for band in parts]
-    weights, doubt, sure = whole.weights, "", whole.trusted(known.trust)
+def judged(
+    parts: list[list[Energies]], speeds: Float[np.ndarray, "s"], reach: float, statistics: Prior
+) -> Verdict:
+    """Verdict by the evidence of the bands of a picture, together and apart."""
+    all_parts = [part for band in parts for part in band]
+    whole = posterior_of(all_parts, speeds, reach, statistics)
+    each = [posterior_of(band, speeds, reach, statistics) for band in parts]
+    weights, doubt, is_sure = whole.weights, "", whole.trusted(statistics.trust)
     if whole.at_end:
         doubt = "The speed may lie beyond those of the scene."
-    elif not sure:
+    elif not is_sure:
         doubt = LITTLE
     denials = [p for p in each if p.around(whole.speed) < _DENIED]
-    denials = [p for p in denials if sure or p.trusted(known.trust)]
+    denials = [p for p in denials if is_sure or p.trusted(statistics.trust)]
     if denials:
         odd = min(denials, key=lambda p: p.around(whole.speed))
         doubt = (
@@ -573,7 +591,9 @@ def judged(parts: list[list[Energies]], speeds: np.ndarray, reach: float, known:
     return Verdict(whole, weights, doubt)
 
 
-def luminance(planes: np.ndarray, model: BlurModel) -> tuple[np.ndarray, float]:
+def luminance(
+    planes: Float[np.ndarray, "*colours rows columns"], model: BlurModel
+) -> tuple[Float[np.ndarray, "rows columns"], float]:
     """Luminance of the planes of a picture, and the variance of its noise."""
     planes = planes.reshape(-1, *planes.shape[-2:])
     equal = np.full(len(planes), 1 / len(planes))
@@ -587,7 +607,11 @@ def luminance(planes: np.ndarray, model: BlurModel) -> tuple[np.ndarray, float]:
 
 
 def parts_of(
-    light: np.ndarray, model: BlurModel, speeds: np.ndarray, noise: float, known: Prior
+    light: Float[np.ndarray, "rows columns"],
+    model: BlurModel,
+    speeds: Float[np.ndarray, "s"],
+    noise: float,
+    statistics: Prior,
 ) -> list[list[Energies]]:
     """The evidence by bands of rows, from above down, and by tiles in them."""
     bands_of_tiles = tiles_of(light, model.num_taps)
@@ -597,7 +621,7 @@ def parts_of(
 
     def evidence(place: tuple[int, np.ndarray]) -> tuple[int, Energies]:
         index, tile = place
-        return index, energies(tile, blurs[tile.shape[1]], noise, known)
+        return index, energies(tile, blurs[tile.shape[1]], noise, statistics)
 
-    found = list(in_threads(evidence, tiles, num_processors()))
-    return [[e for i, e in found if i == index] for index in range(len(bands_of_tiles))]
+    pieces = list(in_threads(evidence, tiles, num_processors()))
+    return [[e for i, e in pieces if i == index] for index in range(len(bands_of_tiles))]

@@ -1,4 +1,4 @@
-"""Restoration of a picture that moves as a whole, by the speed that is found in it."""
+"""Restoration of a picture that moves as a whole, by an estimate of its speed."""
 
 from dataclasses import replace
 from typing import final
@@ -14,7 +14,7 @@ from mishutter.restore.decoders.speed import SpeedEstimate, speed_in
 from mishutter.restore.decoders.total_variation import TotalVariationDecoder
 
 _DOUBTED = 0.1
-"""Weight of the scene's own speeds where the one that was found is not trusted."""
+"""Weight of the scene's own speeds where the estimate is not trusted."""
 _LEAST_WEIGHT = 1e-3
 """Probability below which a speed is left to the scene's own."""
 
@@ -48,17 +48,17 @@ class SpeedFindingDecoder(AbstractDecoder):
         return jnp.stack(restored).reshape(captured.shape)
 
 
-def at_speed(model: BlurModel, found: SpeedEstimate) -> BlurModel:
-    """What a decoder knows once a speed relative to the sensor was found."""
-    if not found.trusted and np.ptp(found.weights) == 0:
-        return model  # nothing was found
-    if found.trusted:
-        speeds, weights = np.array([found.speed]), np.ones(1)
+def at_speed(model: BlurModel, estimate: SpeedEstimate) -> BlurModel:
+    """The model of a decoder that takes account of a speed relative to the sensor."""
+    if not estimate.trusted and np.ptp(estimate.weights) == 0:
+        return model  # the capture tells nothing of the speed
+    if estimate.trusted:
+        speeds, weights = np.array([estimate.speed]), np.ones(1)
     else:
-        likely = found.weights >= _LEAST_WEIGHT
-        share = found.weights[likely] / np.sum(found.weights[likely])
-        speeds = np.concatenate([found.speeds[likely], model.speeds])
+        is_likely = estimate.weights >= _LEAST_WEIGHT
+        share = estimate.weights[is_likely] / np.sum(estimate.weights[is_likely])
+        speeds = np.concatenate([estimate.speeds[is_likely], model.speeds])
         weights = np.concatenate([(1 - _DOUBTED) * share, _DOUBTED * model.weights])
-    # Of all that were tried, so that one program restores whatever is found.
-    num_taps, _ = kernel_layout(model.motion, *found.speeds.tolist(), least_taps=model.num_taps)
+    # Taps for all speeds that were tried, so that one program restores by any of them.
+    num_taps, _ = kernel_layout(model.motion, *estimate.speeds.tolist(), least_taps=model.num_taps)
     return replace(model, speeds=speeds, weights=weights, num_taps=num_taps)

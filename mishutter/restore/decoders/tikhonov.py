@@ -1,4 +1,4 @@
-"""Least squares with a penalty on roughness, its strength set by what the blur leaves."""
+"""Least squares with a penalty on roughness, as strong as the expected residual demands."""
 
 from collections.abc import Callable
 from typing import final
@@ -34,10 +34,10 @@ class TikhonovDecoder(AbstractDecoder):
     def restore(self, captured: Array, model: BlurModel) -> Array:
         extension = continuation(model, captured.shape[-1])
         response, _ = model.mean_and_spread(extension.length)
-        left = expected_residual(model, extension.length)
-        light = model.efficiency
-        gain = 1 / light if light > 0 else 0.0
-        return _regularised(captured, extension, response, np.asarray(left), np.asarray(gain))
+        residual = np.asarray(expected_residual(model, extension.length))
+        efficiency = model.efficiency
+        gain = 1 / efficiency if efficiency > 0 else 0.0
+        return _regularised(captured, extension, response, residual, np.asarray(gain))
 
 
 @compiled
@@ -45,31 +45,33 @@ def _regularised(
     captured: Array,
     extension: Continuation,
     response: ArrayLike,
-    left: ArrayLike,
+    expected_power: ArrayLike,
     gain: ArrayLike,
-):
+) -> Array:
+    """Planes whose residual has the expected power."""
+
     def restored(plane: Array) -> Array:
         rows, mean = extension.deviations(plane)
         spectrum = jnp.fft.rfft(rows)
         transfer = along_rows(response, spectrum)
-        passed = transfer.real**2 + transfer.imag**2
+        power = transfer.real**2 + transfer.imag**2
         turns = np.fft.rfftfreq(extension.length)
         rough = along_rows(16 * np.sin(np.pi * turns) ** 4, rows)
-        expected, light = (jnp.asarray(v, rows.dtype) for v in (left, gain))
+        expected, scale = (jnp.asarray(v, rows.dtype) for v in (expected_power, gain))
         columns = extension.columns
 
         def excess(logarithm: Array) -> Array:
-            """Power of the residual above what is expected of it."""
+            """Power of the residual above the expected one."""
             penalty = jnp.exp(logarithm) * rough
-            total = passed + penalty
+            total = power + penalty
             share = jnp.where(total > 0, penalty / jnp.where(total > 0, total, 1), 1)
             residual = jnp.fft.irfft(spectrum * share.astype(spectrum.dtype), extension.length)
             return jnp.mean(residual[:, :columns] ** 2) - expected
 
-        total = passed + jnp.exp(_root(excess, rows.dtype)) * rough
-        scale = jnp.where(total > 0, 1 / jnp.where(total > 0, total, 1), 0)
-        inverse = jnp.conj(transfer) * scale.astype(spectrum.dtype)
-        return jnp.fft.irfft(spectrum * inverse, extension.length)[:, :columns] + mean * light
+        total = power + jnp.exp(_root(excess, rows.dtype)) * rough
+        share = jnp.where(total > 0, 1 / jnp.where(total > 0, total, 1), 0)
+        inverse = jnp.conj(transfer) * share.astype(spectrum.dtype)
+        return jnp.fft.irfft(spectrum * inverse, extension.length)[:, :columns] + mean * scale
 
     planes = captured.reshape(-1, *captured.shape[-2:])
     return jax.vmap(restored)(planes).reshape(captured.shape)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.fft import dct, idct
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled, require, require_positive_int
 from mishutter.camera import along_rows
@@ -22,7 +22,7 @@ from mishutter.restore.decoders.linear import (
 EDGES, _POWER = 0.3, 0.1
 """Weights of the two laws: the best in the mean over photographs and scenes from dim to bright."""
 _THRESHOLD = 0.7
-"""Shrinkage of a step in units of the error; it changes how fast the steps settle, not on what."""
+"""Shrinkage of a step in units of the error; it changes the speed of convergence, not the limit."""
 LEAST_POWER = 1e-14
 """Prevents a division by zero where there is neither detail nor noise."""
 
@@ -34,7 +34,7 @@ class TotalVariationDecoder(AbstractDecoder):
     $\min_f \tfrac12 \sum_k |g_k - m_k f_k|^2 / (N + S v)_k + \tfrac{1}{20} \sum_k |f_k|^2 / S_k
     + 0.3\,\tfrac{c}{e} \sum |\nabla f|$ with $k$ over the frequencies of rows, by the alternating
     direction method of multipliers. The mean response $m = \sum p_i H_i$ stands for all speeds
-    and $v = \sum p_i |H_i - m|^2$ for how they differ: what a picture of power $S$ shows of it
+    and $v = \sum p_i |H_i - m|^2$ for their spread, whose effect on a picture of power $S$
     counts as noise. $e$ is the root mean square error that the ensemble filter is
     expected to leave, the estimate that the steps begin from. $|\nabla f|^2$ is taken where four
     pixels meet: the mean of the squares of the two differences within rows, and that of the two
@@ -42,7 +42,7 @@ class TotalVariationDecoder(AbstractDecoder):
     border, it is half the square of their difference.
 
     Args:
-        num_iterations: How many steps.
+        num_iterations: Number of steps.
         strength: $c$; above 0.
 
     Raises:
@@ -75,7 +75,7 @@ class TotalVariationDecoder(AbstractDecoder):
         smooth[0] = 0.0  # a row's level is free
         threshold = _THRESHOLD * np.sqrt(error)
         problem = _Problem(
-            known=np.conj(mean) * data,
+            data_filter=np.conj(mean) * data,
             curvature=np.abs(mean) ** 2 * data + smooth,
             start=ensemble_filter(model, length),
             threshold=np.asarray(threshold),
@@ -85,21 +85,21 @@ class TotalVariationDecoder(AbstractDecoder):
 
 
 class _Problem(NamedTuple):
-    """Filters on the grid of a DFT, shape `(k,)`, and scalars of the minimisation.
+    """Filters on the grid of a DFT, and scalars of the minimisation.
 
     Attributes:
-        known: What the capture is filtered with where no edges count.
-        curvature: That of the misfit and of the smooth prior.
+        data_filter: The filter of the capture where no edges count.
+        curvature: Curvature of the misfit and of the smooth prior.
         start: The filter that gives the first estimate.
-        threshold: By which differences shrink.
-        gain: 1 over the throughput.
+        threshold: Length by which differences shrink.
+        gain: 1 over the efficiency.
     """
 
-    known: ArrayLike
-    curvature: ArrayLike
-    start: ArrayLike
-    threshold: ArrayLike
-    gain: ArrayLike
+    data_filter: Complex[np.ndarray, "k"]
+    curvature: Float[np.ndarray, "k"]
+    start: Complex[np.ndarray, "k"]
+    threshold: Float[np.ndarray, ""]
+    gain: Float[np.ndarray, ""]
 
 
 @compiled
@@ -116,15 +116,15 @@ def _split(
         threshold, gain = (jnp.asarray(v, plane.dtype) for v in (problem.threshold, problem.gain))
         centre = jnp.mean(level)
         spectrum = _transformed(deviation + level - centre)
-        filters = problem.known, problem.curvature, problem.start
-        known, curvature, start = (along_rows(v, spectrum) for v in filters)
+        filters = problem.data_filter, problem.curvature, problem.start
+        data_filter, curvature, start = (along_rows(v, spectrum) for v in filters)
         inverse = 1 / (curvature.real + jnp.asarray(turns + down[:, None], plane.dtype))
-        known = spectrum * known
+        data = spectrum * data_filter
 
         def advance(_, state: tuple) -> tuple:
             _, split, dual = state
-            wanted = known + _transformed(adjoint_differences(split - dual))
-            estimate = _restored(wanted * inverse.astype(wanted.dtype), length)
+            target = data + _transformed(adjoint_differences(split - dual))
+            estimate = _restored(target * inverse.astype(target.dtype), length)
             gap = differences(estimate) + dual
             split = _shrunk(gap, threshold)
             return estimate, split, gap - split
@@ -149,11 +149,11 @@ def _restored(spectrum: Array, length: int) -> Array:
     return idct(jnp.fft.irfft(spectrum, length), axis=0, norm="ortho")
 
 
-def differences(picture: Array) -> Array:
-    r"""Of neighbours among four pixels that meet, over $\sqrt 2$; shape `(4, rows + 1, length)`.
+def differences(picture: Float[Array, "rows length"]) -> Float[Array, "4 rows+1 length"]:
+    r"""Differences between neighbours among four pixels that meet, over $\sqrt 2$.
 
-    Of the upper two, the lower two, the left two and the right two; rows beyond the picture have
-    none. Sums of squares over the four are the same of a picture that is turned over.
+    They are those of the upper two, the lower two, the left two and the right two; rows beyond the
+    picture have none. Turning the picture over does not change sums of squares over the four.
     """
     across = jnp.roll(picture, -1, axis=1) - picture
     down = jnp.diff(picture, axis=0, prepend=picture[:1], append=picture[-1:])
@@ -161,8 +161,10 @@ def differences(picture: Array) -> Array:
     return jnp.stack([upper, lower, down, jnp.roll(down, -1, axis=1)]) / math.sqrt(2)
 
 
-def adjoint_differences(differences: Array) -> Array:
-    """The adjoint of `differences`; shape `(rows, length)`."""
+def adjoint_differences(
+    differences: Float[Array, "4 corners length"],
+) -> Float[Array, "corners-1 length"]:
+    """The adjoint of `differences`."""
     upper, lower, left, right = differences / math.sqrt(2)
     across = upper[1:] + lower[:-1]
     down = jnp.pad((left + jnp.roll(right, 1, axis=1))[1:-1], ((1, 1), (0, 0)))

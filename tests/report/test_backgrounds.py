@@ -1,0 +1,44 @@
+"""What is left of a gain where part of the picture stands still."""
+
+import pytest
+
+from mishutter import Limits, Occlusion, Scene
+from mishutter.report import BackgroundGain, background_gains, background_line
+
+LIMITS = Limits(max_stroke=14, max_half_exposure=0.006, min_half_exposure=0.0005)
+DIM = Scene([-2300.0, 0.0, 2300.0], photon_rate=2e4, read_noise=9.0, limits=LIMITS)
+
+
+@pytest.mark.slow
+def test_a_still_background_takes_of_the_gain():
+    """The more of the picture stands still, the less a moving camera gains; never less than 0."""
+    names = []
+    half, most = background_gains(DIM, step=names.append)
+    assert names == ["50% still", "70% still"]
+    assert half.still_share == 0.5
+    assert half.gain >= most.gain >= 0
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        Scene([0.0], photon_rate=2e4, read_noise=9.0),
+        Scene([900.0], photon_rate=2e4, read_noise=9.0, decoder_speed="found"),
+        Scene([900.0], photon_rate=2e4, read_noise=9.0, occlusion=Occlusion(front_share=0.4)),
+    ],
+    ids=["nothing moves", "the speed is found", "the scene says it"],
+)
+def test_there_are_none_of_other_worlds(scene):
+    """A scene that says which world it is of has no other beside it."""
+    assert background_gains(scene) == ()
+    assert background_line(()) == ""
+
+
+def test_the_line_says_which_world():
+    """Gains are told in decibels, those too small to count as none."""
+    gains = [BackgroundGain(0.5, 0.414), BackgroundGain(0.7, 0.004)]
+    assert background_line(tuple(gains)) == (
+        "This is of a picture that moves as a whole. Objects that move before a background leave "
+        "another gain: +0.41 dB where half of the picture stands still, none where 70% stands "
+        "still, by a camera designed for it."
+    )
