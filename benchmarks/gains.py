@@ -147,8 +147,8 @@ def cell(world: World, light: Light, whole: Design | None) -> tuple[dict[str, An
     scene, start = scene_of(world, light), process_time()
     snapshot, design = best = best_of(scene)
     seconds = process_time() - start
-    kept = design if whole is None else whole
-    level = float(evaluate(scene, kept.motion, kept.shutter).expected_psnr)
+    other = design if whole is None else whole
+    level = float(evaluate(scene, other.motion, other.shutter).expected_psnr)
     row = {
         "world": world.name,
         "light": light.name,
@@ -174,11 +174,11 @@ def cells(lights: Sequence[Light], worlds: Sequence[World]) -> Iterator[dict[str
             yield row
 
 
-MORE = (WHOLE, STILL[0], STILL[1], MOVING[0])
+OF_PATHS = (WHOLE, STILL[0], STILL[1], MOVING[0])
 """Worlds in which free paths and pans are searched as well."""
 
 
-def more(world: World, light: Light) -> dict[str, Any]:
+def of_paths(world: World, light: Light) -> dict[str, Any]:
     """Gains over the best snapshot of free paths, and of a snapshot that pans; dB."""
     scene = scene_of(world, light)
     best = best_of(scene)
@@ -195,7 +195,7 @@ def more(world: World, light: Light) -> dict[str, Any]:
 
 
 def stored(name: str, new: Iterator[dict[str, Any]], rows: list[dict[str, Any]]) -> None:
-    """Keep rows one by one, which takes long, in place of older ones of the same cell."""
+    """Keep rows one by one, which each take long, in place of older ones of the same cell."""
     for row in new:
         rows[:] = [r for r in rows if (r["world"], r["light"]) != (row["world"], row["light"])]
         rows.append(row)
@@ -226,16 +226,16 @@ def table_of_gains(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 def table_of_designs(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """The best camera of each world in the first of the lights."""
     cells = {row["world"]: row for row in rows if row["light"] == LIGHTS[0].name}
-    kept = "gain of the design for the whole picture, dB"
+    of_whole = "gain of the design for the whole picture, dB"
     return [
         {
             "picture": world.name,
             "snapshot ms": f"{row['snapshot ms']:.2f}",
             "exposure ms": f"{row['exposure ms']:.1f}",
             "stroke px": f"{row['stroke px']:.1f}",
-            "light": f"{row['efficiency']:.2f}",
+            "throughput": f"{row['efficiency']:.2f}",
             "gain dB": shown_gain(row["gain dB"]),
-            kept: shown_gain(row[kept]),
+            of_whole: shown_gain(row[of_whole]),
         }
         for world in TABLE
         if (row := cells.get(world.name))
@@ -266,7 +266,7 @@ def main() -> None:
     rows: list[dict[str, Any]] = []
     paths: list[dict[str, Any]] = []
     stored("gains", cells(LIGHTS, FIRST), rows)
-    stored("gains_of_paths", (more(world, LIGHTS[0]) for world in MORE), paths)
+    stored("gains_of_paths", (of_paths(world, LIGHTS[0]) for world in OF_PATHS), paths)
     stored("gains", cells(LIGHTS, [world for world in WORLDS if world not in FIRST]), rows)
     harness.section("gains", text_of(rows, paths))
 
