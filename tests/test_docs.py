@@ -162,6 +162,16 @@ def test_a_scene_whose_sensor_moves_says_what_its_stage_does(slug):
         assert limits.keys() & {"max_acceleration_px_per_s2", "max_acceleration_g"}
 
 
+def test_the_verdict_has_the_gains_that_were_measured():
+    """The page has the benchmark's table, line by line."""
+    measured = (ROOT / "benchmarks" / "results" / "gains.md").read_text().splitlines()
+    page = (ROOT / "docs" / "verdict.md").read_text().splitlines()
+    pictures = ("| as a whole", "| before a still background", "| both layers move")
+    rows = [line for line in page if line.startswith(pictures)]
+    assert len(rows) > len(pictures)
+    assert set(rows) <= set(measured)
+
+
 def test_six_scenes_have_the_figures_that_were_measured():
     """The page quotes the benchmark digit by digit; a row over two rivals is over the better."""
     measured = json.loads((ROOT / "benchmarks" / "results" / "scenes.json").read_text())["rows"]
