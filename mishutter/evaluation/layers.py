@@ -47,8 +47,8 @@ from mishutter.model import (
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
 """How many effective speeds an expected error takes, at least and at most."""
 SEARCHED_EFFECTIVE_SPEEDS = 65
-"""How many a search takes, whose design is measured with all of them: so the error is known to
-0.01 dB where objects travel over 40 px, as by designs worth building, to 0.1 dB over 80 px."""
+"""How many a search takes, whose design is measured with all of them: they know the error to
+0.01 dB by designs worth building, and to 0.2 dB by exposures over which objects travel 130 px."""
 BEAT_STEP = 0.8
 """Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
 expected error is known to 1e-4 dB."""

@@ -7,7 +7,7 @@ import equinox as eqx
 
 from mishutter._core import alone_in_blas, outside_trace, require_known
 from mishutter.evaluation import ExpectedErrorLoss
-from mishutter.model import Occlusion, Scene, is_straight, require_scene
+from mishutter.model import Occlusion, Scene, TukeyShutter, is_straight, require_scene
 from mishutter.search import RivalSearch, best_row, optimise, snapshots
 
 STILL_SHARES = (0.5, 0.7)
@@ -40,9 +40,10 @@ def background_gains(
 ) -> tuple[BackgroundGain, ...]:
     """Gains of the best cameras where half of the picture stands still, and where 70 % do.
 
-    A profile and a motion are designed for each, before a still background with objects of
-    100 px. They are empty of a scene that says what hides what, whose decoder knows the speed of a
-    picture, or in which nothing moves.
+    The best Tukey window and motion are searched for each, before a still background with objects
+    of 100 px: a free-form profile adds up to 0.03 dB, and takes three times as long. There are none
+    of a scene that says what hides what, of one whose decoder knows the speed of a picture, and of
+    one in which nothing moves.
 
     Args:
         scene: Speeds, light, noise and limits.
@@ -63,7 +64,7 @@ def background_gains(
         layered = eqx.tree_at(lambda s: s.occlusion, scene, layers, is_leaf=_is_occlusion)
         snapshot = best_row(snapshots(RivalSearch(layered, loss)))
         start = scene.fullest_motion if is_straight(scene.motion) else scene.motion
-        design = optimise(layered, start, loss=loss)
+        design = optimise(layered, start, TukeyShutter(0.5), loss=loss)
         level = replace(snapshot, metrics=design.metrics).level
         gains.append(BackgroundGain(share, max(level - snapshot.level, 0.0)))
     return tuple(gains)
@@ -80,7 +81,7 @@ def background_line(gains: tuple[BackgroundGain, ...]) -> str:
         parts.append(f"{gain} where {of_picture} stands still")
     return (
         "This is of a picture that moves as a whole. Objects that move before a background leave "
-        f"another gain: {', '.join(parts)}, by a camera designed for it."
+        f"another gain: {', '.join(parts)}, by the best Tukey window and motion for it."
     )
 
 
