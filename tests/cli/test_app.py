@@ -498,6 +498,7 @@ def test_a_search_makes_no_nan(small_scene, capsys):
     assert "dB" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_saved_design_has_the_same_metrics(optimised):
     """`design.json` loads back to the metrics that were printed."""
     folder, text = optimised

@@ -223,6 +223,7 @@ def test_rivals_are_pictured_beside_many_designs(report):
     assert set(names) < set(rows)
 
 
+@pytest.mark.slow
 def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, monkeypatch):
     """What is known is on standard output when the first capture begins; a document is whole."""
     seen: list[str] = []
