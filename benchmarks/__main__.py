@@ -21,6 +21,7 @@ ALL = (
     "borders",
     "monte_carlo",
     "occlusion",
+    "gains",
     "layered_photographs",
     "restoration",
     "restoration_over_speeds",

@@ -45,8 +45,11 @@ Ways to compute it, on the same configurations; the error is that against sums o
 (instants, frequencies of the picture, frequencies of the matte), whose own is below 0.0001 dB. The
 rows of effective speeds, and the sums, are NumPy's on one processor; the weights of the speeds
 belong to a scene and are not in their time. `evaluate` gives all its figures in that time, and
-computes the weights anew. Evenly spaced effective speeds are cheap and wrong in bright light:
-they reach neither the fastest beats, of narrow objects, nor lie densely enough for long exposures.
+computes the weights anew. It takes 129 to 513 effective speeds, the more the further objects travel
+in the exposure. They lie densely between the speeds of the layers and ever more sparsely up to 512
+half ranges of these, where the beats at the lowest frequency are. Evenly spaced effective speeds
+are cheap and wrong in bright light: they reach neither the fastest beats, of narrow objects, nor
+lie densely enough for long exposures.
 
 {forms}
 """

@@ -14,9 +14,11 @@ import jax
 import numpy as np
 
 from benchmarks import harness
+from benchmarks.gains import best_of
 from mishutter import (
     IdealShutter,
     Limits,
+    Occlusion,
     Scene,
     compare,
     example_picture,
@@ -34,11 +36,17 @@ RIVALS = (
     "best coded still",
 )
 
+LAYERS = {
+    "before a still half": Occlusion(front_share=0.5, object_width=100),
+    "both layers move": Occlusion(front_share=0.3, object_width=100, background="moving"),
+}
 NOTE = (
     "Where the stroke is 0 the design does not accelerate: it is the best coded still. The ceiling "
     "is that of speeds spread over the range, which no path, shutter or decoder exceeds. The last "
     "column is the gain over the best snapshot of a design for a shutter that passes 40 % when "
-    "open, as liquid crystal between polarisers does."
+    "open, as liquid crystal between polarisers does. Before it stand the gains of other "
+    "pictures: of the best camera for objects of 100 px that cover half of a still background, or "
+    "30 % of one that moves at the same speeds, over the best snapshot for the same picture."
 )
 _SLIDES = Path(__file__).parent.parent / "notebooks" / "slides.toml"
 _POLARISED = IdealShutter(transmission=0.4)
@@ -105,8 +113,19 @@ def compared(scene: Scene) -> dict[str, str]:
         "pan px/s": f"{float(design.motion.velocity) + 0.0:.0f}",
         **{f"over {rival}": f"{round(gain, 2) + 0.0:+.2f}" for rival, gain in over.items()},
         "ceiling dB": f"{table.ceiling:.2f}",
+        **{name: f"{gain_before(scene, layers):+.2f}" for name, layers in LAYERS.items()},
         "through 40 %": f"{dim - snapshot:+.2f}",
     }
+
+
+def gain_before(scene: Scene, layers: Occlusion) -> float:
+    """Gain of the best camera for layers over the best snapshot for them; dB."""
+    layered = eqx.tree_at(lambda s: s.occlusion, scene, layers, is_leaf=_is_occlusion)
+    return max(best_of(layered).gain, 0.0)
+
+
+def _is_occlusion(part: object) -> bool:
+    return part is None or isinstance(part, Occlusion)
 
 
 def _is_device(part: object) -> bool:

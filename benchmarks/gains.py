@@ -1,0 +1,277 @@
+"""When does a moving camera pay: how much is in front of what, how wide, and in how much light?
+
+The best design that `optimise` finds for each scene, which is read from a file, over the best
+snapshot for the same scene; and what the design for a picture that moves as a whole would have
+there. A typical printout stands in `RESULTS.md`.
+"""
+
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from time import process_time
+from typing import Any, NamedTuple
+
+import jax
+
+from benchmarks import harness
+from mishutter import Design, LinearMotion, RectShutter, Scene, evaluate, optimise
+from mishutter.evaluation import ExpectedErrorLoss
+from mishutter.search import RivalSearch, Row, best_row, snapshots
+
+
+class Light(NamedTuple):
+    """Photo-electrons a second at white, and read noise, e-."""
+
+    rate: float
+    noise: float
+
+    @property
+    def name(self) -> str:
+        """The column of the table."""
+        return f"{self.rate:.0e}, {self.noise:g} e-".replace("e+0", "e")
+
+
+LIGHTS = tuple(
+    Light(*each)
+    for each in ((1e5, 8), (1e4, 8), (1e6, 8), (1e5, 16), (1e4, 16), (1e5, 4), (1e6, 16))
+)
+SHARES = (0.7, 0.5, 0.3)
+"""Of a picture that move before a still background."""
+WIDTHS = (100, 300, 30, None)
+"""Of the objects, px; None is no edges."""
+NUM_STARTS = 4
+"""Of a search; 16, the usual number, end in the same designs where both were tried."""
+TEXT = """## When a moving camera pays
+
+Gain, dB, of the best design that `optimise` finds over the best snapshot for the same scene, both
+of a scene file: nine speeds to 4,500 px/s either way, the default spectrum, a stroke up to 45 px,
+exposures up to 40 ms. A column is of a light, photo-electrons a second at white, and a read noise.
+`0` is less than 0.005 dB: nothing beats a snapshot. Searches have {starts} starts; the
+usual 16 ended in the same designs in the six cells where both were tried. {missing}
+
+{gains}
+
+How the best camera changes with what hides what, at {light}, and what the design for a picture that
+moves as a whole would gain there:
+
+{designs}
+
+What a free path and a pan add there, each over the best snapshot at rest; dB. A snapshot that may
+pan begins its search at a quarter of the greatest speed.
+
+{paths}
+"""
+FILE = """
+[speeds]
+uniform = {{ min_px_per_s = -4500, max_px_per_s = 4500, count = 9 }}
+[light]
+photon_rate_per_s = {rate:g}
+[sensor]
+read_noise_e = {noise:g}
+[limits]
+max_stroke_px = 45
+max_half_exposure_ms = 20
+"""
+
+
+class World(NamedTuple):
+    """What hides what: `front_share`, `object_width` and `background` of `Occlusion`."""
+
+    share: float = 1.0
+    width: int | None = None
+    background: str = "still"
+
+    @property
+    def name(self) -> str:
+        """The row of the table."""
+        if self.share == 1:
+            return "as a whole"
+        width = "no edges" if self.width is None else f"{self.width} px"
+        if self.background == "moving":
+            return f"both layers move, {self.share:.0%} in front, {width}"
+        return f"before a still background, {self.share:.0%} moves, {width}"
+
+    @property
+    def section(self) -> str:
+        """Its section of a scene file."""
+        if self.share == 1:
+            return ""
+        lines = ["[occlusion]", f"front_share = {self.share:g}"]
+        if self.width is not None:
+            lines.append(f"object_width_px = {self.width}")
+        return "\n".join([*lines, f'background = "{self.background}"', ""])
+
+
+WHOLE = World()
+MOVING = tuple(World(0.3, width, "moving") for width in WIDTHS if width)
+STILL = tuple(World(share, width) for width in WIDTHS for share in SHARES)
+WORLDS = (WHOLE, *MOVING, *STILL)
+TABLE = (
+    WHOLE,
+    *sorted(STILL, key=lambda world: (-world.share, -(world.width or 1000))),
+    *sorted(MOVING, key=lambda world: -(world.width or 0)),
+)
+"""In the order of rows of the table."""
+FIRST = (WHOLE, MOVING[0], *STILL[: len(SHARES)])
+"""Worlds of objects of 100 px, which are measured in every light before the others."""
+
+
+def scene_of(world: World, light: Light) -> Scene:
+    """The scene as its file has it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.toml"
+        path.write_text(FILE.format(rate=light.rate, noise=light.noise) + world.section)
+        return Scene.load(path)
+
+
+class Best(NamedTuple):
+    """The best snapshot of a scene and the best design."""
+
+    snapshot: Row
+    design: Design
+
+    @property
+    def gain(self) -> float:
+        """Of the design over the snapshot; dB."""
+        return float(self.design.metrics.expected_psnr) - self.snapshot.level
+
+
+def best_of(scene: Scene, num_starts: int | None = NUM_STARTS) -> Best:
+    """The best snapshot, which may pan, and the best design of constant acceleration."""
+    snapshot = best_row(snapshots(RivalSearch(scene, ExpectedErrorLoss())))
+    return Best(snapshot, optimise(scene, num_starts=num_starts))
+
+
+def cell(world: World, light: Light, whole: Design | None) -> tuple[dict[str, Any], Design]:
+    """A row of what is best in a world, and its design; `whole` is that for the whole picture."""
+    scene, start = scene_of(world, light), process_time()
+    snapshot, design = best = best_of(scene)
+    seconds = process_time() - start
+    other = design if whole is None else whole
+    level = float(evaluate(scene, other.motion, other.shutter).expected_psnr)
+    row = {
+        "world": world.name,
+        "light": light.name,
+        "snapshot dB": snapshot.level,
+        "snapshot ms": 1e3 * float(snapshot.motion.exposure),
+        "gain dB": best.gain,
+        "exposure ms": 1e3 * float(design.motion.exposure),
+        "stroke px": float(design.motion.stroke),
+        "efficiency": float(design.shutter.efficiency()),
+        "gain of the design for the whole picture, dB": level - snapshot.level,
+        "processor s": seconds,
+    }
+    return row, design
+
+
+def cells(lights: Sequence[Light], worlds: Sequence[World]) -> Iterator[dict[str, Any]]:
+    """Rows of worlds in lights, column by column."""
+    for light in lights:
+        whole = None
+        for world in (WHOLE, *(each for each in worlds if each != WHOLE)):
+            row, design = cell(world, light, whole)
+            whole = design if whole is None else whole
+            yield row
+
+
+OF_PATHS = (WHOLE, STILL[0], STILL[1], MOVING[0])
+"""Worlds in which free paths and pans are searched as well."""
+
+
+def of_paths(world: World, light: Light) -> dict[str, Any]:
+    """Gains over the best snapshot of free paths, and of a snapshot that pans; dB."""
+    scene = scene_of(world, light)
+    best = best_of(scene)
+    path = {"acceleration", "half_exposure", "path"}
+    half = best.snapshot.motion.half_exposure
+    pan = LinearMotion(half_exposure=half, velocity=scene.max_speed / 4)
+    gains = {
+        "shaped on a free path": optimise(scene, free={*path, "shutter"}, num_starts=NUM_STARTS),
+        "open on a free path": optimise(scene, shutter=RectShutter(), free=path),
+        "panned snapshot": optimise(scene, pan, RectShutter(), free={"half_exposure", "velocity"}),
+    }
+    over = {name: best._replace(design=each).gain for name, each in gains.items()}
+    return {"world": world.name, "light": light.name, "shaped parabola": best.gain} | over
+
+
+def stored(name: str, new: Iterator[dict[str, Any]], rows: list[dict[str, Any]]) -> None:
+    """Keep rows one by one, which each take long, in place of older ones of the same cell."""
+    for row in new:
+        rows[:] = [r for r in rows if (r["world"], r["light"]) != (row["world"], row["light"])]
+        rows.append(row)
+        harness.write(name, rows)
+        print(
+            *(f"{x:.4g}" if isinstance(x, float) else x for x in row.values()),
+            sep=" | ",
+            file=sys.stderr,
+            flush=True,
+        )
+
+
+def shown_gain(gain: float) -> str:
+    """A gain of the table."""
+    return f"{gain:+.2f}" if abs(gain) >= 0.005 else "0"
+
+
+def table_of_gains(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Worlds by lights."""
+    gains = {(row["world"], row["light"]): shown_gain(row["gain dB"]) for row in rows}
+    return [
+        {"picture": world.name}
+        | {light.name: gains.get((world.name, light.name)) for light in sorted(LIGHTS)}
+        for world in TABLE
+    ]
+
+
+def table_of_designs(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The best camera of each world in the first of the lights."""
+    cells = {row["world"]: row for row in rows if row["light"] == LIGHTS[0].name}
+    of_whole = "gain of the design for the whole picture, dB"
+    return [
+        {
+            "picture": world.name,
+            "snapshot ms": f"{row['snapshot ms']:.2f}",
+            "exposure ms": f"{row['exposure ms']:.1f}",
+            "stroke px": f"{row['stroke px']:.1f}",
+            "throughput": f"{row['efficiency']:.2f}",
+            "gain dB": shown_gain(row["gain dB"]),
+            of_whole: shown_gain(row[of_whole]),
+        }
+        for world in TABLE
+        if (row := cells.get(world.name))
+    ]
+
+
+def text_of(rows: Sequence[dict[str, Any]], paths: Sequence[dict[str, Any]]) -> str:
+    """The section of the results."""
+    gains, designs = table_of_gains(rows), table_of_designs(rows)
+    over = [
+        {"picture": row["world"]}
+        | {k: shown_gain(x) for k, x in row.items() if isinstance(x, float)}
+        for row in paths
+    ]
+    is_whole = len(rows) == len(WORLDS) * len(LIGHTS)
+    return TEXT.format(
+        missing="" if is_whole else "`-` has not been measured.",
+        gains=harness.table(gains, list(gains[0])),
+        starts=NUM_STARTS,
+        light=LIGHTS[0].name,
+        designs=harness.table(designs, list(designs[0])),
+        paths=harness.table(over, list(over[0])),
+    )
+
+
+def main() -> None:
+    """Measure, store and print."""
+    jax.config.update("jax_enable_x64", True)
+    rows: list[dict[str, Any]] = []
+    paths: list[dict[str, Any]] = []
+    stored("gains", cells(LIGHTS, FIRST), rows)
+    stored("gains_of_paths", (of_paths(world, LIGHTS[0]) for world in OF_PATHS), paths)
+    stored("gains", cells(LIGHTS, [world for world in WORLDS if world not in FIRST]), rows)
+    harness.section("gains", text_of(rows, paths))
+
+
+if __name__ == "__main__":
+    main()
