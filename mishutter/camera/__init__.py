@@ -5,6 +5,7 @@ from mishutter.camera.capture import as_pixels as as_pixels
 from mishutter.camera.capture import blurred_at_speeds as blurred_at_speeds
 from mishutter.camera.capture import captured_columns as captured_columns
 from mishutter.camera.capture import captured_response as captured_response
+from mishutter.camera.capture import captured_responses_below as captured_responses_below
 from mishutter.camera.capture import centred_kernel as centred_kernel
 from mishutter.camera.capture import distinct_colours as distinct_colours
 from mishutter.camera.capture import every_colour as every_colour

@@ -249,6 +249,43 @@ def captured_response(
     return pixel_responses(shutter, still, relative, period, num_nodes=num_nodes)
 
 
+def captured_responses_below(
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    speeds: np.ndarray,
+    period: int,
+    counts: np.ndarray,
+) -> Complex[np.ndarray, "speeds frequencies"]:
+    """The `captured_response` of each speed at the lowest of the frequencies; 0 at the highest.
+
+    Speeds far beyond the fastest object's take so many nodes for each frequency that they are
+    computed at those alone.
+
+    Args:
+        motion: Motion of the sensor, without velocity; concrete.
+        shutter: Transmittance over the exposure; concrete.
+        speeds: px/s.
+        period: Pixels of the DFT.
+        counts: Number of the lowest frequencies that are asked for at each speed, at least.
+    """
+    number, half = period // 2 + 1, float(motion.half_exposure)
+    octave = np.floor(np.log2(number / np.clip(counts, 1, number))).astype(int)
+    responses = np.zeros((speeds.size, number), complex)
+    for each in np.unique(octave):
+        some, count = np.flatnonzero(octave == each), -(-number // 2 ** int(each))
+        velocity = (float(motion.speed_gain) + float(np.max(np.abs(speeds[some])))) * half
+        responses[some, :count] = pixel_responses(
+            shutter,
+            motion,
+            speeds,
+            period,
+            num_nodes=nodes_for(velocity * count / number),
+            num_frequencies=count,
+            some=some,
+        )
+    return responses
+
+
 def centred_kernel(
     motion: AbstractMotion,
     shutter: AbstractShutter,

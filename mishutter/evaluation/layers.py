@@ -394,23 +394,41 @@ def moments_on_dft(
     scene: Scene,
     motion: AbstractMotion,
     length: int,
-    responses: Callable[[np.ndarray], np.ndarray],
+    responses: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> LayerMoments:
     """Moments of a capture of two layers on the grid of a DFT; NumPy arrays of shape `(1, m)`.
+
+    They are of the camera as it was designed, without the errors that its tolerances allow.
 
     Args:
         scene: Scene of two layers, seen from the motion; concrete.
         motion: Motion of the sensor, without velocity.
         length: Pixels of the DFT.
-        responses: Responses at some speeds on its grid, aligned, `(s, m)`.
+        responses: Function that gives responses at some speeds on its grid, aligned, `(s, m)`, of
+            each at so many of the lowest frequencies at least.
     """
+    scene = without_tolerances(scene)
     background = background_of(scene)
     every = np.append(np.asarray(scene.speeds), np.asarray(background.speeds))
     travel = float(np.ptp(every)) / 2 * float(motion.half_exposure)
     count = min(num_effective_speeds(travel, BEAT_STEP), _MOST_OF_DECODERS)
     scene = with_shares(scene, background, count, Frequencies.of_dft(length), folds=False)
-    spectra = responses(np.asarray(computed_speeds(scene).speeds))
+    speeds = np.asarray(computed_speeds(scene).speeds)
+    spectra = responses(speeds, _num_occurring(scene, speeds.size))
     return jax.tree.map(np.asarray, _moments_on_dft(scene, motion, jnp.asarray(spectra)))
+
+
+def _num_occurring(scene: Scene, num_speeds: int) -> np.ndarray:
+    """Number of the lowest frequencies at which each of the `computed_speeds` occurs, at most.
+
+    The beat moves fast where its waves are long beside those of the matte, and there alone.
+    """
+    occurs = np.any(np.asarray(scene.occlusion.shares.beat) != 0, axis=(1, 2))  # type: ignore[union-attr]
+    number, num_effective = occurs.shape
+    counts = np.full(num_speeds, number)
+    highest = number - np.argmax(occurs[::-1], axis=0)
+    counts[num_speeds - num_effective :] = np.where(np.any(occurs, axis=0), highest, 0)
+    return counts
 
 
 @compiled

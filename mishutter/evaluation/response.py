@@ -246,6 +246,8 @@ def pixel_responses(
     length: int,
     *,
     num_nodes: int,
+    num_frequencies: int | None = None,
+    some: np.ndarray | slice = slice(None),
 ) -> Array | np.ndarray:
     r"""Responses of the pixels to a continuous picture on the grid of a DFT; complex, `(s, k)`.
 
@@ -257,14 +259,16 @@ def pixel_responses(
         shutter: Transmittance over the exposure.
         motion: Motion of the sensor, without velocity; known.
         speeds: px/s; known, shape `(s,)`.
-        length: Pixels of the DFT, $L$, of which `length // 2 + 1` frequencies are taken.
+        length: Pixels of the DFT, $L$.
         num_nodes: Quadrature nodes over the exposure, about.
+        num_frequencies: Lowest of the frequencies that are computed; all `length // 2 + 1`.
+        some: Indices of the speeds whose responses are computed; all are aligned together.
     """
     tau, light = light_in_time(shutter, motion, num_nodes)
-    count = length // 2 + 1
+    count = length // 2 + 1 if num_frequencies is None else num_frequencies
     aperture = np.sinc(np.arange(count) / length)[None]
     each = np.asarray(speeds)[:, None].astype(tau.dtype)
-    waves = waves_on_dft(motion.aligned_position(tau, each), light, length, count)
+    waves = waves_on_dft(motion.aligned_position(tau, each)[some], light, length, count)
     return waves * aperture.astype(waves.dtype)
 
 

@@ -1,19 +1,21 @@
 """The gain of a coded camera where part of the picture stands still behind moving objects."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import equinox as eqx
 
 from mishutter._core import alone_in_blas, outside_trace, require_known
 from mishutter.evaluation import ExpectedErrorLoss
 from mishutter.model import Occlusion, Scene, TukeyShutter, is_straight, require_scene
-from mishutter.search import RivalSearch, best_row, optimise, snapshots
+from mishutter.search import RivalSearch, Row, best_row, optimise, snapshots
 
 STILL_SHARES = (0.5, 0.7)
 """Shares of a picture that stand still, in the gains that stand beside a verdict."""
 OBJECT_WIDTH = 100.0
 """Width of the objects before it; px."""
+DESIGNED = "designed"
+"""Name of a camera that was designed for a picture with a background."""
 _TELLING = 0.05
 """Gain that a line tells; dB."""
 
@@ -25,10 +27,12 @@ class BackgroundGain:
     Attributes:
         still_share: Share of the picture that stands still.
         gain: Expected PSNR above that of the best snapshot for the same picture; dB.
+        camera: The best camera, a snapshot where no other is worth its parts; None if unknown.
     """
 
     still_share: float
     gain: float
+    camera: Row | None = field(default=None, repr=False)
 
 
 @alone_in_blas()
@@ -60,14 +64,26 @@ def background_gains(
     gains, loss = [], ExpectedErrorLoss()
     for share in STILL_SHARES:
         step(f"{share:.0%} still")
-        layers = Occlusion(front_share=1 - share, object_width=OBJECT_WIDTH)
-        layered = eqx.tree_at(lambda s: s.occlusion, scene, layers, is_leaf=_is_occlusion)
+        layered = before_still_background(scene, share)
         snapshot = best_row(snapshots(RivalSearch(layered, loss)))
         start = scene.fullest_motion if is_straight(scene.motion) else scene.motion
         design = optimise(layered, start, TukeyShutter(0.5), loss=loss)
-        level = replace(snapshot, metrics=design.metrics).level
-        gains.append(BackgroundGain(share, max(level - snapshot.level, 0.0)))
+        parts = {"shutter": design.shutter, "motion": design.motion, "metrics": design.metrics}
+        camera = replace(snapshot, name=DESIGNED, **parts)
+        gain = max(camera.level - snapshot.level, 0.0)
+        gains.append(BackgroundGain(share, gain, camera if gain >= _TELLING else snapshot))
     return tuple(gains)
+
+
+def before_still_background(scene: Scene, still_share: float) -> Scene:
+    """The same scene with its objects before a background that stands still.
+
+    Args:
+        scene: The scene.
+        still_share: Share of the picture that stands still.
+    """
+    layers = Occlusion(front_share=1 - still_share, object_width=OBJECT_WIDTH)
+    return eqx.tree_at(lambda s: s.occlusion, scene, layers, is_leaf=_is_occlusion)
 
 
 def background_line(gains: tuple[BackgroundGain, ...]) -> str:

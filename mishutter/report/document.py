@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING, Any
 from mishutter._core import strict_json, write_text
 from mishutter.hardware import Design
 from mishutter.model import Scene, scene_picture
-from mishutter.report.backgrounds import BackgroundGain
+from mishutter.report.backgrounds import (
+    DESIGNED,
+    STILL_SHARES,
+    BackgroundGain,
+    before_still_background,
+)
 from mishutter.report.comparison import Comparison
 from mishutter.report.layered import layered_captures, layered_scene
 from mishutter.report.photographs import (
@@ -110,15 +115,21 @@ def document(report: Report) -> dict[str, Any]:
 
 
 def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
-    """The slowest of the scene's objects behind a typical one, by the design and the snapshot."""
+    """A typical object before a background, by the design, the snapshot and the best for it."""
     from mishutter.report import plots
 
-    slowest, typical = shown_speeds(report.scene)[0], pictured_speeds(report.scene)[0]
-    scene = report.scene
-    seen = layered_scene(scene_picture(scene), slowest, typical, scene.axis)
+    scene, backgrounds = report.scene, report.backgrounds
+    layers = scene.occlusion
+    moves = layers is not None and layers.background == "moving"
+    behind = shown_speeds(scene)[0] if moves else 0.0
+    seen = layered_scene(scene_picture(scene), behind, pictured_speeds(scene)[0], scene.axis)
     few = {name: row for name, row in rows.items() if name in (*report.names[:1], *SNAPSHOTS)}
-    captures = layered_captures(seen, scene.along_rows(), few)
-    return plots.plot_layers(seen, captures, axis=scene.axis)
+    if backgrounds and backgrounds[-1].camera is not None:
+        camera = backgrounds[-1].camera
+        few["designed for this" if camera.name == DESIGNED else "snapshot for this"] = camera
+    known = before_still_background(scene, STILL_SHARES[-1]) if layers is None else scene
+    captures = layered_captures(seen, known.along_rows(), few)
+    return plots.plot_layers(seen, captures, whole=layers is None, axis=scene.axis)
 
 
 def _photograph_document(result: RestoredPhotograph) -> dict[str, Any]:

@@ -54,9 +54,12 @@ _DETAIL = (48, 64)
 _LAYERED_WIDTH = 3.3
 """Of a panel of a layered scene, in inches."""
 _ONE_FILTER = (
-    "Restored by one filter a camera,\nwhich is told no speed and no place.\n\n"
-    "PSNR in linear light: behind, where\nthe object never was; in front,\nwhere it alone is."
+    "Each is restored by one filter, the best\nfor objects before a background, which\n"
+    "is told no speed and no place.\n\n"
+    "PSNR in linear light. Expected: of such\nlayers, whatever their places. Behind:\n"
+    "where the object never was. In front:\nwhere it alone is."
 )
+_OTHER_WORLD = ": the verdict is of a picture that moves as a whole, and this one does not"
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
 MAP_COLOURS = "cividis"
@@ -239,13 +242,18 @@ def _kind(linear: bool) -> str:
 
 
 def plot_layers(
-    seen: LayeredScene, captures: Mapping[str, LayeredCapture], *, axis: Axis = "rows"
+    seen: LayeredScene,
+    captures: Mapping[str, LayeredCapture],
+    *,
+    whole: bool = False,
+    axis: Axis = "rows",
 ) -> Figure:
     """A background and an object in front of it, captured and restored by each of several cameras.
 
     Args:
         seen: The scene, which moves along its rows.
-        captures: What `layered_captures` gave.
+        captures: The results of `layered_captures`.
+        whole: Whether the table beside it is of a picture that moves as a whole.
         axis: The axis along which the picture shows it moving.
 
     Raises:
@@ -254,19 +262,30 @@ def plot_layers(
     require(len(captures) > 0, "plot_layers(captures=...)", "hold a capture", 0)
     truth = turned(seen.truth, axis)
     rows, columns = truth.shape[:2]
-    height = _LAYERED_WIDTH * rows / columns + 1.1 * _TITLE
+    height = _LAYERED_WIDTH * rows / columns + 1.4 * _TITLE
     across = 1 + len(captures)
-    figure = Drawing(figsize=(across * _LAYERED_WIDTH, 2 * height), layout="constrained")
+    size = across * _LAYERED_WIDTH, 2 * height + _TITLE
+    figure = Drawing(figsize=size, layout="constrained")
     panels = figure.subplots(2, across, squeeze=False)
     back, front = (layer.speed for layer in seen.layers.layers)
-    _show(panels[0, 0], truth, f"the scene: {back:g} px/s behind,\n{front:g} px/s in front")
+    kind = "still" if back == 0 else "moving"
+    title = f"An object before a {kind} background{_OTHER_WORLD if whole else ''}"
+    figure.suptitle(title, fontsize="medium")
+    title = f"the scene: {back:g} px/s behind,\n{front:g} px/s in front, outlined"
+    _show(panels[0, 0], truth, title)
+    for colour, style in (("black", "-"), ("white", "--")):
+        lines = {"colors": colour, "linestyles": style, "linewidths": 1.2}
+        panels[0, 0].contour(turned(seen.matte, axis), [0.5], **lines)
     panels[1, 0].axis("off")
     panels[1, 0].text(0.5, 0.5, _ONE_FILTER, ha="center", va="center", fontsize="small")
     for (name, found), (top, bottom) in zip(captures.items(), panels.T[1:], strict=True):
         title = f"{shown_name(name, 30)}, {found.exposure * 1e3:.3g} ms,\ncaptured"
         _show(top, turned(found.captured, axis), title)
-        levels = f"behind {found.background_psnr:.1f} dB, in front {found.object_psnr:.1f} dB"
-        _show(bottom, turned(found.restored, axis), f"restored:\n{levels}")
+        levels = (
+            f"expected {found.expected_psnr:.1f} dB, restored {found.psnr:.1f} dB\n"
+            f"behind {found.background_psnr:.1f} dB, in front {found.object_psnr:.1f} dB"
+        )
+        _show(bottom, turned(found.restored, axis), levels)
     return figure
 
 

@@ -15,6 +15,7 @@ from jaxtyping import Array, Complex, Float
 from mishutter._core import alone_in_blas, outside_trace, require_known
 from mishutter.camera import (
     captured_response,
+    captured_responses_below,
     kernel_layout,
     skips,
     white_electrons,
@@ -129,6 +130,11 @@ class BlurModel(eqx.Module):
             responses = captured_response(self.motion, self.shutter, speeds.tolist(), length)
         return np.asarray(responses) * self.optics.response(length)
 
+    def _responses_below(self, speeds: np.ndarray, counts: np.ndarray, length: int) -> np.ndarray:
+        """Responses at speeds, of each at so many of the lowest frequencies at least."""
+        view = self.motion, self.shutter, speeds
+        return captured_responses_below(*view, length, counts) * self.optics.response(length)
+
     def mean_and_spread(
         self, length: int
     ) -> tuple[Complex[np.ndarray, "{length}//2+1"], Float[np.ndarray, "{length}//2+1"]]:
@@ -146,7 +152,7 @@ class BlurModel(eqx.Module):
             mean = self.weights @ responses
             return mean, self.weights @ np.abs(responses - mean) ** 2
         with outside_trace():
-            at = partial(self.responses_at, length=length)
+            at = partial(self._responses_below, length=length)
             moments = moments_on_dft(self.layers, self.motion, length, at)
         return np.asarray(moments.mean[0]), np.asarray(moments.spread[0])
 

@@ -100,6 +100,24 @@ def squared_error_of(
     return _mean_over_dft(error, length)
 
 
+def squared_error_in(model: BlurModel, world: BlurModel, length: int = 1024) -> float:
+    r"""Error that the ensemble filter of one scene is expected to leave of pictures of another.
+
+    $2\int_0^{1/2} [S\,(|1 - Gm|^2 + |G|^2 v) + N |G|^2]\,df$ with the filter $G$ of one, and the
+    spectrum $S$, the noise $N$ and the `mean_and_spread` of the other. Of its own scene it is
+    `expected_squared_error`. Where objects hide a background, both layers count.
+
+    Args:
+        model: The scene that the filter is made for.
+        world: The scene that is photographed, by the same motion and shutter.
+        length: Pixels of the DFT.
+    """
+    power, (mean, spread) = world.picture_spectrum(length), world.mean_and_spread(length)
+    response = ensemble_filter(model, length)
+    disturbed = np.abs(response) ** 2 * (power * spread + world.noise)
+    return float(_mean_over_dft(power * np.abs(1 - response * mean) ** 2 + disturbed, length))
+
+
 def _mean_over_dft(spectrum: np.ndarray, length: int) -> np.ndarray:
     """Mean over the last axis, all frequencies of a DFT of even length, by those from 0 up."""
     ends = spectrum[..., 0] + spectrum[..., -1]
