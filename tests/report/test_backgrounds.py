@@ -40,5 +40,5 @@ def test_the_line_says_which_world():
     assert background_line(tuple(gains)) == (
         "This is of a picture that moves as a whole. Objects that move before a background leave "
         "another gain: +0.41 dB where half of the picture stands still, none where 70% stands "
-        "still, by the best Tukey window and motion for it."
+        "still, by a camera designed for it."
     )
