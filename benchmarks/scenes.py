@@ -26,6 +26,7 @@ from mishutter import (
     optimise,
     row_power_spectrum,
 )
+from mishutter.model import with_occlusion
 
 RIVALS = (
     "Hann",
@@ -120,12 +121,7 @@ def compared(scene: Scene) -> dict[str, str]:
 
 def gain_before(scene: Scene, layers: Occlusion) -> float:
     """Gain of the best camera for layers over the best snapshot for them; dB."""
-    layered = eqx.tree_at(lambda s: s.occlusion, scene, layers, is_leaf=_is_occlusion)
-    return max(best_of(layered).gain, 0.0)
-
-
-def _is_occlusion(part: object) -> bool:
-    return part is None or isinstance(part, Occlusion)
+    return max(best_of(with_occlusion(scene, layers)).gain, 0.0)
 
 
 def _is_device(part: object) -> bool:

@@ -17,7 +17,7 @@ from jaxtyping import Array
 from mishutter._core import compiled, in_threads, num_threads
 from mishutter.blur import BLOCK, ExposureQuadrature, condition_number, exposure_quadrature
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.layers import computed_speeds, without_layers
+from mishutter.evaluation.layers import computed_speeds
 from mishutter.evaluation.lengths import (
     longest_within_limits,
     num_frequencies,
@@ -48,6 +48,7 @@ from mishutter.model import (
     piecewise,
     reach_of_parabola,
     steady,
+    with_occlusion,
 )
 
 KERNEL_METRICS = ("condition_number", "kernel_difference", "relative_kernel_difference")
@@ -217,17 +218,12 @@ def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool
     most = max(scene.speeds.size for scene in needed)
     spare = [(0, most - scene.speeds.size) for scene in needed]
     return [
-        _with_layers_of(
-            after, scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad))
+        with_occlusion(
+            scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad)),
+            after.occlusion,
         )
         for scene, after, pad in zip(scenes, needed, spare, strict=True)
     ]
-
-
-def _with_layers_of(scene: Scene, other: Scene) -> Scene:
-    """A scene of fewer speeds, with the layers of another."""
-    layers = scene.occlusion
-    return other if layers is None else eqx.tree_at(lambda s: s.occlusion, other, layers)
 
 
 def _on_grid(scene: Scene, num_frequencies: int, num_effective_speeds: int) -> Scene:
@@ -302,7 +298,7 @@ def measure(
     of_kernels = tuple(name for name in metrics if name in KERNEL_METRICS)
     of_picture = tuple(name for name in metrics if name in SPECTRUM_METRICS)
     if of_kernels:
-        whole = scene if scene.occlusion is None else without_layers(scene)
+        whole = with_occlusion(scene, None)
         kernels = partial(_kernel_numbers, shutter, boxes is not None, whole, shapes, of_kernels)
         found |= _by_parts(kernels, each, np.arange(count))
     if of_picture:

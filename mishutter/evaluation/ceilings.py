@@ -43,12 +43,12 @@ from mishutter._core import (
     require_scalar,
 )
 from mishutter.evaluation.layers import (
+    SEARCHED_EFFECTIVE_SPEEDS,
     Frequencies,
     background_of,
-    num_effective_speeds,
     with_shares,
 )
-from mishutter.evaluation.lengths import distinct_speeds, frequency_counts, occurring_speeds
+from mishutter.evaluation.lengths import distinct_speeds, frequency_counts
 from mishutter.evaluation.power import power_on_grid
 from mishutter.model import (
     NUM_FREQUENCIES,
@@ -64,9 +64,8 @@ _LOWEST, _NUM_EIGENVALUES = 1e-6, 2048
 """Frequencies at which eigenvalues are computed: the lowest, below that of every grid, cycles/px,
 and how many from there to 0.5, each 1.006 times the last. The bound of the largest eigenvalue is
 too high by no more than that, and the ceiling by 0.03 dB."""
-_BEAT_STEP, _MOST_SPEEDS, _RIDGE = 6.0, 65, 1e-12
-"""Travel of effective speeds against each other in half the exposure, px; how many there are at
-most; and the share that keeps their Gram matrix regular."""
+_RIDGE = 1e-12
+"""Share of the Gram matrix of effective speeds that keeps it regular."""
 _STEP_TOLERANCE = 1e-4
 """Part of a step by which steps of single precision may differ and count as equal."""
 
@@ -217,9 +216,7 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     """
     if np.isinf(half):
         return 0.0
-    speeds = np.append(occurring_speeds(scene), np.asarray(background_of(scene).speeds))
-    count = min(num_effective_speeds(np.ptp(speeds) / 2 * half, _BEAT_STEP), _MOST_SPEEDS)
-    grid = Frequencies.of_grid(NUM_FREQUENCIES)
+    grid, count = Frequencies.of_grid(NUM_FREQUENCIES), SEARCHED_EFFECTIVE_SPEEDS
     scene = with_shares(scene, background_of(scene), count, grid, folds=False)
     occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
     shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)

@@ -6,15 +6,24 @@ variance $\sigma_s^2 + \sigma_v^2 + (2a\sigma_d)^2$: that of the speed itself, o
 of a delay $d$, which is a velocity of $2ad$. Gauss-Hermite rules stand for both distributions.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from mishutter.blur import safe_sqrt
-from mishutter.model import AbstractMotion, Scene, Tolerances, frequency_grid, steady
+from mishutter.model import (
+    AbstractMotion,
+    ParabolicMotion,
+    Scene,
+    Tolerances,
+    frequency_grid,
+    steady,
+)
 
 _NUM_VELOCITIES = 32
 """Velocities over an exposure at which the noise of a drive is taken: to 1e-6 of it where light
@@ -73,6 +82,30 @@ def ensemble_of(
     offsets = deviation[:, None] * error[None]
     shifted = offsets[:, :, None] + speeds.astype(dtype)[None, None]
     return accelerations, shifted.reshape(offsets.shape[0], -1)
+
+
+def at_each_error(
+    function: Callable[[AbstractMotion, Array], Array],
+    speeds: Array,
+    tolerances: Tolerances,
+    motion: AbstractMotion,
+) -> Array:
+    """Values of a function of the motion and speeds at each acceleration of `ensemble_of`.
+
+    Args:
+        function: Function of a motion and of speeds, px/s, shape `(n,)`.
+        speeds: Speeds of the scene, px/s; shape `(s,)`.
+        tolerances: Tolerances, `seen_from` the motion.
+        motion: Motion of the sensor, without velocity.
+    """
+    dtype = np.dtype(speeds.dtype)
+    half = motion.half_exposure.astype(dtype)
+
+    def at_error(acceleration: Array, speeds: Array) -> Array:
+        moved = ParabolicMotion(acceleration=acceleration, half_exposure=half)
+        return function(moved, speeds)
+
+    return jax.vmap(at_error)(*ensemble_of(speeds, tolerances, motion, dtype))
 
 
 def drive_variance(

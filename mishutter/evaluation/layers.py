@@ -24,14 +24,13 @@ from collections.abc import Callable
 from functools import lru_cache, reduce
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled
-from mishutter.evaluation.ensembles import ensemble_of, error_weights, without_tolerances
+from mishutter.evaluation.ensembles import at_each_error, error_weights, without_tolerances
 from mishutter.evaluation.power import picture_power, power_on_grid
 from mishutter.model import (
     CORNER_FREQUENCY,
@@ -39,9 +38,9 @@ from mishutter.model import (
     AbstractMotion,
     LayerShares,
     Occlusion,
-    ParabolicMotion,
     Scene,
     StillCamera,
+    with_occlusion,
 )
 
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
@@ -49,11 +48,11 @@ LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
 SEARCHED_EFFECTIVE_SPEEDS = 65
 """How many a search takes, whose design is measured with all of them: they know the error to
 0.01 dB by designs worth building, and to 0.2 dB by exposures over which objects travel 130 px."""
-BEAT_STEP = 0.8
+_BEAT_STEP = 0.8
 """Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
 expected error is known to 1e-4 dB."""
-_MOST_OF_DECODERS = 97
-"""Effective speeds that a decoder's filter is made of at most: known to 0.01 dB of its error."""
+_EFFECTIVE_SPEEDS_OF_DECODERS = 97
+"""How many a decoder's filter is made of, whose error is known to 0.01 dB by them."""
 _MOST_WEIGHTS = 40_000
 """Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
 _FURTHEST, _GROWTH = 512.0, 7.7
@@ -65,15 +64,14 @@ _NODES_A_PEAK = 96
 """Nodes of the quadrature about either peak of the beat."""
 
 
-def num_effective_speeds(travel: float, step: float) -> int:
-    """Odd number of effective speeds of which neighbours travel at most so far from each other.
+def num_effective_speeds(travel: float) -> int:
+    """Odd number of effective speeds by which an expected error is known to 1e-4 dB, as a rule.
 
     Args:
         travel: Travel of the fastest layer in half the exposure, against the middle of all; px.
-        step: Travel of neighbours in the middle against each other; px.
     """
     finest = _FURTHEST * _GROWTH / math.sinh(_GROWTH)
-    count = 1 + 2 * math.ceil(finest * travel / step)
+    count = 1 + 2 * math.ceil(finest * travel / _BEAT_STEP)
     return min(max(count, LEAST_EFFECTIVE_SPEEDS), _MOST_EFFECTIVE_SPEEDS)
 
 
@@ -126,11 +124,6 @@ def background_of(scene: Scene) -> Background:
     return Background(still, jnp.ones(1, scene.speeds.dtype))
 
 
-def without_layers(scene: Scene) -> Scene:
-    """A scene of two layers as one that moves as a whole, by the speeds of the objects."""
-    return eqx.tree_at(lambda s: s.occlusion, scene, None)
-
-
 def with_shares(
     scene: Scene, background: Background, count: int, grid: Frequencies, *, folds: bool
 ) -> Scene:
@@ -147,8 +140,9 @@ def with_shares(
     most = max(SEARCHED_EFFECTIVE_SPEEDS, _MOST_WEIGHTS // num_pairs)
     count = (min(max(count, SEARCHED_EFFECTIVE_SPEEDS), most) - 1) | 1
     occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
-    shares = _shares(without_layers(scene), occlusion, background, count, grid, folds)
-    return eqx.tree_at(lambda s: s.occlusion, scene, occlusion.with_shares(shares))
+    whole = with_occlusion(scene, None)
+    shares = _shares(whole, occlusion, background, count, grid, folds)
+    return with_occlusion(scene, occlusion.with_shares(shares))
 
 
 @compiled
@@ -178,12 +172,16 @@ def _shares(
     else:
         width = occlusion.object_width.astype(dtype)
         length = width * jnp.where(behind > 0, behind, 1.0)
+
+        def matte(frequency: Array) -> Array:
+            """Power spectrum of the matte."""
+            return front * behind * 2 * length / (1 + (2 * jnp.pi * frequency * length) ** 2)
+
         rule = _matte_rule(frequency, 1 / (2 * jnp.pi * length), scene.cutoff_frequency)
-        matte = front * behind * 2 * length / (1 + (2 * jnp.pi * rule.matte * length) ** 2)
-        mass = _texture_at(known, frequency[:, None] - rule.matte) * matte * rule.step
+        beside = _texture_at(known, frequency[:, None] - rule.matte)
+        mass = beside * matte(rule.matte) * rule.step
         same = jnp.sum(mass, axis=1)
-        levels = occlusion.level_difference.astype(dtype) ** 2 * front * behind * 2 * length
-        levels = levels / (1 + (2 * jnp.pi * frequency * length) ** 2)
+        levels = occlusion.level_difference.astype(dtype) ** 2 * matte(frequency)
         objects = levels + front**2 * texture + same
         own = behind**2 * texture
         total = jnp.where(passes, objects + own + same, 0)
@@ -259,7 +257,7 @@ class _Nodes(NamedTuple):
         return self.middle + self.scale * places.astype(self.middle.dtype)
 
     def shared(self, speed: Array, mass: Array) -> Array:
-        """Sums of a mass at some speeds, `(m, g)`, shared among four neighbours; `(k, m)`."""
+        """Sums of a mass at some speeds, `(m, g)`, shared among the neighbours; `(k, m)`."""
         rate = (self.num // 2) / _GROWTH
         place = jnp.arcsinh((speed - self.middle) / self.scale) * rate + self.num // 2
         first, shares = _interpolation(jnp.clip(place, 0, self.num - 1), self.num)
@@ -318,7 +316,7 @@ def _gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _texture_at(texture: Array, frequency: Array) -> Array:
-    """Power spectrum of the texture at any frequencies, by cubic interpolation on its grid."""
+    """Power spectrum of the texture at any frequencies, by interpolation on its grid."""
     mirrored = jnp.concatenate([texture[:3][::-1], texture, texture[-2:][::-1]])
     place = jnp.abs(frequency) * (2 * texture.size) + 2.5
     first, shares = _interpolation(place, mirrored.size)
@@ -407,12 +405,9 @@ def moments_on_dft(
         responses: Function that gives responses at some speeds on its grid, aligned, `(s, m)`, of
             each at so many of the lowest frequencies at least.
     """
-    scene = without_tolerances(scene)
-    background = background_of(scene)
-    every = np.append(np.asarray(scene.speeds), np.asarray(background.speeds))
-    travel = float(np.ptp(every)) / 2 * float(motion.half_exposure)
-    count = min(num_effective_speeds(travel, BEAT_STEP), _MOST_OF_DECODERS)
-    scene = with_shares(scene, background, count, Frequencies.of_dft(length), folds=False)
+    scene, count = without_tolerances(scene), _EFFECTIVE_SPEEDS_OF_DECODERS
+    grid = Frequencies.of_dft(length)
+    scene = with_shares(scene, background_of(scene), count, grid, folds=False)
     speeds = np.asarray(computed_speeds(scene).speeds)
     spectra = responses(speeds, _num_occurring(scene, speeds.size))
     return jax.tree.map(np.asarray, _moments_on_dft(scene, motion, jnp.asarray(spectra)))
@@ -506,17 +501,13 @@ def _beat_amplitudes(
 
 def _displacements(scene: Scene, motion: AbstractMotion, speeds: Array) -> Array:
     """Distances by which objects of some speeds are displaced, at each error; px, `(e, s)`."""
-    tolerances, dtype = scene.tolerances, np.dtype(speeds.dtype)
-    if tolerances is None:
-        return jnp.asarray(motion.side_by_side(speeds).displacement)[None]
-    accelerations, scattered = ensemble_of(speeds, tolerances, motion, dtype)
-    half = motion.half_exposure.astype(dtype)
 
-    def at_error(acceleration: Array, speeds: Array) -> Array:
-        moved = ParabolicMotion(acceleration=acceleration, half_exposure=half)
-        return jnp.asarray(moved.side_by_side(speeds).displacement)
+    def on(motion: AbstractMotion, speeds: Array) -> Array:
+        return jnp.asarray(motion.side_by_side(speeds).displacement)
 
-    return jax.vmap(at_error)(accelerations, scattered).reshape(-1, speeds.size)
+    if scene.tolerances is None:
+        return on(motion, speeds)[None]
+    return at_each_error(on, speeds, scene.tolerances, motion).reshape(-1, speeds.size)
 
 
 def _folded(weights: Array, shares: LayerShares) -> Array:

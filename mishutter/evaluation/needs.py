@@ -19,7 +19,6 @@ from mishutter._core import all_concrete, is_concrete, primal_values, require
 from mishutter.blur import default_num_frequencies
 from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.layers import (
-    BEAT_STEP,
     LEAST_EFFECTIVE_SPEEDS,
     SEARCHED_EFFECTIVE_SPEEDS,
     Frequencies,
@@ -189,7 +188,7 @@ def effective_speeds(scene: Scene, half_exposure: Array | np.ndarray | np.floati
     if not all_concrete((scene.speeds, background, half)):
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
-    count = num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half), BEAT_STEP)
+    count = num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half))
     return 1 + size_class(count - 1)
 
 

@@ -32,7 +32,7 @@ from mishutter.blur import (
     waves_of_blocks,
     waves_on_dft,
 )
-from mishutter.evaluation.ensembles import ensemble_of
+from mishutter.evaluation.ensembles import at_each_error
 from mishutter.evaluation.layers import ComputedSpeeds, computed_speeds
 from mishutter.evaluation.lengths import require_sizes, size_class
 from mishutter.evaluation.needs import Plan
@@ -41,7 +41,6 @@ from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
     AbstractShutter,
-    ParabolicMotion,
     Scene,
     Tolerances,
     canonical_motion,
@@ -337,15 +336,12 @@ def _scattered_spectra(
     num_kept: int | None,
 ) -> Array:
     """Transfer functions of an ensemble, each acceleration aligned by itself; `(k * n, m)`."""
-    dtype = nodes.tau.dtype
-    half = motion.half_exposure.astype(dtype)
-    accelerations, scattered = ensemble_of(computed.speeds, tolerances, motion, np.dtype(dtype))
     occurs = jnp.tile(computed.occurs, tolerances.num_speeds)
 
-    def at_error(acceleration: Array, speeds: Array) -> Array:
-        moved = ParabolicMotion(acceleration=acceleration, half_exposure=half)
-        return _positions(nodes.tau, moved, speeds, occurs)
+    def positions(motion: AbstractMotion, speeds: Array) -> Array:
+        return _positions(nodes.tau, motion, speeds, occurs)
 
-    position = jax.vmap(at_error)(accelerations, scattered)
+    speeds = computed.speeds.astype(nodes.tau.dtype)
+    position = at_each_error(positions, speeds, tolerances, motion)
     rows = position.reshape(-1, position.shape[-1])
     return sum_of_waves(rows, nodes.weight[None], num_frequencies, num_kept or num_frequencies)

@@ -69,6 +69,7 @@ from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene import require_scene as require_scene
 from mishutter.model.scene import require_whole as require_whole
 from mishutter.model.scene import seen_from as seen_from
+from mishutter.model.scene import with_occlusion as with_occlusion
 from mishutter.model.scene_file import EXAMPLE_PICTURE as EXAMPLE_PICTURE
 from mishutter.model.scene_file import example_scene as example_scene
 from mishutter.model.scene_file import example_scene_text as example_scene_text

@@ -459,6 +459,15 @@ def require_whole(scene: Scene | None, user: str) -> None:
     require(whole, "scene", requirement, Unquoted("objects in front of a background"))
 
 
+def with_occlusion(scene: Scene, occlusion: Occlusion | None) -> Scene:
+    """A scene with other layers, or as one that moves as a whole, by the speeds of its objects."""
+    return eqx.tree_at(lambda s: s.occlusion, scene, occlusion, is_leaf=_is_occlusion)
+
+
+def _is_occlusion(part: object) -> bool:
+    return part is None or isinstance(part, Occlusion)
+
+
 def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMotion]:
     """A scene and a motion in the frame that pans with the sensor, where the exposure is the same.
 
@@ -493,7 +502,7 @@ def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMoti
         tolerances = scene.tolerances.seen_from(velocity)
         scene = eqx.tree_at(lambda s: s.tolerances, scene, tolerances)
     if scene.occlusion is not None:
-        scene = eqx.tree_at(lambda s: s.occlusion, scene, scene.occlusion.seen_from(velocity))
+        scene = with_occlusion(scene, scene.occlusion.seen_from(velocity))
     return scene, without_velocity(motion)
 
 

@@ -3,11 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-import equinox as eqx
-
 from mishutter._core import alone_in_blas, outside_trace, require_known
 from mishutter.evaluation import ExpectedErrorLoss
-from mishutter.model import Occlusion, Scene, is_straight, require_scene
+from mishutter.model import Occlusion, Scene, is_straight, require_scene, with_occlusion
 from mishutter.search import RivalSearch, Row, best_row, optimise, snapshots
 
 STILL_SHARES = (0.5, 0.7)
@@ -85,7 +83,7 @@ def before_still_background(scene: Scene, still_share: float) -> Scene:
         still_share: Share of the picture that stands still.
     """
     layers = Occlusion(front_share=1 - still_share, object_width=OBJECT_WIDTH)
-    return eqx.tree_at(lambda s: s.occlusion, scene, layers, is_leaf=_is_occlusion)
+    return with_occlusion(scene, layers)
 
 
 def background_line(gains: tuple[BackgroundGain, ...]) -> str:
@@ -101,7 +99,3 @@ def background_line(gains: tuple[BackgroundGain, ...]) -> str:
         "This is of a picture that moves as a whole. Objects that move before a background leave "
         f"another gain: {', '.join(parts)}, by a camera designed for it."
     )
-
-
-def _is_occlusion(part: object) -> bool:
-    return part is None or isinstance(part, Occlusion)
