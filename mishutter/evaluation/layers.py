@@ -93,7 +93,8 @@ class Frequencies(NamedTuple):
     @staticmethod
     def of_grid(num_frequencies: int) -> "Frequencies":
         """The grid of expected errors: centres of so many steps in (0, 0.5)."""
-        return Frequencies(0.25 / num_frequencies, 0.5 / num_frequencies, *(num_frequencies,) * 2)
+        step = 0.5 / num_frequencies
+        return Frequencies(step / 2, step, num_frequencies, num_frequencies)
 
     @staticmethod
     def of_dft(length: int) -> "Frequencies":

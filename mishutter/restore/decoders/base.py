@@ -132,8 +132,8 @@ class BlurModel(eqx.Module):
 
     def _responses_below(self, speeds: np.ndarray, counts: np.ndarray, length: int) -> np.ndarray:
         """Responses at speeds, of each at so many of the lowest frequencies at least."""
-        view = self.motion, self.shutter, speeds
-        return captured_responses_below(*view, length, counts) * self.optics.response(length)
+        responses = captured_responses_below(self.motion, self.shutter, speeds, length, counts)
+        return responses * self.optics.response(length)
 
     def mean_and_spread(
         self, length: int

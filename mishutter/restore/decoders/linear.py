@@ -94,10 +94,8 @@ def squared_error_of(
     deviation = rows - np.mean(rows, axis=-1, keepdims=True)
     spectrum = np.fft.rfft(np.concatenate([deviation, deviation[..., ::-1]], axis=-1))
     power = np.mean(np.abs(spectrum.reshape(-1, spectrum.shape[-1])) ** 2, axis=0) / length
-    response = ensemble_filter(model, length)
-    share = np.abs(1 - response * model.responses_at(speeds, length)) ** 2
-    error = power * share + model.noise_at(float(np.mean(rows))) * np.abs(response) ** 2
-    return _mean_over_dft(error, length)
+    noise = model.noise_at(float(np.mean(rows)))
+    return _error_of_filter(model, power, model.responses_at(speeds, length), noise, length=length)
 
 
 def squared_error_in(model: BlurModel, world: BlurModel, length: int = 1024) -> float:
@@ -113,9 +111,30 @@ def squared_error_in(model: BlurModel, world: BlurModel, length: int = 1024) -> 
         length: Pixels of the DFT.
     """
     power, (mean, spread) = world.picture_spectrum(length), world.mean_and_spread(length)
+    disturbance = power * spread + world.noise
+    return float(_error_of_filter(model, power, mean, disturbance, length=length))
+
+
+def _error_of_filter(
+    model: BlurModel,
+    power: np.ndarray,
+    recorded: np.ndarray,
+    disturbance: np.ndarray | float,
+    *,
+    length: int,
+) -> np.ndarray:
+    r"""Mean of $P\,|1 - G H|^2 + D\,|G|^2$ over a DFT, with the ensemble filter $G$ of a scene.
+
+    Args:
+        model: The scene that the filter is made for.
+        power: Power of the picture, $P$; shape `(m,)`.
+        recorded: Response to it, $H$; shape `(..., m)`.
+        disturbance: Power of all else in a capture, $D$.
+        length: Pixels of the DFT.
+    """
     response = ensemble_filter(model, length)
-    disturbed = np.abs(response) ** 2 * (power * spread + world.noise)
-    return float(_mean_over_dft(power * np.abs(1 - response * mean) ** 2 + disturbed, length))
+    lost = power * np.abs(1 - response * recorded) ** 2
+    return _mean_over_dft(lost + disturbance * np.abs(response) ** 2, length)
 
 
 def _mean_over_dft(spectrum: np.ndarray, length: int) -> np.ndarray:
