@@ -206,7 +206,7 @@ def _shares(
     divisor = jnp.where(total > 0, total, 1.0)
     whole = jnp.where(total > 0, 1 / divisor, 0)
     objects, own, same = (part * whole for part in (objects, own, same))
-    beat = weights[:, None, None, None] * (beat * whole)
+    beat = weights[:, None, None, None] * (beat * whole[None, None, None])
     return LayerShares(
         power=total,
         objects=objects,
@@ -516,11 +516,11 @@ def _displaced(
     padded = jnp.pad(beat, [(0, 0)] * 3 + [(0, num_blocks * _BLOCK - num_kept)])
     shares = padded.reshape(*beat.shape[:-1], num_blocks, _BLOCK)
     every = first + step * np.arange(num_blocks * _BLOCK)
-    turns = (-2 * np.pi * every).astype(beat.dtype).reshape(-1, _BLOCK)
+    turns = (-2 * np.pi * every).astype(beat.dtype).reshape(1, 1, 1, -1, _BLOCK)
 
     @jax.checkpoint
     def displaced(share: Array, occurs: Array, distance: Array) -> list[Array]:
-        share = occurs[:, None, None, None] * share
+        share = (occurs[:, None, None, None] * share)[None]
         return [share * part for part in _waves(turns, distance)]
 
     def add(sums: list[Array], term: tuple[Array, ...]) -> tuple[list[Array], None]:
@@ -533,16 +533,17 @@ def _displaced(
 
 @jax.custom_jvp
 def _waves(turns: Array | np.ndarray, distance: Array) -> tuple[Array, Array]:
-    r"""Real and imaginary part of $e^{i\theta x}$; shape `(..., *turns.shape)` each.
+    r"""Real and imaginary part of $e^{i\theta x}$; shape `(e, r, k, n, m)` each.
 
     A product of two waves costs less than a cosine.
 
     Args:
-        turns: Constant $\theta$, in rows of the same steps.
-        distance: $x$; px.
+        turns: Constant $\theta$, in rows of the same steps; shape `(1, 1, 1, n, m)`.
+        distance: $x$; px, shape `(e, r, k)`.
     """
-    rows = distance[..., None] * turns[:, 0]
-    steps = distance[..., None] * (turns[0] - turns[0, 0])
+    first = turns[..., 0, :]
+    rows = distance[..., None] * turns[..., 0]
+    steps = distance[..., None] * (first - first[..., :1])
     cos, sin = (wave(rows)[..., None] for wave in (jnp.cos, jnp.sin))
     c, s = (wave(steps)[..., None, :] for wave in (jnp.cos, jnp.sin))
     return cos * c - sin * s, sin * c + cos * s
