@@ -460,9 +460,10 @@ def _row_weights(
     distance = _distances(scene, motion, dtype)
     occurs = jnp.ones((background.size, num_objects), dtype)
     if not told:
-        beat = beat.reshape(-1, 1, *beat.shape[2:])
-        distance = distance.reshape(distance.shape[0], -1, 1, distance.shape[-1])
-        occurs = jnp.broadcast_to(prior, occurs.shape).reshape(-1, 1)
+        num_pairs = occurs.size
+        beat = beat.reshape(num_pairs, 1, *beat.shape[2:])
+        distance = distance.reshape(distance.shape[0], num_pairs, 1, distance.shape[-1])
+        occurs = jnp.broadcast_to(prior[None], occurs.shape).reshape(num_pairs, 1)
     amplitudes = _displaced(beat, occurs, distance, shares.first, shares.step)
     powers, amplitudes = (_folded(x, shares) for x in (powers, amplitudes))
     meets = (background[:, None] == speeds[None]).astype(dtype) * behind[:, None]
@@ -528,7 +529,7 @@ def _displaced(
 
     none = jnp.zeros((distance.shape[0], *shares.shape[1:]), beat.dtype)
     sums = jax.lax.scan(add, [none, none], (shares, occurs, jnp.swapaxes(distance, 0, 1)))[0]
-    return jax.lax.complex(*sums).reshape(*none.shape[:3], -1)[..., :num_kept]
+    return jax.lax.complex(*sums).reshape(*none.shape[:3], num_blocks * _BLOCK)[..., :num_kept]
 
 
 @jax.custom_jvp
