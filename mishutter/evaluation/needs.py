@@ -159,10 +159,10 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     scene, motion = seen_from(*primal_values((scene, motion)))
     longest = longest_within_limits(scene)
     is_concrete_scene = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
-    light = furthest(scene, motion) if is_concrete_scene else Extent(longest, longest, longest)
+    travel = furthest(scene, motion) if is_concrete_scene else Extent(longest, longest, longest)
     own = replace(
-        sized_for(max(light.reach, longest), max(light.velocity, longest)),
-        num_frequencies=int(num_frequencies(scene, light.spread)),
+        sized_for(max(travel.reach, longest), max(travel.velocity, longest)),
+        num_frequencies=int(num_frequencies(scene, travel.spread)),
         loss_dft_length=sized_for(longest, longest).dft_length,
         num_effective_speeds=effective_speeds(scene, motion.half_exposure),
     )

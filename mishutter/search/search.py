@@ -592,11 +592,11 @@ def _searched(
         at_rest = scene if pans else without_pan(scene)
         shutter = starting_shutter(at_rest, settings.num_coefficients)
     space = design_space(scene, motion, shutter, names)
-    settings = settings._replace(plan=_plan(scene, space, settings))
-    ends = [_best_of_space(scene, space, settings, more)]
+    plan = _plan(scene, space, settings)
+    ends = [_best_of_space(scene, space, plan, settings, more)]
     if "acceleration" in space.free and "path" not in space.free:
         settings = settings._replace(progress=None)
-        ends.append(_best_of_space(scene, space.without_acceleration(), settings, more))
+        ends.append(_best_of_space(scene, space.without_acceleration(), plan, settings, more))
     if "velocity" in names or is_known_zero(frame.velocity):
         return ends
     return [end._replace(motion=panned(end.motion, frame.velocity)) for end in ends]
@@ -616,10 +616,13 @@ class _End(NamedTuple):
 
 
 def _best_of_space(
-    scene: Scene, space: DesignSpace, settings: SearchSettings, more: tuple[KnownDesign, ...]
+    scene: Scene,
+    space: DesignSpace,
+    plan: Plan,
+    settings: SearchSettings,
+    more: tuple[KnownDesign, ...],
 ) -> _End:
     """The best design of a space: minimised from the lowest starts, polished and certified."""
-    plan: Plan = settings.plan  # type: ignore[assignment]
     max_steps, space = settings.max_steps, space.holding(each.motion for each in more)
     objective = objective_of(settings.loss, scene, space, plan)
     starts = _starts(objective, space, scene, settings, more)
@@ -665,7 +668,7 @@ class _History:
         self._progress, self._num_steps = settings.progress, 0
 
     def add(self, losses: Float[np.ndarray, "k"], num_steps: int | None = None) -> None:
-        """Add the losses after some steps, by default one for each step."""
+        """Adds the losses after some steps, by default one for each step."""
         smallest = np.minimum.accumulate(np.append(self.losses[-1], losses))
         self.losses = np.append(self.losses, smallest[1:])
         self._num_steps += losses.size if num_steps is None else num_steps
