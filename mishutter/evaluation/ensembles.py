@@ -37,7 +37,7 @@ def without_tolerances(scene: Scene) -> Scene:
     return eqx.tree_at(lambda s: s.tolerances, scene, None)
 
 
-def ensemble_weights(scene: Scene) -> Float[Array, "k*n"]:
+def ensemble_weights(scene: Scene) -> Float[Array, "rows"]:
     """Weights of the transfer functions of a scene, in their order."""
     if scene.tolerances is None:
         return scene.weights

@@ -150,19 +150,22 @@ def sampled_view(
     """
     require_plan(plan)
     view = sensor_view(scene, motion, shutter)
-    own, view_motion = plan, view.motion
-    if not isinstance(own, Plan):
-        own = (
-            sizes(view.scene, view_motion)
-            if own is None
-            else automatic(view.scene, view_motion, shutter)
-        )
-    own_parts = parts if isinstance(parts, Parts) else parts(own)
+    own_plan, view_motion = _plan_of(view, shutter, plan), view.motion
+    own_parts = parts if isinstance(parts, Parts) else parts(own_plan)
     is_traced = not all_concrete(primal_values((view.scene.speeds, view_motion)))
     if is_traced and not isinstance(plan, Plan):
-        view_motion = _refused_beyond(own, view.scene, view_motion, own_parts)
-    scene = reduced(view.scene, own)
-    return SampledView(scene, view_motion, piecewise(view.shutter), own, own_parts)
+        view_motion = _refused_beyond(own_plan, view.scene, view_motion, own_parts)
+    scene = reduced(view.scene, own_plan)
+    return SampledView(scene, view_motion, piecewise(view.shutter), own_plan, own_parts)
+
+
+def _plan_of(view: SensorView, shutter: AbstractShutter, plan: Plan | Automatic | None) -> Plan:
+    """The plan that an argument `plan=` stands for."""
+    if isinstance(plan, Plan):
+        return plan
+    if plan is None:
+        return sizes(view.scene, view.motion)
+    return automatic(view.scene, view.motion, shutter)
 
 
 def _refused_beyond(

@@ -125,7 +125,7 @@ class LinearObjective(AbstractObjective):
     loss: AbstractResponseLoss
     scene: Scene
     motion: AbstractMotion
-    basis: Float[Array, "size+1 k"]
+    basis: Float[Array, "rows k"]
     layout: "Layout" = eqx.field(static=True)
     plan: Plan = eqx.field(static=True)
 
@@ -220,7 +220,7 @@ class Layout:
 
 def _basis(
     space: DesignSpace, scene: Scene, plan: Plan, parts: Parts
-) -> tuple[Float[Array, "size+1 k"], Layout]:
+) -> tuple[Float[Array, "rows k"], Layout]:
     """Response of a closed profile, the contribution of each coordinate, and their layout."""
     responses = _responses_of_each(scene, space, plan, parts)
     each = jax.tree.map(lambda x: np.concatenate([x[:1], x[1:] - x[:1]]), jax.device_get(responses))

@@ -204,7 +204,7 @@ def exact_plan(
         tight = _sizes_of_motion(scene, motion, num_kept / full.num_frequencies, space is None)
         num_taps = min(num_taps, tight.num_taps)
         num_nodes = min(num_nodes, tight.num_nodes) if needs.only_error else num_nodes
-    own = replace(
+    exact = replace(
         full,
         num_taps=num_taps,
         num_nodes=num_nodes,
@@ -213,9 +213,9 @@ def exact_plan(
         folds=folds,
         still=still,
     )
-    own = own if space is None else coarser(own)
-    items = items_of(scene, shutter, full, own, needs=needs, space=space)
-    return replace(own, items=items)
+    exact = exact if space is None else coarser(exact)
+    items = items_of(scene, shutter, full, exact, needs=needs, space=space)
+    return replace(exact, items=items)
 
 
 def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: bool) -> Plan:
@@ -242,24 +242,24 @@ def items_of(
     scene: Scene,
     shutter: AbstractShutter,
     full: Plan,
-    own: Plan,
+    exact: Plan,
     *,
     needs: Needs,
     space: DesignSpace | None,
 ) -> tuple[Item, ...]:
     """The table of an exact plan, beside a full one."""
     return (
-        _speeds_item(scene, own.folds, own.still),
-        _kernels_item(needs, own.still),
-        _taps_item(full, own, needs, space),
+        _speeds_item(scene, exact.folds, exact.still),
+        _kernels_item(needs, exact.still),
+        _taps_item(full, exact, needs, space),
         Item(
             "DFT length",
             *_pair(full.dft_length),
             "four times the longest kernel; real taps, "
             f"hence {full.dft_length // 2 + 1} frequencies",
         ),
-        *_spectra_items(full, own, needs, space),
-        *_layers_items(own, needs),
+        *_spectra_items(full, exact, needs, space),
+        *_layers_items(exact, needs),
         *_terms_items(needs),
         *_search_items(shutter, space),
         _precision_item(scene),
@@ -273,18 +273,18 @@ def _pair(count: int) -> tuple[str, str]:
 def _speeds_item(scene: Scene, folds: bool, still: bool) -> Item:
     count, never = scene.speeds.size, int(np.sum(np.asarray(scene.weights) == 0))
     num_distinct = distinct_speeds(scene, folds=False)[0].size
-    num_own = distinct_speeds(scene, folds=folds)[0].size
+    num_computed = distinct_speeds(scene, folds=folds)[0].size
     why = []
     if never:
         why.append(f"{never} never occur")
     if count - never > num_distinct:
         why.append(f"{count - never - num_distinct} repeated")
-    if num_distinct > num_own:
-        mirrored = num_distinct - num_own
+    if num_distinct > num_computed:
+        mirrored = num_distinct - num_computed
         why.append(f"{mirrored} mirrored: a symmetric shutter does the same to +s and -s")
     if still:
         why.append("nothing moves")
-    return Item("speeds", str(count), str(num_own), "; ".join(why) or "each occurs once")
+    return Item("speeds", str(count), str(num_computed), "; ".join(why) or "each occurs once")
 
 
 def _kernels_item(needs: Needs, still: bool) -> Item:
@@ -297,10 +297,10 @@ def _kernels_item(needs: Needs, still: bool) -> Item:
     return Item("kernels", "all", "all", "invariance is measured")
 
 
-def _taps_item(full: Plan, own: Plan, needs: Needs, space: DesignSpace | None) -> Item:
+def _taps_item(full: Plan, exact: Plan, needs: Needs, space: DesignSpace | None) -> Item:
     if not needs.kernels:
         return Item("taps", str(full.num_taps), "0", "no kernel is computed")
-    return Item("taps", str(full.num_taps), str(own.num_taps), _reach(space))
+    return Item("taps", str(full.num_taps), str(exact.num_taps), _reach(space))
 
 
 def _reach(space: DesignSpace | None) -> str:
@@ -311,27 +311,27 @@ def _reach(space: DesignSpace | None) -> str:
     return "the motion is free within the limits"
 
 
-def _spectra_items(full: Plan, own: Plan, needs: Needs, space: DesignSpace | None) -> list[Item]:
+def _spectra_items(full: Plan, exact: Plan, needs: Needs, space: DesignSpace | None) -> list[Item]:
     if not needs.spectra:
         return [
             Item("frequencies", str(full.num_frequencies), "0", "no transfer function is needed"),
             Item("nodes in time", str(full.num_nodes), "0", "no transfer function is needed"),
         ]
-    if own.num_kept is not None:
+    if exact.num_kept is not None:
         why = "the picture on the sensor holds no power above"
     else:
         why = "all hold power" if needs.only_error else "the bound's share needs all"
-    count = str(own.num_kept or full.num_frequencies)
+    count = str(exact.num_kept or full.num_frequencies)
     reach = _reach(space) if needs.only_error else "beside a zero the bound's share shows them"
     return [
         Item("frequencies", str(full.num_frequencies), count, why),
-        Item("nodes in time", str(full.num_nodes), str(own.num_nodes), reach),
+        Item("nodes in time", str(full.num_nodes), str(exact.num_nodes), reach),
     ]
 
 
-def _layers_items(own: Plan, needs: Needs) -> list[Item]:
+def _layers_items(exact: Plan, needs: Needs) -> list[Item]:
     """The row on the background that edges of objects uncover; none for scenes without edges."""
-    count = own.num_effective_speeds
+    count = exact.num_effective_speeds
     if not count:
         return []
     if not needs.spectra:
