@@ -4,7 +4,7 @@ import inspect
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, TypeGuard, final
 
 import equinox as eqx
 import jax
@@ -86,7 +86,7 @@ class AbstractLoss(eqx.Module):
     def __sub__(self, other: object) -> "AbstractLoss":
         return self + -other if isinstance(other, AbstractLoss) else NotImplemented
 
-    def __mul__(self, factor: Factor) -> "AbstractLoss":
+    def __mul__(self, factor: object) -> "AbstractLoss":
         if not _is_number(factor):
             return NotImplemented
         terms = _terms(self)
@@ -94,11 +94,11 @@ class AbstractLoss(eqx.Module):
 
     __rmul__ = __mul__
 
-    def __truediv__(self, divisor: Factor) -> "AbstractLoss":
+    def __truediv__(self, divisor: object) -> "AbstractLoss":
         return self * (1 / divisor) if _is_number(divisor) else NotImplemented
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[Factor]:
     return isinstance(value, Factor) and np.ndim(value) == 0
 
 

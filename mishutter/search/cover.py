@@ -181,7 +181,7 @@ def lowest_of_valleys(
     losses: Float[np.ndarray, "n"],
     num_profile_coordinates: int,
     num_valleys: int,
-) -> Int[np.ndarray, "{num_valleys}"]:
+) -> Int[np.ndarray, "k"]:
     """Indices of the points, among the better half, that lie farthest from every better one.
 
     The lowest points alone would all lie in one valley (density peaks: Rodriguez and Laio, 2014). A
