@@ -7,7 +7,7 @@ import itertools
 import operator
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, cast, final
@@ -75,7 +75,8 @@ class AbstractMotion(eqx.Module):
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
-        numbers = (f"{name}={_shown(getattr(self, name))}" for name in self.__dataclass_fields__)
+        names = [field.name for field in fields(self)]
+        numbers = (f"{name}={_shown(getattr(self, name))}" for name in names)
         return f"{type(self).__name__}({', '.join(numbers)})"
 
     @property
