@@ -167,10 +167,10 @@ def test_what_a_photograph_showed(report):
 def test_a_high_photograph_is_cut_to_its_middle():
     """As many rows above as below are left out."""
     light = np.tile(np.arange(200.0)[:, None, None] / 200, (1, 9, 1))
-    assert np.array_equal(_middle_rows(Picture(light), "rows").light, light[20:180])
-    assert np.array_equal(_middle_rows(Picture(light[:7]), "rows").light, light[:7])
+    assert np.array_equal(_middle_rows(Picture(light), "rows", 160).light, light[20:180])
+    assert np.array_equal(_middle_rows(Picture(light[:7]), "rows", 160).light, light[:7])
     turned = Picture(light).turned()
-    assert np.array_equal(_middle_rows(turned, "columns").light, turned.light[:, 20:180])
+    assert np.array_equal(_middle_rows(turned, "columns", 160).light, turned.light[:, 20:180])
 
 
 def _rivals(report, levels, velocity=0.0):
