@@ -190,7 +190,7 @@ def test_the_decoder_restores_by_the_speed():
 
 
 def test_a_speed_in_doubt_keeps_all_speeds():
-    """Not trusted, the scene's own speeds have the squared weight of those far from the mode."""
+    """Not trusted, the scene's own speeds weigh half the square of those far from the mode."""
     given = scene(), camera(), ms.HannShutter()
     model = ms.blur_model(*given)
     seen = capture(grey(24), *given, 2960.0)
@@ -200,7 +200,7 @@ def test_a_speed_in_doubt_keeps_all_speeds():
     count = model.speeds.size
     np.testing.assert_array_equal(known.speeds[-count:], model.speeds)
     mode = int(np.argmax(found.weights))
-    doubt = (1 - np.sum(found.weights[mode - 1 : mode + 2])) ** 2
+    doubt = (1 - np.sum(found.weights[mode - 1 : mode + 2])) ** 2 / 2
     assert doubt > 0.1
     np.testing.assert_allclose(known.weights[-count:], doubt * model.weights)
     assert np.sum(known.weights) == pytest.approx(1)

@@ -16,6 +16,10 @@ from mishutter.restore.decoders.total_variation import TotalVariationDecoder
 
 ROWS_TO_FIND = 256
 """Rows of a photograph in which its speed is found: few of them do not tell it."""
+_DOUBT = 0.5
+"""Weight of the scene's own speeds where the posterior is all over: of the multiples of d and of
+its square, the true speeds of open shutters in the photographs of the prior are likeliest by this.
+"""
 _LEAST_WEIGHT = 1e-3
 """Probability below which a speed is left to the scene's own."""
 
@@ -25,10 +29,10 @@ class SpeedFindingDecoder(AbstractDecoder):
     r"""Finds the speed of a picture that moves as a whole, and restores by it.
 
     A speed that is trusted takes the place of all of the scene's. Where none is, the speeds are
-    those of the posterior, $(1 - d^2)\,p(s)$, and the scene's own, at $d^2$ times their weights,
-    where $d$ is the probability of all speeds but the likeliest and its neighbours: the wider a
-    posterior is, the more often it is wrong. Where nothing tells speeds apart, as in a snapshot,
-    the inner decoder restores as it would alone.
+    those of the posterior, $(1 - d^2/2)\,p(s)$, and the scene's own, at $d^2/2$ times their
+    weights, where $d$ is the probability of all speeds but the likeliest and its neighbours: the
+    wider a posterior is, the more often it is wrong. Where nothing tells speeds apart, as in a
+    snapshot, the inner decoder restores as it would alone.
 
     Args:
         inner: The decoder that restores, knowing these speeds.
@@ -71,7 +75,7 @@ def at_speed(model: BlurModel, estimate: SpeedEstimate) -> BlurModel:
     else:
         mode = int(np.argmax(estimate.weights))
         near = float(np.sum(estimate.weights[max(mode - 1, 0) : mode + 2]))
-        doubt = (1 - near) ** 2
+        doubt = _DOUBT * (1 - near) ** 2
         is_likely = estimate.weights >= _LEAST_WEIGHT
         share = estimate.weights[is_likely] / np.sum(estimate.weights[is_likely])
         speeds = np.concatenate([estimate.speeds[is_likely], model.speeds])
