@@ -48,6 +48,7 @@ from mishutter.model import (
 )
 from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.restore.decoders.linear import expected_squared_error, squared_error_of
+from mishutter.restore.decoders.speed import are_told_apart, speeds_to_try
 from mishutter.restore.decoders.speed_finding import decoder_of
 from mishutter.restore.image_quality import psnr
 
@@ -352,7 +353,7 @@ def _expected_levels(
     """Levels that the ensemble filter is expected to reach, of its scene and of one picture; dB.
 
     A decoder that finds the speed keeps a share of what being told it would bring, in decibels
-    (`FoundSpeedLoss`).
+    (`FoundSpeedLoss`), and nothing of it where no speed is looked for, as in a snapshot.
 
     Args:
         model: Blur and noise of a decoder for all speeds.
@@ -361,6 +362,8 @@ def _expected_levels(
         speeds: Speeds of the picture relative to the sensor; px/s.
     """
     share = {"unknown": 0.0, "found": FOUND_SHARE, "told": 1.0}[decoder_speed]
+    if decoder_speed == "found" and not are_told_apart(*speeds_to_try(model)):
+        share = 0.0
     untold = np.append(squared_error_of(model, rows, speeds), expected_squared_error(model))
     told = untold
     if share > 0:

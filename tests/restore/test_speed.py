@@ -223,6 +223,18 @@ def test_a_snapshot_is_restored_as_it_would_be():
     inner = ms.EnsembleDecoder()
     restored = ms.deconvolve(seen, *given, decoder=ms.SpeedFindingDecoder(inner))
     np.testing.assert_array_equal(restored, ms.deconvolve(seen, *given, decoder=inner))
+    levels = [
+        ms.restore_photograph(
+            ms.Picture(grey(24)[..., None]),
+            scene(decoder_speed=knows),
+            still,
+            OPEN,
+            speeds=[0.0],
+            num_seeds=1,
+        ).expected_psnr
+        for knows in ("found", "unknown")
+    ]
+    assert levels[0] == levels[1]
 
 
 @pytest.mark.slow
