@@ -332,7 +332,7 @@ def _deliver(
     result = _photographed(result, num_seeds, every)
     if result.photographs is not None and not as_json:
         with may_be_left():
-            print_photographs(result.photographs.levels)
+            print_photographs(result.photographs.levels, result.comparison.rows[0].speed)
     files = []
     if folder is not None:
         files = write_report(result, folder, wrote=lambda name: note(f"wrote {folder / name}"))

@@ -27,9 +27,9 @@ from mishutter.model import (
     turned,
 )
 from mishutter.restore import (
+    ROWS_TO_FIND,
     EnsembleDecoder,
     SpeedEstimate,
-    SpeedFindingDecoder,
     estimate_speed,
     least_columns,
     restore_by_each,
@@ -40,8 +40,6 @@ MOST_BYTES = 32 << 20
 MOST_PIXELS = 30_000_000
 _ROWS, _COLUMNS = 112, 400
 """Of the part that is captured: as much as is restored in a second."""
-_ROWS_TO_FIND = 256
-"""Of it where the speed is found, which few rows do not tell."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
     def taken(white: float | None, linear: bool, axis: Axis) -> Photograph:
         picture = read(white, linear)
         along = turned(picture.light, axis)
-        part = Picture(light=_middle(along, _ROWS_TO_FIND).copy(), name=picture.name)
+        part = Picture(light=_middle(along, ROWS_TO_FIND).copy(), name=picture.name)
         return Photograph(part, picture_arguments(place, picture, white, linear, axis))
 
     return taken
@@ -141,8 +139,9 @@ def restored(
 
     Returns:
         The `reference`, and for each design what was `captured` and `restored`, as PNG in base 64,
-        with its `psnr` in linear light, dB; of a scene whose decoder finds the speed also the one
-        that it `found`, with the fields of a `SpeedEstimate` that are no arrays, otherwise None.
+        with its `psnr` in linear light, dB, and what the scene's decoder `knows` of the speed;
+        where it finds it also the one that it `found`, with the fields of a `SpeedEstimate` that
+        are no arrays, otherwise None.
 
     Raises:
         ValueError: if the photograph is too narrow for the blur.
@@ -156,9 +155,8 @@ def restored(
     width = min(there, max(enough, _COLUMNS + longest))
     first = (there - width) // 2
     finds = scene.decoder_speed == "found"
-    num_rows = _ROWS_TO_FIND if finds else _ROWS
+    num_rows = ROWS_TO_FIND if finds else _ROWS
     part = Picture(light=_middle(taken.part.light, num_rows)[:, first : first + width].copy())
-    decoder = SpeedFindingDecoder(EnsembleDecoder()) if finds else EnsembleDecoder()
     along, found, reference = scene.along_rows(), [], None
     for name, row in rows.items():
         check()
@@ -167,7 +165,7 @@ def restored(
             along,
             row.motion,
             row.shutter,
-            {name: decoder},
+            {name: EnsembleDecoder()},
             speeds=[speed],
             num_seeds=1,
             least_taps=longest,
@@ -179,7 +177,8 @@ def restored(
         pictures = {"captured": captured * gain, "restored": result.restored[0]}
         pair = {which: _png(turned(light, scene.axis)) for which, light in pictures.items()}
         estimate = estimate_speed(captured, along, row.motion, row.shutter) if finds else None
-        found.append({"name": name, "psnr": level, **pair, "found": _plain(estimate)})
+        known = {"knows": scene.decoder_speed, "found": _plain(estimate)}
+        found.append({"name": name, "psnr": level, **pair, **known})
     return {
         "speed": speed,
         "reference": None if reference is None else _png(reference),

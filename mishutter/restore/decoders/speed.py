@@ -410,6 +410,16 @@ def speeds_to_try(model: BlurModel) -> tuple[Float[np.ndarray, "s"], float]:
     return speeds, max(reach, float(speeds[1] - speeds[0]))
 
 
+def are_told_apart(speeds: Float[np.ndarray, "s"], reach: float) -> bool:
+    """Whether the blur differs by more over the speeds to try than photographs may by themselves.
+
+    Args:
+        speeds: The `speeds_to_try`; px/s.
+        reach: The least difference that counts; px/s.
+    """
+    return bool(np.ptp(speeds) >= _LEAST_TOLD * reach)
+
+
 def _likeness(one: np.ndarray, other: np.ndarray) -> float:
     """Highest correlation of two blurs, wherever they are laid over each other; at most 1."""
     across, first, second = (
@@ -547,7 +557,7 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
     light, noise = luminance(np.asarray(planes), model)
     statistics = prior()
     speeds, reach = speeds_to_try(model)
-    is_short = np.ptp(speeds) < _LEAST_TOLD * reach
+    is_short = not are_told_apart(speeds, reach)
     is_narrow = light.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
     if speeds.size == 1 or is_short or is_narrow or not np.ptp(light) > 0:
         flat = np.full(speeds.size, 1 / speeds.size)
@@ -587,7 +597,8 @@ def judged(
             f"Some rows seem to move at {odd.speed:,.0f} px/s past the sensor, where all rows "
             f"together do at {whole.speed:,.0f}."
         )
-        weights = np.mean([p.weights for p in each], axis=0)
+        # As likely a false alarm as a second speed.
+        weights = (whole.weights + np.mean([p.weights for p in each], axis=0)) / 2
     return Verdict(whole, weights, doubt)
 
 
