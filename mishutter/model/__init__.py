@@ -2,6 +2,8 @@
 
 from mishutter.model.alignment import aligned as aligned
 from mishutter.model.alignment import reach_of_parabola as reach_of_parabola
+from mishutter.model.arguments import Part as Part
+from mishutter.model.arguments import arguments_of as arguments_of
 from mishutter.model.devices import AbstractDevice as AbstractDevice
 from mishutter.model.devices import FirstOrderShutter as FirstOrderShutter
 from mishutter.model.devices import IdealShutter as IdealShutter

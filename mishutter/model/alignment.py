@@ -1,4 +1,4 @@
-r"""Where objects of several speeds lie beside one another on the sensor, and how far they reach.
+r"""Positions of objects of several speeds beside one another on the sensor, and their reach.
 
 On a sensor that turns, light of an object at speed $s$ falls between
 $aT^2\max(|\nu| - 1, 0)^2$ and $aT^2(1 + |\nu|)^2$ from the vertex of its path. Objects that

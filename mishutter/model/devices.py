@@ -1,4 +1,4 @@
-r"""What a shutter is made with: a device turns a command into the transmittance that light sees.
+r"""Devices of shutters: each turns a command into a transmittance.
 
 A profile $w(\tau)$ is a command. The electronics of a device send it as it is, or the mean of each
 of equal slots of the exposure, which they hold, at one of the levels that the device has. It
@@ -44,7 +44,7 @@ _TEN_TO_NINETY = float(np.log(9.0))
 
 
 class AbstractDevice(eqx.Module):
-    """What turns a command into the transmittance that light sees."""
+    """A device that turns a command into a transmittance."""
 
     transmission: eqx.AbstractVar[Array]
     leakage: eqx.AbstractVar[Array]
@@ -258,8 +258,8 @@ class FirstOrderShutter(AbstractDevice):
     @property
     def is_linear(self) -> bool:
         times = self.rise_time, self.fall_time
-        known = all(is_concrete(time) for time in times)
-        return self.levels is None and known and float(times[0]) == float(times[1])
+        are_concrete = all(is_concrete(time) for time in times)
+        return self.levels is None and are_concrete and float(times[0]) == float(times[1])
 
     @property
     def relaxed(self) -> "FirstOrderShutter":
@@ -354,12 +354,18 @@ def device_of(**numbers: Any) -> AbstractDevice:
 
     One with times follows gradually; one with slots but without levels switches.
     """
-    given: dict[str, Any] = {name: value for name, value in numbers.items() if value is not None}
-    if {"rise_time", "fall_time"} & given.keys():
+    arguments: dict[str, Any] = {
+        name: value for name, value in numbers.items() if value is not None
+    }
+    if {"rise_time", "fall_time"} & arguments.keys():
         at_once: dict[str, Any] = {"rise_time": 0.0, "fall_time": 0.0}
-        return FirstOrderShutter(**(at_once | given))
-    switches = {"num_slots", "min_open", "min_closed"} & given.keys() and "levels" not in given
-    return SwitchedShutter(**given) if switches else IdealShutter(**given)
+        return FirstOrderShutter(**(at_once | arguments))
+    switches = {
+        "num_slots",
+        "min_open",
+        "min_closed",
+    } & arguments.keys() and "levels" not in arguments
+    return SwitchedShutter(**arguments) if switches else IdealShutter(**arguments)
 
 
 def _check_losses(device: AbstractDevice) -> None:
@@ -428,7 +434,7 @@ class TransmittedShutter(AbstractPiecewiseShutter):
 
     @property
     def command(self) -> AbstractShutter:
-        """What was sent, as it was given."""
+        """The profile that was sent to the device."""
         if self.sent is not None:
             return self.sent
         profile = self.profile
@@ -451,8 +457,10 @@ class TransmittedShutter(AbstractPiecewiseShutter):
         return self.profile.symmetric
 
     def transmittance(self, tau: ArrayLike) -> Array:
-        light = self._passed(self.profile.transmittance(tau))
-        return jnp.where(jnp.abs(jnp.asarray(tau)) <= 1, light, jnp.zeros_like(light))
+        transmittance = self._passed(self.profile.transmittance(tau))
+        return jnp.where(
+            jnp.abs(jnp.asarray(tau)) <= 1, transmittance, jnp.zeros_like(transmittance)
+        )
 
     def dtype(self) -> np.dtype | None:
         own = self.profile.dtype()

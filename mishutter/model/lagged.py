@@ -50,8 +50,8 @@ class LaggedShutter(AbstractPiecewiseShutter):
         begins = self.begins.high
         slot = jnp.clip(jnp.searchsorted(begins, tau, side="right") - 1, 0, self.levels.size - 1)
         share = jnp.maximum(tau - begins[slot], 0) / self.constants[slot]
-        kept, gone = jnp.exp(-share), -jnp.expm1(-share)
-        state = self.starts[slot] * kept + self.levels[slot] * gone
+        decay, growth = jnp.exp(-share), -jnp.expm1(-share)
+        state = self.starts[slot] * decay + self.levels[slot] * growth
         return jnp.where(jnp.abs(tau) <= 1, state, jnp.zeros_like(state))
 
     def dtype(self) -> np.dtype | None:
@@ -93,10 +93,10 @@ class LaggedShutter(AbstractPiecewiseShutter):
         begin = begin + jax.lax.stop_gradient(jnp.maximum(begin, 0) - begin)
         rests = piece % 2 == 1
         begin, width = (jnp.where(rests, 0.0, x) / constants for x in (begin, width))
-        kept = jnp.exp(-begin)
+        decay = jnp.exp(-begin)
         deficit, mean = _means(width)
-        gone = kept * deficit - jnp.expm1(-begin)
-        return jnp.where(rests, levels, starts * (kept * mean) + levels * gone)
+        growth = decay * deficit - jnp.expm1(-begin)
+        return jnp.where(rests, levels, starts * (decay * mean) + levels * growth)
 
 
 def _means(width: Array) -> tuple[Array, Array]:

@@ -58,7 +58,12 @@ _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 
 
 class Demand(NamedTuple):
-    """What a motion takes of one limit, and what there is of it; of any shape."""
+    """The use of one limit by motions, and the limit itself.
+
+    Attributes:
+        taken: The use; of any shape.
+        there: The limit, in the same unit; of any shape.
+    """
 
     taken: Any
     there: Any
@@ -192,7 +197,7 @@ class Limits(eqx.Module):
         return any(getattr(self, name) is not None for name in _OF_STAGE)
 
     def demands(self, motion: AbstractMotion) -> dict[str, Demand]:
-        """What a motion takes of each limit, by the limit's name; scalars.
+        """The use of each limit by a motion, by the limit's name; scalars.
 
         The electrons that fill a pixel are a limit of the scene.
 
@@ -276,9 +281,9 @@ class Limits(eqx.Module):
         half, stroke = half_exposure, as_array_like(half_exposure, self.max_stroke)
         root = np.sqrt if isinstance(half, np.ndarray) else safe_root
         by_pan = self._speed_of_stage(as_array_like(half, velocity)) * half
-        space, left = namespace_of(half), stroke - 2 * by_pan
-        of_stroke = stroke - by_pan + root(stroke * space.maximum(left, 0))
-        return space.where(left >= 0, of_stroke, 0.0) / 2 / half / half
+        space, room = namespace_of(half), stroke - 2 * by_pan
+        of_stroke = stroke - by_pan + root(stroke * space.maximum(room, 0))
+        return space.where(room >= 0, of_stroke, 0.0) / 2 / half / half
 
     def velocity_by_stroke(self, acceleration: Array, half_exposure: Array) -> Array | None:
         """Greatest $|v|$ that the stroke leaves beside an acceleration; px/s, None for any.
@@ -336,8 +341,8 @@ class Limits(eqx.Module):
             by_stroke = self.of_stage(path).extent / self.max_stroke
             return jnp.maximum(self.stage_share_of(path), jnp.maximum(by_speed, by_stroke))
         frame, pan = self._frame(velocity), self._pan_of_camera(velocity)
-        limits = self.max_acceleration, self.max_jerk
-        use = stage_use(acceleration, half_exposure, velocity + frame - pan, *limits)
+        of_stage = velocity + frame - pan
+        use = stage_use(acceleration, half_exposure, of_stage, self.max_acceleration, self.max_jerk)
         return self._share_of(use, jnp.abs(pan) - jnp.abs(frame))
 
     def stage_share_of(self, motion: AbstractMotion) -> Array:
@@ -397,8 +402,8 @@ class Limits(eqx.Module):
         if self.max_travel is not None:
             share = jnp.maximum(share, use.travel / self.max_travel)
         if self.max_jerk is not None:
-            left = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
-            share = jnp.maximum(share, (use.top_speed + speed_beside) / left)
+            most = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
+            share = jnp.maximum(share, (use.top_speed + speed_beside) / most)
         return share
 
     def largest(
@@ -432,24 +437,24 @@ class Limits(eqx.Module):
         """
         stroke, top, pan = self.max_stroke, self.max_top_speed, self.max_pan
         shortest, longest = self.min_half_exposure, self.max_half_exposure
-        known = all_concrete((stroke, top, pan, shortest, longest, velocity))
-        space, number = (np, np.asarray) if known else (jnp, jnp.asarray)
+        are_concrete = all_concrete((stroke, top, pan, shortest, longest, velocity))
+        space, number = (np, np.asarray) if are_concrete else (jnp, jnp.asarray)
         numbers = map(number, (stroke, top, pan, shortest, longest, velocity))
         stroke, top, pan, shortest, longest, velocity = numbers
         furthest = space.minimum(pan, top / 2)
         if self.pans == "stage":  # half of the stroke, over the shortest exposure, is left
             furthest = space.minimum(furthest, stroke / (4 * shortest))
         velocity = space.clip(velocity, -furthest, furthest).astype(top.dtype)
-        left = top - space.abs(velocity)
-        T = space.clip(2 * stroke / left, shortest, longest)
+        speed_gain = top - space.abs(velocity)
+        T = space.clip(2 * stroke / speed_gain, shortest, longest)
         if self.pans == "stage":
             quickest = space.maximum(space.abs(velocity), stroke / (4 * longest))
             T = space.minimum(T, stroke / (4 * quickest))
         T, velocity = space.asarray(T), space.asarray(velocity)
-        acceleration = space.minimum(self.acceleration_by_stroke(T, velocity), left / (2 * T))
+        acceleration = space.minimum(self.acceleration_by_stroke(T, velocity), speed_gain / (2 * T))
         if self.has_stage:
             numbers = acceleration, T, velocity, shortest
-            with jax.ensure_compile_time_eval() if known else nullcontext():
+            with jax.ensure_compile_time_eval() if are_concrete else nullcontext():
                 acceleration, T, velocity = self._within_stage(*map(jnp.asarray, numbers))
         return ParabolicMotion(acceleration=acceleration, half_exposure=T, velocity=velocity)
 
@@ -497,9 +502,11 @@ def _largest(limits: Limits, name: str, low: Array, high: Array, numbers: Any) -
         keeps = use(middle, *fixed) <= 1
         return jnp.where(keeps, middle, ends[0]), jnp.where(keeps, ends[1], middle)
 
-    found, _ = jax.lax.fori_loop(0, _BISECTIONS, halved, ends)
-    slope = jax.grad(use)(found, *fixed)
-    share, rises = use(found, limits, numbers), slope > 0
-    moved = jnp.where(rises, share - jax.lax.stop_gradient(share), 0.0)
-    inside = found - moved / jnp.where(rises, slope, 1.0)
-    return jnp.where(use(ends[1], *fixed) <= 1, high, jnp.where(found > ends[0], inside, low))
+    value_at_limit, _ = jax.lax.fori_loop(0, _BISECTIONS, halved, ends)
+    slope = jax.grad(use)(value_at_limit, *fixed)
+    share, rises = use(value_at_limit, limits, numbers), slope > 0
+    excess = jnp.where(rises, share - jax.lax.stop_gradient(share), 0.0)
+    inside = value_at_limit - excess / jnp.where(rises, slope, 1.0)
+    return jnp.where(
+        use(ends[1], *fixed) <= 1, high, jnp.where(value_at_limit > ends[0], inside, low)
+    )

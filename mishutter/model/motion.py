@@ -347,8 +347,8 @@ class FreeMotion(AbstractMotion):
             ValueError: if `num_pieces` is not a positive integer.
         """
         count = require_positive_int("FreeMotion.fit(num_pieces=...)", num_pieces)
-        given = isinstance(motion, AbstractMotion)
-        require(given, "FreeMotion.fit(motion=...)", "be a motion", motion)
+        is_motion = isinstance(motion, AbstractMotion)
+        require(is_motion, "FreeMotion.fit(motion=...)", "be a motion", motion)
         if isinstance(motion, AbstractSteadyMotion):
             return cls(
                 accelerations=_number(lambda a: a * np.ones(count, a.dtype), motion.acceleration),
@@ -559,7 +559,7 @@ def _of_pieces(accelerations: Any, passed: Any) -> Any:
 
 @lru_cache
 def exact_ends(durations: tuple[float, ...] | None, num_pieces: int) -> tuple[Fraction, ...]:
-    r"""Where pieces of a `FreeMotion` begin and end, $\tau$ from -1 to 1."""
+    r"""Ends of the pieces of a `FreeMotion`, $\tau$ from -1 to 1; shape `(K + 1,)`."""
     passed = [Fraction(0)]
     for duration in durations or (1.0,) * num_pieces:
         passed.append(passed[-1] + Fraction(duration))
@@ -666,7 +666,7 @@ def largest_of(values: Any) -> Any:
 
 
 def _number(formula: Callable[..., Any], *numbers: Any) -> Array:
-    """What a formula gives of some numbers, by NumPy where all are known."""
+    """Evaluates a formula by NumPy if all of its numbers are concrete."""
     with np.errstate(over="ignore", invalid="ignore"):
         return as_float(formula(*as_numpy(*numbers)))
 

@@ -120,9 +120,9 @@ class Occlusion(eqx.Module):
         subject = "Occlusion(level_difference=...)"
         require_scalar(subject, self.level_difference)
         require_finite(subject, self.level_difference)
-        known = self.background in get_args(Background)
+        is_valid = self.background in get_args(Background)
         requirement = "be 'still' or 'moving'"
-        require(known, "Occlusion(background=...)", requirement, self.background)
+        require(is_valid, "Occlusion(background=...)", requirement, self.background)
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""

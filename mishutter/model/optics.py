@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core import namespace_of
 
 WIDEST_BLUR = 16.0
-"""Of a lens, px: four of it are within the margin that captures leave beyond a picture."""
+"""Widest blur of a lens, px: four of it fit into the margin that captures leave."""
 
 
 def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Array:
@@ -41,22 +41,22 @@ def on_steps(power: Array | np.ndarray, count: int) -> Array | np.ndarray:
     space = namespace_of(power)
     mirrored = space.concatenate([power[:1], power, power[-1:]])
     total = mirrored[:-1] + mirrored[1:]
-    lit = space.where(total > 0, total, 1.0)
-    between = 2 * (mirrored[:-1] / lit) * mirrored[1:]
+    divisor = space.where(total > 0, total, 1.0)
+    between = 2 * (mirrored[:-1] / divisor) * mirrored[1:]
     edges = np.union1d(np.linspace(0, 1, power.size + 1), np.linspace(0, 1, count + 1))
     middle = (edges[1:] + edges[:-1]) / 2
-    known, wanted = (middle * power.size).astype(int), (middle * count).astype(int)
-    start, end = edges[:-1] * power.size - known, edges[1:] * power.size - known
+    source, target = (middle * power.size).astype(int), (middle * count).astype(int)
+    start, end = edges[:-1] * power.size - source, edges[1:] * power.size - source
     first, second, third = ((end**n - start**n) / n for n in (1, 2, 3))
     shares = (6 * (second - third), first - 4 * second + 3 * third, 3 * third - 2 * second)
     parts = (power, between[:-1], between[1:])
     pieces = sum(
-        (x * (count / power.size)).astype(power.dtype) * part[known]
+        (x * (count / power.size)).astype(power.dtype) * part[source]
         for x, part in zip(shares, parts, strict=True)
     )
     if space is jnp:
-        return jax.ops.segment_sum(pieces, wanted, count)
-    return np.maximum(np.bincount(wanted, pieces, count), 0).astype(power.dtype)
+        return jax.ops.segment_sum(pieces, target, count)
+    return np.maximum(np.bincount(target, pieces, count), 0).astype(power.dtype)
 
 
 class Optics(NamedTuple):

@@ -1,4 +1,4 @@
-r"""What a stage of limited bandwidth makes of the path that is sent to it, and what to send.
+r"""Stages of limited bandwidth: the motion that a path leads to, and the path to send for a motion.
 
 A servo that is sent the position $u(t)$ moves the sensor as a damped oscillator,
 
@@ -146,7 +146,7 @@ class SecondOrderStage(eqx.Module):
         return np.stack([made, made_velocity], axis=-1)
 
     def _decay(self, elapsed: Any) -> np.ndarray:
-        """What becomes of a position and a velocity, with nothing sent; shape `(..., 2, 2)`."""
+        """The matrix that carries a position and a velocity on, nothing sent; `(..., 2, 2)`."""
         from scipy.linalg import expm
 
         frequency = self.natural_frequency

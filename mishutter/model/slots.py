@@ -34,11 +34,11 @@ def slot_means(profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtyp
     before, after = middle - ends[piece], ends[piece + 1] - middle
     from_left = before <= after
     mean = profile.piece_mean(piece, from_left, jnp.where(from_left, before, after), width)
-    light, time = (
+    transmittance, time = (
         jax.ops.segment_sum(jnp.where(width > 0, x, 0.0), slot, num_slots)
         for x in (width * mean, width)
     )
-    return within_unit(light / time)
+    return within_unit(transmittance / time)
 
 
 @compiled
@@ -58,13 +58,13 @@ def diffused(
 
     def step(carry: tuple[Array, Array, Array], mean: Array):
         left_over, last, run = carry
-        wanted = mean + left_over
-        level = jnp.clip(jnp.floor(wanted * steps + (0.5 + _TIE)) / steps, 0, 1)
+        target = mean + left_over
+        level = jnp.clip(jnp.floor(target * steps + (0.5 + _TIE)) / steps, 0, 1)
         shortest = jnp.where(last > 0.5, min_open, min_closed)
         level = jnp.where((level != last) & (run < shortest), last, level)
         begins = last < 0  # as long before the exposure as it takes
         run = jnp.where(begins, _LONG, jnp.where(level == last, run + 1, 1))
-        return (wanted - level, level, run), level
+        return (target - level, level, run), level
 
     means = jax.lax.stop_gradient(jnp.asarray(means))
     first = jnp.zeros_like(means[0]), jnp.full_like(means[0], -1.0), jnp.asarray(_LONG, jnp.int32)

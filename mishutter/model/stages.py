@@ -1,4 +1,4 @@
-r"""How a stage comes to the parabola of an exposure from rest, and back to rest.
+r"""Paths of a stage from rest to the parabola of an exposure, and back to rest.
 
 The sensor's own acceleration is $2a$ (px/s^2) on $x(t) = v t + a t^2$. At the ends of the exposure
 its velocities are $u_0 = v - 2aT$ and $u_1 = v + 2aT$. Reached from rest at the greatest
@@ -29,7 +29,7 @@ from mishutter.model.motion import AbstractMotion, FreeMotion, exact_ends, large
 
 
 class StageUse(NamedTuple):
-    """What an exposure asks of a stage that begins and ends at rest.
+    """Travel and speed that an exposure asks of a stage that begins and ends at rest.
 
     Attributes:
         travel: From the lowest to the highest position; px.
@@ -197,8 +197,8 @@ def stage_path(
         ValueError: if a limit is not a finite scalar above 0, is exceeded within the exposure, or
             both are None, or there is no motion, or JAX traces anything.
     """
-    given = isinstance(motion, AbstractMotion)
-    require(given, "stage_path(motion=...)", "be a motion", motion)
+    is_motion = isinstance(motion, AbstractMotion)
+    require(is_motion, "stage_path(motion=...)", "be a motion", motion)
     require_known("stage_path", motion=motion, limits=(max_acceleration, max_jerk))
     subject = "stage_path(max_acceleration=...)"
     limited = max_acceleration is not None or max_jerk is not None

@@ -192,15 +192,15 @@ class Grid:
     def dimensions(self, name: str) -> tuple[str, ...]:
         """Dimensions of a variable."""
         place = (*self.frame_sizes, "acceleration", "half_exposure")
-        light = tuple(d for d in ("photon_rate", "read_noise") if d in self.sizes)
+        dimensions_of_light = tuple(d for d in ("photon_rate", "read_noise") if d in self.sizes)
         if name in ("num_taps", "dft_length", "loss", "converged"):
             return place
         if name == "coefficients":
             return (*place, "coefficient")
         if name == "outside":
-            by_light = tuple(d for d in light if d == "photon_rate")
+            by_light = tuple(d for d in dimensions_of_light if d == "photon_rate")
             return (*place, "shutter", *by_light) if self.full_well is not None else place
-        return (*place, "shutter", *(light if name in ERRORS_BY_LIGHT else ()))
+        return (*place, "shutter", *(dimensions_of_light if name in ERRORS_BY_LIGHT else ()))
 
     @property
     def variables(self) -> dict[str, np.dtype]:
@@ -218,8 +218,8 @@ class Grid:
         rows, columns = self.accelerations.size, self.half_exposures.size
         if self.search is not None:
             return min(rows, _SEARCH_BLOCK), min(columns, _SEARCH_BLOCK)
-        light = [x.size for x in (self.photon_rates, self.read_noises) if x is not None]
-        point = 8 * len(self.metrics) * len(self.shutters) * int(np.prod([1, *light]))
+        counts = [x.size for x in (self.photon_rates, self.read_noises) if x is not None]
+        point = 8 * len(self.metrics) * len(self.shutters) * int(np.prod([1, *counts]))
         rows = min(rows, _BLOCK_ROW)
         return rows, int(np.clip(min(_BLOCK_BYTES // point, 4096) // rows, 1, columns))
 

@@ -121,11 +121,11 @@ def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataA
     require_scene(scene)
     psnr = _psnr("gain_over_snapshot(dataset=...)", dataset)
     present = [n for n in ("photon_rate", "read_noise") if n in psnr.dims]
-    light = {name: np.asarray(dataset[name]) for name in present}
-    best = best_snapshots(scene, light.get("photon_rate"), light.get("read_noise"))
+    levels = {name: np.asarray(dataset[name]) for name in present}
+    best = best_snapshots(scene, levels.get("photon_rate"), levels.get("read_noise"))
     level = best.expected_psnr
     for name in ("photon_rate", "read_noise"):
-        if name not in light:
+        if name not in levels:
             level = level.isel({name: 0}, drop=True)
     gain = _gain(psnr, level)
     return gain.assign_attrs(long_name="gain over best snapshot", units="dB")

@@ -207,7 +207,7 @@ def at_coordinates(shutter: AbstractShutter, box: Array) -> AbstractShutter:
 
 def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
     """Parameters that a search may move, with their bounds."""
-    kind, found = type(shutter).__name__, {}
+    kind, members = type(shutter).__name__, {}
     for name, (low, high) in shutter.bounds().items():
         subject = f"{kind}.bounds()[{name!r}]"
         require(hasattr(shutter, name), subject, "be of a field of the shutter", name)
@@ -216,8 +216,8 @@ def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
         )
         value = as_float(getattr(shutter, name), f"{kind}({name}=...)")
         require_finite(f"{kind}({name}=...)", value)
-        found[name] = (value, low, high)
-    return found
+        members[name] = (value, low, high)
+    return members
 
 
 def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Array:
@@ -343,13 +343,13 @@ def _check_transmittance(shutter: AbstractShutter) -> None:
     except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
         requirement = "be made of functions that JAX can trace, as those of `jax.numpy`"
         require(False, subject, requirement, Unquoted(type(error).__name__))
-    found = np.asarray(shutter.transmittance(jnp.asarray(_UNIFORM)))
-    alike = found.shape == _UNIFORM.shape
-    require(alike, subject, "have the shape of its argument", shape_of(found))
-    require(np.isrealobj(found), subject, "be real", Unquoted(found.dtype))
-    light = found[np.argmax(np.abs(np.where(np.isnan(found), np.inf, found - 0.5)))]
-    rounding = 16 * float(np.finfo(common_dtype(found)).eps)
-    require(bool(-rounding <= light <= 1 + rounding), subject, "lie in [0, 1]", light)
+    values = np.asarray(shutter.transmittance(jnp.asarray(_UNIFORM)))
+    alike = values.shape == _UNIFORM.shape
+    require(alike, subject, "have the shape of its argument", shape_of(values))
+    require(np.isrealobj(values), subject, "be real", Unquoted(values.dtype))
+    worst = values[np.argmax(np.abs(np.where(np.isnan(values), np.inf, values - 0.5)))]
+    rounding = 16 * float(np.finfo(common_dtype(values)).eps)
+    require(bool(-rounding <= worst <= 1 + rounding), subject, "lie in [0, 1]", worst)
     _check_discontinuities(shutter, subject)
 
 

@@ -53,8 +53,8 @@ class ChippedShutter(AbstractAdjustableShutter):
         one_row = chips.ndim == 1 and chips.size >= 1
         require(one_row, subject, "be one row of at least one chip", shape_of(chips))
         if is_concrete(chips):
-            known = np.asarray(chips)
-            require(bool(np.all((known >= 0) & (known <= 1))), subject, "lie in [0, 1]", chips)
+            values = np.asarray(chips)
+            require(bool(np.all((values >= 0) & (values <= 1))), subject, "lie in [0, 1]", chips)
 
     def transmittance(self, tau: ArrayLike) -> Array:
         tau = jnp.asarray(tau, common_dtype(self.transmittances, tau))

@@ -161,8 +161,8 @@ class SplineShutter(AbstractAdjustableShutter):
             ValueError: if there is no shutter, or one that is somewhere no transmittance, or
                 `num_coefficients` is not a whole number of at least 4.
         """
-        given = isinstance(shutter, AbstractShutter)
-        require(given, "SplineShutter.fit(shutter=...)", "be a shutter", shutter)
+        is_shutter = isinstance(shutter, AbstractShutter)
+        require(is_shutter, "SplineShutter.fit(shutter=...)", "be a shutter", shutter)
         piecewise(shutter)  # refuses what is no transmittance
         subject = "SplineShutter.fit(num_coefficients=...)"
         require_positive_int(subject, num_coefficients)
