@@ -15,7 +15,7 @@ from typing import Any, ClassVar, final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
     DoubleWord,
@@ -113,7 +113,7 @@ class AbstractDevice(eqx.Module):
         transmission, leakage = (jnp.asarray(x, dtype) for x in (self.transmission, self.leakage))
         return TransmittedShutter(profile, transmission, leakage, sent)
 
-    def slots(self, command: AbstractShutter, dtype: np.dtype) -> Array:
+    def slots(self, command: AbstractShutter, dtype: np.dtype) -> Float[Array, "n"]:
         """Level that is held over each slot; shape `(num_slots,)`.
 
         Args:
@@ -456,7 +456,7 @@ class TransmittedShutter(AbstractPiecewiseShutter):
     def symmetric(self) -> bool:
         return self.profile.symmetric
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         transmittance = self._passed(self.profile.transmittance(tau))
         return jnp.where(
             jnp.abs(jnp.asarray(tau)) <= 1, transmittance, jnp.zeros_like(transmittance)
@@ -469,13 +469,21 @@ class TransmittedShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return self.profile.breakpoints(dtype)
 
-    def piece_transmittance(self, offset: Array) -> Array:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         return self._passed(self.profile.piece_transmittance(offset))
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         return self._passed(self.profile.piece_mean(piece, from_left, distance, width))
 
-    def _passed(self, opened: Array) -> Array:
+    def _passed(self, opened: Num[Array | np.ndarray, "*shape"]) -> Inexact[Array, "*shape"]:
         if not jnp.issubdtype(opened.dtype, jnp.inexact):  # open and closed as 1 and 0
             opened = opened.astype(self.leakage.dtype)
         t, leakage = (x.astype(opened.dtype) for x in (self.transmission, self.leakage))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, Float
 
 from mishutter._core import (
     Unquoted,
@@ -76,7 +76,7 @@ class Picture:
             )
 
     @property
-    def luminance(self) -> np.ndarray:
+    def luminance(self) -> Float[np.ndarray, "rows columns"]:
         """Luminance in linear light; shape `(rows, columns)`."""
         if self.light.shape[2] == 1:
             return self.light[..., 0]
@@ -170,7 +170,9 @@ def examined(
     return Picture(light=irradiance, matte=matte, name=path.stem), _doubts(file, path, white)
 
 
-def light_of(file: Decoded, path: Path, white: float | None, linear: bool) -> np.ndarray:
+def light_of(
+    file: Decoded, path: Path, white: float | None, linear: bool
+) -> Float[np.ndarray, "rows columns channels"]:
     """Linear light of a picture's colours, white = 1; shape `(rows, columns, channels)`, float32.
 
     Args:
@@ -201,7 +203,7 @@ def checked_white(subject: str, white: ArrayLike | None) -> float | None:
     return float(np.asarray(white))
 
 
-def read_opacity(path: str | Path) -> np.ndarray:
+def read_opacity(path: str | Path) -> Float[np.ndarray, "rows columns"]:
     """Read a grey picture as opacity: its values as the file holds them, without gamma.
 
     Args:

@@ -18,7 +18,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     all_concrete,
@@ -82,10 +82,15 @@ class PathShape(NamedTuple):
             acceleration times the half exposure; scalar.
     """
 
-    pieces: Array
-    velocity: Array
+    pieces: Float[Array, "k"]
+    velocity: Float[Array, ""]
 
-    def own_velocity(self, acceleration: Array, half_exposure: Array, max_pan: Array) -> Array:
+    def own_velocity(
+        self,
+        acceleration: Float[Array, ""],
+        half_exposure: Float[Array, ""],
+        max_pan: Float[Array, ""],
+    ) -> Float[Array, ""]:
         """Velocity at mid-exposure from which others are counted, within the pan; px/s."""
         return jnp.clip(self.velocity * acceleration * half_exposure, -max_pan, max_pan)
 
@@ -214,7 +219,10 @@ class Limits(eqx.Module):
         return demands | self._demand_of_travel(lambda: _stage_share_of(self, motion))
 
     def demands_of_parabolas(
-        self, acceleration: np.ndarray, half_exposure: np.ndarray, velocity: np.ndarray
+        self,
+        acceleration: Float[np.ndarray, "..."],
+        half_exposure: Float[np.ndarray, "..."],
+        velocity: Float[np.ndarray, "..."],
     ) -> dict[str, Demand]:
         """The `demands` of parabolas, from their numbers; of any shape.
 
@@ -285,7 +293,9 @@ class Limits(eqx.Module):
         of_stroke = stroke - by_pan + root(stroke * space.maximum(room, 0))
         return space.where(room >= 0, of_stroke, 0.0) / 2 / half / half
 
-    def velocity_by_stroke(self, acceleration: Array, half_exposure: Array) -> Array | None:
+    def velocity_by_stroke(
+        self, acceleration: Float[Array, ""], half_exposure: Float[Array, ""]
+    ) -> Float[Array, ""] | None:
         """Greatest $|v|$ that the stroke leaves beside an acceleration; px/s, None for any.
 
         Args:
@@ -300,7 +310,7 @@ class Limits(eqx.Module):
         turned = 2 * (jnp.sqrt(stroke * safe) - safe * half)
         return jnp.where(turns_within, jnp.maximum(turned, 0), stroke / (2 * half))
 
-    def half_exposure_by_stroke(self, acceleration: Array) -> Array:
+    def half_exposure_by_stroke(self, acceleration: Float[Array, ""]) -> Float[Array, ""]:
         """Largest $T$ that the stroke leaves beside an acceleration, and the frame's pan; s.
 
         Args:
@@ -315,11 +325,11 @@ class Limits(eqx.Module):
 
     def stage_share(
         self,
-        acceleration: Array,
-        half_exposure: Array,
-        velocity: Array,
+        acceleration: Float[Array, "*shape"],
+        half_exposure: Float[Array, "*shape"],
+        velocity: Float[Array, "*shape"],
         shape: PathShape | None = None,
-    ) -> Array:
+    ) -> Float[Array, "*shape"]:
         """Share of the stage's travel, and of its top speed where its jerk is limited, in use.
 
         It never falls with the acceleration, px/s^2, the half exposure, s, or the size of the
@@ -345,7 +355,7 @@ class Limits(eqx.Module):
         use = stage_use(acceleration, half_exposure, of_stage, self.max_acceleration, self.max_jerk)
         return self._share_of(use, jnp.abs(pan) - jnp.abs(frame))
 
-    def stage_share_of(self, motion: AbstractMotion) -> Array:
+    def stage_share_of(self, motion: AbstractMotion) -> Float[Array, ""]:
         """The `stage_share` of a motion; scalar.
 
         Args:
@@ -409,11 +419,11 @@ class Limits(eqx.Module):
     def largest(
         self,
         name: str,
-        low: Array,
-        high: Array,
-        numbers: Mapping[str, Array],
+        low: Float[Array, ""],
+        high: Float[Array, ""],
+        numbers: Mapping[str, Float[Array, ""]],
         shape: PathShape | None = None,
-    ) -> Array:
+    ) -> Float[Array, ""]:
         """Largest value of a number of a motion that the stage reaches; scalar.
 
         It is bracketed by bisection, on the side that keeps the limits, and has the derivative of
@@ -469,7 +479,12 @@ class Limits(eqx.Module):
         half = self.largest("half_exposure", shortest, half_exposure, numbers)
         return self.acceleration_of_stage(acceleration, half, velocity), half, velocity
 
-    def acceleration_of_stage(self, most: Array, half_exposure: Array, velocity: Array) -> Array:
+    def acceleration_of_stage(
+        self,
+        most: Float[Array, ""],
+        half_exposure: Float[Array, ""],
+        velocity: Float[Array, ""],
+    ) -> Float[Array, ""]:
         """Largest $a$ up to `most` that the stage reaches on a parabola; px/s^2, scalar.
 
         Args:

@@ -15,7 +15,7 @@ from typing import Any, cast, final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from mishutter._core import (
     RowLike,
@@ -53,7 +53,7 @@ class AbstractMotion(eqx.Module):
         return f"{type(self).__name__}({', '.join(numbers)})"
 
     @property
-    def exposure(self) -> Array:
+    def exposure(self) -> Float[Array, "..."]:
         """Time from first to last light, $2T$; s."""
         return _number(lambda half: 2 * half, self.half_exposure)
 
@@ -126,32 +126,32 @@ class AbstractMotion(eqx.Module):
 
     @property
     @abstractmethod
-    def bend(self) -> Array | np.ndarray:
+    def bend(self) -> Float[Array | np.ndarray, "..."]:
         r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
 
     @property
     @abstractmethod
-    def stroke(self) -> Array:
+    def stroke(self) -> Float[Array, "..."]:
         """Travel of the sensor over the exposure beside that of its pan; px."""
 
     @property
     @abstractmethod
-    def extent(self) -> Array:
+    def extent(self) -> Float[Array, "..."]:
         """Distance from the lowest to the highest position of the sensor, its pan included; px."""
 
     @property
     @abstractmethod
-    def speed_gain(self) -> Array:
+    def speed_gain(self) -> Float[Array, "..."]:
         """Greatest speed that the sensor gains or loses from mid-exposure; px/s."""
 
     @property
     @abstractmethod
-    def top_speed(self) -> Array:
+    def top_speed(self) -> Float[Array, "..."]:
         """Greatest speed of the sensor during the exposure; px/s."""
 
     @property
     @abstractmethod
-    def greatest_acceleration(self) -> Array:
+    def greatest_acceleration(self) -> Float[Array, "..."]:
         """Greatest rate at which the velocity changes, twice the parameter $a$; px/s^2."""
 
 
@@ -217,32 +217,32 @@ class AbstractSteadyMotion(AbstractMotion):
         return True
 
     @property
-    def bend(self) -> Array | np.ndarray:
+    def bend(self) -> Float[Array | np.ndarray, "..."]:
         """The acceleration $a$; px/s^2."""
         return self.acceleration
 
     @property
-    def stroke(self) -> Array:
+    def stroke(self) -> Float[Array, "..."]:
         """Travel from mid-exposure to either end, $aT^2$; px."""
         return _number(lambda a, half: (a * half) * half, self.acceleration, self.half_exposure)
 
     @property
-    def extent(self) -> Array:
+    def extent(self) -> Float[Array, "..."]:
         """`extent_of_parabola`; px."""
         return _number(extent_of_parabola, self.acceleration, self.half_exposure, self.velocity)
 
     @property
-    def speed_gain(self) -> Array:
+    def speed_gain(self) -> Float[Array, "..."]:
         """Speed gained from mid-exposure to either end, $2aT$; px/s."""
         return _number(lambda a, half: 2 * a * half, self.acceleration, self.half_exposure)
 
     @property
-    def top_speed(self) -> Array:
+    def top_speed(self) -> Float[Array, "..."]:
         """Greatest speed of the sensor during the exposure, $2aT + |v|$; px/s."""
         return _number(lambda gain, v: gain + abs(v), self.speed_gain, self.velocity)
 
     @property
-    def greatest_acceleration(self) -> Array:
+    def greatest_acceleration(self) -> Float[Array, "..."]:
         """Rate at which the velocity changes, $2a$; px/s^2."""
         return _number(lambda a: 2 * a, self.acceleration)
 
@@ -497,40 +497,40 @@ class FreeMotion(AbstractMotion):
         return space.take_along_axis(positions, lowest, axis=-1)[..., 0]
 
     @property
-    def stroke(self) -> Array:
+    def stroke(self) -> Float[Array, "..."]:
         r"""Travel beside that of the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
         (velocity,) = as_numpy(self.velocity)
         return _number(operator.sub, self.highest(velocity), self.lowest(velocity))
 
     @property
-    def extent(self) -> Array:
+    def extent(self) -> Float[Array, "..."]:
         r"""Travel with the pan, $\max_t x(t) - \min_t x(t)$; px."""
         rest = np.zeros((), self.half_exposure.dtype)
         return _number(operator.sub, self.highest(rest), self.lowest(rest))
 
     @property
-    def speed_gain(self) -> Array:
+    def speed_gain(self) -> Float[Array, "..."]:
         r"""Greatest speed gained or lost from mid-exposure, $\max_t |x'(t) - v|$; px/s."""
         return _number(lambda each, v: largest_of(abs(each - v)), self._velocities(), self.velocity)
 
     @property
-    def top_speed(self) -> Array:
+    def top_speed(self) -> Float[Array, "..."]:
         r"""Greatest speed of the sensor during the exposure, $\max_t |x'(t)|$; px/s."""
         return _number(lambda each: largest_of(abs(each)), self._velocities())
 
     @property
-    def greatest_acceleration(self) -> Array:
+    def greatest_acceleration(self) -> Float[Array, "..."]:
         """Greatest rate at which the velocity changes, twice that of $|a|$; px/s^2."""
         return _number(lambda a: 2 * largest_of(abs(a[self.lasting])), self.accelerations)
 
     @property
-    def lasting(self) -> np.ndarray:
+    def lasting(self) -> Int[np.ndarray, "k"]:
         """Indices of the pieces that take time; shape `(k,)`."""
         ends = exact_ends(self.durations, self.accelerations.size)
         return np.flatnonzero([after > before for before, after in itertools.pairwise(ends)])
 
     @property
-    def bend(self) -> Array | np.ndarray:
+    def bend(self) -> Float[Array | np.ndarray, "..."]:
         r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
         shares = (np.diff(ends) / 2).astype(self.accelerations.dtype)

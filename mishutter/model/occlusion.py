@@ -5,7 +5,7 @@ from typing import Literal, final, get_args
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     all_concrete,
@@ -45,14 +45,14 @@ class LayerShares(eqx.Module):
         folds: Whether `+s` and `-s` are taken for one effective speed; static.
     """
 
-    power: Array
-    objects: Array
-    background: Array
-    same: Array
-    beat: Array
-    background_speeds: Array
-    background_weights: Array
-    speeds: Array
+    power: Float[Array, "m"]
+    objects: Float[Array, "m"]
+    background: Float[Array, "m"]
+    same: Float[Array, "m"]
+    beat: Float[Array, "m b n k"]
+    background_speeds: Float[Array, "b"]
+    background_weights: Float[Array, "b"]
+    speeds: Float[Array, "k"]
     first: float = eqx.field(static=True)
     step: float = eqx.field(static=True)
     folds: bool = eqx.field(static=True)

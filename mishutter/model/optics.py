@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import namespace_of
 
@@ -16,12 +16,12 @@ WIDEST_BLUR = 16.0
 """Widest blur of a lens, px: four of it fit into the margin that captures leave."""
 
 
-def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Array:
+def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Float[Array, "{num_frequencies}"]:
     """The `frequencies` in a program, which counts them itself; cycles/px, shape `(m,)`."""
     return _centres(jnp.arange(num_frequencies, dtype=dtype))
 
 
-def frequencies(count: int) -> np.ndarray:
+def frequencies(count: int) -> Float[np.ndarray, "{count}"]:
     """Centres of equal steps in (0, 0.5); cycles/px, shape `(count,)`."""
     return _centres(np.arange(count, dtype=np.float64))
 
@@ -30,7 +30,9 @@ def _centres(index: Any) -> Any:
     return (index + 0.5) * (0.5 / index.size)
 
 
-def on_steps(power: Array | np.ndarray, count: int) -> Array | np.ndarray:
+def on_steps(
+    power: Float[Array | np.ndarray, "m"], count: int
+) -> Float[Array | np.ndarray, "{count}"]:
     """Power of a spectrum known on other equal steps of (0, 0.5); shape `(count,)`.
 
     Within a step it is the parabola that holds the step's power and is the harmonic mean of two
@@ -73,14 +75,16 @@ class Optics(NamedTuple):
     cutoff_frequency: float
     lens_blur: float = 0.0
 
-    def response(self, period: int) -> np.ndarray:
+    def response(self, period: int) -> Float[np.ndarray, "{period}//2+1"]:
         """Response on the grid of the DFT of so many pixels; shape `(period // 2 + 1,)`."""
         number = np.arange(period // 2 + 1)
         passes = number <= self.cutoff_frequency * period * (1 + 1e-12)
         return np.where(passes, lens_response(number / period, self.lens_blur), 0.0)
 
 
-def lens_response(frequency: Array | np.ndarray, lens_blur: ArrayLike) -> Array | np.ndarray:
+def lens_response(
+    frequency: Float[Array | np.ndarray, "*shape"], lens_blur: ArrayLike
+) -> Float[Array | np.ndarray, "*shape"]:
     r"""Response $e^{-2\pi^2\sigma^2 f^2}$ of a Gaussian of deviation $\sigma$, px.
 
     Args:
@@ -91,7 +95,9 @@ def lens_response(frequency: Array | np.ndarray, lens_blur: ArrayLike) -> Array 
     return space.exp(-2 * (np.pi * lens_blur * frequency) ** 2)
 
 
-def pixel_response(frequency: Array | np.ndarray, lens_blur: ArrayLike) -> Array | np.ndarray:
+def pixel_response(
+    frequency: Float[Array | np.ndarray, "*shape"], lens_blur: ArrayLike
+) -> Float[Array | np.ndarray, "*shape"]:
     r"""Response $\operatorname{sinc}(f)\,e^{-2\pi^2\sigma^2 f^2}$ of a pixel behind the lens."""
     space = jnp if isinstance(frequency, jax.Array) else np
     return space.sinc(frequency) * lens_response(frequency, lens_blur)

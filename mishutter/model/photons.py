@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, Float
 
 
 def noise_power(
@@ -29,7 +29,7 @@ def noise_power(
 
 def filling_half_exposure(
     full_well: ArrayLike, photon_rate: ArrayLike, throughput: ArrayLike = 1.0
-) -> np.ndarray:
+) -> Float[np.ndarray, "..."]:
     """Half exposure after which white fills a pixel, infinite without light; s, of any shape.
 
     Args:

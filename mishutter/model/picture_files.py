@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from jaxtyping import UInt16
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -77,7 +78,7 @@ def decoded(path: Path) -> Decoded:
         return _decoded_by_pillow(path)
 
 
-def deep_png(pixels: np.ndarray) -> bytes:
+def deep_png(pixels: UInt16[np.ndarray, "rows columns channels"]) -> bytes:
     """A PNG of 16 bits a channel, by the settings with which OpenCV encodes quickly.
 
     Args:

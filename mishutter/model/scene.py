@@ -7,7 +7,7 @@ from typing import Literal, final, get_args
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     RowLike,
@@ -428,7 +428,7 @@ class Scene(eqx.Module):
         return is_concrete(self.speeds) and is_concrete(self.weights)
 
     @property
-    def max_speed(self) -> Array:
+    def max_speed(self) -> Float[Array, ""]:
         """Largest speed of either sign that occurs; px/s."""
         slowest, fastest = self.speed_range
         if self.speeds_known:
@@ -436,7 +436,7 @@ class Scene(eqx.Module):
         return jnp.maximum(jnp.abs(slowest), jnp.abs(fastest))
 
     @property
-    def speed_range(self) -> tuple[Array, Array]:
+    def speed_range(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """Smallest and largest velocity that occurs; px/s."""
         if self.speeds_known:
             speeds = np.asarray(self.speeds)[np.asarray(self.weights) > 0]

@@ -21,7 +21,7 @@ from typing import Any, final
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     as_float,
@@ -86,7 +86,9 @@ class SecondOrderStage(eqx.Module):
         r"""Time $2\zeta/\omega$ by which a steady parabola is followed late; s."""
         return 2 * float(self.damping) / self.natural_frequency
 
-    def sent_for(self, path: StagePath, times: np.ndarray) -> np.ndarray:
+    def sent_for(
+        self, path: StagePath, times: Float[np.ndarray, "*times"]
+    ) -> Float[np.ndarray, "*times"]:
         """Positions to send so that the stage is on a path; px, shape of `times`.
 
         Args:
@@ -112,7 +114,9 @@ class SecondOrderStage(eqx.Module):
         rates = np.diff(velocity) / np.diff(times) / 2
         return FreeMotion(accelerations=rates, half_exposure=half, velocity=velocity[_PIECES // 2])
 
-    def followed(self, path: StagePath, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def followed(
+        self, path: StagePath, times: Float[np.ndarray, "*times"]
+    ) -> tuple[Float[np.ndarray, "*times"], Float[np.ndarray, "*times"]]:
         """Positions, px, and velocities, px/s, of a stage that is sent the path where it should be.
 
         Args:

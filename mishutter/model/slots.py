@@ -8,7 +8,7 @@ and Steinberg, 1976): the light is that of the profile in the mean over a few sl
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float, Shaped
 
 from mishutter._core import compiled
 from mishutter.model.shutters import AbstractPiecewiseShutter
@@ -21,7 +21,9 @@ _LONG = 1 << 30
 
 
 @compiled
-def slot_means(profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtype) -> Array:
+def slot_means(
+    profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtype
+) -> Float[Array, "{num_slots}"]:
     """Mean transmittance over equal slots of the exposure; shape `(num_slots,)`."""
     slots, ends = (
         x.high for x in (uniform_breakpoints(num_slots, dtype), profile.breakpoints(dtype))
@@ -43,8 +45,8 @@ def slot_means(profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtyp
 
 @compiled
 def diffused(
-    means: Array | np.ndarray, levels: int, min_open: int = 1, min_closed: int = 1
-) -> Array:
+    means: Float[Array | np.ndarray, "n"], levels: int, min_open: int = 1, min_closed: int = 1
+) -> Float[Array, "n"]:
     """The levels that slots take, as transmittances; shape `(n,)`, without a derivative.
 
     Args:
@@ -71,7 +73,9 @@ def diffused(
     return jax.lax.scan(step, first, means)[1]
 
 
-def runs_are_long_enough(slots: np.ndarray, min_open: int, min_closed: int) -> np.ndarray:
+def runs_are_long_enough(
+    slots: Shaped[np.ndarray, "k n"], min_open: int, min_closed: int
+) -> Bool[np.ndarray, "k"]:
     """Whether rows of 0 and 1 have no run that is too short, ends aside; `(k, n)` to `(k,)`."""
     holds = np.ones(len(slots), bool)
     for level, shortest in ((1, min_open), (0, min_closed)):

@@ -4,13 +4,13 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
     DoubleWord,
@@ -61,7 +61,7 @@ class AbstractShutter(eqx.Module):
         return fields_text(self)
 
     @abstractmethod
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         r"""$w(\tau)$ at normalised times of any shape; same shape, in $[0, 1]$.
 
         Args:
@@ -82,7 +82,7 @@ class AbstractShutter(eqx.Module):
         """
         return {}
 
-    def efficiency(self) -> Array:
+    def efficiency(self) -> Float[Array, ""]:
         r"""Light let through, $\eta = \frac12 \int_{-1}^1 w(\tau)\,d\tau$; scalar."""
         return integrated_transmittance(piecewise(self)) / 2
 
@@ -128,7 +128,9 @@ class AbstractPiecewiseShutter(AbstractShutter):
         """
 
     @abstractmethod
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         """Each piece's function at offsets, an array, complex ones included; shape `(n, ...)`.
 
         Args:
@@ -136,7 +138,13 @@ class AbstractPiecewiseShutter(AbstractShutter):
         """
 
     @abstractmethod
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         """Mean of some pieces' functions over an interval.
 
         Args:
@@ -156,11 +164,11 @@ class AbstractAdjustableShutter(AbstractPiecewiseShutter):
     """Whether the transmittance is linear in the box coordinates."""
 
     @abstractmethod
-    def box(self) -> Array:
+    def box(self) -> Float[Array, "p"]:
         """Coordinates in `[0, 1]` of this profile; shape `(p,)`."""
 
     @abstractmethod
-    def at(self, box: Array) -> "AbstractAdjustableShutter":
+    def at(self, box: Float[Array, "p"]) -> "AbstractAdjustableShutter":
         """The shutter of the same kind at other coordinates.
 
         Args:
@@ -173,7 +181,7 @@ def is_adjustable(shutter: AbstractShutter) -> bool:
     return isinstance(shutter, AbstractAdjustableShutter) or bool(shutter.bounds())
 
 
-def coordinates(shutter: AbstractShutter) -> Array:
+def coordinates(shutter: AbstractShutter) -> Float[Array, "p"]:
     """Coordinates of an adjustable profile in the unit box; shape `(p,)`.
 
     Raises:
@@ -193,7 +201,7 @@ def num_coordinates(shutter: AbstractShutter) -> int:
     return sum(value.size for value, _, _ in _bounded(shutter).values())
 
 
-def at_coordinates(shutter: AbstractShutter, box: Array) -> AbstractShutter:
+def at_coordinates(shutter: AbstractShutter, box: Float[Array, "p"]) -> AbstractShutter:
     """The shutter of the same kind at other coordinates of the unit box."""
     if isinstance(shutter, AbstractAdjustableShutter):
         return shutter.at(box)
@@ -220,7 +228,7 @@ def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
     return members
 
 
-def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Array:
+def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Float[Array, ""]:
     """Integral of the transmittance over its whole domain; scalar."""
     dtype = shutter.dtype() or common_dtype()
     ends = shutter.breakpoints(np.dtype(dtype))
@@ -241,7 +249,7 @@ def uniform_breakpoints(num_pieces: int, dtype: np.dtype) -> DoubleWord:
 
 
 @jax.custom_jvp
-def within_unit(value: Array) -> Array:
+def within_unit(value: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """Undo a last-digit excursion from [0, 1] and leave the derivative alone."""
     return jnp.clip(value, 0, 1)
 
@@ -269,7 +277,7 @@ class SampledShutter(AbstractPiecewiseShutter):
     equal_pieces: ClassVar[bool] = False
     symmetric: ClassVar[bool] = False
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         return self.shutter.transmittance(tau)
 
     def dtype(self) -> np.dtype | None:
@@ -293,13 +301,21 @@ class SampledShutter(AbstractPiecewiseShutter):
         low = jnp.concatenate([uniform.low, jnp.zeros_like(declared)])
         return DoubleWord(high[order], low[order])
 
-    def piece_transmittance(self, offset: Array) -> Array:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         dtype = np.finfo(offset.dtype).dtype
         scale = self._scale(dtype).reshape(-1, *(1,) * (offset.ndim - 1))
         share = offset * scale.astype(offset.dtype)
         return bernstein_value(expand(split_control(self._control(dtype)), share), share)
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         scale = self._scale(width.dtype)[piece]
         control = self._control(width.dtype)
         return bernstein_mean(control, piece, from_left, distance * scale, width * scale)

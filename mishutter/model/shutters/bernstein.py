@@ -8,10 +8,10 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 
-def polynomial(coefficients: Sequence[ArrayLike], x: Array) -> Array:
+def polynomial(coefficients: Sequence[ArrayLike], x: Array | np.ndarray) -> Array:
     """A polynomial by its coefficients, the highest first."""
     total = jnp.asarray(coefficients[0], x.dtype)
     for coefficient in coefficients[1:]:
@@ -19,7 +19,12 @@ def polynomial(coefficients: Sequence[ArrayLike], x: Array) -> Array:
     return total
 
 
-def polynomial_means(powers: Array, piece: Array, centre: Array, width: Array) -> Array:
+def polynomial_means(
+    powers: Float[Array, "degrees pieces"],
+    piece: Int[Array, "*cells"],
+    centre: Float[Array, "*cells"],
+    width: Float[Array, "*cells"],
+) -> Float[Array, "*cells"]:
     """Means of some polynomials over intervals, by the Gauss-Legendre rule that is exact.
 
     Args:
@@ -68,8 +73,12 @@ def bernstein_value(control: list[Any], u: Any) -> Any:
 
 
 def bernstein_mean(
-    control: Array, piece: Array, from_left: Array, distance: Array, width: Array
-) -> Array:
+    control: Float[Array, "..."],
+    piece: Int[Array, "*cells"],
+    from_left: Bool[Array, "*cells"],
+    distance: Float[Array, "*cells"],
+    width: Float[Array, "*cells"],
+) -> Float[Array, "*cells"]:
     """Means of some pieces over intervals, in shares of the piece.
 
     By powers of the distance from the end of the piece that is nearer. Up to the middle they
@@ -96,7 +105,7 @@ def looked_up(values: Array, index: Array) -> Array:
     return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
-def power_matrix(degree: int) -> np.ndarray:
+def power_matrix(degree: int) -> Float[np.ndarray, "{degree}+1 {degree}+1"]:
     """Matrix from control points, a row, to coefficients of powers of the share passed."""
     k = range(degree + 1)
     rows = [[comb(degree, j) * comb(j, i) * (-1) ** (j - i) for j in k] for i in k]
