@@ -110,7 +110,7 @@ class Design:
         }
         return "\n".join(["Design", *(f"  {name:<9} {text}" for name, text in lines.items())])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""
         parts = {
             "format": FORMAT,
@@ -289,7 +289,7 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
     return {"kind": type(motion).__name__} | steady_part | numbers
 
 
-def scene_to_dict(scene: Scene) -> dict[str, Any]:
+def scene_to_dict(scene: Scene) -> dict[str, object]:
     """Numbers of a scene."""
     return SAVED_SCENE.model_validate(scene, from_attributes=True).model_dump()
 

@@ -1,7 +1,7 @@
 """The schema by which a design's file is written and checked."""
 
 import math
-from typing import Annotated, Any, Literal, final
+from typing import Annotated, Literal, final
 
 from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, model_validator
 
@@ -11,10 +11,10 @@ from mishutter.model import Part, Scene, arguments_of
 FORMAT = 1
 """Version of the file format."""
 
-_UNWRITTEN: dict[Any, float] = {"Infinity": math.inf, "-Infinity": -math.inf, None: math.nan}
+_UNWRITTEN: dict[str | None, float] = {"Infinity": math.inf, "-Infinity": -math.inf, None: math.nan}
 
 
-def _read_back(value: Any) -> Any:
+def _read_back(value: object) -> object:
     """A number as it was before `strict_json`, which has no token for some."""
     return _UNWRITTEN.get(value, value) if isinstance(value, str | None) else value
 
@@ -66,7 +66,7 @@ class SavedDesign(Part):
     loss: Result
     loss_name: str
     best_start_loss: Result
-    metrics: Any = None
+    metrics: object = None
     history: list[Result]
     converged: bool
     outcome: str

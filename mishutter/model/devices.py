@@ -349,7 +349,7 @@ class SwitchedShutter(AbstractDevice):
         return self.passed(ChippedShutter(self.slots(command, dtype)), dtype, None)
 
 
-def device_of(**numbers: Any) -> AbstractDevice:
+def device_of(**numbers: ArrayLike | None) -> AbstractDevice:
     """The device whose arguments these are, those that are None left out.
 
     One with times follows gradually; one with slots but without levels switches.

@@ -36,6 +36,7 @@ from mishutter.model.motion import (
     AbstractMotion,
     FreeMotion,
     ParabolicMotion,
+    Positions,
     StillCamera,
     extent_of_parabola,
     is_straight,
@@ -65,10 +66,10 @@ class Demand(NamedTuple):
         there: The limit, in the same unit; of any shape.
     """
 
-    taken: Any
-    there: Any
+    taken: Float[np.ndarray, "..."]
+    there: Float[np.ndarray, "..."]
 
-    def is_met(self, slack: float) -> Any:
+    def is_met(self, slack: float) -> np.ndarray | np.bool_:
         """Whether no more is taken than there is, by a share of it."""
         return self.taken <= self.there * (1 + slack)
 
@@ -244,7 +245,13 @@ class Limits(eqx.Module):
         return demands | self._demand_of_travel(lambda: self.stage_share(a, half, pan))
 
     def _demands(
-        self, *, extent: Any, top_speed: Any, half_exposure: Any, velocity: Any, acceleration: Any
+        self,
+        *,
+        extent: Positions,
+        top_speed: Positions,
+        half_exposure: Positions,
+        velocity: Positions,
+        acceleration: Positions,
     ) -> dict[str, Demand]:
         demands = {
             "exposure_too_short": (self.min_half_exposure, half_exposure),
@@ -277,7 +284,9 @@ class Limits(eqx.Module):
             return motion
         return panned(motion, motion.velocity + self._frame(jnp.asarray(motion.velocity)))
 
-    def acceleration_by_stroke(self, half_exposure: Any, velocity: ArrayLike = 0.0) -> Any:
+    def acceleration_by_stroke(
+        self, half_exposure: Positions, velocity: ArrayLike = 0.0
+    ) -> Positions:
         """Largest $a$ that the stroke leaves beside a pan, 0 where it holds no more than that.
 
         In px/s^2, of the shape of `half_exposure`.
@@ -398,7 +407,7 @@ class Limits(eqx.Module):
         """The part of a velocity that turning the camera makes; px/s."""
         return velocity if self.pans == "camera" else jnp.zeros_like(velocity)
 
-    def _speed_of_stage(self, velocity: ArrayLike) -> Any:
+    def _speed_of_stage(self, velocity: Positions | float) -> Positions:
         """Greatness of the velocity that the stage itself has at mid-exposure; px/s."""
         if self.pans == "camera":
             return abs(velocity) * 0

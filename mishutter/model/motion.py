@@ -95,7 +95,7 @@ class AbstractMotion(eqx.Module):
         """
 
     @abstractmethod
-    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
+    def aligned_position(self, tau: RowLike, speed: RowLike) -> Positions:
         """The `position_of` objects, from where they are aligned.
 
         Args:
@@ -186,7 +186,7 @@ class AbstractSteadyMotion(AbstractMotion):
         tau, stroke, smear = self._stroke_and_smear(tau, speed)
         return tau * (stroke * tau - smear)
 
-    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
+    def aligned_position(self, tau: RowLike, speed: RowLike) -> Positions:
         r"""$aT^2(\tau - \nu)^2$ from the vertex; $-(s - v)T\tau$ of a sensor at rest; px."""
         tau, stroke, smear = self._stroke_and_smear(tau, speed)
         space, moves = namespace_of(tau), turns(stroke)
@@ -370,7 +370,7 @@ class FreeMotion(AbstractMotion):
         """
         return self.position_at(self._shares(time))
 
-    def position_at(self, tau: Any) -> Positions:
+    def position_at(self, tau: RowLike) -> Positions:
         r"""`position` at $t = \tau T$; derivatives by $T$ take $\tau$ for fixed.
 
         Args:
@@ -391,7 +391,7 @@ class FreeMotion(AbstractMotion):
         tau, s, T = _together(tau, speed, self.half_exposure)
         return self.position_at(tau) - (s * T) * tau
 
-    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
+    def aligned_position(self, tau: RowLike, speed: RowLike) -> Positions:
         """The `position_of` objects, from the lowest of it; px.
 
         Args:
@@ -431,18 +431,18 @@ class FreeMotion(AbstractMotion):
         """
         return self._velocity_at(self._shares(time))
 
-    def _velocity_at(self, tau: Any) -> Positions:
+    def _velocity_at(self, tau: RowLike) -> Positions:
         tau, v, a, T = _together(tau, self.velocity, self.accelerations, self.half_exposure)
         space = namespace_of(tau)
         begin, end = self._passed(tau)
         passed = space.sign(tau)[..., None] * (end - begin)
         return v + 2 * T * _of_pieces(a, passed)
 
-    def _shares(self, time: RowLike) -> Any:
+    def _shares(self, time: RowLike) -> Positions:
         """Times in units of $T$."""
         return operator.truediv(*_together(time, self.half_exposure))
 
-    def _passed(self, tau: Any) -> tuple[Any, Any]:
+    def _passed(self, tau: Positions) -> tuple[Positions, Positions]:
         r"""Between which times, in units of $T$, each piece is passed from 0 to `tau`."""
         space = namespace_of(tau)
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
@@ -552,7 +552,7 @@ class FreeMotion(AbstractMotion):
         return self._velocity_at(ends.astype(self.half_exposure.dtype))
 
 
-def _of_pieces(accelerations: Any, passed: Any) -> Any:
+def _of_pieces(accelerations: Positions, passed: Positions) -> Positions:
     """Sum of accelerations times what has passed of each piece, on the last axis."""
     return (accelerations.reshape((1,) * (passed.ndim - 1) + (-1,)) * passed).sum(axis=-1)
 
@@ -624,7 +624,9 @@ class StillCamera(AbstractStraightMotion):
         return _zero_like(self.half_exposure)
 
 
-def extent_of_parabola(acceleration: Any, half_exposure: Any, velocity: Any) -> Any:
+def extent_of_parabola(
+    acceleration: Positions, half_exposure: Positions, velocity: Positions
+) -> Positions:
     r"""Distance from the lowest to the highest of $v t + a t^2$, $|t| \le T$; px, any shape.
 
     $a\,(T + |v|/2a)^2$ where the path turns within the exposure, $|v| < 2aT$, and $2|v|T$ where
@@ -648,7 +650,7 @@ def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
         return turns(a * half * half)
 
 
-def _together(*values: Any) -> tuple[Any, ...]:
+def _together(*values: RowLike) -> tuple[Array | np.ndarray, ...]:
     """Numbers as arrays of one kind: of NumPy where the first is and all are known."""
     if isinstance(values[0], np.ndarray) and all_concrete(values):
         return tuple(np.asarray(x, np.result_type(values[0], np.float32)) for x in values)
@@ -656,7 +658,7 @@ def _together(*values: Any) -> tuple[Any, ...]:
     return tuple(jnp.asarray(x, dtype) for x in values)
 
 
-def largest_of(values: Any) -> Any:
+def largest_of(values: Array | np.ndarray) -> Positions:
     """The largest of a row, by its index.
 
     The derivative of a maximum asks which values equal it: none does where the compiler computes
@@ -665,7 +667,7 @@ def largest_of(values: Any) -> Any:
     return values[values.argmax()]
 
 
-def _number(formula: Callable[..., Any], *numbers: Any) -> Array:
+def _number(formula: Callable[..., Positions], *numbers: Positions) -> Array:
     """Evaluates a formula by NumPy if all of its numbers are concrete."""
     with np.errstate(over="ignore", invalid="ignore"):
         return as_float(formula(*as_numpy(*numbers)))
@@ -699,7 +701,7 @@ def steady(motion: AbstractMotion) -> AbstractSteadyMotion:
     return cast(AbstractSteadyMotion, motion)
 
 
-def is_known_zero(value: Any) -> bool:
+def is_known_zero(value: ArrayLike) -> bool:
     """Whether a number, or all of an array, can be looked at and is 0."""
     return is_concrete(value) and not np.any(np.asarray(value))
 
@@ -764,7 +766,7 @@ def _as_durations(durations: RowLike) -> tuple[float, ...]:
     return row
 
 
-def _shown(value: Any) -> Any:
+def _shown(value: Any) -> object:
     return value.tolist() if getattr(value, "ndim", 0) and is_concrete(value) else value
 
 

@@ -1,14 +1,19 @@
 """Photo-electrons of a pixel: when they fill it, and the noise that they come with."""
 
-from typing import Any
-
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float
+
+Numbers = Array | np.ndarray | np.floating | float
 
 
 def noise_power(
-    throughput: Any, mean_level: Any, electrons: Any, read_noise: Any, *, unit: Any = 1.0
-) -> Any:
+    throughput: Numbers,
+    mean_level: Numbers,
+    electrons: Numbers,
+    read_noise: Numbers,
+    *,
+    unit: Numbers = 1.0,
+) -> Numbers:
     r"""Variance of a pixel, $\eta \bar f p + \sigma^2$, in squares of a unit; of any shape.
 
     The noise of equation (4) of "Improved motion invariant imaging with time varying shutter

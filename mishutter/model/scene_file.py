@@ -146,7 +146,7 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     Raises:
         ValueError: if a number is out of the range of its key.
     """
-    tables: dict[str, Any] = {
+    tables: dict[str, dict[str, object]] = {
         "speeds": {"list_px_per_s": scene.speeds.tolist(), "weights": scene.weights.tolist()},
         "light": table_of(scene, Light),
         "sensor": table_of(scene, Sensor),
@@ -175,9 +175,9 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def _optional_tables(scene: Scene) -> dict[str, Any]:
+def _optional_tables(scene: Scene) -> dict[str, dict[str, object]]:
     """Tables of what a scene may do without."""
-    tables: dict[str, Any] = {}
+    tables: dict[str, dict[str, object]] = {}
     if scene.occlusion is not None:
         tables["occlusion"] = table_of(scene.occlusion, OcclusionSection)
         if not scene.occlusion.has_edges:
@@ -195,7 +195,7 @@ def _optional_tables(scene: Scene) -> dict[str, Any]:
     return tables
 
 
-def _device_table(device: AbstractDevice) -> dict[str, Any]:
+def _device_table(device: AbstractDevice) -> dict[str, object]:
     table = table_of(device, ShutterSection)
     if isinstance(device, IdealShutter) and device.levels is None and device.num_slots is not None:
         # Slots without levels and times are of a device that is open or closed.
@@ -208,7 +208,7 @@ def _scene(data: bytes, name: str, folder: Path) -> Scene:
 
 
 def scene_of_tables(
-    tables: Any, name: str, folder: Path, photographs: Photographs | None = None
+    tables: object, name: str, folder: Path, photographs: Photographs | None = None
 ) -> Scene:
     """The scene of a file's tables.
 

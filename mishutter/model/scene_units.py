@@ -200,14 +200,14 @@ def arguments_in(section: Section, kind: type, place: str, scales: Scales) -> di
     return {name: value for name, value in values.items() if value is not None}
 
 
-def table_of(instance: object, section: type[Section]) -> dict[str, Any]:
+def table_of(instance: object, section: type[Section]) -> dict[str, object]:
     """The table of a section that `arguments_in` reads back, in the first unit of each quantity.
 
     Args:
         instance: An object of the class.
         section: The section.
     """
-    table = {}
+    table: dict[str, object] = {}
     for name, (unit, *_) in _quantities(section, type(instance)).items():
         value = getattr(instance, _OTHER_NAMES.get(name, name))
         if hasattr(value, "dtype"):

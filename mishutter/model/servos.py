@@ -17,7 +17,7 @@ the delay is left, which pans by $-2ad$.
 """
 
 from collections.abc import Sequence
-from typing import Any, final
+from typing import final
 
 import equinox as eqx
 import numpy as np
@@ -138,7 +138,9 @@ class SecondOrderStage(eqx.Module):
         made = steady + strayed[..., 0]
         return made[..., 0], made[..., 1]
 
-    def _cubic(self, starts: Sequence[Any], elapsed: Any) -> np.ndarray:
+    def _cubic(
+        self, starts: Sequence[np.ndarray | np.floating], elapsed: np.ndarray | np.floating | float
+    ) -> np.ndarray:
         """Position and velocity that a piece of constant jerk leads to, without an oscillation."""
         position, velocity, acceleration, jerk = starts
         delay, square = self.delay, 1 / self.natural_frequency**2
@@ -149,7 +151,7 @@ class SecondOrderStage(eqx.Module):
         made = sent - delay * made_velocity - square * made_acceleration
         return np.stack([made, made_velocity], axis=-1)
 
-    def _decay(self, elapsed: Any) -> np.ndarray:
+    def _decay(self, elapsed: np.ndarray | np.floating) -> np.ndarray:
         """The matrix that carries a position and a velocity on, nothing sent; `(..., 2, 2)`."""
         from scipy.linalg import expm
 

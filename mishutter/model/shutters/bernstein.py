@@ -4,11 +4,12 @@ import itertools
 from collections.abc import Sequence
 from fractions import Fraction
 from math import comb
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+Numbers = Array | np.ndarray
 
 
 def polynomial(coefficients: Sequence[ArrayLike], x: Array | np.ndarray) -> Array:
@@ -64,7 +65,7 @@ def economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> list
     return [float(x) for x in reversed(series)]
 
 
-def bernstein_value(control: list[Any], u: Any) -> Any:
+def bernstein_value(control: list[Numbers], u: Numbers) -> Numbers:
     """Value at `u`, the share of the piece passed, by de Casteljau's rule."""
     points = control
     while len(points) > 1:
@@ -120,11 +121,11 @@ def bernstein_from_values(degree: int) -> tuple[np.ndarray, np.ndarray]:
     return nodes, np.linalg.inv(basis)
 
 
-def split_control(control: Any) -> list[Any]:
+def split_control(control: Numbers) -> list[Numbers]:
     """Control points on the last axis of an array, as a list."""
     return [control[..., i] for i in range(control.shape[-1])]
 
 
-def expand(points: list[Any], like: Any) -> list[Any]:
+def expand(points: list[Numbers], like: Numbers) -> list[Numbers]:
     """Control points of shape `(n,)` made to broadcast against `(n, ...)`."""
     return [p.reshape(p.shape + (1,) * (like.ndim - 1)).astype(like.dtype) for p in points]

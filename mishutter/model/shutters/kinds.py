@@ -113,7 +113,7 @@ def named_shutter(text: str) -> AbstractShutter:
     return kind.shutter(**{str(kind.parameter): number})
 
 
-def shutter_to_dict(shutter: AbstractShutter) -> dict[str, Any]:
+def shutter_to_dict(shutter: AbstractShutter) -> dict[str, object]:
     """Kind and parameters of a shutter.
 
     Raises:
@@ -126,7 +126,7 @@ def shutter_to_dict(shutter: AbstractShutter) -> dict[str, Any]:
     return {"kind": name} | {field: _plain(getattr(shutter, field)) for field in kind.fields}  # type: ignore[union-attr]
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     return np.asarray(value, np.float64).tolist() if hasattr(value, "shape") else value
 
 
@@ -148,7 +148,7 @@ def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
     return kinds[name].shutter(**{key: _read(key, arguments[key], fields[key]) for key in fields})
 
 
-def _read(key: str, value: Any, kind: Any) -> Any:
+def _read(key: str, value: object, kind: object) -> object:
     """A parameter of a file as its kind of field has it: arrays are numbers or lists of them."""
     words = {bool: "true or false", int: "a whole number", str: "text"}
     if kind in words:

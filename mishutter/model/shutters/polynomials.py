@@ -138,12 +138,12 @@ def _profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]
 @compiled
 def _interpolated_by_program(
     profile: AbstractPiecewiseShutter, dtype: np.dtype
-) -> tuple[PolynomialShutter, Array] | None:
+) -> tuple[PolynomialShutter, Any] | None:
     return _interpolated(profile, *map(jnp.asarray, profile.breakpoints(dtype)))
 
 
 def _interpolated(
-    profile: AbstractPiecewiseShutter, high: Any, low: Any
+    profile: AbstractPiecewiseShutter, high: Array | np.ndarray, low: Array | np.ndarray
 ) -> tuple[PolynomialShutter, Any] | None:
     """Interpolants between equal parts of the pieces, and whether they are exact to rounding.
 

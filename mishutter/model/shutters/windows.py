@@ -174,7 +174,7 @@ class GaussianShutter(AbstractAdjustableShutter):
         tau = jnp.asarray(tau, common_dtype(self.sigma, tau))
         return _inside(tau, self._profile(tau))
 
-    def _profile(self, tau: Any) -> Any:
+    def _profile(self, tau: Array | np.ndarray) -> Any:
         sigma = as_array_like(tau, self.sigma)
         return namespace_of(tau, sigma).exp(-((tau / sigma.astype(tau.dtype)) ** 2) / 2)
 
@@ -299,7 +299,7 @@ def _inside(tau: Array, value: Array) -> Array:
     return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
 
 
-def _some(taper: Any) -> Any:
+def _some(taper: Array | np.ndarray) -> Array | np.ndarray | np.floating:
     """A taper of which there is some: no sum sees it, but places on its ramp are known.
 
     The derivative is that of the taper, so that at 0 it is that of the ramp that begins there.
