@@ -407,7 +407,7 @@ class Limits(eqx.Module):
         """The part of a velocity that turning the camera makes; px/s."""
         return velocity if self.pans == "camera" else jnp.zeros_like(velocity)
 
-    def _speed_of_stage(self, velocity: Positions | float) -> Positions:
+    def _speed_of_stage(self, velocity: Positions | float) -> Positions | float:
         """Greatness of the velocity that the stage itself has at mid-exposure; px/s."""
         if self.pans == "camera":
             return abs(velocity) * 0

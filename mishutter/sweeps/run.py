@@ -44,12 +44,12 @@ _LOG = logging.getLogger("mishutter.sweep")
 
 @outside_trace()
 def sweep(
-    scenes: Scene | Sequence[Scene] | Mapping[str, Scene],
+    scenes: Scene | Sequence[object] | Mapping[str, object],
     *,
     accelerations: RowLike,
     half_exposures: RowLike,
     velocities: RowLike | None = None,
-    shutters: Mapping[str, AbstractShutter] | None = None,
+    shutters: Mapping[str, object] | None = None,
     optimise: bool = False,
     loss: AbstractLoss | Callable[..., object] | None = None,
     num_coefficients: int = NUM_COEFFICIENTS,
@@ -187,7 +187,7 @@ class _SearchOptions(NamedTuple):
 
 
 def _grid(
-    scenes: Scene | Sequence[Scene] | Mapping[str, Scene],
+    scenes: Scene | Sequence[object] | Mapping[str, object],
     axes: _Axes,
     shutters: dict[str, AbstractShutter],
     *,
@@ -253,7 +253,7 @@ def _search(frames: Sequence[Frame], options: _SearchOptions) -> Search:
     return Search(as_loss(loss, "sweep(loss=...)"), profiles, options.max_steps, options.seed)
 
 
-def _shutters(shutters: Mapping[str, AbstractShutter] | None) -> dict[str, AbstractShutter]:
+def _shutters(shutters: Mapping[str, object] | None) -> dict[str, AbstractShutter]:
     if shutters is None:
         return {**baselines(), "Tukey": TukeyShutter(0.5)}
     return named("sweep(shutters=...)", shutters, AbstractShutter, "shutter")
