@@ -95,7 +95,7 @@ class AbstractMotion(eqx.Module):
         """
 
     @abstractmethod
-    def aligned_position(self, tau: RowLike, speed: RowLike) -> Positions:
+    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
         """The `position_of` objects, from where they are aligned.
 
         Args:
@@ -186,7 +186,7 @@ class AbstractSteadyMotion(AbstractMotion):
         tau, stroke, smear = self._stroke_and_smear(tau, speed)
         return tau * (stroke * tau - smear)
 
-    def aligned_position(self, tau: RowLike, speed: RowLike) -> Positions:
+    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
         r"""$aT^2(\tau - \nu)^2$ from the vertex; $-(s - v)T\tau$ of a sensor at rest; px."""
         tau, stroke, smear = self._stroke_and_smear(tau, speed)
         space, moves = namespace_of(tau), turns(stroke)
@@ -391,7 +391,7 @@ class FreeMotion(AbstractMotion):
         tau, s, T = _together(tau, speed, self.half_exposure)
         return self.position_at(tau) - (s * T) * tau
 
-    def aligned_position(self, tau: RowLike, speed: RowLike) -> Positions:
+    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
         """The `position_of` objects, from the lowest of it; px.
 
         Args:

@@ -1,5 +1,7 @@
 """Photo-electrons of a pixel: when they fill it, and the noise that they come with."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
@@ -13,7 +15,7 @@ def noise_power(
     read_noise: Numbers,
     *,
     unit: Numbers = 1.0,
-) -> Numbers:
+) -> Any:
     r"""Variance of a pixel, $\eta \bar f p + \sigma^2$, in squares of a unit; of any shape.
 
     The noise of equation (4) of "Improved motion invariant imaging with time varying shutter
