@@ -11,32 +11,16 @@ import numpy as np
 
 from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
 from mishutter.evaluation import Metrics, Plan, evaluate
-from mishutter.hardware.design_schema import (
-    FORMAT,
-    SavedDesign,
-    SavedFirstOrderShutter,
-    SavedIdealShutter,
-    SavedMotion,
-    SavedScene,
-    SavedSwitchedShutter,
-)
+from mishutter.hardware.design_schema import FORMAT, SAVED_SCENE, SavedDesign, SavedMotion
 from mishutter.hardware.drive_files import read_drive
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
-    Burst,
-    FirstOrderShutter,
     FreeMotion,
-    IdealShutter,
-    Limits,
     LinearMotion,
-    Occlusion,
     ParabolicMotion,
     Scene,
-    SecondOrderStage,
     StillCamera,
-    SwitchedShutter,
-    Tolerances,
     command_of,
     is_known_zero,
     panned,
@@ -48,11 +32,6 @@ from mishutter.model import (
 )
 
 _PROFILE_POINTS = 1001
-_DEVICES = {
-    SavedFirstOrderShutter: FirstOrderShutter,
-    SavedIdealShutter: IdealShutter,
-    SavedSwitchedShutter: SwitchedShutter,
-}
 GIVEN = "none: the camera is given"
 """The name of the loss of a design that no search has found, and none tunes."""
 
@@ -131,7 +110,7 @@ class Design:
         }
         return "\n".join(["Design", *(f"  {name:<9} {text}" for name, text in lines.items())])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""
         parts = {
             "format": FORMAT,
@@ -310,31 +289,20 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
     return {"kind": type(motion).__name__} | steady_part | numbers
 
 
-def scene_to_dict(scene: Scene) -> dict[str, Any]:
+def scene_to_dict(scene: Scene) -> dict[str, object]:
     """Numbers of a scene."""
-    return SavedScene.model_validate(scene, from_attributes=True).model_dump()
+    return SAVED_SCENE.model_validate(scene, from_attributes=True).model_dump()
 
 
 def _built(file: SavedDesign) -> Design:
     motion = _motion(file.motion)
-    scene = file.scene.model_dump()
-    kinds = {
-        "limits": Limits,
-        "device": _DEVICES.get(type(file.scene.device)),
-        "burst": Burst,
-        "stage": SecondOrderStage,
-        "tolerances": Tolerances,
-        "occlusion": Occlusion,
-    }
-    objects = {name: kind(**scene[name]) for name, kind in kinds.items() if scene[name] is not None}
-    scene |= objects | {"motion": motion}
-    whole = Scene(**scene)
+    scene = file.scene.built(motion=motion)
     parts = {
-        "shutter": whole.light(shutter_from_dict(file.shutter.model_dump()), motion),
+        "shutter": scene.light(shutter_from_dict(file.shutter.model_dump()), motion),
         "motion": motion,
-        "scene": whole,
+        "scene": scene,
         "history": np.array(file.history),
-        "plan": None if file.plan is None else Plan.from_dict(file.plan.model_dump()),
+        "plan": None if file.plan is None else file.plan.built(),
     }
     names = [field.name for field in fields(Design) if field.name != "straight"]
     return Design(**{name: getattr(file, name) for name in names} | parts)

@@ -2,14 +2,13 @@
 
 from mishutter.model.alignment import aligned as aligned
 from mishutter.model.alignment import reach_of_parabola as reach_of_parabola
+from mishutter.model.arguments import Part as Part
+from mishutter.model.arguments import arguments_of as arguments_of
 from mishutter.model.devices import AbstractDevice as AbstractDevice
 from mishutter.model.devices import FirstOrderShutter as FirstOrderShutter
 from mishutter.model.devices import IdealShutter as IdealShutter
 from mishutter.model.devices import SwitchedShutter as SwitchedShutter
-from mishutter.model.devices import TransmittedShutter as TransmittedShutter
 from mishutter.model.devices import command_of as command_of
-from mishutter.model.devices import device_of as device_of
-from mishutter.model.images import GAMMA as GAMMA
 from mishutter.model.images import LUMINANCE as LUMINANCE
 from mishutter.model.images import Axis as Axis
 from mishutter.model.images import Picture as Picture
@@ -29,7 +28,6 @@ from mishutter.model.images import write_picture as write_picture
 from mishutter.model.limits import Limits as Limits
 from mishutter.model.limits import PathShape as PathShape
 from mishutter.model.motion import AbstractMotion as AbstractMotion
-from mishutter.model.motion import AbstractSteadyMotion as AbstractSteadyMotion
 from mishutter.model.motion import FreeMotion as FreeMotion
 from mishutter.model.motion import LinearMotion as LinearMotion
 from mishutter.model.motion import MotionNumbers as MotionNumbers
@@ -46,7 +44,6 @@ from mishutter.model.motion import panned as panned
 from mishutter.model.motion import settled as settled
 from mishutter.model.motion import steady as steady
 from mishutter.model.motion import without_velocity as without_velocity
-from mishutter.model.occlusion import Background as Background
 from mishutter.model.occlusion import LayerShares as LayerShares
 from mishutter.model.occlusion import Occlusion as Occlusion
 from mishutter.model.optics import WIDEST_BLUR as WIDEST_BLUR
@@ -115,7 +112,6 @@ from mishutter.model.shutters.polynomials import profile_of as profile_of
 from mishutter.model.shutters.spline import bounded_coefficients as bounded_coefficients
 from mishutter.model.shutters.spline import coefficient_times as coefficient_times
 from mishutter.model.shutters.spline import fitted_boxes as fitted_boxes
-from mishutter.model.shutters.spline import fitted_coefficients as fitted_coefficients
 from mishutter.model.shutters.spline import spline_basis as spline_basis
 from mishutter.model.shutters.spline import spline_knots as spline_knots
 from mishutter.model.slots import diffused as diffused

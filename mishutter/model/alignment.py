@@ -1,4 +1,4 @@
-r"""Where objects of several speeds lie beside one another on the sensor, and how far they reach.
+r"""Positions of objects of several speeds beside one another on the sensor, and their reach.
 
 On a sensor that turns, light of an object at speed $s$ falls between
 $aT^2\max(|\nu| - 1, 0)^2$ and $aT^2(1 + |\nu|)^2$ from the vertex of its path. Objects that
@@ -7,7 +7,7 @@ camera could record. A single filter gains nothing from two objects so far apart
 detail reaches from one to the other; there the distance does not matter, and is cut.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array
@@ -47,7 +47,7 @@ class Reach(NamedTuple):
     velocity: Lengths
 
 
-def turns(stroke: Lengths) -> Any:
+def turns(stroke: Lengths) -> Array | np.ndarray | np.bool_:
     """Whether the sensor's path has a vertex to speak of."""
     return stroke > _LEAST_STROKE
 

@@ -1,4 +1,4 @@
-r"""What a shutter is made with: a device turns a command into the transmittance that light sees.
+r"""Devices of shutters: each turns a command into a transmittance.
 
 A profile $w(\tau)$ is a command. The electronics of a device send it as it is, or the mean of each
 of equal slots of the exposure, which they hold, at one of the levels that the device has. It
@@ -15,7 +15,7 @@ from typing import Any, ClassVar, final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
     DoubleWord,
@@ -44,7 +44,7 @@ _TEN_TO_NINETY = float(np.log(9.0))
 
 
 class AbstractDevice(eqx.Module):
-    """What turns a command into the transmittance that light sees."""
+    """A device that turns a command into a transmittance."""
 
     transmission: eqx.AbstractVar[Array]
     leakage: eqx.AbstractVar[Array]
@@ -113,7 +113,7 @@ class AbstractDevice(eqx.Module):
         transmission, leakage = (jnp.asarray(x, dtype) for x in (self.transmission, self.leakage))
         return TransmittedShutter(profile, transmission, leakage, sent)
 
-    def slots(self, command: AbstractShutter, dtype: np.dtype) -> Array:
+    def slots(self, command: AbstractShutter, dtype: np.dtype) -> Float[Array, "n"]:
         """Level that is held over each slot; shape `(num_slots,)`.
 
         Args:
@@ -258,8 +258,8 @@ class FirstOrderShutter(AbstractDevice):
     @property
     def is_linear(self) -> bool:
         times = self.rise_time, self.fall_time
-        known = all(is_concrete(time) for time in times)
-        return self.levels is None and known and float(times[0]) == float(times[1])
+        are_concrete = all(is_concrete(time) for time in times)
+        return self.levels is None and are_concrete and float(times[0]) == float(times[1])
 
     @property
     def relaxed(self) -> "FirstOrderShutter":
@@ -349,17 +349,23 @@ class SwitchedShutter(AbstractDevice):
         return self.passed(ChippedShutter(self.slots(command, dtype)), dtype, None)
 
 
-def device_of(**numbers: Any) -> AbstractDevice:
+def device_of(**numbers: ArrayLike | None) -> AbstractDevice:
     """The device whose arguments these are, those that are None left out.
 
     One with times follows gradually; one with slots but without levels switches.
     """
-    given: dict[str, Any] = {name: value for name, value in numbers.items() if value is not None}
-    if {"rise_time", "fall_time"} & given.keys():
+    arguments: dict[str, Any] = {
+        name: value for name, value in numbers.items() if value is not None
+    }
+    if {"rise_time", "fall_time"} & arguments.keys():
         at_once: dict[str, Any] = {"rise_time": 0.0, "fall_time": 0.0}
-        return FirstOrderShutter(**(at_once | given))
-    switches = {"num_slots", "min_open", "min_closed"} & given.keys() and "levels" not in given
-    return SwitchedShutter(**given) if switches else IdealShutter(**given)
+        return FirstOrderShutter(**(at_once | arguments))
+    switches = {
+        "num_slots",
+        "min_open",
+        "min_closed",
+    } & arguments.keys() and "levels" not in arguments
+    return SwitchedShutter(**arguments) if switches else IdealShutter(**arguments)
 
 
 def _check_losses(device: AbstractDevice) -> None:
@@ -428,7 +434,7 @@ class TransmittedShutter(AbstractPiecewiseShutter):
 
     @property
     def command(self) -> AbstractShutter:
-        """What was sent, as it was given."""
+        """The profile that was sent to the device."""
         if self.sent is not None:
             return self.sent
         profile = self.profile
@@ -450,9 +456,11 @@ class TransmittedShutter(AbstractPiecewiseShutter):
     def symmetric(self) -> bool:
         return self.profile.symmetric
 
-    def transmittance(self, tau: ArrayLike) -> Array:
-        light = self._passed(self.profile.transmittance(tau))
-        return jnp.where(jnp.abs(jnp.asarray(tau)) <= 1, light, jnp.zeros_like(light))
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
+        transmittance = self._passed(self.profile.transmittance(tau))
+        return jnp.where(
+            jnp.abs(jnp.asarray(tau)) <= 1, transmittance, jnp.zeros_like(transmittance)
+        )
 
     def dtype(self) -> np.dtype | None:
         own = self.profile.dtype()
@@ -461,13 +469,21 @@ class TransmittedShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return self.profile.breakpoints(dtype)
 
-    def piece_transmittance(self, offset: Array) -> Array:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         return self._passed(self.profile.piece_transmittance(offset))
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         return self._passed(self.profile.piece_mean(piece, from_left, distance, width))
 
-    def _passed(self, opened: Array) -> Array:
+    def _passed(self, opened: Num[Array | np.ndarray, "*shape"]) -> Inexact[Array, "*shape"]:
         if not jnp.issubdtype(opened.dtype, jnp.inexact):  # open and closed as 1 and 0
             opened = opened.astype(self.leakage.dtype)
         t, leakage = (x.astype(opened.dtype) for x in (self.transmission, self.leakage))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, Float
 
 from mishutter._core import (
     Unquoted,
@@ -76,7 +76,7 @@ class Picture:
             )
 
     @property
-    def luminance(self) -> np.ndarray:
+    def luminance(self) -> Float[np.ndarray, "rows columns"]:
         """Luminance in linear light; shape `(rows, columns)`."""
         if self.light.shape[2] == 1:
             return self.light[..., 0]
@@ -108,8 +108,8 @@ def pixels_along(axis: Axis) -> str:
     return "columns" if axis == "rows" else "rows"
 
 
-def _axes_of(light: Any) -> tuple[int, int]:
-    return (-2, -1) if light.ndim == 2 else (-3, -2)
+def _axes_of(irradiance: Any) -> tuple[int, int]:
+    return (-2, -1) if irradiance.ndim == 2 else (-3, -2)
 
 
 class RowSpectrum(NamedTuple):
@@ -165,12 +165,14 @@ def examined(
     """A picture as `read_picture` reads it, and what is in doubt, a sentence each."""
     path, white = Path(path), checked_white("read_picture(white=...)", white)
     file = _file(path)
-    light = light_of(file, path, white, linear)
+    irradiance = light_of(file, path, white, linear)
     matte = None if file.alpha is None else np.ascontiguousarray(file.alpha)
-    return Picture(light=light, matte=matte, name=path.stem), _doubts(file, path, white)
+    return Picture(light=irradiance, matte=matte, name=path.stem), _doubts(file, path, white)
 
 
-def light_of(file: Decoded, path: Path, white: float | None, linear: bool) -> np.ndarray:
+def light_of(
+    file: Decoded, path: Path, white: float | None, linear: bool
+) -> Float[np.ndarray, "rows columns channels"]:
     """Linear light of a picture's colours, white = 1; shape `(rows, columns, channels)`, float32.
 
     Args:
@@ -201,7 +203,7 @@ def checked_white(subject: str, white: ArrayLike | None) -> float | None:
     return float(np.asarray(white))
 
 
-def read_opacity(path: str | Path) -> np.ndarray:
+def read_opacity(path: str | Path) -> Float[np.ndarray, "rows columns"]:
     """Read a grey picture as opacity: its values as the file holds them, without gamma.
 
     Args:
@@ -229,8 +231,8 @@ def example_picture() -> Picture:
 
 def shipped_picture(file_name: str) -> Picture:
     """One of the pictures inside scikit-image's package, without importing or downloading."""
-    found = importlib.util.find_spec("skimage")
-    folder = Path(found.origin).parent / "data" if found and found.origin else Path()
+    spec = importlib.util.find_spec("skimage")
+    folder = Path(spec.origin).parent / "data" if spec and spec.origin else Path()
     return read_picture(folder / file_name)
 
 
@@ -272,9 +274,9 @@ def write_picture(path: str | Path, light: Picture | np.ndarray) -> None:
     write_bytes(path, deep_png(np.rint(coded, out=coded).astype(np.uint16)))
 
 
-def to_display(light: np.ndarray) -> np.ndarray:
+def to_display(irradiance: np.ndarray) -> np.ndarray:
     r"""Gamma-coded values $\min(\max(f, 0), 1)^{1/2.2}$ of linear light; any shape."""
-    return np.clip(np.asarray(light), 0, 1) ** (1 / GAMMA)
+    return np.clip(np.asarray(irradiance), 0, 1) ** (1 / GAMMA)
 
 
 def row_power_spectrum(picture: Picture, num_frequencies: int = 256) -> RowSpectrum:
@@ -351,7 +353,7 @@ def _shares(file: Decoded, path: Path, white: float | None) -> np.ndarray:
 
 
 def _doubts(file: Decoded, path: Path, white: float | None) -> tuple[str, ...]:
-    """What a file may mean otherwise than it is read."""
+    """Warnings about a file that may have another meaning than the one it is read with."""
     doubts = []
     most = int(file.colour.max()) if file.full == np.iinfo(np.uint16).max else 0
     if white is None and 0 < most < 1 << _DEPTHS[-1]:

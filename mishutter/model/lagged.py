@@ -10,7 +10,7 @@ from typing import ClassVar, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import DoubleWord, compiled, two_sum
 from mishutter.model.shutters import AbstractPiecewiseShutter
@@ -45,13 +45,13 @@ class LaggedShutter(AbstractPiecewiseShutter):
     equal_pieces: ClassVar[bool] = False
     symmetric: ClassVar[bool] = False
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = jnp.asarray(tau, self.levels.dtype)
         begins = self.begins.high
         slot = jnp.clip(jnp.searchsorted(begins, tau, side="right") - 1, 0, self.levels.size - 1)
         share = jnp.maximum(tau - begins[slot], 0) / self.constants[slot]
-        kept, gone = jnp.exp(-share), -jnp.expm1(-share)
-        state = self.starts[slot] * kept + self.levels[slot] * gone
+        decay, growth = jnp.exp(-share), -jnp.expm1(-share)
+        state = self.starts[slot] * decay + self.levels[slot] * growth
         return jnp.where(jnp.abs(tau) <= 1, state, jnp.zeros_like(state))
 
     def dtype(self) -> np.dtype | None:
@@ -70,7 +70,9 @@ class LaggedShutter(AbstractPiecewiseShutter):
         )
         return DoubleWord(*(jnp.append(x, y[-1]) for x, y in zip(pairs, (high, low), strict=True)))
 
-    def piece_transmittance(self, offset: Array) -> Array:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         shape = (-1,) + (1,) * (offset.ndim - 1)
         levels, starts, constants = (
             jnp.repeat(x, 2).reshape(shape).astype(offset.dtype)
@@ -81,7 +83,13 @@ class LaggedShutter(AbstractPiecewiseShutter):
         state = starts * jnp.exp(-share) - levels * jnp.expm1(-share)
         return jnp.where(rests, levels, state)
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         dtype = np.dtype(width.dtype)
         ends = self.breakpoints(dtype)
         length = (jnp.diff(ends.high) + jnp.diff(ends.low))[piece]
@@ -93,10 +101,10 @@ class LaggedShutter(AbstractPiecewiseShutter):
         begin = begin + jax.lax.stop_gradient(jnp.maximum(begin, 0) - begin)
         rests = piece % 2 == 1
         begin, width = (jnp.where(rests, 0.0, x) / constants for x in (begin, width))
-        kept = jnp.exp(-begin)
+        decay = jnp.exp(-begin)
         deficit, mean = _means(width)
-        gone = kept * deficit - jnp.expm1(-begin)
-        return jnp.where(rests, levels, starts * (kept * mean) + levels * gone)
+        growth = decay * deficit - jnp.expm1(-begin)
+        return jnp.where(rests, levels, starts * (decay * mean) + levels * growth)
 
 
 def _means(width: Array) -> tuple[Array, Array]:
@@ -109,7 +117,12 @@ def _means(width: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def lagged(levels: Array, rise: Array, fall: Array, delay: Array | None = None) -> LaggedShutter:
+def lagged(
+    levels: Float[Array, "n"],
+    rise: Float[Array, ""],
+    fall: Float[Array, ""],
+    delay: Float[Array, ""] | None = None,
+) -> LaggedShutter:
     r"""The state of a first-order device that is driven to a level in each of equal slots.
 
     The first level is held long before the exposure, so that the state at $\tau = -1$ is that.

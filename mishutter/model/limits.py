@@ -18,7 +18,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     all_concrete,
@@ -36,6 +36,7 @@ from mishutter.model.motion import (
     AbstractMotion,
     FreeMotion,
     ParabolicMotion,
+    Positions,
     StillCamera,
     extent_of_parabola,
     is_straight,
@@ -58,12 +59,17 @@ _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 
 
 class Demand(NamedTuple):
-    """What a motion takes of one limit, and what there is of it; of any shape."""
+    """The use of one limit by motions, and the limit itself.
 
-    taken: Any
-    there: Any
+    Attributes:
+        taken: The use; of any shape.
+        there: The limit, in the same unit; of any shape.
+    """
 
-    def is_met(self, slack: float) -> Any:
+    taken: Float[np.ndarray, "..."]
+    there: Float[np.ndarray, "..."]
+
+    def is_met(self, slack: float) -> np.ndarray | np.bool_:
         """Whether no more is taken than there is, by a share of it."""
         return self.taken <= self.there * (1 + slack)
 
@@ -77,10 +83,15 @@ class PathShape(NamedTuple):
             acceleration times the half exposure; scalar.
     """
 
-    pieces: Array
-    velocity: Array
+    pieces: Float[Array, "k"]
+    velocity: Float[Array, ""]
 
-    def own_velocity(self, acceleration: Array, half_exposure: Array, max_pan: Array) -> Array:
+    def own_velocity(
+        self,
+        acceleration: Float[Array, ""],
+        half_exposure: Float[Array, ""],
+        max_pan: Float[Array, ""],
+    ) -> Float[Array, ""]:
         """Velocity at mid-exposure from which others are counted, within the pan; px/s."""
         return jnp.clip(self.velocity * acceleration * half_exposure, -max_pan, max_pan)
 
@@ -192,7 +203,7 @@ class Limits(eqx.Module):
         return any(getattr(self, name) is not None for name in _OF_STAGE)
 
     def demands(self, motion: AbstractMotion) -> dict[str, Demand]:
-        """What a motion takes of each limit, by the limit's name; scalars.
+        """The use of each limit by a motion, by the limit's name; scalars.
 
         The electrons that fill a pixel are a limit of the scene.
 
@@ -209,7 +220,10 @@ class Limits(eqx.Module):
         return demands | self._demand_of_travel(lambda: _stage_share_of(self, motion))
 
     def demands_of_parabolas(
-        self, acceleration: np.ndarray, half_exposure: np.ndarray, velocity: np.ndarray
+        self,
+        acceleration: Float[np.ndarray, "..."],
+        half_exposure: Float[np.ndarray, "..."],
+        velocity: Float[np.ndarray, "..."],
     ) -> dict[str, Demand]:
         """The `demands` of parabolas, from their numbers; of any shape.
 
@@ -231,7 +245,13 @@ class Limits(eqx.Module):
         return demands | self._demand_of_travel(lambda: self.stage_share(a, half, pan))
 
     def _demands(
-        self, *, extent: Any, top_speed: Any, half_exposure: Any, velocity: Any, acceleration: Any
+        self,
+        *,
+        extent: Positions,
+        top_speed: Positions,
+        half_exposure: Positions,
+        velocity: Positions,
+        acceleration: Positions,
     ) -> dict[str, Demand]:
         demands = {
             "exposure_too_short": (self.min_half_exposure, half_exposure),
@@ -264,7 +284,9 @@ class Limits(eqx.Module):
             return motion
         return panned(motion, motion.velocity + self._frame(jnp.asarray(motion.velocity)))
 
-    def acceleration_by_stroke(self, half_exposure: Any, velocity: ArrayLike = 0.0) -> Any:
+    def acceleration_by_stroke(
+        self, half_exposure: Positions, velocity: ArrayLike = 0.0
+    ) -> Positions:
         """Largest $a$ that the stroke leaves beside a pan, 0 where it holds no more than that.
 
         In px/s^2, of the shape of `half_exposure`.
@@ -276,11 +298,13 @@ class Limits(eqx.Module):
         half, stroke = half_exposure, as_array_like(half_exposure, self.max_stroke)
         root = np.sqrt if isinstance(half, np.ndarray) else safe_root
         by_pan = self._speed_of_stage(as_array_like(half, velocity)) * half
-        space, left = namespace_of(half), stroke - 2 * by_pan
-        of_stroke = stroke - by_pan + root(stroke * space.maximum(left, 0))
-        return space.where(left >= 0, of_stroke, 0.0) / 2 / half / half
+        space, room = namespace_of(half), stroke - 2 * by_pan
+        of_stroke = stroke - by_pan + root(stroke * space.maximum(room, 0))
+        return space.where(room >= 0, of_stroke, 0.0) / 2 / half / half
 
-    def velocity_by_stroke(self, acceleration: Array, half_exposure: Array) -> Array | None:
+    def velocity_by_stroke(
+        self, acceleration: Float[Array, ""], half_exposure: Float[Array, ""]
+    ) -> Float[Array, ""] | None:
         """Greatest $|v|$ that the stroke leaves beside an acceleration; px/s, None for any.
 
         Args:
@@ -295,7 +319,7 @@ class Limits(eqx.Module):
         turned = 2 * (jnp.sqrt(stroke * safe) - safe * half)
         return jnp.where(turns_within, jnp.maximum(turned, 0), stroke / (2 * half))
 
-    def half_exposure_by_stroke(self, acceleration: Array) -> Array:
+    def half_exposure_by_stroke(self, acceleration: Float[Array, ""]) -> Float[Array, ""]:
         """Largest $T$ that the stroke leaves beside an acceleration, and the frame's pan; s.
 
         Args:
@@ -310,11 +334,11 @@ class Limits(eqx.Module):
 
     def stage_share(
         self,
-        acceleration: Array,
-        half_exposure: Array,
-        velocity: Array,
+        acceleration: Float[Array, "*shape"],
+        half_exposure: Float[Array, "*shape"],
+        velocity: Float[Array, "*shape"],
         shape: PathShape | None = None,
-    ) -> Array:
+    ) -> Float[Array, "*shape"]:
         """Share of the stage's travel, and of its top speed where its jerk is limited, in use.
 
         It never falls with the acceleration, px/s^2, the half exposure, s, or the size of the
@@ -336,11 +360,11 @@ class Limits(eqx.Module):
             by_stroke = self.of_stage(path).extent / self.max_stroke
             return jnp.maximum(self.stage_share_of(path), jnp.maximum(by_speed, by_stroke))
         frame, pan = self._frame(velocity), self._pan_of_camera(velocity)
-        limits = self.max_acceleration, self.max_jerk
-        use = stage_use(acceleration, half_exposure, velocity + frame - pan, *limits)
+        of_stage = velocity + frame - pan
+        use = stage_use(acceleration, half_exposure, of_stage, self.max_acceleration, self.max_jerk)
         return self._share_of(use, jnp.abs(pan) - jnp.abs(frame))
 
-    def stage_share_of(self, motion: AbstractMotion) -> Array:
+    def stage_share_of(self, motion: AbstractMotion) -> Float[Array, ""]:
         """The `stage_share` of a motion; scalar.
 
         Args:
@@ -383,7 +407,7 @@ class Limits(eqx.Module):
         """The part of a velocity that turning the camera makes; px/s."""
         return velocity if self.pans == "camera" else jnp.zeros_like(velocity)
 
-    def _speed_of_stage(self, velocity: ArrayLike) -> Any:
+    def _speed_of_stage(self, velocity: Positions | float) -> Positions | float:
         """Greatness of the velocity that the stage itself has at mid-exposure; px/s."""
         if self.pans == "camera":
             return abs(velocity) * 0
@@ -397,18 +421,18 @@ class Limits(eqx.Module):
         if self.max_travel is not None:
             share = jnp.maximum(share, use.travel / self.max_travel)
         if self.max_jerk is not None:
-            left = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
-            share = jnp.maximum(share, (use.top_speed + speed_beside) / left)
+            most = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
+            share = jnp.maximum(share, (use.top_speed + speed_beside) / most)
         return share
 
     def largest(
         self,
         name: str,
-        low: Array,
-        high: Array,
-        numbers: Mapping[str, Array],
+        low: Float[Array, ""],
+        high: Float[Array, ""],
+        numbers: Mapping[str, Float[Array, ""]],
         shape: PathShape | None = None,
-    ) -> Array:
+    ) -> Float[Array, ""]:
         """Largest value of a number of a motion that the stage reaches; scalar.
 
         It is bracketed by bisection, on the side that keeps the limits, and has the derivative of
@@ -432,24 +456,24 @@ class Limits(eqx.Module):
         """
         stroke, top, pan = self.max_stroke, self.max_top_speed, self.max_pan
         shortest, longest = self.min_half_exposure, self.max_half_exposure
-        known = all_concrete((stroke, top, pan, shortest, longest, velocity))
-        space, number = (np, np.asarray) if known else (jnp, jnp.asarray)
+        are_concrete = all_concrete((stroke, top, pan, shortest, longest, velocity))
+        space, number = (np, np.asarray) if are_concrete else (jnp, jnp.asarray)
         numbers = map(number, (stroke, top, pan, shortest, longest, velocity))
         stroke, top, pan, shortest, longest, velocity = numbers
         furthest = space.minimum(pan, top / 2)
         if self.pans == "stage":  # half of the stroke, over the shortest exposure, is left
             furthest = space.minimum(furthest, stroke / (4 * shortest))
         velocity = space.clip(velocity, -furthest, furthest).astype(top.dtype)
-        left = top - space.abs(velocity)
-        T = space.clip(2 * stroke / left, shortest, longest)
+        speed_gain = top - space.abs(velocity)
+        T = space.clip(2 * stroke / speed_gain, shortest, longest)
         if self.pans == "stage":
             quickest = space.maximum(space.abs(velocity), stroke / (4 * longest))
             T = space.minimum(T, stroke / (4 * quickest))
         T, velocity = space.asarray(T), space.asarray(velocity)
-        acceleration = space.minimum(self.acceleration_by_stroke(T, velocity), left / (2 * T))
+        acceleration = space.minimum(self.acceleration_by_stroke(T, velocity), speed_gain / (2 * T))
         if self.has_stage:
             numbers = acceleration, T, velocity, shortest
-            with jax.ensure_compile_time_eval() if known else nullcontext():
+            with jax.ensure_compile_time_eval() if are_concrete else nullcontext():
                 acceleration, T, velocity = self._within_stage(*map(jnp.asarray, numbers))
         return ParabolicMotion(acceleration=acceleration, half_exposure=T, velocity=velocity)
 
@@ -464,7 +488,12 @@ class Limits(eqx.Module):
         half = self.largest("half_exposure", shortest, half_exposure, numbers)
         return self.acceleration_of_stage(acceleration, half, velocity), half, velocity
 
-    def acceleration_of_stage(self, most: Array, half_exposure: Array, velocity: Array) -> Array:
+    def acceleration_of_stage(
+        self,
+        most: Float[Array, ""],
+        half_exposure: Float[Array, ""],
+        velocity: Float[Array, ""],
+    ) -> Float[Array, ""]:
         """Largest $a$ up to `most` that the stage reaches on a parabola; px/s^2, scalar.
 
         Args:
@@ -497,9 +526,11 @@ def _largest(limits: Limits, name: str, low: Array, high: Array, numbers: Any) -
         keeps = use(middle, *fixed) <= 1
         return jnp.where(keeps, middle, ends[0]), jnp.where(keeps, ends[1], middle)
 
-    found, _ = jax.lax.fori_loop(0, _BISECTIONS, halved, ends)
-    slope = jax.grad(use)(found, *fixed)
-    share, rises = use(found, limits, numbers), slope > 0
-    moved = jnp.where(rises, share - jax.lax.stop_gradient(share), 0.0)
-    inside = found - moved / jnp.where(rises, slope, 1.0)
-    return jnp.where(use(ends[1], *fixed) <= 1, high, jnp.where(found > ends[0], inside, low))
+    value_at_limit, _ = jax.lax.fori_loop(0, _BISECTIONS, halved, ends)
+    slope = jax.grad(use)(value_at_limit, *fixed)
+    share, rises = use(value_at_limit, limits, numbers), slope > 0
+    excess = jnp.where(rises, share - jax.lax.stop_gradient(share), 0.0)
+    inside = value_at_limit - excess / jnp.where(rises, slope, 1.0)
+    return jnp.where(
+        use(ends[1], *fixed) <= 1, high, jnp.where(value_at_limit > ends[0], inside, low)
+    )

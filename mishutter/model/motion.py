@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple, cast, final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from mishutter._core import (
     RowLike,
@@ -80,7 +80,7 @@ class AbstractMotion(eqx.Module):
         return f"{type(self).__name__}({', '.join(numbers)})"
 
     @property
-    def exposure(self) -> Array:
+    def exposure(self) -> Float[Array, "..."]:
         """Time from first to last light, $2T$; s."""
         return _number(lambda half: 2 * half, self.half_exposure)
 
@@ -174,32 +174,32 @@ class AbstractMotion(eqx.Module):
 
     @property
     @abstractmethod
-    def bend(self) -> Array | np.ndarray:
+    def bend(self) -> Float[Array | np.ndarray, "..."]:
         r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
 
     @property
     @abstractmethod
-    def stroke(self) -> Array:
+    def stroke(self) -> Float[Array, "..."]:
         """Travel of the sensor over the exposure beside that of its pan; px."""
 
     @property
     @abstractmethod
-    def extent(self) -> Array:
+    def extent(self) -> Float[Array, "..."]:
         """Distance from the lowest to the highest position of the sensor, its pan included; px."""
 
     @property
     @abstractmethod
-    def speed_gain(self) -> Array:
+    def speed_gain(self) -> Float[Array, "..."]:
         """Greatest speed that the sensor gains or loses from mid-exposure; px/s."""
 
     @property
     @abstractmethod
-    def top_speed(self) -> Array:
+    def top_speed(self) -> Float[Array, "..."]:
         """Greatest speed of the sensor during the exposure; px/s."""
 
     @property
     @abstractmethod
-    def greatest_acceleration(self) -> Array:
+    def greatest_acceleration(self) -> Float[Array, "..."]:
         """Greatest rate at which the velocity changes, twice the parameter $a$; px/s^2."""
 
 
@@ -283,32 +283,32 @@ class AbstractSteadyMotion(AbstractMotion):
         return True
 
     @property
-    def bend(self) -> Array | np.ndarray:
+    def bend(self) -> Float[Array | np.ndarray, "..."]:
         """The acceleration $a$; px/s^2."""
         return self.acceleration
 
     @property
-    def stroke(self) -> Array:
+    def stroke(self) -> Float[Array, "..."]:
         """Travel from mid-exposure to either end, $aT^2$; px."""
         return _number(lambda a, half: (a * half) * half, self.acceleration, self.half_exposure)
 
     @property
-    def extent(self) -> Array:
+    def extent(self) -> Float[Array, "..."]:
         """`extent_of_parabola`; px."""
         return _number(extent_of_parabola, self.acceleration, self.half_exposure, self.velocity)
 
     @property
-    def speed_gain(self) -> Array:
+    def speed_gain(self) -> Float[Array, "..."]:
         """Speed gained from mid-exposure to either end, $2aT$; px/s."""
         return _number(lambda a, half: 2 * a * half, self.acceleration, self.half_exposure)
 
     @property
-    def top_speed(self) -> Array:
+    def top_speed(self) -> Float[Array, "..."]:
         """Greatest speed of the sensor during the exposure, $2aT + |v|$; px/s."""
         return _number(lambda gain, v: gain + abs(v), self.speed_gain, self.velocity)
 
     @property
-    def greatest_acceleration(self) -> Array:
+    def greatest_acceleration(self) -> Float[Array, "..."]:
         """Rate at which the velocity changes, $2a$; px/s^2."""
         return _number(lambda a: 2 * a, self.acceleration)
 
@@ -426,8 +426,8 @@ class FreeMotion(AbstractMotion):
             ValueError: if `num_pieces` is not a positive integer.
         """
         count = require_positive_int("FreeMotion.fit(num_pieces=...)", num_pieces)
-        given = isinstance(motion, AbstractMotion)
-        require(given, "FreeMotion.fit(motion=...)", "be a motion", motion)
+        is_motion = isinstance(motion, AbstractMotion)
+        require(is_motion, "FreeMotion.fit(motion=...)", "be a motion", motion)
         if isinstance(motion, AbstractSteadyMotion):
             return cls(
                 accelerations=_number(lambda a: a * np.ones(count, a.dtype), motion.acceleration),
@@ -476,7 +476,7 @@ class FreeMotion(AbstractMotion):
         """
         return self.position_at(self._shares(time))
 
-    def position_at(self, tau: Any) -> Positions:
+    def position_at(self, tau: RowLike) -> Positions:
         r"""`position` at $t = \tau T$; derivatives by $T$ take $\tau$ for fixed.
 
         Args:
@@ -537,18 +537,18 @@ class FreeMotion(AbstractMotion):
         """
         return self._velocity_at(self._shares(time))
 
-    def _velocity_at(self, tau: Any) -> Positions:
+    def _velocity_at(self, tau: RowLike) -> Positions:
         tau, v, a, T = _together(tau, self.velocity, self.accelerations, self.half_exposure)
         space = namespace_of(tau)
         begin, end = self._passed(tau)
         passed = space.sign(tau)[..., None] * (end - begin)
         return v + 2 * T * _of_pieces(a, passed)
 
-    def _shares(self, time: RowLike) -> Any:
+    def _shares(self, time: RowLike) -> Positions:
         """Times in units of $T$."""
         return operator.truediv(*_together(time, self.half_exposure))
 
-    def _passed(self, tau: Any) -> tuple[Any, Any]:
+    def _passed(self, tau: Positions) -> tuple[Positions, Positions]:
         r"""Between which times, in units of $T$, each piece is passed from 0 to `tau`."""
         space = namespace_of(tau)
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
@@ -603,40 +603,40 @@ class FreeMotion(AbstractMotion):
         return space.take_along_axis(positions, lowest, axis=-1)[..., 0]
 
     @property
-    def stroke(self) -> Array:
+    def stroke(self) -> Float[Array, "..."]:
         r"""Travel beside that of the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
         (velocity,) = as_numpy(self.velocity)
         return _number(operator.sub, self.highest(velocity), self.lowest(velocity))
 
     @property
-    def extent(self) -> Array:
+    def extent(self) -> Float[Array, "..."]:
         r"""Travel with the pan, $\max_t x(t) - \min_t x(t)$; px."""
         rest = np.zeros((), self.half_exposure.dtype)
         return _number(operator.sub, self.highest(rest), self.lowest(rest))
 
     @property
-    def speed_gain(self) -> Array:
+    def speed_gain(self) -> Float[Array, "..."]:
         r"""Greatest speed gained or lost from mid-exposure, $\max_t |x'(t) - v|$; px/s."""
         return _number(lambda each, v: largest_of(abs(each - v)), self._velocities(), self.velocity)
 
     @property
-    def top_speed(self) -> Array:
+    def top_speed(self) -> Float[Array, "..."]:
         r"""Greatest speed of the sensor during the exposure, $\max_t |x'(t)|$; px/s."""
         return _number(lambda each: largest_of(abs(each)), self._velocities())
 
     @property
-    def greatest_acceleration(self) -> Array:
+    def greatest_acceleration(self) -> Float[Array, "..."]:
         """Greatest rate at which the velocity changes, twice that of $|a|$; px/s^2."""
         return _number(lambda a: 2 * largest_of(abs(a[self.lasting])), self.accelerations)
 
     @property
-    def lasting(self) -> np.ndarray:
+    def lasting(self) -> Int[np.ndarray, "k"]:
         """Indices of the pieces that take time; shape `(k,)`."""
         ends = exact_ends(self.durations, self.accelerations.size)
         return np.flatnonzero([after > before for before, after in itertools.pairwise(ends)])
 
     @property
-    def bend(self) -> Array | np.ndarray:
+    def bend(self) -> Float[Array | np.ndarray, "..."]:
         r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
         ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
         shares = (np.diff(ends) / 2).astype(self.accelerations.dtype)
@@ -658,14 +658,14 @@ class FreeMotion(AbstractMotion):
         return self._velocity_at(ends.astype(self.half_exposure.dtype))
 
 
-def _of_pieces(accelerations: Any, passed: Any) -> Any:
+def _of_pieces(accelerations: Positions, passed: Positions) -> Positions:
     """Sum of accelerations times what has passed of each piece, on the last axis."""
     return (accelerations.reshape((1,) * (passed.ndim - 1) + (-1,)) * passed).sum(axis=-1)
 
 
 @lru_cache
 def exact_ends(durations: tuple[float, ...] | None, num_pieces: int) -> tuple[Fraction, ...]:
-    r"""Where pieces of a `FreeMotion` begin and end, $\tau$ from -1 to 1."""
+    r"""Ends of the pieces of a `FreeMotion`, $\tau$ from -1 to 1; shape `(K + 1,)`."""
     passed = [Fraction(0)]
     for duration in durations or (1.0,) * num_pieces:
         passed.append(passed[-1] + Fraction(duration))
@@ -744,7 +744,9 @@ class StillCamera(AbstractStraightMotion):
         return _zero_like(self.half_exposure)
 
 
-def extent_of_parabola(acceleration: Any, half_exposure: Any, velocity: Any) -> Any:
+def extent_of_parabola(
+    acceleration: Positions, half_exposure: Positions, velocity: Positions
+) -> Positions:
     r"""Distance from the lowest to the highest of $v t + a t^2$, $|t| \le T$; px, any shape.
 
     $a\,(T + |v|/2a)^2$ where the path turns within the exposure, $|v| < 2aT$, and $2|v|T$ where
@@ -768,7 +770,7 @@ def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
         return turns(a * half * half)
 
 
-def _together(*values: Any) -> tuple[Any, ...]:
+def _together(*values: RowLike) -> tuple[Array | np.ndarray, ...]:
     """Numbers as arrays of one kind: of NumPy where the first is and all are known."""
     if isinstance(values[0], np.ndarray) and all_concrete(values):
         return tuple(np.asarray(x, np.result_type(values[0], np.float32)) for x in values)
@@ -776,7 +778,7 @@ def _together(*values: Any) -> tuple[Any, ...]:
     return tuple(jnp.asarray(x, dtype) for x in values)
 
 
-def largest_of(values: Any) -> Any:
+def largest_of(values: Array | np.ndarray) -> Positions:
     """The largest of a row, by its index.
 
     The derivative of a maximum asks which values equal it: none does where the compiler computes
@@ -785,8 +787,8 @@ def largest_of(values: Any) -> Any:
     return values[values.argmax()]
 
 
-def _number(formula: Callable[..., Any], *numbers: Any) -> Array:
-    """What a formula gives of some numbers, by NumPy where all are known."""
+def _number(formula: Callable[..., Positions], *numbers: Positions) -> Array:
+    """Evaluates a formula by NumPy if all of its numbers are concrete."""
     with np.errstate(over="ignore", invalid="ignore"):
         return as_float(formula(*as_numpy(*numbers)))
 
@@ -819,7 +821,7 @@ def steady(motion: AbstractMotion) -> AbstractSteadyMotion:
     return cast(AbstractSteadyMotion, motion)
 
 
-def is_known_zero(value: Any) -> bool:
+def is_known_zero(value: ArrayLike) -> bool:
     """Whether a number, or all of an array, can be looked at and is 0."""
     return is_concrete(value) and not np.any(np.asarray(value))
 
@@ -884,7 +886,7 @@ def _as_durations(durations: RowLike) -> tuple[float, ...]:
     return row
 
 
-def _shown(value: Any) -> Any:
+def _shown(value: Any) -> object:
     return value.tolist() if getattr(value, "ndim", 0) and is_concrete(value) else value
 
 

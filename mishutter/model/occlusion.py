@@ -5,7 +5,7 @@ from typing import Literal, final, get_args
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     all_concrete,
@@ -47,15 +47,15 @@ class LayerShares(eqx.Module):
         folds: Whether `+s` and `-s` are taken for one effective speed; static.
     """
 
-    power: Array
-    objects: Array
-    background: Array
-    same: Array
-    beat: Array
-    beat_of_objects: Array
-    background_speeds: Array
-    background_weights: Array
-    speeds: Array
+    power: Float[Array, "m"]
+    objects: Float[Array, "m"]
+    background: Float[Array, "m"]
+    same: Float[Array, "m"]
+    beat: Float[Array, "b n k m"]
+    beat_of_objects: Float[Array, "n k m"]
+    background_speeds: Float[Array, "b"]
+    background_weights: Float[Array, "b"]
+    speeds: Float[Array, "k"]
     first: float = eqx.field(static=True)
     step: float = eqx.field(static=True)
     folds: bool = eqx.field(static=True)
@@ -123,9 +123,9 @@ class Occlusion(eqx.Module):
         subject = "Occlusion(level_difference=...)"
         require_scalar(subject, self.level_difference)
         require_finite(subject, self.level_difference)
-        known = self.background in get_args(Background)
+        is_valid = self.background in get_args(Background)
         requirement = "be 'still' or 'moving'"
-        require(known, "Occlusion(background=...)", requirement, self.background)
+        require(is_valid, "Occlusion(background=...)", requirement, self.background)
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""

@@ -8,20 +8,20 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import namespace_of
 
 WIDEST_BLUR = 16.0
-"""Of a lens, px: four of it are within the margin that captures leave beyond a picture."""
+"""Widest blur of a lens, px: four of it fit into the margin that captures leave."""
 
 
-def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Array:
+def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Float[Array, "{num_frequencies}"]:
     """The `frequencies` in a program, which counts them itself; cycles/px, shape `(m,)`."""
     return _centres(jnp.arange(num_frequencies, dtype=dtype))
 
 
-def frequencies(count: int) -> np.ndarray:
+def frequencies(count: int) -> Float[np.ndarray, "{count}"]:
     """Centres of equal steps in (0, 0.5); cycles/px, shape `(count,)`."""
     return _centres(np.arange(count, dtype=np.float64))
 
@@ -30,7 +30,9 @@ def _centres(index: Any) -> Any:
     return (index + 0.5) * (0.5 / index.size)
 
 
-def on_steps(power: Array | np.ndarray, count: int) -> Array | np.ndarray:
+def on_steps(
+    power: Float[Array | np.ndarray, "m"], count: int
+) -> Float[Array | np.ndarray, "{count}"]:
     """Power of a spectrum known on other equal steps of (0, 0.5); shape `(count,)`.
 
     Within a step it is the parabola that holds the step's power and is the harmonic mean of two
@@ -41,22 +43,22 @@ def on_steps(power: Array | np.ndarray, count: int) -> Array | np.ndarray:
     space = namespace_of(power)
     mirrored = space.concatenate([power[:1], power, power[-1:]])
     total = mirrored[:-1] + mirrored[1:]
-    lit = space.where(total > 0, total, 1.0)
-    between = 2 * (mirrored[:-1] / lit) * mirrored[1:]
+    divisor = space.where(total > 0, total, 1.0)
+    between = 2 * (mirrored[:-1] / divisor) * mirrored[1:]
     edges = np.union1d(np.linspace(0, 1, power.size + 1), np.linspace(0, 1, count + 1))
     middle = (edges[1:] + edges[:-1]) / 2
-    known, wanted = (middle * power.size).astype(int), (middle * count).astype(int)
-    start, end = edges[:-1] * power.size - known, edges[1:] * power.size - known
+    source, target = (middle * power.size).astype(int), (middle * count).astype(int)
+    start, end = edges[:-1] * power.size - source, edges[1:] * power.size - source
     first, second, third = ((end**n - start**n) / n for n in (1, 2, 3))
     shares = (6 * (second - third), first - 4 * second + 3 * third, 3 * third - 2 * second)
     parts = (power, between[:-1], between[1:])
     pieces = sum(
-        (x * (count / power.size)).astype(power.dtype) * part[known]
+        (x * (count / power.size)).astype(power.dtype) * part[source]
         for x, part in zip(shares, parts, strict=True)
     )
     if space is jnp:
-        return jax.ops.segment_sum(pieces, wanted, count)
-    return np.maximum(np.bincount(wanted, pieces, count), 0).astype(power.dtype)
+        return jax.ops.segment_sum(pieces, target, count)
+    return np.maximum(np.bincount(target, pieces, count), 0).astype(power.dtype)
 
 
 class Optics(NamedTuple):
@@ -73,14 +75,16 @@ class Optics(NamedTuple):
     cutoff_frequency: float
     lens_blur: float = 0.0
 
-    def response(self, period: int) -> np.ndarray:
+    def response(self, period: int) -> Float[np.ndarray, "{period}//2+1"]:
         """Response on the grid of the DFT of so many pixels; shape `(period // 2 + 1,)`."""
         number = np.arange(period // 2 + 1)
         passes = number <= self.cutoff_frequency * period * (1 + 1e-12)
         return np.where(passes, lens_response(number / period, self.lens_blur), 0.0)
 
 
-def lens_response(frequency: Array | np.ndarray, lens_blur: ArrayLike) -> Array | np.ndarray:
+def lens_response(
+    frequency: Float[Array | np.ndarray, "*shape"], lens_blur: ArrayLike
+) -> Float[Array | np.ndarray, "*shape"]:
     r"""Response $e^{-2\pi^2\sigma^2 f^2}$ of a Gaussian of deviation $\sigma$, px.
 
     Args:
@@ -91,7 +95,9 @@ def lens_response(frequency: Array | np.ndarray, lens_blur: ArrayLike) -> Array 
     return space.exp(-2 * (np.pi * lens_blur * frequency) ** 2)
 
 
-def pixel_response(frequency: Array | np.ndarray, lens_blur: ArrayLike) -> Array | np.ndarray:
+def pixel_response(
+    frequency: Float[Array | np.ndarray, "*shape"], lens_blur: ArrayLike
+) -> Float[Array | np.ndarray, "*shape"]:
     r"""Response $\operatorname{sinc}(f)\,e^{-2\pi^2\sigma^2 f^2}$ of a pixel behind the lens."""
     space = jnp if isinstance(frequency, jax.Array) else np
     return space.sinc(frequency) * lens_response(frequency, lens_blur)

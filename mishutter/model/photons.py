@@ -3,11 +3,18 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import Array, ArrayLike, Float
+
+Numbers = Array | np.ndarray | np.floating | float
 
 
 def noise_power(
-    throughput: Any, mean_level: Any, electrons: Any, read_noise: Any, *, unit: Any = 1.0
+    throughput: Numbers,
+    mean_level: Numbers,
+    electrons: Numbers,
+    read_noise: Numbers,
+    *,
+    unit: Numbers = 1.0,
 ) -> Any:
     r"""Variance of a pixel, $\eta \bar f p + \sigma^2$, in squares of a unit; of any shape.
 
@@ -29,7 +36,7 @@ def noise_power(
 
 def filling_half_exposure(
     full_well: ArrayLike, photon_rate: ArrayLike, throughput: ArrayLike = 1.0
-) -> np.ndarray:
+) -> Float[np.ndarray, "..."]:
     """Half exposure after which white fills a pixel, infinite without light; s, of any shape.
 
     Args:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from jaxtyping import UInt16
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -77,7 +78,7 @@ def decoded(path: Path) -> Decoded:
         return _decoded_by_pillow(path)
 
 
-def deep_png(pixels: np.ndarray) -> bytes:
+def deep_png(pixels: UInt16[np.ndarray, "rows columns channels"]) -> bytes:
     """A PNG of 16 bits a channel, by the settings with which OpenCV encodes quickly.
 
     Args:
@@ -86,8 +87,10 @@ def deep_png(pixels: np.ndarray) -> bytes:
     import imagecodecs
 
     png = imagecodecs.PNG
-    options = {"strategy": png.STRATEGY.RLE, "filter": png.FILTER.SUB}
-    return bytes(imagecodecs.png_encode(pixels, png.COMPRESSION.SPEED, **options))
+    encoded = imagecodecs.png_encode(
+        pixels, png.COMPRESSION.SPEED, strategy=png.STRATEGY.RLE, filter=png.FILTER.SUB
+    )
+    return bytes(encoded)
 
 
 def _decoded_deep_png(path: Path) -> Decoded:
@@ -141,8 +144,8 @@ def _decoded_tiff(path: Path) -> Decoded:
             raise ValueError(f"a TIFF whose values are {getattr(meaning, 'name', meaning)}")
         first: Any = file.pages[0]
         tag = page.tags.get(_ORIENTATION) or first.tags.get(_ORIENTATION)
-        found = _direct(page, 1 if tag is None else tag.value)
-        return found._replace(is_first=is_first)
+        pixels = _direct(page, 1 if tag is None else tag.value)
+        return pixels._replace(is_first=is_first)
 
 
 def _whole_pages(file: "TiffFile") -> Iterator[tuple[int | None, "TiffPage"]]:
@@ -231,10 +234,10 @@ def _decoded_by_pillow(path: Path, page: int = 0) -> Decoded:
         upright = ImageOps.exif_transpose(file)
         has_alpha = "transparency" in upright.info or upright.mode in ("LA", "PA", "RGBA", "La")
         if upright.mode in ("L", "RGB", "RGBA", "LA"):
-            wanted = "RGBA" if has_alpha and upright.mode in ("L", "RGB") else upright.mode
+            mode = "RGBA" if has_alpha and upright.mode in ("L", "RGB") else upright.mode
         else:
-            wanted = "RGBA" if has_alpha else "L" if upright.mode == "1" else "RGB"
-        pixels = np.asarray(upright.convert(wanted) if wanted != upright.mode else upright)
+            mode = "RGBA" if has_alpha else "L" if upright.mode == "1" else "RGB"
+        pixels = np.asarray(upright.convert(mode) if mode != upright.mode else upright)
     return _with_alpha_last(pixels, is_first)
 
 

@@ -7,7 +7,7 @@ from typing import Literal, final, get_args
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     RowLike,
@@ -51,7 +51,7 @@ that a sensor records (cycles/px), and how many equal steps up to it are looked 
 
 
 DecoderSpeed = Literal["unknown", "found", "told"]
-"""What a decoder knows of the speed of a picture."""
+"""The knowledge that a decoder has of the speed of a picture."""
 
 
 @final
@@ -254,15 +254,15 @@ class Scene(eqx.Module):
             require_scalar("Scene(full_well=...)", self.full_well)
             require_at_least("Scene(full_well=...)", self.full_well, "above 0", strict=True)
         requirement = "be 'unknown', 'found' or 'told'"
-        known = self.decoder_speed in get_args(DecoderSpeed)
-        require(known, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
+        is_valid = self.decoder_speed in get_args(DecoderSpeed)
+        require(is_valid, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
         whole = self.occlusion is None or self.decoder_speed != "found"
         requirement = "be 'unknown' or 'told' before a background: one speed is no picture's there"
         require(whole, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
-        known = self.axis in get_args(Axis)
-        require(known, "Scene(axis=...)", "be 'rows' or 'columns'", self.axis)
-        known = isinstance(self.given_motion, AbstractMotion | None)
-        require(known, "Scene(motion=...)", "be a motion", self.given_motion)
+        is_valid = self.axis in get_args(Axis)
+        require(is_valid, "Scene(axis=...)", "be 'rows' or 'columns'", self.axis)
+        is_valid = isinstance(self.given_motion, AbstractMotion | None)
+        require(is_valid, "Scene(motion=...)", "be a motion", self.given_motion)
 
     def __repr__(self) -> str:
         """The speeds and the light in one line; `str` has everything."""
@@ -299,9 +299,9 @@ class Scene(eqx.Module):
         power, deviation = self.power_spectrum, self.deviation
         if not (is_concrete(power) and is_concrete(deviation)) or float(deviation) == 0:
             return
-        known = np.ones(1) if power is None else np.asarray(power)
-        lit = on_steps(known, NUM_FREQUENCIES) > 0
-        first = float(np.min(frequencies(NUM_FREQUENCIES), where=lit, initial=np.inf))
+        spectrum = np.ones(1) if power is None else np.asarray(power)
+        has_power = on_steps(spectrum, NUM_FREQUENCIES) > 0
+        first = float(np.min(frequencies(NUM_FREQUENCIES), where=has_power, initial=np.inf))
         requirement = f"pass some of the picture, whose power begins at {first:.3g} cycles/px"
         require(first <= cutoff, "Scene(cutoff_frequency=...)", requirement, cutoff)
 
@@ -418,8 +418,8 @@ class Scene(eqx.Module):
     def fullest_motion(self) -> ParabolicMotion:
         """The `fullest_motion` of the limits about the middle of the speeds."""
         slowest, fastest = self.speed_range
-        known = self.speeds_known
-        slowest, fastest = (np.asarray(x) if known else x for x in (slowest, fastest))
+        are_concrete = self.speeds_known
+        slowest, fastest = (np.asarray(x) if are_concrete else x for x in (slowest, fastest))
         return self.limits.fullest_motion((slowest + fastest) / 2)
 
     @property
@@ -428,7 +428,7 @@ class Scene(eqx.Module):
         return is_concrete(self.speeds) and is_concrete(self.weights)
 
     @property
-    def max_speed(self) -> Array:
+    def max_speed(self) -> Float[Array, ""]:
         """Largest speed of either sign that occurs; px/s."""
         slowest, fastest = self.speed_range
         if self.speeds_known:
@@ -436,7 +436,7 @@ class Scene(eqx.Module):
         return jnp.maximum(jnp.abs(slowest), jnp.abs(fastest))
 
     @property
-    def speed_range(self) -> tuple[Array, Array]:
+    def speed_range(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """Smallest and largest velocity that occurs; px/s."""
         if self.speeds_known:
             speeds = np.asarray(self.speeds)[np.asarray(self.weights) > 0]
@@ -482,12 +482,12 @@ def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMoti
         return scene, without_velocity(motion)
     top, pan = scene.limits.max_top_speed, scene.limits.max_pan
     dtype = common_dtype(scene.speeds, motion.velocity)
-    known = all_concrete((scene.speeds, scene.limits, motion.velocity))
-    space = np if known else jnp
+    are_concrete = all_concrete((scene.speeds, scene.limits, motion.velocity))
+    space = np if are_concrete else jnp
     velocity = space.asarray(motion.velocity, dtype)
-    left = space.maximum(space.asarray(top) - space.abs(velocity.astype(top.dtype)), 0)
-    numbers = space.asarray(scene.speeds, dtype) - velocity, left, space.zeros_like(pan)
-    if known:
+    room = space.maximum(space.asarray(top) - space.abs(velocity.astype(top.dtype)), 0)
+    numbers = space.asarray(scene.speeds, dtype) - velocity, room, space.zeros_like(pan)
+    if are_concrete:
         numbers = tuple(as_float(number) for number in numbers)
     places = lambda s: (s.speeds, s.limits.max_top_speed, s.limits.max_pan)  # noqa: E731
     scene = eqx.tree_at(places, scene, numbers)

@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -42,12 +42,16 @@ from mishutter.model.motion import ParabolicMotion
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.scene import Burst, Scene
 from mishutter.model.scene_schema import (
+    Light,
     LimitsSection,
     MotionSection,
     Normal,
     OcclusionSection,
+    OpticsSection,
     PictureSection,
+    RivalsSection,
     SceneFile,
+    Sensor,
     ShutterSection,
     Speeds,
     StageSection,
@@ -58,18 +62,21 @@ from mishutter.model.scene_units import (
     FASTEST,
     SPEED_UNITS,
     Scales,
+    arguments_in,
     photon_rate,
     read_noise,
     speed_of,
+    table_of,
     told_in,
 )
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.tolerances import Tolerances
 
+_Kind = TypeVar("_Kind")
 Photographs = Callable[[str, float | None, bool, Axis], Mapping[str, Any]]
 """The `picture_arguments` of a photograph, by `path`, `white`, `linear` and `axis` of a file."""
 EXAMPLE_PICTURE = "example"
-"""What `[picture] path` says for the photograph that scikit-image ships."""
+"""The `[picture] path` of the photograph that scikit-image ships."""
 
 _NUM_FREQUENCIES = 256
 _DEVIATIONS = 3.0
@@ -139,35 +146,25 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     Raises:
         ValueError: if a number is out of the range of its key.
     """
-    tables: dict[str, Any] = {
+    tables: dict[str, dict[str, object]] = {
         "speeds": {"list_px_per_s": scene.speeds.tolist(), "weights": scene.weights.tolist()},
-        "light": {"photon_rate_per_s": float(scene.photon_rate)},
-        "sensor": {"read_noise_e": float(scene.read_noise), "axis": scene.axis},
-        "optics": {
-            "cutoff_cycles_per_px": float(scene.cutoff_frequency),
-            "lens_blur_px": float(scene.lens_blur),
-        },
-        "limits": _limits_table(scene.limits),
+        "light": table_of(scene, Light),
+        "sensor": table_of(scene, Sensor),
+        "optics": table_of(scene, OpticsSection),
+        "limits": table_of(scene.limits, LimitsSection),
         "picture": {
             "path": scene.picture,
             "white": scene.picture_white,
             "linear": scene.picture_linear or None,
         },
     }
-    if scene.full_well is not None:
-        tables["sensor"]["full_well_e"] = float(scene.full_well)
     if scene.picture is None:
-        levels = {"mean_level": scene.mean_level, "deviation": scene.deviation}
-        tables["picture"] = {name: float(value) for name, value in levels.items()}
+        tables["picture"] = table_of(scene, PictureSection)
     tables |= _optional_tables(scene)
     if scene.decoder_speed != "unknown":
         tables["decoder"] = {"speed": scene.decoder_speed}
     if isinstance(scene.given_motion, ParabolicMotion):
-        tables["motion"] = {
-            "half_exposure_ms": float(scene.given_motion.half_exposure) * 1e3,
-            "acceleration_px_per_s2": float(scene.given_motion.acceleration),
-            "velocity_px_per_s": float(scene.given_motion.velocity),
-        }
+        tables["motion"] = table_of(scene.given_motion, MotionSection)
     file = validated(SceneFile, tables, "scene_text(scene=...)", in_section)
     said = notes or {}
     lines = [f"# {line}" for line in said.get("", ())]
@@ -178,79 +175,31 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def _optional_tables(scene: Scene) -> dict[str, Any]:
+def _optional_tables(scene: Scene) -> dict[str, dict[str, object]]:
     """Tables of what a scene may do without."""
-    tables: dict[str, Any] = {}
+    tables: dict[str, dict[str, object]] = {}
     if scene.occlusion is not None:
-        tables["occlusion"] = _occlusion_table(scene.occlusion)
+        tables["occlusion"] = table_of(scene.occlusion, OcclusionSection)
+        if not scene.occlusion.has_edges:
+            del tables["occlusion"]["level_difference"]
     if scene.device is not None:
         tables["shutter"] = _device_table(scene.device)
     if scene.stage is not None:
-        bandwidth, damping = float(scene.stage.bandwidth), float(scene.stage.damping)
-        tables["stage"] = {"bandwidth_hz": bandwidth, "damping": damping}
+        tables["stage"] = table_of(scene.stage, StageSection)
     if scene.burst is not None:
-        frames = float(scene.burst.frames_per_s)
-        tables["rivals"] = {"frames_per_s": frames, "max_frames": scene.burst.max_frames}
+        tables["rivals"] = table_of(scene.burst, RivalsSection)
     if scene.tolerances is not None:
-        tables["tolerances"] = _tolerances_table(scene.tolerances)
+        tables["tolerances"] = table_of(scene.tolerances, TolerancesSection)
+        if float(scene.tolerances.drive_step) == 0:
+            del tables["tolerances"]["drive_step_us"]
     return tables
 
 
-def _limits_table(limits: Limits) -> dict[str, float | str]:
-    table = {
-        "max_stroke_px": limits.max_stroke,
-        "max_top_speed_px_per_s": limits.max_top_speed,
-        "min_half_exposure_ms": limits.min_half_exposure * 1e3,
-        "max_half_exposure_ms": limits.max_half_exposure * 1e3,
-        "max_pan_px_per_s": limits.max_pan,
-        "max_travel_px": limits.max_travel,
-        "max_acceleration_px_per_s2": limits.max_acceleration,
-        "max_jerk_px_per_s3": limits.max_jerk,
-    }
-    numbers = {key: float(value) for key, value in table.items() if value is not None}
-    return numbers | {"pans": limits.pans}
-
-
-def _device_table(device: AbstractDevice) -> dict[str, float | int]:
-    table: dict[str, Any] = {
-        "transmission": float(device.transmission),
-        "leakage": float(device.leakage),
-        "levels": device.levels,
-        "num_slots": device.num_slots,
-    }
-    if isinstance(device, FirstOrderShutter):
-        times = {"rise_ms": device.rise_time, "fall_ms": device.fall_time, "delay_ms": device.delay}
-        table |= {key: float(time) * 1e3 for key, time in times.items() if time is not None}
+def _device_table(device: AbstractDevice) -> dict[str, object]:
+    table = table_of(device, ShutterSection)
     if isinstance(device, IdealShutter) and device.levels is None and device.num_slots is not None:
         # Slots without levels and times are of a device that is open or closed.
         table |= {"rise_ms": 0.0, "fall_ms": 0.0}
-    if isinstance(device, SwitchedShutter):
-        table |= {"min_open_slots": device.min_open, "min_closed_slots": device.min_closed}
-        # Two levels are what a file without `levels` says of such a device.
-        table["levels"] = None
-    return table
-
-
-def _tolerances_table(tolerances: Tolerances) -> dict[str, float]:
-    table = {
-        "acceleration_share": float(tolerances.acceleration),
-        "velocity_px_per_s": float(tolerances.velocity),
-        "delay_us": float(tolerances.delay) * 1e6,
-        "object_speed_px_per_s": float(tolerances.speed),
-        "transmittance": float(tolerances.transmittance),
-    }
-    step = float(tolerances.drive_step) * 1e6
-    return table | ({"drive_step_us": step} if step > 0 else {})
-
-
-def _occlusion_table(occlusion: Occlusion) -> dict[str, float | str]:
-    table: dict[str, float | str] = {
-        "front_share": float(occlusion.front_share),
-        "background": occlusion.background,
-    }
-    if occlusion.object_width is not None:
-        table["object_width_px"] = float(occlusion.object_width)
-        table["level_difference"] = float(occlusion.level_difference)
     return table
 
 
@@ -259,7 +208,7 @@ def _scene(data: bytes, name: str, folder: Path) -> Scene:
 
 
 def scene_of_tables(
-    tables: Any, name: str, folder: Path, photographs: Photographs | None = None
+    tables: object, name: str, folder: Path, photographs: Photographs | None = None
 ) -> Scene:
     """The scene of a file's tables.
 
@@ -303,17 +252,16 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         weights,
         photon_rate=photon_rate(file.light, scales),
         read_noise=read_noise(file.sensor),
-        cutoff_frequency=file.optics.cutoff_cycles_per_px,
-        lens_blur=file.optics.lens_blur_px,
-        limits=limits,
-        device=None if file.shutter is None else _device(file.shutter),
         full_well=file.sensor.full_well_e,
-        stage=None if file.stage is None else _stage(file.stage),
-        burst=None if file.rivals is None else Burst(**file.rivals.model_dump()),
+        axis=file.sensor.axis,
+        **arguments_in(file.optics, Scene, "[optics]", scales),
+        limits=limits,
+        device=None if file.shutter is None else _device(file.shutter, scales),
+        stage=_of_kind(SecondOrderStage, file.stage, "[stage]", scales),
+        burst=_of_kind(Burst, file.rivals, "[rivals]", scales),
         tolerances=_tolerances(file.tolerances, scales),
         occlusion=occlusion,
         decoder_speed=file.decoder.speed,
-        axis=file.sensor.axis,
         motion=_motion(file.motion, file.limits, limits, scales),
         **_picture(file.picture, file.sensor.axis, folder, photographs),
     )
@@ -322,9 +270,14 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
 def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
     unit, listed = told_in(section, "list", SPEED_UNITS, "[speeds]")
     forms = {"uniform": section.uniform, "normal": section.normal, "list": listed}
-    given = [name for name, value in forms.items() if value is not None]
+    forms_in_file = [name for name, value in forms.items() if value is not None]
     requirement = "hold one of uniform, normal and list_px_per_s"
-    require(len(given) == 1, "[speeds]", requirement, Unquoted(" and ".join(given) or "no speeds"))
+    require(
+        len(forms_in_file) == 1,
+        "[speeds]",
+        requirement,
+        Unquoted(" and ".join(forms_in_file) or "no speeds"),
+    )
     if section.uniform is not None:
         unit, speeds, weights = _uniform(section.uniform)
     elif section.normal is not None:
@@ -332,7 +285,7 @@ def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
     else:
         speeds, weights = _listed(listed, section.weights)  # type: ignore[arg-type]
     goes = section.weights is None or listed is not None
-    require(goes, "[speeds] weights", "go with list_px_per_s", Unquoted(given[0]))
+    require(goes, "[speeds] weights", "go with list_px_per_s", Unquoted(forms_in_file[0]))
     speeds = speeds * scales.of_things(unit, f"[speeds] in {unit}")
     fastest = float(np.max(np.abs(speeds)))
     require(fastest <= FASTEST, "[speeds]", f"be at most {FASTEST:g} px/s", fastest)
@@ -376,7 +329,14 @@ def _listed(speeds: list[float], weights: list[float] | None) -> tuple[np.ndarra
     return np.array(speeds), np.array(weights)
 
 
-def _device(section: ShutterSection) -> AbstractDevice:
+def _of_kind(
+    kind: type[_Kind], section: Section | None, place: str, scales: Scales
+) -> _Kind | None:
+    """The object whose arguments a section holds; None without the section."""
+    return None if section is None else kind(**arguments_in(section, kind, place, scales))
+
+
+def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:
     """The device that the keys stand for; times of either edge are that of the other if missing."""
     rise, fall = section.rise_ms, section.fall_ms
     lags = rise is not None or fall is not None
@@ -391,24 +351,15 @@ def _device(section: ShutterSection) -> AbstractDevice:
         most = section.num_slots or NUM_SLOTS
         fits = value is None or value <= most
         require(fits, f"[shutter] {key}", f"be at most num_slots = {most}", value)
-    times = {
-        "rise_time": fall if rise is None else rise,
-        "fall_time": rise if fall is None else fall,
+    arguments = {
+        name: value
+        for kind in (FirstOrderShutter, SwitchedShutter)
+        for name, value in arguments_in(section, kind, "[shutter]", scales).items()
     }
-    times["delay"] = section.delay_ms
-    return device_of(
-        transmission=section.transmission,
-        leakage=section.leakage,
-        levels=section.levels,
-        num_slots=section.num_slots,
-        min_open=section.min_open_slots,
-        min_closed=section.min_closed_slots,
-        **{name: None if ms is None else ms / 1000 for name, ms in times.items()},
-    )
-
-
-def _stage(section: StageSection) -> SecondOrderStage:
-    return SecondOrderStage(bandwidth=section.bandwidth_hz, damping=section.damping)
+    times = [arguments[name] for name in ("rise_time", "fall_time") if name in arguments]
+    if times:
+        arguments |= {"rise_time": times[0], "fall_time": times[-1]}
+    return device_of(**arguments)
 
 
 def _limits(section: LimitsSection, scales: Scales) -> Limits:
@@ -418,56 +369,21 @@ def _limits(section: LimitsSection, scales: Scales) -> Limits:
     turns = section.max_pan_deg_per_s is None or section.pans == "camera"
     requirement = 'stand beside pans = "camera": a stage does not turn'
     require(turns, "[limits] max_pan_deg_per_s", requirement, section.max_pan_deg_per_s)
-    stroke = _of_stage(section, "max_stroke", ("px", "mm"), scales)
-    top_speed = _of_stage(section, "max_top_speed", ("px_per_s", "mm_per_s"), scales)
+    arguments = arguments_in(section, Limits, "[limits]", scales)
+    stroke = arguments["max_stroke"]
     subject, requirement = "[limits] max_stroke_mm", f"lie in {_STROKES[0]:g} to {_STROKES[1]:g} px"
     require(_STROKES[0] <= stroke <= _STROKES[1], subject, requirement, stroke)
-    pan = _of_things(section, "max_pan", ("px_per_s", "deg_per_s"), scales, "[limits]")
-    return Limits(
-        max_stroke=stroke,
-        max_top_speed=top_speed,
-        min_half_exposure=shortest / 1000,
-        max_half_exposure=longest / 1000,
-        max_pan=pan,
-        max_travel=_of_stage(section, "max_travel", ("px", "mm"), scales),
-        max_acceleration=_of_stage(section, "max_acceleration", ("px_per_s2", "g"), scales),
-        max_jerk=_of_stage(section, "max_jerk", ("px_per_s3", "g_per_s"), scales),
-        pans=section.pans,
-    )
-
-
-def _of_stage(
-    section: Section, name: str, units: tuple[str, str], scales: Scales, place: str = "[limits]"
-) -> Any:
-    """A number of the stage in px, given in one of its units; None where it is not."""
-    unit, value = told_in(section, name, units, place)
-    return None if value is None else value * scales.of_stage(unit, f"{place} {name}_{unit}")
-
-
-def _of_things(
-    section: Section, name: str, units: tuple[str, ...], scales: Scales, place: str
-) -> Any:
-    """A speed of things in px/s, given in one of its units; None where it is not."""
-    unit, value = told_in(section, name, units, place)
-    return None if value is None else value * scales.of_things(unit, f"{place} {name}_{unit}")
+    return Limits(**arguments)
 
 
 def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | None:
     if section is None:
         return None
-    unit, width = told_in(section, "object_width", ("px", "mm", "m"), "[occlusion]")
-    if width is not None:
-        width *= scales.of_things(unit, f"[occlusion] object_width_{unit}")
-    difference = section.level_difference
-    seen = difference == 0 or width is not None
+    arguments = arguments_in(section, Occlusion, "[occlusion]", scales)
+    is_shown = section.level_difference == 0 or "object_width" in arguments
     requirement = "stand beside object_width_px: it shows at the edges of objects alone"
-    require(seen, "[occlusion] level_difference", requirement, difference)
-    return Occlusion(
-        front_share=section.front_share,
-        object_width=width,
-        level_difference=difference,
-        background=section.background,
-    )
+    require(is_shown, "[occlusion] level_difference", requirement, section.level_difference)
+    return Occlusion(**arguments)
 
 
 def _tolerances(section: TolerancesSection | None, scales: Scales) -> Tolerances | None:
@@ -477,14 +393,7 @@ def _tolerances(section: TolerancesSection | None, scales: Scales) -> Tolerances
     requirement = "be given where transmittance has an error"
     lasts = section.transmittance == 0 or step is not None
     require(lasts, f"{place} drive_step_us", requirement, Unquoted("nothing"))
-    return Tolerances(
-        acceleration=section.acceleration_share,
-        velocity=_of_stage(section, "velocity", ("px_per_s", "mm_per_s"), scales, place),
-        delay=section.delay_us * 1e-6,
-        speed=_of_things(section, "object_speed", SPEED_UNITS, scales, place),
-        transmittance=section.transmittance,
-        drive_step=0.0 if step is None else step * 1e-6,
-    )
+    return Tolerances(**arguments_in(section, Tolerances, place, scales))
 
 
 def _motion(
@@ -497,16 +406,23 @@ def _motion(
     requirement = f"lie in the limits {low:g} to {high:g}"
     require(low <= half <= high, f"{place} half_exposure_ms", requirement, half)
     forms = ("stroke_px", "stroke_mm", "acceleration_px_per_s2")
-    given = [name for name in forms if getattr(section, name) is not None]
+    forms_in_file = [name for name in forms if getattr(section, name) is not None]
     requirement = "hold one of stroke_px, stroke_mm and acceleration_px_per_s2"
-    require(len(given) == 1, place, requirement, Unquoted(" and ".join(given) or "neither"))
+    require(
+        len(forms_in_file) == 1,
+        place,
+        requirement,
+        Unquoted(" and ".join(forms_in_file) or "neither"),
+    )
     T = half / 1000
     a = section.acceleration_px_per_s2
-    a = _of_stage(section, "stroke", ("px", "mm"), scales, place) / T**2 if a is None else a
+    if a is None:
+        unit, stroke = told_in(section, "stroke", ("px", "mm"), place)
+        a = stroke * scales.of_stage(unit, f"{place} stroke_{unit}") / T**2
     v = _velocity(section, limits, scales)
     motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
     for name, demand in reach.demands(motion).items():
-        _require_met(name, demand, f"{place} {given[0]}", v)
+        _require_met(name, demand, f"{place} {forms_in_file[0]}", v)
     return motion
 
 
@@ -559,20 +475,25 @@ def _picture(
 ) -> Mapping[str, Any]:
     """Arguments of `Scene` that a photograph, or what stands for one, gives."""
     levels = {"mean_level": section.mean_level, "deviation": section.deviation}
-    given = {name: value for name, value in levels.items() if value is not None}
+    levels_in_file = {name: value for name, value in levels.items() if value is not None}
     own = section.path not in (None, EXAMPLE_PICTURE)
     for key in ("white", "linear"):
         requirement = "stand beside the path of a photograph of one's own"
         got = Unquoted("no path" if section.path is None else section.path)
         require(own or getattr(section, key) is None, f"[picture] {key}", requirement, got)
     if section.path is None:
-        return given
-    require(not given, f"[picture] {next(iter(given), '')}", "not stand beside path", section.path)
-    coding = section.white, bool(section.linear)
+        return levels_in_file
+    require(
+        not levels_in_file,
+        f"[picture] {next(iter(levels_in_file), '')}",
+        "not stand beside path",
+        section.path,
+    )
+    white, linear = section.white, bool(section.linear)
     if photographs is not None:
-        return photographs(section.path, *coding, axis)
+        return photographs(section.path, white, linear, axis)
     place = str((folder / section.path).absolute()) if own else EXAMPLE_PICTURE
-    return picture_arguments(place, _picture_at(place, *coding), *coding, axis)
+    return picture_arguments(place, _picture_at(place, white, linear), white, linear, axis)
 
 
 def scene_picture(scene: Scene) -> Picture:

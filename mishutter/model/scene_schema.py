@@ -116,7 +116,7 @@ class Sensor(Section):
 
 @final
 class ShutterSection(Section):
-    """What the shutter is made with: light that passes, how fast it follows, at which levels."""
+    """The device of the shutter: its transmission, its speed and its levels."""
 
     transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
     leakage: Annotated[float, Field(ge=0, lt=1)] = 0.0
@@ -192,7 +192,7 @@ class TolerancesSection(Section):
 
 @final
 class DecoderSection(Section):
-    """What restores the pictures: what it knows of the speed."""
+    """The decoder that restores the pictures, and its knowledge of the speed."""
 
     speed: DecoderSpeed = "unknown"
 

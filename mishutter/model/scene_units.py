@@ -17,6 +17,7 @@ import re
 from typing import Any, NamedTuple
 
 from mishutter._core import Section, Unquoted, require
+from mishutter.model.arguments import argument_names
 from mishutter.model.scene_schema import (
     Light,
     Sensor,
@@ -36,11 +37,11 @@ SPEED_UNITS = ("px_per_s", "mm_per_s", "m_per_s", "deg_per_s")
 """Units of the speeds of things, as the names of keys end in them."""
 _SPEED = re.compile(r"\s*(\S+?)\s*(px|mm|m|deg)/s\s*")
 FASTEST = 1e7
-"""Of all things, px/s."""
+"""Greatest speed of a thing, px/s."""
 
 
 class Scales(NamedTuple):
-    """What turns units of a scene file into pixels.
+    """Factors that turn units of a scene file into pixels.
 
     Attributes:
         pitch: Distance of pixels; um; None where the file does not say it.
@@ -149,7 +150,7 @@ def told_in(section: Section, name: str, units: tuple[str, ...], place: str) -> 
     Raises:
         ValueError: if it is given in several units.
     """
-    values = {unit: getattr(section, f"{name}_{unit}") for unit in units}
+    values = {unit: getattr(section, _key(name, unit)) for unit in units}
     told = [unit for unit, x in values.items() if x is not None and _is_told(section, name, unit)]
     chosen, other = (told[0], told[-1]) if told else (units[0], units[0])
     subject, beside = f"{place} {name}_{other}", f"not stand beside {name}_{chosen}"
@@ -157,8 +158,83 @@ def told_in(section: Section, name: str, units: tuple[str, ...], place: str) -> 
     return chosen, values[chosen]
 
 
+_DIVISORS = {"ms": 1e3, "us": 1e6}
+"""Units of time, in a second."""
+_OF_CLASSES = ("", "cycles_per_px", "e", "hz", "per_s", "share", "slots")
+"""Units that classes have too."""
+_OF_LENGTH = ("px", "mm", "m", "px_per_s2", "px_per_s3", "g", "g_per_s", *SPEED_UNITS)
+_UNITS = (*_OF_CLASSES, *_DIVISORS, *_OF_LENGTH)
+_OF_THINGS = ("max_pan", "object_speed", "object_width")
+"""Quantities whose units are those of things; lengths of all others are of the stage."""
+_OTHER_NAMES = {
+    "cutoff": "cutoff_frequency",
+    "rise": "rise_time",
+    "fall": "fall_time",
+    "object_speed": "speed",
+}
+"""Arguments of classes that keys call otherwise."""
+
+
+def arguments_in(section: Section, kind: type, place: str, scales: Scales) -> dict[str, Any]:
+    """Arguments of a class that a section gives, in the units of the class.
+
+    Args:
+        section: The section, each of whose keys is an argument and its unit.
+        kind: The class.
+        place: The section's name in an error.
+        scales: Lengths of the scene.
+
+    Raises:
+        ValueError: if a quantity is given in several units, or in one that needs a key that the
+            file does not have.
+    """
+    values = {}
+    for name, units in _quantities(type(section), kind).items():
+        unit, value = told_in(section, name, units, place)
+        if value is not None and unit in _OF_LENGTH:
+            of_unit = scales.of_things if name in _OF_THINGS else scales.of_stage
+            value = value * of_unit(unit, f"{place} {name}_{unit}")
+        elif value is not None and unit in _DIVISORS:
+            value = value / _DIVISORS[unit]
+        values[_OTHER_NAMES.get(name, name)] = value
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def table_of(instance: object, section: type[Section]) -> dict[str, object]:
+    """The table of a section that `arguments_in` reads back, in the first unit of each quantity.
+
+    Args:
+        instance: An object of the class.
+        section: The section.
+    """
+    table: dict[str, object] = {}
+    for name, (unit, *_) in _quantities(section, type(instance)).items():
+        value = getattr(instance, _OTHER_NAMES.get(name, name))
+        if hasattr(value, "dtype"):
+            value = float(value) * _DIVISORS.get(unit, 1.0)
+        table[_key(name, unit)] = value
+    return {key: value for key, value in table.items() if value is not None}
+
+
+def _quantities(section: type[Section], kind: type) -> dict[str, tuple[str, ...]]:
+    """Arguments of a class among the keys of a section, without units, and their units."""
+    units: dict[str, tuple[str, ...]] = {}
+    arguments = argument_names(kind)
+    for key in section.model_fields:
+        for unit in _UNITS:
+            name = key.removesuffix(f"_{unit}") if unit else key
+            is_argument = _OTHER_NAMES.get(name, name) in arguments
+            if is_argument and _key(name, unit) == key:
+                units[name] = (*units.get(name, ()), unit)
+    return units
+
+
+def _key(name: str, unit: str) -> str:
+    return f"{name}_{unit}" if unit else name
+
+
 def _is_told(section: Section, name: str, unit: str) -> bool:
-    return f"{name}_{unit}" in section.model_fields_set
+    return _key(name, unit) in section.model_fields_set
 
 
 _WAYS_OF_LIGHT = {

@@ -1,4 +1,4 @@
-r"""What a stage of limited bandwidth makes of the path that is sent to it, and what to send.
+r"""Stages of limited bandwidth: the motion that a path leads to, and the path to send for a motion.
 
 A servo that is sent the position $u(t)$ moves the sensor as a damped oscillator,
 
@@ -17,11 +17,11 @@ the delay is left, which pans by $-2ad$.
 """
 
 from collections.abc import Sequence
-from typing import Any, final
+from typing import final
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     as_float,
@@ -86,7 +86,9 @@ class SecondOrderStage(eqx.Module):
         r"""Time $2\zeta/\omega$ by which a steady parabola is followed late; s."""
         return 2 * float(self.damping) / self.natural_frequency
 
-    def sent_for(self, path: StagePath, times: np.ndarray) -> np.ndarray:
+    def sent_for(
+        self, path: StagePath, times: Float[np.ndarray, "*times"]
+    ) -> Float[np.ndarray, "*times"]:
         """Positions to send so that the stage is on a path; px, shape of `times`.
 
         Args:
@@ -112,7 +114,9 @@ class SecondOrderStage(eqx.Module):
         rates = np.diff(velocity) / np.diff(times) / 2
         return FreeMotion(accelerations=rates, half_exposure=half, velocity=velocity[_PIECES // 2])
 
-    def followed(self, path: StagePath, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def followed(
+        self, path: StagePath, times: Float[np.ndarray, "*times"]
+    ) -> tuple[Float[np.ndarray, "*times"], Float[np.ndarray, "*times"]]:
         """Positions, px, and velocities, px/s, of a stage that is sent the path where it should be.
 
         Args:
@@ -134,7 +138,9 @@ class SecondOrderStage(eqx.Module):
         made = steady + strayed[..., 0]
         return made[..., 0], made[..., 1]
 
-    def _cubic(self, starts: Sequence[Any], elapsed: Any) -> np.ndarray:
+    def _cubic(
+        self, starts: Sequence[np.ndarray | np.floating], elapsed: np.ndarray | np.floating | float
+    ) -> np.ndarray:
         """Position and velocity that a piece of constant jerk leads to, without an oscillation."""
         position, velocity, acceleration, jerk = starts
         delay, square = self.delay, 1 / self.natural_frequency**2
@@ -145,8 +151,8 @@ class SecondOrderStage(eqx.Module):
         made = sent - delay * made_velocity - square * made_acceleration
         return np.stack([made, made_velocity], axis=-1)
 
-    def _decay(self, elapsed: Any) -> np.ndarray:
-        """What becomes of a position and a velocity, with nothing sent; shape `(..., 2, 2)`."""
+    def _decay(self, elapsed: np.ndarray | np.floating) -> np.ndarray:
+        """The matrix that carries a position and a velocity on, nothing sent; `(..., 2, 2)`."""
         from scipy.linalg import expm
 
         frequency = self.natural_frequency

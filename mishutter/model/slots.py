@@ -8,7 +8,7 @@ and Steinberg, 1976): the light is that of the profile in the mean over a few sl
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float, Shaped
 
 from mishutter._core import compiled
 from mishutter.model.shutters import AbstractPiecewiseShutter
@@ -21,7 +21,9 @@ _LONG = 1 << 30
 
 
 @compiled
-def slot_means(profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtype) -> Array:
+def slot_means(
+    profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtype
+) -> Float[Array, "{num_slots}"]:
     """Mean transmittance over equal slots of the exposure; shape `(num_slots,)`."""
     slots, ends = (
         x.high for x in (uniform_breakpoints(num_slots, dtype), profile.breakpoints(dtype))
@@ -34,17 +36,17 @@ def slot_means(profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtyp
     before, after = middle - ends[piece], ends[piece + 1] - middle
     from_left = before <= after
     mean = profile.piece_mean(piece, from_left, jnp.where(from_left, before, after), width)
-    light, time = (
+    transmittance, time = (
         jax.ops.segment_sum(jnp.where(width > 0, x, 0.0), slot, num_slots)
         for x in (width * mean, width)
     )
-    return within_unit(light / time)
+    return within_unit(transmittance / time)
 
 
 @compiled
 def diffused(
-    means: Array | np.ndarray, levels: int, min_open: int = 1, min_closed: int = 1
-) -> Array:
+    means: Float[Array | np.ndarray, "n"], levels: int, min_open: int = 1, min_closed: int = 1
+) -> Float[Array, "n"]:
     """The levels that slots take, as transmittances; shape `(n,)`, without a derivative.
 
     Args:
@@ -58,20 +60,22 @@ def diffused(
 
     def step(carry: tuple[Array, Array, Array], mean: Array):
         left_over, last, run = carry
-        wanted = mean + left_over
-        level = jnp.clip(jnp.floor(wanted * steps + (0.5 + _TIE)) / steps, 0, 1)
+        target = mean + left_over
+        level = jnp.clip(jnp.floor(target * steps + (0.5 + _TIE)) / steps, 0, 1)
         shortest = jnp.where(last > 0.5, min_open, min_closed)
         level = jnp.where((level != last) & (run < shortest), last, level)
         begins = last < 0  # as long before the exposure as it takes
         run = jnp.where(begins, _LONG, jnp.where(level == last, run + 1, 1))
-        return (wanted - level, level, run), level
+        return (target - level, level, run), level
 
     means = jax.lax.stop_gradient(jnp.asarray(means))
     first = jnp.zeros_like(means[0]), jnp.full_like(means[0], -1.0), jnp.asarray(_LONG, jnp.int32)
     return jax.lax.scan(step, first, means)[1]
 
 
-def runs_are_long_enough(slots: np.ndarray, min_open: int, min_closed: int) -> np.ndarray:
+def runs_are_long_enough(
+    slots: Shaped[np.ndarray, "k n"], min_open: int, min_closed: int
+) -> Bool[np.ndarray, "k"]:
     """Whether rows of 0 and 1 have no run that is too short, ends aside; `(k, n)` to `(k,)`."""
     holds = np.ones(len(slots), bool)
     for level, shortest in ((1, min_open), (0, min_closed)):

@@ -1,4 +1,4 @@
-r"""How a stage comes to the parabola of an exposure from rest, and back to rest.
+r"""Paths of a stage from rest to the parabola of an exposure, and back to rest.
 
 The sensor's own acceleration is $2a$ (px/s^2) on $x(t) = v t + a t^2$. At the ends of the exposure
 its velocities are $u_0 = v - 2aT$ and $u_1 = v + 2aT$. Reached from rest at the greatest
@@ -22,22 +22,22 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import require, require_finite, require_known, require_scalar
 from mishutter.model.motion import AbstractMotion, FreeMotion, exact_ends, largest_of
 
 
 class StageUse(NamedTuple):
-    """What an exposure asks of a stage that begins and ends at rest.
+    """Travel and speed that an exposure asks of a stage that begins and ends at rest.
 
     Attributes:
         travel: From the lowest to the highest position; px.
         top_speed: Greatest speed, of the run-up and the run-out too; px/s.
     """
 
-    travel: Array
-    top_speed: Array
+    travel: Float[Array, "..."]
+    top_speed: Float[Array, "..."]
 
 
 def stage_use(
@@ -108,7 +108,7 @@ def _stopping(
     return velocity * time / 2
 
 
-def safe_root(square: Array) -> Array:
+def safe_root(square: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """Square root whose derivative at 0 is 0."""
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
@@ -126,11 +126,11 @@ class StagePath(NamedTuple):
         exposure: Beginning and end of the exposure; s.
     """
 
-    times: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
-    accelerations: np.ndarray
-    jerks: np.ndarray
+    times: Float[np.ndarray, "n+1"]
+    positions: Float[np.ndarray, "n+1"]
+    velocities: Float[np.ndarray, "n+1"]
+    accelerations: Float[np.ndarray, "n"]
+    jerks: Float[np.ndarray, "n"]
     exposure: tuple[float, float]
 
     @property
@@ -146,7 +146,9 @@ class StagePath(NamedTuple):
         length = self.times[piece + 1] - self.times[piece]
         return self.times[piece] + np.clip(np.real(roots), 0, length)
 
-    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(
+        self, times: Float[np.ndarray, "*times"]
+    ) -> tuple[Float[np.ndarray, "*times"], Float[np.ndarray, "*times"]]:
         """Positions, px, and velocities, px/s, at some times, s, of any shape; at rest outside.
 
         Args:
@@ -162,7 +164,7 @@ class StagePath(NamedTuple):
         rests = (times <= self.times[0]) | (times >= self.times[-1])
         return position, np.where(rests, 0.0, velocity)
 
-    def acceleration_at(self, times: np.ndarray) -> np.ndarray:
+    def acceleration_at(self, times: Float[np.ndarray, "*times"]) -> Float[np.ndarray, "*times"]:
         """Accelerations, px/s^2, at some times, s, of any shape: where they jump, those after.
 
         Args:
@@ -197,8 +199,8 @@ def stage_path(
         ValueError: if a limit is not a finite scalar above 0, is exceeded within the exposure, or
             both are None, or there is no motion, or JAX traces anything.
     """
-    given = isinstance(motion, AbstractMotion)
-    require(given, "stage_path(motion=...)", "be a motion", motion)
+    is_motion = isinstance(motion, AbstractMotion)
+    require(is_motion, "stage_path(motion=...)", "be a motion", motion)
     require_known("stage_path", motion=motion, limits=(max_acceleration, max_jerk))
     subject = "stage_path(max_acceleration=...)"
     limited = max_acceleration is not None or max_jerk is not None

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
+    all_concrete,
     as_float,
     fields_text,
     is_concrete,
@@ -117,8 +118,8 @@ class Tolerances(eqx.Module):
             velocity: Velocity of the sensor; px/s.
         """
         pans = velocity != 0
-        known = is_concrete(velocity) and is_concrete(self.speed) and is_concrete(self.velocity)
-        space = np if known else jnp
+        are_concrete = all_concrete((velocity, self.speed, self.velocity))
+        space = np if are_concrete else jnp
         square = space.asarray(self.speed) ** 2 + space.asarray(self.velocity) ** 2
         both = space.where(square > 0, space.sqrt(space.where(square > 0, square, 1.0)), 0.0)
         speed = space.where(pans, both.astype(square.dtype), space.asarray(self.speed))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from operator import itemgetter
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, final
 
 import jax
 import numpy as np
@@ -95,7 +95,7 @@ class Engine:
         rules = None if lags else self._rules(coordinates, self.grid.half_exposures[-1])
         return Kit(shutter, coordinates, rules, scenes)
 
-    def _rules(self, coordinates: Sequence[AbstractShutter], half_exposure: Any) -> Rules:
+    def _rules(self, coordinates: Sequence[AbstractShutter], half_exposure: np.floating) -> Rules:
         """Rules of quadrature of some profiles behind the device."""
         scene = self.scenes[0]
         shutters = [transmittance(scene, half_exposure, each) for each in coordinates]

@@ -6,13 +6,13 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Float, UInt
 
-from mishutter._core import common_dtype, describe, require, shape_of
+from mishutter._core import RowLike, common_dtype, describe, require, shape_of
 from mishutter.evaluation import ERRORS_BY_LIGHT, AbstractLoss
 from mishutter.hardware import package_version, scene_to_dict, shutter_to_dict
 from mishutter.model import AbstractShutter, LinearMotion, Scene, SplineShutter, seen_from
@@ -72,7 +72,7 @@ class Search(NamedTuple):
         """Coefficients of each profile."""
         return self.profiles[0].num_coefficients
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Everything that decides the profiles beside the scenes, as plain numbers and text."""
         return {
             "loss": repr(self.loss),
@@ -192,15 +192,15 @@ class Grid:
     def dimensions(self, name: str) -> tuple[str, ...]:
         """Dimensions of a variable."""
         place = (*self.frame_sizes, "acceleration", "half_exposure")
-        light = tuple(d for d in ("photon_rate", "read_noise") if d in self.sizes)
+        dimensions_of_light = tuple(d for d in ("photon_rate", "read_noise") if d in self.sizes)
         if name in ("num_taps", "dft_length", "loss", "converged"):
             return place
         if name == "coefficients":
             return (*place, "coefficient")
         if name == "outside":
-            by_light = tuple(d for d in light if d == "photon_rate")
+            by_light = tuple(d for d in dimensions_of_light if d == "photon_rate")
             return (*place, "shutter", *by_light) if self.full_well is not None else place
-        return (*place, "shutter", *(light if name in ERRORS_BY_LIGHT else ()))
+        return (*place, "shutter", *(dimensions_of_light if name in ERRORS_BY_LIGHT else ()))
 
     @property
     def variables(self) -> dict[str, np.dtype]:
@@ -218,8 +218,8 @@ class Grid:
         rows, columns = self.accelerations.size, self.half_exposures.size
         if self.search is not None:
             return min(rows, _SEARCH_BLOCK), min(columns, _SEARCH_BLOCK)
-        light = [x.size for x in (self.photon_rates, self.read_noises) if x is not None]
-        point = 8 * len(self.metrics) * len(self.shutters) * int(np.prod([1, *light]))
+        counts = [x.size for x in (self.photon_rates, self.read_noises) if x is not None]
+        point = 8 * len(self.metrics) * len(self.shutters) * int(np.prod([1, *counts]))
         rows = min(rows, _BLOCK_ROW)
         return rows, int(np.clip(min(_BLOCK_BYTES // point, 4096) // rows, 1, columns))
 
@@ -252,7 +252,7 @@ class Grid:
         places = map(self.place, blocks)
         return sum((a.stop - a.start) * (t.stop - t.start) for a, t in places)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Everything that decides the results, as plain numbers and text."""
         search = None if self.search is None else self.search.describe()
         return {
@@ -322,7 +322,7 @@ def require_some_inside(subject: str, outside: np.ndarray) -> None:
 
 
 def checked_axis(
-    subject: str, values: Any, *, bound: str = "", strict: bool = False
+    subject: str, values: RowLike, *, bound: str = "", strict: bool = False
 ) -> Float[np.ndarray, "n"]:
     """One axis of the grid: at least one finite value, ascending, in its range if it has one."""
     try:
@@ -343,7 +343,7 @@ def _listed(values: np.ndarray | None) -> list[float] | None:
     return None if values is None else values.tolist()
 
 
-def _described(shutter: AbstractShutter) -> dict[str, Any]:
+def _described(shutter: AbstractShutter) -> dict[str, object]:
     """Parameters of a shutter of the package; samples of any other."""
     try:
         return shutter_to_dict(shutter)

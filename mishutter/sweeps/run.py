@@ -44,14 +44,14 @@ _LOG = logging.getLogger("mishutter.sweep")
 
 @outside_trace()
 def sweep(
-    scenes: Scene | Sequence[Any] | Mapping[str, Any],
+    scenes: Scene | Sequence[object] | Mapping[str, object],
     *,
     accelerations: RowLike,
     half_exposures: RowLike,
     velocities: RowLike | None = None,
-    shutters: Mapping[str, Any] | None = None,
+    shutters: Mapping[str, object] | None = None,
     optimise: bool = False,
-    loss: AbstractLoss | Callable[..., Any] | None = None,
+    loss: AbstractLoss | Callable[..., object] | None = None,
     num_coefficients: int = NUM_COEFFICIENTS,
     max_steps: int = MAX_STEPS,
     seed: int = 0,
@@ -180,14 +180,14 @@ class _Axes(NamedTuple):
 class _SearchOptions(NamedTuple):
     """Arguments of `sweep` for the search of the best profiles, as they are given."""
 
-    loss: AbstractLoss | Callable[..., Any] | None
+    loss: AbstractLoss | Callable[..., object] | None
     num_coefficients: int
     max_steps: int
     seed: int
 
 
 def _grid(
-    scenes: Scene | Sequence[Any] | Mapping[str, Any],
+    scenes: Scene | Sequence[object] | Mapping[str, object],
     axes: _Axes,
     shutters: dict[str, AbstractShutter],
     *,
@@ -253,7 +253,7 @@ def _search(frames: Sequence[Frame], options: _SearchOptions) -> Search:
     return Search(as_loss(loss, "sweep(loss=...)"), profiles, options.max_steps, options.seed)
 
 
-def _shutters(shutters: Mapping[str, Any] | None) -> dict[str, AbstractShutter]:
+def _shutters(shutters: Mapping[str, object] | None) -> dict[str, AbstractShutter]:
     if shutters is None:
         return {**baselines(), "Tukey": TukeyShutter(0.5)}
     return named("sweep(shutters=...)", shutters, AbstractShutter, "shutter")

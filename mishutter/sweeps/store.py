@@ -192,7 +192,7 @@ def attributes_of(name: str) -> dict[str, Any]:
     return attributes
 
 
-def dataset_attributes(grid: Grid) -> dict[str, Any]:
+def dataset_attributes(grid: Grid) -> dict[str, object]:
     """Attributes that make a sweep reproducible."""
     from importlib.metadata import version
 
@@ -247,7 +247,7 @@ def _chunks(grid: Grid, dimensions: tuple[str, ...]) -> tuple[int, ...]:
     return tuple(of_block.get(name, grid.sizes[name]) for name in dimensions)
 
 
-def _check_same(stored: dict[str, Any], current: dict[str, Any]) -> None:
+def _check_same(stored: dict[str, object], current: dict[str, object]) -> None:
     """Refuse a store of another sweep, by the first part that differs."""
     for name in current:
         if stored.get(name) != current[name]:
@@ -258,7 +258,7 @@ def _check_same(stored: dict[str, Any], current: dict[str, Any]) -> None:
             )
 
 
-def _first_difference(stored: Any, current: Any) -> tuple[Any, Any]:
+def _first_difference(stored: object, current: object) -> tuple[object, object]:
     """The innermost parts in which two descriptions differ."""
     if isinstance(stored, dict) and isinstance(current, dict):
         for key in {**current, **stored}:
@@ -268,7 +268,7 @@ def _first_difference(stored: Any, current: Any) -> tuple[Any, Any]:
     return stored, current
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     if isinstance(value, list) and len(value) > 4:
         return f"{len(value)} from {value[0]} to {value[-1]}"
     return describe(value)

@@ -1,31 +1,16 @@
 """Reading a sweep: the best points, the Pareto front, and the gain of coding."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import TYPE_CHECKING
 
+import equinox as eqx
 import numpy as np
-from jaxtyping import Float
 
-from mishutter._core import RowLike, as_float, outside_trace, require
-from mishutter.evaluation import (
-    SEARCHED_EFFECTIVE_SPEEDS,
-    LightLevels,
-    RowsAtRest,
-    distinct_speeds,
-    effective_speeds,
-    lost_share,
-    num_frequencies,
-    rows_at_rest,
-)
-from mishutter.model import (
-    Scene,
-    filling_half_exposure,
-    frequencies,
-    noise_power,
-    pixel_response,
-    require_scene,
-)
+from mishutter._core import RowLike, as_float, in_threads, num_processors, outside_trace, require
+from mishutter.evaluation import ExpectedErrorLoss, without_tolerances
+from mishutter.model import Scene, require_scene
+from mishutter.search import RivalSearch, best_row, snapshots
 
 if TYPE_CHECKING:
     import xarray
@@ -42,15 +27,6 @@ OBJECTIVES = {
 """Metrics, and whether more of them is better."""
 
 _PLACE = ("velocity", "acceleration", "half_exposure", "shutter")
-_NUM_EXPOSURES = 129
-_NUM_VELOCITIES = 9
-_NUM_SPEEDS = 32
-"""Exposures, velocities, and speeds of the largest weight, at which a search for the best snapshot
-starts: long exposures have a valley about each speed."""
-_NUM_NEAR = 5
-_NUM_REFINEMENTS = 12
-_NUM_AT_A_TIME = 1 << 17
-"""Most numbers of an intermediate array; it bounds the memory."""
 
 
 def best_points(
@@ -145,11 +121,11 @@ def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataA
     require_scene(scene)
     psnr = _psnr("gain_over_snapshot(dataset=...)", dataset)
     present = [n for n in ("photon_rate", "read_noise") if n in psnr.dims]
-    light = {name: np.asarray(dataset[name]) for name in present}
-    best = best_snapshots(scene, light.get("photon_rate"), light.get("read_noise"))
+    levels = {name: np.asarray(dataset[name]) for name in present}
+    best = best_snapshots(scene, levels.get("photon_rate"), levels.get("read_noise"))
     level = best.expected_psnr
     for name in ("photon_rate", "read_noise"):
-        if name not in light:
+        if name not in levels:
             level = level.isel({name: 0}, drop=True)
     gain = _gain(psnr, level)
     return gain.assign_attrs(long_name="gain over best snapshot", units="dB")
@@ -195,6 +171,9 @@ def best_snapshots(
 ) -> "xarray.Dataset":
     """The best exposure of an open shutter, and pan, under each light and read noise.
 
+    Each is the better of the snapshots that a comparison searches for by the expected error, at
+    rest and panned, without the scene's tolerances.
+
     Args:
         scene: Speeds, picture and the limits of the exposure, which ends where white fills a
             pixel that holds so many electrons and no more, and of the pan.
@@ -210,107 +189,34 @@ def best_snapshots(
     import xarray
 
     require_scene(scene)
-    rates = _light("photon_rates", scene.photon_rate if photon_rates is None else photon_rates)
-    noises = _light("read_noises", scene.read_noise if read_noises is None else read_noises)
-    light = LightLevels(rates[:, None], noises[None])
-    low, high = float(scene.limits.min_half_exposure), float(scene.limits.max_half_exposure)
-    longest = np.full((1, 1), high)
-    if scene.full_well is not None:
-        filling = filling_half_exposure(scene.full_well, rates)[:, None]
-        longest = np.clip(filling, low, high)
-    half = np.geomspace(np.full_like(longest, low), longest, _NUM_EXPOSURES)[:, None]
-    ratio = (longest / low) ** (1 / (_NUM_EXPOSURES - 1))
-    velocity = _pans(scene)[:, None, None]
-    slowest, fastest = velocity.min(), velocity.max()
-    step = (fastest - slowest) / (_NUM_VELOCITIES - 1)
-    rough = _rows_of(scene, SEARCHED_EFFECTIVE_SPEEDS)
-    for _ in range(_NUM_REFINEMENTS):
-        best = _best_snapshot(scene, half, velocity, light, rough)
-        near = np.linspace(-1, 1, _NUM_NEAR)[:, None, None]
-        half = np.clip(best.half_exposure * ratio**near, low, longest)[:, None]
-        velocity = best.velocity[None]
-        if step > 0:
-            velocity = np.clip(best.velocity + step * near, slowest, fastest)
-        ratio, step = np.sqrt(ratio), step / 2
-    best = _best_snapshot(scene, half, velocity, light, rough)
-    exact = _rows_of(scene, effective_speeds(scene, best.half_exposure.max()))
-    best = _best_snapshot(scene, best.half_exposure[None, None], best.velocity[None], light, exact)
+    rates = _levels("photon_rates", scene.photon_rate if photon_rates is None else photon_rates)
+    noises = _levels("read_noises", scene.read_noise if read_noises is None else read_noises)
+    scene = without_tolerances(scene)
+
+    def best(level: tuple[np.floating, np.floating]) -> tuple[float, float, float]:
+        at_level = eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene, level)
+        row = best_row(snapshots(RivalSearch(at_level, ExpectedErrorLoss())))
+        return row.psnr, float(row.motion.half_exposure), float(row.motion.velocity)
+
+    levels = list(product(rates, noises))
+    rows = np.array(list(in_threads(best, levels, num_processors(), first_alone=True)))
+    psnr, half_exposure, velocity = rows.reshape(rates.size, noises.size, 3).transpose(2, 0, 1)
     dimensions = ("photon_rate", "read_noise")
-    with np.errstate(divide="ignore"):  # a picture without detail is restored without error
-        level = -10 * np.log10(best.error)
     return xarray.Dataset(
         {
-            "expected_psnr": (dimensions, level, {"units": "dB"}),
-            "half_exposure": (dimensions, best.half_exposure, {"units": "s"}),
-            "velocity": (dimensions, best.velocity, {"units": "px/s"}),
+            "expected_psnr": (dimensions, psnr, {"units": "dB"}),
+            "half_exposure": (dimensions, half_exposure, {"units": "s"}),
+            "velocity": (dimensions, velocity, {"units": "px/s"}),
         },
         {"photon_rate": rates, "read_noise": noises},
     )
 
 
-_Rows = Callable[[int], RowsAtRest]
-"""Speeds and weights on a grid of so many frequencies."""
-
-
-def _rows_of(scene: Scene, count: int) -> _Rows:
-    """Rows by so many effective speeds, each grid of them once."""
-    return cache(lambda num_frequencies: rows_at_rest(scene, count, num_frequencies))
-
-
-def _pans(scene: Scene) -> np.ndarray:
-    """Velocities at which the search for the best snapshot starts, rest among them; px/s."""
-    speeds, weights = distinct_speeds(scene, folds=False)
-    most = min(float(scene.limits.max_pan), float(scene.limits.max_top_speed))
-    slowest, *_, fastest = np.clip(speeds[[0, -1]].astype(np.float64), -most, most)
-    frequent = np.clip(speeds[np.argsort(weights)[-_NUM_SPEEDS:]], -most, most)
-    return np.unique([0.0, *np.linspace(slowest, fastest, _NUM_VELOCITIES), *frequent])
-
-
-class _Snapshots(NamedTuple):
-    """Snapshots, one under each photon rate and read noise.
-
-    Attributes:
-        half_exposure: $T$; s.
-        velocity: $v$; px/s.
-        error: Expected squared error, white = 1.
-    """
-
-    half_exposure: Float[np.ndarray, "p r"]
-    velocity: Float[np.ndarray, "p r"]
-    error: Float[np.ndarray, "p r"]
-
-
-def _best_snapshot(
-    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels, rows: _Rows
-) -> _Snapshots:
-    """The best of some snapshots under each light.
-
-    Args:
-        scene: The scene.
-        half: Half exposures, s; shape `(e, 1, p, r)`, or 1 for either light.
-        velocity: Velocities, px/s; shape `(v, p, r)`, or 1 for either.
-        light: Photon rates of shape `(p, 1)`, read noises of shape `(1, r)`.
-        rows: Speeds and weights of the scene.
-    """
-    if scene.limits.pans == "stage":
-        furthest = float(scene.limits.max_stroke) / (2 * half)
-        velocity = np.clip(velocity, -furthest, furthest)
-    error = _snapshot_error(scene, half, velocity, light, rows)
-    flat = error.reshape(-1, *error.shape[2:])
-    index = np.argmin(flat, axis=0)[None]
-
-    def at_best(values: np.ndarray) -> np.ndarray:
-        every = np.broadcast_to(values, error.shape).reshape(flat.shape)
-        return np.take_along_axis(every, index, 0)[0]
-
-    return _Snapshots(at_best(half), at_best(velocity), at_best(error))
-
-
-def _light(name: str, values: RowLike) -> np.ndarray:
+def _levels(name: str, values: RowLike) -> np.ndarray:
     subject = f"best_snapshots({name}=...)"
     row = np.atleast_1d(np.asarray(as_float(values, subject)))
-    right = row.ndim == 1 and bool(np.all((row >= 0) & np.isfinite(row)))
-    require(right, subject, "be finite, at least 0 and one row", row)
+    is_row = row.ndim == 1 and bool(np.all((row >= 0) & np.isfinite(row)))
+    require(is_row, subject, "be finite, at least 0 and one row", row)
     return row
 
 
@@ -319,52 +225,6 @@ def _psnr(subject: str, dataset: "xarray.Dataset") -> "xarray.DataArray":
     held = "expected_psnr" in dataset
     require(held, subject, "hold expected_psnr among its metrics", list(dataset))
     return dataset.expected_psnr
-
-
-def _snapshot_error(
-    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels, rows: _Rows
-) -> np.ndarray:
-    r"""Expected squared error of an open shutter on a sensor that pans; `(e, v, p, r)`.
-
-    That of `expected_squared_error` with $H_s(f) = \operatorname{sinc}(2 f (s - v) T)$.
-    """
-    half, velocity = np.broadcast_arrays(half, velocity)
-    slowest, fastest = (float(speed) for speed in scene.speed_range)
-    spread = 2 * np.maximum(fastest - velocity, velocity - slowest) * half
-    counts = np.zeros(half.shape, int)
-    for pan in np.unique(velocity):
-        here = velocity == pan
-        counts[here] = num_frequencies(scene, spread[here], float(pan))
-    counts = counts.max(axis=(2, 3))
-    shape = light.photon_rates.shape[0], light.read_noises.shape[1]
-    total = np.zeros(half.shape[:2] + shape)
-    for count in np.unique(counts):
-        at = counts == count
-        total[at] = _error_of_pans(scene, half[at], velocity[at], light, rows(int(count)))
-    return total
-
-
-def _error_of_pans(
-    scene: Scene, half: np.ndarray, velocity: np.ndarray, light: LightLevels, rows: RowsAtRest
-) -> np.ndarray:
-    """The same over a number of frequencies; `(n, p, r)`."""
-    count = rows.power.size
-    travel = 2 * (rows.speeds - velocity[..., None]) * half[..., None]
-    electrons = np.asarray(light.photon_rates) * 2 * half
-    noise = noise_power(1.0, float(scene.mean_level), electrons, np.asarray(light.read_noises))
-    total = np.zeros(np.broadcast_shapes(electrons.shape, noise.shape))
-    blur = float(scene.lens_blur)
-    num_parts = -(-count * max(travel.size, total.size) // _NUM_AT_A_TIME)
-    for part in np.array_split(np.arange(count), min(num_parts, count)):
-        f, level = (x[part].reshape(-1, 1, 1, 1) for x in (frequencies(count), rows.power))
-        weights = np.broadcast_to(rows.weights, (count, rows.speeds.size))[part]
-        weights = weights[:, None, None, :, None]
-        responses = np.sinc(f[..., None] * travel) * pixel_response(f[..., None], blur)
-        mean = (responses @ weights)[..., 0]
-        spread = (((responses - mean[..., None]) ** 2) @ weights)[..., 0]
-        signal = level * electrons**2
-        total += np.sum(level * lost_share(signal, mean**2, spread, noise), axis=0)
-    return total / count
 
 
 def _oriented(dataset: "xarray.Dataset", name: str, sense: str = "") -> np.ndarray:

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
     DoubleWord,
@@ -61,7 +61,7 @@ class AbstractShutter(eqx.Module):
         return fields_text(self)
 
     @abstractmethod
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         r"""$w(\tau)$ at normalised times of any shape; same shape, in $[0, 1]$.
 
         Args:
@@ -82,7 +82,7 @@ class AbstractShutter(eqx.Module):
         """
         return {}
 
-    def efficiency(self) -> Array:
+    def efficiency(self) -> Float[Array, ""]:
         r"""Light let through, $\eta = \frac12 \int_{-1}^1 w(\tau)\,d\tau$; scalar."""
         return integrated_transmittance(piecewise(self)) / 2
 
@@ -136,7 +136,13 @@ class AbstractPiecewiseShutter(AbstractShutter):
         """
 
     @abstractmethod
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         """Mean of some pieces' functions over an interval.
 
         Args:
@@ -156,11 +162,11 @@ class AbstractAdjustableShutter(AbstractPiecewiseShutter):
     """Whether the transmittance is linear in the box coordinates."""
 
     @abstractmethod
-    def box(self) -> Array:
+    def box(self) -> Float[Array, "p"]:
         """Coordinates in `[0, 1]` of this profile; shape `(p,)`."""
 
     @abstractmethod
-    def at(self, box: Array) -> "AbstractAdjustableShutter":
+    def at(self, box: Float[Array, "p"]) -> "AbstractAdjustableShutter":
         """The shutter of the same kind at other coordinates.
 
         Args:
@@ -173,7 +179,7 @@ def is_adjustable(shutter: AbstractShutter) -> bool:
     return isinstance(shutter, AbstractAdjustableShutter) or bool(shutter.bounds())
 
 
-def coordinates(shutter: AbstractShutter) -> Array:
+def coordinates(shutter: AbstractShutter) -> Float[Array, "p"]:
     """Coordinates of an adjustable profile in the unit box; shape `(p,)`.
 
     Raises:
@@ -193,7 +199,7 @@ def num_coordinates(shutter: AbstractShutter) -> int:
     return sum(value.size for value, _, _ in _bounded(shutter).values())
 
 
-def at_coordinates(shutter: AbstractShutter, box: Array) -> AbstractShutter:
+def at_coordinates(shutter: AbstractShutter, box: Float[Array, "p"]) -> AbstractShutter:
     """The shutter of the same kind at other coordinates of the unit box."""
     if isinstance(shutter, AbstractAdjustableShutter):
         return shutter.at(box)
@@ -207,7 +213,7 @@ def at_coordinates(shutter: AbstractShutter, box: Array) -> AbstractShutter:
 
 def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
     """Parameters that a search may move, with their bounds."""
-    kind, found = type(shutter).__name__, {}
+    kind, members = type(shutter).__name__, {}
     for name, (low, high) in shutter.bounds().items():
         subject = f"{kind}.bounds()[{name!r}]"
         require(hasattr(shutter, name), subject, "be of a field of the shutter", name)
@@ -216,11 +222,11 @@ def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
         )
         value = as_float(getattr(shutter, name), f"{kind}({name}=...)")
         require_finite(f"{kind}({name}=...)", value)
-        found[name] = (value, low, high)
-    return found
+        members[name] = (value, low, high)
+    return members
 
 
-def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Array:
+def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Float[Array, ""]:
     """Integral of the transmittance over its whole domain; scalar."""
     dtype = shutter.dtype() or common_dtype()
     ends = shutter.breakpoints(np.dtype(dtype))
@@ -241,7 +247,7 @@ def uniform_breakpoints(num_pieces: int, dtype: np.dtype) -> DoubleWord:
 
 
 @jax.custom_jvp
-def within_unit(value: Array) -> Array:
+def within_unit(value: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """Undo a last-digit excursion from [0, 1] and leave the derivative alone."""
     return jnp.clip(value, 0, 1)
 
@@ -269,7 +275,7 @@ class SampledShutter(AbstractPiecewiseShutter):
     equal_pieces: ClassVar[bool] = False
     symmetric: ClassVar[bool] = False
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         return self.shutter.transmittance(tau)
 
     def dtype(self) -> np.dtype | None:
@@ -293,13 +299,21 @@ class SampledShutter(AbstractPiecewiseShutter):
         low = jnp.concatenate([uniform.low, jnp.zeros_like(declared)])
         return DoubleWord(high[order], low[order])
 
-    def piece_transmittance(self, offset: Array) -> Array:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         dtype = np.finfo(offset.dtype).dtype
         scale = self._scale(dtype).reshape(-1, *(1,) * (offset.ndim - 1))
         share = offset * scale.astype(offset.dtype)
         return bernstein_value(expand(split_control(self._control(dtype)), share), share)
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         scale = self._scale(width.dtype)[piece]
         control = self._control(width.dtype)
         return bernstein_mean(control, piece, from_left, distance * scale, width * scale)
@@ -343,13 +357,13 @@ def _check_transmittance(shutter: AbstractShutter) -> None:
     except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
         requirement = "be made of functions that JAX can trace, as those of `jax.numpy`"
         require(False, subject, requirement, Unquoted(type(error).__name__))
-    found = np.asarray(shutter.transmittance(jnp.asarray(_UNIFORM)))
-    alike = found.shape == _UNIFORM.shape
-    require(alike, subject, "have the shape of its argument", shape_of(found))
-    require(np.isrealobj(found), subject, "be real", Unquoted(found.dtype))
-    light = found[np.argmax(np.abs(np.where(np.isnan(found), np.inf, found - 0.5)))]
-    rounding = 16 * float(np.finfo(common_dtype(found)).eps)
-    require(bool(-rounding <= light <= 1 + rounding), subject, "lie in [0, 1]", light)
+    values = np.asarray(shutter.transmittance(jnp.asarray(_UNIFORM)))
+    alike = values.shape == _UNIFORM.shape
+    require(alike, subject, "have the shape of its argument", shape_of(values))
+    require(np.isrealobj(values), subject, "be real", Unquoted(values.dtype))
+    worst = values[np.argmax(np.abs(np.where(np.isnan(values), np.inf, values - 0.5)))]
+    rounding = 16 * float(np.finfo(common_dtype(values)).eps)
+    require(bool(-rounding <= worst <= 1 + rounding), subject, "lie in [0, 1]", worst)
     _check_discontinuities(shutter, subject)
 
 

@@ -4,14 +4,15 @@ import itertools
 from collections.abc import Sequence
 from fractions import Fraction
 from math import comb
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+Numbers = Array | np.ndarray
 
 
-def polynomial(coefficients: Sequence[ArrayLike], x: Array) -> Array:
+def polynomial(coefficients: Sequence[ArrayLike], x: Array | np.ndarray) -> Array:
     """A polynomial by its coefficients, the highest first."""
     total = jnp.asarray(coefficients[0], x.dtype)
     for coefficient in coefficients[1:]:
@@ -19,7 +20,12 @@ def polynomial(coefficients: Sequence[ArrayLike], x: Array) -> Array:
     return total
 
 
-def polynomial_means(powers: Array, piece: Array, centre: Array, width: Array) -> Array:
+def polynomial_means(
+    powers: Float[Array, "degrees pieces"],
+    piece: Int[Array, "*cells"],
+    centre: Float[Array, "*cells"],
+    width: Float[Array, "*cells"],
+) -> Float[Array, "*cells"]:
     """Means of some polynomials over intervals, by the Gauss-Legendre rule that is exact.
 
     Args:
@@ -59,7 +65,7 @@ def economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> list
     return [float(x) for x in reversed(series)]
 
 
-def bernstein_value(control: list[Any], u: Any) -> Any:
+def bernstein_value(control: list[Numbers], u: Numbers) -> Numbers:
     """Value at `u`, the share of the piece passed, by de Casteljau's rule."""
     points = control
     while len(points) > 1:
@@ -68,8 +74,12 @@ def bernstein_value(control: list[Any], u: Any) -> Any:
 
 
 def bernstein_mean(
-    control: Array, piece: Array, from_left: Array, distance: Array, width: Array
-) -> Array:
+    control: Float[Array, "..."],
+    piece: Int[Array, "*cells"],
+    from_left: Bool[Array, "*cells"],
+    distance: Float[Array, "*cells"],
+    width: Float[Array, "*cells"],
+) -> Float[Array, "*cells"]:
     """Means of some pieces over intervals, in shares of the piece.
 
     By powers of the distance from the end of the piece that is nearer. Up to the middle they
@@ -96,7 +106,7 @@ def looked_up(values: Array, index: Array) -> Array:
     return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
-def power_matrix(degree: int) -> np.ndarray:
+def power_matrix(degree: int) -> Float[np.ndarray, "{degree}+1 {degree}+1"]:
     """Matrix from control points, a row, to coefficients of powers of the share passed."""
     k = range(degree + 1)
     rows = [[comb(degree, j) * comb(j, i) * (-1) ** (j - i) for j in k] for i in k]
@@ -111,11 +121,11 @@ def bernstein_from_values(degree: int) -> tuple[np.ndarray, np.ndarray]:
     return nodes, np.linalg.inv(basis)
 
 
-def split_control(control: Any) -> list[Any]:
+def split_control(control: Numbers) -> list[Numbers]:
     """Control points on the last axis of an array, as a list."""
     return [control[..., i] for i in range(control.shape[-1])]
 
 
-def expand(points: list[Any], like: Any) -> list[Any]:
+def expand(points: list[Numbers], like: Numbers) -> list[Numbers]:
     """Control points of shape `(n,)` made to broadcast against `(n, ...)`."""
     return [p.reshape(p.shape + (1,) * (like.ndim - 1)).astype(like.dtype) for p in points]

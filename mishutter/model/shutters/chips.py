@@ -1,10 +1,10 @@
 """Piecewise constant shutters, among them Raskar's flutter code."""
 
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
     DoubleWord,
@@ -53,10 +53,10 @@ class ChippedShutter(AbstractAdjustableShutter):
         one_row = chips.ndim == 1 and chips.size >= 1
         require(one_row, subject, "be one row of at least one chip", shape_of(chips))
         if is_concrete(chips):
-            known = np.asarray(chips)
-            require(bool(np.all((known >= 0) & (known <= 1))), subject, "lie in [0, 1]", chips)
+            values = np.asarray(chips)
+            require(bool(np.all((values >= 0) & (values <= 1))), subject, "lie in [0, 1]", chips)
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = jnp.asarray(tau, common_dtype(self.transmittances, tau))
         count = self.transmittances.size
         ends = uniform_breakpoints(count, np.dtype(tau.dtype)).high
@@ -70,15 +70,23 @@ class ChippedShutter(AbstractAdjustableShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(self.transmittances.size, dtype)
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         chips = as_array_like(offset, self.transmittances).reshape((-1,) + (1,) * (offset.ndim - 1))
         return namespace_of(chips).broadcast_to(chips, offset.shape).astype(offset.dtype)
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         return self.transmittances.astype(width.dtype)[piece]
 
-    def box(self) -> Array:
+    def box(self) -> Float[Array, "p"]:
         return self.transmittances
 
-    def at(self, box: Array) -> "ChippedShutter":
+    def at(self, box: Float[Array, "p"]) -> "ChippedShutter":
         return ChippedShutter(box)

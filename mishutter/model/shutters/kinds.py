@@ -75,7 +75,7 @@ def register_shutter(shutter: type[AbstractShutter]) -> type[AbstractShutter]:
     """
     subject = "register_shutter(shutter=...)"
     name = shutter.__name__
-    place = next((i for i, known in enumerate(KINDS) if known.shutter.__name__ == name), None)
+    place = next((i for i, kind in enumerate(KINDS) if kind.shutter.__name__ == name), None)
     if place is None:
         KINDS.append(ShutterKind(shutter, name))
     else:
@@ -113,7 +113,7 @@ def named_shutter(text: str) -> AbstractShutter:
     return kind.shutter(**{str(kind.parameter): number})
 
 
-def shutter_to_dict(shutter: AbstractShutter) -> dict[str, Any]:
+def shutter_to_dict(shutter: AbstractShutter) -> dict[str, object]:
     """Kind and parameters of a shutter.
 
     Raises:
@@ -126,7 +126,7 @@ def shutter_to_dict(shutter: AbstractShutter) -> dict[str, Any]:
     return {"kind": name} | {field: _plain(getattr(shutter, field)) for field in kind.fields}  # type: ignore[union-attr]
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     return np.asarray(value, np.float64).tolist() if hasattr(value, "shape") else value
 
 
@@ -138,17 +138,17 @@ def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
     """
     kinds = {kind.shutter.__name__: kind for kind in KINDS}
     name = data["kind"]
-    given = {key: value for key, value in data.items() if key != "kind" and value is not None}
+    arguments = {key: value for key, value in data.items() if key != "kind" and value is not None}
     require(name in kinds, "shutter.kind", f"be one of {', '.join(kinds)}", name)
-    wanted = kinds[name].fields
-    for key in wanted:
-        require(key in given, f"shutter.{key}", f"be given for a {name}", Unquoted("nothing"))
-    for key, value in given.items():
-        require(key in wanted, f"shutter.{key}", f"be left out of a {name}", value)
-    return kinds[name].shutter(**{key: _read(key, given[key], wanted[key]) for key in wanted})
+    fields = kinds[name].fields
+    for key in fields:
+        require(key in arguments, f"shutter.{key}", f"be given for a {name}", Unquoted("nothing"))
+    for key, value in arguments.items():
+        require(key in fields, f"shutter.{key}", f"be left out of a {name}", value)
+    return kinds[name].shutter(**{key: _read(key, arguments[key], fields[key]) for key in fields})
 
 
-def _read(key: str, value: Any, kind: Any) -> Any:
+def _read(key: str, value: object, kind: object) -> object:
     """A parameter of a file as its kind of field has it: arrays are numbers or lists of them."""
     words = {bool: "true or false", int: "a whole number", str: "text"}
     if kind in words:

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 from numpy.polynomial import chebyshev
 
 from mishutter._core import (
@@ -46,7 +46,7 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     equal_pieces: ClassVar[bool] = False
     symmetric: ClassVar[bool] = False
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         ends, tau = self.ends.high, jnp.asarray(tau, self.powers.dtype)
         piece = jnp.clip(jnp.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
         powers = [looked_up(power, piece) for power in self.powers.T]
@@ -59,12 +59,20 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return DoubleWord(*(end.astype(dtype) for end in self.ends))
 
-    def piece_transmittance(self, offset: Array) -> Array:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         pieces = (slice(None),) + (None,) * (offset.ndim - 1)
         share = offset / self._lengths()[pieces] - 0.5
         return polynomial([power[pieces] for power in self.powers.T], share)
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         length = looked_up(self._lengths(), piece)
         from_middle = distance / length - 0.5
         centre = jnp.where(from_left, from_middle, -from_middle)
@@ -73,7 +81,7 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     def _lengths(self) -> Array:
         return jnp.diff(self.ends.high) + jnp.diff(self.ends.low)
 
-    def known_at(self, tau: np.ndarray) -> np.ndarray:
+    def known_at(self, tau: Float[np.ndarray, "*times"]) -> Float[np.ndarray, "*times"]:
         """Transmittance at times within the exposure, where it is known."""
         ends = np.asarray(self.ends.high)
         piece = np.clip(np.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
@@ -111,7 +119,9 @@ def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseS
     return form[0]
 
 
-def profile_of(shutter: AbstractShutter, tau: np.ndarray) -> tuple[np.ndarray, float]:
+def profile_of(
+    shutter: AbstractShutter, tau: Float[np.ndarray, "*times"]
+) -> tuple[Float[np.ndarray, "*times"], float]:
     """Transmittance of a known shutter at times within the exposure, and its efficiency."""
     form = in_one_form(shutter, tau.dtype)
     if not isinstance(form, PolynomialShutter):
@@ -128,12 +138,12 @@ def _profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]
 @compiled
 def _interpolated_by_program(
     profile: AbstractPiecewiseShutter, dtype: np.dtype
-) -> tuple[PolynomialShutter, Array] | None:
+) -> tuple[PolynomialShutter, Any] | None:
     return _interpolated(profile, *map(jnp.asarray, profile.breakpoints(dtype)))
 
 
 def _interpolated(
-    profile: AbstractPiecewiseShutter, high: Any, low: Any
+    profile: AbstractPiecewiseShutter, high: Array | np.ndarray, low: Array | np.ndarray
 ) -> tuple[PolynomialShutter, Any] | None:
     """Interpolants between equal parts of the pieces, and whether they are exact to rounding.
 

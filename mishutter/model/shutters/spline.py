@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mishutter._core import (
@@ -99,7 +99,7 @@ class SplineShutter(AbstractAdjustableShutter):
         require_finite(subject, self.parameters)
 
     @property
-    def coefficients(self) -> Array:
+    def coefficients(self) -> Float[Array, "coefficients"]:
         """B-spline coefficients in `[0, 1]`; shape `(n,)`."""
         return self._coefficients(self.parameters)
 
@@ -110,7 +110,7 @@ class SplineShutter(AbstractAdjustableShutter):
         mirrored = folded[: self.num_coefficients // 2][::-1]
         return namespace_of(folded).concatenate([folded, mirrored])
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = jnp.asarray(tau, common_dtype(self.parameters, tau))
         control = self._control_points(self.parameters).astype(tau.dtype)
         count = control.shape[0]
@@ -125,12 +125,20 @@ class SplineShutter(AbstractAdjustableShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(self.num_coefficients - _DEGREE, dtype)
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         share = offset * ((self.num_coefficients - _DEGREE) / 2)
         control = self._control_points(as_array_like(offset, self.parameters))
         return bernstein_value(expand(split_control(control), share), share)
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         scale = (self.num_coefficients - _DEGREE) / 2
         control = self._control_points(self.parameters).astype(width.dtype)
         return bernstein_mean(control, piece, from_left, distance * scale, width * scale)
@@ -140,10 +148,10 @@ class SplineShutter(AbstractAdjustableShutter):
         extraction = bezier_extraction(self.num_coefficients).astype(parameters.dtype)
         return extraction @ self._coefficients(parameters)
 
-    def box(self) -> Array:
+    def box(self) -> Float[Array, "p"]:
         return _fold(self.parameters)
 
-    def at(self, box: Array) -> "SplineShutter":
+    def at(self, box: Float[Array, "p"]) -> "SplineShutter":
         return SplineShutter(box, symmetric=self.symmetric, num_coefficients=self.num_coefficients)
 
     @staticmethod
@@ -161,8 +169,8 @@ class SplineShutter(AbstractAdjustableShutter):
             ValueError: if there is no shutter, or one that is somewhere no transmittance, or
                 `num_coefficients` is not a whole number of at least 4.
         """
-        given = isinstance(shutter, AbstractShutter)
-        require(given, "SplineShutter.fit(shutter=...)", "be a shutter", shutter)
+        is_shutter = isinstance(shutter, AbstractShutter)
+        require(is_shutter, "SplineShutter.fit(shutter=...)", "be a shutter", shutter)
         piecewise(shutter)  # refuses what is no transmittance
         subject = "SplineShutter.fit(num_coefficients=...)"
         require_positive_int(subject, num_coefficients)
@@ -198,8 +206,8 @@ def _fold(parameters: Any) -> Any:
 
 
 def fitted_coefficients(
-    tau: np.ndarray, target: np.ndarray, count: int, symmetric: bool
-) -> np.ndarray:
+    tau: Float[np.ndarray, "times"], target: Float[np.ndarray, "times"], count: int, symmetric: bool
+) -> Float[np.ndarray, "p"]:
     """Least-squares coefficients in [0, 1] of a profile's values at times; shape `(count,)`."""
     target = target.astype(np.float64)
     if symmetric:
@@ -215,20 +223,20 @@ def bounded_coefficients(basis: np.ndarray, target: np.ndarray) -> np.ndarray:
     return np.where(np.abs(solution - np.round(solution)) < 1e-9, np.round(solution), solution)
 
 
-def spline_basis(tau: np.ndarray, count: int) -> "csr_array":
+def spline_basis(tau: Float[np.ndarray, "times"], count: int) -> "csr_array":
     """B-splines at normalised times in [-1, 1], four a row; sparse, shape `(times, count)`."""
     from scipy.interpolate import BSpline
 
     return BSpline.design_matrix(tau, spline_knots(count), _DEGREE)
 
 
-def spline_knots(count: int) -> np.ndarray:
+def spline_knots(count: int) -> Float[np.ndarray, "knots"]:
     """Knots of a spline of so many coefficients on [-1, 1]; shape `(count + 4,)`."""
     inner = np.linspace(-1, 1, count - _DEGREE + 1)
     return np.concatenate([np.full(_DEGREE, -1.0), inner, np.full(_DEGREE, 1.0)])
 
 
-def coefficient_times(count: int) -> np.ndarray:
+def coefficient_times(count: int) -> Float[np.ndarray, "{count}"]:
     r"""Normalised times about which coefficients act, their Greville abscissae; shape `(n,)`.
 
     Coefficients that are the values of a straight line there make the spline that line.
@@ -237,7 +245,7 @@ def coefficient_times(count: int) -> np.ndarray:
 
 
 @lru_cache
-def bezier_extraction(count: int) -> np.ndarray:
+def bezier_extraction(count: int) -> Float[np.ndarray, "pieces 4 {count}"]:
     """Matrix from B-spline coefficients to control points; shape `(n - 3, 4, n)`.
 
     Knots are inserted until each has full multiplicity (Boehm's algorithm); the

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
     DoubleWord,
@@ -42,7 +42,7 @@ class RectShutter(AbstractPiecewiseShutter):
     symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = as_float(tau)
         return _inside(tau, jnp.ones_like(tau))
 
@@ -52,10 +52,18 @@ class RectShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(1, dtype)
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         return namespace_of(offset).ones_like(offset)
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         return jnp.ones_like(width)
 
 
@@ -69,7 +77,7 @@ class HannShutter(AbstractPiecewiseShutter):
     symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = as_float(tau)
         return _inside(tau, jnp.sin((jnp.pi / 2) * (1 - jnp.abs(tau))) ** 2)
 
@@ -79,10 +87,18 @@ class HannShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(1, dtype)
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         return namespace_of(offset).sin((np.pi / 2) * offset) ** 2
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         height = jnp.where(distance < 1, distance, 2 - distance)
         return _cosine_ramp_mean(height, 1 - height, width)
 
@@ -97,7 +113,7 @@ class TriangleShutter(AbstractPiecewiseShutter):
     symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = as_float(tau)
         return _inside(tau, 1 - jnp.abs(tau))
 
@@ -107,10 +123,18 @@ class TriangleShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(2, dtype)
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         return namespace_of(offset).stack([offset[0], 1 - offset[1]])
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         return jnp.where((piece == 0) == from_left, distance, 1 - distance)
 
 
@@ -146,11 +170,11 @@ class GaussianShutter(AbstractAdjustableShutter):
             inside = _MIN_SIGMA * 0.999 <= float(self.sigma) <= _MAX_SIGMA * 1.0002
             require(inside, subject, f"lie in [{_MIN_SIGMA}, {_MAX_SIGMA}]", self.sigma)
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = jnp.asarray(tau, common_dtype(self.sigma, tau))
         return _inside(tau, self._profile(tau))
 
-    def _profile(self, tau: Any) -> Any:
+    def _profile(self, tau: Array | np.ndarray) -> Any:
         sigma = as_array_like(tau, self.sigma)
         return namespace_of(tau, sigma).exp(-((tau / sigma.astype(tau.dtype)) ** 2) / 2)
 
@@ -164,19 +188,27 @@ class GaussianShutter(AbstractAdjustableShutter):
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         return uniform_breakpoints(2, dtype)
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         return self._profile(namespace_of(offset).stack([1 - offset[0], offset[1]]))
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         past_middle = jnp.where((piece == 0) == from_left, distance - 1, distance)
         from_middle = jnp.where(past_middle < 0, -past_middle, past_middle)
         return _gaussian_mean(from_middle, width / 2, self.sigma.astype(width.dtype))
 
-    def box(self) -> Array:
+    def box(self) -> Float[Array, "p"]:
         span = np.log(_MAX_SIGMA / _MIN_SIGMA)
         return jnp.clip(jnp.log(self.sigma / _MIN_SIGMA) / span, 0, 1)[None]
 
-    def at(self, box: Array) -> "GaussianShutter":
+    def at(self, box: Float[Array, "p"]) -> "GaussianShutter":
         return GaussianShutter(_MIN_SIGMA * (_MAX_SIGMA / _MIN_SIGMA) ** box[0])
 
 
@@ -208,7 +240,7 @@ class TukeyShutter(AbstractAdjustableShutter):
             inside = 0 <= float(self.taper) <= 1
             require(inside, "TukeyShutter(taper=...)", "lie in [0, 1]", self.taper)
 
-    def transmittance(self, tau: ArrayLike) -> Array:
+    def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = jnp.asarray(tau, common_dtype(self.taper, tau))
         depth = jnp.maximum(1 - jnp.abs(tau), 0)
         taper = self.taper.astype(tau.dtype)
@@ -231,7 +263,9 @@ class TukeyShutter(AbstractAdjustableShutter):
         ends = [-one, -high, high, one], [zero, -low, low, zero]
         return DoubleWord(*(as_float(space.stack(part)) for part in ends))
 
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(
+        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
+    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         taper = as_array_like(offset, self.taper).astype(np.finfo(offset.dtype).dtype)
         space, taper = namespace_of(offset, taper), _some(taper).astype(offset.dtype)
         quarter_turn = np.pi / (2 * taper)
@@ -239,7 +273,13 @@ class TukeyShutter(AbstractAdjustableShutter):
         flat = space.ones_like(offset[1])
         return space.stack([space.sin(rising) ** 2, flat, space.cos(falling) ** 2])
 
-    def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
+    def piece_mean(
+        self,
+        piece: Int[Array, "*cells"],
+        from_left: Bool[Array, "*cells"],
+        distance: Float[Array, "*cells"],
+        width: Float[Array, "*cells"],
+    ) -> Float[Array, "*cells"]:
         taper = _some(self.taper.astype(width.dtype))
         flat = piece == 1
         rising, rest = (piece == 0) == from_left, taper - distance
@@ -248,10 +288,10 @@ class TukeyShutter(AbstractAdjustableShutter):
         ramp = _cosine_ramp_mean(*shares)
         return jnp.where(flat, 1.0, ramp)
 
-    def box(self) -> Array:
+    def box(self) -> Float[Array, "p"]:
         return self.taper[None]
 
-    def at(self, box: Array) -> "TukeyShutter":
+    def at(self, box: Float[Array, "p"]) -> "TukeyShutter":
         return TukeyShutter(box[0])
 
 
@@ -259,7 +299,7 @@ def _inside(tau: Array, value: Array) -> Array:
     return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
 
 
-def _some(taper: Any) -> Any:
+def _some(taper: Array | np.ndarray) -> Array | np.ndarray | np.floating:
     """A taper of which there is some: no sum sees it, but places on its ramp are known.
 
     The derivative is that of the taper, so that at 0 it is that of the ramp that begins there.

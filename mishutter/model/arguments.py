@@ -1,0 +1,127 @@
+"""Files of objects whose tables hold the arguments of the objects' classes.
+
+A class says by its constructor what its table holds, so that no name or type stands in a schema of
+its own: an array is a number, a row a list of numbers, and an object a table.
+"""
+
+import inspect
+import types
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
+
+from jaxtyping import ArrayLike
+from pydantic import BeforeValidator, create_model, field_validator
+
+from mishutter._core import RowLike, Section
+
+_Class = TypeVar("_Class")
+
+
+class Part(Section):
+    """A table of a file, made from a file's values or from the object that it saves."""
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _as_in_a_file(cls, value: Any) -> Any:
+        """Converts arrays and tuples to numbers and lists."""
+        if hasattr(value, "tolist"):
+            return value.tolist()
+        return list(value) if isinstance(value, tuple) else value
+
+
+class Arguments(Part):
+    """A table of the arguments of a class; `arguments_of` makes a schema of one."""
+
+    made: ClassVar[Callable[..., Any]]
+
+    def built(self, **others: object) -> Any:
+        """The object of these arguments.
+
+        Args:
+            others: Arguments that the table does not hold.
+
+        Raises:
+            ValueError: if the class refuses an argument.
+        """
+        return self.made(**{name: _built(value) for name, value in self} | others)
+
+
+def argument_names(kind: type) -> tuple[str, ...]:
+    """Names of the arguments of a class."""
+    return tuple(_parameters(kind))
+
+
+@cache
+def arguments_of(kind: type, *omitted: str) -> type[Arguments]:
+    """The schema of the arguments of a class.
+
+    An abstract class stands for its final subclasses, whose arguments tell them apart.
+
+    Args:
+        kind: The class; the annotations of its constructor are those of the table.
+        omitted: Arguments that the table does not hold.
+    """
+    values: dict[str, Any] = {
+        name: (_in_file(parameter.annotation), _default(parameter))
+        for name, parameter in _parameters(kind).items()
+        if name not in omitted
+    }
+    schema = create_model(f"Saved{kind.__name__}", __base__=Arguments, **values)
+    schema.made = kind
+    return schema
+
+
+def _parameters(kind: type) -> Mapping[str, inspect.Parameter]:
+    _, *parameters = inspect.signature(kind.__init__).parameters.values()
+    return {parameter.name: parameter for parameter in parameters}
+
+
+def _default(parameter: inspect.Parameter) -> Any:
+    is_missing = parameter.default is inspect.Parameter.empty
+    return ... if is_missing else parameter.default
+
+
+def _in_file(annotation: Any) -> Any:
+    """The type of an argument as a file holds it."""
+    options = set(get_args(annotation)) if _is_union(annotation) else {annotation}
+    nothing = types.NoneType if types.NoneType in options else None
+    options.discard(types.NoneType)
+    if options == set(get_args(RowLike)):
+        kind: Any = list[float]
+    elif options == set(get_args(ArrayLike)):
+        kind = float
+    elif str in options:  # a path
+        kind = str
+    else:
+        (kind,) = options
+    return _table(kind) if nothing is None else Union[_table(kind), None]  # noqa: UP007
+
+
+def _is_union(annotation: Any) -> bool:
+    return get_origin(annotation) in (Union, types.UnionType)
+
+
+def _table(kind: Any) -> Any:
+    """The schema of an object, or of a list of them; any other type itself."""
+    if get_origin(kind) is tuple:
+        return list[_table(get_args(kind)[0])]  # type: ignore[misc]
+    if not isinstance(kind, type) or kind.__module__ == "builtins":
+        return kind
+    if not inspect.isabstract(kind):
+        return arguments_of(kind)
+    schemas = tuple(arguments_of(final) for final in kind.__subclasses__())
+    return Annotated[Union[schemas], BeforeValidator(_as_arguments)]  # noqa: UP007
+
+
+def _as_arguments(value: Any) -> Any:
+    """An object of one of several classes as its arguments, which tell its class."""
+    if isinstance(value, Mapping | Section):
+        return value
+    return {name: getattr(value, name) for name in argument_names(type(value))}
+
+
+def _built(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_built(each) for each in value)
+    return value.built() if isinstance(value, Arguments) else value
