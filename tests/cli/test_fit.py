@@ -189,7 +189,7 @@ BAD = {
     "no-such-file": (
         '[[picture]]\npath = "gone.csv"\n',
         b"1",
-        "gone.csv' must be readable and writable as asked; got",
+        "gone.csv' must exist; got: file not found",
     ),
     "empty": (PICTURE, b"", "must hold at least one line; got an empty file"),
     "complex": (PICTURE, npy(np.zeros((2, 40), complex)), "must hold real numbers; got complex128"),

@@ -70,7 +70,7 @@ def test_each_bad_trace_is_one_line(slug, folder, tmp_path, capsys):
 
 OPTIONS = {
     "no-file": (["compare", "--drive", "no.csv"], "'no.csv' must be readable"),
-    "a-folder": (["compare", "--drive", "."], "must be readable and writable as asked"),
+    "a-folder": (["compare", "--drive", "."], "must be accessible"),
     "two-designs": (
         ["compare", "--drive", "no.csv", "--design", "a", "--design", "b"],
         "`--design` must be given once at most with --drive or --measured",
