@@ -186,11 +186,11 @@ def optimise(
         typer.Option(
             "--verbose",
             rich_help_panel=OUTPUT,
-            help="Show what is computed and what is skipped.",
+            help="Show which parts are computed and which are skipped.",
         ),
     ] = False,
 ) -> None:
-    """Design a shutter for a scene, and show it beside the windows one would have picked."""
+    """Design a shutter for a scene, and compare it with ordinary shutters and windows."""
     start_jax()
     from mishutter.search import optimise as search
 
@@ -259,7 +259,7 @@ def compare(
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
 ) -> None:
-    """Show given shutters, saved designs, drive tables or traces beside the baselines."""
+    """Compare shutters, saved designs, drive tables or traces with the baselines."""
     start_jax()
     from mishutter.hardware import Design
     from mishutter.model import named_shutter
@@ -270,8 +270,8 @@ def compare(
     if drive is not None or measured is not None:
         if designs is not None and len(designs) > 1:
             raise ValueError(
-                "`--design` must be given once at most with --drive or --measured, as that which "
-                f"they were made for; got {len(designs)}."
+                "`--design` must be given at most once with --drive or --measured, which belong to "
+                f"one design; got {len(designs)}."
             )
         files = CameraFiles(
             design=designs[0] if designs else None,

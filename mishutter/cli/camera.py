@@ -219,7 +219,7 @@ def simulate(
     profile = named_shutter(window) if used is None else used.shutter
     photographed = _subject(subject, scene, white, linear)
     if speed and not isinstance(photographed, Picture):
-        raise ValueError(f"`--speed` must be left out but for a photograph; got {speed:g}.")
+        raise ValueError(f"`--speed` must stand beside a photograph alone; got {speed:g}.")
     folder = writable_folder(out)
     with (
         interruptible(lambda: AGAIN),

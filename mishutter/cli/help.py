@@ -13,15 +13,15 @@ if TYPE_CHECKING:
 Groups = dict[str, list[tuple[str, str]]]
 """Names of options or commands and their help, by the title of their group."""
 
-DESIGN = "What to design"
-MOVES = "What may move"
-SEARCH = "The search"
-SENSOR = "The sensor"
-CAMERA = "A camera that exists"
+DESIGN = "Designs and losses"
+MOVES = "Free parts of the design"
+SEARCH = "Search"
+SENSOR = "Sensor"
+CAMERA = "Camera as built"
 PICTURES = "Photographs"
 OUTPUT = "Output"
-TABLE = "The drive table"
-MAP = "The map"
+TABLE = "Drive table"
+MAP = "Map"
 
 _ORDER = (DESIGN, MOVES, MAP, SEARCH, CAMERA, PICTURES, SENSOR, TABLE, OUTPUT)
 

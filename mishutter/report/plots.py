@@ -374,8 +374,9 @@ def plot_photograph(
     whole = figure.add_subplot(grid[0, : across - 2])
     _show(whole, shown, "the scene, at rest; the box is magnified")
     corner = right.start - 0.5, down.start - 0.5
-    for colour, width in (("black", 3.0), ("white", 1.2)):
-        whole.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colour, linewidth=width))
+    for colour, line in (("black", 3.0), ("white", 1.2)):
+        box = Rectangle(corner, size[0], size[1], fill=False, edgecolor=colour, linewidth=line)
+        whole.add_patch(box)
     _show(figure.add_subplot(grid[0, -2]), shown[down, right], "the detail, at rest")
     maps = []
     for row, ((name, result), offset) in enumerate(zip(results.items(), offsets, strict=True), 1):

@@ -73,7 +73,7 @@ OPTIONS = {
     "a-folder": (["compare", "--drive", "."], "must be accessible"),
     "two-designs": (
         ["compare", "--drive", "no.csv", "--design", "a", "--design", "b"],
-        "`--design` must be given once at most with --drive or --measured",
+        "`--design` must be given at most once with --drive or --measured",
     ),
     "shutter-too": (
         ["simulate", "--drive", "no.csv", "--shutter", "hann"],
