@@ -360,7 +360,7 @@ def _deliver(result: "Report", delivery: Delivery) -> None:
     result = _photographed(result, delivery)
     if result.photographs is not None and not delivery.as_json:
         with closable_output():
-            print_photographs(result.photographs.levels)
+            print_photographs(result.photographs.levels, result.comparison.rows[0].speed)
     files = []
     if folder is not None:
         files = write_report(result, folder, wrote=lambda name: note(f"wrote {folder / name}"))

@@ -8,6 +8,7 @@ from mishutter.cli.console import print_table, print_text
 if TYPE_CHECKING:
     from mishutter.evaluation import ToleranceCosts
     from mishutter.hardware import Design
+    from mishutter.model import DecoderSpeed
     from mishutter.report import Comparison, Report
     from mishutter.restore import RestoredPhotograph
     from mishutter.search import Row
@@ -150,8 +151,10 @@ def _condition_note(rows: "list[Row]") -> str:
 
 def print_photographs(
     photographs: "Mapping[str, Mapping[str, RestoredPhotograph]]",
+    decoder_speed: "DecoderSpeed" = "unknown",
 ) -> None:
     """Prints the PSNR of the scene's photograph as each design and decoder restored it."""
+    knowing = {"unknown": "", "found": " at the speed found", "told": ", told the speed"}
     results = next(iter(photographs.values()))
     speeds = next(iter(results.values())).speeds
     if len(photographs) == 1:
@@ -166,13 +169,14 @@ def print_photographs(
         ]
         columns |= {f"exp. {name.removesuffix(' px/s')}": index for name, index in columns.items()}
         title = f"Photograph, restored by the {next(iter(photographs))} filter"
+        title += knowing[decoder_speed]
     else:
         columns = photographs
         rows = [
             [name, *(f"{restored[name].mean_psnr:.2f}" for restored in photographs.values())]
             for name in results
         ]
-        title = f"Photograph, restored at {speeds.size} speeds"
+        title = f"Photograph, restored at {speeds.size} speeds{knowing[decoder_speed]}"
     print_table(f"{title}: PSNR dB, linear light, own best motion", ["shutter", *columns], rows)
     if len(photographs) == 1:
         print_text(_OF_PHOTOGRAPH)

@@ -28,9 +28,9 @@ from mishutter.model import (
     turned,
 )
 from mishutter.restore import (
+    ROWS_TO_FIND,
     EnsembleDecoder,
     SpeedEstimate,
-    SpeedFindingDecoder,
     estimate_speed,
     least_columns,
     restore_by_each,
@@ -41,8 +41,6 @@ MOST_BYTES = 32 << 20
 MOST_PIXELS = 30_000_000
 _ROWS, _COLUMNS = 112, 400
 """Extent of the part that is captured; it is restored within a second."""
-_ROWS_TO_FIND = 256
-"""Rows of the part where the decoder estimates the speed, for which few rows do not suffice."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
     def part_of(white: float | None, linear: bool, axis: Axis) -> Photograph:
         picture = read(white, linear)
         along = turned(picture.light, axis)
-        part = Picture(light=_middle(along, _ROWS_TO_FIND).copy(), name=picture.name)
+        part = Picture(light=_middle(along, ROWS_TO_FIND).copy(), name=picture.name)
         return Photograph(part, picture_arguments(place, picture, white, linear, axis))
 
     return part_of
@@ -153,8 +151,9 @@ def restored(
 
     Returns:
         The `reference`, and for each design the pictures `captured` and `restored`, as PNG in base
-        64, and the `psnr` in linear light, dB. `found` is the estimated speed if the scene's
-        decoder finds it, with the fields of a `SpeedEstimate` that are no arrays, otherwise None.
+        64, and the `psnr` in linear light, dB. `knows` is the knowledge of the speed by the scene's
+        decoder; if it finds the speed, `found` has the fields of the `SpeedEstimate` that are no
+        arrays, otherwise it is None.
 
     Raises:
         ValueError: if the photograph is too narrow for the blur.
@@ -168,9 +167,8 @@ def restored(
     width = min(columns, max(least, _COLUMNS + longest))
     first = (columns - width) // 2
     finds = scene.decoder_speed == "found"
-    num_rows = _ROWS_TO_FIND if finds else _ROWS
+    num_rows = ROWS_TO_FIND if finds else _ROWS
     part = Picture(light=_middle(photograph.part.light, num_rows)[:, first : first + width].copy())
-    decoder = SpeedFindingDecoder(EnsembleDecoder()) if finds else EnsembleDecoder()
     along, designs, reference = scene.along_rows(), [], None
     for name, row in rows.items():
         check()
@@ -179,7 +177,7 @@ def restored(
             along,
             row.motion,
             row.shutter,
-            {name: decoder},
+            {name: EnsembleDecoder()},
             speeds=[speed],
             num_seeds=1,
             least_taps=longest,
@@ -191,7 +189,8 @@ def restored(
         pictures = {"captured": captured * gain, "restored": result.restored[0]}
         pair = {name: _png(turned(picture, scene.axis)) for name, picture in pictures.items()}
         estimate = estimate_speed(captured, along, row.motion, row.shutter) if finds else None
-        designs.append({"name": name, "psnr": level, **pair, "found": _plain(estimate)})
+        speed_of_decoder = {"knows": scene.decoder_speed, "found": _plain(estimate)}
+        designs.append({"name": name, "psnr": level, **pair, **speed_of_decoder})
     return {
         "speed": speed,
         "reference": None if reference is None else _png(reference),

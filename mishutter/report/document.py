@@ -208,7 +208,11 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     drawings |= {
         "psnr.png": lambda: plots.plot_psnr(shown.levels[ENSEMBLE], linear=True),
         "photograph.png": lambda: plots.plot_photograph(
-            restored, pictured_speeds(scene), linear=True, axis=scene.axis
+            restored,
+            pictured_speeds(scene),
+            linear=True,
+            axis=scene.axis,
+            decoder_speed=next(iter(rows.values())).speed,
         ),
     }
     if report.design is not None:

@@ -16,6 +16,7 @@ from mishutter.model import (
     turned,
 )
 from mishutter.restore import (
+    ROWS_TO_FIND,
     AbstractDecoder,
     EnsembleDecoder,
     RestoredPhotograph,
@@ -32,8 +33,8 @@ ENSEMBLE = "ensemble"
 _ROUNDING = 1e-6
 """Of sums of weights."""
 _MAX_ROWS = 160
-"""Rows of the photograph that are captured, or columns of one that moves along these: each is
-blurred by itself."""
+"""Rows of the photograph that are captured, or columns of one that moves along these, where the
+speed need not be found in them: each is blurred by itself."""
 
 
 class Photographs(NamedTuple):
@@ -75,7 +76,9 @@ def photograph_of(
     """
     if scene.picture is None:
         return None
-    picture = _middle_rows(scene_picture(scene), scene.axis)
+    finds = any(row.speed == "found" for row in rows.values())
+    count = ROWS_TO_FIND if finds else _MAX_ROWS
+    picture = _middle_rows(scene_picture(scene), scene.axis, count)
     motions = [row.motion for row in rows.values()]
     width = turned(picture.light, scene.axis).shape[1]
     enough = least_columns(longest_kernel(scene, motions))
@@ -97,6 +100,8 @@ def photographs(
     update: Update,
 ) -> Photographs:
     """A photograph captured and restored by every row's design.
+
+    Each decoder knows of the speed as much as the one that judges the row.
 
     Args:
         picture: The photograph.
@@ -124,6 +129,7 @@ def photographs(
             speeds=speeds,
             num_seeds=num_seeds,
             least_taps=longest,
+            decoder_speed=row.speed,
         )
         update(name)
         tried = found[ENSEMBLE].speeds
@@ -150,8 +156,8 @@ def longest_kernel(scene: Scene, motions: Iterable[AbstractMotion]) -> int:
     return max(kernel_layout(motion, *speeds, 0.0)[0] for motion in motions)
 
 
-def _middle_rows(picture: Picture, axis: Axis) -> Picture:
-    """The middle of a picture, as long as it is along the axis of motion."""
+def _middle_rows(picture: Picture, axis: Axis, count: int) -> Picture:
+    """So many rows from the middle of a picture, or columns of one that moves along these."""
     along = turned(picture.light, axis)
-    first = max(0, (along.shape[0] - _MAX_ROWS) // 2)
-    return Picture(light=turned(along[first : first + _MAX_ROWS], axis), name=picture.name)
+    first = max(0, (along.shape[0] - count) // 2)
+    return Picture(light=turned(along[first : first + count], axis), name=picture.name)

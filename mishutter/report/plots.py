@@ -31,6 +31,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Axis,
+    DecoderSpeed,
     Picture,
     Scene,
     profile_of,
@@ -53,6 +54,12 @@ _FIRST_ERROR = 0.01
 """Share of the error below the frequency at which an axis begins."""
 _DETAIL = (48, 64)
 """Extent of a magnified detail across and along the axis of motion; px."""
+_RESTORED: Mapping[DecoderSpeed, str] = {
+    "unknown": "restored",
+    "found": "restored, speed found",
+    "told": "restored, told speed",
+}
+"""Titles of restored details, by what the decoder knows of the speed."""
 _LAYERED_WIDTH = 3.3
 """Width of a panel of a layered scene; inches."""
 _ONE_FILTER = (
@@ -339,6 +346,7 @@ def plot_photograph(
     detail: tuple[int, int] = _DETAIL,
     linear: bool = False,
     axis: Axis = "rows",
+    decoder_speed: DecoderSpeed = "unknown",
 ) -> Figure:
     """Draws a magnified detail of a photograph, captured and restored, and its error.
 
@@ -352,6 +360,7 @@ def plot_photograph(
         detail: Extent of the detail across and along the axis; px.
         linear: Whether the PSNR and the errors are of linear light, not with gamma put back.
         axis: The axis along which the photograph moves.
+        decoder_speed: What the decoder knew of the speed, as the scene says.
 
     Raises:
         ValueError: if there is nothing to show, or the photographs are not parts of one.
@@ -359,6 +368,7 @@ def plot_photograph(
     require(len(results) > 0, "plot_photograph(results=...)", "hold a result", 0)
     require(len(speeds) > 0, "plot_photograph(speeds=...)", "hold a speed", 0)
     results = {name: result.turned(axis) for name, result in results.items()}
+    restoration = _RESTORED[decoder_speed]
     scene = next(iter(results.values())).reference
     offsets = [_offset(scene, result.reference) for result in results.values()]
     place = _busiest(scene, list(results.values()), offsets, detail)
@@ -389,7 +399,7 @@ def plot_photograph(
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
             title = f"{shown_name(name, 26)}, captured\nat {result.speeds[index]:g} px/s"
             _show(panels[0], turned(captured[own], axis) * gain, title)
-            _show(panels[1], turned(restored, axis), f"restored,\n{levels[index]:.2f} dB")
+            _show(panels[1], turned(restored, axis), f"{restoration},\n{levels[index]:.2f} dB")
             panels[2].set_title("error", fontsize="small", y=1.0)
             error = _error(result.reference[own], restored, linear)
             maps.append((panels[2], turned(error, axis)))

@@ -1,5 +1,6 @@
 """Restoration of captures: decoders, borders and image quality."""
 
+from mishutter.restore.decoders import ROWS_TO_FIND as ROWS_TO_FIND
 from mishutter.restore.decoders import AbstractDecoder as AbstractDecoder
 from mishutter.restore.decoders import BlurModel as BlurModel
 from mishutter.restore.decoders import EnsembleDecoder as EnsembleDecoder

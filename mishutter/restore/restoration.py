@@ -34,11 +34,12 @@ from mishutter.camera import (
     rows_last,
     through_optics,
 )
-from mishutter.evaluation import PLANNED, Automatic, Plan, sensor_view
+from mishutter.evaluation import FOUND_SHARE, PLANNED, Automatic, Plan, sensor_view
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Axis,
+    DecoderSpeed,
     Picture,
     Scene,
     pixels_along,
@@ -47,6 +48,7 @@ from mishutter.model import (
 )
 from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.restore.decoders.linear import expected_squared_error, squared_error_of
+from mishutter.restore.decoders.speed_finding import decoder_of
 from mishutter.restore.image_quality import psnr
 
 _CAPTURES_AT_ONCE = 4
@@ -64,7 +66,8 @@ class RestoredPhotograph(NamedTuple):
         linear_standard_error: That of `linear_psnr`.
         mean_psnr: Weighted over speeds: PSNR of the mean squared error, linear light; dB.
         expected_psnr: PSNR that the ensemble filter is expected to reach on captures of pictures
-            with the scene's spectrum, over the scene's speeds; linear light, dB.
+            with the scene's spectrum, over the scene's speeds, if it knows of the speed as much as
+            the scene's `decoder_speed` says; linear light, dB.
         own_expected_psnr: The same of pictures with the spectrum and the mean of this one, in the
             columns over which errors are taken, at each speed; it differs from `expected_psnr`
             as one photograph does from another; dB.
@@ -201,7 +204,9 @@ def restore_photograph(
         scene: Light and noise, and what the decoder may know.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        decoder: The method; the ensemble filter by default.
+        decoder: The method; the ensemble filter by default. It knows of the speed as much as the
+            scene's `decoder_speed` says: it is told it, or is the inner one of a
+            `SpeedFindingDecoder`, or is for all speeds.
         speeds: Speeds of the photograph, px/s; the scene's by default.
         num_seeds: Number of captures at each speed, each with its own noise.
         key: JAX key of the noise; a fixed one by default.
@@ -249,6 +254,7 @@ def restore_by_each(
     key: Array | None = None,
     plan: Plan | Automatic | None = PLANNED,
     least_taps: int = 1,
+    decoder_speed: DecoderSpeed | None = None,
 ) -> dict[str, RestoredPhotograph]:
     """`restore_photograph` by several decoders, from the same captures.
 
@@ -264,6 +270,7 @@ def restore_by_each(
         plan: The parts to compute, as for `restore_photograph`.
         least_taps: Length of the kernels, where they do not need more: with one for several
             designs they see, and are judged on, equally many columns.
+        decoder_speed: What the decoders know of the speed; by default what the scene says.
 
     Raises:
         ValueError: as `restore_photograph`.
@@ -287,6 +294,9 @@ def restore_by_each(
     reference = _behind_optics(np.asarray(light), scene)[:, window]
     model = blur_model(scene, motion, shutter, plan=plan, least_taps=least_taps)
     seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
+    knows = scene.decoder_speed if decoder_speed is None else decoder_speed
+    models = [model.told(v) if knows == "told" else model for v in relative.tolist()]
+    methods = [decoder_of(knows, decoder) for decoder in decoders.values()]
 
     captured, *restored = (
         np.empty((len(chosen_speeds), *reference.shape), reference.dtype)
@@ -295,17 +305,17 @@ def restore_by_each(
 
     def tried(place: tuple[int, Array | np.ndarray]) -> _Errors:
         index, blurred = place
-        errors, codes = [], []
+        known, errors, codes = models[index], [], []
         for trial, words in enumerate(seeds[index]):
             seed = jax.random.wrap_key_data(words, impl=jax.random.key_impl(key))
             capture = noisy(blurred, scene, motion, seed)
             estimates = [
                 np.asarray(
                     deconvolve(
-                        capture, scene, motion, shutter, decoder=decoder, model=model, plan=plan
+                        capture, scene, motion, shutter, decoder=each, model=known, plan=plan
                     )
                 )
-                for decoder in decoders.values()
+                for each in methods
             ]
             if trial == 0:
                 results = zip((captured, *restored), (capture, *estimates), strict=True)
@@ -321,10 +331,8 @@ def restore_by_each(
     )
     count = min(num_processors(), _CAPTURES_AT_ONCE)
     trials = list(in_threads(tried, enumerate(on_sensor), count))
-    with np.errstate(divide="ignore"):
-        expected = float(-10 * np.log10(expected_squared_error(model)))
-        rows = np.moveaxis(reference[:, inner], 1, 2).astype(np.float64)
-        own_expected = -10 * np.log10(squared_error_of(model, rows, relative))
+    rows = np.moveaxis(reference[:, inner], 1, 2).astype(np.float64)
+    expected, own_expected = _expected_levels(model, knows, rows, relative)
     return {
         name: RestoredPhotograph(
             **_levels(chosen_speeds, weights, trials, index)._asdict(),
@@ -336,6 +344,32 @@ def restore_by_each(
         ).turned(axis)
         for index, name in enumerate(decoders)
     }
+
+
+def _expected_levels(
+    model: BlurModel, decoder_speed: DecoderSpeed, rows: np.ndarray, speeds: np.ndarray
+) -> tuple[float, Float[np.ndarray, "s"]]:
+    """Levels that the ensemble filter is expected to reach, of its scene and of one picture; dB.
+
+    A decoder that finds the speed keeps a share of what being told it would bring, in decibels
+    (`FoundSpeedLoss`).
+
+    Args:
+        model: Blur and noise of a decoder for all speeds.
+        decoder_speed: What the decoder knows of the speed.
+        rows: Light of the picture; shape `(..., columns)`.
+        speeds: Speeds of the picture relative to the sensor; px/s.
+    """
+    share = {"unknown": 0.0, "found": FOUND_SHARE, "told": 1.0}[decoder_speed]
+    untold = np.append(squared_error_of(model, rows, speeds), expected_squared_error(model))
+    told = untold
+    if share > 0:
+        each = [squared_error_of(model.told(v), rows, np.array([v])) for v in speeds.tolist()]
+        mean = [expected_squared_error(model.told(v)) for v in model.speeds.tolist()]
+        told = np.append(np.concatenate(each), model.weights @ np.array(mean))
+    with np.errstate(divide="ignore"):
+        levels = -10 * np.log10(told**share * untold ** (1 - share))
+    return float(levels[-1]), levels[:-1]
 
 
 def _behind_optics(

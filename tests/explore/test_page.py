@@ -289,7 +289,9 @@ def test_a_server_that_began_anew_is_said(page, place):
     )
     page.refresh()
     chromium.wait(page, "window.mishutter?.answers.first > 0")
-    assert page.find_element("id", "lost").text.startswith("No longer on the server: pin 1, mine.png;")
+    assert page.find_element("id", "lost").text.startswith(
+        "No longer on the server: pin 1, mine.png;"
+    )
     assert scene_of(page)["picture"] == {"path": "example"}
     assert pinned(page) == []
     chromium.after(page, "first", lambda: click(page, "undo"))

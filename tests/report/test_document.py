@@ -167,10 +167,10 @@ def test_what_a_photograph_showed(report):
 def test_a_high_photograph_is_cut_to_its_middle():
     """As many rows above as below are left out."""
     light = np.tile(np.arange(200.0)[:, None, None] / 200, (1, 9, 1))
-    assert np.array_equal(_middle_rows(Picture(light), "rows").light, light[20:180])
-    assert np.array_equal(_middle_rows(Picture(light[:7]), "rows").light, light[:7])
+    assert np.array_equal(_middle_rows(Picture(light), "rows", 160).light, light[20:180])
+    assert np.array_equal(_middle_rows(Picture(light[:7]), "rows", 160).light, light[:7])
     turned = Picture(light).turned()
-    assert np.array_equal(_middle_rows(turned, "columns").light, turned.light[:, 20:180])
+    assert np.array_equal(_middle_rows(turned, "columns", 160).light, turned.light[:, 20:180])
 
 
 def _rivals(report, levels, velocity=0.0):
@@ -323,3 +323,20 @@ def test_a_photograph_at_some_speeds_or_all(report, capsys, every):
     assert dict(zip(names, numbers, strict=True))["ensemble" if every else "0 px/s"] == (
         f"{figure:.2f}"
     )
+
+
+def test_a_photograph_is_restored_by_the_decoder_of_the_verdict(report, capsys):
+    """Of rows that are judged as told the speed, each capture has the filter for its speed."""
+    scene = Scene([-310.0, 0.0, 310.0], photon_rate=1e6, read_noise=3.0, limits=LIMITS)
+    picture = Picture(np.random.default_rng(5).uniform(0.2, 0.8, (7, 400, 1)))
+    row = report.comparison.row("Hann")
+    levels = {}
+    for knows in ("unknown", "told"):
+        rows = {"Hann": replace(row, speed=knows)}
+        found = photographs(picture, scene, rows, 1, update=lambda name: None)
+        levels[knows] = found.levels["ensemble"]["Hann"]
+        print_photographs(found.levels, knows)
+    assert np.all(levels["told"].linear_psnr > levels["unknown"].linear_psnr)
+    assert levels["told"].expected_psnr > levels["unknown"].expected_psnr
+    titles = [line for line in capsys.readouterr().out.splitlines() if "restored by" in line]
+    assert [", told the speed" in title for title in titles] == [False, True]

@@ -518,9 +518,10 @@ function showPins() {
 
 // ---------- photographs
 
-// The speed that was found in a capture: with its error where it is trusted, with the doubt where it is not.
-function speedFound(found) {
-  if (!found) return "";
+// The decoder's knowledge of the speed: told it, or found it in the capture, with its error where it is trusted and
+// with the doubt where it is not.
+function speedKnown({ knows, found }) {
+  if (!found) return knows === "told" ? "; told the speed" : "";
   const speed = `${rounded(found.speed, 0)} ± ${rounded(found.error, 0)} px/s`;
   return found.trusted ? `; speed found: ${speed}` : `; speed in doubt, ${speed}: ${found.doubt}`;
 }
@@ -529,7 +530,7 @@ async function photograph(message) {
   const pictures = [{ title: `the scene, at rest`, data: message.reference }];
   for (const d of message.designs) {
     pictures.push({ title: `${d.name}, captured at ${message.speed} px/s, brightened`, data: d.captured });
-    pictures.push({ title: `${d.name}, restored: ${decibel(d.psnr)}, linear light${speedFound(d.found)}`, data: d.restored });
+    pictures.push({ title: `${d.name}, restored: ${decibel(d.psnr)}, linear light${speedKnown(d)}`, data: d.restored });
   }
   const images = await Promise.all(pictures.map(({ data }) => new Promise((resolve) => {
     const image = new Image();

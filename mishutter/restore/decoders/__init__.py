@@ -13,6 +13,7 @@ from mishutter.restore.decoders.linear import expected_squared_error as expected
 from mishutter.restore.decoders.linear import squared_error_in as squared_error_in
 from mishutter.restore.decoders.speed import SpeedEstimate as SpeedEstimate
 from mishutter.restore.decoders.speed import estimate_speed as estimate_speed
+from mishutter.restore.decoders.speed_finding import ROWS_TO_FIND as ROWS_TO_FIND
 from mishutter.restore.decoders.speed_finding import SpeedFindingDecoder as SpeedFindingDecoder
 from mishutter.restore.decoders.tikhonov import TikhonovDecoder as TikhonovDecoder
 from mishutter.restore.decoders.total_variation import (

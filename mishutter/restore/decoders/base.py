@@ -5,6 +5,7 @@
 
 import math
 from abc import abstractmethod
+from dataclasses import replace
 from functools import partial
 from typing import final
 
@@ -100,6 +101,21 @@ class BlurModel(eqx.Module):
         if p <= 0:
             return math.inf
         return noise_power(self.efficiency, mean_level, p, self.read_noise, unit=p)
+
+    def told(self, speed: float) -> "BlurModel":
+        """The knowledge of a decoder that is told the one speed of what moves.
+
+        Args:
+            speed: The speed relative to the sensor; px/s.
+        """
+        num_taps, _ = kernel_layout(self.motion, speed, least_taps=self.num_taps)
+        speeds, weights, layers = np.array([speed]), np.ones(1), self.layers
+        if layers is not None:
+            one = layers.bare(speeds=speeds, weights=weights)
+            grid = Frequencies.of_grid(NUM_FREQUENCIES)
+            with outside_trace():
+                layers = with_shares(one, background_of(layers), 1, grid, folds=False)
+        return replace(self, speeds=speeds, weights=weights, num_taps=num_taps, layers=layers)
 
     def responses(self, length: int) -> Complex[np.ndarray, "s {length}//2+1"]:
         """Responses at the speeds that may occur, on the grid of a DFT.

@@ -587,7 +587,8 @@ def judged(
             f"Some rows seem to move at {odd.speed:,.0f} px/s past the sensor, where all rows "
             f"together do at {whole.speed:,.0f}."
         )
-        weights = np.mean([p.weights for p in each], axis=0)
+        # As likely a false alarm as a second speed.
+        weights = (whole.weights + np.mean([p.weights for p in each], axis=0)) / 2
     return Verdict(whole, weights, doubt)
 
 

@@ -9,12 +9,13 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter.camera import kernel_layout
+from mishutter.model import DecoderSpeed
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
 from mishutter.restore.decoders.speed import SpeedEstimate, speed_in
 from mishutter.restore.decoders.total_variation import TotalVariationDecoder
 
-_DOUBTED = 0.1
-"""Weight of the scene's own speeds where the estimate is not trusted."""
+ROWS_TO_FIND = 256
+"""Rows of a photograph in which its speed is found: few of them do not tell it."""
 _LEAST_WEIGHT = 1e-3
 """Probability below which a speed is left to the scene's own."""
 
@@ -24,8 +25,10 @@ class SpeedFindingDecoder(AbstractDecoder):
     r"""Finds the speed of a picture that moves as a whole, and restores by it.
 
     A speed that is trusted takes the place of all of the scene's. Where none is, the speeds are
-    those of the posterior, $0.9\,p(s)$, and the scene's own, at a tenth of their weights. Where
-    nothing tells speeds apart, as in a snapshot, the inner decoder restores as it would alone.
+    those of the posterior, $(1 - d^2)\,p(s)$, and the scene's own, at $d^2$ times their weights,
+    where $d$ is the probability of all speeds but the likeliest and its neighbours: the wider a
+    posterior is, the more often it is wrong. Where nothing tells speeds apart, as in a snapshot,
+    the inner decoder restores as it would alone.
 
     Args:
         inner: The decoder that restores, knowing these speeds.
@@ -48,6 +51,17 @@ class SpeedFindingDecoder(AbstractDecoder):
         return jnp.stack(restored).reshape(captured.shape)
 
 
+def decoder_of(knows: DecoderSpeed, inner: AbstractDecoder) -> AbstractDecoder:
+    """The decoder that finds the speed where one does, by another that restores.
+
+    Args:
+        knows: What it knows of the speed.
+        inner: The decoder that restores.
+    """
+    finds = knows == "found" and not isinstance(inner, SpeedFindingDecoder)
+    return SpeedFindingDecoder(inner) if finds else inner
+
+
 def at_speed(model: BlurModel, estimate: SpeedEstimate) -> BlurModel:
     """The model of a decoder that takes account of a speed relative to the sensor."""
     if not estimate.trusted and np.ptp(estimate.weights) == 0:
@@ -55,10 +69,13 @@ def at_speed(model: BlurModel, estimate: SpeedEstimate) -> BlurModel:
     if estimate.trusted:
         speeds, weights = np.array([estimate.speed]), np.ones(1)
     else:
+        mode = int(np.argmax(estimate.weights))
+        near = float(np.sum(estimate.weights[max(mode - 1, 0) : mode + 2]))
+        doubt = (1 - near) ** 2
         is_likely = estimate.weights >= _LEAST_WEIGHT
         share = estimate.weights[is_likely] / np.sum(estimate.weights[is_likely])
         speeds = np.concatenate([estimate.speeds[is_likely], model.speeds])
-        weights = np.concatenate([(1 - _DOUBTED) * share, _DOUBTED * model.weights])
+        weights = np.concatenate([(1 - doubt) * share, doubt * model.weights])
     # Taps for all speeds that were tried, so that one program restores by any of them.
     num_taps, _ = kernel_layout(model.motion, *estimate.speeds.tolist(), least_taps=model.num_taps)
     return replace(model, speeds=speeds, weights=weights, num_taps=num_taps)
