@@ -58,10 +58,10 @@ _LAYERED_WIDTH = 3.3
 _ONE_FILTER = (
     "Each is restored by one filter, the best\nfor objects before a background, which\n"
     "is told no speed and no place.\n\n"
-    "PSNR in linear light. Expected: of such\nlayers, whatever their places. Behind:\n"
-    "where the object never was. In front:\nwhere it alone is."
+    "PSNR in linear light. Expected: mean over\nsuch layers at any place. Behind: pixels\n"
+    "that the object never covers. In front:\npixels that it alone covers."
 )
-_OTHER_WORLD = ": the verdict is of a picture that moves as a whole, and this one does not"
+_OTHER_WORLD = ": the verdict is about a picture that moves as a whole; this one does not"
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
 MAP_COLOURS = "cividis"
