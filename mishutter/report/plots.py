@@ -65,10 +65,10 @@ _LAYERED_WIDTH = 3.3
 _ONE_FILTER = (
     "Each is restored by one filter, the best\nfor objects before a background, which\n"
     "is told no speed and no place.\n\n"
-    "PSNR in linear light. Expected: of such\nlayers, whatever their places. Behind:\n"
-    "where the object never was. In front:\nwhere it alone is."
+    "PSNR in linear light. Expected: mean over\nsuch layers at any place. Behind: pixels\n"
+    "that the object never covers. In front:\npixels that it alone covers."
 )
-_OTHER_WORLD = ": the verdict is of a picture that moves as a whole, and this one does not"
+_OTHER_WORLD = ": the verdict is about a picture that moves as a whole; this one does not"
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
 MAP_COLOURS = "cividis"
@@ -134,7 +134,7 @@ def plot_profiles(designs: Named) -> Figure:
         dtype = np.dtype(motion.half_exposure.dtype)
         w, efficiency = profile_of(shutter, tau.astype(dtype))
         time, w = np.pad(tau * half, 1, "edge"), np.pad(w, 1)
-        label = f"{shown_name(name)}, lets {efficiency:.0%} through"
+        label = f"{shown_name(name)}, passes {efficiency:.0%}"
         axes.plot(time, w, label=label, **style)
     axes.set(xlabel="time from mid-exposure / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     _legend(figure, axes)
@@ -248,7 +248,7 @@ def plot_transfer(scene: Scene, designs: Named) -> Figure:
         label = f"{shown_name(name)}: {psnr:.2f} dB"
         errors.semilogx(frequency, error * 1e3, label=label, **style)
     ratios.set_ylabel("signal over noise / dB")
-    errors.set(ylabel="squared error up to there / 10⁻³", ylim=(0, None))
+    errors.set(ylabel="cumulative squared error / 10⁻³", ylim=(0, None))
     errors.set(xlabel="spatial frequency / (cycles/px)", xlim=(begin, 0.5))
     errors.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     _legend(figure, errors, "expected PSNR, linear light")
