@@ -102,7 +102,7 @@ def _print_costs(costs: "ToleranceCosts") -> None:
         [row.name, row.size, f"{row.cost:.3f}", f"{row.unaware_cost:.3f}"] for row in costs.rows
     ]
     columns = ("tolerance", "1 sigma", "costs dB", "unaware dB")
-    print_table("The cost of each tolerance to the best design", columns, rows)
+    print_table("Cost of each tolerance to the best design", columns, rows)
     print_text(costs.verdict)
     print_text("unaware dB  cost by a decoder for a camera without errors")
 
