@@ -11,7 +11,7 @@ from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -20,11 +20,11 @@ from mishutter.cli.camera import reproduce, simulate
 from mishutter.cli.console import (
     AGAIN,
     InterruptedWorkError,
+    closable_output,
     doubts_as_notes,
     ends_when_asked,
     error_line,
-    kept,
-    may_be_left,
+    interruptible,
     note,
     print_text,
     progress_bar,
@@ -48,11 +48,11 @@ from mishutter.cli.help import (
     GroupedCommands,
 )
 from mishutter.cli.laboratory import (
+    CameraFiles,
     CeilingOption,
     ClosedOption,
     ColumnOption,
     DriveOption,
-    Files,
     FloorOption,
     HalfExposureOption,
     MeasuredOption,
@@ -101,18 +101,18 @@ app = typer.Typer(
 
 
 def version_text() -> str:
-    """The versions of what computes: of the package, JAX, its library and Python."""
+    """The versions of the package, of JAX and its library, and of Python."""
     from mishutter.hardware import package_version
 
     libraries = (f"{name} {version(name)}" for name in ("jax", "jaxlib"))
     return ", ".join((f"mishutter {package_version()}", *libraries, f"Python {python_version()}"))
 
 
-def _version(wanted: bool) -> bool:
-    if wanted:
+def _version(is_asked: bool) -> bool:
+    if is_asked:
         print_text(version_text())
         raise typer.Exit
-    return wanted
+    return is_asked
 
 
 @app.callback()
@@ -141,6 +141,7 @@ def example() -> None:
 @app.command(cls=GroupedCommand, rich_help_panel=TO_DESIGN)
 def optimise(
     scene_file: SceneArgument = None,
+    *,
     out: OutOption = None,
     json: JsonOption = False,
     loss: LossOption = None,
@@ -185,11 +186,11 @@ def optimise(
         typer.Option(
             "--verbose",
             rich_help_panel=OUTPUT,
-            help="Show what is computed and what is skipped.",
+            help="Show which parts are computed and which are skipped.",
         ),
     ] = False,
 ) -> None:
-    """Design a shutter for a scene, and show it beside the windows one would have picked."""
+    """Design a shutter for a scene, and compare it with ordinary shutters and windows."""
     start_jax()
     from mishutter.search import optimise as search
 
@@ -198,7 +199,7 @@ def optimise(
     folder = None if out is None else writable_folder(out)
     if verbose:
         note(plan_text(plan_of_search(scene, chosen, free, num_coefficients)))
-    with kept(lambda: AGAIN), progress_bar("searching", max_steps) as update:
+    with interruptible(lambda: AGAIN), progress_bar("searching", max_steps) as update:
         design = search(
             scene,
             loss=chosen,
@@ -209,26 +210,27 @@ def optimise(
             max_steps=max_steps,
             progress=lambda step, value: update(step, f"loss {value:.6g}"),
         )
-    tried = noise_seeds, every_photograph
-    with kept(lambda: _saved(scene_file, folder)):
+    delivery = Delivery(folder, json, noise_seeds, every_photograph)
+    with interruptible(lambda: _after_search(scene_file, folder)):
         if folder is not None:
             design.save(folder / "design.json")
         result = _compared(scene, design.motion, {"optimised": design}, chosen)
-        _deliver(replace(result, design=design), folder, json, *tried)
+        _deliver(replace(result, design=design), delivery)
 
 
-def _saved(scene_file: Path | None, folder: Path | None) -> str:
-    """What is kept of a search that is done, before all of it is shown."""
+def _after_search(scene_file: Path | None, folder: Path | None) -> str:
+    """The message of an interrupt that comes between the end of a search and its report."""
     if folder is None:
-        return f"{AGAIN}; with --out DIR the design is kept as soon as it is found"
+        return f"{AGAIN}; with --out DIR the design is saved as soon as the search ends"
     design = shlex.join(["--design", str(folder / "design.json")])
     scene = "" if scene_file is None else f" {shlex.quote(str(scene_file))}"
-    return f"the design is kept; `mishutter compare{scene} {design}` goes on from it"
+    return f"the design is saved; `mishutter compare{scene} {design}` goes on from it"
 
 
 @app.command(cls=GroupedCommand, rich_help_panel=TO_DESIGN)
 def compare(
     scene_file: SceneArgument = None,
+    *,
     designs: Annotated[
         list[Path] | None,
         typer.Option(
@@ -257,7 +259,7 @@ def compare(
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
 ) -> None:
-    """Show given shutters, saved designs, drive tables or traces beside the baselines."""
+    """Compare shutters, saved designs, drive tables or traces with the baselines."""
     start_jax()
     from mishutter.hardware import Design
     from mishutter.model import named_shutter
@@ -265,26 +267,37 @@ def compare(
 
     scene = scene_of(scene_file)
     windows = {name: named_shutter(name) for name in shutters or []}
-    levels_and_steps = floor, ceiling, drive_steps
-    of_trace = middle_ms, closed, opened, column
-    told = half_exposure_ms, position_scale_px, *levels_and_steps, *of_trace
     if drive is not None or measured is not None:
         if designs is not None and len(designs) > 1:
             raise ValueError(
-                "`--design` must be given once at most with --drive or --measured, as that which "
-                f"they were made for; got {len(designs)}."
+                "`--design` must be given at most once with --drive or --measured, which belong to "
+                f"one design; got {len(designs)}."
             )
-        saved = cameras(scene, Files(designs[0] if designs else None, drive, measured, *told))
+        files = CameraFiles(
+            design=designs[0] if designs else None,
+            drive=drive,
+            measured=measured,
+            half_exposure_ms=half_exposure_ms,
+            position_scale_px=position_scale_px,
+            floor=floor,
+            ceiling=ceiling,
+            num_steps=drive_steps,
+            middle_ms=middle_ms,
+            closed=closed,
+            opened=opened,
+            column=column,
+        )
+        saved = cameras(scene, files)
         motion = next(iter(saved.values())).motion
     else:
-        files = short_names(designs or [], {*taken_names(), *windows})
-        saved = {name: Design.load(path) for name, path in files.items()}
+        paths = short_names(designs or [], {*taken_names(), *windows})
+        saved = {name: Design.load(path) for name, path in paths.items()}
         motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
     folder = None if out is None else writable_folder(out)
-    tried = noise_seeds, every_photograph
-    with kept(lambda: AGAIN):
+    delivery = Delivery(folder, json, noise_seeds, every_photograph)
+    with interruptible(lambda: AGAIN):
         result = _compared(scene, motion, saved | windows, loss_of(loss, scene))
-        _deliver(result, folder, json, *tried)
+        _deliver(result, delivery)
 
 
 for _command, _group in (
@@ -302,46 +315,61 @@ for _command, _group in (
 def _compared(
     scene: "Scene",
     motion: "AbstractMotion",
-    given: "Mapping[str, AbstractShutter | Design]",
+    entries: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
 ) -> "Report":
     from mishutter.model import baselines
     from mishutter.report import Report
     from mishutter.report import compare as beside_baselines
 
-    total = len({*given, *baselines()}) + 3
+    total = len({*entries, *baselines()}) + 3
     with progress_bar("comparing", total) as update:
-        comparison = beside_baselines(scene, motion, given, loss=loss, step=_counting(update))
-    return Report(scene, comparison, tuple(given))
+        comparison = beside_baselines(scene, motion, entries, loss=loss, step=_counting(update))
+    return Report(scene, comparison, tuple(entries))
 
 
-def _deliver(
-    result: "Report", folder: Path | None, as_json: bool, num_seeds: int, every: bool
-) -> None:
-    """The verdict and its tables as soon as they are known, then photographs, then files."""
+class Delivery(NamedTuple):
+    """The form in which a command hands over a comparison.
+
+    Attributes:
+        folder: Folder for designs and pictures; None writes none.
+        as_json: Whether standard output is one JSON document, and not tables.
+        num_seeds: Captures of the photograph at each speed; 0 takes none.
+        every_photograph: Whether the photograph is restored at every speed, by three decoders.
+    """
+
+    folder: Path | None
+    as_json: bool
+    num_seeds: int
+    every_photograph: bool
+
+
+def _deliver(result: "Report", delivery: Delivery) -> None:
+    """Print the verdict and its tables at once, then add photographs, then write files."""
     from mishutter.cli.tables import print_comparison, print_photographs
     from mishutter.report import background_line, document, write_report
 
-    if not as_json:
-        with may_be_left():  # files are written for whoever has read enough, too
+    folder = delivery.folder
+    if not delivery.as_json:
+        with closable_output():  # a reader who has read enough still gets the files
             print_comparison(result)
     result = _before_backgrounds(result)
-    if result.backgrounds and not as_json:
-        with may_be_left():
+    if result.backgrounds and not delivery.as_json:
+        with closable_output():
             print_text(f"{background_line(result.backgrounds)}\n")
-    result = _photographed(result, num_seeds, every)
-    if result.photographs is not None and not as_json:
-        with may_be_left():
+    result = _photographed(result, delivery)
+    if result.photographs is not None and not delivery.as_json:
+        with closable_output():
             print_photographs(result.photographs.levels, result.comparison.rows[0].speed)
     files = []
     if folder is not None:
         files = write_report(result, folder, wrote=lambda name: note(f"wrote {folder / name}"))
-    if as_json:
+    if delivery.as_json:
         write_json(document(result) | {"files": files})
 
 
 def _before_backgrounds(result: "Report") -> "Report":
-    """A comparison with what is left of its gain where part of the picture stands still."""
+    """Adds the gains that remain where part of the picture stands still."""
     from mishutter.report import STILL_SHARES, background_gains
 
     row = result.comparison.rows[0]
@@ -352,11 +380,12 @@ def _before_backgrounds(result: "Report") -> "Report":
     return replace(result, backgrounds=gains)
 
 
-def _photographed(result: "Report", num_seeds: int, every: bool) -> "Report":
-    """A comparison with what the scene's photograph shows of it."""
+def _photographed(result: "Report", delivery: Delivery) -> "Report":
+    """Adds the scene's photograph, captured and restored by each design."""
     from mishutter.report import photograph_of, photographs, shown_rows
 
     rows = shown_rows(result.comparison, result.names)
+    num_seeds, every = delivery.num_seeds, delivery.every_photograph
     picture = photograph_of(result.scene, rows, note=note) if num_seeds > 0 else None
     if picture is None:
         return result
@@ -367,26 +396,26 @@ def _photographed(result: "Report", num_seeds: int, every: bool) -> "Report":
 
 
 def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
-    """A callback that takes names of what is done and moves a bar on by one each time."""
+    """A callback that moves a bar on by one at each call, and shows the name that it is told."""
     count = itertools.count(1)
     return lambda name: update(next(count), name)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line, or show its help where nothing is asked; the exit code."""
-    given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    """Runs the command line, or shows its help if there are no arguments; returns the exit code."""
+    words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     take_any_text()
-    with may_be_left():
-        return _run(given)
+    with closable_output():
+        return _run(words)
     return 0
 
 
-def _run(given: Sequence[str]) -> int:
+def _run(words: Sequence[str]) -> int:
     command = typer.main.get_command(app)
     try:
         with ends_when_asked(), doubts_as_notes():
-            code = command.main(given, prog_name="mishutter", standalone_mode=False)
-        if code == _INTERRUPTED:  # before there was anything to say of it
+            code = command.main(words, prog_name="mishutter", standalone_mode=False)
+        if code == _INTERRUPTED:  # no `interruptible` had begun
             note(f"mishutter: interrupted: {AGAIN}")
     except InterruptedWorkError as error:
         note(f"mishutter: interrupted: {error}")
@@ -396,7 +425,7 @@ def _run(given: Sequence[str]) -> int:
     except BrokenPipeError:
         raise
     except Exception as error:
-        line = error_line(error, given)
+        line = error_line(error, words)
         if line is None:
             raise
         write_error(line)

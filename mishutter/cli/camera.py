@@ -2,14 +2,14 @@
 
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from mishutter._core import writable_folder
 from mishutter.cli.console import (
     AGAIN,
-    kept,
+    interruptible,
     note,
     print_table,
     progress_bar,
@@ -18,11 +18,11 @@ from mishutter.cli.console import (
 )
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
 from mishutter.cli.laboratory import (
+    CameraFiles,
     CeilingOption,
     ClosedOption,
     ColumnOption,
     DriveOption,
-    Files,
     FloorOption,
     HalfExposureOption,
     MeasuredOption,
@@ -35,16 +35,18 @@ from mishutter.cli.laboratory import (
 from mishutter.cli.options import JsonOption, SceneArgument, as_path, scene_of
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from mishutter.camera import Frames, Layers
     from mishutter.model import Picture, Scene
-    from mishutter.restore import SpeedEstimate
+    from mishutter.restore import AbstractDecoder, SpeedEstimate
 
 _NUM_TICKS = 100
 _LINEAR = "PSNR / dB, linear light"
 
 
 class DecoderName(Enum):
-    """Decoders that `--decoder` names."""
+    """The decoders of `--decoder`."""
 
     ENSEMBLE = "ensemble"
     WIENER = "wiener"
@@ -56,6 +58,7 @@ class DecoderName(Enum):
 
 def simulate(
     scene_file: SceneArgument = None,
+    *,
     subject: Annotated[
         Path | None,
         typer.Option(
@@ -73,14 +76,16 @@ def simulate(
             "--white",
             metavar="VALUE",
             rich_help_panel=PICTURES,
-            help="Value of the subject's file that is white, as 4095 of 12 bits [default: the "
-            "greatest of its depth].",
+            help="White in the numbers of the subject's file, such as 4095 for 12 bits [default: "
+            "the greatest number of its bit depth].",
         ),
     ] = None,
     linear: Annotated[
         bool,
         typer.Option(
-            "--linear", rich_help_panel=PICTURES, help="The subject's numbers are linear light."
+            "--linear",
+            rich_help_panel=PICTURES,
+            help="Read the subject's numbers as linear light, not as gamma-coded.",
         ),
     ] = False,
     design: Annotated[
@@ -119,7 +124,8 @@ def simulate(
             "--speed",
             metavar="SPEED",
             rich_help_panel=PICTURES,
-            help="Speed of a photograph: px/s, or with its unit, as 0.9m/s, 0.9mm/s or 3deg/s.",
+            help="Speed of the object in the photograph: px/s, or with a unit, such as 0.9m/s, "
+            "0.9mm/s or 3deg/s.",
         ),
     ] = "0",
     decoder: Annotated[
@@ -128,12 +134,12 @@ def simulate(
             "--decoder",
             metavar="NAME",
             rich_help_panel=PICTURES,
-            help="What restores it: ensemble, wiener, richardson-lucy, tikhonov, total-variation "
-            "or speed-finding.",
+            help="Decoder that restores the capture: ensemble, wiener, richardson-lucy, tikhonov, "
+            "total-variation or speed-finding.",
         ),
     ] = DecoderName.ENSEMBLE,
     noiseless: Annotated[
-        bool, typer.Option("--noiseless", rich_help_panel=SENSOR, help="Blur only, no noise.")
+        bool, typer.Option("--noiseless", rich_help_panel=SENSOR, help="Add no noise.")
     ] = False,
     full_well: Annotated[
         float | None,
@@ -142,7 +148,7 @@ def simulate(
             metavar="E",
             min=1.0,
             rich_help_panel=SENSOR,
-            help="Most electrons that a pixel holds [default: the scene's].",
+            help="Full well of a pixel, e- [default: the scene's].",
         ),
     ] = None,
     adc_bits: Annotated[
@@ -153,7 +159,7 @@ def simulate(
             min=1,
             max=24,
             rich_help_panel=SENSOR,
-            help="Bits of the converter [default: no rounding].",
+            help="Bits of the analogue-to-digital converter [default: no rounding].",
         ),
     ] = None,
     seed: Annotated[
@@ -180,10 +186,6 @@ def simulate(
     json: JsonOption = False,
 ) -> None:
     """Capture a photograph, a layered scene or footage, and restore it."""
-    levels_and_steps = floor, ceiling, drive_steps
-    of_trace = middle_ms, closed, opened, column
-    told = half_exposure_ms, position_scale_px, *levels_and_steps, *of_trace
-    files_of_camera = Files(design, drive, measured, *told)
     if shutter is not None and any((design, drive, measured)):
         which = "--design" if design is not None else "--drive or --measured"
         raise ValueError(f"`--shutter` must be left out with {which}; got '{shutter}'.")
@@ -196,18 +198,35 @@ def simulate(
 
     scene = scene_of(scene_file)
     speed = read_speed(speed_text, scene_file, "--speed")
-    known = cameras(scene, files_of_camera)
-    chosen = list(known.values())[-1] if known else None
-    motion = scene.motion if chosen is None else chosen.motion
+    files_of_camera = CameraFiles(
+        design=design,
+        drive=drive,
+        measured=measured,
+        half_exposure_ms=half_exposure_ms,
+        position_scale_px=position_scale_px,
+        floor=floor,
+        ceiling=ceiling,
+        num_steps=drive_steps,
+        middle_ms=middle_ms,
+        closed=closed,
+        opened=opened,
+        column=column,
+    )
+    designs = cameras(scene, files_of_camera)
+    used = list(designs.values())[-1] if designs else None
+    motion = scene.motion if used is None else used.motion
     window = "hann" if shutter is None else shutter
-    profile = named_shutter(window) if chosen is None else chosen.shutter
-    seen = _subject(subject, scene, white, linear)
-    if speed and not isinstance(seen, Picture):
-        raise ValueError(f"`--speed` must be left out but for a photograph; got {speed:g}.")
+    profile = named_shutter(window) if used is None else used.shutter
+    photographed = _subject(subject, scene, white, linear)
+    if speed and not isinstance(photographed, Picture):
+        raise ValueError(f"`--speed` must stand beside a photograph alone; got {speed:g}.")
     folder = writable_folder(out)
-    with kept(lambda: AGAIN), progress_bar("capturing and restoring", _NUM_TICKS) as update:
+    with (
+        interruptible(lambda: AGAIN),
+        progress_bar("capturing and restoring", _NUM_TICKS) as update,
+    ):
         result = capture_and_restore(
-            seen,
+            photographed,
             scene,
             motion,
             profile,
@@ -220,13 +239,13 @@ def simulate(
         )
     write_picture(folder / "captured.png", result.captured)
     write_picture(folder / "restored.png", result.restored)
-    figures = _quality(seen, result.restored)
+    figures = _quality(photographed, result.restored)
     last = measured or drive or design
     name = f"{window} shutter" if last is None else shown_name(last.name)
-    moving = f", object at {speed:g} px/s" if isinstance(seen, Picture) else ""
+    moving = f", object at {speed:g} px/s" if isinstance(photographed, Picture) else ""
     level = f", {figures[_LINEAR]:.2f} dB (linear light)" if figures else ""
     picture = plot_capture(
-        seen,
+        photographed,
         result.captured,
         result.restored,
         camera=f"by {name}: {motion_text(motion)}{moving}",
@@ -235,25 +254,26 @@ def simulate(
     save_figure(picture, folder / "side_by_side.png")
     files = ["captured.png", "restored.png", "side_by_side.png"]
     if not figures:
-        note("no quality: each layer or frame moves on its own, and no one picture is the truth")
-    found = result.found
-    if found is not None and found.doubt:
-        note(f"warning: {found.doubt}")
+        note("no PSNR: layers and frames move by themselves, so that no one picture is the truth")
+    estimate = result.found
+    if estimate is not None and estimate.doubt:
+        note(f"warning: {estimate.doubt}")
     levels = {}
     if drive is not None or measured is not None:
-        levels = {name: float(camera.metrics.expected_psnr) for name, camera in known.items()}
+        levels = {name: float(camera.metrics.expected_psnr) for name, camera in designs.items()}
     if json:
         quality = {"quality": figures} if figures else {}
         expected = {"expected_psnr_db": levels} if levels else {}
-        speeds = {} if found is None else {"found": _found(found)}
+        speeds = {} if estimate is None else {"found": _estimate_document(estimate)}
         write_json(quality | expected | {"decoder": decoder.value, "files": files} | speeds)
     else:
         if figures:
             rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
             print_table(f"Restored by {decoder.value}", ["figure", "value"], rows)
-        if found is not None:
-            trust = "trusted" if found.trusted else "not trusted: restored for all likely speeds"
-            value = f"{found.speed:,.0f} +- {found.error:,.0f}"
+        if estimate is not None:
+            is_trusted = estimate.trusted
+            trust = "trusted" if is_trusted else "not trusted: restored for all likely speeds"
+            value = f"{estimate.speed:,.0f} +- {estimate.error:,.0f}"
             print_table("Speed found", ["px/s", ""], [[value, trust]])
         if levels:
             rows = [[name, f"{value:.3f}"] for name, value in levels.items()]
@@ -277,12 +297,12 @@ def reproduce(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Redo the published Figures 3 to 6 and say, point by point, what was met."""
+    """Redo the published Figures 3 to 6, and say of each statement whether it holds."""
     folder = writable_folder(out)
     start_jax()
     from mishutter.paper import reproduce as redo
 
-    with kept(lambda: AGAIN), progress_bar("reproducing", _NUM_TICKS) as update:
+    with interruptible(lambda: AGAIN), progress_bar("reproducing", _NUM_TICKS) as update:
         numbers = redo(
             folder,
             quick=quick,
@@ -303,11 +323,11 @@ def _subject(
     from mishutter.model import read_picture, scene_picture
 
     if path is None or is_layers_file(path):
-        what = "the scene's photograph" if path is None else "a layered scene"
+        subject = "the scene's photograph" if path is None else "a layered scene"
         for option, is_told in (("--white", white is not None), ("--linear", linear)):
             if is_told:
                 raise ValueError(
-                    f"`{option}` must be a key of the file that names the pictures of {what}; "
+                    f"`{option}` must be a key of the file that names the pictures of {subject}; "
                     "got an option."
                 )
     if path is None:
@@ -323,7 +343,7 @@ def _subject(
     return read_picture(path, white=white, linear=linear)
 
 
-def _decoder(name: DecoderName) -> Any:
+def _decoder(name: DecoderName) -> "AbstractDecoder":
     from mishutter.restore import decoders
 
     return {
@@ -336,24 +356,24 @@ def _decoder(name: DecoderName) -> Any:
     }[name]()
 
 
-def _found(found: "SpeedEstimate") -> dict[str, Any]:
-    """A speed that was found, as JSON has it."""
+def _estimate_document(estimate: "SpeedEstimate") -> dict[str, object]:
+    """An estimated speed, as JSON has it."""
     return {
-        "speed_px_per_s": found.speed,
-        "error_px_per_s": found.error,
-        "trusted": found.trusted,
-        "doubt": found.doubt,
+        "speed_px_per_s": estimate.speed,
+        "error_px_per_s": estimate.error,
+        "trusted": estimate.trusted,
+        "doubt": estimate.doubt,
     }
 
 
-def _quality(seen: "Picture | Layers | Frames", restored: Any) -> dict[str, float]:
-    """Figures of a restored photograph; none for what has no single truth."""
+def _quality(photographed: "Picture | Layers | Frames", restored: "np.ndarray") -> dict[str, float]:
+    """PSNR of a restored photograph; empty for layers and footage, which have no single truth."""
     from mishutter.model import Picture
     from mishutter.restore import psnr
 
-    if not isinstance(seen, Picture):
+    if not isinstance(photographed, Picture):
         return {}
     return {
-        "PSNR / dB": float(psnr(seen.light, restored)),
-        _LINEAR: float(psnr(seen.light, restored, gamma=False)),
+        "PSNR / dB": float(psnr(photographed.light, restored)),
+        _LINEAR: float(psnr(photographed.light, restored, gamma=False)),
     }

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from pydantic import ValidationError
@@ -25,32 +25,37 @@ from rich.table import Table
 
 from mishutter._core import describe, is_own_folder, requirement, strict_json
 
-AGAIN = "no result was kept; the same command begins again, with the programs compiled so far"
-"""What is said of work that keeps nothing until it is done."""
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
+AGAIN = "no result was saved; the same command begins again, with the programs compiled so far"
+"""Message of an interrupt of work that saves nothing before its end."""
 _WIDTH = 80
 """Columns of a table where standard output is no terminal and `COLUMNS` is not set."""
 _LEAST_TEXT = 16
-"""Columns of a table's first column, however narrow the terminal."""
+"""Least width of a table's first column."""
 _MOMENT = 0.05
 """Time for garbage to be collected; s."""
 _PATIENCE = 2.0
-"""Time after which work that goes on says so where standard error is no terminal; s."""
+"""Time until work first reports its progress where standard error is no terminal; s."""
 _PAUSE = 10.0
-"""Time between two such lines; s."""
+"""Time between two such reports; s."""
 
 _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The errors of the command line parser, whichever Click it was built on."""
 
 
 def error_line(error: BaseException, arguments: Sequence[str] = ()) -> str | None:
-    """`<what must hold>; got <what came>` for what the user can mend; None for a bug."""
+    """The line `<requirement>; got <value>` for an error of the user's; None for a bug."""
     if isinstance(error, _PARSER.UsageError):
         return _one_line(_usage_line(error, arguments))
     if type(error).__name__ == "EquinoxRuntimeError":
         return _one_line(_innermost(str(error)))
     if isinstance(error, OSError) and error.strerror:
         name = f"'{error.filename}'" if error.filename is not None else "a file"
-        return f"{name} must be readable and writable as asked; got: {error.strerror}"
+        if isinstance(error, FileNotFoundError):
+            return f"{name} must exist; got: file not found"
+        return f"{name} must be accessible; got: {error.strerror}"
     own = type(error).__module__.startswith("mishutter.")
     return _one_line(str(error)) if own or isinstance(error, ValueError | OSError) else None
 
@@ -62,8 +67,8 @@ def _usage_line(error: Any, arguments: Sequence[str]) -> str:
         return f"every option must be one of those of --help{near}; got {got}"
     if isinstance(error, _PARSER.BadOptionUsage):
         is_last = arguments[-1] == error.option_name
-        wanted = "be followed by a value; got nothing" if is_last else "stand alone; got a value"
-        return f"`{error.option_name}` must {wanted}"
+        must = "be followed by a value; got nothing" if is_last else "stand alone; got a value"
+        return f"`{error.option_name}` must {must}"
     if isinstance(error, _PARSER.BadParameter):
         hint = error.param.get_error_hint().replace("'", "`")
         return f"{hint} must {_value_line(error)}"
@@ -87,8 +92,8 @@ def _value_line(error: Any) -> str:
         return error.message
     problem = error.__cause__.errors()[0]
     choices = problem["msg"].partition(" is not ")[2].removesuffix(".")
-    wanted = f"be {choices}" if choices else requirement(problem)
-    return f"{wanted}; got {describe(problem['input'])}"
+    must = f"be {choices}" if choices else requirement(problem)
+    return f"{must}; got {describe(problem['input'])}"
 
 
 def _one_line(message: str) -> str:
@@ -97,7 +102,7 @@ def _one_line(message: str) -> str:
 
 
 def _innermost(message: str) -> str:
-    """The message given to `eqx.error_if`, without the stack and advice around it."""
+    """The message of an `eqx.error_if`, without the stack and advice around it."""
     text = message.rsplit("EquinoxRuntimeError: ", 1)[-1]
     return text.split("\n\n---", 1)[0]
 
@@ -108,46 +113,46 @@ def write_error(line: str) -> None:
 
 
 def note(text: str) -> None:
-    """A message about the run, on standard error; work goes on where nobody reads it."""
+    """Writes a message about the run to standard error; a closed pipe does not end the work."""
     with suppress(BrokenPipeError):
         sys.stderr.write(text + "\n")
 
 
 @contextmanager
 def doubts_as_notes() -> Iterator[None]:
-    """A note, once, for each doubt about a picture's file, in place of Python's warning."""
-    said: set[str] = set()
+    """Turns each warning about a picture's file into one note, however often it is raised."""
+    notes: set[str] = set()
     with warnings.catch_warnings():
         otherwise = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
             if category.__name__ != "PictureWarning":
                 otherwise(message, category, *place)
-            elif str(message) not in said:
-                said.add(str(message))
+            elif str(message) not in notes:
+                notes.add(str(message))
                 note(str(message))
 
         warnings.showwarning = show
         yield
 
 
-def write_json(document: Mapping[str, Any]) -> None:
-    """One strict JSON document on standard output."""
+def write_json(document: Mapping[str, object]) -> None:
+    """Writes one strict JSON document to standard output."""
     sys.stdout.write(strict_json(document) + "\n")
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on standard output; the first column is text, the others numbers.
+    """Prints a table; its first column is text, the others are numbers.
 
-    Columns without room go on below, beside the first column once more: no number is cut.
-    That column takes at most half the room then, and has lines broken.
+    Columns that do not fit follow in a second table beside a repeated first column, so that no
+    number is cut. The first column is wrapped at half the width of the terminal then.
     """
     console = _console()
     cells = [[str(row[index]) for row in rows] for index in range(len(columns))]
-    full = [max(map(cell_len, (name, *held))) for name, held in zip(columns, cells, strict=True)]
+    full = [max(map(cell_len, (name, *texts))) for name, texts in zip(columns, cells, strict=True)]
     least = [
-        max(map(cell_len, ("", *name.split(), *held)))
-        for name, held in zip(columns, cells, strict=True)
+        max(map(cell_len, ("", *name.split(), *texts)))
+        for name, texts in zip(columns, cells, strict=True)
     ]
     least[0] = min(full[0], max(console.width // 2, _LEAST_TEXT))
     for part in _parts(least, console.width):
@@ -171,7 +176,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
 
 
 def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Columns of each part of a table, the first in all of them, as many as there is room for."""
+    """Divides the columns of a table into parts that fit; the first column begins each part."""
     parts = [[0]]
     for index in range(1, len(widths)):
         if len(parts[-1]) > 1 and _across(widths, [*parts[-1], index]) > room:
@@ -181,27 +186,27 @@ def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
 
 
 def _across(widths: Sequence[int], part: Sequence[int]) -> int:
-    """Width of a table of some columns, with what stands between them."""
+    """Width of a table of some columns, gaps included."""
     return 1 + sum(widths[index] + 2 for index in part)
 
 
 def print_text(text: str = "") -> None:
-    """A line of results on standard output."""
+    """Prints a line of results."""
     _console().print(text, soft_wrap=True)
 
 
 def folded(line: str, indent: int) -> str:
-    """A line of results, what is wider than the terminal on lines below that begin further in."""
+    """Wraps a line of results to the terminal, with an indent from the second line on."""
     width = max(_console().width, indent + _LEAST_TEXT)
     return "\n".join(textwrap.wrap(line, width, subsequent_indent=" " * indent))
 
 
 def _console() -> Console:
-    """Of text as it is: the name of a design may hold brackets and colons."""
+    """A console without markup: the name of a design may hold brackets and colons."""
     columns, height = shutil.get_terminal_size()
-    is_known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
-    width = columns if is_known else _WIDTH
-    # Rich takes a terminal without control codes to be 80 wide unless it is told both.
+    has_width = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    width = columns if has_width else _WIDTH
+    # Rich takes a terminal without control codes for 80 columns wide unless it gets both.
     return Console(
         file=sys.stdout, width=width, height=height, markup=False, emoji=False, highlight=False
     )
@@ -209,24 +214,25 @@ def _console() -> Console:
 
 @contextmanager
 def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
-    """Progress on standard error while work goes on: `update(done, message)`.
+    """Shows progress on standard error; yields `update(done, message)`.
 
-    A terminal shows a bar, with the time gone and the time to go; elsewhere a line is written
-    now and then.
+    A terminal shows a bar with the elapsed and the remaining time; a file gets a line now and
+    then.
     """
     console = Console(file=sys.stderr)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-        TextColumn("{task.fields[message]}"),
-        TimeElapsedColumn(),
-        TextColumn("gone,"),
-        TimeRemainingColumn(),
-        TextColumn("to go"),
-    )
     if console.is_terminal:
-        with Progress(*columns, console=console, transient=True) as progress:
+        with Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+            TextColumn("{task.fields[message]}"),
+            TimeElapsedColumn(),
+            TextColumn("gone,"),
+            TimeRemainingColumn(),
+            TextColumn("to go"),
+            console=console,
+            transient=True,
+        ) as progress:
             task = progress.add_task(label, total=total, message="")
             yield lambda done, message="": progress.update(task, completed=done, message=message)
         return
@@ -236,7 +242,7 @@ def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]
 
 
 class _State:
-    """How far some work has come."""
+    """The progress of some work, in words."""
 
     def __init__(self, total: int):
         self._total = total
@@ -245,7 +251,7 @@ class _State:
         self._begin = time.monotonic()
 
     def update(self, done: int, message: str = "") -> None:
-        """Take note of what is done; the first time stands for work that was done before."""
+        """Records the progress; the first call counts what an earlier run did."""
         del message
         self._done = done
         if self._first is None:
@@ -256,14 +262,14 @@ class _State:
         words = f"{self._done} of {self._total} after {now - self._begin:.0f} s"
         done, since = self._first or (0, now)
         if self._done > done:
-            left = (self._total - self._done) * (now - since) / (self._done - done)
-            words += f", about {left:.0f} s to go"
+            remaining = (self._total - self._done) * (now - since) / (self._done - done)
+            words += f", about {remaining:.0f} s to go"
         return words
 
 
 @contextmanager
 def _lines(text: Callable[[], str]) -> Iterator[None]:
-    """A line on standard error after a while, and now and then from there on."""
+    """Writes a line to standard error after a while, and again at intervals."""
     ended = threading.Event()
 
     def write() -> None:
@@ -282,9 +288,9 @@ def _lines(text: Callable[[], str]) -> Iterator[None]:
 
 
 def take_any_text() -> None:
-    """Standard output and error that fail on no character, and on none where they are closed.
+    """Makes standard output and error accept every character, or drop all where they are closed.
 
-    An encoding that lacks a letter, of a name or a unit, would lose the whole result.
+    Otherwise an encoding that lacks one letter of a name or a unit would lose the whole result.
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
@@ -295,12 +301,11 @@ def take_any_text() -> None:
 
 
 @contextmanager
-def may_be_left() -> Iterator[None]:
-    """Output whose reader may leave before its end, as `head` does, which is no failure.
+def closable_output() -> Iterator[None]:
+    """Lets the reader of the output leave before its end, as `head` does.
 
     Raises:
-        SystemExit: as the work within does; not where Typer or Rich end the process because a
-            pipe is closed.
+        SystemExit: if the work within raises it, but not if Typer or Rich do at a closed pipe.
     """
     streams = sys.stdout, sys.stderr  # Typer puts others in their place
     try:
@@ -320,22 +325,25 @@ def may_be_left() -> Iterator[None]:
 
 @contextmanager
 def working(label: str) -> Iterator[None]:
-    """A sign of life on standard error while something goes on that has no steps to count."""
+    """Shows on standard error that work without countable steps goes on."""
     console = Console(file=sys.stderr)
     with console.status(label) if console.is_terminal else _lines(lambda: f"{label} ..."):
         yield
 
 
 class InterruptedWorkError(Exception):
-    """An interrupt of the user's, with what was kept and how to go on."""
+    """An interrupt by the user; its message says what was saved and how to go on."""
 
 
 @contextmanager
-def kept(text: Callable[[], str]) -> Iterator[None]:
-    """Work that keeps something, or nothing, where the user interrupts it.
+def interruptible(text: Callable[[], str]) -> Iterator[None]:
+    """Says what an interrupt leaves behind.
+
+    Args:
+        text: Called after an interrupt; returns what was saved and how to go on.
 
     Raises:
-        InterruptedWorkError: in place of `KeyboardInterrupt`, with what is said of that.
+        InterruptedWorkError: in place of `KeyboardInterrupt`, with that text.
     """
     try:
         yield
@@ -345,26 +353,27 @@ def kept(text: Callable[[], str]) -> Iterator[None]:
 
 @contextmanager
 def ends_when_asked() -> Iterator[None]:
-    """SIGTERM ends what is under way as an exit does, so that no file is left half written.
+    """Turns SIGTERM into `SystemExit`, so that no file is half written.
 
-    An interrupt or a termination that comes while Python collects garbage, as JAX has it do
-    all the time, is raised where nothing can pass it on: then it is sent once more.
+    A signal that arrives while Python collects garbage, which JAX causes often, raises an error
+    that Python drops: the signal is sent once more then.
 
     Raises:
-        SystemExit: with 143, as a shell tells of a process that was terminated.
+        SystemExit: with 143, the exit code of a terminated process.
     """
 
     def end(*_: object) -> None:
         raise SystemExit(128 + signal.SIGTERM)
 
-    def send_again(lost: Any) -> None:
-        number = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}.get(lost.exc_type)
+    def send_again(dropped: "UnraisableHookArgs") -> None:
+        signals = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}
+        number = signals.get(dropped.exc_type)
         if number is None:
-            before_hook(lost)
+            before_hook(dropped)
         else:
             threading.Timer(_MOMENT, os.kill, (os.getpid(), number)).start()
 
-    if threading.current_thread() is not threading.main_thread():  # which alone is told
+    if threading.current_thread() is not threading.main_thread():  # Python signals no other
         yield
         return
     before, before_hook = signal.signal(signal.SIGTERM, end), sys.unraisablehook
@@ -377,19 +386,20 @@ def ends_when_asked() -> Iterator[None]:
 
 
 def start_jax() -> None:
-    """64-bit numbers, and JAX's own cache of compiled programs where the user named no other.
+    """Sets 64-bit numbers, and JAX's cache of compiled programs unless the user chose one.
 
-    It lies in the user's cache folder if that is the user's alone: what is in it is run.
+    The cache lies in the user's cache folder if nobody else can write there: its programs are
+    run.
     """
     import jax
     from platformdirs import user_cache_path
 
     jax.config.update("jax_enable_x64", True)
     # XLA takes the preferences of some processors for missing instructions, and writes an error
-    # of 4,000 letters for each program that it reads. Messages of JAX itself stay, and whoever
-    # chose what XLA writes sees it: JAX chooses 1.
-    chosen = os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") != "1"
-    if not chosen and getattr(jax.config, "jax_logging_level", None) == "NOTSET":
+    # of 4,000 letters for each program that it reads. Messages of JAX itself stay, and so does
+    # a level that the user set; JAX itself sets 1.
+    has_level = os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") != "1"
+    if not has_level and getattr(jax.config, "jax_logging_level", None) == "NOTSET":
         jax.config.update("jax_logging_level", "CRITICAL")
         for name in ("jax", "jaxlib"):
             logging.getLogger(name).setLevel(logging.NOTSET)

@@ -13,12 +13,12 @@ def explore(
     scene_file: SceneArgument = None,
     port: Annotated[
         int,
-        typer.Option("--port", min=0, max=65535, help="Port to listen at; 0: any that is free."),
+        typer.Option("--port", min=0, max=65535, help="Port to listen at; 0 takes any free port."),
     ] = 0,
     host: Annotated[
         str,
         typer.Option(
-            "--host", help="Address to listen at; the default is seen by this machine alone."
+            "--host", help="Address to listen at; only this machine can reach the default."
         ),
     ] = "127.0.0.1",
     no_browser: Annotated[
@@ -27,7 +27,7 @@ def explore(
 ) -> None:
     """Open a page on which a design follows the scene while sliders move."""
     try:
-        import tornado  # noqa: F401 - what only this command needs
+        import tornado  # noqa: F401 - only this command needs it
     except ImportError:
         raise ValueError(
             "`explore` must find the package tornado; got none: pip install 'mishutter[explore]'."

@@ -1,6 +1,7 @@
 """The command that hands a design to the electronics: `export`."""
 
 import sys
+from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class FormatName(Enum):
-    """Formats that `--format` names."""
+    """The formats of `--format`."""
 
     CSV = "csv"
     COLUMN = "column"
@@ -37,13 +38,14 @@ _BY_CONTENT = {
     FormatName.NPY: "the half exposure, the scale of positions and the levels' transmittances",
     FormatName.PULSES: "the half exposure",
 }
-"""What a reader of each format must be told."""
+"""Numbers that a file of each format lacks, and that its reader asks for."""
 
 
 def export(
     design: Annotated[
         Path, typer.Argument(metavar="DESIGN.json", parser=as_path, help="Saved design.")
     ],
+    *,
     out: OutOption = None,
     json: JsonOption = False,
     num_steps: Annotated[
@@ -54,7 +56,7 @@ def export(
             min=1,
             max=100_000,
             rich_help_panel=TABLE,
-            help="Equal steps of the exposure [default: the device's slots, or 256].",
+            help="Number of equal steps of the exposure [default: the device's slots, or 256].",
         ),
     ] = None,
     num_levels: Annotated[
@@ -65,7 +67,8 @@ def export(
             min=2,
             max=1 << 24,
             rich_help_panel=TABLE,
-            help="Drive levels [default: 2 of pulses, the device's, or 256].",
+            help="Number of drive levels [default: 2 with --format pulses, otherwise the "
+            "device's, or 256].",
         ),
     ] = None,
     floor: FloorOption = 0.0,
@@ -76,15 +79,15 @@ def export(
             "--format",
             metavar="NAME",
             rich_help_panel=TABLE,
-            help="csv: names, units, one row a step. column: one of -1 to 1. keysight: CSV of "
-            "shutter, position, gate. rigol: .RAF. npy: (channels, samples). pulses: time closed "
-            "and open of each, us.",
+            help="csv: names, units, one row for each step. column: one column from -1 to 1. "
+            "keysight: CSV of shutter, position and gate. rigol: .RAF. npy: array of (channels, "
+            "samples). pulses: times closed and open of each pulse, us.",
         ),
     ] = FormatName.CSV,
 ) -> None:
-    """Write the drive table of a saved design: the level of each step, and what is lost by it.
+    """Write the drive table of a saved design, the level of each step, and say what it costs.
 
-    With --out also the path of the stage, from rest to rest.
+    --out also writes the path of the stage, from rest to rest.
     """
     pulses = form is FormatName.PULSES
     levels = 2 if pulses and num_levels is None else num_levels
@@ -92,7 +95,7 @@ def export(
         got = f"{levels} levels from {floor:g} to {ceiling:g}"
         raise ValueError(f"`--format pulses` must have 2 levels from 0 to 1; got {got}.")
     if form in _BINARY and out is None and not json:
-        raise ValueError(f"`--out` must be given for a file of bytes; got --format {form.value}.")
+        raise ValueError(f"`--out` must be given for a binary file; got --format {form.value}.")
     start_jax()
     from mishutter.hardware import Design, drive_bytes, drive_table
 
@@ -140,25 +143,26 @@ def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
     if beyond is not None:
         note(
             f"stage.csv travels {beyond:.4g} px, beyond the limit on travel: limit the "
-            "acceleration too, without which a search has a stage run up at once"
+            "acceleration too, or the search assumes that the stage runs up at once"
         )
     return [name, "drive.png", "stage.csv"]
 
 
 def _without_path(design: "Design") -> str:
-    """Why a design has no path of the stage, in words."""
+    """The reason for which a design has no path of the stage, in words."""
     velocity = float(design.motion.velocity)
     if velocity == 0:
         return "the sensor stays at rest"
     if design.scene.limits.pans == "camera":
         return f"the stage stays at rest while the camera pans at {velocity:g} px/s"
     return (
-        f"the stage pans at {velocity:g} px/s, and how it comes to that is not limited: set "
+        f"the stage pans at {velocity:g} px/s, and no limit says how it gets there: set "
         "max_acceleration in [limits] of the scene"
     )
 
 
-def _print_losses(document: dict[str, Any]) -> None:
+def _print_losses(document: Mapping[str, Any]) -> None:
+    """Prints the metrics of a design beside those of its drive table."""
     columns = {"design": "metrics_of_design", "as driven": "metrics"}
     if "metrics_of_blind_stage" in document:
         columns["stage sent its path"] = "metrics_of_blind_stage"

@@ -1,9 +1,10 @@
-"""The command that finds a camera in what it recorded: `fit`."""
+"""The command that measures a camera by what it recorded: `fit`."""
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -28,9 +29,10 @@ def fit(
         typer.Argument(
             metavar="MEASUREMENTS.toml",
             parser=as_path,
-            help="Pictures of a point or an edge, how the sensor counts, and a trace.",
+            help="File that lists pictures of a point or an edge, the sensor's gain, and a trace.",
         ),
     ],
+    *,
     design: Annotated[
         Path,
         typer.Option(
@@ -48,7 +50,7 @@ def fit(
             metavar="FILE",
             parser=as_path,
             rich_help_panel=CAMERA,
-            help="CSV table that was sent.",
+            help="Drive table that was sent, as CSV.",
         ),
     ] = None,
     num_coefficients: Annotated[
@@ -59,7 +61,7 @@ def fit(
             min=4,
             max=64,
             rich_help_panel=SEARCH,
-            help="Coefficients of the profile that is found.",
+            help="Number of coefficients of the fitted profile.",
         ),
     ] = 12,
     redesign: Annotated[
@@ -67,29 +69,29 @@ def fit(
         typer.Option(
             "--redesign",
             rich_help_panel=SEARCH,
-            help="Find the best profile for what was built too.",
+            help="Search for the best profile of the fitted camera too.",
         ),
     ] = False,
     out: OutOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Find a camera as it was built, with error bars, and what it is worth."""
+    """Fit a camera as it was built, with error bars, and say what it is worth."""
     start_jax()
     from mishutter.hardware import Design, for_a_fit, read_measurements
     from mishutter.hardware import fit as fitted
 
     saved = Design.load(design)
-    found = read_measurements(measurements)
-    if found.trace is not None:
+    records = read_measurements(measurements)
+    if records.trace is not None:
         half = float(saved.motion.half_exposure)
-        trace, sentences = for_a_fit(found.trace, half, f"{measurements}: trace")
-        found = found._replace(trace=trace)
+        trace, sentences = for_a_fit(records.trace, half, f"{measurements}: trace")
+        records = records._replace(trace=trace)
         for sentence in sentences:
             note(f"{measurements}: trace: {sentence}")
     folder = None if out is None else writable_folder(out)
     with working("fitting"), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "fit: ")  # it is said below, without a line of code
-        camera = fitted(found, saved.motion, saved.shutter, num_coefficients=num_coefficients)
+        warnings.filterwarnings("ignore", "fit: ")  # printed below, without a line of code
+        camera = fitted(records, saved.motion, saved.shutter, num_coefficients=num_coefficients)
     with working("measuring each camera"):
         cameras = _cameras(camera, saved, drive, redesign)
         levels = {name: float(each.metrics.expected_psnr) for name, each in cameras.items()}
@@ -107,18 +109,18 @@ def fit(
 def _cameras(
     camera: "FittedCamera", saved: "Design", drive: Path | None, redesign: bool
 ) -> "dict[str, Design]":
-    """Cameras on the scene behind the lens that was found, which all of them have."""
+    """The camera as designed, driven, built and re-designed, each behind the fitted lens."""
     from mishutter.hardware import GIVEN, Design
     from mishutter.search import optimise
 
-    seen = camera.seen_through_lens(saved.scene)
-    found = {AS_DESIGNED: replace(saved, scene=seen, loss_name=GIVEN)}
+    scene = camera.seen_through_lens(saved.scene)
+    cameras = {AS_DESIGNED: replace(saved, scene=scene, loss_name=GIVEN)}
     if drive is not None:
-        found[AS_DRIVEN] = Design.from_drive(drive, seen, saved.motion)
-    found[AS_BUILT] = camera.design(saved.scene)
+        cameras[AS_DRIVEN] = Design.from_drive(drive, scene, saved.motion)
+    cameras[AS_BUILT] = camera.design(saved.scene)
     if redesign:
-        found[REDESIGNED] = optimise(seen, camera.motion, free="shutter")
-    return found
+        cameras[REDESIGNED] = optimise(scene, camera.motion, free="shutter")
+    return cameras
 
 
 def _write(
@@ -137,7 +139,7 @@ def _write(
     return files
 
 
-def _print(camera: "FittedCamera", levels: dict[str, Any]) -> None:
+def _print(camera: "FittedCamera", levels: Mapping[str, float]) -> None:
     rows = [[n, f"{e.value:.6g}", f"{e.error:.2g}"] for n, e in camera.estimates.items()]
     each = zip(camera.coefficients, camera.coefficient_errors, strict=True)
     rows += [[f"transmittance {k}", f"{c:.4f}", f"{e:.2g}"] for k, (c, e) in enumerate(each)]
@@ -160,7 +162,7 @@ def _above_open(camera: "FittedCamera") -> str:
     value = float(camera.coefficients[k])
     bars = (value - 1) / float(camera.coefficient_errors[k])
     return (
-        f"Transmittance {k}, of {value:.2f}, is {bars:.1f} error bars above an open shutter. Only "
-        "the shape of a profile is seen, and it is given the light that was sent: more than two "
-        "error bars say that the shutter passed less. The files have 1 there."
+        f"Transmittance {k}, of {value:.2f}, is {bars:.1f} error bars above an open shutter. A fit "
+        "sees only the shape of a profile, and scales it to the efficiency that was sent: more "
+        "than two error bars mean that the shutter passed less. The files have 1 there."
     )

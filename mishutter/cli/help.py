@@ -1,21 +1,27 @@
-"""The text of `--help`: options and commands in groups that say what they are for.
+"""The text of `--help`: options and commands in groups by their purpose.
 
-Typer groups in boxes alone, in which long names are cut; here groups are plain text.
+Typer draws groups only as boxes, which cut long names; these are plain text.
 """
 
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 from typer.core import TyperCommand, TyperGroup
 
-DESIGN = "What to design"
-MOVES = "What may move"
-SEARCH = "The search"
-SENSOR = "The sensor"
-CAMERA = "A camera that exists"
+if TYPE_CHECKING:
+    from typer._click.formatting import HelpFormatter
+
+Groups = dict[str, list[tuple[str, str]]]
+"""Names of options or commands and their help, by the title of their group."""
+
+DESIGN = "Designs and losses"
+MOVES = "Free parts of the design"
+SEARCH = "Search"
+SENSOR = "Sensor"
+CAMERA = "Camera as built"
 PICTURES = "Photographs"
 OUTPUT = "Output"
-TABLE = "The drive table"
-MAP = "The map"
+TABLE = "Drive table"
+MAP = "Map"
 
 _ORDER = (DESIGN, MOVES, MAP, SEARCH, CAMERA, PICTURES, SENSOR, TABLE, OUTPUT)
 
@@ -27,34 +33,35 @@ TO_BEGIN = "Begin"
 
 @final
 class GroupedCommand(TyperCommand):
-    """A command whose options are listed by the groups that they name."""
+    """A command whose help lists options by group."""
 
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write arguments and options, those without a group at the end."""
-        found: dict[str, list[Any]] = {name: [] for name in ("Arguments", *_ORDER, "Options")}
+    def format_options(self, ctx: Any, formatter: "HelpFormatter") -> None:
+        """Writes arguments and options, those without a group at the end."""
+        groups: Groups = {name: [] for name in ("Arguments", *_ORDER, "Options")}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None:
                 kind = "Arguments" if parameter.param_type_name == "argument" else "Options"
-                found[getattr(parameter, "rich_help_panel", None) or kind].append(record)
-        _write(formatter, found)
+                groups[getattr(parameter, "rich_help_panel", None) or kind].append(record)
+        _write(formatter, groups)
 
 
 @final
 class GroupedCommands(TyperGroup):
-    """All commands, listed by the groups that they name."""
+    """The program, whose help lists commands by group."""
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the commands, each with its first sentence."""
-        found: dict[str, list[Any]] = {name: [] for name in (TO_DESIGN, TO_SEE, TO_BUILD, TO_BEGIN)}
+    def format_commands(self, ctx: Any, formatter: "HelpFormatter") -> None:
+        """Writes the commands, each with its first sentence."""
+        groups: Groups = {name: [] for name in (TO_DESIGN, TO_SEE, TO_BUILD, TO_BEGIN)}
         for name in self.list_commands(ctx):
-            command: Any = self.get_command(ctx, name)
-            sentence = " ".join(command.help.partition("\n\n")[0].split())
-            found[command.rich_help_panel].append((name, sentence))
-        _write(formatter, found)
+            command = self.get_command(ctx, name)
+            if isinstance(command, GroupedCommand) and command.help:
+                sentence = " ".join(command.help.partition("\n\n")[0].split())
+                groups[command.rich_help_panel or TO_BEGIN].append((name, sentence))
+        _write(formatter, groups)
 
 
-def _write(formatter: Any, groups: dict[str, list[Any]]) -> None:
+def _write(formatter: "HelpFormatter", groups: Groups) -> None:
     for title, records in groups.items():
         if records:
             with formatter.section(title):

@@ -26,7 +26,7 @@ DriveOption = Annotated[
         metavar="FILE",
         rich_help_panel=CAMERA,
         parser=as_path,
-        help="Drive table, in any format of `export`; what it does not hold is the design's.",
+        help="Drive table, in any format of `export`; the design supplies what the file lacks.",
     ),
 ]
 MeasuredOption = Annotated[
@@ -36,7 +36,7 @@ MeasuredOption = Annotated[
         metavar="FILE",
         rich_help_panel=CAMERA,
         parser=as_path,
-        help="Photodiode's trace in place of the shutter: text, as an oscilloscope exports it.",
+        help="Photodiode trace that replaces the shutter: text, as an oscilloscope exports it.",
     ),
 ]
 ColumnOption = Annotated[
@@ -45,7 +45,7 @@ ColumnOption = Annotated[
         "--measured-column",
         metavar="NAME",
         rich_help_panel=CAMERA,
-        help="Column of levels of the trace [default: the only one, or that named level].",
+        help="Column of the trace that holds levels [default: the only one, or `level`].",
     ),
 ]
 HalfExposureOption = Annotated[
@@ -54,7 +54,7 @@ HalfExposureOption = Annotated[
         "--half-exposure-ms",
         metavar="MS",
         rich_help_panel=CAMERA,
-        help="Half exposure of a table without time [default: the design's or the scene's].",
+        help="Half exposure of a table without times [default: the design's or the scene's].",
     ),
 ]
 PositionScaleOption = Annotated[
@@ -63,7 +63,7 @@ PositionScaleOption = Annotated[
         "--position-scale-px",
         metavar="PX",
         rich_help_panel=CAMERA,
-        help="Position at 1, of a table with positions in [-1, 1].",
+        help="Position in px that 1 stands for, in a table with positions in [-1, 1].",
     ),
 ]
 FloorOption = Annotated[
@@ -91,7 +91,7 @@ StepsOption = Annotated[
         metavar="N",
         rich_help_panel=CAMERA,
         min=1,
-        help="Steps of the exposure, of a Rigol file that a generator has filled up with zeros.",
+        help="Number of steps of the exposure, for a Rigol file that is padded with zeros.",
     ),
 ]
 MiddleOption = Annotated[
@@ -100,7 +100,7 @@ MiddleOption = Annotated[
         "--mid-exposure-ms",
         metavar="MS",
         rich_help_panel=CAMERA,
-        help="Mid-exposure on the clock of the trace.",
+        help="Time of mid-exposure on the clock of the trace.",
     ),
 ]
 ClosedOption = Annotated[
@@ -119,24 +119,24 @@ OpenOption = Annotated[
         "--open-level",
         metavar="LEVEL",
         rich_help_panel=CAMERA,
-        help="Level of the trace where the shutter is open, below --closed-level by an inverted "
-        "photodiode [default: the extreme of its fit].",
+        help="Level of the trace where the shutter is open; below --closed-level if the "
+        "photodiode is inverted [default: the extreme of its fit].",
     ),
 ]
 
 
-class Files(NamedTuple):
-    """Files of one camera, and what their readers were told.
+class CameraFiles(NamedTuple):
+    """Files of one camera, and the numbers that these files lack.
 
     Attributes:
         design: Saved design.
         drive: Drive table.
         measured: Trace.
-        half_exposure_ms: Of a table without time.
-        position_scale_px: Of positions in [-1, 1].
+        half_exposure_ms: Half exposure of a table without times.
+        position_scale_px: Position that 1 stands for, in a table with positions in [-1, 1].
         floor: Transmittance of the lowest level.
         ceiling: Transmittance of the highest level.
-        num_steps: Steps of the exposure, of a file that is filled up.
+        num_steps: Steps of the exposure, for a file that is padded with zeros.
         middle_ms: Mid-exposure on the clock of the trace.
         closed: Level of the trace where the shutter is closed.
         opened: Level of the trace where the shutter is open.
@@ -156,46 +156,41 @@ class Files(NamedTuple):
     opened: float | None
     column: str | None
 
-    @property
-    def is_from_laboratory(self) -> bool:
-        """Whether there is anything but a design."""
-        return self.drive is not None or self.measured is not None
 
-
-def cameras(scene: "Scene", files: Files) -> "dict[str, Design]":
-    """The camera as designed, as driven and as measured, as far as there is a file of each."""
+def cameras(scene: "Scene", files: CameraFiles) -> "dict[str, Design]":
+    """The camera as designed, as driven and as measured, for each of which there is a file."""
     from mishutter.hardware import GIVEN, Design
 
     _require_table(files)
-    found: dict[str, Design] = {}
+    designs: dict[str, Design] = {}
     motion = scene.motion
     if files.design is not None:
         saved = Design.load(files.design)
         motion = saved.motion
-        light = scene.light(saved.command, motion)
-        found[AS_DESIGNED] = replace(saved, scene=scene, shutter=light, loss_name=GIVEN)
-    told = None if files.half_exposure_ms is None else files.half_exposure_ms * 1e-3
+        transmittance = scene.light(saved.command, motion)
+        designs[AS_DESIGNED] = replace(saved, scene=scene, shutter=transmittance, loss_name=GIVEN)
+    half_exposure = None if files.half_exposure_ms is None else files.half_exposure_ms * 1e-3
     if files.drive is not None:
         driven = Design.from_drive(
             files.drive,
             scene,
             motion,
-            half_exposure=told,
+            half_exposure=half_exposure,
             position_scale=files.position_scale_px,
             floor=files.floor,
             ceiling=files.ceiling,
             num_steps=files.num_steps,
         )
         motion = driven.motion
-        found[AS_DRIVEN] = driven
+        designs[AS_DRIVEN] = driven
     if files.measured is not None:
-        found[AS_MEASURED] = _measured(scene, motion, files, files.measured)
-    return found
+        designs[AS_MEASURED] = _measured(scene, motion, files, files.measured)
+    return designs
 
 
-def _require_table(files: Files) -> None:
-    """Refuse what is told of a drive table where there is none."""
-    told = {
+def _require_table(files: CameraFiles) -> None:
+    """Raises `ValueError` if there are numbers of a drive table but no table."""
+    numbers = {
         "--half-exposure-ms": files.half_exposure_ms,
         "--position-scale-px": files.position_scale_px,
         "--drive-steps": files.num_steps,
@@ -203,11 +198,11 @@ def _require_table(files: Files) -> None:
     requirement = (
         "stand beside --drive: a trace is as long as the design's exposure, or the scene's"
     )
-    for name, value in told.items():
+    for name, value in numbers.items():
         require(files.drive is not None or value is None, name, requirement, value)
 
 
-def _measured(scene: "Scene", motion: "AbstractMotion", files: Files, path: Path) -> "Design":
+def _measured(scene: "Scene", motion: "AbstractMotion", files: CameraFiles, path: Path) -> "Design":
     from mishutter.hardware import given_design, measured_profile, read_trace
 
     profile = measured_profile(

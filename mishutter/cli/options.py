@@ -1,4 +1,4 @@
-"""Arguments and options that the commands share, and what they stand for."""
+"""Arguments and options that the commands share, and the objects that they name."""
 
 from enum import Enum
 from pathlib import Path
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class LossName(Enum):
-    """Losses that `--loss` names."""
+    """The losses of `--loss`."""
 
     EXPECTED_ERROR = "expected-error"
     KNOWN_SPEED = "known-speed"
@@ -24,7 +24,7 @@ class LossName(Enum):
 
 
 class FreeName(Enum):
-    """What `--free` names."""
+    """The parts of a design that `--free` lets move."""
 
     SHUTTER = "shutter"
     ACCELERATION = "acceleration"
@@ -34,7 +34,7 @@ class FreeName(Enum):
 
 
 def as_path(text: str | Path) -> Path:
-    """The path that an argument gives; `Path("")` would be the current folder."""
+    """The path of an argument; an empty one is refused, as `Path("")` is the current folder."""
     if text == "":
         raise typer.BadParameter("be a path of at least one character; got ''")
     return Path(text)
@@ -45,7 +45,7 @@ SceneArgument = Annotated[
     typer.Argument(
         metavar="[SCENE.toml]",
         parser=as_path,
-        help="What is photographed: a scene file [default: the built-in scene].",
+        help="Scene file: speeds, noise and limits of the camera [default: the built-in scene].",
     ),
 ]
 OutOption = Annotated[
@@ -55,7 +55,7 @@ OutOption = Annotated[
         metavar="DIR",
         parser=as_path,
         rich_help_panel=OUTPUT,
-        help="Folder for designs and pictures, made where there is none.",
+        help="Folder for designs and pictures; created if it does not exist.",
     ),
 ]
 JsonOption = Annotated[
@@ -73,11 +73,11 @@ LossOption = Annotated[
         metavar="NAME",
         show_default=False,
         rich_help_panel=DESIGN,
-        help="What is made small. expected-error: the error of the restored picture by one filter "
-        "for all speeds. worst-speed: the same at the worst of the speeds. known-speed: by a "
-        "filter that is told the speed. found-speed: by a decoder that finds the speed in the "
-        "picture. design: condition number, kernel difference and lost light; it knows no noise "
-        "and moves the profile alone [default: the error by the scene's decoder].",
+        help="Quantity to minimise. expected-error: the error of the restored picture by one "
+        "filter for all speeds. worst-speed: the same at the worst of the speeds. known-speed: by "
+        "a filter that is told the speed. found-speed: by a decoder that finds the speed in the "
+        "picture. design: condition number, kernel difference and lost light; it ignores noise "
+        "and moves only the profile [default: the error by the scene's decoder].",
     ),
 ]
 FreeOption = Annotated[
@@ -87,7 +87,7 @@ FreeOption = Annotated[
         metavar="PART",
         rich_help_panel=MOVES,
         help="Part of the design that may move: shutter, acceleration, half_exposure, velocity or "
-        "path; repeat for more [default: all but path that can].",
+        "path; repeat for more [default: all that the limits allow, except path].",
     ),
 ]
 CoefficientsOption = Annotated[
@@ -98,7 +98,7 @@ CoefficientsOption = Annotated[
         min=4,
         max=512,
         rich_help_panel=DESIGN,
-        help="Coefficients of the free-form profile.",
+        help="Number of coefficients of the free-form profile.",
     ),
 ]
 SeedsOption = Annotated[
@@ -109,7 +109,7 @@ SeedsOption = Annotated[
         min=0,
         max=1000,
         rich_help_panel=PICTURES,
-        help="Captures of the scene's photograph at each speed; 0 leaves it out.",
+        help="Number of captures of the scene's photograph at each speed; 0 takes none.",
     ),
 ]
 EveryPhotographOption = Annotated[
@@ -117,8 +117,8 @@ EveryPhotographOption = Annotated[
     typer.Option(
         "--every-photograph",
         rich_help_panel=PICTURES,
-        help="Restore the photograph at every speed and by three decoders, not only at the "
-        "slowest, a middling and the fastest by one.",
+        help="Restore the photograph at every speed and by three decoders [default: at the "
+        "slowest, a middling and the fastest speed, by one decoder].",
     ),
 ]
 ShuttersOption = Annotated[
@@ -127,8 +127,8 @@ ShuttersOption = Annotated[
         "--shutter",
         metavar="NAME[:VALUE]",
         rich_help_panel=DESIGN,
-        help="Shutter to show too: rect, hann, triangle, gaussian:0.4, tukey:0.5 or raskar; repeat "
-        "for more.",
+        help="Further shutter to show: rect, hann, triangle, gaussian:0.4, tukey:0.5 or raskar; "
+        "repeat for more.",
     ),
 ]
 
@@ -141,12 +141,12 @@ def scene_of(path: Path | None) -> "Scene":
 
 
 def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
-    """What `--free` names; None for what moves by default."""
+    """The names of `--free`; None lets the default parts move."""
     return tuple(name.value for name in free) if free else None
 
 
 def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
-    """The loss of a name, or the expected error of the decoder that the scene names."""
+    """The loss of a name; by default the expected error of the scene's decoder."""
     from mishutter.evaluation import (
         DesignLoss,
         ExpectedErrorLoss,

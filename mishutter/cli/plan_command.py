@@ -1,6 +1,6 @@
-"""The command `plan`: what a scene needs computed."""
+"""The command that lists the parts of a computation: `plan`."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 def plan(
     scene_file: SceneArgument = None,
+    *,
     json: JsonOption = False,
     loss: LossOption = None,
     free: FreeOption = None,
@@ -33,32 +34,32 @@ def plan(
         typer.Option(
             "--fixed",
             rich_help_panel=MOVES,
-            help="Nothing may move: the plan of one measurement.",
+            help="Plan one measurement, in which nothing moves.",
         ),
     ] = False,
     num_coefficients: CoefficientsOption = 24,
 ) -> None:
-    """Show how a scene is understood, what a search for it computes, and what it skips and why."""
+    """Show a scene in pixels and seconds, and which parts a search of it computes or skips."""
     if fixed and free:
-        given = ", ".join(name.value for name in free)
-        raise ValueError(f"`--free` must be left out with --fixed; got '{given}'.")
+        parts = ", ".join(name.value for name in free)
+        raise ValueError(f"`--free` must be left out with --fixed; got '{parts}'.")
     start_jax()
     scene = scene_of(scene_file)
     chosen = loss_of(loss, scene)
     with working("planning"):
-        found = plan_of_search(scene, chosen, free, num_coefficients, fixed=fixed)
+        parts = plan_of_search(scene, chosen, free, num_coefficients, fixed=fixed)
     if json:
-        write_json({"scene": understood(scene)} | found.to_dict())
+        write_json({"scene": understood(scene)} | parts.to_dict())
     else:
         print_table("The scene, as it is understood", ("key", "value"), understood_rows(scene))
         print_text()
-        print_text(plan_text(found))
+        print_text(plan_text(parts))
 
 
-def understood(scene: "Scene") -> dict[str, Any]:
+def understood(scene: "Scene") -> dict[str, object]:
     """A scene in pixels, seconds and electrons, whatever the units of its file."""
     limits = scene.limits
-    numbers = {
+    numbers: dict[str, object] = {
         "speeds_px_per_s": scene.speeds.tolist(),
         "photon_rate_per_s": float(scene.photon_rate),
         "read_noise_e": float(scene.read_noise),
@@ -77,11 +78,12 @@ def understood(scene: "Scene") -> dict[str, Any]:
 
 
 def understood_rows(scene: "Scene") -> list[list[str]]:
-    """The rows of a table of what is `understood`."""
+    """The rows of a table of the `understood` scene, in which two ends stand for all speeds."""
     rows = understood(scene)
-    speeds = rows.pop("speeds_px_per_s")
+    del rows["speeds_px_per_s"]
+    speeds = scene.speeds.tolist()
     between = " to ".join(f"{speed:,.5g}" for speed in dict.fromkeys((min(speeds), max(speeds))))
-    shown = {key: x if isinstance(x, str) else f"{x:,.5g}" for key, x in rows.items()}
+    shown = {key: f"{x:,.5g}" if isinstance(x, float) else f"{x}" for key, x in rows.items()}
     return [[f"{len(speeds)} speeds_px_per_s", between], *([key, x] for key, x in shown.items())]
 
 
@@ -93,7 +95,7 @@ def plan_of_search(
     *,
     fixed: bool = False,
 ) -> "Plan":
-    """The plan of what `optimise` searches first, or of one measurement where all is fixed."""
+    """The plan of the first search of `optimise`, or of one measurement if all is fixed."""
     from mishutter.search import moved_by_default, starting_shutter
     from mishutter.search import plan as planned
 
@@ -103,8 +105,8 @@ def plan_of_search(
     return planned(scene, motion, start, loss=loss, free=() if fixed else names)
 
 
-def plan_text(found: "Plan") -> str:
-    """The table of a plan, its reasons folded, and what all of it may change."""
-    header, *rows = str(found).splitlines()
+def plan_text(parts: "Plan") -> str:
+    """The table of a plan with its reasons folded, and a bound on the changes by it."""
+    header, *rows = str(parts).splitlines()
     lines = [folded(line, header.index("why")) for line in (header, *rows)]
-    return "\n".join([*lines, "All together change nothing beyond rounding."])
+    return "\n".join([*lines, "Together these choices change nothing beyond rounding."])

@@ -5,14 +5,14 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from mishutter._core import writable_folder
 from mishutter.cli.console import (
     AGAIN,
-    kept,
+    interruptible,
     note,
     print_table,
     progress_bar,
@@ -41,18 +41,19 @@ if TYPE_CHECKING:
 _RANGES = "`--acceleration`, `--half-exposure` and `--velocity`"
 _NUM_VALUES = 40
 _MOST_POINTS = 10_000_000
-"""More are neither held in memory nor gone through for their front in reasonable time."""
+"""More points do not fit into memory, and their Pareto front takes too long."""
 
 
 def sweep(
     scene_file: SceneArgument = None,
+    *,
     acceleration: Annotated[
         str | None,
         typer.Option(
             "--acceleration",
             metavar="A:B:N",
             rich_help_panel=MAP,
-            help="N values of `a` of x = a t^2 from A to B, px/s^2 [default: by the limits].",
+            help="N values of `a` in x = a t^2 from A to B, px/s^2 [default: up to the limits].",
         ),
     ] = None,
     half_exposure: Annotated[
@@ -61,7 +62,7 @@ def sweep(
             "--half-exposure",
             metavar="A:B:N",
             rich_help_panel=MAP,
-            help="N half exposures from A to B, ms [default: by the limits].",
+            help="N half exposures from A to B, ms [default: within the limits].",
         ),
     ] = None,
     velocity: Annotated[
@@ -79,13 +80,15 @@ def sweep(
         typer.Option(
             "--log",
             rich_help_panel=MAP,
-            help="Equal ratios in place of equal steps, but of velocities.",
+            help="Space accelerations and exposures in equal ratios, not in equal steps.",
         ),
     ] = False,
     optimise: Annotated[
         bool,
         typer.Option(
-            "--optimise", rich_help_panel=DESIGN, help="Find the best profile at each point too."
+            "--optimise",
+            rich_help_panel=DESIGN,
+            help="Search for the best profile at each point too.",
         ),
     ] = False,
     loss: LossOption = None,
@@ -98,7 +101,7 @@ def sweep(
             metavar="PATH",
             parser=as_path,
             rich_help_panel=OUTPUT,
-            help="Zarr store to write to, or to resume.",
+            help="Zarr store to write to or to resume.",
         ),
     ] = None,
     scheduler: Annotated[
@@ -113,7 +116,7 @@ def sweep(
     out: OutOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Map acceleration and exposure: the best points, and what cannot be had together."""
+    """Map acceleration and exposure: the best points, and which qualities exclude each other."""
     if loss is not None and not optimise:
         raise ValueError(f"`--loss` must stand beside --optimise; got '{loss.value}' alone.")
     accelerations = _values("--acceleration", acceleration, log, bound="at least 0")
@@ -140,7 +143,7 @@ def sweep(
     folder = None if out is None else writable_folder(out)
     points: list[int] = []
     with (
-        kept(lambda: _stored(points, total, store)),
+        interruptible(lambda: _after_points(points, total, store)),
         _notes(),
         progress_bar("sweeping", total) as update,
     ):
@@ -171,18 +174,18 @@ def _speed(done: int, seconds: float) -> str:
     return f"{done / seconds:.0f} points/s" if done and seconds > 0 else ""
 
 
-def _stored(points: list[int], total: int, store: Path | None) -> str:
-    """What an interrupted sweep keeps, and how to go on."""
+def _after_points(points: list[int], total: int, store: Path | None) -> str:
+    """The message of an interrupted sweep: the points that its store holds, and how to go on."""
     if store is None:
-        return f"{AGAIN}; with --store PATH a sweep goes on where it was ended"
+        return f"{AGAIN}; with --store PATH a sweep goes on where it was interrupted"
     done = points[-1] if points else 0
-    return f"{done} of {total} points are kept in {store}; the same command computes the others"
+    return f"{done} of {total} points are saved in {store}; the same command computes the others"
 
 
 def _values(
     option: str, text: str | None, log: bool, bound: str | None = None
 ) -> "np.ndarray | None":
-    """The values of a range `A:B:N`, which are within a bound if there is one."""
+    """The values of a range `A:B:N`, checked against a bound if there is one."""
     import numpy as np
 
     if text is None:
@@ -211,7 +214,7 @@ def _values(
 
 
 def _require_few(subject: str, count: int) -> None:
-    """Refuse more points than can be held, before any is."""
+    """Raises `ValueError` if a sweep has too many points."""
     if count > _MOST_POINTS:
         raise ValueError(f"{subject} must make at most {_MOST_POINTS:,} points; got {count:,}.")
 
@@ -219,21 +222,24 @@ def _require_few(subject: str, count: int) -> None:
 def _half_exposures_of(scene: "Scene") -> "np.ndarray":
     import numpy as np
 
-    limits = scene.limits
-    ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
-    return np.geomspace(*ends, _NUM_VALUES) if ends[1] > ends[0] else np.array(ends[:1])
+    shortest = float(scene.limits.min_half_exposure)
+    longest = float(scene.limits.max_half_exposure)
+    if longest <= shortest:
+        return np.array([shortest])
+    return np.geomspace(shortest, longest, _NUM_VALUES)
 
 
 def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray", pan: float) -> "np.ndarray":
-    """Decades below the largest acceleration that any of the exposures allows beside a pan.
+    """Accelerations in the decade below the least limit of an exposure, up to the greatest.
 
-    Of a pan that leaves no speed or no stroke it is that without, which is outside the limits too.
+    Where a pan leaves no speed or no stroke, the limits without a pan stand in: those points are
+    outside the limits too.
     """
     import numpy as np
 
     limits = scene.limits
-    ends = float(limits.min_half_exposure), float(limits.max_half_exposure)
-    half_exposures = np.clip(half_exposures, *ends)
+    shortest, longest = float(limits.min_half_exposure), float(limits.max_half_exposure)
+    half_exposures = np.clip(half_exposures, shortest, longest)
     by_stroke = np.asarray(limits.acceleration_by_stroke(half_exposures, pan))
     without_pan = np.asarray(limits.acceleration_by_stroke(half_exposures))
     by_stroke = np.where(by_stroke > 0, by_stroke, without_pan)
@@ -251,7 +257,7 @@ def _with_baselines(named: "dict[str, AbstractShutter]") -> "dict[str, AbstractS
 
 @contextmanager
 def _notes() -> Iterator[None]:
-    """Log records of the sweep, as notes on standard error."""
+    """Writes log records of the sweep to standard error as notes."""
     handler = logging.Handler(logging.INFO)
     handler.emit = lambda record: note(record.getMessage())  # type: ignore[method-assign]
     logger = logging.getLogger("mishutter.sweep")
@@ -289,7 +295,7 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
     gains = values.assign(
         over_snapshot=gain_over_snapshot(values, scene), over_hann=gain_over(values, "Hann")
     )
-    best = {name: _numbers(point) for name, point in best_points(gains).items()}
+    best = {name: _point_of(point) for name, point in best_points(gains).items()}
     files = []
     if folder is not None:
         from mishutter.report import write_pictures
@@ -315,21 +321,24 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
         note(f"{folder}: {', '.join(files)}")
 
 
-def _numbers(point: "xarray.Dataset") -> dict[str, Any]:
+def _point_of(point: "xarray.Dataset") -> dict[str, str | float]:
+    """A point of a sweep as plain text and numbers."""
     a, half, velocity = (float(point[n]) for n in ("acceleration", "half_exposure", "velocity"))
     names = ("expected_psnr", "over_snapshot", "over_hann", "condition_number")
     names += ("relative_kernel_difference", "efficiency")
-    return {
+    numbers: dict[str, str | float] = {
         "shutter": str(point.shutter.values),
         "velocity_px_per_s": velocity + 0.0,
         "acceleration_px_per_s2": a,
         "half_exposure_ms": half * 1e3,
         "stroke_px": a * half**2,
         "top_speed_px_per_s": 2 * a * half + abs(velocity),
-    } | {name: float(point[name]) for name in names}
+    }
+    return numbers | {name: float(point[name]) for name in names}
 
 
-def _cells(point: dict[str, Any]) -> list[str]:
+def _cells(point: dict[str, str | float]) -> list[str]:
+    """The cells of a point under the names of `_COLUMNS`."""
     formats = (".1f", ".3g", ".4g", ".3f", ".2f", "+.2f", "+.2f", ".2f", ".3f", ".3f")
     shutter, *numbers = (value for name, value in point.items() if name != "top_speed_px_per_s")
-    return [shutter, *(format(x, f) for x, f in zip(numbers, formats, strict=True))]
+    return [str(shutter), *(format(x, f) for x, f in zip(numbers, formats, strict=True))]

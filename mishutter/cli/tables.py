@@ -1,4 +1,4 @@
-"""The comparison as a terminal shows it: the verdict, its tables, the photograph's."""
+"""Tables of a comparison on a terminal: the verdict, the rows, and the photograph."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def print_comparison(report: "Report") -> None:
-    """The verdict, its tables and how the search ended, on standard output."""
+    """Prints the verdict, its tables and the outcome of the search."""
     from mishutter.search import OWN_BEST_MOTION, fills
 
     comparison = report.comparison
@@ -27,9 +27,9 @@ def print_comparison(report: "Report") -> None:
         columns = _columns(comparison)
         if reading == OWN_BEST_MOTION:
             print_table(reading.capitalize(), columns, [*cells, _ceiling(comparison, columns)])
-            print_text(_of_level(rows[0]) + _FOOT)
+            print_text(_level_note(rows[0]) + _FOOT)
             if comparison.costs is not None:
-                print_text("within dB  expected within the tolerances: what gain dB is of")
+                print_text("within dB  expected within the tolerances; gain dB compares these")
             print_text()
             _print_purchases(comparison)
             if comparison.costs is not None:
@@ -74,8 +74,8 @@ ceiling      nothing exceeds it"""
 _OF_KERNELS = ("shutter", "condition", "kernel diff", "relative", "bound")
 
 
-def _of_level(row: "Row") -> str:
-    """What the levels of rows are, which are all judged alike."""
+def _level_note(row: "Row") -> str:
+    """The meaning of the first column of numbers, which all rows share."""
     return _AT_WORST if row.at_worst else _OF_DECODER[row.speed]
 
 
@@ -84,27 +84,27 @@ def _columns(comparison: "Comparison") -> tuple[str, ...]:
 
 
 def _print_purchases(comparison: "Comparison") -> None:
-    """The best of each kind of apparatus, and what belongs at the foot of both tables."""
+    """Prints the best row of each purchase, and the notes at the foot of both tables."""
     rows = [
         [f"{takes}: {name}", *numbers[:3], *numbers[4:]]
         for takes, row in comparison.rivals.items()
         for name, *numbers in [_cells(comparison, row)]
     ]
     columns = ("purchase: its best", *_columns(comparison)[1:4], *_columns(comparison)[5:])
-    print_table("What each purchase brings", columns, rows)
+    print_table("The gain of each purchase", columns, rows)
     for line in comparison.notes:
         print_text(line)
 
 
 def _print_costs(costs: "ToleranceCosts") -> None:
-    """What each tolerance costs the best design, and the largest by name."""
+    """Prints the cost of each tolerance to the best design, and a sentence on the largest."""
     rows = [
         [row.name, row.size, f"{row.cost:.3f}", f"{row.unaware_cost:.3f}"] for row in costs.rows
     ]
     columns = ("tolerance", "1 sigma", "costs dB", "unaware dB")
-    print_table("What each tolerance costs the best design", columns, rows)
+    print_table("Cost of each tolerance to the best design", columns, rows)
     print_text(costs.verdict)
-    print_text("unaware dB  by a decoder that is made for a camera without errors")
+    print_text("unaware dB  cost by a decoder for a camera without errors")
 
 
 def _ceiling(comparison: "Comparison", columns: "Sequence[str]") -> list[str]:
@@ -153,7 +153,7 @@ def print_photographs(
     photographs: "Mapping[str, Mapping[str, RestoredPhotograph]]",
     decoder_speed: "DecoderSpeed" = "unknown",
 ) -> None:
-    """How well each design restored the scene's photograph, by decoder, on standard output."""
+    """Prints the PSNR of the scene's photograph as each design and decoder restored it."""
     knowing = {"unknown": "", "found": " at the speed found", "told": ", told the speed"}
     results = next(iter(photographs.values()))
     speeds = next(iter(results.values())).speeds
@@ -162,10 +162,10 @@ def print_photographs(
         rows = [
             [
                 name,
-                *(f"{found.linear_psnr[index]:.2f}" for index in columns.values()),
-                *(f"{found.own_expected_psnr[index]:.2f}" for index in columns.values()),
+                *(f"{result.linear_psnr[index]:.2f}" for index in columns.values()),
+                *(f"{result.own_expected_psnr[index]:.2f}" for index in columns.values()),
             ]
-            for name, found in results.items()
+            for name, result in results.items()
         ]
         columns |= {f"exp. {name.removesuffix(' px/s')}": index for name, index in columns.items()}
         title = f"Photograph, restored by the {next(iter(photographs))} filter"
@@ -173,7 +173,7 @@ def print_photographs(
     else:
         columns = photographs
         rows = [
-            [name, *(f"{found[name].mean_psnr:.2f}" for found in photographs.values())]
+            [name, *(f"{restored[name].mean_psnr:.2f}" for restored in photographs.values())]
             for name in results
         ]
         title = f"Photograph, restored at {speeds.size} speeds{knowing[decoder_speed]}"
@@ -183,8 +183,8 @@ def print_photographs(
 
 
 _OF_PHOTOGRAPH = (
-    "exp.: expected of pictures with the detail and the mean light of this one where\n"
-    "it is judged. Other tables: of the scene's mean spectrum, over all its speeds."
+    "exp.: expected of pictures with the detail and the mean level of this one inside its\n"
+    "borders. Other tables: expected of the scene's mean spectrum, over all its speeds."
 )
 
 

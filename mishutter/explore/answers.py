@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ArrayLike, Float, Shaped
 
 from mishutter.evaluation import (
     Metrics,
@@ -37,23 +38,30 @@ if TYPE_CHECKING:
     from mishutter.report import Comparison
 
 OPTIMISED = "optimised"
+Numbers = dict[str, object]
+"""Numbers, and lists of them, by the names under which the page reads them."""
 _SHORTER = 0.8
 _EXPOSURES = (_SHORTER, 1 / _SHORTER)
-"""Of the exposure so far, those that first answers try beside it by turns."""
+"""Ratios to the exposure so far that first answers try by turns."""
 _NUM_STARTS = 2
-"""Of a first answer: the profile so far, and one beside it."""
+"""Starts of a first answer: the profile so far, and one beside it."""
 _STEPS = 8
-"""Of its polish: 20 end 1e-4 dB better."""
+"""Steps of the polish of a first answer; 20 end 1e-4 dB better."""
 _PROFILE_POINTS, _PATH_POINTS, _SPECTRUM_POINTS = 257, 97, 160
 _MOST_SPEEDS = 41
 
 
 def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
-    """A design for a scene at once, from that of a scene not far from it.
+    """A design for a scene within 0.05 s, from the design of a similar scene.
 
-    The exposure so far is tried with the profile so far, and by turns a shorter or a longer one,
-    the motion taking the share of the stage's reach that it took before. On the better of them the
-    profile is searched by few starts: 0.05 s, where the whole search takes a second or more.
+    The exposure so far and, by turns, a shorter or a longer one are measured with the profile so
+    far, each on a motion that takes the same share of the stage's reach as before. On the better
+    of them the profile is searched from few starts. The whole search takes a second or more.
+
+    Args:
+        scene: The scene.
+        before: Design of the similar scene.
+        turn: A count of answers; odd ones try a longer exposure.
     """
     command, roomy = before.command, with_room(scene)
     motions = _near(scene, before, _EXPOSURES[turn % 2])
@@ -65,7 +73,7 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
         acceleration=stroke / half**2, half_exposure=half, velocity=motion.velocity
     )
     sizes_shared = coarser(plan(roomy, furthest, command, loss=loss, free="shutter"))
-    found = optimise(
+    design = optimise(
         roomy,
         motion,
         command,
@@ -74,15 +82,18 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
         max_steps=_STEPS,
         plan=sizes_shared,
     )
-    return replace(found, scene=scene)
+    return replace(design, scene=scene)
 
 
 def with_room(scene: Scene) -> Scene:
-    """The scene with its stroke's limit rounded up to a power of 2.
+    """The scene with its limit on the stroke rounded up to a power of 2.
 
-    Programs are sized by the limit, so that they are compiled once an octave of it and not at
-    every step of a slider. Of a design on a given motion it changes no more than how finely
-    frequencies are sampled: 0.01 dB.
+    The limit sets the sizes of compiled programs, so that rounding compiles once for each octave
+    and not at every step of a slider. On a given motion it changes only the sampling of
+    frequencies, by 0.01 dB.
+
+    Args:
+        scene: The scene.
     """
     stroke = np.asarray(_octave(float(scene.limits.max_stroke)), scene.speeds.dtype)
     return eqx.tree_at(lambda s: s.limits.max_stroke, scene, stroke)
@@ -94,7 +105,7 @@ def _octave(length: float) -> float:
 
 
 def _near(scene: Scene, before: Design, change: float) -> list[ParabolicMotion]:
-    """Motions within the limits of a scene, as that of an earlier design and of other exposure."""
+    """Motions within the limits of a scene, like that of an earlier design, at two exposures."""
     limits, motion = scene.limits, steady(before.motion)
     pan = min(float(limits.max_pan), 0.5 * float(limits.max_top_speed))
     velocity = float(np.clip(float(motion.velocity), -pan, pan))
@@ -105,21 +116,23 @@ def _near(scene: Scene, before: Design, change: float) -> list[ParabolicMotion]:
     def near(half: float) -> ParabolicMotion:
         """A motion of about that half exposure, at which white does not fill a pixel."""
         half = min(max(half, shortest), longest)
-        reach = share * _reach(scene, half, velocity)
-        found = ParabolicMotion(acceleration=reach, half_exposure=half, velocity=velocity)
-        is_too_long = half > shortest and fills(scene, found, before.command)
-        return near(_SHORTER * half) if is_too_long else found
+        acceleration = share * _reach(scene, half, velocity)
+        near_motion = ParabolicMotion(
+            acceleration=acceleration, half_exposure=half, velocity=velocity
+        )
+        is_too_long = half > shortest and fills(scene, near_motion, before.command)
+        return near(_SHORTER * half) if is_too_long else near_motion
 
-    found = [near(factor * float(motion.half_exposure)) for factor in (1.0, change)]
-    return list({float(each.half_exposure): each for each in found}.values())
+    motions = [near(factor * float(motion.half_exposure)) for factor in (1.0, change)]
+    return list({float(each.half_exposure): each for each in motions}.values())
 
 
 def _reach(scene: Scene, half_exposure: float, velocity: float) -> float:
-    """The largest acceleration within stroke, top speed, and what the stage reaches; px/s^2."""
+    """The largest acceleration within the stroke, the top speed and the stage's reach; px/s^2."""
     limits = scene.limits
-    left = max(float(limits.max_top_speed) - abs(velocity), 0.0)
+    speed_beside_pan = max(float(limits.max_top_speed) - abs(velocity), 0.0)
     by_stroke = float(limits.acceleration_by_stroke(np.asarray(half_exposure), velocity))
-    most = min(by_stroke, left / (2 * half_exposure))
+    most = min(by_stroke, speed_beside_pan / (2 * half_exposure))
     if not limits.has_stage:
         return most
     numbers = (jnp.asarray(x, scene.speeds.dtype) for x in (most, half_exposure, velocity))
@@ -128,18 +141,18 @@ def _reach(scene: Scene, half_exposure: float, velocity: float) -> float:
 
 def curves(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, *, at_once: bool = False
-) -> dict[str, Any]:
+) -> Numbers:
     """The numbers that the page draws of a design.
 
     Args:
-        scene: Speeds, light and noise.
+        scene: Speeds, photons and noise.
         motion: Motion of the sensor.
-        shutter: The transmittance that light sees.
-        at_once: Whether `numbers` hold the expected PSNR alone, by what is drawn.
+        shutter: The transmittance behind the scene's device.
+        at_once: Whether `numbers` hold only the expected PSNR, which follows from the curves.
 
     Returns:
-        `profile` over `time` in ms; `path` in px over `path_time`, and `sent` to a stage whose
-        response is known; `kernels` in light per px at
+        `profile` over `time` in ms; `path` in px over `path_time`, and the path that is `sent` to
+        a stage that follows with a lag; `kernels`, shares of the exposure per px, at
         `kernel_speeds` in px/s from `offset` px on; `signal` in dB over `frequency` in
         cycles/px; `psnr` in dB over `speeds`; and `numbers`.
     """
@@ -165,8 +178,8 @@ def curves(
     }
 
 
-def _sent(scene: Scene, motion: AbstractMotion, time: np.ndarray) -> dict[str, Any]:
-    """Positions to send to the stage of the scene, where it says how that follows."""
+def _sent(scene: Scene, motion: AbstractMotion, time: Float[np.ndarray, "t"]) -> Numbers:
+    """Positions to send to the stage of the scene; empty without a stage."""
     path = None if scene.stage is None else scene.limits.stage_path(motion)
     if scene.stage is None or path is None:
         return {}
@@ -174,14 +187,14 @@ def _sent(scene: Scene, motion: AbstractMotion, time: np.ndarray) -> dict[str, A
     return {"sent": _short(scene.stage.sent_for(path, before_the_end))}
 
 
-def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> dict[str, Any]:
-    """Kernels of the slowest, a middling and the fastest object, without what is dark in all."""
+def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Numbers:
+    """Kernels of the slowest, a middling and the fastest object, without their dark ends."""
     by_size = np.unique(np.abs(np.asarray(scene.speeds)))
     speeds = np.unique(by_size[[0, by_size.size // 2, -1]])
     num_taps = sizes(*seen_from(scene, settled(motion))).num_taps
     taps = np.asarray(kernels_at_speeds(shutter, motion, speeds, num_taps))
-    lit = np.flatnonzero(np.max(taps, axis=0) > 1e-4 * max(float(np.max(taps)), 1e-12))
-    first, end = (int(lit[0]), int(lit[-1]) + 1) if lit.size else (0, 1)
+    bright = np.flatnonzero(np.max(taps, axis=0) > 1e-4 * max(float(np.max(taps)), 1e-12))
+    first, end = (int(bright[0]), int(bright[-1]) + 1) if bright.size else (0, 1)
     return {
         "kernel_speeds": _short(speeds),
         "offset": first + float(kernel_phase(motion, num_taps)),
@@ -189,19 +202,19 @@ def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
     }
 
 
-def _signal(found: SpectralLevels) -> dict[str, Any]:
+def _signal(levels: SpectralLevels) -> Numbers:
     """Signal over noise at frequencies in equal ratios."""
-    frequency, ratio = found.frequencies, found.signal_over_noise
-    wanted = np.geomspace(frequency[0], frequency[-1], _SPECTRUM_POINTS)
-    places = np.unique(np.searchsorted(frequency, wanted).clip(0, frequency.size - 1))
+    frequency, ratio = levels.frequencies, levels.signal_over_noise
+    even = np.geomspace(frequency[0], frequency[-1], _SPECTRUM_POINTS)
+    places = np.unique(np.searchsorted(frequency, even).clip(0, frequency.size - 1))
     with np.errstate(divide="ignore"):
         level = 10 * np.log10(ratio[places])
     return {"frequency": _short(frequency[places]), "signal": _short(level, 4)}
 
 
-def _over_speeds(scene: Scene, found: SpectralLevels) -> tuple[dict[str, Any], float]:
-    """PSNR at each speed of a camera as designed, by one filter for all of them, and over all."""
-    speeds, levels = found.speeds, found.psnr
+def _over_speeds(scene: Scene, spectral: SpectralLevels) -> tuple[Numbers, float]:
+    """PSNR at each speed by one filter for all of them, and PSNR over all speeds."""
+    speeds, levels = spectral.speeds, spectral.psnr
     count = min(speeds.size, _MOST_SPEEDS)
     shown = np.linspace(0, speeds.size - 1, count).round().astype(int)
     places = np.searchsorted(speeds, np.asarray(scene.speeds)).clip(0, speeds.size - 1)
@@ -210,8 +223,8 @@ def _over_speeds(scene: Scene, found: SpectralLevels) -> tuple[dict[str, Any], f
     return {"speeds": _short(speeds[shown]), "psnr": _short(levels[shown])}, level
 
 
-def _numbers(metrics: Metrics, motion: AbstractMotion, speed: DecoderSpeed) -> dict[str, Any]:
-    """Numbers of a design that stand beside its curves and in its row of the table."""
+def _numbers(metrics: Metrics, motion: AbstractMotion, speed: DecoderSpeed) -> Numbers:
+    """Numbers of a design beside its curves and in its row of the table."""
     return {
         "psnr": float(metrics.psnr_of(speed)),
         "known_speed_psnr": float(metrics.known_speed_psnr),
@@ -224,8 +237,12 @@ def _numbers(metrics: Metrics, motion: AbstractMotion, speed: DecoderSpeed) -> d
     }
 
 
-def table(comparison: "Comparison") -> dict[str, Any]:
-    """The rows of a comparison, each at its own best motion, the verdict and the ceiling."""
+def table(comparison: "Comparison") -> Numbers:
+    """The rows of a comparison, each at its own best motion, the verdict and the ceiling.
+
+    Args:
+        comparison: The comparison.
+    """
     rows = [
         _numbers(row.metrics, row.motion, row.speed)
         | {
@@ -249,7 +266,7 @@ def can_be_pictured(row: Row) -> bool:
     return row.name != BEST_BURST
 
 
-def _short(values: Any, digits: int = 6) -> list[float | None]:
-    """Numbers with as many digits as a drawing shows; None for what is not finite."""
+def _short(values: Shaped[ArrayLike, "n"], digits: int = 6) -> list[float | None]:
+    """Rounds numbers to the digits that a drawing shows; None stands for infinity and NaN."""
     rows = np.asarray(values, np.float64)
     return [float(f"{x:.{digits}g}") if math.isfinite(x) else None for x in rows.tolist()]

@@ -1,7 +1,7 @@
-"""The fields of the page, from the schema of the scene file, and a scene file from what they hold.
+"""The fields of the page, from the schema of the scene file, and a scene file from their values.
 
-Units, ranges and defaults stand in the schema alone, and first values of what a scene may leave
-out in the annotated example: a key that is added there is a field here.
+Units, ranges and defaults come from the schema alone, and first values of optional keys from the
+annotated example: a new key there becomes a field here.
 """
 
 import json
@@ -14,29 +14,36 @@ from typing import Any
 from mishutter.model import SceneFile, example_scene_text
 
 _UNITS = {"e": "e⁻", "s2": "s²", "s3": "s³", "us": "µs", "um": "µm", "db": "dB", "hz": "Hz"}
-"""Units that are written otherwise in the name of a key."""
+"""Units by their spelling in the name of a key."""
+Schema = Mapping[str, Any]
+"""A JSON schema, or a part of one."""
+Field = dict[str, Any]
+"""A key or a table of a scene file as the page shows it; see `page_fields`."""
+Tables = dict[str, Any]
+"""The tables of a scene file as a TOML parser reads them."""
+Place = tuple[str, ...]
+"""The names that lead to a key of a scene file, section first."""
 _OWN_UNITS = {*_UNITS, "px", "s", "ms", "m", "mm", "cycles", "deg", "g", "lux"}
 _SECTION = re.compile(r"^(?:# )?\[(\w+)\]", re.MULTILINE)
 _KEY = re.compile(r"^(?:#\s*)?(\w+) = (\{.*?\}|\[.*?\]|\S+)", re.MULTILINE)
 
 
-def page_fields() -> list[dict[str, Any]]:
+def page_fields() -> list[Field]:
     """Sections of a scene file in its order, each with its keys.
 
     Returns:
-        For each section its `key`, `label` and `description`, whether it is `optional`, and
-        `fields`: of each the `key`, a `label`, the `unit`, a `kind` (`number`, `integer`,
+        Each section has its `key`, `label` and `description`, whether it is `optional`, and its
+        `fields`. Each field has its `key`, a `label`, the `unit`, a `kind` (`number`, `integer`,
         `boolean`, `text`, `list`, `choice`, or `table`, which has `fields` again), `minimum` and
         `maximum`, whether these are excluded (`above`, `below`), whether it is `optional`, its
-        `default`, and a value to `begin` with; a table begins with the keys that the example has.
+        `default`, and a value to `begin` with; a table begins with the keys of the example.
     """
     schema = SceneFile.model_json_schema()
     return [_table(schema, name, entry, (name,)) for name, entry in schema["properties"].items()]
 
 
-def _table(
-    schema: Mapping[str, Any], key: str, entry: Mapping[str, Any], place: tuple[str, ...]
-) -> dict[str, Any]:
+def _table(schema: Schema, key: str, entry: Schema, place: Place) -> Field:
+    """The field of a table, with the fields of its keys."""
     table = _resolved(schema, entry)
     parts = table["properties"].items()
     fields = [_field(schema, name, part, (*place, name)) for name, part in parts]
@@ -45,26 +52,25 @@ def _table(
         "label": key.replace("_", " "),
         "kind": "table",
         "description": table.get("description", ""),
-        "optional": _may_be_left_out(entry),
+        "optional": _is_optional(entry),
         "begin": {
             field["key"]: field["begin"]
             for field in fields
-            if (*place, field["key"]) in _examples() or _must_be_given(field)
+            if (*place, field["key"]) in _examples() or _is_required(field)
         },
         "fields": fields,
     }
 
 
-def _field(
-    schema: Mapping[str, Any], key: str, entry: Mapping[str, Any], place: tuple[str, ...]
-) -> dict[str, Any]:
-    found = _resolved(schema, entry)
-    if "properties" in found:
+def _field(schema: Schema, key: str, entry: Schema, place: Place) -> Field:
+    """The field of a key."""
+    value = _resolved(schema, entry)
+    if "properties" in value:
         return _table(schema, key, entry, place)
     label, unit = label_and_unit(key)
     kinds = {"array": "list", "string": "text"}
-    kind = "choice" if "enum" in found else str(kinds.get(found["type"], found["type"]))
-    bounds = found.get("items", found)
+    kind = "choice" if "enum" in value else str(kinds.get(value["type"], value["type"]))
+    bounds = value.get("items", value)
     low, high = (bounds.get(name) for name in ("exclusiveMinimum", "exclusiveMaximum"))
     default = entry.get("default")
     return {
@@ -72,34 +78,38 @@ def _field(
         "label": label,
         "unit": unit,
         "kind": kind,
-        "choices": found.get("enum", []),
+        "choices": value.get("enum", []),
         "minimum": bounds.get("minimum", low),
         "maximum": bounds.get("maximum", high),
         "above": low is not None,
         "below": high is not None,
-        "optional": _may_be_left_out(entry),
+        "optional": _is_optional(entry),
         "default": default,
         "begin": _begin(place, kind, default, bounds),
     }
 
 
-def _resolved(schema: Mapping[str, Any], entry: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The entry that a reference or a choice between it and nothing leads to."""
+def _resolved(schema: Schema, entry: Schema) -> Schema:
+    """The schema that an entry refers to, without its alternative `null`."""
     options = [o for o in entry.get("anyOf", [entry]) if o.get("type") != "null"]
-    found = options[0]
-    return schema["$defs"][found["$ref"].split("/")[-1]] if "$ref" in found else found
+    option = options[0]
+    return schema["$defs"][option["$ref"].split("/")[-1]] if "$ref" in option else option
 
 
-def _must_be_given(field: Mapping[str, Any]) -> bool:
+def _is_required(field: Field) -> bool:
     return not field["optional"] and field.get("default") is None
 
 
-def _may_be_left_out(entry: Mapping[str, Any]) -> bool:
+def _is_optional(entry: Schema) -> bool:
     return any(option.get("type") == "null" for option in entry.get("anyOf", ()))
 
 
 def label_and_unit(key: str) -> tuple[str, str]:
-    """A key's name in words, and the unit that it ends in; `""` for none."""
+    """Splits the name of a key into words and its unit, `""` for none.
+
+    Args:
+        key: Name of a key, such as `max_stroke_px`.
+    """
     words = key.split("_")
     first = len(words)
     while first > 1 and (words[first - 1] in _OWN_UNITS or words[first - 1] == "per"):
@@ -109,8 +119,8 @@ def label_and_unit(key: str) -> tuple[str, str]:
     return " ".join(words[:first]), f"1{unit}" if unit.startswith("/") else unit
 
 
-def _begin(place: tuple[str, ...], kind: str, default: Any, bounds: Mapping[str, Any]) -> Any:
-    """The value of a key that is put into a scene: the example's, the default, or one in range."""
+def _begin(place: Place, kind: str, default: object, bounds: Schema) -> object:
+    """First value of a key: that of the example, the default, or a value in range."""
     if place in _examples():
         return _examples()[place]
     if default is not None:
@@ -123,39 +133,43 @@ def _begin(place: tuple[str, ...], kind: str, default: Any, bounds: Mapping[str,
 
 
 @lru_cache
-def _examples() -> dict[tuple[str, ...], Any]:
-    """Values in the annotated example, those that are commented out among them."""
+def _examples() -> dict[Place, object]:
+    """Values in the annotated example, also those that are commented out."""
     text = example_scene_text()
     headings = [(match.start(), match[1]) for match in _SECTION.finditer(text)]
-    found: dict[tuple[str, ...], Any] = {}
+    values: dict[Place, object] = {}
     for match in _KEY.finditer(text):
         before = [name for start, name in headings if start < match.start()]
-        section = before[-1] if before else headings[0][1]  # its keys may be explained before it
+        section = before[-1] if before else headings[0][1]  # a comment may name its keys before it
         try:
             value = tomllib.loads(f"value = {match[2]}")["value"]
         except tomllib.TOMLDecodeError:
             continue
         parts = value if isinstance(value, dict) else {}
-        found.setdefault((section, match[1]), value)
+        values.setdefault((section, match[1]), value)
         for key, number in parts.items():
-            found.setdefault((section, match[1], key), number)
-    return found
+            values.setdefault((section, match[1], key), number)
+    return values
 
 
-def scene_text(tables: Mapping[str, Any]) -> str:
-    """A scene file with the given tables, which their schema allows."""
+def scene_text(tables: Tables) -> str:
+    """Text of a scene file.
+
+    Args:
+        tables: Its tables, as the schema allows them.
+    """
     return "\n".join(_lines(tables)) + "\n"
 
 
-def _lines(tables: Mapping[str, Any]) -> Iterator[str]:
+def _lines(tables: Tables) -> Iterator[str]:
     for section, table in tables.items():
         yield f"[{section}]"
         yield from (f"{key} = {_value(value)}" for key, value in table.items())
         yield ""
 
 
-def _value(value: Any) -> str:
-    """A value as TOML, in which strings and truth are written as in JSON, but for one letter."""
+def _value(value: object) -> str:
+    """A value as TOML, whose strings and booleans differ from JSON in one letter."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {_value(x)}" for key, x in value.items()) + " }"
     if isinstance(value, list):

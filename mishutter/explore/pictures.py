@@ -1,4 +1,4 @@
-"""Photographs of the page: what may be uploaded, and how some designs restore it."""
+"""Photographs of the page: checks of uploads, and restoration by some designs."""
 
 import base64
 import io
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from mishutter._core import require
 from mishutter.camera import kernel_layout
@@ -39,16 +40,16 @@ from mishutter.search import Row
 MOST_BYTES = 32 << 20
 MOST_PIXELS = 30_000_000
 _ROWS, _COLUMNS = 112, 400
-"""Of the part that is captured: as much as is restored in a second."""
+"""Extent of the part that is captured; it is restored within a second."""
 
 
 @dataclass(frozen=True)
 class Photograph:
-    """A part of a photograph, and what the whole says of the detail that there is to restore.
+    """The middle of a photograph, and the spectrum of the whole.
 
     Attributes:
         part: Rows from the middle, along which things move.
-        arguments: Arguments of `Scene`.
+        arguments: Arguments of `Scene` that follow from the spectrum of the whole.
     """
 
     part: Picture
@@ -56,33 +57,44 @@ class Photograph:
 
 
 Reader = Callable[[float | None, bool, Axis], Photograph]
-"""A photograph by the arguments `white` and `linear` of `read_picture`, and a scene's axis."""
+"""Reads a photograph, by `white` and `linear` of `read_picture` and the axis of a scene."""
 
 
 def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
-    """A photograph by the name that a scene file has for it; one that was just read is kept."""
+    """A reader of a photograph that remembers its last result.
+
+    Args:
+        place: Path of the photograph in scene files.
+        read: Reads the picture by `white` and `linear`.
+    """
 
     @lru_cache(maxsize=1)
-    def taken(white: float | None, linear: bool, axis: Axis) -> Photograph:
+    def part_of(white: float | None, linear: bool, axis: Axis) -> Photograph:
         picture = read(white, linear)
         along = turned(picture.light, axis)
         part = Picture(light=_middle(along, ROWS_TO_FIND).copy(), name=picture.name)
         return Photograph(part, picture_arguments(place, picture, white, linear, axis))
 
-    return taken
+    return part_of
 
 
-def _middle(light: np.ndarray, count: int) -> np.ndarray:
-    """At most so many rows, from the middle."""
-    first = max(0, (light.shape[0] - count) // 2)
-    return light[first : first + count]
+def _middle(
+    picture: Float[np.ndarray, "rows columns channels"], count: int
+) -> Float[np.ndarray, "some columns channels"]:
+    """The middle rows of a picture, at most `count`."""
+    first = max(0, (picture.shape[0] - count) // 2)
+    return picture[first : first + count]
 
 
 def uploaded(name: str, content: bytes) -> Reader:
-    """A photograph from the bytes of a file, checked as files are.
+    """A reader of an uploaded photograph, which is checked as files are.
+
+    Args:
+        name: Name of the file.
+        content: Its bytes.
 
     Raises:
-        ValueError: if it is no picture that is read, damaged or too large.
+        ValueError: if the file is no picture, damaged or too large.
     """
     suffix = Path(name).suffix.lower()
     kinds = f"be a {PICTURE_FORMATS} file"
@@ -100,13 +112,13 @@ def uploaded(name: str, content: bytes) -> Reader:
             except (ValueError, OSError) as error:
                 raise ValueError(str(error).replace(str(place), name)) from None
 
-    found = reader(name, read)
-    found(None, False, "rows")
-    return found
+    photograph = reader(name, read)
+    photograph(None, False, "rows")
+    return photograph
 
 
 def _require_few_pixels(name: str, content: bytes) -> None:
-    """Refuse a picture by its header, before it is decoded."""
+    """Raises `ValueError` for a large picture by its header, before it is decoded."""
     from PIL import Image
 
     with warnings.catch_warnings():
@@ -114,7 +126,7 @@ def _require_few_pixels(name: str, content: bytes) -> None:
         try:
             with Image.open(io.BytesIO(content)) as file:
                 count = file.width * file.height
-        except Exception as error:  # of many kinds, by what is damaged
+        except Exception as error:  # Pillow raises many kinds
             raise ValueError(
                 f"{name} must be a {PICTURE_FORMATS} picture; got: {type(error).__name__}."
             ) from None
@@ -122,42 +134,42 @@ def _require_few_pixels(name: str, content: bytes) -> None:
 
 
 def restored(
-    taken: Photograph,
+    photograph: Photograph,
     scene: Scene,
     rows: Mapping[str, Row],
     speed: float,
     check: Callable[[], None],
-) -> dict[str, Any]:
-    """A photograph captured and restored by each of some designs at one speed.
+) -> dict[str, object]:
+    """Captures and restores a photograph at one speed by each of some designs.
 
     Args:
-        taken: The photograph.
-        scene: Light and noise, and the speeds that the decoder may know.
+        photograph: The photograph.
+        scene: Photons and noise, and the speeds that the decoder assumes.
         rows: The designs by name.
         speed: Speed of the object; px/s.
-        check: Called before each design; it raises where nobody waits any longer.
+        check: Called before each design; raises if the request is superseded.
 
     Returns:
-        The `reference`, and for each design what was `captured` and `restored`, as PNG in base 64,
-        with its `psnr` in linear light, dB, and what the scene's decoder `knows` of the speed;
-        where it finds it also the one that it `found`, with the fields of a `SpeedEstimate` that
-        are no arrays, otherwise None.
+        The `reference`, and for each design the pictures `captured` and `restored`, as PNG in base
+        64, and the `psnr` in linear light, dB. `knows` is the knowledge of the speed by the scene's
+        decoder; if it finds the speed, `found` has the fields of the `SpeedEstimate` that are no
+        arrays, otherwise it is None.
 
     Raises:
         ValueError: if the photograph is too narrow for the blur.
     """
-    seen = [*np.asarray(scene.speeds).tolist(), speed]
-    longest = max(kernel_layout(row.motion, *seen, 0.0)[0] for row in rows.values())
-    enough, there = least_columns(longest), taken.part.light.shape[1]
+    speeds = [*np.asarray(scene.speeds).tolist(), speed]
+    longest = max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
+    least, columns = least_columns(longest), photograph.part.light.shape[1]
     pixels = pixels_along(scene.axis)
-    requirement = f"have at least {enough} {pixels}, to be restored from this blur"
-    require(there >= enough, "the photograph", requirement, there)
-    width = min(there, max(enough, _COLUMNS + longest))
-    first = (there - width) // 2
+    requirement = f"have at least {least} {pixels}, to be restored from this blur"
+    require(columns >= least, "the photograph", requirement, columns)
+    width = min(columns, max(least, _COLUMNS + longest))
+    first = (columns - width) // 2
     finds = scene.decoder_speed == "found"
     num_rows = ROWS_TO_FIND if finds else _ROWS
-    part = Picture(light=_middle(taken.part.light, num_rows)[:, first : first + width].copy())
-    along, found, reference = scene.along_rows(), [], None
+    part = Picture(light=_middle(photograph.part.light, num_rows)[:, first : first + width].copy())
+    along, designs, reference = scene.along_rows(), [], None
     for name, row in rows.items():
         check()
         result = restore_by_each(
@@ -175,27 +187,28 @@ def restored(
         reference = turned(result.reference, scene.axis)
         level = float(result.linear_psnr[0])
         pictures = {"captured": captured * gain, "restored": result.restored[0]}
-        pair = {which: _png(turned(light, scene.axis)) for which, light in pictures.items()}
+        pair = {name: _png(turned(picture, scene.axis)) for name, picture in pictures.items()}
         estimate = estimate_speed(captured, along, row.motion, row.shutter) if finds else None
-        known = {"knows": scene.decoder_speed, "found": _plain(estimate)}
-        found.append({"name": name, "psnr": level, **pair, **known})
+        speed_of_decoder = {"knows": scene.decoder_speed, "found": _plain(estimate)}
+        designs.append({"name": name, "psnr": level, **pair, **speed_of_decoder})
     return {
         "speed": speed,
         "reference": None if reference is None else _png(reference),
-        "designs": found,
+        "designs": designs,
     }
 
 
-def _plain(estimate: SpeedEstimate | None) -> dict[str, Any] | None:
+def _plain(estimate: SpeedEstimate | None) -> dict[str, object] | None:
     """The fields of an estimate that are no arrays; px/s."""
     names = ("speed", "error", "trusted", "doubt")
     return None if estimate is None else {name: getattr(estimate, name) for name in names}
 
 
-def _png(light: np.ndarray) -> str:
+def _png(picture: Float[np.ndarray, "rows columns channels"]) -> str:
+    """A picture as PNG in base 64."""
     from PIL import Image
 
-    pixels = np.rint(to_display(light) * 255).astype(np.uint8)
+    pixels = np.rint(to_display(picture) * 255).astype(np.uint8)
     pixels = pixels[..., 0] if pixels.shape[2] == 1 else pixels
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG", compress_level=1)

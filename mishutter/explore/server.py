@@ -1,4 +1,4 @@
-"""The page's server: files of the page, and one connection a tab, on this machine alone."""
+"""The server of the page: its files, and one connection for each tab."""
 
 import asyncio
 import ipaddress
@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
-from typing import Any
 from urllib.parse import urlsplit
 
 import tornado.httpserver
@@ -26,6 +25,7 @@ from mishutter.explore.session import (
     MOST_PINS,
     MOST_ROWS,
     NUM_CHIPS,
+    Answer,
     Beginning,
     Order,
     Request,
@@ -35,12 +35,12 @@ from mishutter.explore.session import (
 )
 
 MOST_TABS = 16
-MOST_KEPT = 2 * MOST_TABS
-"""Sessions of tabs that are open or were, of which a tab that is loaded again finds its own."""
+MOST_SESSIONS = 2 * MOST_TABS
+"""Most sessions in memory, of open and closed tabs; a tab that is reloaded resumes its own."""
 _REST = 0.35
-"""Time without a change after which a hand rests; s."""
+"""Time without a change after which the hand counts as at rest; s."""
 _SWITCH = 5e-4
-"""Time after which one thread of Python gives way to another; s."""
+"""Time slice of a thread of Python; s."""
 _MOST_MESSAGE = 2 << 20
 """Bytes of a message of text."""
 _PAGE = {
@@ -50,6 +50,7 @@ _PAGE = {
     "/explore.css": ("explore.css", "text/css"),
     "/icon.svg": ("icon.svg", "image/svg+xml"),
 }
+Route = tuple[str, type[tornado.web.RequestHandler], dict[str, tuple[str, str]]]
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -66,19 +67,19 @@ def serve(
     ready: Callable[[str], None],
     note: Callable[[str], None],
 ) -> None:
-    """Serve the page until the process is interrupted.
+    """Serves the page until the process is interrupted.
 
     Args:
-        started: The scene that every tab begins with.
-        host: The address to listen at; requests that name any other host are refused.
-        port: The port; 0 for any that is free.
-        ready: Called with the page's address once it answers.
-        note: Called with what happens meanwhile.
+        started: The scene with which every tab begins.
+        host: The address to listen at; requests to any other host name are refused.
+        port: The port; 0 takes any free one.
+        ready: Called with the page's address once the server answers.
+        note: Called with messages about the progress of the start.
 
     Raises:
         OSError: if nothing can listen there.
     """
-    # A thread that searches on for a hand at rest gives way sooner to one that answers a change.
+    # A thread that searches in the background gives way sooner to one that answers a change.
     sys.setswitchinterval(_SWITCH)
     asyncio.run(_serve(started, host, port, ready, note))
 
@@ -105,12 +106,16 @@ async def _serve(
 
 
 def server_explorer(server: tornado.httpserver.HTTPServer) -> "Explorer":
-    """The state that an application of this module shares between its tabs."""
+    """The state that the tabs of a server share."""
     return server.request_callback.settings["explorer"]  # type: ignore[union-attr]
 
 
 def known_hosts(host: str) -> frozenset[str]:
-    """Names by which a browser may call this server, so that no other site's name leads to it."""
+    """Names by which a browser may call this server; names of other sites are refused.
+
+    Args:
+        host: The address at which the server listens.
+    """
     local = {"localhost", "127.0.0.1", "::1"}
     try:
         everywhere = ipaddress.ip_address(host).is_unspecified
@@ -120,9 +125,13 @@ def known_hosts(host: str) -> frozenset[str]:
 
 
 def is_known(name: str | None, hosts: frozenset[str]) -> bool:
-    """Whether a host is one of those known; where all addresses are served, so is any address.
+    """Whether a host name is allowed; any numeric address is if all addresses are served.
 
-    A name that another site has pointed to this machine is not.
+    This refuses a name that another site has pointed to this machine.
+
+    Args:
+        name: The host name of a request.
+        hosts: The names that are allowed, `"*"` among them if all addresses are served.
     """
     if not name:
         return False
@@ -136,8 +145,13 @@ def is_known(name: str | None, hosts: frozenset[str]) -> bool:
 
 
 def application(explorer: "Explorer", hosts: frozenset[str]) -> tornado.web.Application:
-    """The page and its connections."""
-    routes: list[Any] = [(path, _File, {"file": file}) for path, file in _PAGE.items()]
+    """The page and its connections.
+
+    Args:
+        explorer: The state that all tabs share.
+        hosts: Names by which a browser may call the server.
+    """
+    routes: list[Route] = [(path, _File, {"file": file}) for path, file in _PAGE.items()]
     return tornado.web.Application(
         [*routes, ("/tab", _Tab)],
         default_handler_class=_Missing,
@@ -149,48 +163,52 @@ def application(explorer: "Explorer", hosts: frozenset[str]) -> tornado.web.Appl
 
 
 class Explorer:
-    """The state of all tabs: where they begin, how many there are, and who computes."""
+    """The state that all tabs share: the first scene, the sessions, and the threads."""
 
     def __init__(self, started: Beginning, note: Callable[[str], None]):
         self.started = started
         self.note = note
         self.tabs: set[_Tab] = set()
-        self.kept: dict[str, Session] = {}
+        self.sessions: dict[str, Session] = {}
         self.doing = "starting"
         self.is_warm = asyncio.Event()
         self.quick = ThreadPoolExecutor(1, "first")
         self.slow = ThreadPoolExecutor(1, "rest")
 
     async def session(self, key: str) -> tuple[str, Session]:
-        """A new tab's session and the key to it, which goes on from that of an earlier key.
+        """A session for a new tab and its key, a copy of the session of an earlier key.
 
-        A tab that the browser has made a copy of has the key too, and keeps its own session.
+        The earlier session remains while a tab is open that has its key, such as the one that a
+        browser duplicated.
+
+        Args:
+            key: Key of an earlier session, or any other text.
         """
-        earlier = self.kept.get(key)
+        earlier = self.sessions.get(key)
         if earlier is None:
-            found = Session(self.started)
+            session = Session(self.started)
         else:
             loop = asyncio.get_running_loop()
-            found = await loop.run_in_executor(self.quick, earlier.copy)
+            session = await loop.run_in_executor(self.quick, earlier.copy)
             if all(tab.key != key for tab in self.tabs):
-                self.kept.pop(key, None)
+                self.sessions.pop(key, None)
         key = secrets.token_urlsafe()
-        self.kept[key] = found
-        for oldest in list(self.kept)[:-MOST_KEPT]:
-            del self.kept[oldest]
-        return key, found
+        self.sessions[key] = session
+        for oldest in list(self.sessions)[:-MOST_SESSIONS]:
+            del self.sessions[oldest]
+        return key, session
 
     async def warm(self) -> None:
-        """Find the design of the first scene, and compile what sliders will need."""
+        """Searches for the design of the first scene, and compiles programs for the sliders."""
         loop = asyncio.get_running_loop()
-        self._say("designing for the scene, and compiling: some seconds where it is the first time")
+        self._say("designing for the scene, and compiling: some seconds at the first time")
         try:
             self.started = await loop.run_in_executor(self.quick, self._designed)
             self.is_warm.set()
             self._say("compiling for changes")
             await loop.run_in_executor(self.quick, self._drawn)
             programs = Session(self.started).ahead(self.started.tables)
-            # Step by step, so that a change that comes meanwhile waits for one of them alone.
+            # Step by step, so that a change in the meantime waits for one step only.
             while await loop.run_in_executor(self.quick, next, programs, self) is not self:
                 pass
             self._say("")
@@ -202,7 +220,7 @@ class Explorer:
         return with_design(self.started, lambda step, value: None)
 
     def _drawn(self) -> None:
-        """Measure a drawn profile."""
+        """Compiles programs for a drawn profile."""
         drawn = [0.25 + 0.5 * (chip % 3) / 2 for chip in range(NUM_CHIPS)]
         asked = Request(kind="design", id=0, scene=self.started.tables, drawn=drawn)
         Session(self.started).first(asked)
@@ -249,7 +267,7 @@ def _protect(handler: tornado.web.RequestHandler) -> None:
 
 
 def _refuse_others(handler: tornado.web.RequestHandler) -> None:
-    """Refuse a request that calls this server by another name: its page is not this one."""
+    """Refuses a request that calls this server by another name, as another site's page would."""
     if not is_known(_host(f"//{handler.request.host}"), handler.settings["hosts"]):
         raise tornado.web.HTTPError(403)
 
@@ -270,7 +288,11 @@ class _Tab(tornado.websocket.WebSocketHandler):
             raise tornado.web.HTTPError(403)
 
     def check_origin(self, origin: str) -> bool:
-        """Whether a connection comes from this page and no other; Tornado asks once more."""
+        """Whether a connection comes from this page; Tornado calls this once more.
+
+        Args:
+            origin: The header `Origin` of the request.
+        """
         return origin.lower() == f"{self.request.protocol}://{self.request.host}".lower()
 
     async def open(self, *args: str, **kwargs: str) -> None:
@@ -314,7 +336,7 @@ class _Tab(tornado.websocket.WebSocketHandler):
                 await self._take(message)
         except ValueError as error:
             await self._send({"kind": "error", "text": _one_line(error)})
-        except Exception as error:  # a bug: the page goes on, and the terminal shows what it was
+        except Exception as error:  # a bug: the page goes on, and the terminal shows the error
             logging.getLogger("mishutter").exception("a message of the page")
             await self._send({"kind": "error", "text": f"failed: {type(error).__name__}"})
 
@@ -338,13 +360,13 @@ class _Tab(tornado.websocket.WebSocketHandler):
     async def _take_file(self, content: bytes) -> None:
         await self._compute(lambda: self.session.upload(self._file, content))
 
-    async def _compute(self, function: Callable[[], dict[str, Any]]) -> None:
+    async def _compute(self, function: Callable[[], Answer]) -> None:
         explorer: Explorer = self.settings["explorer"]
         loop = asyncio.get_running_loop()
         await self._send(await loop.run_in_executor(explorer.quick, function))
 
     async def _follow(self) -> None:
-        """Answer the latest request again and again; a newer one supersedes all of an older."""
+        """Answers the latest request, over and over; a newer one supersedes an older one."""
         explorer: Explorer = self.settings["explorer"]
         await explorer.is_warm.wait()
         if explorer.started.design is not None:
@@ -359,14 +381,14 @@ class _Tab(tornado.websocket.WebSocketHandler):
                 await self._finish(explorer, request)
 
     async def _answer(self, explorer: Explorer, request: Request) -> bool:
-        """Send the first answer; whether there was one."""
+        """Sends the first answer; returns whether there was one."""
         loop = asyncio.get_running_loop()
         return await self._guarded(
             request, loop.run_in_executor(explorer.quick, self.session.first, request)
         )
 
     async def _finish(self, explorer: Explorer, request: Request) -> None:
-        """Send everything else, part by part, until a newer request comes."""
+        """Sends the further answers, one by one, until a newer request comes."""
         loop = asyncio.get_running_loop()
 
         def check() -> None:
@@ -380,10 +402,10 @@ class _Tab(tornado.websocket.WebSocketHandler):
             if not await self._guarded(request, part):
                 return
 
-    async def _guarded(self, request: Request, part: "asyncio.Future[Any]") -> bool:
-        """Send what is computed, or in one line why it cannot be; whether there was anything."""
+    async def _guarded(self, request: Request, part: "asyncio.Future[Answer | None]") -> bool:
+        """Sends an answer, or one line on its error; returns whether there was an answer."""
         try:
-            found = await part
+            answer = await part
         except SupersededError:
             return False
         except Exception as error:
@@ -392,9 +414,9 @@ class _Tab(tornado.websocket.WebSocketHandler):
                 logging.getLogger("mishutter").exception("an answer of the page")
             await self._send({"kind": "error", "id": request.id, "text": _one_line(error)})
             return False
-        if found is None:
+        if answer is None:
             return False
-        await self._send(found | {"id": request.id})
+        await self._send(answer | {"id": request.id})
         return True
 
     async def _is_asked(self, seconds: float) -> bool:
@@ -404,25 +426,29 @@ class _Tab(tornado.websocket.WebSocketHandler):
             return False
         return True
 
-    def tell(self, message: dict[str, Any]) -> None:
-        """Send without waiting; what is told is short and seldom."""
+    def tell(self, message: Answer) -> None:
+        """Sends a message without waiting for its delivery; for short and rare ones.
+
+        Args:
+            message: The message.
+        """
         if self.ws_connection is not None:
             self.write_message(json.dumps(message))
 
-    async def _send(self, message: dict[str, Any]) -> None:
-        """Send and wait until it is on its way, so that nothing piles up for a tab that sleeps."""
+    async def _send(self, message: Answer) -> None:
+        """Sends a message and waits for it, so that none pile up for a tab that sleeps."""
         try:
             await self.write_message(json.dumps(_plain(message), separators=(",", ":")))
         except tornado.websocket.WebSocketClosedError:
             raise asyncio.CancelledError from None
 
 
-def _next(parts: Iterator[dict[str, Any]]) -> dict[str, Any] | None:
+def _next(parts: Iterator[Answer]) -> Answer | None:
     return next(parts, None)
 
 
-def _plain(value: Any) -> Any:
-    """JSON has no infinity; the page shows what is not a number as such."""
+def _plain(value: object) -> object:
+    """Replaces infinities and NaN, which JSON lacks, by None."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

@@ -1,10 +1,10 @@
-"""One tab of the page: what it asked for, the designs that it has, and what is answered."""
+"""One tab of the page: its requests, its designs, and the answers."""
 
 import copy
 import json
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +23,7 @@ from mishutter.explore.answers import (
     table,
     with_room,
 )
-from mishutter.explore.fields import scene_text
+from mishutter.explore.fields import Tables, scene_text
 from mishutter.explore.pictures import Reader, reader, restored, uploaded
 from mishutter.hardware import Design
 from mishutter.model import (
@@ -45,30 +45,33 @@ if TYPE_CHECKING:
 
 DRAWN = "drawn"
 NUM_CHIPS = 64
-"""Of a profile that is drawn."""
+"""Chips of a profile that is drawn."""
 MOST_PINS, MOST_ROWS = 6, 4
 _MOST_TEXT = 1 << 20
-"""Letters of a file that is loaded."""
+"""Most letters of a file that is loaded."""
 _MOST_NAME = 60
 _SCENE = "the scene"
 
 Check = Callable[[], None]
+"""Raises `SupersededError` if the request is superseded."""
+Answer = dict[str, object]
+"""A message to the page: its `kind`, and names that the page reads."""
 Text = Annotated[str, Field(max_length=_MOST_TEXT)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Chip = Annotated[float, Field(ge=0, le=1)]
 
 
 class SupersededError(Exception):
-    """Nobody waits any longer for what is being computed."""
+    """The tab has a newer request, or is closed."""
 
 
 @final
 class Request(Section):
-    """A scene to design for, what is drawn beside it, and the rows whose pictures are shown."""
+    """A scene to design for, a profile drawn by hand, and the rows whose pictures are shown."""
 
     kind: str
     id: Annotated[int, Field(ge=0, le=1 << 50)]
-    scene: dict[str, Any]
+    scene: Tables
     drawn: Annotated[list[Chip], Field(min_length=NUM_CHIPS, max_length=NUM_CHIPS)] | None = None
     rows: Annotated[tuple[Name, ...], Field(max_length=MOST_ROWS, strict=False)] = ()
     speed: Speed = 0.0
@@ -76,26 +79,26 @@ class Request(Section):
 
 @final
 class Order(Section):
-    """Anything else that a page asks for; each kind takes what it needs."""
+    """Any other request of the page; each kind reads the fields that it needs."""
 
     kind: str
     name: Name = "design"
     text: Text = ""
-    scene: Annotated[dict[str, Any], Field(default_factory=dict)]
+    scene: Annotated[Tables, Field(default_factory=dict)]
     drawn: Annotated[list[Chip], Field(min_length=NUM_CHIPS, max_length=NUM_CHIPS)] | None = None
 
 
 @dataclass(frozen=True)
 class Beginning:
-    """What every tab begins with.
+    """The state with which every tab begins.
 
     Attributes:
-        tables: Those of the scene file.
-        photographs: Photographs by the path that a scene file has for them.
-        design: The finished design of the scene; None until it is found.
+        tables: Tables of the scene file.
+        photographs: Photographs by their paths in scene files.
+        design: The finished design of the scene; None until the search ends.
     """
 
-    tables: dict[str, Any]
+    tables: Tables
     photographs: Mapping[str, Reader]
     design: Design | None = None
 
@@ -105,12 +108,15 @@ class Beginning:
 
     @property
     def speed(self) -> int:
-        """Half of the largest speed, at which the photograph is shown at first; px/s."""
+        """Half of the largest speed, the first speed of the photograph; px/s."""
         return round(float(self.scene().max_speed) / 2)
 
 
 def beginning(path: Path | None) -> Beginning:
     """The scene file that the page begins with, and the photographs that it may name.
+
+    Args:
+        path: The scene file; None takes the built-in scene.
 
     Raises:
         ValueError: if it is not a scene file.
@@ -131,26 +137,30 @@ def beginning(path: Path | None) -> Beginning:
     return started
 
 
-def _tables(text: str, name: str) -> dict[str, Any]:
+def _tables(text: str, name: str) -> Tables:
     """The tables of a scene file, without the motion to start from.
 
-    It would have to lie within the limits while these are moved.
+    That motion would have to stay within the limits while sliders move these.
     """
     tables = parsed(tomllib.loads, text.encode(), name, "TOML")
     validated(SceneFile, tables, name, in_section)
     return {key: table for key, table in tables.items() if key != "motion"}
 
 
-def built(tables: Mapping[str, Any], photographs: Mapping[str, Reader]) -> Scene:
-    """The scene of some tables; it may name those photographs alone, and no other file.
+def built(tables: Tables, photographs: Mapping[str, Reader]) -> Scene:
+    """The scene of some tables, which may name these photographs and no other file.
+
+    Args:
+        tables: Tables of a scene file.
+        photographs: Photographs by their paths in scene files.
 
     Raises:
         ValueError: if it is no scene, or names another photograph.
     """
 
     def arguments(place: str, white: float | None, linear: bool, axis: Axis) -> Mapping[str, Any]:
-        known = ", ".join(photographs)
-        require(place in photographs, "[picture] path", f"be one of {known}, or uploaded", place)
+        names = ", ".join(photographs)
+        require(place in photographs, "[picture] path", f"be one of {names}, or uploaded", place)
         return photographs[place](white, linear, axis).arguments
 
     return scene_of_tables(tables, _SCENE, Path(), arguments)
@@ -159,8 +169,8 @@ def built(tables: Mapping[str, Any], photographs: Mapping[str, Reader]) -> Scene
 class Session:
     """The state of one tab; its methods are called from one thread at a time.
 
-    Everything that it holds is bounded: one scene with its design and comparison, one uploaded
-    photograph, and a few pins.
+    Its memory is bounded: one scene with its design and comparison, one uploaded photograph, and
+    a few pins.
     """
 
     def __init__(self, started: Beginning):
@@ -174,18 +184,26 @@ class Session:
         self._compared: tuple[str, Comparison] | None = None
 
     def copy(self) -> "Session":
-        """Another session, which goes on from what this one has."""
+        """Another session with the same state."""
         other = copy.copy(self)
         other._photographs, other._pins = dict(self._photographs), dict(self._pins)
         return other
 
     def begin(self, design: Design) -> None:
-        """Take the design that was found while the page was loading."""
+        """Takes the design of a search that ended while the page was loading.
+
+        Args:
+            design: The design of the first scene.
+        """
         if self._design is None:
             self._design = design
 
-    def first(self, request: Request) -> dict[str, Any]:
-        """The first answer to a request: a design at once, and what is drawn beside it."""
+    def first(self, request: Request) -> Answer:
+        """The first answer to a request: curves of a quick design and of the drawn profile.
+
+        Args:
+            request: The request.
+        """
         scene = built(request.scene, self._photographs)
         key = self._key_of(request.scene)
         if key != self._key or self._design is None:
@@ -197,53 +215,57 @@ class Session:
             self._key, self._is_finished = key, before is None
         return {"kind": "first", **self._shown(with_room(scene), request, at_once=True)}
 
-    def rest(self, request: Request, check: Check) -> Iterator[dict[str, Any]]:
-        """Everything that follows when the hand rests: the whole search, the table, photographs.
+    def rest(self, request: Request, check: Check) -> Iterator[Answer]:
+        """The further answers when the hand rests: the whole search, the table, photographs.
 
-        After the last of it the programs are compiled that sliders may need next.
+        At the end it compiles the programs that sliders may need next.
 
         Args:
-            request: That of which `first` was the answer.
-            check: Called now and then; raises `SupersededError` where nobody waits any longer.
+            request: The request that `first` has answered.
+            check: Called now and then.
         """
         scene = built(request.scene, self._photographs)
         if not self._is_finished:
-            found = optimise(scene, progress=lambda step, value: check())
+            design = optimise(scene, progress=lambda step, value: check())
             check()
-            self._design, self._is_finished = found, True
+            self._design, self._is_finished = design, True
         yield {"kind": "finished", **self._shown(scene, request)}
         comparison = self._compare(scene, request, check)
         rows = shown_rows(comparison)
-        wanted = {name: rows[name] for name in request.rows if name in rows}
+        chosen = {name: rows[name] for name in request.rows if name in rows}
         others = {
             name: curves(scene, row.motion, row.shutter)
-            for name, row in wanted.items()
+            for name, row in chosen.items()
             if name != OPTIMISED
         }
-        pictured = {name: row for name, row in wanted.items() if can_be_pictured(row)}
+        pictured = {name: row for name, row in chosen.items() if can_be_pictured(row)}
         follows = scene.picture is not None and bool(pictured)
         shown = {"curves": others, "pins": self.pins, "pictured": follows}
         yield {"kind": "table", **table(comparison), **shown}
         if scene.picture is not None and follows:
             check()
             read = self._photographs[scene.picture]
-            taken = read(scene.picture_white, scene.picture_linear, scene.axis)
+            photograph = read(scene.picture_white, scene.picture_linear, scene.axis)
             yield {
                 "kind": "photograph",
-                **restored(taken, scene, pictured, request.speed, check),
+                **restored(photograph, scene, pictured, request.speed, check),
             }
         for _ in self.ahead(request.scene):
             check()
 
-    def ahead(self, tables: Mapping[str, Any]) -> Iterator[None]:
-        """First answers to changes of some tables, one a step, whose programs later ones share."""
+    def ahead(self, tables: Tables) -> Iterator[None]:
+        """Compiles programs that later first answers share, one at each step.
+
+        Args:
+            tables: Tables of the scene, around which sliders may move.
+        """
         for changed in _around(tables):
             try:
                 scene = built(changed, self._photographs)
-            except ValueError:  # as far as a slider goes, and no further
+            except ValueError:  # the change is beyond the range of a slider
                 continue
-            found = first_answer(scene, self._found)
-            curves(with_room(scene), found.motion, found.shutter, at_once=True)
+            design = first_answer(scene, self._current)
+            curves(with_room(scene), design.motion, design.shutter, at_once=True)
             yield
 
     def _compare(self, scene: Scene, request: Request, check: Check) -> "Comparison":
@@ -251,32 +273,37 @@ class Session:
 
         asked = json.dumps([self._key, request.drawn, list(self._pins)])
         if self._compared is None or asked != self._compared[0]:
-            entries: dict[str, Any] = {OPTIMISED: self._found, **self._pins}
+            entries: dict[str, Design | ChippedShutter] = {OPTIMISED: self._current, **self._pins}
             if request.drawn is not None:
                 entries[DRAWN] = _chips(request.drawn)
-            found = compare(scene, self._found.motion, entries, step=lambda name: check())
-            self._compared = asked, found
+            result = compare(scene, self._current.motion, entries, step=lambda name: check())
+            self._compared = asked, result
         return self._compared[1]
 
     @property
-    def _found(self) -> Design:
+    def _current(self) -> Design:
+        """The design so far, finished or not."""
         if self._design is None:
-            raise ValueError("`a design` must be found first; got none yet.")
+            raise ValueError("`a design` must be searched for first; got none yet.")
         return self._design
 
-    def _shown(self, scene: Scene, request: Request, *, at_once: bool = False) -> dict[str, Any]:
-        design = self._found
-        found = {OPTIMISED: curves(scene, design.motion, design.shutter, at_once=at_once)}
+    def _shown(self, scene: Scene, request: Request, *, at_once: bool = False) -> Answer:
+        """Curves of the design and of the drawn profile."""
+        design = self._current
+        drawings = {OPTIMISED: curves(scene, design.motion, design.shutter, at_once=at_once)}
         if request.drawn is not None:
             drawn = scene.light(_chips(request.drawn), design.motion)
-            found[DRAWN] = curves(scene, design.motion, drawn, at_once=at_once)
-        return {"curves": found, "outcome": design.outcome}
+            drawings[DRAWN] = curves(scene, design.motion, drawn, at_once=at_once)
+        return {"curves": drawings, "outcome": design.outcome}
 
-    def _key_of(self, tables: Mapping[str, Any]) -> str:
+    def _key_of(self, tables: Tables) -> str:
         return json.dumps([tables, self._uploaded], sort_keys=True)
 
-    def answer(self, order: Order) -> dict[str, Any]:
-        """The answer to anything but a request for a design.
+    def answer(self, order: Order) -> Answer:
+        """The answer to any request but one for a design.
+
+        Args:
+            order: The request.
 
         Raises:
             ValueError: if it cannot be met.
@@ -293,59 +320,63 @@ class Session:
         require(order.kind in kinds, "a message", f"be one of {', '.join(kinds)}", order.kind)
         return {"kind": order.kind, **kinds[order.kind](order)}
 
-    def _pin(self, order: Order) -> dict[str, Any]:
+    def _pin(self, order: Order) -> Answer:
         require(self._is_finished, "a pin", "wait for the finished design", "an earlier one")
-        return self._add_pin(order.name, self._found)
+        return self._add_pin(order.name, self._current)
 
-    def _add_pin(self, name: str, design: Design) -> dict[str, Any]:
+    def _add_pin(self, name: str, design: Design) -> Answer:
         room = len(self._pins) < MOST_PINS
         require(room, "pins", f"be at most {MOST_PINS}; take one away first", len(self._pins) + 1)
         name = free_name(name[:_MOST_NAME], self._pins)
         self._pins[name] = design
         return {"pins": self.pins}
 
-    def _unpin(self, order: Order) -> dict[str, Any]:
+    def _unpin(self, order: Order) -> Answer:
         self._pins.pop(order.name, None)
         return {"pins": self.pins}
 
-    def _load_scene(self, order: Order) -> dict[str, Any]:
+    def _load_scene(self, order: Order) -> Answer:
         tables = _tables(order.text, order.name)
         built(tables, self._photographs)
         return {"scene": tables}
 
-    def _load_design(self, order: Order) -> dict[str, Any]:
+    def _load_design(self, order: Order) -> Answer:
         with _file(order.text, order.name) as path:
             design = Design.load(path)
         return self._add_pin(Path(order.name).stem, design)
 
-    def _save_scene(self, order: Order) -> dict[str, Any]:
+    def _save_scene(self, order: Order) -> Answer:
         built(order.scene, self._photographs)
         return {"text": scene_text(order.scene)}
 
-    def _save_design(self, _: Order) -> dict[str, Any]:
+    def _save_design(self, _: Order) -> Answer:
         require(self._is_finished, "a design", "be finished before it is saved", "an earlier one")
-        return {"text": strict_json(self._found.to_dict()) + "\n"}
+        return {"text": strict_json(self._current.to_dict()) + "\n"}
 
-    def _recipe(self, order: Order) -> dict[str, Any]:
-        text = self._save_scene(order)["text"]
+    def _recipe(self, order: Order) -> Answer:
+        text = str(self._save_scene(order)["text"])
         return {
             "command": f"cat > scene.toml <<'END'\n{text}END\nmishutter optimise scene.toml\n",
             "python": _python(text, order.drawn),
         }
 
-    def upload(self, name: str, content: bytes) -> dict[str, Any]:
-        """Take an uploaded photograph in place of an earlier one.
+    def upload(self, name: str, content: bytes) -> Answer:
+        """Takes an uploaded photograph in place of an earlier one.
+
+        Args:
+            name: Name of the file.
+            content: Its bytes.
 
         Raises:
-            ValueError: if it is none, or too large.
+            ValueError: if it is no picture, or too large.
         """
         place = Path(name).name
-        taken = place in self._started.photographs
-        require(not taken, "a photograph", "not be called as another is", place)
-        found = uploaded(place, content)
+        is_taken = place in self._started.photographs
+        require(not is_taken, "a photograph", "have a name of its own", place)
+        photograph = uploaded(place, content)
         if self._uploaded is not None:
             del self._photographs[self._uploaded]
-        self._photographs[place], self._uploaded, self._key = found, place, ""
+        self._photographs[place], self._uploaded, self._key = photograph, place, ""
         return {"kind": "uploaded", "path": place, "photographs": list(self._photographs)}
 
     @property
@@ -355,18 +386,18 @@ class Session:
 
     @property
     def pins(self) -> list[str]:
-        """Names of the designs that are kept."""
+        """Names of the pinned designs."""
         return list(self._pins)
 
 
-def _around(tables: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Tables beside some, for which programs of other sizes may be needed than for these."""
+def _around(tables: Tables) -> Iterator[Tables]:
+    """Changed tables that may need programs of other sizes than the given ones."""
 
-    def changed(section: str, key: str, factor: float) -> dict[str, Any]:
+    def changed(section: str, key: str, factor: float) -> Tables:
         table = tables.get(section, {})
         return {**tables, section: {**table, key: table[key] * factor}} if key in table else {}
 
-    # In whatever unit the scene has them; changes of keys that it does not have come to nothing.
+    # A scene has these keys in one of several units; tables without the key are empty here.
     for key in ("photon_rate_per_s", "white_e", "illuminance_lux"):
         yield changed("light", key, 1.02)
     for key in ("max_stroke_px", "max_stroke_mm"):
@@ -378,8 +409,13 @@ def _around(tables: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         yield {**tables, "speeds": {**tables["speeds"], "uniform": one_sided}}
 
 
-def free_name(name: str, taken: Mapping[str, Any]) -> str:
-    """A name that is not that of a row, with a number behind it where it would be."""
+def free_name(name: str, taken: Iterable[str]) -> str:
+    """A name that no row has: the given one, or that with a number behind it.
+
+    Args:
+        name: The name.
+        taken: Names of other rows.
+    """
     from mishutter.search import taken_names
 
     used = {*taken, *taken_names(), OPTIMISED, DRAWN}
@@ -393,7 +429,7 @@ def _chips(drawn: list[float]) -> ChippedShutter:
 
 @contextmanager
 def _file(text: str, name: str) -> Iterator[Path]:
-    """A file of a text while it is read, whose errors name the file of the user."""
+    """Writes a text to a temporary file; errors within name the user's file instead."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "design.json"
         path.write_text(text, "utf-8", errors="replace")
@@ -404,7 +440,7 @@ def _file(text: str, name: str) -> Iterator[Path]:
 
 
 def _python(text: str, drawn: list[float] | None) -> str:
-    """A program that finds the same numbers."""
+    """A program that computes the same numbers."""
     own = "" if drawn is None else f"drawn = ChippedShutter({[round(x, 6) for x in drawn]})\n"
     more = "" if drawn is None else ', "drawn": drawn'
     names = (
@@ -422,5 +458,10 @@ def _python(text: str, drawn: list[float] | None) -> str:
 
 
 def with_design(started: Beginning, check: Callable[[int, float], None]) -> Beginning:
-    """The beginning with the finished design of its scene."""
+    """The beginning with the finished design of its scene.
+
+    Args:
+        started: The beginning.
+        check: Called at each step of the search with its number and its loss.
+    """
     return replace(started, design=optimise(started.scene(), progress=check))

@@ -1,9 +1,7 @@
-"""The reproduction's camera and photographs, and what decoders make of them.
+"""The reproduction's camera and photographs, captured and restored.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
-
-from typing import Any
 
 import jax
 import numpy as np
@@ -16,6 +14,7 @@ from mishutter.model import (
     row_power_spectrum,
     shipped_picture,
 )
+from mishutter.paper.numbers import PlainNumbers
 from mishutter.restore import (
     AbstractDecoder,
     RestoredPhotograph,
@@ -31,27 +30,35 @@ ELECTRONS, READ_NOISE = 1e4, 10.0
 AXIS = np.linspace(0.0, 0.5, 11)
 """The paper's speed axis."""
 READINGS = {"s/(aT)": 0.5, "s/(2aT)": 1.0}
-"""Meanings that the axis may have, and the normalised speed `s/(2aT)` that 1 on it then is."""
+"""Readings of the speed axis: normalised speed `s/(2aT)` of 1 on it, by the reading."""
 PHOTOGRAPHS = {
     "camera": ("camera.png", (60, 188)),
     "motorcycle": ("motorcycle_left.png", (180, 308)),
     "coffee": ("coffee.png", (120, 248)),
 }
-"""Files of scikit-image's package, and the rows of them that are used."""
+"""Files of scikit-image's package, and first and last row of the part that is used."""
 MID_TO_HIGH = (0.2, 0.3, 0.4, 0.5)
 """Speeds on the paper's axis at which decoders are compared."""
 PLAIN = RichardsonLucyDecoder(30, accelerated=False, until_noise=False, start="capture")
 ACCELERATED = RichardsonLucyDecoder(30, until_noise=False, start="capture")
-"""Thirty steps each; MATLAB's `deconvlucy` takes the second kind."""
+"""Decoders of thirty steps each; MATLAB's `deconvlucy` is the second."""
 
 
 def camera(stroke: float = STROKE) -> ParabolicMotion:
-    """The moving sensor of the reproduction."""
+    """The motion of the reproduction's sensor.
+
+    Args:
+        stroke: px.
+    """
     return ParabolicMotion(acceleration=stroke / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
 
 
 def photograph(name: str) -> Picture:
-    """One of the photographs, in luminance, cut to the rows that are used."""
+    """One of the photographs, in luminance, cut to the rows that are used.
+
+    Args:
+        name: Its name in `PHOTOGRAPHS`.
+    """
     file_name, (first, last) = PHOTOGRAPHS[name]
     whole = shipped_picture(file_name)
     return Picture(light=np.ascontiguousarray(whole.luminance[first:last, :, None]), name=name)
@@ -65,15 +72,15 @@ def restored(
     electrons: float = ELECTRONS,
     decoder: AbstractDecoder = ACCELERATED,
 ) -> RestoredPhotograph:
-    """A photograph at speeds `s/(2aT)` through camera and decoder.
+    """Captures and restores a photograph at speeds `s/(2aT)`.
 
     Args:
         picture: The photograph.
         shutter: Transmittance over the exposure.
-        normalised_speeds: At which speeds.
+        normalised_speeds: Speeds `s/(2aT)` of the photograph.
         electrons: Photo-electrons of a white pixel in a fully open exposure.
-        decoder: How to restore what is taken for a still object; 30 accelerated iterations
-            of Richardson-Lucy by default.
+        decoder: The decoder, which assumes a still object; 30 accelerated iterations of
+            Richardson-Lucy by default.
     """
     motion = camera()
     spectrum = row_power_spectrum(picture)._asdict()
@@ -95,9 +102,15 @@ def plain_numbers(
     photographs: dict[str, Picture],
     windows: dict[str, AbstractShutter],
     speeds: tuple[float, ...] = MID_TO_HIGH,
-) -> dict[str, Any]:
-    """PSNR at mid to high speeds by plain iterations, for each window and reading of the axis."""
-    numbers: dict[str, Any] = {"speed": list(speeds), "psnr": {}}
+) -> PlainNumbers:
+    """PSNR at mid to high speeds by plain iterations, for each window and reading of the axis.
+
+    Args:
+        photographs: Photographs by name.
+        windows: Shutters by name.
+        speeds: Speeds on the paper's axis.
+    """
+    numbers: PlainNumbers = {"speed": list(speeds), "psnr": {}}
     for reading, scale in READINGS.items():
         nus = [v * scale for v in speeds]
         numbers["psnr"][reading] = {

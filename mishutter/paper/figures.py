@@ -3,12 +3,15 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mishutter.model import to_display
+from mishutter.paper.numbers import KernelNumbers, SpectrumNumbers, SpeedNumbers
 from mishutter.restore import RestoredPhotograph
 
 _STYLE = {
@@ -22,15 +25,18 @@ _LABEL = {"hann": "Hann", "gaussian": "Gaussian"}
 _TITLE_SIZE = 10
 
 
-def figure_3(numbers: dict[str, Any]) -> Figure:
-    """Kernel difference at speed 0.5, and its RMS against speed; a row for each reading."""
+def figure_3(numbers: KernelNumbers) -> Figure:
+    """Draws the kernel difference at speed 0.5, and its RMS against speed, a row for each reading.
+
+    Args:
+        numbers: The numbers of the figure.
+    """
     figure = Figure(figsize=(10, 7), layout="constrained")
     axes = figure.subplots(2, 2)
     for row, (reading, kernels) in zip(axes, numbers["kernels"].items(), strict=True):
         for name, pair in kernels.items():
             difference = np.array(pair["moving"]) - np.array(pair["still"])
-            style = {**_line(name), "marker": ""}
-            row[0].plot(np.arange(difference.size), difference, **style)
+            row[0].plot(np.arange(difference.size), difference, **_line(name) | {"marker": ""})
             row[1].plot(numbers["speed"], numbers["rms"][reading][name], **_line(name))
         row[0].set(xlabel="position from the vertex / px", ylabel="difference of taps")
         row[0].set_title(f"(a) moving at 0.5 = {reading}, less still", fontsize=_TITLE_SIZE)
@@ -40,14 +46,18 @@ def figure_3(numbers: dict[str, Any]) -> Figure:
     return figure
 
 
-def figure_4(numbers: dict[str, Any]) -> Figure:
-    """Fourier magnitudes, with the condition numbers in the legend."""
+def figure_4(numbers: SpectrumNumbers) -> Figure:
+    """Draws Fourier magnitudes, with the condition numbers in the legend.
+
+    Args:
+        numbers: The numbers of the figure.
+    """
     figure = Figure(figsize=(8, 4.6), layout="constrained")
     axes = figure.subplots()
     styles = (("#0072b2", "-"), ("#000000", "--"), ("#d55e00", ":"))
     for (name, values), (colour, dash) in zip(numbers["magnitude"].items(), styles, strict=True):
-        found, published = numbers["condition"][name], numbers["published"][name]
-        label = f"{name}: condition {found:.2f} (published {published:g})"
+        computed, published = numbers["condition"][name], numbers["published"][name]
+        label = f"{name}: condition {computed:.2f} (published {published:g})"
         axes.plot(numbers["frequency"], values, label=label, color=colour, linestyle=dash)
     axes.set(xlabel="frequency / (cycles/px)", ylabel="magnitude (open exposure = 1)")
     axes.set(yscale="log", xlim=(0, 0.5))
@@ -61,17 +71,20 @@ def figure_4(numbers: dict[str, Any]) -> Figure:
 
 
 def figure_5(results: dict[str, dict[str, RestoredPhotograph]]) -> Figure:
-    """Photograph, captures and restorations at 0.1 and 0.3; a block for each reading."""
+    """Draws a photograph, captures and restorations at 0.1 and 0.3, a block for each reading.
+
+    Args:
+        results: Restored photographs by reading and shutter.
+    """
     figure = Figure(figsize=(12, 7.2), layout="constrained")
     axes = figure.subplots(2 * len(results), 4)
-    for block, (reading, found) in enumerate(results.items()):
-        for row, (name, result) in enumerate(found.items()):
+    for block, (reading, by_shutter) in enumerate(results.items()):
+        for row, (name, result) in enumerate(by_shutter.items()):
             line = axes[2 * block + row]
-            first = (result.reference, "photograph") if row == 0 else (None, "")
-            if first[0] is None:
-                line[0].axis("off")
+            if row == 0:
+                _show(line[0], result.reference, f"photograph ({reading})")
             else:
-                _show(line[0], first[0], f"photograph ({reading})")
+                line[0].axis("off")
             _show(line[1], result.captured[1], f"captured, {_label(name)}, 0.3")
             for column, speed in enumerate((0.1, 0.3)):
                 title = f"{_label(name)}, {speed:g}: {result.psnr[column]:.1f} dB"
@@ -79,8 +92,13 @@ def figure_5(results: dict[str, dict[str, RestoredPhotograph]]) -> Figure:
     return figure
 
 
-def figure_6(numbers: dict[str, Any], readings: dict[str, float]) -> Figure:
-    """PSNR against speed, by both readings, and against noise; a row for each photograph."""
+def figure_6(numbers: SpeedNumbers, readings: Iterable[str]) -> Figure:
+    """Draws PSNR against speed, by both readings, and against noise, a row for each photograph.
+
+    Args:
+        numbers: The numbers of the figure.
+        readings: Names of the readings.
+    """
     names = list(numbers["psnr_over_noise"])
     figure = Figure(figsize=(13, 3.6 * len(names)), layout="constrained")
     axes = figure.subplots(len(names), 3, squeeze=False)
@@ -107,8 +125,9 @@ def _label(name: str) -> str:
     return _LABEL.get(name, name)
 
 
-def _show(axes: Any, light: np.ndarray, title: str) -> None:
-    shown = to_display(light)
+def _show(axes: Axes, picture: np.ndarray, title: str) -> None:
+    """Shows the middle of a picture, at most twice as wide as high."""
+    shown = to_display(picture)
     columns = min(shown.shape[1], 2 * shown.shape[0])
     first = (shown.shape[1] - columns) // 2
     shown = shown[:, first : first + columns]

@@ -3,21 +3,32 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-from typing import Any
-
 import numpy as np
 
-TITLE = "Improved motion invariant imaging with time varying shutter functions"
-"""Title of the paper whose statements are held against what came out."""
+from mishutter.paper.numbers import (
+    FigureNumbers,
+    KernelNumbers,
+    Numbers,
+    PhotographNumbers,
+    PlainNumbers,
+    Setting,
+    SpectrumNumbers,
+    SpeedNumbers,
+    Statement,
+)
 
-Statement = dict[str, Any]
-"""`claim` as published, `met`, and `found`: the numbers."""
+TITLE = "Improved motion invariant imaging with time varying shutter functions"
+"""Title of the paper whose statements are compared with the results."""
 
 _SMOOTH = ("triangle", "hann", "gaussian")
 
 
-def statements(numbers: dict[str, Any]) -> list[Statement]:
-    """Every published statement beside what was found."""
+def statements(numbers: FigureNumbers) -> list[Statement]:
+    """Every published statement beside the results.
+
+    Args:
+        numbers: The numbers of all figures.
+    """
     return [
         *_kernel_statements(numbers["figure_3"], numbers["setting"]),
         *_spectrum_statements(numbers["figure_4"]),
@@ -28,38 +39,42 @@ def statements(numbers: dict[str, Any]) -> list[Statement]:
     ]
 
 
-def report_page(numbers: dict[str, Any]) -> str:
-    """The page, in Markdown: a line for each statement, the condition numbers, the figures."""
-    setting, four, found = numbers["setting"], numbers["figure_4"], numbers["statements"]
-    met = sum(s["met"] for s in found)
-    rows = [(s["claim"], "yes" if s["met"] else "**no**", s["found"]) for s in found]
+def report_page(numbers: Numbers) -> str:
+    """The page, in Markdown: a line for each statement, the condition numbers, the figures.
+
+    Args:
+        numbers: The numbers of all figures, and the statements.
+    """
+    setting, four, lines = numbers["setting"], numbers["figure_4"], numbers["statements"]
+    met = sum(s["met"] for s in lines)
+    rows = [(s["claim"], "yes" if s["met"] else "**no**", s["found"]) for s in lines]
     conditions = [
         (name, f"{four['published'][name]:g}", f"{value:.2f}")
         for name, value in four["condition"].items()
     ]
     return "\n".join(
         [
-            "# What the paper states, and what came out",
+            "# The paper's statements beside the results",
             "",
             f'The paper is "{TITLE}"; figures, sections and equations are numbered as there.',
             "",
             f"Stroke {setting['stroke_px']:g} px, phase {setting['phase_px']:g}, "
             f"{setting['electrons_at_white']:g} e- at white and {setting['read_noise_e']:g} e- of "
             f"read noise unless said otherwise; decoder: {setting['decoder']}. PSNR with gamma 2.2 "
-            "put back, on photographs whose borders are real. The paper says neither how much "
-            "light it assumed nor what its speed axis is normalised by: both readings of the axis "
-            "are given, `s/(aT)` and `s/(2aT)`; the first fits the paper's own kernel lengths (34 "
-            "to 51 samples) and is the likelier.",
+            "put back, on photographs whose borders are real. The paper states neither the light "
+            "level nor the normalisation of its speed axis: both readings of the axis are given, "
+            "`s/(aT)` and `s/(2aT)`; the first fits the paper's own kernel lengths (34 to 51 "
+            "samples) and is the likelier.",
             "",
-            "Pictures here are continuous: light goes through the exact transfer function and "
-            "through a pixel, as in a camera. Samples that are convolved with the taps of a kernel "
-            "fold the finest detail back, which a decoder with the same taps undoes: with such "
-            "pictures earlier versions met 37 of these statements, the gain of 3 to 8 dB on all "
-            "three photographs among them. Of continuous ones Hann gains 1 to 4 dB.",
+            "Pictures here are continuous: they pass the exact transfer function and a pixel, as "
+            "in a camera. A convolution of samples with the taps of a kernel aliases the finest "
+            "detail, and a decoder with the same taps undoes that: with such pictures earlier "
+            "versions met 37 of these statements, the gain of 3 to 8 dB on all three photographs "
+            "among them. On continuous pictures Hann gains 1 to 4 dB.",
             "",
             *_table(("published", "met", "found"), rows),
             "",
-            f"{met} of {len(found)} met; by reading of the axis: {_by_reading(numbers)}.",
+            f"{met} of {len(lines)} met; by reading of the axis: {_by_reading(numbers)}.",
             "",
             "## Condition numbers",
             "",
@@ -82,7 +97,8 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
     return [lines[0], "|---" * len(head) + "|", *lines[1:]]
 
 
-def _by_reading(numbers: dict[str, Any]) -> str:
+def _by_reading(numbers: Numbers) -> str:
+    """The number of statements that were met, by the reading of the speed axis."""
     counts = []
     for reading in numbers["setting"]["speed_readings"]:
         mine = [s["met"] for s in numbers["statements"] if reading in s["claim"]]
@@ -90,13 +106,13 @@ def _by_reading(numbers: dict[str, Any]) -> str:
     return ", ".join(counts)
 
 
-def _kernel_statements(three: dict[str, Any], setting: dict[str, Any]) -> list[Statement]:
-    found = []
+def _kernel_statements(three: KernelNumbers, setting: Setting) -> list[Statement]:
+    lines = []
     for reading, rms in three["rms"].items():
         rect, hann = np.array(rms["rect"])[1:], np.array(rms["hann"])[1:]
         below = hann < rect
         crossing = "" if below.all() else f"; above from {three['speed'][1 + below.argmin()]:.2f}"
-        found += [
+        lines += [
             _statement(
                 f"Smooth shuttering reduces the RMS kernel difference over the range ({reading})",
                 below.all(),
@@ -113,21 +129,21 @@ def _kernel_statements(three: dict[str, Any], setting: dict[str, Any]) -> list[S
     lengths = {reading: stroke * (1 + 0.5 * k) ** 2 for reading, k in readings.items()}
     text = "; ".join(f"{stroke:g} to {v:.0f} px by {r}" for r, v in lengths.items())
     fits = min(abs(v - 51) for v in lengths.values()) < 3
-    return [*found, _statement("Kernels are 34 to 51 samples long", fits, text)]
+    return [*lines, _statement("Kernels are 34 to 51 samples long", fits, text)]
 
 
-def _spectrum_statements(four: dict[str, Any]) -> list[Statement]:
-    found = []
+def _spectrum_statements(four: SpectrumNumbers) -> list[Statement]:
+    lines = []
     for name, value in four["condition"].items():
         published = four["published"][name]
         close = abs(value - published) < 0.02 * published
-        found.append(
+        lines.append(
             _statement(f"Condition number of {name}: {published:g}", close, f"{value:.2f}")
         )
     rect, hann = (np.array(four["magnitude"][f"motion invariant, {w}"]) for w in ("rect", "Hann"))
     ranges = [magnitude.max() / magnitude.min() for magnitude in (hann, rect)]
     return [
-        *found,
+        *lines,
         _statement(
             "A smooth shutter attenuates low frequencies",
             hann[0] < rect[0],
@@ -141,8 +157,8 @@ def _spectrum_statements(four: dict[str, Any]) -> list[Statement]:
     ]
 
 
-def _ghost_statements(five: dict[str, Any]) -> list[Statement]:
-    found = []
+def _ghost_statements(five: dict[str, dict[str, PhotographNumbers]]) -> list[Statement]:
+    lines = []
     for reading, photographs in five.items():
         ratios = [
             rect / hann if hann > 0 else np.inf
@@ -153,12 +169,12 @@ def _ghost_statements(five: dict[str, Any]) -> list[Statement]:
         ]
         claim = f"No ghost with Hann at 0.1 and 0.3: energy at least 10 times lower ({reading})"
         text = f"{min(ratios):.0f} to {max(ratios):.0f} times lower"
-        found.append(_statement(claim, min(ratios) >= 10, text))
-    return found
+        lines.append(_statement(claim, min(ratios) >= 10, text))
+    return lines
 
 
-def _speed_statements(six: dict[str, Any]) -> list[Statement]:
-    speed, found = np.array(six["speed"]), []
+def _speed_statements(six: SpeedNumbers) -> list[Statement]:
+    speed, lines = np.array(six["speed"]), []
     for reading, photographs in six["psnr_over_speed"].items():
         for name, windows in photographs.items():
             psnr = {window: np.array(values) for window, values in windows.items()}
@@ -170,7 +186,7 @@ def _speed_statements(six: dict[str, Any]) -> list[Statement]:
             slow = psnr["hann"][speed <= 0.2]
             fall = slow[-1] - psnr["hann"][-1]
             where = f"({name}, {reading})"
-            found += [
+            lines += [
                 _statement(
                     f"Hann over rect 3 to 8 dB at mid to high speeds {where}",
                     np.all((fast >= 3) & (fast <= 8)),
@@ -193,22 +209,22 @@ def _speed_statements(six: dict[str, Any]) -> list[Statement]:
                     f"Hann loses {np.ptp(slow):.1f} dB up to 0.2, {fall:.1f} dB from there to 0.5",
                 ),
             ]
-    return found
+    return lines
 
 
-def _plain_statements(numbers: dict[str, Any]) -> list[Statement]:
-    """The gain by Richardson-Lucy as it is, should the paper not have used MATLAB's form."""
-    found = []
+def _plain_statements(numbers: PlainNumbers) -> list[Statement]:
+    """The gain by plain Richardson-Lucy, in case the paper did not use MATLAB's form."""
+    lines = []
     for reading, photographs in numbers["psnr"].items():
         rows = photographs.values()
         gains = np.array([np.subtract(psnr["hann"], psnr["rect"]) for psnr in rows])
         claim = f"Hann over rect 3 to 8 dB also by 30 plain iterations, all photographs ({reading})"
         text = f"{gains.min():.1f} to {gains.max():.1f} dB from 0.2 to 0.5"
-        found.append(_statement(claim, np.all((gains >= 3) & (gains <= 8)), text))
-    return found
+        lines.append(_statement(claim, np.all((gains >= 3) & (gains <= 8)), text))
+    return lines
 
 
-def _noise_statement(six: dict[str, Any]) -> Statement:
+def _noise_statement(six: SpeedNumbers) -> Statement:
     levels, windows = six["electrons"], six["psnr_over_noise"]
     middle = len(levels) // 2
     drops = {
@@ -221,5 +237,5 @@ def _noise_statement(six: dict[str, Any]) -> Statement:
     return _statement("PSNR drops faster with noise under smooth shuttering", faster, text)
 
 
-def _statement(claim: str, met: Any, found: str) -> Statement:
-    return {"claim": claim, "met": bool(met), "found": found}
+def _statement(claim: str, met: bool | np.bool, numbers: str) -> Statement:
+    return {"claim": claim, "met": bool(met), "found": numbers}

@@ -1,4 +1,4 @@
-"""The paper's Figures 3 to 6 and its table, computed anew and held against what it says.
+"""The paper's Figures 3 to 6 and its table, computed again and compared with its statements.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -6,9 +6,9 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from mishutter._core import write_text
 from mishutter.blur import blur_kernel, condition_number
@@ -45,17 +45,26 @@ from mishutter.paper.figures import (
     figure_5,
     figure_6,
 )
+from mishutter.paper.numbers import (
+    FigureNumbers,
+    KernelNumbers,
+    Numbers,
+    PhotographNumbers,
+    Setting,
+    SpectrumNumbers,
+    SpeedNumbers,
+)
 from mishutter.paper.page import report_page, statements
 from mishutter.report import save_figure
 from mishutter.restore import RestoredPhotograph, ghost_energy
 from mishutter.search import optimise
 
 TABLE_STROKE = 45.0
-"""Where the published condition numbers come out (phase 0)."""
+"""Stroke at which phase 0 gives the published condition numbers; px."""
 NOISE_AXIS = np.geomspace(1e2, 1e6, 7)
 
 Progress = Callable[[str, float], None]
-"""Called with what is being done and the share that is."""
+"""Called with the name of the current step and the share of the work that is done."""
 
 
 def reproduce(
@@ -64,23 +73,23 @@ def reproduce(
     progress: Progress | None = None,
     optimised: AbstractShutter | None = None,
     quick: bool = False,
-) -> dict[str, Any]:
-    """Reproduce the paper's Figures 3 to 6 and its table of condition numbers.
+) -> Numbers:
+    """Reproduces the paper's Figures 3 to 6 and its table of condition numbers.
 
     Writes `figure_3.png` to `figure_6.png`, `figures.json` with every number in them, and
     `REPRODUCTION.md`, which says of each published statement whether it was met, and by
-    how much. The paper does not say what its speed axis is normalised by; every figure
+    how much. The paper does not state the normalisation of its speed axis; every figure
     over speed is given for both readings.
 
     Args:
-        out: Folder to write to; made if it is not there.
-        progress: Called with a sentence and the share done.
+        out: Folder to write to; created if it does not exist.
+        progress: Called with the name of the current step and the share of the work done.
         optimised: A profile to draw beside the windows; one optimised for the expected
             error of the same scene by default.
         quick: Whether to take fewer speeds, noise levels and photographs, for a look.
 
     Returns:
-        What `figures.json` holds.
+        The content of `figures.json`.
 
     Raises:
         OSError: if the folder cannot be made or written to.
@@ -93,29 +102,33 @@ def reproduce(
     shutters = _shutters(profile)
     names = list(PHOTOGRAPHS)[: 1 if quick else None]
     photographs = {name: photograph(name) for name in names}
-    numbers: dict[str, Any] = {
-        "setting": {
-            "stroke_px": STROKE,
-            "half_exposure_s": HALF_EXPOSURE,
-            "electrons_at_white": ELECTRONS,
-            "read_noise_e": READ_NOISE,
-            "phase_px": 0.0,
-            "speed_readings": READINGS,
-            "decoder": "Richardson-Lucy, 30 accelerated iterations (as MATLAB's deconvlucy)",
-        }
+    setting: Setting = {
+        "stroke_px": STROKE,
+        "half_exposure_s": HALF_EXPOSURE,
+        "electrons_at_white": ELECTRONS,
+        "read_noise_e": READ_NOISE,
+        "phase_px": 0.0,
+        "speed_readings": READINGS,
+        "decoder": "Richardson-Lucy, 30 accelerated iterations (as MATLAB's deconvlucy)",
     }
     report("kernels and spectra", 0.05)
-    numbers["figure_3"] = kernel_numbers(shutters)
-    numbers["figure_4"] = spectrum_numbers(shutters)
+    kernels, spectra = kernel_numbers(shutters), spectrum_numbers(shutters)
     report("photographs at two speeds", 0.1)
-    pictures, numbers["figure_5"] = _figure_5_numbers(photographs)
+    pictures, two_speeds = _figure_5_numbers(photographs)
     report("plain iterations", 0.15)
     windows = {name: shutters[name] for name in ("rect", "hann")}
     speeds = MID_TO_HIGH[::3] if quick else MID_TO_HIGH
-    numbers["plain_iterations"] = plain_numbers(photographs, windows, speeds)
+    plain = plain_numbers(photographs, windows, speeds)
     report("photographs over speed and noise", 0.3)
-    numbers["figure_6"] = _figure_6_numbers(shutters, photographs, report, quick)
-    numbers["statements"] = statements(numbers)
+    figures: FigureNumbers = {
+        "setting": setting,
+        "figure_3": kernels,
+        "figure_4": spectra,
+        "figure_5": two_speeds,
+        "plain_iterations": plain,
+        "figure_6": _figure_6_numbers(shutters, photographs, report, quick),
+    }
+    numbers: Numbers = {**figures, "statements": statements(figures)}
     report("writing", 0.95)
     save_figure(figure_3(numbers["figure_3"]), folder / "figure_3.png")
     save_figure(figure_4(numbers["figure_4"]), folder / "figure_4.png")
@@ -127,27 +140,35 @@ def reproduce(
     return numbers
 
 
-def kernel_numbers(shutters: dict[str, AbstractShutter]) -> dict[str, Any]:
-    """Figure 3: kernels at 0.5, and RMS difference from the still object's over speed."""
-    result: dict[str, Any] = {"speed": AXIS.tolist(), "kernels": {}, "rms": {}, "relative_rms": {}}
+def kernel_numbers(shutters: dict[str, AbstractShutter]) -> KernelNumbers:
+    """Figure 3: kernels at 0.5, and RMS difference from the still object's over speed.
+
+    Args:
+        shutters: Shutters by name, `"rect"` and `"hann"` among them.
+    """
+    numbers: KernelNumbers = {"speed": AXIS.tolist(), "kernels": {}, "rms": {}, "relative_rms": {}}
     for reading, scale in READINGS.items():
-        rows: dict[str, Any] = {"kernels": {}, "rms": {}, "relative": {}}
+        pairs, differences, shares = {}, {}, {}
         for name in ("rect", "hann"):
             kernels = [_kernel(shutters[name], nu * scale) for nu in AXIS]
             still = kernels[0]
             size = float(np.sqrt(np.mean(still**2)))
             rms = [float(np.sqrt(np.mean((k - still) ** 2))) for k in kernels]
-            rows["kernels"][name] = {"still": still.tolist(), "moving": kernels[-1].tolist()}
-            rows["rms"][name] = rms
-            rows["relative"][name] = [value / size for value in rms]
-        result["kernels"][reading] = rows["kernels"]
-        result["rms"][reading] = rows["rms"]
-        result["relative_rms"][reading] = rows["relative"]
-    return result
+            pairs[name] = {"still": still.tolist(), "moving": kernels[-1].tolist()}
+            differences[name] = rms
+            shares[name] = [value / size for value in rms]
+        numbers["kernels"][reading] = pairs
+        numbers["rms"][reading] = differences
+        numbers["relative_rms"][reading] = shares
+    return numbers
 
 
-def spectrum_numbers(shutters: dict[str, AbstractShutter]) -> dict[str, Any]:
-    """Figure 4: Fourier magnitudes and condition numbers; DFT of 1024 points, phase 0."""
+def spectrum_numbers(shutters: dict[str, AbstractShutter]) -> SpectrumNumbers:
+    """Figure 4: Fourier magnitudes and condition numbers; DFT of 1024 points, phase 0.
+
+    Args:
+        shutters: Shutters by name, `"rect"` and `"hann"` among them.
+    """
     motion = camera(TABLE_STROKE)
     kernels = {
         "motion invariant, Hann": blur_kernel(shutters["hann"], motion, num_taps=46),
@@ -169,27 +190,30 @@ def spectrum_numbers(shutters: dict[str, AbstractShutter]) -> dict[str, Any]:
     }
 
 
-def _figure_5_numbers(photographs: dict[str, Picture]) -> tuple[dict, dict[str, Any]]:
+def _figure_5_numbers(
+    photographs: dict[str, Picture],
+) -> tuple[dict[str, dict[str, RestoredPhotograph]], dict[str, dict[str, PhotographNumbers]]]:
+    """The first photograph restored, and numbers of all, each by the reading of the axis."""
     windows = {"rect": RectShutter(), "hann": HannShutter()}
-    pictures: dict[str, Any] = {}
-    numbers: dict[str, Any] = {}
+    pictures: dict[str, dict[str, RestoredPhotograph]] = {}
+    numbers: dict[str, dict[str, PhotographNumbers]] = {}
     for reading, scale in READINGS.items():
         numbers[reading] = {}
         for name, picture in photographs.items():
             nus = [0.1 * scale, 0.3 * scale]
-            found = {w: restored(picture, shutter, nus) for w, shutter in windows.items()}
+            results = {w: restored(picture, shutter, nus) for w, shutter in windows.items()}
             if name == next(iter(photographs)):
-                pictures[reading] = found
+                pictures[reading] = results
             numbers[reading][name] = {
                 "speed": [0.1, 0.3],
-                "psnr": {w: r.psnr.tolist() for w, r in found.items()},
-                "ghost_energy": {w: _ghosts(r, nus) for w, r in found.items()},
+                "psnr": {w: r.psnr.tolist() for w, r in results.items()},
+                "ghost_energy": {w: _ghosts(r, nus) for w, r in results.items()},
             }
     return pictures, numbers
 
 
 def _ghosts(result: RestoredPhotograph, nus: list[float]) -> list[float]:
-    """Largest ghost at the kernels' ends: the still one's, and the moving one's two."""
+    """Energy of the largest ghost at the ends of the still and the moving kernel, by speed."""
     return [
         max(
             ghost_energy(result.reference, picture, distance=STROKE * (1 + sign * nu) ** 2)
@@ -199,17 +223,23 @@ def _ghosts(result: RestoredPhotograph, nus: list[float]) -> list[float]:
     ]
 
 
-def _figure_6_numbers(shutters, photographs, report: Progress, quick: bool) -> dict[str, Any]:
+def _figure_6_numbers(
+    shutters: dict[str, AbstractShutter],
+    photographs: dict[str, Picture],
+    report: Progress,
+    quick: bool,
+) -> SpeedNumbers:
+    """PSNR of each photograph and shutter over speed, by both readings, and over noise."""
     axis = AXIS[::5] if quick else AXIS
     levels = NOISE_AXIS[::3] if quick else NOISE_AXIS
     nus = sorted({float(v * scale) for v in axis for scale in READINGS.values()})
-    numbers: dict[str, Any] = {
+    numbers: SpeedNumbers = {
         "speed": axis.tolist(),
         "electrons": levels.tolist(),
         "noise_nu": 0.1,
+        "psnr_over_speed": {reading: {} for reading in READINGS},
+        "psnr_over_noise": {},
     }
-    numbers["psnr_over_speed"] = {reading: {} for reading in READINGS}
-    numbers["psnr_over_noise"] = {}
     done, total = 0, len(photographs) * len(shutters)
     for name, picture in photographs.items():
         over_noise: dict[str, list[float]] = {}
@@ -229,7 +259,8 @@ def _figure_6_numbers(shutters, photographs, report: Progress, quick: bool) -> d
     return numbers
 
 
-def _kernel(shutter: AbstractShutter, nu: float) -> np.ndarray:
+def _kernel(shutter: AbstractShutter, nu: float) -> Float[np.ndarray, "taps"]:
+    """Kernel at a normalised speed, on as many taps as the fastest needs."""
     motion = camera()
     speed = nu * float(motion.top_speed)
     num_taps = int(np.ceil(STROKE * 1.5**2)) + 1

@@ -36,12 +36,12 @@ else:
     _DRAWN = ("fit_plots", "plots", "sweep_plots")
 
     def __getattr__(name: str) -> Any:
-        """What draws, imported with matplotlib when it is first asked for: a verdict needs none."""
+        """Imports pictures, and matplotlib with them, at their first use: a verdict needs none."""
         if name in _DRAWN:
             return import_module(f"{__name__}.{name}")
         modules = (import_module(f"{__name__}.{module}") for module in _DRAWN)
-        found = next((vars(x)[name] for x in modules if name in vars(x)), None)
-        if name.startswith("_") or found is None:
+        value = next((vars(x)[name] for x in modules if name in vars(x)), None)
+        if name.startswith("_") or value is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        globals()[name] = found
-        return found
+        globals()[name] = value
+        return value

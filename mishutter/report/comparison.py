@@ -50,18 +50,18 @@ class Comparison:
     """Shutters side by side.
 
     Attributes:
-        rows: One a shutter and reading.
-        verdict: What to build for this scene or to use instead; on a second line how far physics
-            would let any camera go; and where there is one a line on a better camera than that,
-            and one on the nearest simpler.
-        gain: Gain of the best design that was given, or of the best coded camera, over the best
-            snapshot, panned where that is allowed, both within the scene's tolerances; dB,
+        rows: One row for each shutter and reading.
+        verdict: Lines of text: the camera to build for this scene, or to use instead; the level
+            that no camera exceeds; a better camera than that to build, if there is one; and the
+            nearest simpler one.
+        gain: Gain of the best of the user's designs, or else of the best coded camera, over the
+            best snapshot, panned where that is allowed, both within the scene's tolerances; dB,
             negative where the snapshot is better.
         ceiling: Expected PSNR that no camera exceeds; dB. Speeds in equal steps stand for those
             between them, unless a design exceeds the ceiling of these by dwelling at the listed.
         notes: Sentences for the foot of the tables: the light that the shutter loses, and what a
             burst would reach.
-        costs: What each tolerance costs the best design; None for a scene without.
+        costs: Cost of each tolerance to the best design; None for a scene without tolerances.
     """
 
     rows: tuple[Row, ...]
@@ -82,14 +82,13 @@ class Comparison:
     def rivals(self) -> dict[str, Row]:
         """The best row of each purchase, the simplest first; bursts take another camera.
 
-        Whoever has bought more may use less of it: the best of a purchase is among all rows that
-        take no more.
+        The rows of a purchase are all that take no more than it, since its owner may use less.
         """
         return best_of_each_purchase(self.rows)
 
     @property
     def snapshot(self) -> Row:
-        """The best snapshot that the scene allows, which gains are over."""
+        """The best snapshot that the scene allows; gains are relative to it."""
         rows = (row for row in self.rows if row.reading == OWN_BEST_MOTION)
         return best_row(row for row in rows if row.name in SNAPSHOTS)
 
@@ -153,7 +152,7 @@ class Comparison:
             lines += [_line(row) for row in self.rows if row.reading == reading]
             lines.append("")
             if reading == OWN_BEST_MOTION:
-                lines.append("what each purchase brings")
+                lines.append("gain of each purchase")
                 lines += [self._purchase_line(*item) for item in self.rivals.items()]
                 lines += [*self.notes, ""]
                 lines += [] if self.costs is None else [self.costs.text(), ""]
@@ -197,7 +196,7 @@ def compare(
 
     *Own best motion*: exposure, velocity and acceleration, none included, tuned for each by the
     same loss within the scene's limits, from `motion` or from the motion of a `Design`; a
-    `Design` that this loss found for this scene is finished and stays as it is. *Same motion*:
+    `Design` of this loss for this scene is finished and stays as it is. *Same motion*:
     every shutter on `motion`.
 
     Rivals beside the windows, tuned alike: the best Tukey, its taper too; the best snapshot, an
@@ -213,9 +212,8 @@ def compare(
         shutters: Profiles or designs to compare with the baselines, by name. Those of a
             list are "shutter 0" and so on.
         loss: The loss that tunes the motions, or a function of scene, motion and shutter; the
-            expected error by default, and where the loss does not see how much light an exposure
-            brings.
-        step: Called with the name of each shutter when its own best motion is found.
+            expected error by default, and instead of a loss that ignores the number of photons.
+        step: Called with the name of each shutter once it has its own best motion.
         plan: The parts to compute: a plan is made for each shutter and motion; None computes
             everything.
 
@@ -223,9 +221,8 @@ def compare(
         The table and the verdict.
 
     Raises:
-        ValueError: if a name is that of a baseline that is not the same shutter, or
-            something else than a shutter or a design is given, or JAX traces the scene or the
-            motion.
+        ValueError: if a shutter has the name of a baseline that it is not, if something is
+            neither a shutter nor a design, or if JAX traces the scene or the motion.
     """
     require_scene(scene)
     if isinstance(motion, Design):
@@ -242,7 +239,7 @@ def compare(
 
 
 def _entries(shutters: object) -> dict[str, Entry]:
-    """Shutters and designs by names that are no other row's."""
+    """Shutters and designs by name; no other row may have that name."""
     subject, kinds = "compare(shutters=...)", (AbstractShutter, Design)
     entries = named(subject, shutters, kinds, "shutter or design", label="shutter ")
     requirement = f"call no other shutter one of {', '.join(taken_names())}"
@@ -255,9 +252,9 @@ def with_verdict(rows: Sequence[Row], entries: Mapping[str, Entry], scene: Scene
     """Judges rows of a scene.
 
     Args:
-        rows: One a shutter and reading, a snapshot among those at their own best motions.
-        entries: Shutters and designs that the verdict is about, by the names of their rows; the
-            best coded camera of all where there is none.
+        rows: One row for each shutter and reading, with a snapshot at its own best motion.
+        entries: The shutters and designs to judge, by the names of their rows; without any, the
+            best coded camera is judged.
         scene: The scene that the rows were measured for.
     """
     at_best = {row.name: row for row in rows if row.reading == OWN_BEST_MOTION}
@@ -269,7 +266,7 @@ def with_verdict(rows: Sequence[Row], entries: Mapping[str, Entry], scene: Scene
     coded = [row for row in at_best.values() if row.name not in SNAPSHOTS]
     best = best_row([row for row in coded if row.name in entries] or coded)
     most = float(ceiling(scene))
-    if most < best_row(coded).level:  # by dwelling at the speeds that are listed
+    if most < best_row(coded).level:  # a design that dwells at the listed speeds
         most = float(ceiling(scene, continuous=False))
     own = best if best.name in entries else None
     lines = verdict_lines(list(at_best.values()), own, snapshot, most)

@@ -1,11 +1,11 @@
-"""A comparison for programs and for people: one document, pictures in a folder."""
+"""Files of a comparison: one document for programs, and pictures for people."""
 
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mishutter._core import strict_json, write_text
 from mishutter.hardware import Design
@@ -41,19 +41,19 @@ if TYPE_CHECKING:
 _OF_PHOTOGRAPH = frozenset({"psnr.png", "photograph.png", "layers.png"})
 """Pictures of the scene's photograph."""
 _MOST_ROWS = 5
-"""Of a picture with a row for each design, at most."""
+"""Most rows of a picture that has one for each design."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """A comparison and what the photograph showed of it.
+    """A comparison, and the scene's photograph as its designs restored it.
 
     Attributes:
         scene: The scene that was photographed.
         comparison: The shutters side by side.
-        names: The given shutters among them.
-        photographs: Results of the photograph for each on its own best motion; None for none.
-        design: The design that was searched for; None for none.
+        names: The user's shutters among them.
+        photographs: The photograph restored by each on its own best motion; None without one.
+        design: The result of a search; None without one.
         backgrounds: Gains of the best cameras where part of the picture stands still.
     """
 
@@ -67,47 +67,49 @@ class Report:
 
 def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
     """Rows to photograph: those of `pictured_rows`, every snapshot and the coded still."""
-    held = _at_best(comparison)
-    others = (n for n in (*SNAPSHOTS, BEST_CODED_STILL) if n in held)
-    wanted = dict.fromkeys((*pictured_rows(comparison, names), *others))
-    return {name: held[name] for name in wanted}
+    rows = _at_best(comparison)
+    others = (n for n in (*SNAPSHOTS, BEST_CODED_STILL) if n in rows)
+    order = dict.fromkeys((*pictured_rows(comparison, names), *others))
+    return {name: rows[name] for name in order}
 
 
 def pictured_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
-    """Rows that pictures show, the first of them where not all fit.
+    """Rows that pictures show; a picture without room for all shows the first of them.
 
-    The first of the given shutters; its rivals, the better snapshot, the best Tukey and the best
-    of all; the other given ones; Hann and rect.
+    The order is: the first of the user's shutters; its rivals, which are the better snapshot, the
+    best Tukey and the best of all; the user's other shutters; Hann and rect.
     """
-    held = _at_best(comparison)
-    rivals = [name for name in held if name not in names and name != BEST_BURST]
-    level = {name: row.level for name, row in held.items()}.__getitem__
-    snapshot = max((name for name in SNAPSHOTS if name in held), key=level)
+    rows = _at_best(comparison)
+    rivals = [name for name in rows if name not in names and name != BEST_BURST]
+    level = {name: row.level for name, row in rows.items()}.__getitem__
+    snapshot = max((name for name in SNAPSHOTS if name in rows), key=level)
     best = max(rivals, key=level)
-    wanted = dict.fromkeys((*names[:1], snapshot, BEST_TUKEY, best, *names[1:], "Hann", "rect"))
-    return {name: held[name] for name in wanted}
+    order = dict.fromkeys((*names[:1], snapshot, BEST_TUKEY, best, *names[1:], "Hann", "rect"))
+    return {name: rows[name] for name in order}
 
 
 def _at_best(comparison: Comparison) -> dict[str, Row]:
-    """Rows on their own best motions; a panned snapshot that does not pan is no other one."""
-    held = {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
-    if BEST_PANNED_SNAPSHOT in held and float(held[BEST_PANNED_SNAPSHOT].motion.velocity) == 0:
-        del held[BEST_PANNED_SNAPSHOT]
-    return held
+    """Rows at their own best motions, without a panned snapshot that does not pan."""
+    rows = {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
+    if BEST_PANNED_SNAPSHOT in rows and float(rows[BEST_PANNED_SNAPSHOT].motion.velocity) == 0:
+        del rows[BEST_PANNED_SNAPSHOT]
+    return rows
 
 
-def document(report: Report) -> dict[str, Any]:
+def document(report: Report) -> dict[str, object]:
     """Everything in a report as plain numbers, lists and text."""
     levels = {} if report.photographs is None else report.photographs.levels
     photographs = {
         decoder: {name: _photograph_document(result) for name, result in results.items()}
         for decoder, results in levels.items()
     }
-    found = {} if report.design is None else {"design": report.design.to_dict()}
+    design: dict[str, object] = {}
+    if report.design is not None:
+        design["design"] = report.design.to_dict()
     backgrounds = [
         {"still_share": each.still_share, "gain_db": each.gain} for each in report.backgrounds
     ]
-    return found | {
+    return design | {
         "comparison": report.comparison.to_dict(),
         "before_a_background": backgrounds,
         "photographs": photographs,
@@ -115,24 +117,26 @@ def document(report: Report) -> dict[str, Any]:
 
 
 def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
-    """A typical object before a background, by the design, the snapshot and the best for it."""
+    """Draws an object before a background by the design, the snapshot and the best for both."""
     from mishutter.report import plots
 
     scene, backgrounds = report.scene, report.backgrounds
     layers = scene.occlusion
     moves = layers is not None and layers.background == "moving"
     behind = shown_speeds(scene)[0] if moves else 0.0
-    seen = layered_scene(scene_picture(scene), behind, pictured_speeds(scene)[0], scene.axis)
+    front = pictured_speeds(scene)[0]
+    subject = layered_scene(scene_picture(scene), behind, front, scene.axis)
     few = {name: row for name, row in rows.items() if name in (*report.names[:1], *SNAPSHOTS)}
     if backgrounds and backgrounds[-1].camera is not None:
         camera = backgrounds[-1].camera
         few["designed for this" if camera.name == DESIGNED else "snapshot for this"] = camera
-    known = before_still_background(scene, STILL_SHARES[-1]) if layers is None else scene
-    captures = layered_captures(seen, known.along_rows(), few)
-    return plots.plot_layers(seen, captures, whole=layers is None, axis=scene.axis)
+    world = before_still_background(scene, STILL_SHARES[-1]) if layers is None else scene
+    captures = layered_captures(subject, world.along_rows(), few)
+    return plots.plot_layers(subject, captures, whole=layers is None, axis=scene.axis)
 
 
-def _photograph_document(result: RestoredPhotograph) -> dict[str, Any]:
+def _photograph_document(result: RestoredPhotograph) -> dict[str, object]:
+    """The levels of a restored photograph, by names that end in their unit."""
     return {
         "speeds_px_per_s": result.speeds,
         "psnr_db": result.psnr,
@@ -147,9 +151,9 @@ def _photograph_document(result: RestoredPhotograph) -> dict[str, Any]:
 def write_report(
     report: Report, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
 ) -> list[str]:
-    """Designs, profiles and pictures into a folder; the names of the files.
+    """Writes designs, profiles and pictures to a folder; returns the names of the files.
 
-    Pictures of a photograph that an earlier run left there, and this one has none for, go.
+    Pictures of a photograph that an earlier run wrote are deleted if this report has none.
 
     Args:
         report: The comparison.
@@ -169,7 +173,7 @@ def write_report(
 
 
 def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
-    """What writes each file, by its name, in the order in which they are written."""
+    """A function for each file that writes it, by the file's name, in the order of writing."""
     writers: dict[str, Callable[[Path], None]] = {}
     if report.design is not None:
         writers |= {"design.json": report.design.save, "profile.csv": report.design.write_profile}
@@ -186,7 +190,7 @@ def _save_drawn(drawn: "Callable[[], Figure]", path: Path) -> None:
 
 
 def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
-    """What draws each picture, by the name of its file."""
+    """A function for each picture that draws it, by the name of its file."""
     from mishutter.report import plots
 
     scene, shown = report.scene, report.photographs
@@ -200,11 +204,11 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     }
     if shown is None:
         return drawings
-    seen = {name: shown.shown[name] for name in few}
+    restored = {name: shown.shown[name] for name in few}
     drawings |= {
         "psnr.png": lambda: plots.plot_psnr(shown.levels[ENSEMBLE], linear=True),
         "photograph.png": lambda: plots.plot_photograph(
-            seen,
+            restored,
             pictured_speeds(scene),
             linear=True,
             axis=scene.axis,

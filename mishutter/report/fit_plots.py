@@ -1,4 +1,4 @@
-"""Pictures of a camera that was fitted to measurements: residuals, and the profile found."""
+"""Pictures of a camera that was fitted to measurements: residuals and the fitted profile."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,7 +30,7 @@ def plot_fit(camera: FittedCamera, sent: AbstractShutter) -> Figure:
             left.set_title("rows of each picture", fontsize=9)
             doubt = " (implausible)" * bool(camera.doubt)
             chi = f"chi squared {camera.reduced_chi_squared:.3g} for each free level{doubt}"
-            right.set_title(f"what the fit leaves: {chi}", fontsize=9)
+            right.set_title(f"residuals: {chi}", fontsize=9)
         if index == count - 1:
             left.set_xlabel("column / px")
             right.set_xlabel("column / px")

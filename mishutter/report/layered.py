@@ -1,10 +1,11 @@
-"""An object before a background, in one exposure of each of several cameras."""
+"""An object before a background: one exposure by each of several cameras."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float
 
 from mishutter._core import as_float
 from mishutter.camera import Layer, Layers, fixed_key, simulate_capture
@@ -24,30 +25,31 @@ from mishutter.search import Row
 
 _ROWS, _COLUMNS, _HEIGHT = 128, 336, 104
 _OPAQUE = 0.999
-"""Opacity from which on a pixel belongs to the object alone."""
+"""Least opacity of a pixel that belongs to the object alone."""
 _NUM_TIMES = 257
+"""Times of the exposure at which the object's place is looked up."""
 _LEAST_EFFICIENCY = 1e-12
 _MOST_OF_BORDERS = 8
-"""The columns at either border that are not judged are one in so many at most."""
+"""A border that is left out of the PSNR has at most the columns divided by this."""
 
 
 class LayeredCapture(NamedTuple):
     """One exposure of a background and an object, captured and restored by one filter.
 
     Attributes:
-        exposure: s.
-        captured: Light as recorded, over the shutter's efficiency; `(rows, columns, channels)`.
+        exposure: Length of the exposure; s.
+        captured: The recorded irradiance over the shutter's efficiency.
         restored: The estimate of the ensemble filter, which is told no speed and no place.
-        expected_psnr: PSNR that this filter is expected to reach of layers with these speeds, this
-            share, width and spectrum, whatever their places; linear light, dB.
-        psnr: Inside the borders; linear light, dB.
-        background_psnr: Where the object never is during the exposure; linear light, dB.
-        object_psnr: Where the object alone is, as the decoder places it; linear light, dB.
+        expected_psnr: PSNR that this filter is expected to reach for layers with these speeds,
+            this share, width and spectrum, at random places; linear light, dB.
+        psnr: PSNR inside the borders; linear light, dB.
+        background_psnr: PSNR of the pixels that the object never covers; linear light, dB.
+        object_psnr: PSNR of the pixels that the object alone covers; linear light, dB.
     """
 
     exposure: float
-    captured: np.ndarray
-    restored: np.ndarray
+    captured: Float[np.ndarray, "rows columns channels"]
+    restored: Float[np.ndarray, "rows columns channels"]
     expected_psnr: float
     psnr: float
     background_psnr: float
@@ -59,13 +61,29 @@ class LayeredScene(NamedTuple):
 
     Attributes:
         layers: Background and object.
-        truth: The scene at mid-exposure; `(rows, columns, channels)`.
-        matte: Opacity of the object at mid-exposure; `(rows, columns)`.
+        truth: The scene at mid-exposure.
+        matte: Opacity of the object at mid-exposure.
     """
 
     layers: Layers
-    truth: np.ndarray
-    matte: np.ndarray
+    truth: Float[np.ndarray, "rows columns channels"]
+    matte: Float[np.ndarray, "rows columns"]
+
+
+class _Filters(NamedTuple):
+    """The scenes of a filter: one that it is made for, and one that it is expected to meet.
+
+    Attributes:
+        scene: The scene that the filter is made for.
+        world: The scene's photons and noise on the layers that are captured.
+        least_taps: Least length of the kernels, so that cameras share compiled programs.
+        judged: The columns inside the borders.
+    """
+
+    scene: Scene
+    world: Scene
+    least_taps: int
+    judged: slice
 
 
 def layered_scene(
@@ -76,70 +94,69 @@ def layered_scene(
     Both layers have one spectrum, as the layers of a scene have.
 
     Args:
-        picture: The background; its middle is taken.
-        background_speed: px/s.
-        object_speed: px/s.
-        axis: The axis along which it moves; the layers are `turned` to move along their rows.
+        picture: The background; only its middle is used.
+        background_speed: Speed of the background; px/s.
+        object_speed: Speed of the object; px/s.
+        axis: The axis of the motion; the layers are `turned` to move along their rows.
     """
     whole = turned(picture.light, axis)
     height, width = whole.shape[:2]
-    top, left = max(0, (height - _ROWS) // 2), max(0, (width - _COLUMNS) // 2)
-    back = whole[top : top + _ROWS, left : left + _COLUMNS]
+    first_row, first_column = max(0, (height - _ROWS) // 2), max(0, (width - _COLUMNS) // 2)
+    back = whole[first_row : first_row + _ROWS, first_column : first_column + _COLUMNS]
     size = (
         min(_HEIGHT, max(1, 3 * back.shape[0] // 4)),
         min(4 * _HEIGHT // 3, max(1, back.shape[1] // 2)),
     )
-    place = {"left": (back.shape[1] - size[1]) // 2, "top": (back.shape[0] - size[0]) // 2}
-    light = back[::-1, ::-1]
-    light = light[place["top"] :][: size[0], place["left"] :][:, : size[1]]
+    row, column = (back.shape[0] - size[0]) // 2, (back.shape[1] - size[1]) // 2
+    front = back[::-1, ::-1][row : row + size[0], column : column + size[1]]
     y, x = ((np.arange(n) + 0.5) / n * 2 - 1 for n in size)
     matte = np.clip((1 - np.hypot(y[:, None], x[None])) * min(size) / 2, 0, 1).astype(np.float32)
     layers = Layers(
         (
             Layer(Picture(back), speed=background_speed),
-            Layer(Picture(light, matte), speed=object_speed, **place),
+            Layer(Picture(front, matte), speed=object_speed, left=column, top=row),
         )
     )
     return LayeredScene(layers, *_placed(layers, [0.0, 0.0]))
 
 
 def layered_captures(
-    seen: LayeredScene, scene: Scene, rows: Mapping[str, Row]
+    subject: LayeredScene, scene: Scene, rows: Mapping[str, Row]
 ) -> dict[str, LayeredCapture]:
-    """A layered scene by each design, restored by the filter for a scene.
+    """Captures a layered scene by each design, and restores it by the filter for a scene.
 
     Args:
-        seen: Background and object.
-        scene: The scene that the filters are made for, whose light it is.
+        subject: Background and object.
+        scene: The scene that the filters are made for, with its photons and noise.
         rows: The designs, by name.
     """
     motions = [row.motion for row in rows.values()]
     least_taps = longest_kernel(scene, motions)
-    columns = seen.truth.shape[1]
+    columns = subject.truth.shape[1]
     border = min(least_taps // 4, columns // _MOST_OF_BORDERS)
     judged = slice(border, columns - border)
-    world = _world(seen, scene, judged)
+    filters = _Filters(scene, _world(subject, scene, judged), least_taps, judged)
     return {
-        name: _captured(seen.layers, (scene, world), row.motion, row.shutter, least_taps, judged)
+        name: _captured(subject.layers, filters, row.motion, row.shutter)
         for name, row in rows.items()
     }
 
 
-def _world(seen: LayeredScene, scene: Scene, judged: slice) -> Scene:
-    """The scene's light on layers with these speeds, share and width, levels and spectrum."""
-    back, front = seen.layers.layers
+def _world(subject: LayeredScene, scene: Scene, judged: slice) -> Scene:
+    """A scene with the speeds, share, width, levels and spectrum of given layers."""
+    back, front = subject.layers.layers
     behind, before = (np.asarray(x.picture.light, np.float64) for x in (back, front))
     opacity = np.asarray(front.matte, np.float64)
     means = np.tensordot(opacity, before, 2) / np.sum(opacity)
     differences = means - np.mean(behind, axis=(0, 1))
-    share = float(np.clip(np.mean(seen.matte[:, judged]), 0, 1))
+    share = float(np.clip(np.mean(subject.matte[:, judged]), 0, 1))
     power = (1 - share) * _power(behind) + share * _power(before)
     occlusion = Occlusion(
         front_share=share,
         object_width=np.sum(opacity) / np.sum(np.any(opacity > 0, axis=1)),
         level_difference=float(np.sqrt(np.mean(differences**2))),
     ).seen_from(as_float(-back.speed))
-    numbers = np.mean(seen.truth[:, judged]), np.sqrt(np.mean(power)), power
+    numbers = np.mean(subject.truth[:, judged]), np.sqrt(np.mean(power)), power
     return eqx.tree_at(
         lambda s: (s.mean_level, s.deviation, s.power_spectrum, s.occlusion),
         scene.bare(np.array([front.speed], float), np.ones(1)),
@@ -148,38 +165,35 @@ def _world(seen: LayeredScene, scene: Scene, judged: slice) -> Scene:
     )
 
 
-def _power(light: np.ndarray) -> np.ndarray:
+def _power(
+    picture: Float[np.ndarray, "rows columns channels"],
+) -> Float[np.ndarray, "frequencies"]:
     """Mean power spectrum of the rows of all channels."""
-    channels = np.moveaxis(light, 2, 0)[..., None]
+    channels = np.moveaxis(picture, 2, 0)[..., None]
     return np.mean([row_power_spectrum(Picture(each)).power_spectrum for each in channels], axis=0)
 
 
 def _captured(
-    layers: Layers,
-    scenes: tuple[Scene, Scene],
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    least_taps: int,
-    judged: slice,
+    layers: Layers, filters: _Filters, motion: AbstractMotion, shutter: AbstractShutter
 ) -> LayeredCapture:
-    """A capture by one camera, by the filter for the first scene, expected of the second."""
-    scene, world = scenes
-    model = blur_model(scene, motion, shutter, least_taps=least_taps)
-    light = np.asarray(
+    """Captures layers by one camera and restores them."""
+    scene, judged = filters.scene, filters.judged
+    model = blur_model(scene, motion, shutter, least_taps=filters.least_taps)
+    recorded = np.asarray(
         simulate_capture(layers, scene, motion, shutter, key=fixed_key()), np.float64
     )
-    restored = np.asarray(deconvolve(light, scene, motion, shutter, model=model))
+    restored = np.asarray(deconvolve(recorded, scene, motion, shutter, model=model))
     speeds = np.array([layer.speed for layer in layers.layers], float)
     truth, matte = _placed(layers, np.asarray(motion.alignment(speeds)).tolist())
     time = np.linspace(-1, 1, _NUM_TIMES) * float(motion.half_exposure)
-    way = np.asarray(motion.position(time)) - speeds[1] * time
-    swept = _swept(_placed(layers, [0.0, 0.0])[1], float(np.min(way)), float(np.max(way)))
+    path = np.asarray(motion.position(time)) - speeds[1] * time
+    swept = _swept(_placed(layers, [0.0, 0.0])[1], float(np.min(path)), float(np.max(path)))
     gain = 1 / max(model.efficiency, _LEAST_EFFICIENCY)
     error = np.mean((restored - truth) ** 2, axis=2)
-    expected = squared_error_in(model, blur_model(world, motion, shutter))
+    expected = squared_error_in(model, blur_model(filters.world, motion, shutter))
     return LayeredCapture(
         exposure=float(motion.exposure),
-        captured=light * gain,
+        captured=recorded * gain,
         restored=restored,
         expected_psnr=_psnr(np.array([expected])),
         psnr=_psnr(error[:, judged]),
@@ -188,34 +202,41 @@ def _captured(
     )
 
 
-def _psnr(squared_errors: np.ndarray) -> float:
+def _psnr(squared_errors: Float[np.ndarray, "..."]) -> float:
+    """PSNR of some pixels, NaN without any; dB."""
     return float(-10 * np.log10(np.mean(squared_errors))) if squared_errors.size else np.nan
 
 
-def _placed(layers: Layers, displacements: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Background and object, each displaced; and the object's matte, `(rows, columns)`."""
+def _placed(
+    layers: Layers, displacements: Sequence[float]
+) -> tuple[Float[np.ndarray, "rows columns channels"], Float[np.ndarray, "rows columns"]]:
+    """The picture of background and object, each displaced, and the object's matte; px."""
     back, front = layers.layers
-    light = np.asarray(back.picture.light, np.float64)
+    ground = np.asarray(back.picture.light, np.float64)
     rows = slice(front.top, front.top + front.matte.shape[0])
     columns = slice(front.left, front.left + front.matte.shape[1])
-    matte, colour = np.zeros((*light.shape[:2], 1)), np.zeros_like(light)
+    matte, colour = np.zeros((*ground.shape[:2], 1)), np.zeros_like(ground)
     matte[rows, columns] = front.matte[..., None]
     colour[rows, columns] = front.picture.light * front.matte[..., None]
-    mirrored = np.concatenate([light, light[:, ::-1]], axis=1)
-    behind = _displaced(mirrored, displacements[0])[:, : light.shape[1]]
+    mirrored = np.concatenate([ground, ground[:, ::-1]], axis=1)
+    behind = _displaced(mirrored, displacements[0])[:, : ground.shape[1]]
     matte, colour = (_displaced(x, displacements[1]) for x in (matte, colour))
     return behind * (1 - matte) + colour, matte[..., 0]
 
 
-def _displaced(picture: np.ndarray, distance: float) -> np.ndarray:
-    """A picture that repeats itself along its rows, displaced; `(rows, columns, channels)`."""
+def _displaced(
+    picture: Float[np.ndarray, "rows columns channels"], distance: float
+) -> Float[np.ndarray, "rows columns channels"]:
+    """Displaces a picture that is periodic along its rows; px."""
     columns = picture.shape[1]
     phase = np.exp(-2j * np.pi * np.fft.rfftfreq(columns) * distance)[None, :, None]
     return np.fft.irfft(np.fft.rfft(picture, axis=1) * phase, columns, axis=1)
 
 
-def _swept(matte: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Where a matte is, wherever it is displaced to between two distances."""
+def _swept(
+    matte: Float[np.ndarray, "rows columns"], low: float, high: float
+) -> Bool[np.ndarray, "rows columns"]:
+    """Mask of the pixels that a matte covers at some displacement between two; px."""
     swept = np.zeros(matte.shape, bool)
     columns = matte.shape[1]
     for shift in range(int(np.floor(low)) - 1, int(np.ceil(high)) + 2):

@@ -1,4 +1,4 @@
-"""Pictures of profiles, kernels, what they transfer, and restored photographs.
+"""Pictures of profiles, kernels, transfer functions and restored photographs.
 
 Every function returns a `matplotlib.figure.Figure`; nothing is shown and no global state
 is touched. Lines differ in style as well as colour, so that they survive a grey printout.
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -48,10 +49,11 @@ _DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3
 _MARKERS = ("o", "s", "^", "D", "v", "x", "P")
 _NUM_POINTS = 1001
 _LEAST_RATIO = -30.0
-"""Signal over noise below which nothing is left to see; dB."""
+"""Least signal over noise that is drawn; dB."""
 _FIRST_ERROR = 0.01
-"""Share of the error that lies below the frequency at which an axis begins."""
+"""Share of the error below the frequency at which an axis begins."""
 _DETAIL = (48, 64)
+"""Extent of a magnified detail across and along the axis of motion; px."""
 _RESTORED: Mapping[DecoderSpeed, str] = {
     "unknown": "restored",
     "found": "restored, speed found",
@@ -59,43 +61,47 @@ _RESTORED: Mapping[DecoderSpeed, str] = {
 }
 """Titles of restored details, by what the decoder knows of the speed."""
 _LAYERED_WIDTH = 3.3
-"""Of a panel of a layered scene, in inches."""
+"""Width of a panel of a layered scene; inches."""
 _ONE_FILTER = (
     "Each is restored by one filter, the best\nfor objects before a background, which\n"
     "is told no speed and no place.\n\n"
-    "PSNR in linear light. Expected: of such\nlayers, whatever their places. Behind:\n"
-    "where the object never was. In front:\nwhere it alone is."
+    "PSNR in linear light. Expected: mean over\nsuch layers at any place. Behind: pixels\n"
+    "that the object never covers. In front:\npixels that it alone covers."
 )
-_OTHER_WORLD = ": the verdict is of a picture that moves as a whole, and this one does not"
+_OTHER_WORLD = ": the verdict is about a picture that moves as a whole; this one does not"
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
 MAP_COLOURS = "cividis"
-"""Of maps: from dark to light in print and to every eye."""
+"""Colours of maps, which rise from dark to light in a grey printout and to every eye."""
 _BRIGHTEST_SHARE = 99
-"""Of the errors in a map, the percentile that is drawn brightest."""
+"""Percentile of the errors of a map that is drawn brightest."""
 _DOTS_PER_INCH = 130
 _PNG = {"compress_level": 4}
-"""Half of the time of the usual level, for files that are a hundredth larger."""
+"""Compression in half of the time of the usual level, for files that are 1 % larger."""
 _LETTERS_OF_A_COLUMN = 34
-"""Of a legend in two columns."""
+"""Most letters of a name in a legend of two columns."""
 _MOST_COLUMNS = 1000
-"""More columns of a picture than a panel has dots for are averaged."""
+"""Columns of a picture that a panel has dots for; the columns of a wider picture are averaged."""
 _LEAST_HEIGHT, _MOST_HEIGHT = 1 / 16, 3.0
-"""Of a panel, in widths."""
+"""Heights of a panel; widths."""
 _MOST_ELONGATED = 16
-"""A picture of a longer shape, lying or standing, is stretched to its panel, to be seen."""
+"""Ratio of a picture's sides from which on it is stretched to its panel, so that it is visible."""
 
 
 @final
 class Drawing(Figure):
-    """A figure that a notebook shows, which it does by itself only with `pyplot` imported."""
+    """A figure that a notebook shows without `pyplot`."""
 
     def _repr_png_(self) -> bytes:
         return _png(self)
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure as a PNG, whole or not at all.
+    """Writes a figure as a PNG, whole or not at all.
+
+    Args:
+        figure: The figure.
+        path: Place of the file.
 
     Raises:
         OSError: if the file cannot be written.
@@ -108,7 +114,7 @@ def _png(figure: Figure) -> bytes:
     figure.dpi = _DOTS_PER_INCH
     try:
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks
+            warnings.filterwarnings("ignore", "Glyph")  # the font lacks a letter of some name
             FigureCanvasAgg(figure).print_png(buffer, pil_kwargs=_PNG)  # `savefig` draws twice
     finally:
         figure.dpi = resolution
@@ -116,7 +122,11 @@ def _png(figure: Figure) -> bytes:
 
 
 def plot_profiles(designs: Named) -> Figure:
-    """Transmittance over the exposure, each design over its own time in ms."""
+    """Draws transmittance over the exposure, each design over its own time in ms.
+
+    Args:
+        designs: Motions and shutters by name.
+    """
     figure, (axes,) = _new(1)
     tau = np.linspace(-1, 1, _NUM_POINTS)
     for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
@@ -124,7 +134,7 @@ def plot_profiles(designs: Named) -> Figure:
         dtype = np.dtype(motion.half_exposure.dtype)
         w, efficiency = profile_of(shutter, tau.astype(dtype))
         time, w = np.pad(tau * half, 1, "edge"), np.pad(w, 1)
-        label = f"{shown_name(name)}, lets {efficiency:.0%} through"
+        label = f"{shown_name(name)}, passes {efficiency:.0%}"
         axes.plot(time, w, label=label, **style)
     axes.set(xlabel="time from mid-exposure / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     _legend(figure, axes)
@@ -132,7 +142,11 @@ def plot_profiles(designs: Named) -> Figure:
 
 
 def plot_drive(table: DriveTable) -> Figure:
-    """A drive table over the exposure: transmittance as designed and as driven; the sensor."""
+    """Draws a drive table: transmittance as designed and as driven, and the sensor's path.
+
+    Args:
+        table: The drive table.
+    """
     figure, (top, bottom) = _new(2, height=2.6)
     step = float(table.design.motion.exposure) * 1e3 / table.begin.size
     edges = np.append(table.begin * 1e3, table.begin[-1] * 1e3 + step)
@@ -148,10 +162,14 @@ def plot_drive(table: DriveTable) -> Figure:
 
 
 def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
-    """Blur kernels aligned at the vertex, and how each differs from that at the sensor's velocity.
+    """Draws blur kernels aligned at the vertex, less the kernel at the sensor's velocity.
 
-    One row a design, on axes of its own, and one line a speed in px/s. Differences are given as
-    shares of the kernel that they are from, in the root mean square.
+    Each design has a row with its own axes, and each speed a line. The legend gives the root mean
+    square of a difference as a share of that of the kernel at the sensor's velocity.
+
+    Args:
+        designs: Motions and shutters by name.
+        speeds: Object speeds; px/s.
     """
     figure = Drawing(figsize=(9.0, 1.9 * len(designs) + 0.7), layout="constrained")
     panels = figure.subplots(len(designs), 2, squeeze=False, sharex="row")
@@ -180,6 +198,7 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
 
 
 def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
+    """Extent of the longest kernel of some speeds; px."""
     fastest = max(abs(speed - float(motion.velocity)) for speed in speeds)
     dtype = motion.half_exposure.dtype
     lengths = (float(support(motion, np.asarray(speed, dtype))) for speed in speeds)
@@ -187,7 +206,11 @@ def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
 
 
 def motion_text(motion: AbstractMotion) -> str:
-    """Exposure, stroke and pan of a motion, in words."""
+    """Exposure, stroke and pan of a motion, in words.
+
+    Args:
+        motion: The motion.
+    """
     parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
     if float(motion.stroke) > 0:
         parts.append(f"stroke {float(motion.stroke):.3g} px")
@@ -197,19 +220,25 @@ def motion_text(motion: AbstractMotion) -> str:
 
 
 def plot_transfer(scene: Scene, designs: Named) -> Figure:
-    """Signal over noise of each design at its own exposure, and the error that this leaves.
+    """Draws signal over noise of each design at its own exposure, and the error that follows.
 
-    Above, the picture's power over that of what disturbs it, noise and the spread between the
-    scene's speeds. Beneath, the squared error that the best linear decoder leaves up to each
-    frequency: at the last it is that of the expected PSNR. The axis begins where the first
-    design has a hundredth of its error behind it.
+    The upper panel has the power of the picture over the power of its disturbances: noise, and the
+    spread between the scene's speeds. The lower panel has the squared error of the best linear
+    decoder, summed up to each frequency; its last value is that of the expected PSNR. The axis
+    begins where the sum of the first design reaches a hundredth of its end.
+
+    Args:
+        scene: Speeds, noise and spectrum of the picture.
+        designs: Motions and shutters by name.
     """
     figure, (ratios, errors) = _new(2, height=2.9, share=True)
     begin = 0.5
     for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
-        frequency, known, *_ = spectral_levels(scene, motion, shutter)
-        ratio = np.asarray(known, np.float64)
-        power = np.asarray(picture_power(scene, ratio.size, known.dtype), np.float64)
+        levels = spectral_levels(scene, motion, shutter)
+        frequency = levels.frequencies
+        ratio = np.asarray(levels.signal_over_noise, np.float64)
+        dtype = levels.signal_over_noise.dtype
+        power = np.asarray(picture_power(scene, ratio.size, dtype), np.float64)
         error = np.cumsum(power / (1 + ratio)) / ratio.size
         begin = min(begin, frequency[np.argmax(error >= _FIRST_ERROR * error[-1])])
         with np.errstate(divide="ignore"):
@@ -219,7 +248,7 @@ def plot_transfer(scene: Scene, designs: Named) -> Figure:
         label = f"{shown_name(name)}: {psnr:.2f} dB"
         errors.semilogx(frequency, error * 1e3, label=label, **style)
     ratios.set_ylabel("signal over noise / dB")
-    errors.set(ylabel="squared error up to there / 10⁻³", ylim=(0, None))
+    errors.set(ylabel="cumulative squared error / 10⁻³", ylim=(0, None))
     errors.set(xlabel="spatial frequency / (cycles/px)", xlim=(begin, 0.5))
     errors.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     _legend(figure, errors, "expected PSNR, linear light")
@@ -227,7 +256,12 @@ def plot_transfer(scene: Scene, designs: Named) -> Figure:
 
 
 def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False) -> Figure:
-    """PSNR of the restored photograph against object speed, with its standard error."""
+    """Draws PSNR of the restored photograph against object speed, with its standard error.
+
+    Args:
+        results: Results of `restore_photograph` by the name of the design.
+        linear: Whether the PSNR is of linear light, not with gamma put back.
+    """
     figure, (axes,) = _new(1)
     drawn = zip(results.items(), line_styles(), cycle(_MARKERS), strict=False)
     for (name, result), style, marker in drawn:
@@ -235,9 +269,17 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False
         error = result.linear_standard_error if linear else result.standard_error
         order = np.argsort(result.speeds)
         error = None if np.any(np.isnan(error)) else error[order]
-        marks = {"marker": marker, "markersize": 6, "fillstyle": "none", "capsize": 2}
-        marks |= {"label": shown_name(name)}
-        axes.errorbar(result.speeds[order], level[order], error, **marks, **style)
+        axes.errorbar(
+            result.speeds[order],
+            level[order],
+            error,
+            marker=marker,
+            markersize=6,
+            fillstyle="none",
+            capsize=2,
+            label=shown_name(name),
+            **style,
+        )
     label = f"PSNR of restored picture / dB ({_kind(linear)})"
     axes.set(xlabel="object speed / (px/s)", ylabel=label)
     _legend(figure, axes)
@@ -249,50 +291,51 @@ def _kind(linear: bool) -> str:
 
 
 def plot_layers(
-    seen: LayeredScene,
+    subject: LayeredScene,
     captures: Mapping[str, LayeredCapture],
     *,
     whole: bool = False,
     axis: Axis = "rows",
 ) -> Figure:
-    """A background and an object in front of it, captured and restored by each of several cameras.
+    """Draws a background and an object in front of it, captured and restored by several cameras.
 
     Args:
-        seen: The scene, which moves along its rows.
+        subject: The layers, which move along their rows.
         captures: The results of `layered_captures`.
-        whole: Whether the table beside it is of a picture that moves as a whole.
-        axis: The axis along which the picture shows it moving.
+        whole: Whether the verdict is about a picture that moves as a whole; the title says so.
+        axis: The axis of the motion in the picture.
 
     Raises:
         ValueError: if there is nothing to show.
     """
     require(len(captures) > 0, "plot_layers(captures=...)", "hold a capture", 0)
-    truth = turned(seen.truth, axis)
+    truth = turned(subject.truth, axis)
     rows, columns = truth.shape[:2]
     height = _LAYERED_WIDTH * rows / columns + 1.4 * _TITLE
     across = 1 + len(captures)
     size = across * _LAYERED_WIDTH, 2 * height + _TITLE
     figure = Drawing(figsize=size, layout="constrained")
     panels = figure.subplots(2, across, squeeze=False)
-    back, front = (layer.speed for layer in seen.layers.layers)
+    back, front = (layer.speed for layer in subject.layers.layers)
     kind = "still" if back == 0 else "moving"
     title = f"An object before a {kind} background{_OTHER_WORLD if whole else ''}"
     figure.suptitle(title, fontsize="medium")
     title = f"the scene: {back:g} px/s behind,\n{front:g} px/s in front, outlined"
     _show(panels[0, 0], truth, title)
     for colour, style in (("black", "-"), ("white", "--")):
-        lines = {"colors": colour, "linestyles": style, "linewidths": 1.2}
-        panels[0, 0].contour(turned(seen.matte, axis), [0.5], **lines)
+        panels[0, 0].contour(
+            turned(subject.matte, axis), [0.5], colors=colour, linestyles=style, linewidths=1.2
+        )
     panels[1, 0].axis("off")
     panels[1, 0].text(0.5, 0.5, _ONE_FILTER, ha="center", va="center", fontsize="small")
-    for (name, found), (top, bottom) in zip(captures.items(), panels.T[1:], strict=True):
-        title = f"{shown_name(name, 30)}, {found.exposure * 1e3:.3g} ms,\ncaptured"
-        _show(top, turned(found.captured, axis), title)
+    for (name, capture), (top, bottom) in zip(captures.items(), panels.T[1:], strict=True):
+        title = f"{shown_name(name, 30)}, {capture.exposure * 1e3:.3g} ms,\ncaptured"
+        _show(top, turned(capture.captured, axis), title)
         levels = (
-            f"expected {found.expected_psnr:.1f} dB, restored {found.psnr:.1f} dB\n"
-            f"behind {found.background_psnr:.1f} dB, in front {found.object_psnr:.1f} dB"
+            f"expected {capture.expected_psnr:.1f} dB, restored {capture.psnr:.1f} dB\n"
+            f"behind {capture.background_psnr:.1f} dB, in front {capture.object_psnr:.1f} dB"
         )
-        _show(bottom, turned(found.restored, axis), levels)
+        _show(bottom, turned(capture.restored, axis), levels)
     return figure
 
 
@@ -305,15 +348,15 @@ def plot_photograph(
     axis: Axis = "rows",
     decoder_speed: DecoderSpeed = "unknown",
 ) -> Figure:
-    """A detail of a photograph, magnified: captured, restored, and its error; one row a design.
+    """Draws a magnified detail of a photograph, captured and restored, and its error.
 
-    The detail is where the photograph varies most along the axis of motion, in the middle half of
-    what all designs recorded of it. Errors of all panels have one scale. A PSNR is that of the
-    whole photograph.
+    Each design has a row. The detail is where the photograph varies most along the axis of motion,
+    in the middle half of the columns that all designs recorded. Errors of all panels have one
+    scale. The PSNR is that of the whole photograph.
 
     Args:
-        results: What `restore_photograph` gave for each design, of one photograph.
-        speeds: The speeds to show, of each the nearest that was tried; px/s.
+        results: Results of `restore_photograph` by the name of the design, of one photograph.
+        speeds: The speeds to show, each by the nearest of the results; px/s.
         detail: Extent of the detail across and along the axis; px.
         linear: Whether the PSNR and the errors are of linear light, not with gamma put back.
         axis: The axis along which the photograph moves.
@@ -341,8 +384,9 @@ def plot_photograph(
     whole = figure.add_subplot(grid[0, : across - 2])
     _show(whole, shown, "the scene, at rest; the box is magnified")
     corner = right.start - 0.5, down.start - 0.5
-    for colour, width in (("black", 3.0), ("white", 1.2)):
-        whole.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colour, linewidth=width))
+    for colour, line in (("black", 3.0), ("white", 1.2)):
+        box = Rectangle(corner, size[0], size[1], fill=False, edgecolor=colour, linewidth=line)
+        whole.add_patch(box)
     _show(figure.add_subplot(grid[0, -2]), shown[down, right], "the detail, at rest")
     maps = []
     for row, ((name, result), offset) in enumerate(zip(results.items(), offsets, strict=True), 1):
@@ -368,7 +412,7 @@ def plot_photograph(
 
 
 def _offset(reference: np.ndarray, other: np.ndarray) -> int:
-    """Columns by which one part of a photograph begins to the right of another."""
+    """Number of columns by which one part of a photograph begins to the right of another."""
     width, own = reference.shape[1], other.shape[1]
     for offset in sorted(range(1 - own, width), key=abs):
         first, last = max(0, offset), min(width, offset + own)
@@ -383,13 +427,13 @@ def _busiest(
     offsets: Sequence[int],
     size: tuple[int, int],
 ) -> tuple[slice, slice]:
-    """Rows and columns where a photograph varies most along its rows, of those all recorded."""
+    """Rows and columns where a photograph varies most along its rows, among those of all parts."""
     ends = (offset + each.reference.shape[1] for offset, each in zip(offsets, results, strict=True))
     first, last = max(offsets), min(ends)
     aside = min((last - first) // 4, max(0, (last - first - size[1]) // 2))
-    seen = to_display(scene)[:, first + aside : last - aside].mean(axis=2)
-    rows, columns = (min(pair) for pair in zip(size, seen.shape, strict=True))
-    steps = np.diff(seen, axis=1, append=seen[:, -1:]) ** 2
+    grey = to_display(scene)[:, first + aside : last - aside].mean(axis=2)
+    rows, columns = (min(pair) for pair in zip(size, grey.shape, strict=True))
+    steps = np.diff(grey, axis=1, append=grey[:, -1:]) ** 2
     above = np.pad(steps, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     within = above[rows:] - above[:-rows]
     sums = within[:, columns:] - within[:, :-columns]
@@ -399,13 +443,13 @@ def _busiest(
 
 
 def _error(truth: np.ndarray, restored: np.ndarray, linear: bool) -> np.ndarray:
-    """Root of the mean squared error over the colours of each pixel, white = 1."""
+    """Root mean square error over the colours of each pixel, white = 1."""
     pair = (truth, restored) if linear else (to_display(truth), to_display(restored))
     return np.sqrt(np.mean((pair[1] - pair[0]) ** 2, axis=2))
 
 
 def _draw_key(axes: Axes, brightest: float, linear: bool) -> None:
-    """The scale of maps of errors."""
+    """Draws the scale of the maps of errors."""
     extent = (0, brightest * 100, 0, 1)
     axes.imshow(np.linspace(0, 1, 256)[None], cmap=MAP_COLOURS, extent=extent, aspect="auto")
     axes.set_box_aspect(0.12)
@@ -416,25 +460,25 @@ def _draw_key(axes: Axes, brightest: float, linear: bool) -> None:
 
 
 def plot_capture(
-    seen: object,
-    captured: np.ndarray,
-    restored: np.ndarray,
+    subject: object,
+    captured: Float[np.ndarray, "rows columns channels"],
+    restored: Float[np.ndarray, "rows columns channels"],
     *,
     camera: str = "",
     decoder: str = "",
 ) -> Figure:
-    """A capture beside what a decoder made of it, and the photograph if it was one.
+    """Draws a capture beside its restoration, and beside the subject if that is a photograph.
 
     Args:
-        seen: The subject.
-        captured: Light in units of a fully open exposure.
-        restored: Light of the picture, white = 1.
-        camera: The shutter, its motion, and how fast the subject was, in words.
-        decoder: The decoder, and how well it restored, in words.
+        subject: The `Picture`, `Layers` or `Frames` that was captured.
+        captured: Irradiance in units of a white pixel in a fully open exposure.
+        restored: Irradiance of the picture, white = 1.
+        camera: The shutter, its motion and the speed of the subject, in words.
+        decoder: The decoder and its PSNR, in words.
     """
     shown = {f"captured\n{camera}": captured, f"restored\n{decoder}": restored}
-    if isinstance(seen, Picture):
-        shown = {"the scene, at rest\n": seen.light} | shown
+    if isinstance(subject, Picture):
+        shown = {"the scene, at rest\n": subject.light} | shown
     rows, columns = captured.shape[:2]
     width = 4.0
     height = float(np.clip(rows / columns, _LEAST_HEIGHT, _MOST_HEIGHT))
@@ -442,34 +486,39 @@ def plot_capture(
     size = (len(shown) * width + 0.2, width * height + 0.5)
     figure = Drawing(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(shown), squeeze=False)
-    for axes, (title, light) in zip(panels[0], shown.items(), strict=True):
-        _show(axes, _shrunk(light, max(1, columns // _MOST_COLUMNS)), title)
+    for axes, (title, picture) in zip(panels[0], shown.items(), strict=True):
+        _show(axes, _shrunk(picture, max(1, columns // _MOST_COLUMNS)), title)
         axes.set_aspect("auto" if stretched else "equal", anchor="S")  # the title is above
     return figure
 
 
-def _shrunk(light: np.ndarray, times: int) -> np.ndarray:
-    """A picture of means over squares of `times` px; what does not fill one is left out."""
-    if times == 1 or min(light.shape[:2]) < times:
-        return light
-    rows, columns = (size // times for size in light.shape[:2])
-    kept = light[: rows * times, : columns * times]
-    return kept.reshape(rows, times, columns, times, -1).mean(axis=(1, 3))
+def _shrunk(picture: np.ndarray, times: int) -> np.ndarray:
+    """A picture of means over squares of `times` px; incomplete squares at its ends are cut off."""
+    if times == 1 or min(picture.shape[:2]) < times:
+        return picture
+    rows, columns = (size // times for size in picture.shape[:2])
+    whole = picture[: rows * times, : columns * times]
+    return whole.reshape(rows, times, columns, times, -1).mean(axis=(1, 3))
 
 
-def _show(axes: Axes, light: np.ndarray, title: str) -> None:
-    shown = to_display(light)
+def _show(axes: Axes, picture: np.ndarray, title: str) -> None:
+    """Shows a picture in linear light on axes without ticks."""
+    shown = to_display(picture)
     grey = shown.ndim == 2 or shown.shape[2] == 1
     axes.imshow(shown[..., 0] if grey and shown.ndim == 3 else shown, cmap="gray", vmin=0, vmax=1)
-    axes.set_title(title, fontsize="small", y=1.0)  # without a place it is sought by the ticks
+    axes.set_title(title, fontsize="small", y=1.0)  # otherwise matplotlib searches a place
     axes.axis("off")
 
 
 def shown_name(name: str, most: int = 40) -> str:
-    """A name as a picture shows it: of `most` letters at most, and as text, whatever it holds.
+    """A name as a picture shows it: shortened, and protected from matplotlib's markup.
 
-    A dollar would begin a formula, and a legend leaves out what begins with an underscore.
-    Bytes of a file's name that are no text have no letters.
+    A dollar would begin a formula, a legend omits a name that begins with an underscore, and
+    bytes of a file's name that are not text cannot be drawn.
+
+    Args:
+        name: The name.
+        most: Most letters of it.
     """
     name = name.encode("utf-8", "backslashreplace").decode()
     cut = name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-(most // 2) :]}"
@@ -477,7 +526,7 @@ def shown_name(name: str, most: int = 40) -> str:
 
 
 def _legend(figure: Figure, axes: Axes, title: str | None = None) -> None:
-    """Names of the lines above all panels, where they hide none; the figure grows by them."""
+    """Writes the names of the lines above all panels; the figure grows by their height."""
     handles, labels = axes.get_legend_handles_labels()
     columns = 2 if max(map(len, labels), default=0) <= _LETTERS_OF_A_COLUMN else 1
     figure.legend(handles, labels, loc="outside upper center", ncols=columns, title=title)
@@ -486,12 +535,16 @@ def _legend(figure: Figure, axes: Axes, title: str | None = None) -> None:
     figure.set_size_inches(width, height + 0.2 * lines)
 
 
-def line_styles() -> Iterator[dict[str, Any]]:
-    """Lines of which no two of the first 49 are alike: dashes move on by one each round."""
+def line_styles(width: float = 1.6) -> Iterator[dict[str, Any]]:
+    """Styles of lines, the first 49 of which differ: dashes move on by one in each round.
+
+    Args:
+        width: Width of the lines; points.
+    """
     for index in count():
         turn, place = divmod(index, len(_COLOURS))
         dash = _DASHES[(place + turn) % len(_DASHES)]
-        yield {"color": _COLOURS[place], "linestyle": dash, "linewidth": 1.6}
+        yield {"color": _COLOURS[place], "linestyle": dash, "linewidth": width}
 
 
 def _new(num_panels: int, *, height: float = 4.2, share: bool = False) -> tuple[Figure, list[Axes]]:
@@ -503,6 +556,10 @@ def _new(num_panels: int, *, height: float = 4.2, share: bool = False) -> tuple[
 
 
 def draw_grid(axes: Axes) -> None:
-    """Pale lines behind all that is drawn."""
+    """Draws pale grid lines behind the data.
+
+    Args:
+        axes: The axes.
+    """
     axes.set_axisbelow(True)
     axes.grid(True, color="0.88", linewidth=0.6)

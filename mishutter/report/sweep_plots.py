@@ -1,19 +1,21 @@
 """Pictures of sweeps: maps over acceleration and exposure, and Pareto fronts.
 
-Maps are in colours that rise from dark to light, and fronts differ in markers and dashes, so that
-both survive a grey printout.
+Colours of maps rise from dark to light, and fronts differ in markers and dashes, so that both
+survive a grey printout.
 """
 
 import json
 from collections.abc import Callable
 from itertools import cycle, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import Normalize, TwoSlopeNorm
+from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
@@ -34,24 +36,49 @@ from mishutter.sweeps import OBJECTIVES, OPTIMISED, gain_over_snapshot, pareto_f
 if TYPE_CHECKING:
     import xarray
 
+Place = tuple[float, float]
+
 _MARKERS = "os^Dvp*XP<>h"
 _OF_ALL = "the best shutter"
 _GAIN = "gain over "
-"""What the name of a gain in a sweep begins with; its rival follows."""
+"""Beginning of the name of a gain in a sweep; its rival follows."""
 _LEAST_LINE = 0.35
-"""Length of a line that has room for its label, in widths of the axes."""
+"""Least length of a line that has a label; widths of the axes."""
 _DECADES = 3
-"""Of strokes and of top speeds, below the largest."""
+"""Number of decades of strokes and of top speeds that have lines."""
 _EXPOSURE = "half exposure $T$ / ms"
 _ACCELERATION = "acceleration $a$ / (px/s²)"
 _LETTERS = 20
-"""Of a name, at most."""
+"""Most letters of a name."""
 _APART = 0.07
-"""Least distance of two labelled points of a front, in widths of the axes."""
+"""Least distance of two labelled points of a front; widths of the axes."""
+
+
+class _Map(NamedTuple):
+    """Values over half exposure and acceleration, and their names.
+
+    Attributes:
+        half: Half exposures; ms.
+        a: Accelerations; px/s^2.
+        values: The metric; NaN outside the limits.
+        label: Name and unit of the metric.
+        rival: The rival that a gain is over; empty for a metric that is no gain.
+    """
+
+    half: Float[np.ndarray, "t"]
+    a: Float[np.ndarray, "a"]
+    values: Float[np.ndarray, "a t"]
+    label: str
+    rival: str
 
 
 def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> list[str]:
-    """Every picture of a sweep, in a folder; their names.
+    """Writes every picture of a sweep to a folder; returns their names.
+
+    Args:
+        dataset: The result of `sweep`, of one scene and light.
+        scene: The scene of the sweep.
+        folder: Folder of the pictures.
 
     Raises:
         OSError: if one cannot be written.
@@ -70,18 +97,18 @@ def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> lis
 def plot_map(
     dataset: "xarray.Dataset", metric: str = "expected_psnr", *, shutter: str | None = None
 ) -> Figure:
-    """A metric over acceleration and exposure, with the optimum marked.
+    """Draws a metric over acceleration and exposure, with the optimum marked.
 
-    Dashed lines join points of equal stroke, dotted ones points where the sensor gains as much
-    speed, $2aT$, within the decades below the largest that were reached. Of a gain the colour in
-    the middle is 0 dB, and a line runs there. Of several velocities each point has the best.
-    Hatched is outside the limits. A sensor that does not accelerate is left out, and so are rows
-    and columns that are wholly outside. A single row or column is a line of points.
+    Dashed lines join points of equal stroke, and dotted lines points of equal gain in speed,
+    $2aT$, within some decades below the largest. On a map of a gain the middle colour and a line
+    mark 0 dB. Each point has the best of all velocities. Hatched points are outside the limits.
+    The map omits a sensor that does not accelerate, and rows and columns wholly outside the
+    limits. A single row or column becomes a line of points.
 
     Args:
-        dataset: What `sweep` returned, of one scene and light.
+        dataset: The result of `sweep`, of one scene and light.
         metric: A variable of it.
-        shutter: Of which shutter; of the best at each point by default.
+        shutter: The shutter to draw; the best at each point by default.
 
     Raises:
         ValueError: if the metric or the shutter is not in the dataset, it is of several
@@ -101,10 +128,18 @@ def plot_map(
     axes = figure.subplots()
     draw = _draw_map if min(values.shape) > 1 else _draw_line
     rival = _text(dataset, metric).partition(_GAIN)[2]
-    x, y = draw(axes, half, a, values, _label(dataset, metric), rival)
+    x, y = draw(axes, _Map(half, a, values, _label(dataset, metric), rival))
     best = np.nanargmin(values) if smaller else np.nanargmax(values)
-    star = {"marker": "*", "markersize": 17, "color": "white", "markeredgecolor": "black"}
-    axes.plot(x.flat[best], y.flat[best], clip_on=False, zorder=5, **star)
+    axes.plot(
+        x.flat[best],
+        y.flat[best],
+        clip_on=False,
+        zorder=5,
+        marker="*",
+        markersize=17,
+        color="white",
+        markeredgecolor="black",
+    )
     unit = _unit(dataset, metric)
     title = f"{_text(dataset, metric)}, {shutter or _OF_ALL}"
     title += " at its best velocity" if "velocity" in dataset[metric].dims else ""
@@ -115,13 +150,13 @@ def plot_map(
 
 def _values(
     dataset: "xarray.Dataset", metric: str, shutter: str | None, smaller: bool
-) -> np.ndarray:
-    """A metric of one shutter, or of the best at each point and velocity; shape `(a, t)`."""
+) -> Float[np.ndarray, "a t"]:
+    """A metric of one shutter, or of the best at each point and velocity."""
     require(metric in dataset, "plot_map(metric=...)", "be in the sweep", metric)
     values = dataset[metric]
     names = [str(name) for name in dataset.shutter.values]
-    known = shutter is None or shutter in names
-    require(known, "plot_map(shutter=...)", f"be one of {', '.join(names)}", shutter)
+    is_there = shutter is None or shutter in names
+    require(is_there, "plot_map(shutter=...)", f"be one of {', '.join(names)}", shutter)
     if "shutter" in values.dims:
         values = values if shutter is None else values.sel(shutter=shutter)
     several = [name for name in ("velocity", "shutter") if name in values.dims]
@@ -131,10 +166,9 @@ def _values(
     return values.transpose("acceleration", "half_exposure").values
 
 
-def _draw_map(
-    axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str, rival: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """Colours over acceleration and exposure; where on the axes each of them is."""
+def _draw_map(axes: Axes, drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
+    """Draws a map in colours; returns the places of its values on the axes."""
+    half, a, values, label, rival = drawn
     _scale(axes.set_xscale, axes.xaxis, half)
     _scale(axes.set_yscale, axes.yaxis, a)
     x, y = _edges(half, axes.get_xscale()), _edges(a, axes.get_yscale())
@@ -144,7 +178,7 @@ def _draw_map(
     axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
     _contours(axes, half, a, ~np.isnan(values))
     if rival:
-        _draw_level(axes, half, a, shown, rival)
+        _draw_zero(axes, drawn)
     axes.figure.colorbar(picture, ax=axes, label=label, ticks=_ticks(norm))
     axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
     x, y = np.meshgrid(half, a)
@@ -152,14 +186,14 @@ def _draw_map(
 
 
 def _about_zero(values: np.ma.MaskedArray) -> Normalize:
-    """Colours of which the middle is 0, each half as long as values on its side need."""
+    """A scale of colours with 0 in the middle, whose halves end at the least and largest value."""
     low, high = min(float(values.min()), 0.0), max(float(values.max()), 0.0)
     both = low < 0 < high
     return TwoSlopeNorm(0, low, high) if both else Normalize(low, high)
 
 
 def _ticks(norm: Normalize | None) -> list[float] | None:
-    """Round numbers on both sides of a scale about 0; None for those of any other."""
+    """Round numbers on both sides of a scale about 0; None for any other scale."""
     if not isinstance(norm, TwoSlopeNorm) or norm.vmin is None or norm.vmax is None:
         return None
     ends = norm.vmin, 0.0, norm.vmax
@@ -167,16 +201,15 @@ def _ticks(norm: Normalize | None) -> list[float] | None:
     return sorted({tick for tick in ticks.tolist() if ends[0] <= tick <= ends[2]})
 
 
-def _draw_level(
-    axes: Axes, half: np.ndarray, a: np.ndarray, gain: np.ma.MaskedArray, rival: str
-) -> None:
-    """A line where a gain is 0 dB, and its name below the map; none where it is 0 nowhere."""
+def _draw_zero(axes: Axes, drawn: _Map) -> None:
+    """Draws a line where a gain is 0 dB, if it is anywhere, and names it below the map."""
+    gain = np.ma.masked_invalid(drawn.values)
     if not gain.min() < 0 < gain.max():
         return
     limits = axes.axis()
     for colour, width in (("white", 4.0), ("black", 2.2)):
-        axes.contour(half, a, gain, [0.0], colors=colour, linewidths=width)
-    axes.plot([], [], color="black", linewidth=2.2, label=_as_good(rival))
+        axes.contour(drawn.half, drawn.a, gain, [0.0], colors=colour, linewidths=width)
+    axes.plot([], [], color="black", linewidth=2.2, label=_as_good(drawn.rival))
     axes.axis(limits)
     axes.figure.legend(loc="outside lower center", fontsize="small")
 
@@ -187,17 +220,16 @@ def _as_good(rival: str) -> str:
 
 
 def _edges(values: np.ndarray, scale: str) -> np.ndarray:
-    """Edges of cells around values, half-way between them on their axis: on it all of them."""
+    """Edges of cells around values, half-way between them on a linear or logarithmic axis."""
     along = np.log(values) if scale == "log" else values
     middles = along[:-1] + np.diff(along) / 2
     edges = np.concatenate([2 * along[:1] - middles[:1], middles, 2 * along[-1:] - middles[-1:]])
     return np.exp(edges) if scale == "log" else edges
 
 
-def _draw_line(
-    axes: Axes, half: np.ndarray, a: np.ndarray, values: np.ndarray, label: str, rival: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """A single row or column as a line of points; where on the axes each of them is."""
+def _draw_line(axes: Axes, drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
+    """Draws a single row or column as a line; returns the places of its points on the axes."""
+    half, a, values, label, rival = drawn
     row = a.size == 1
     x, y = half if row else a, values.ravel()
     axes.plot(x, y, marker="o", markersize=4, color="black")
@@ -212,25 +244,25 @@ def _draw_line(
 
 
 def _on_axes(axes: Axes, places: np.ndarray) -> np.ndarray:
-    """Places of data as shares of the axes' width and height; shape `(n, 2)`."""
+    """Converts places of data to shares of the axes' width and height; shape `(n, 2)`."""
     axes.axis()
     return (axes.transData - axes.transAxes).transform(places)
 
 
 def _scale(set_scale: Callable[[str], None], axis: Axis, values: np.ndarray) -> None:
-    """A logarithmic axis where positive values spread over more than their mean."""
-    known = values[np.isfinite(values)]
-    if not known.size or known.min() <= 0 or known.max() <= 8 * known.min():
+    """Makes an axis logarithmic if its values are positive and differ more than eightfold."""
+    finite = values[np.isfinite(values)]
+    if not finite.size or finite.min() <= 0 or finite.max() <= 8 * finite.min():
         return
     set_scale("log")
-    if known.min() >= 1e-3 and known.max() < 1e5:
+    if finite.min() >= 1e-3 and finite.max() < 1e5:
         axis.set_major_formatter(lambda value, _: f"{value:g}")
-        shown = "235" if known.max() < 100 * known.min() else ""
+        shown = "235" if finite.max() < 100 * finite.min() else ""
         axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in shown else "")
 
 
 def _contours(axes: Axes, half: np.ndarray, a: np.ndarray, within: np.ndarray) -> None:
-    """Lines of equal stroke and of equal top speed, labelled, some decades below the largest."""
+    """Draws labelled lines of equal stroke and of equal top speed in the largest decades."""
     limits = axes.axis()
     x, y = (np.geomspace(values[0], values[-1], 200) for values in (half, a))
     for name, style, unit, along, powers in (
@@ -246,7 +278,12 @@ def _contours(axes: Axes, half: np.ndarray, a: np.ndarray, within: np.ndarray) -
             for share in ((1, 2, 5) if last - first < _DECADES - 1 else (1,))
         }
         values = powers(np.log10(x * 1e-3), np.log10(y)[:, None])
-        places = _middles(axes, x, y, values, list(texts), along)
+        levels = [level for level in texts if values.min() < level < values.max()]
+        if not levels:
+            continue
+        drawn = axes.contour(x, y, values, levels)
+        places = _label_places(axes, drawn, along)
+        drawn.remove()
         if not places:
             continue
         for colour, width in (("white", 2.4), ("black", 1.0)):
@@ -259,36 +296,30 @@ def _contours(axes: Axes, half: np.ndarray, a: np.ndarray, within: np.ndarray) -
     axes.axis(limits)
 
 
-def _middles(
-    axes: Axes, x: np.ndarray, y: np.ndarray, values: np.ndarray, levels: list[float], along: float
-) -> dict[float, tuple[float, float]]:
-    """Places on the lines that are long enough for a label, a share of them along; by level."""
-    within = [level for level in levels if values.min() < level < values.max()]
-    if not within:
-        return {}
-    drawn = axes.contour(x, y, values, within)
-    found = {}
-    for level, parts in zip(within, drawn.allsegs, strict=True):
+def _label_places(axes: Axes, drawn: QuadContourSet, along: float) -> dict[float, Place]:
+    """Places of labels by level, a share of the way along each line that is long enough for one."""
+    places: dict[float, Place] = {}
+    for level, parts in zip(drawn.levels, drawn.allsegs, strict=True):
         line = max(parts, key=len)
         ends = _on_axes(axes, line[[0, -1]])
         if np.hypot(*(ends[1] - ends[0])) > _LEAST_LINE:
-            found[level] = tuple(line[int(along * (len(line) - 1))])
-    drawn.remove()
-    return found
+            x, y = line[int(along * (len(line) - 1))]
+            places[level] = x, y
+    return places
 
 
 def plot_front(
     dataset: "xarray.Dataset", objectives: tuple[str, str], *, num_profiles: int = 4
 ) -> Figure:
-    """Metrics that exclude one another: the Pareto front of each shutter, and of all.
+    """Draws two metrics that exclude one another: the Pareto front of each shutter and of all.
 
-    Grey dots are the other points, as far as they lie between the fronts. Beneath are profiles
+    Grey dots are the other points between the fronts. The lower panels have profiles of points
     along the front of all.
 
     Args:
-        dataset: What `sweep` returned, of one scene and light.
+        dataset: The result of `sweep`, of one scene and light.
         objectives: Metrics on the axes.
-        num_profiles: Points of the front whose profiles are drawn beneath, at most.
+        num_profiles: Most points of the front whose profiles are drawn.
 
     Raises:
         ValueError: if an objective is not a metric of the sweep, or no profile is asked for.
@@ -302,16 +333,28 @@ def plot_front(
     rows = figure.add_gridspec(2, 1, height_ratios=(3, 1))
     axes = figure.add_subplot(rows[0])
     _draw_points(axes, dataset, objectives)
-    band = {"color": "0.87", "linewidth": 7, "zorder": 1.5, "solid_capstyle": "butt"}
-    axes.step(*places.T, label="front of all", **band)
+    axes.step(
+        *places.T,
+        label="front of all",
+        color="0.87",
+        linewidth=7,
+        zorder=1.5,
+        solid_capstyle="butt",
+    )
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     shown = _spread(_on_axes(axes, places), num_profiles)
     columns = rows[1].subgridspec(1, max(1, len(shown)))
     for column, index in enumerate(shown):
         letter = chr(ord("A") + column)
         axes.plot(*places[index], marker="o", markersize=7, color="white", markeredgecolor="black")
-        around = {"path_effects": [withStroke(linewidth=3, foreground="white")], "weight": "bold"}
-        axes.annotate(letter, places[index], (5, 6), textcoords="offset points", **around)
+        axes.annotate(
+            letter,
+            places[index],
+            (5, 6),
+            textcoords="offset points",
+            path_effects=[withStroke(linewidth=3, foreground="white")],
+            weight="bold",
+        )
         panel = figure.add_subplot(columns[column])
         _draw_profile(panel, dataset, front.isel(point=index), letter)
         panel.set_ylabel("transmittance" if column == 0 else "", fontsize="small")
@@ -320,19 +363,26 @@ def plot_front(
 
 
 def _draw_points(axes: Axes, dataset: "xarray.Dataset", objectives: tuple[str, str]) -> None:
-    """The Pareto front of each shutter in a marker of its own, over the points of all."""
+    """Draws the Pareto front of each shutter in a marker of its own, over the points of all."""
     names = [str(name) for name in dataset.shutter.values]
     fronts = [pareto_front(dataset.sel(shutter=[name]), objectives) for name in names]
     scales = (axes.set_xscale, axes.xaxis), (axes.set_yscale, axes.yaxis)
     for objective, scale in zip(objectives, scales, strict=True):
         if _unit(dataset, objective) != "dB":
             _scale(*scale, np.concatenate([front[objective].values for front in fronts]))
-    for name, front, marker, style in zip(names, fronts, cycle(_MARKERS), line_styles()):
+    for name, front, marker, style in zip(names, fronts, cycle(_MARKERS), line_styles(1.2)):
         x, y = (front[objective].values for objective in objectives)
-        marks: dict[str, Any] = {"marker": marker, "markersize": 6, "fillstyle": "none"}
-        marks |= {"markevery": 0.04, "drawstyle": "steps", "label": shown_name(name, _LETTERS)}
-        marks |= style | {"linewidth": 1.2}
-        axes.plot(x, y, **marks)
+        axes.plot(
+            x,
+            y,
+            marker=marker,
+            markersize=6,
+            fillstyle="none",
+            markevery=0.04,
+            drawstyle="steps",
+            label=shown_name(name, _LETTERS),
+            **style,
+        )
     limits = axes.axis()
     x, y = (dataset[objective].values.ravel() for objective in objectives)
     axes.plot(x, y, ".", markersize=2, color="0.6", zorder=1, label="other points")
@@ -343,21 +393,21 @@ def _draw_points(axes: Axes, dataset: "xarray.Dataset", objectives: tuple[str, s
 
 
 def _spread(places: np.ndarray, count: int) -> list[int]:
-    """Some of the points of a line, evenly along it and none beside another."""
+    """Indices of some points of a line, evenly along it and at least `_APART`."""
     steps = np.hypot(*np.diff(places, axis=0).T)
     along = np.cumsum(np.append(0, steps))[: len(places)]
-    kept: list[int] = []
+    indices: list[int] = []
     for length in np.linspace(0, along[-1:].sum(), count) if len(places) else ():
         index = int(np.argmin(np.abs(along - length)))
-        if not kept or along[index] - along[kept[-1]] >= _APART:
-            kept.append(index)
-    return kept
+        if not indices or along[index] - along[indices[-1]] >= _APART:
+            indices.append(index)
+    return indices
 
 
 def _draw_profile(
     axes: Axes, dataset: "xarray.Dataset", point: "xarray.Dataset", letter: str
 ) -> None:
-    """The profile of a point of a sweep over its exposure."""
+    """Draws the profile of a point of a sweep over its exposure."""
     tau = np.linspace(-1, 1, 401)
     half = float(point.half_exposure) * 1e3
     transmittance = np.pad(_transmittance(dataset, point, tau), 1)
@@ -373,7 +423,7 @@ def _draw_profile(
 def _transmittance(
     dataset: "xarray.Dataset", point: "xarray.Dataset", tau: np.ndarray
 ) -> np.ndarray:
-    """Profile of a point of a sweep, from what the sweep says of its shutters."""
+    """Profile of a point of a sweep, from the description of its shutters in the sweep."""
     name = str(point.shutter.values)
     if name == OPTIMISED:
         return np.asarray(SplineShutter(point.coefficients.values).transmittance(tau))

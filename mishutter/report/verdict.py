@@ -17,7 +17,7 @@ from mishutter.search import (
 _WORTH_IT = 0.1
 """Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
 _TELLING = 0.005
-"""Gain that a verdict tells; dB."""
+"""Least gain that a verdict mentions; dB."""
 
 
 def verdict_lines(rows: Sequence[Row], own: Row | None, snapshot: Row, most: float) -> list[str]:
@@ -56,11 +56,11 @@ def verdict_lines(rows: Sequence[Row], own: Row | None, snapshot: Row, most: flo
 
 
 def _to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
-    """The row to build: about as good as the best, and with less where some row is.
+    """The row to build: the one that takes least of all that are about as good as the best.
 
-    The best row of the user's goes before others that are as good and take as much, and where it
-    pays before a profile on a free path, which asks more of a stage. A coded camera that is worth
-    building is better than the best snapshot by as much as that counts for.
+    Rows within `_WORTH_IT` are about as good, and a coded camera must exceed the best snapshot by
+    that much. Of rows that are as good and take as much, the best of the user's is preferred; if it
+    pays, it is also preferred to a profile on a free path, which asks more of a stage.
     """
     top = best_row(rows)
     if own is not None and own.lead_over(snapshot) >= _WORTH_IT:
@@ -115,7 +115,7 @@ def _in_words(takes: frozenset[str]) -> str:
 
 
 def _capitalised(name: str) -> str:
-    """A name at the beginning of a sentence; one that the user gave stays as it is."""
+    """A name at the beginning of a sentence; the user's own names stay as they are."""
     return f"{name[0].upper()}{name[1:]}" if name in (*taken_names(), "optimised") else name
 
 
@@ -154,7 +154,7 @@ def _device_notes(scene: Scene) -> list[str]:
 
 
 def _blind_drive_notes(entries: Mapping[str, Entry]) -> list[str]:
-    """The levels of designs for a device that follows every command, sent to one that does not."""
+    """Levels of designs for a device that follows every command, sent to one that does not."""
     levels = [entry.blind_psnr for entry in entries.values() if isinstance(entry, Design)]
     return [
         f"Sent blindly, the design for a device that follows at once has {level:.2f} dB."
@@ -164,7 +164,7 @@ def _blind_drive_notes(entries: Mapping[str, Entry]) -> list[str]:
 
 
 def _limit_notes(scene: Scene, rows: Iterable[Row]) -> list[str]:
-    """The limits of the scene that rows exceed, as cameras that are given as built may."""
+    """The limits of the scene that rows exceed; a camera as built may exceed some."""
     notes = []
     for row in rows:
         beyond = beyond_limits(scene, row.motion, row.shutter)

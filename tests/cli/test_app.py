@@ -104,14 +104,14 @@ USAGE = {
         "`--free` must be one of 'shutter', 'acceleration', 'half_exposure', 'velocity', 'path'; "
         "got 'price'",
     ),
-    "missing-scene": (["optimise", "no.toml"], "No such file or directory"),
-    "scene-a-folder": (["optimise", "/"], "'/' must be readable and writable as asked; got: "),
+    "missing-scene": (["optimise", "no.toml"], "must exist; got: file not found"),
+    "scene-a-folder": (["optimise", "/"], "'/' must be accessible; got: "),
     "shutter-unknown": (["compare", "--shutter", "hamming"], "must be one of rect, hann, "),
     "shutter-value": (["compare", "--shutter", "tukey:wide"], "must have a finite number after"),
     "shutter-nan": (["compare", "--shutter", "tukey:nan"], "must have a finite number after"),
     "shutter-range": (["compare", "--shutter", "tukey:1.5"], "`TukeyShutter(taper=...)` must"),
     "shutter-no-value": (["compare", "--shutter", "hann:0.5"], "must give hann no parameter"),
-    "missing-design": (["compare", "--design", "no.json"], "No such file or directory"),
+    "missing-design": (["compare", "--design", "no.json"], "must exist; got: file not found"),
     "out-unnamed": (["optimise", "--out", ""], "`--out` must be a path of at least one character"),
     "scene-unnamed": (["plan", ""], "`[SCENE.toml]` must be a path of at least one character; got"),
     "free-and-fixed": (
@@ -232,7 +232,7 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
     monkeypatch.setattr("mishutter.model.example_scene", interrupt)
     assert cli.main(["compare"]) == 130
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("mishutter: interrupted: no result was kept; the same command")
+    assert line.startswith("mishutter: interrupted: no result was saved; the same command")
 
 
 @pytest.mark.parametrize(
@@ -242,11 +242,11 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
         ("report.compare", ["compare"], "the same command begins again"),
         ("restore.capture_and_restore", ["simulate", "--out", "x"], "the same command begins"),
         ("paper.reproduce", ["reproduce", "--out", "x"], "the same command begins again"),
-        ("sweeps.sweep", ["sweep"], "with --store PATH a sweep goes on where it was ended"),
+        ("sweeps.sweep", ["sweep"], "with --store PATH a sweep goes on where it was interrupted"),
         (
             "sweeps.sweep",
             ["sweep", "--store", "s.zarr"],
-            "3 of 1600 points are kept in s.zarr; the same command computes the others",
+            "3 of 1600 points are saved in s.zarr; the same command computes the others",
         ),
     ],
     ids=lambda value: "-".join(value) if isinstance(value, list) else "",

@@ -213,7 +213,7 @@ def test_layers_have_their_own_speeds(tmp_path, scene, capsys):
     (tmp_path / "a.toml").write_text('[[layers]]\npicture = "a.png"')
     given = ["simulate", scene, "--subject", tmp_path / "a.toml", "--out", tmp_path / "out"]
     line = refused(capsys, *given, "--speed", "500")
-    assert "`--speed` must be left out but for a photograph; got 500" in line
+    assert "`--speed` must stand beside a photograph alone; got 500" in line
 
 
 @pytest.mark.parametrize("subject", ["a.png", "a.toml", "frames"])
@@ -227,7 +227,7 @@ def test_quality_is_that_of_a_photograph(subject, tmp_path, scene, capsys):
     assert cli.main([str(argument) for argument in [*given, "--json"]]) == 0
     printed = capsys.readouterr()
     assert ("quality" in json.loads(printed.out)) == (subject == "a.png")
-    assert ("no quality: " in printed.err) == (subject != "a.png")
+    assert ("no PSNR: " in printed.err) == (subject != "a.png")
 
 
 @pytest.mark.filterwarnings("default::mishutter.model.PictureWarning")

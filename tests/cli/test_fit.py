@@ -132,7 +132,7 @@ def test_a_transmittance_above_1_is_printed_with_its_meaning(capsys):
     """1.06 is told in error bars above an open shutter; coefficients up to 1 take no sentence."""
     fit_command._print(a_camera(), {"as built": 27.3})
     out = " ".join(capsys.readouterr().out.split())
-    assert "Transmittance 4, of 1.06, is 2.4 error bars above an open shutter. Only the" in out
+    assert "Transmittance 4, of 1.06, is 2.4 error bars above an open shutter. A fit" in out
     fit_command._print(a_camera(coefficients=np.linspace(0, 1, 9)), {"as built": 27.3})
     assert "above an open" not in capsys.readouterr().out
 
@@ -189,7 +189,7 @@ BAD = {
     "no-such-file": (
         '[[picture]]\npath = "gone.csv"\n',
         b"1",
-        "gone.csv' must be readable and writable as asked; got",
+        "gone.csv' must exist; got: file not found",
     ),
     "empty": (PICTURE, b"", "must hold at least one line; got an empty file"),
     "complex": (PICTURE, npy(np.zeros((2, 40), complex)), "must hold real numbers; got complex128"),

@@ -69,11 +69,11 @@ def test_each_bad_trace_is_one_line(slug, folder, tmp_path, capsys):
 
 
 OPTIONS = {
-    "no-file": (["compare", "--drive", "no.csv"], "'no.csv' must be readable"),
-    "a-folder": (["compare", "--drive", "."], "must be readable and writable as asked"),
+    "no-file": (["compare", "--drive", "no.csv"], "'no.csv' must exist"),
+    "a-folder": (["compare", "--drive", "."], "must be accessible"),
     "two-designs": (
         ["compare", "--drive", "no.csv", "--design", "a", "--design", "b"],
-        "`--design` must be given once at most with --drive or --measured",
+        "`--design` must be given at most once with --drive or --measured",
     ),
     "shutter-too": (
         ["simulate", "--drive", "no.csv", "--shutter", "hann"],
@@ -95,7 +95,7 @@ OPTIONS = {
     "floor": (["compare", "--drive", "{d}", "--floor", "2"], "must lie in [0, 1); got 2.0"),
     "bytes-to-the-terminal": (
         ["export", "{j}", "--format", "rigol"],
-        "`--out` must be given for a file of bytes; got --format rigol",
+        "`--out` must be given for a binary file; got --format rigol",
     ),
     "pulses-of-levels": (
         ["export", "{j}", "--format", "pulses", "--levels", "9"],

@@ -289,12 +289,14 @@ def test_a_server_that_began_anew_is_said(page, place):
     )
     page.refresh()
     chromium.wait(page, "window.mishutter?.answers.first > 0")
-    assert page.find_element("id", "lost").text.startswith("No longer here: pin 1, mine.png;")
+    lost = page.find_element("id", "lost").text
+    assert lost.startswith("No longer on the server: pin 1, mine.png;")
     assert scene_of(page)["picture"] == {"path": "example"}
     assert pinned(page) == []
     chromium.after(page, "first", lambda: click(page, "undo"))
     assert scene_of(page) == before | {"picture": {"path": "example"}}
-    assert page.find_element("id", "lost").text.startswith("No longer here: mine.png;")
+    lost = page.find_element("id", "lost").text
+    assert lost.startswith("No longer on the server: mine.png;")
     chromium.after(page, "first", lambda: chromium.slide(page, "sensor.read_noise_e", 300))
     assert not page.find_element("id", "lost").is_displayed()
     assert not page.find_element("id", "problem").is_displayed()

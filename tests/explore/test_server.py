@@ -241,7 +241,7 @@ def test_sessions_that_are_kept_are_bounded(started):
         await tab.write_message(json.dumps({"kind": "pin", "name": "mine"}))
         await received(tab, "pin")
         tab.close()
-        for _ in range(server.MOST_KEPT):
+        for _ in range(server.MOST_SESSIONS):
             other = await connected(port)
             await received(other, "hello")
             other.close()

@@ -297,7 +297,7 @@ def test_a_scene_that_is_none_is_refused_in_a_line(started, change, line):
         ("half.png", picture_file(40, 300)[:-400], "half.png"),
         ("empty.png", b"", "hold at most 32 MiB"),
         ("large.png", b"x" * ((32 << 20) + 1), "hold at most 32 MiB"),
-        ("example", b"x", "not be called as another is"),
+        ("example", b"x", "have a name of its own"),
         ("thin.png", picture_file(9, 5), "at least 8 px"),
     ],
 )

@@ -296,7 +296,7 @@ def test_the_command_writes_table_and_picture(saved, tmp_path, capsys):
     ("arguments", "message"),
     [
         (["export"], "got nothing"),
-        (["export", "no.json"], "No such file or directory"),
+        (["export", "no.json"], "must exist; got: file not found"),
         (["export", "{saved}", "--levels", "1"], "; got '1'"),
         (
             ["export", "{saved}", "--ceiling", "0"],

@@ -85,7 +85,7 @@ def test_what_each_purchase_brings():
     assert document["both"]["expected_psnr_db"] == 24.5
     assert document["both"]["over_snapshot_db"] == 2.75
     assert document["a stage"]["motion"]["velocity"] == -12345.0
-    _, table = comparison.text().split("what each purchase brings\n")
+    _, table = comparison.text().split("gain of each purchase\n")
     lines = [" ".join(line.split()) for line in table.splitlines()]
     assert lines[:4] == [
         "nothing best snapshot 21.50 dB, -0.25 dB, 2.6 ms, at rest",

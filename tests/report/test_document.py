@@ -138,7 +138,7 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
         lines.index(title)
         for title in (
             "Own best motion",
-            "What each purchase brings",
+            "The gain of each purchase",
             "Same motion",
             "Kernels, same motion",
         )

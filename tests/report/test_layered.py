@@ -112,7 +112,7 @@ def test_the_picture_of_layers_names_speeds_and_levels():
     found = captures(3e8, "Hann", OPEN_SHUTTER)
     figure = plots.plot_layers(seen(), found, whole=True)
     world = "An object before a still background"
-    verdict = "the verdict is of a picture that moves as a whole, and this one does not"
+    verdict = "the verdict is about a picture that moves as a whole; this one does not"
     assert figure.get_suptitle() == f"{world}: {verdict}"
     assert plots.plot_layers(seen(), found).get_suptitle() == world
     titles = [axes.get_title() for axes in figure.axes]

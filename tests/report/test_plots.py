@@ -131,10 +131,10 @@ def test_speeds_of_one_value_are_told_apart_in_grey():
 
 
 def test_profiles_span_their_own_exposures(figures):
-    """In ms, from shut to shut, each with the light that it lets through."""
+    """In ms, from shut to shut, each with the share of light that it passes."""
     lines = {line.get_label(): line for line in figures["profiles"].axes[0].get_lines()}
-    halves = {"rect, lets 100% through": 6.1, "Hann, lets 50% through": 6.1}
-    for label, half in (halves | {"snapshot, lets 100% through": 1.3}).items():
+    halves = {"rect, passes 100%": 6.1, "Hann, passes 50%": 6.1}
+    for label, half in (halves | {"snapshot, passes 100%": 1.3}).items():
         time, light = lines[label].get_data()
         np.testing.assert_allclose((time[0], time[-1]), (-half, half))
         assert light[0] == light[-1] == 0

@@ -54,6 +54,6 @@ def test_the_terminal_shows_the_table(comparison, capsys):
     print_comparison(Report(_within(), comparison, ("own",)))
     shown = capsys.readouterr().out
     assert "within dB" in shown
-    assert "What each tolerance costs the best design" in shown
+    assert "Cost of each tolerance to the best design" in shown
     assert comparison.costs.verdict in shown
     assert f"{comparison.row('own').level:.2f}" in shown

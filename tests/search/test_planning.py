@@ -272,7 +272,7 @@ def test_the_command_prints_the_plan(capsys):
     assert cli.main(["plan", "--free", "shutter"]) == 0
     text = capsys.readouterr().out
     assert "4 mirrored" in text
-    assert text.rstrip().endswith("All together change nothing beyond rounding.")
+    assert text.rstrip().endswith("Together these choices change nothing beyond rounding.")
     assert cli.main(["plan", "--json", "--fixed", "--loss", "design"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["skips"]

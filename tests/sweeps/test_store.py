@@ -281,7 +281,7 @@ def test_a_store_made_read_only_half_way(tmp_path, capsys):
     assert "Traceback" not in done.stderr
     assert len(errors) == 1
     assert errors[0].startswith(f"mishutter: error: '{store}")
-    assert errors[0].endswith("must be readable and writable as asked; got: Permission denied")
+    assert errors[0].endswith("must be accessible; got: Permission denied")
     assert cli.main([*COMMAND, "--store", str(store)]) == 0
     assert "1 of 3 blocks found, 2 to compute" in capsys.readouterr().err
     assert cli.main([*COMMAND, "--store", str(other)]) == 0

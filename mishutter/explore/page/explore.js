@@ -71,7 +71,7 @@ function withoutPhotograph() {
 
 function lose(names) {
   $("lost").hidden = !names.length;
-  $("lost").textContent = `No longer here: ${names.join(", ")}; load again what is needed.`;
+  $("lost").textContent = `No longer on the server: ${names.join(", ")}; load them again if you need them.`;
 }
 
 const snapshot = () => JSON.stringify({ scene: state.scene, drawn: state.drawn });
@@ -443,7 +443,7 @@ function scaleOf(field, value, before) {
 
 function listControl(row, field, place, value, id) {
   const box = document.createElement("input");
-  Object.assign(box, { type: "text", id, className: "long", value: (value ?? []).join(", "), title: `numbers, ${field.unit}, parted by commas` });
+  Object.assign(box, { type: "text", id, className: "long", value: (value ?? []).join(", "), title: `numbers, ${field.unit}, separated by commas` });
   box.addEventListener("change", () => {
     const numbers = box.value.split(/[,;\s]+/).filter(Boolean).map(Number);
     if (numbers.some((x) => !Number.isFinite(x))) { problem(`[${place[0]}] ${place.slice(1).join(".")} must be numbers; got ${box.value}.`); return; }
