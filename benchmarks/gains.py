@@ -138,12 +138,12 @@ class Speeds(NamedTuple):
     """So many speeds, evenly spaced up to the greatest either way, px/s."""
 
     greatest: float = 4500
-    count: int = 9
+    number: int = 9
 
     @property
     def name(self) -> str:
         """The row of the table of designs that are kept."""
-        return f"{self.count} speeds to {self.greatest:,g} px/s"
+        return f"{self.number} speeds to {self.greatest:,g} px/s"
 
 
 SPEEDS = Speeds()
@@ -154,7 +154,7 @@ OTHER_SPEEDS = (SPEEDS, Speeds(4500, 37), Speeds(4250, 18))
 def scene_of(world: World, light: Light, speeds: Speeds) -> Scene:
     """The scene as its file has it."""
     numbers = {"rate": light.rate, "noise": light.noise}
-    text = FILE.format(speed=speeds.greatest, count=speeds.count, **numbers)
+    text = FILE.format(speed=speeds.greatest, count=speeds.number, **numbers)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.toml"
         path.write_text(text + world.section)

@@ -9,6 +9,7 @@ every frequency (Dutt and Rokhlin, SIAM J. Sci. Comput.
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,12 +20,29 @@ from jaxtyping import Array, Complex, Float, Int
 from mishutter._core import namespace_of
 from mishutter.model import frequency_grid
 
-_WIDTH = 16
-"""Cells that a window covers; on a grid of twice the Nyquist rate its error is 1e-15."""
-_SHARPNESS = 2.3 * _WIDTH
-_DEGREE = 13
 BLOCK = 64
 """Positions spread at a time: the windows of more do not fit a processor's cache."""
+
+
+class _Window(NamedTuple):
+    """The window about a position, and the polynomials that stand for it.
+
+    Attributes:
+        width: Cells that it covers.
+        degree: Degree of the polynomials.
+    """
+
+    width: int
+    degree: int
+
+    @staticmethod
+    def of(dtype: np.dtype) -> "_Window":
+        """The window whose error on a grid of twice the Nyquist rate is near a rounding's."""
+        return _Window(16, 13) if np.finfo(dtype).bits == 64 else _Window(8, 7)
+
+    def at(self, place: np.ndarray) -> np.ndarray:
+        """Values at places from -1 to 1."""
+        return np.exp(2.3 * self.width * (np.sqrt(1 - place**2) - 1))
 
 
 def waves_on_dft(
@@ -156,24 +174,26 @@ def _in_blocks(rows: Array) -> Array:
 
 def _empty(position: Array, weights: list[Array], num_kept: int) -> list[Array]:
     """A fine grid of zeros for each of several weights, with a margin for windows at its end."""
-    num_cells = max(4 * num_kept, _WIDTH)
+    width = _Window.of(position.dtype).width
+    num_cells = max(4 * num_kept, width)
     # The zeros derive from the values added to them, so that `jax.shard_map` sees both vary.
     columns = [jnp.zeros_like(position[:, :1] * weight[:, :1]) for weight in weights]
-    return [jnp.tile(column, (1, num_cells + _WIDTH)) for column in columns]
+    return [jnp.tile(column, (1, num_cells + width)) for column in columns]
 
 
 def _with_block(
     cells: list[Array], num_frequencies: int, position: Array, weights: list[Array]
 ) -> list[Array]:
     """Cells after the windows of a block of positions are added; linear in the weights."""
-    num_cells = cells[0].shape[1] - _WIDTH
+    width = _Window.of(position.dtype).width
+    num_cells = cells[0].shape[1] - width
     first, windows = _placed(position, num_frequencies, num_cells)
     index = jnp.arange(first.shape[0], dtype=jnp.int32)[:, None] * cells[0].shape[1] + first
     return [
         jax.lax.scatter_add(
             rows.reshape(-1),
             index.reshape(-1, 1),
-            (windows * weight[..., None]).reshape(-1, _WIDTH),
+            (windows * weight[..., None]).reshape(-1, width),
             jax.lax.ScatterDimensionNumbers((1,), (), (0,)),
             mode="clip",
         ).reshape(rows.shape)
@@ -182,35 +202,36 @@ def _with_block(
 
 
 def _placed(position: Array, num_frequencies: int, num_cells: int) -> tuple[Array, Array]:
-    """First cell of the window about each position, `(s, q)`, and the windows, `(s, q, _WIDTH)`.
+    """First cell of the window about each position, `(s, q)`, and the windows, `(s, q, width)`.
 
     The grid repeats itself with the opposite sign: the frequencies are odd multiples of half a
     step, so that a wave is its own negative after a period of `2 * num_frequencies` px.
     """
+    window = _Window.of(position.dtype)
     cell = position * (num_cells / (2 * num_frequencies))
-    begin = jnp.ceil(cell - _WIDTH / 2)
+    begin = jnp.ceil(cell - window.width / 2)
     period = jnp.floor(begin / num_cells)
     sign = 1 - 2 * (period - 2 * jnp.floor(period / 2))
     first = (begin - period * num_cells).astype(jnp.int32)
-    shift = (begin - cell + (_WIDTH / 2 - 0.5))[..., None]
-    powers = _powers_of_window().astype(position.dtype)[:, None, None]
-    windows = jnp.broadcast_to(powers[0], (*cell.shape, _WIDTH))
+    shift = (begin - cell + (window.width / 2 - 0.5))[..., None]
+    powers = _powers_of_window(window).astype(position.dtype)[:, None, None]
+    windows = jnp.broadcast_to(powers[0], (*cell.shape, window.width))
     for power in powers[1:]:
         windows = windows * shift + power
     return jnp.clip(first, 0, num_cells - 1), sign[..., None] * windows
 
 
 @lru_cache
-def _powers_of_window() -> np.ndarray:
-    """Polynomials that interpolate the window in each of its cells; shape `(d, _WIDTH)`.
+def _powers_of_window(window: _Window) -> np.ndarray:
+    """Polynomials that interpolate a window in each of its cells; shape `(d, width)`.
 
-    Coefficients are of descending powers of the place in the cell, from -1/2 to 1/2. They are exact
-    to 1e-15, and many times quicker than an exponential of a root.
+    Coefficients are of descending powers of the place in the cell, from -1/2 to 1/2. They are as
+    exact as the window, and many times quicker than an exponential of a root.
     """
-    places = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1)) / 2
-    distance = places[:, None] + np.arange(_WIDTH) + 0.5 - _WIDTH / 2
-    window = np.exp(_SHARPNESS * (np.sqrt(1 - (distance * (2 / _WIDTH)) ** 2) - 1))
-    return np.linalg.solve(np.vander(places, _DEGREE + 1), window)
+    width, count = window.width, window.degree + 1
+    places = np.cos(np.pi * (np.arange(count) + 0.5) / count) / 2
+    distance = places[:, None] + np.arange(width) + 0.5 - width / 2
+    return np.linalg.solve(np.vander(places, count), window.at(distance * (2 / width)))
 
 
 def _transformed(cells: Array) -> Array:
@@ -219,22 +240,23 @@ def _transformed(cells: Array) -> Array:
     The cells are real: their odd waves are conjugates of even ones, and the even ones are an FFT of
     half as many complex numbers.
     """
-    num_cells = cells.shape[1] - _WIDTH
-    cells = cells[:, :num_cells].at[:, :_WIDTH].add(-cells[:, num_cells:])
+    window = _Window.of(cells.dtype)
+    num_cells = cells.shape[1] - window.width
+    cells = cells[:, :num_cells].at[:, : window.width].add(-cells[:, num_cells:])
     half, num_kept = num_cells // 2, num_cells // 4
     angle = (-np.pi / (2 * half)) * np.arange(half)
     dtype = np.result_type(cells.dtype, np.complex64)
     twiddle = np.exp(1j * angle).astype(dtype)[None]
     even = jnp.fft.fft(jax.lax.complex(cells[:, :half], -cells[:, half:]) * twiddle)
     pairs = jnp.stack([even, jnp.conj(even[:, ::-1])], axis=2)[:, : -(-num_kept // 2)]
-    share = (1 / _transform_of_window(num_kept)).astype(dtype)[None]
+    share = (1 / _transform_of_window(window, num_kept)).astype(dtype)[None]
     return pairs.reshape(cells.shape[0], -1)[:, :num_kept] * share
 
 
 @lru_cache
-def _transform_of_window(num_kept: int) -> np.ndarray:
-    """The window's own Fourier transform at the frequencies; shape `(num_kept,)`."""
-    nodes, weights = np.polynomial.legendre.leggauss(4 * _WIDTH)
-    window = weights * np.exp(_SHARPNESS * (np.sqrt(1 - nodes**2) - 1)) * (_WIDTH / 2)
+def _transform_of_window(window: _Window, num_kept: int) -> np.ndarray:
+    """A window's own Fourier transform at the frequencies; shape `(num_kept,)`."""
+    nodes, weights = np.polynomial.legendre.leggauss(4 * window.width)
+    values = window.at(nodes) * weights * (window.width / 2)
     turns = np.arange(num_kept) + 0.5
-    return np.cos(np.outer(turns * (np.pi * _WIDTH / (4 * num_kept)), nodes)) @ window
+    return np.cos(np.outer(turns * (np.pi * window.width / (4 * num_kept)), nodes)) @ values

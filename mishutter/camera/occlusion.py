@@ -11,7 +11,7 @@ from mishutter._core import in_threads, num_processors
 from mishutter.blur import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
 from mishutter.camera.rows import MARGIN, continued, fast_length, period_of
-from mishutter.evaluation import light_in_time, sized_for
+from mishutter.evaluation import nodes_in_time, sized_for
 from mishutter.model import AbstractMotion, AbstractShutter, Optics
 
 _STEP = 0.5
@@ -125,7 +125,7 @@ def _exposure_of(
     fastest = max(abs(layer.speed - v) for layer in layers.layers)
     # Images that change while they are displaced ask for as many nodes once more.
     num_nodes = nodes_for(2 * (float(motion.speed_gain) + fastest) * half)
-    tau, weight = (np.asarray(x)[0] for x in light_in_time(shutter, motion, num_nodes))
+    tau, weight = (np.asarray(x)[0] for x in nodes_in_time(shutter, motion, num_nodes))
     time = tau * half
     return _Exposure(time, weight, np.asarray(motion.position(time)), optics)
 

@@ -19,7 +19,6 @@ from mishutter.evaluation.layers import SEARCHED_EFFECTIVE_SPEEDS as SEARCHED_EF
 from mishutter.evaluation.layers import Frequencies as Frequencies
 from mishutter.evaluation.layers import RowsAtRest as RowsAtRest
 from mishutter.evaluation.layers import background_of as background_of
-from mishutter.evaluation.layers import computed_speeds as computed_speeds
 from mishutter.evaluation.layers import moments_on_dft as moments_on_dft
 from mishutter.evaluation.layers import rows_at_rest as rows_at_rest
 from mishutter.evaluation.layers import with_shares as with_shares
@@ -35,7 +34,7 @@ from mishutter.evaluation.losses import DesignLoss as DesignLoss
 from mishutter.evaluation.losses import ExpectedErrorLoss as ExpectedErrorLoss
 from mishutter.evaluation.losses import FoundSpeedLoss as FoundSpeedLoss
 from mishutter.evaluation.losses import KnownSpeedLoss as KnownSpeedLoss
-from mishutter.evaluation.losses import Parts as Parts
+from mishutter.evaluation.losses import LossFunction as LossFunction
 from mishutter.evaluation.losses import WeightedSum as WeightedSum
 from mishutter.evaluation.losses import WorstSpeedLoss as WorstSpeedLoss
 from mishutter.evaluation.losses import as_loss as as_loss
@@ -51,6 +50,7 @@ from mishutter.evaluation.needs import ONLY_SPECTRA as ONLY_SPECTRA
 from mishutter.evaluation.needs import PLANNED as PLANNED
 from mishutter.evaluation.needs import Automatic as Automatic
 from mishutter.evaluation.needs import Item as Item
+from mishutter.evaluation.needs import Parts as Parts
 from mishutter.evaluation.needs import Plan as Plan
 from mishutter.evaluation.needs import automatic as automatic
 from mishutter.evaluation.needs import coarser as coarser
@@ -67,18 +67,16 @@ from mishutter.evaluation.needs import sizes as sizes
 from mishutter.evaluation.power import lost_share as lost_share
 from mishutter.evaluation.power import picture_power as picture_power
 from mishutter.evaluation.power import power_on_grid as power_on_grid
-from mishutter.evaluation.response import Records as Records
 from mishutter.evaluation.response import Response as Response
-from mishutter.evaluation.response import aligned_spectra as aligned_spectra
 from mishutter.evaluation.response import assembled as assembled
-from mishutter.evaluation.response import folded as folded
 from mishutter.evaluation.response import kernel_phase as kernel_phase
 from mishutter.evaluation.response import kernels_at_speeds as kernels_at_speeds
-from mishutter.evaluation.response import light_in_time as light_in_time
+from mishutter.evaluation.response import nodes_in_time as nodes_in_time
 from mishutter.evaluation.response import pixel_responses as pixel_responses
 from mishutter.evaluation.response import records as records
+from mishutter.evaluation.response import respond as respond
 from mishutter.evaluation.response import spectra_of as spectra_of
-from mishutter.evaluation.sensor_view import SampledView as SampledView
+from mishutter.evaluation.sensor_view import planned_view as planned_view
 from mishutter.evaluation.sensor_view import sampled_view as sampled_view
 from mishutter.evaluation.sensor_view import sensor_view as sensor_view
 from mishutter.evaluation.sensor_view import transmittance as transmittance

@@ -1,18 +1,18 @@
 """Metrics of many designs, by the formulas of `evaluate`, each at the sizes that it needs.
 
-One compiled loop goes from design to design. How many taps and nodes one of them asks for is
-known when it is run, so that a program serves all of them, each at its own cost.
+One compiled loop goes from design to design. The numbers of taps and nodes of a design are inputs
+of the program, so that one program serves all designs, each at its own cost.
 """
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float, Int
 
 from mishutter._core import compiled, in_threads, num_threads
 from mishutter.blur import BLOCK, ExposureQuadrature, condition_number, exposure_quadrature
@@ -35,7 +35,7 @@ from mishutter.evaluation.response import (
     Response,
     aligned_spectra,
     assembled,
-    kernels_and_light,
+    kernels_and_efficiency,
 )
 from mishutter.evaluation.sensor_view import transmittance
 from mishutter.model import (
@@ -56,39 +56,39 @@ ERRORS_BY_LIGHT = {
     "expected_psnr": expected_squared_error,
     "worst_speed_psnr": worst_squared_error,
 }
-"""Squared errors that a PSNR is of, by its name: they depend on light and noise."""
+"""Squared error of each PSNR, by its name: they depend on light and noise."""
 SPECTRUM_METRICS = (*ERRORS_BY_LIGHT, "bound_share")
 _TAPS = 64
-"""Taps that are done at a time."""
+"""Taps of a block."""
 _DESIGNS_A_CALL = 64
-"""The same however many devices share the work, and so one program."""
+"""Fixed batch size: one compiled program for any number of devices."""
 _FURTHEST = float(1 << 17)
-"""Length from which on all kernels are refused alike; px."""
+"""Length beyond which every kernel is refused; px."""
 
 
 class Sizes(NamedTuple):
-    """What `evaluate` takes for each design, and what is enough; shape `(n,)` each.
+    """Sizes that `evaluate` would use for each design, and the smallest sufficient ones.
 
     Attributes:
         num_taps: Taps of the kernels.
         dft_length: Points of the DFT of the condition number.
         num_frequencies: Frequencies of the expected error.
-        num_lit_taps: Taps that light of the fastest object may fall on.
-        num_still_taps: The same of an object at rest.
+        num_reached_taps: Taps that light of the fastest object may fall on.
+        num_still_taps: Taps that light of an object at rest may fall on.
         num_nodes: Nodes over the exposure.
         aside: Whole taps from the first one to that of an object at rest: 0 where the sensor
             moves.
-        num_effective_speeds: Effective speeds of two layers; 0 of a picture that moves as a whole.
+        num_effective_speeds: Effective speeds of two layers; 0 for a picture that moves as a whole.
     """
 
-    num_taps: np.ndarray
-    dft_length: np.ndarray
-    num_frequencies: np.ndarray
-    num_lit_taps: np.ndarray
-    num_still_taps: np.ndarray
-    num_nodes: np.ndarray
-    aside: np.ndarray
-    num_effective_speeds: np.ndarray
+    num_taps: Int[np.ndarray, "n"]
+    dft_length: Int[np.ndarray, "n"]
+    num_frequencies: Int[np.ndarray, "n"]
+    num_reached_taps: Int[np.ndarray, "n"]
+    num_still_taps: Int[np.ndarray, "n"]
+    num_nodes: Int[np.ndarray, "n"]
+    aside: Int[np.ndarray, "n"]
+    num_effective_speeds: Int[np.ndarray, "n"]
 
 
 class Shapes(NamedTuple):
@@ -97,7 +97,7 @@ class Shapes(NamedTuple):
     Attributes:
         dft_lengths: Lengths that the condition number may be taken over.
         still_taps: Taps of the longest kernel of an object at rest.
-        node_counts: About how many nodes the rules of quadrature have, ascending.
+        node_counts: Numbers of nodes of the quadrature rules, about, ascending.
     """
 
     dft_lengths: tuple[int, ...]
@@ -106,19 +106,19 @@ class Shapes(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Nodes over the exposure and the light at them, for rules of rising number.
+    """Quadrature rules of rising numbers of nodes, for the shutters that designs are mixed of.
 
     Attributes:
         tau: Normalised times; shape `(r, q)`.
-        light: Light of each of `k` shutters, a mixture of which each design has; `(r, k, q)`.
-        num_blocks: Blocks of nodes that hold light; shape `(r,)`.
+        weight: Weights with the transmittance of each of `k` shutters; shape `(r, k, q)`.
+        num_blocks: Blocks of nodes with weight; shape `(r,)`.
         efficiency: Mean transmittance of each shutter; shape `(k,)`.
     """
 
-    tau: Array
-    light: Array
-    num_blocks: Array
-    efficiency: Array
+    tau: Float[Array, "r q"]
+    weight: Float[Array, "r k q"]
+    num_blocks: Int[Array, "r"]
+    efficiency: Float[Array, "k"]
 
 
 class LightLevels(NamedTuple):
@@ -129,87 +129,124 @@ class LightLevels(NamedTuple):
         read_noises: e-; shape `(r,)`.
     """
 
-    photon_rates: Array | np.ndarray
-    read_noises: Array | np.ndarray
+    photon_rates: Float[Array | np.ndarray, "*p"]
+    read_noises: Float[Array | np.ndarray, "*r"]
 
 
 class _Need(NamedTuple):
-    """Numbers that the loops need of a design; its attributes are scalars.
+    """Numbers of a design that the loops need; of many designs on a leading axis.
 
     Attributes:
-        num_blocks: Blocks of taps.
+        num_blocks: Number of blocks of taps.
         first: Offset of the first tap's edge from the point of alignment, px.
         still_block: Block in which the light of an object at rest begins.
-        dft: Which of the lengths.
-        rule: Which of the rules.
+        dft: Index of its length among `Shapes.dft_lengths`.
+        rule: Index of its quadrature rule.
     """
 
-    num_blocks: Any
-    first: Any
-    still_block: Any
-    dft: Any
-    rule: Any
+    num_blocks: Int[Array | np.ndarray, "*n"]
+    first: Float[Array | np.ndarray, "*n"]
+    still_block: Int[Array | np.ndarray, "*n"]
+    dft: Int[Array | np.ndarray, "*n"]
+    rule: Int[Array | np.ndarray, "*n"]
 
 
-def motions_at(accelerations: np.ndarray, half_exposures: np.ndarray) -> ParabolicMotion:
-    """Motions without velocity whose numbers have a leading axis; shape `(n,)` each."""
+class _Designs(NamedTuple):
+    """One design, or many on a leading axis.
+
+    Attributes:
+        motion: Motion of the sensor.
+        need: Numbers that the loops need.
+        shares: Shares of the shutters of the `Rules` in the design's own.
+    """
+
+    motion: AbstractMotion
+    need: _Need
+    shares: Float[Array | np.ndarray, "*n k"]
+
+
+class _KernelSums(NamedTuple):
+    """Sums over the blocks of a kernel: two of squares, and the kernel of an object at rest."""
+
+    difference: Float[Array, ""]
+    still: Float[Array, ""]
+    taps: Float[Array, "taps"]
+
+
+def motions_at(
+    accelerations: Float[np.ndarray, "n"], half_exposures: Float[np.ndarray, "n"]
+) -> ParabolicMotion:
+    """Motions without velocity whose numbers have a leading axis."""
     one = ParabolicMotion(acceleration=0.0, half_exposure=1.0)
     numbers = accelerations, half_exposures, np.zeros_like(half_exposures)
     return eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, numbers)
 
 
 def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
-    """Sizes of a scene on many motions; where everything is computed, enough is all."""
+    """Sizes of a scene on many motions; without skips the full ones are the sufficient ones."""
     longest, turns = longest_within_limits(scene), np.asarray(has_vertex(motions))
     half = np.asarray(motions.half_exposure, np.float64)
     a = np.asarray(steady(motions).acceleration, np.float64)
     stroke = np.where(turns, a * half * half, 0.0)
     smear = float(scene.max_speed) * half
     reach, velocity = map(np.asarray, reach_of_parabola(stroke, smear))
-    held = _by_whole(np.minimum(np.maximum(reach, longest), _FURTHEST), lambda x: sized_for(x, 0.0))
-    num_taps, dft_length = (_each(held, name) for name in ("num_taps", "dft_length"))
+    reach_of_plan = np.minimum(np.maximum(reach, longest), _FURTHEST)
+    plans = _by_whole(reach_of_plan, lambda x: sized_for(x, 0.0))
+    num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
     speeds = occurring_speeds(scene).reshape(-1, *(1,) * np.ndim(stroke))
     spread = np.asarray(aligned(stroke[None], speeds * half).extent)[0]
     counts = num_frequencies(scene, spread)
     aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
     aside = np.where(turns, 0, aside).astype(int)
-    lit = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
+    num_reached = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
     if not skips:
-        velocity, lit = np.maximum(velocity, longest), num_taps
-    nodes = _each(_by_whole(velocity, lambda x: sized_for(0.0, x)), "num_nodes")
-    lit = np.minimum(lit, num_taps).astype(int)
-    still = np.minimum(np.ceil(stroke) + 1, num_taps).astype(int)
+        velocity, num_reached = np.maximum(velocity, longest), num_taps
     halves, index = np.unique(half, return_inverse=True)
-    effective = np.array([effective_speeds(scene, x) for x in halves], int)[index]
-    return Sizes(num_taps, dft_length, counts, lit, still, nodes, aside, effective)
+    return Sizes(
+        num_taps=num_taps,
+        dft_length=dft_length,
+        num_frequencies=counts,
+        num_reached_taps=np.minimum(num_reached, num_taps).astype(int),
+        num_still_taps=np.minimum(np.ceil(stroke) + 1, num_taps).astype(int),
+        num_nodes=_by_whole(velocity, lambda x: sized_for(0.0, x)).each("num_nodes"),
+        aside=aside,
+        num_effective_speeds=np.array([effective_speeds(scene, x) for x in halves], int)[index],
+    )
 
 
-def _by_whole(values: np.ndarray, plan: Callable[[float], Plan]) -> tuple[list[Plan], np.ndarray]:
-    """Plans of the whole numbers above some, and which of them belongs to each."""
+class _Plans(NamedTuple):
+    """Plans that designs share, and the place of each design's plan among them."""
+
+    plans: list[Plan]
+    place: Int[np.ndarray, "n"]
+
+    def each(self, name: str) -> Int[np.ndarray, "n"]:
+        """A number of each design's plan."""
+        return np.array([getattr(plan, name) for plan in self.plans], int)[self.place]
+
+
+def _by_whole(values: Float[np.ndarray, "n"], plan: Callable[[float], Plan]) -> _Plans:
+    """Plans of values rounded up to whole numbers."""
     whole, index = np.unique(np.ceil(values), return_inverse=True)
-    return [plan(float(x)) for x in whole], index
-
-
-def _each(plans: tuple[list[Plan], np.ndarray], name: str) -> np.ndarray:
-    return np.array([getattr(plan, name) for plan in plans[0]], int)[plans[1]]
+    return _Plans([plan(float(x)) for x in whole], index)
 
 
 def shapes_of(each: Sequence[Sizes]) -> Shapes:
-    """Shapes that hold designs of some sizes; of none at all, the smallest."""
+    """Shapes that hold designs of some sizes; the smallest shapes without any design."""
     lengths = {1024, *(int(x) for sizes in each for x in np.unique(sizes.dft_length))}
     still = max((int(x) for sizes in each for x in sizes.num_still_taps), default=1)
     nodes = {BLOCK, *(int(x) for sizes in each for x in _whole_blocks(np.unique(sizes.num_nodes)))}
     return Shapes(tuple(sorted(lengths)), still, tuple(sorted(nodes)))
 
 
-def _whole_blocks(count: np.ndarray) -> np.ndarray:
+def _whole_blocks(count: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
     return -(-count // BLOCK) * BLOCK
 
 
 def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
     """Scenes with only the speeds that a shutter asks for, as many in each, and no tolerances.
 
-    Each keeps the background that it was seen before, and whether its speeds are folded.
+    Each keeps its background, and the decision whether its speeds are folded.
     """
     scenes = [without_tolerances(scene) for scene in scenes]
     folds = [folds_speeds(scene, scene.fullest_motion, shutter) for scene in scenes]
@@ -227,7 +264,7 @@ def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool
 
 
 def _on_grid(scene: Scene, num_frequencies: int, num_effective_speeds: int) -> Scene:
-    """What `scenes_for` makes of a scene, with its power and layers on a grid of frequencies."""
+    """A scene of `scenes_for` with its power and layers on a grid of frequencies."""
     shares = None if scene.occlusion is None else scene.occlusion.shares
     folds = shares is not None and shares.folds
     plan = Plan(1, 1, num_frequencies, 1, num_effective_speeds=num_effective_speeds, folds=folds)
@@ -239,25 +276,25 @@ def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtyp
     profiles = jax.tree.map(
         lambda *x: np.stack([np.asarray(each) for each in x]), *map(piecewise, shutters)
     )
-    found = _rules(profiles, len(shutters), shapes.node_counts, dtype)
-    lit = [np.flatnonzero(np.any(np.asarray(rule.weight) != 0, axis=0)) for rule in found]
-    blocks = np.array([-(-(x[-1] + 1) // BLOCK) if x.size else 0 for x in lit], np.int32)
+    rules = _rules(profiles, len(shutters), shapes.node_counts, dtype)
+    nonzero = [np.flatnonzero(np.any(np.asarray(rule.weight) != 0, axis=0)) for rule in rules]
+    blocks = np.array([-(-(x[-1] + 1) // BLOCK) if x.size else 0 for x in nonzero], np.int32)
     length = max(1, int(blocks.max())) * BLOCK
 
-    def whole(part: Array) -> np.ndarray:
+    def whole(part: Float[Array, "k q"]) -> Float[np.ndarray, "k n"]:
         rows = np.asarray(part)[:, :length]
         return np.pad(rows, ((0, 0), (0, length - rows.shape[1])))
 
-    tau, light = (np.stack([whole(rule[part]) for rule in found]) for part in (0, 1))
-    return Rules(
-        jnp.asarray(tau[:, 0]), jnp.asarray(light), jnp.asarray(blocks), found[0].efficiency
-    )
+    tau = np.stack([whole(rule.tau)[0] for rule in rules])
+    weight = np.stack([whole(rule.weight) for rule in rules])
+    return Rules(jnp.asarray(tau), jnp.asarray(weight), jnp.asarray(blocks), rules[0].efficiency)
 
 
 @compiled
 def _rules(
-    profiles: Any, num_profiles: int, node_counts: tuple[int, ...], dtype: np.dtype
+    profiles: AbstractShutter, num_profiles: int, node_counts: tuple[int, ...], dtype: np.dtype
 ) -> list[ExposureQuadrature]:
+    """Rules of stacked profiles, one for each number of nodes."""
     rules = [partial(exposure_quadrature, num_nodes=count, dtype=dtype) for count in node_counts]
     return [jax.vmap(rule, axis_size=num_profiles)(profiles) for rule in rules]
 
@@ -267,171 +304,195 @@ def measure(
     motions: AbstractMotion,
     shutter: AbstractShutter,
     rules: Rules,
+    *,
     shapes: Shapes,
     sizes: Sizes,
-    *,
     metrics: Sequence[str],
-    light: LightLevels,
-    boxes: np.ndarray | None = None,
+    levels: LightLevels,
+    boxes: Float[np.ndarray, "n k"] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Some of the `Metrics` of a shutter, or of one a design, on `n` motions; by name.
+    """Some of the `Metrics` of a shutter, or of one for each design, on `n` motions; by name.
 
     Args:
-        scene: What `scenes_for` makes of one.
-        motions: What `motions_at` makes of theirs.
+        scene: The scene, from `scenes_for`.
+        motions: The motions, from `motions_at`.
         shutter: The shutter.
-        rules: Its rules; of its coordinates where each design has its own.
+        rules: Its rules; those of its coordinates where each design has its own.
         shapes: Sizes that hold all designs.
         sizes: Sizes that each design asks for.
-        metrics: Which are wanted. PSNRs have the shape `(n, p, r)`, others `(n,)`.
-        light: Light and noise that each design is measured in.
-        boxes: Coordinates of each design's own shutter, shape `(n, k)`, where the rules are of
-            `k + 1`: of a closed one and of each coordinate open; None for one shutter.
+        metrics: Names of the metrics. PSNRs have the shape `(n, p, r)`, others `(n,)`.
+        levels: Light and noise that each design is measured in.
+        boxes: Coordinates of each design's own shutter, where the rules are of `k + 1` shutters: a
+            closed one, and each coordinate open. None for one shutter.
     """
     dtype, count = np.dtype(rules.tau.dtype), sizes.num_taps.size
     shares = np.ones((count, 1), dtype)
-    if boxes is not None:  # a device may leak light through what is closed
+    if boxes is not None:  # a device may leak light through a closed shutter
         shares = np.column_stack([1 - boxes.sum(axis=1), boxes]).astype(dtype)
-    found = {"efficiency": shares.astype(float) @ np.asarray(rules.efficiency, float)}
-    need = _need_of(sizes, shapes, motions, dtype, bool(set(metrics) & set(KERNEL_METRICS[1:])))
-    each = motions, need, shares
+    values = {"efficiency": shares.astype(float) @ np.asarray(rules.efficiency, float)}
+    moving = bool(set(metrics) & set(KERNEL_METRICS[1:]))
+    designs = _Designs(motions, _need_of(sizes, shapes, motions, dtype, moving), shares)
     of_kernels = tuple(name for name in metrics if name in KERNEL_METRICS)
     of_picture = tuple(name for name in metrics if name in SPECTRUM_METRICS)
     if of_kernels:
-        whole = with_occlusion(scene, None)
-        kernels = partial(_kernel_numbers, shutter, boxes is not None, whole, shapes, of_kernels)
-        found |= _by_parts(kernels, each, np.arange(count))
+        kernels = partial(
+            _kernel_numbers,
+            shutter=shutter,
+            is_own=boxes is not None,
+            scene=with_occlusion(scene, None),
+            shapes=shapes,
+            metrics=of_kernels,
+        )
+        values |= _by_parts(kernels, designs, np.arange(count))
     if of_picture:
-        levels = LightLevels(*(jnp.asarray(x, dtype) for x in light))
+        levels = LightLevels(*(jnp.asarray(x, dtype) for x in levels))
         counts = np.stack([sizes.num_frequencies, sizes.num_effective_speeds], axis=1)
         for count_of_each in np.unique(counts, axis=0):
             number, effective = map(int, count_of_each)
-            seen = _on_grid(scene, number, effective)
-            picture = partial(_picture_numbers, rules, seen, levels, number, of_picture)
+            picture = partial(
+                _picture_numbers,
+                rules=rules,
+                scene=_on_grid(scene, number, effective),
+                levels=levels,
+                num_frequencies=number,
+                metrics=of_picture,
+            )
             index = np.flatnonzero(np.all(counts == count_of_each, axis=1))
-            for name, values in _by_parts(picture, each, index).items():
-                whole = found.setdefault(name, np.zeros((count, *values.shape[1:]), dtype))
-                whole[index] = values
-    return found
+            for name, part in _by_parts(picture, designs, index).items():
+                whole = values.setdefault(name, np.zeros((count, *part.shape[1:]), dtype))
+                whole[index] = part
+    return values
 
 
-def _by_parts(function: Callable[..., Any], each: Any, index: np.ndarray) -> Any:
+def _by_parts(
+    function: Callable[[_Designs], dict[str, Array]],
+    designs: _Designs,
+    index: Int[np.ndarray, "n"],
+) -> dict[str, np.ndarray]:
     """A function of some designs, by calls of equal size that are dealt to all devices."""
     devices = jax.devices()
     starts = range(0, index.size, _DESIGNS_A_CALL)
 
-    def part(number: int) -> Any:
+    def part(number: int) -> dict[str, np.ndarray]:
         some = index[starts[number] : starts[number] + _DESIGNS_A_CALL]
         filled = np.resize(some, _DESIGNS_A_CALL)
-        chosen = jax.tree.map(lambda x: np.asarray(x)[filled], each)
+        own = jax.tree.map(lambda x: np.asarray(x)[filled], designs)
         with jax.default_device(devices[number % len(devices)]):
-            return jax.tree.map(lambda x: np.asarray(x)[: some.size], function(chosen))
+            return {name: np.asarray(x)[: some.size] for name, x in function(own).items()}
 
     count = len(devices) * num_threads(np.array(devices))
     parts = list(in_threads(part, range(len(starts)), count))
-    return jax.tree.map(lambda *x: np.concatenate(x), *parts)
+    return {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
 
 
 def _need_of(
     sizes: Sizes, shapes: Shapes, motions: AbstractMotion, dtype: np.dtype, moving: bool
 ) -> _Need:
+    """Numbers that the loops need, for kernels of moving objects or of one at rest alone."""
     turns = np.asarray(has_vertex(motions))
-    lit = sizes.num_lit_taps if moving else sizes.aside + sizes.num_still_taps
-    numbers = (
-        -(-lit // _TAPS),
-        np.where(turns, 0.0, -0.5 - sizes.aside),
-        sizes.aside // _TAPS,
-        np.searchsorted(shapes.dft_lengths, sizes.dft_length),
-        np.searchsorted(shapes.node_counts, _whole_blocks(sizes.num_nodes)),
+    num_taps = sizes.num_reached_taps if moving else sizes.aside + sizes.num_still_taps
+    dft = np.searchsorted(shapes.dft_lengths, sizes.dft_length)
+    rule = np.searchsorted(shapes.node_counts, _whole_blocks(sizes.num_nodes))
+    return _Need(
+        num_blocks=(-(-num_taps // _TAPS)).astype(np.int32),
+        first=np.where(turns, 0.0, -0.5 - sizes.aside).astype(dtype),
+        still_block=(sizes.aside // _TAPS).astype(np.int32),
+        dft=dft.astype(np.int32),
+        rule=rule.astype(np.int32),
     )
-    kinds = (np.int32, dtype, np.int32, np.int32, np.int32)
-    return _Need(*(x.astype(kind) for x, kind in zip(numbers, kinds, strict=True)))
 
 
 @compiled
 def _kernel_numbers(
+    designs: _Designs,
+    *,
     shutter: AbstractShutter,
     is_own: bool,
     scene: Scene,
     shapes: Shapes,
     metrics: tuple[str, ...],
-    each: Any,
 ) -> dict[str, Array]:
     """Metrics of kernels."""
 
-    def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
-        motion, need, box = design
+    def of_design(design: _Designs) -> dict[str, Array]:
+        motion, need, box = design.motion, design.need, jnp.asarray(design.shares)
         own = shutter.at(box[1:]) if is_own else shutter  # type: ignore[attr-defined]
         profile = transmittance(scene, motion, own)
         speeds = scene.speeds if set(metrics) & set(KERNEL_METRICS[1:]) else scene.speeds[:0]
         speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
         plan = Plan(_TAPS, _TAPS, 1, 1)
 
-        def add(block: Array, sums: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        def add(block: Int[Array, ""], sums: _KernelSums) -> _KernelSums:
             first = need.first + (block * _TAPS).astype(box.dtype)
-            kernels, light = kernels_and_light(profile, motion, speeds, first, _TAPS, 1)
-            some = assembled(scene, Records(kernels, jnp.zeros(0), light), plan)
-            # A block without light of an object at rest goes to the room that is left for it.
+            kernels, efficiency = kernels_and_efficiency(
+                profile, motion, speeds, first, num_taps=_TAPS, num_runs=1
+            )
+            some = assembled(scene, Records(kernels, jnp.zeros(0), efficiency), plan)
+            # A block without light of an object at rest goes to the room behind its kernel.
             start = ((block - need.still_block) * _TAPS,)
-            taps = jax.lax.dynamic_update_slice(sums[2], some.still_kernel, start)
-            squares = (jnp.sum(x**2) for x in (some.differences, some.still_kernel))
-            return *map(jnp.add, sums[:2], squares), taps  # type: ignore[return-value]
+            return _KernelSums(
+                sums.difference + jnp.sum(some.differences**2),
+                sums.still + jnp.sum(some.still_kernel**2),
+                jax.lax.dynamic_update_slice(sums.taps, some.still_kernel, start),
+            )
 
         room = (-(-shapes.still_taps // _TAPS) + 1) * _TAPS
-        nothing = jnp.zeros((), box.dtype), jnp.zeros((), box.dtype), jnp.zeros(room, box.dtype)
-        difference, still, taps = jax.lax.fori_loop(0, need.num_blocks, add, nothing)
+        zero = jnp.zeros((), box.dtype)
+        nothing = _KernelSums(zero, zero, jnp.zeros(room, box.dtype))
+        sums = jax.lax.fori_loop(0, need.num_blocks, add, nothing)
         branches = [partial(_condition, length=length) for length in shapes.dft_lengths]
-        raw, relative = differences_from(scene, motion, difference, still)
-        numbers = jax.lax.switch(need.dft, branches, taps), raw, relative
-        known: dict[str, Array] = dict(zip(KERNEL_METRICS, numbers, strict=True))
-        return {name: known[name] for name in metrics}
+        raw, relative = differences_from(scene, motion, sums.difference, sums.still)
+        values = jax.lax.switch(need.dft, branches, sums.taps), raw, relative
+        by_name: dict[str, Array] = dict(zip(KERNEL_METRICS, values, strict=True))
+        return {name: by_name[name] for name in metrics}
 
-    return jax.lax.map(of_design, each)
+    return jax.lax.map(of_design, designs)
 
 
-def _condition(kernel: Array, length: int) -> Array:
-    """Condition number of a kernel that has light on as many taps at most."""
+def _condition(kernel: Float[Array, "taps"], length: int) -> Float[Array, ""]:
+    """Condition number of a kernel of no more than `length` taps before its zeros."""
     return condition_number(kernel[:length], num_frequencies=length)
 
 
 @compiled
 def _picture_numbers(
+    designs: _Designs,
+    *,
     rules: Rules,
     scene: Scene,
-    light: LightLevels,
+    levels: LightLevels,
     num_frequencies: int,
     metrics: tuple[str, ...],
-    each: Any,
 ) -> dict[str, Array]:
     """Metrics of transfer functions."""
-    each_pair = jnp.meshgrid(light.photon_rates, light.read_noises, indexing="ij")
+    each_pair = jnp.meshgrid(levels.photon_rates, levels.read_noises, indexing="ij")
     rates, noises = (x.ravel() for x in each_pair)
 
-    def of_design(design: tuple[AbstractMotion, _Need, Array]) -> dict[str, Array]:
-        motion, need, box = design
-        efficiency, at = box @ rules.efficiency, need.rule
-        nodes = ExposureQuadrature(rules.tau[at], box @ rules.light[at], efficiency)
+    def of_design(design: _Designs) -> dict[str, Array]:
+        motion, at, box = design.motion, design.need.rule, jnp.asarray(design.shares)
+        efficiency = box @ rules.efficiency
+        nodes = ExposureQuadrature(rules.tau[at], box @ rules.weight[at], efficiency)
         spectra = aligned_spectra(
             nodes,
             motion,
             computed_speeds(scene),
-            num_frequencies,
+            num_frequencies=num_frequencies,
             num_blocks=rules.num_blocks[at],
         )
         nothing = jnp.zeros(0, box.dtype)
         response = Response(nothing, nothing, nothing, spectra, efficiency)
 
-        def psnr(pair: tuple[Array, Array]) -> dict[str, Array]:
-            lit = eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene, pair)
-            wanted = {name: ERRORS_BY_LIGHT[name] for name in metrics if name in ERRORS_BY_LIGHT}
-            errors = {name: error(lit, motion, response) for name, error in wanted.items()}
+        def psnr(pair: tuple[Float[Array, ""], Float[Array, ""]]) -> dict[str, Array]:
+            own = eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene, pair)
+            names = [name for name in metrics if name in ERRORS_BY_LIGHT]
+            errors = {name: ERRORS_BY_LIGHT[name](own, motion, response) for name in names}
             return {name: -10 * jnp.log10(error) for name, error in errors.items()}
 
-        shape = light.photon_rates.size, light.read_noises.size
-        levels = jax.lax.map(psnr, (rates, noises))
-        found = {name: level.reshape(shape) for name, level in levels.items()}
+        shape = levels.photon_rates.size, levels.read_noises.size
+        by_level = jax.lax.map(psnr, (rates, noises))
+        values = {name: level.reshape(shape) for name, level in by_level.items()}
         if "bound_share" in metrics:
-            found["bound_share"] = bound_share(scene, motion, response)
-        return found
+            values["bound_share"] = bound_share(scene, motion, response)
+        return values
 
-    return jax.lax.map(of_design, each)
+    return jax.lax.map(of_design, designs)

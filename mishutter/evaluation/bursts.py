@@ -3,8 +3,8 @@ r"""Bursts: many short frames in place of one exposure, aligned and added up.
 $n$ frames of the exposure $\tau$ make one picture of $n R\tau$ electrons of white, whose blur is
 that of one frame and whose read noise $\sqrt n\,\sigma$ is paid $n$ times. The alignment is taken
 to be perfect, at every speed and at no cost; a decoder that can align knows the speed, so that the
-error is that of `Metrics.known_speed_psnr`. What a real burst loses to misalignment, to the time
-between frames and to what is hidden in some of them is not counted.
+error is that of `Metrics.known_speed_psnr`. The losses of a real burst to misalignment, to the time
+between frames and to objects that are hidden in some frames do not count.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from mishutter._core import compiled, outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
@@ -30,14 +30,14 @@ from mishutter.model import (
 )
 
 _TOLERANCE = 1e-4
-"""Of the logarithm of the exposure."""
+"""Tolerance on the logarithm of the exposure."""
 
 
 class BurstOfFrames(NamedTuple):
     """The best burst for a scene.
 
     Attributes:
-        num_frames: How many frames.
+        num_frames: Number of frames.
         motion: Motion of the sensor over one of them.
         scene: The scene with the light and the read noise of all of them together, in which one
             exposure of that motion is the burst.
@@ -72,27 +72,27 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
     best, least = None, math.inf
     for count in range(1, scene.burst.max_frames + 1):
         before_last = (count - 1) / float(scene.burst.frames_per_s)
-        left = min(most, longest - before_last)
-        if left < shortest:
+        longest_frame = min(most, longest - before_last)
+        if longest_frame < shortest:
             break
-        added, velocity = _added_up(scene, count), _pan(scene, before_last + left)
-        plan = sizes(scene, LinearMotion(half_exposure=left / 2, velocity=velocity))
+        added, velocity = _added_up(scene, count), _pan(scene, before_last + longest_frame)
+        plan = sizes(scene, LinearMotion(half_exposure=longest_frame / 2, velocity=velocity))
 
         def error(
             log_exposure: float,
             added: Scene = added,
-            velocity: np.ndarray = velocity,
+            velocity: Float[np.ndarray, ""] = velocity,
             plan: Plan = plan,
         ) -> float:
             half = np.exp(log_exposure) / 2
             return _error(added, LinearMotion(half_exposure=half, velocity=velocity), plan)
 
-        ends = math.log(shortest), math.log(left)
+        ends = math.log(shortest), math.log(longest_frame)
         places = [*ends]
-        if left > shortest:
+        if longest_frame > shortest:
             options = {"xatol": _TOLERANCE}
-            found: Any = minimize_scalar(error, bounds=ends, method="bounded", options=options)
-            places.append(float(found.x))
+            end: Any = minimize_scalar(error, bounds=ends, method="bounded", options=options)
+            places.append(float(end.x))
         value, place = min((error(x), x) for x in places)
         if value >= least:
             break
@@ -101,7 +101,7 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
     return best
 
 
-def _pan(scene: Scene, duration: float) -> np.ndarray:
+def _pan(scene: Scene, duration: float) -> Float[np.ndarray, ""]:
     """The velocity in the middle of the speeds, or as near to it as the limits let a sensor pan.
 
     Args:
@@ -117,11 +117,12 @@ def _pan(scene: Scene, duration: float) -> np.ndarray:
 
 
 def _added_up(scene: Scene, num_frames: int) -> Scene:
-    light = scene.photon_rate * num_frames, scene.read_noise * math.sqrt(num_frames)
+    """The scene with the light and the read noise of all frames together."""
+    levels = scene.photon_rate * num_frames, scene.read_noise * math.sqrt(num_frames)
     return eqx.tree_at(
         lambda s: (s.photon_rate, s.read_noise),
         scene.bare(),
-        tuple(jnp.asarray(x, scene.speeds.dtype) for x in light),
+        tuple(jnp.asarray(x, scene.speeds.dtype) for x in levels),
     )
 
 
@@ -131,5 +132,7 @@ def _error(scene: Scene, motion: AbstractMotion, plan: Plan) -> float:
 
 
 @compiled
-def _known_speed_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
+def _known_speed_error(
+    scene: Scene, motion: AbstractMotion, response: Response
+) -> Float[Array, ""]:
     return known_speed_squared_error(scene, motion, response)

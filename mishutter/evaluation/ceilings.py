@@ -1,12 +1,12 @@
 r"""The expected PSNR that no path of the sensor and no shutter exceeds for a scene.
 
-Let $g(t) = w(t)\,e^{-2\pi i f x_c(t)}$ be the light that any path $x_c$ and any transmittance
-$0 \le w \le 1$ let through, $L = \int w\,dt$ the time that the shutter is open, and
+Let $g(t) = w(t)\,e^{-2\pi i f x_c(t)}$ be the wave that any path $x_c$ and any transmittance
+$0 \le w \le 1$ record, $L = \int w\,dt$ the time that the shutter is open, and
 $K_i(f) = \int g\,e^{2\pi i f s_i t}\,dt$ the response at speed $s_i$ of weight $p_i$, in seconds.
-White noise of equation (4) of the paper, seen in the same unit, has the variance
+White noise of equation (4) of the paper has, in the same unit, the variance
 $L\bar f/R + (\sigma/R)^2$ at a photon rate $R$.
 
-1.  *Error.* One filter for all speeds leaves at least what one filter for each leaves, and since
+1.  *Error.* One filter for all speeds leaves at least the error of one filter for each, and since
     $x \mapsto 1/(1 + x)$ is convex (Jensen's inequality) that is at least
     $E \ge \overline{S/(1 + S\,\mathrm{sinc}^2(f)\,q)}$ with
     $q = \sum_i p_i|K_i|^2 / (L\bar f/R + (\sigma/R)^2)$; the mean is over frequencies.
@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     as_float,
@@ -61,18 +61,18 @@ from mishutter.model import (
 )
 
 _LOWEST, _NUM_EIGENVALUES = 1e-6, 2048
-"""Frequencies at which eigenvalues are computed: the lowest, below that of every grid, cycles/px,
-and how many from there to 0.5, each 1.006 times the last. The bound of the largest eigenvalue is
-too high by no more than that, and the ceiling by 0.03 dB."""
+"""The lowest frequency of the eigenvalues, cycles/px, which is below every grid, and the number of
+frequencies up to 0.5, each 1.006 times the last. The bound of the largest eigenvalue is too high by
+no more than that, and the ceiling by 0.03 dB."""
 _RIDGE = 1e-12
 """Share of the Gram matrix of effective speeds that keeps it regular."""
 _STEP_TOLERANCE = 1e-4
-"""Part of a step by which steps of single precision may differ and count as equal."""
+"""Share of a step by which equal steps of single precision may differ."""
 
 
 def ceiling(
     scene: Scene, *, max_half_exposure: ArrayLike | None = None, continuous: bool | None = None
-) -> Array:
+) -> Float[Array, ""]:
     r"""The expected PSNR that no path, no shutter and no linear decoder exceeds; dB.
 
     $-10\log_{10}$ of the mean over frequencies of $S/(1 + S\,\mathrm{sinc}^2(f)\,q)$, where $S$ is
@@ -84,8 +84,8 @@ def ceiling(
 
     The speeds of a scene are a list, and $\lambda$ is the largest eigenvalue of
     $\sqrt{p_i p_j}\,\mathrm{sinc}(2Tf(s_i - s_j))$, which holds for exactly these speeds. It is
-    high where they are few: a path may dwell at each of them, and without a limit on exposure it
-    then collects all light, so that there is no ceiling.
+    high for few speeds: a path may dwell at each of them, and without a limit on exposure it then
+    collects all light, so that there is no ceiling.
 
     A list in equal steps often stands for speeds that are spread continuously: the range between
     the slowest and the fastest is cut into as many equal cells as there are speeds, and within
@@ -94,23 +94,23 @@ def ceiling(
     ceiling is that of the continuous speeds: a design may exceed it on the list alone, by dwelling
     at speeds that are listed, and of few speeds it may be the higher of the two.
 
-    By default it is the lower of both where the list has three or more speeds in equal steps, and
-    that of the list elsewhere. `compare` shows the same number, and that of the list where a row
-    dwells so.
+    The default is the lower of both for a list of three or more speeds in equal steps, and the
+    ceiling of the list for others. `compare` shows the same number, and that of the list where a
+    row dwells at its speeds.
 
-    The highest of the values on all grids of frequencies that `evaluate` chooses between is
-    returned, so that its own averages are bounded, up to rounding.
+    It is the highest of the values on all grids of frequencies that `evaluate` chooses between, so
+    that it bounds the averages there, up to rounding.
 
     Args:
-        scene: Speeds, light, noise and picture, whose numbers are known.
+        scene: Speeds, light, noise and picture; concrete.
         max_half_exposure: The longest half exposure, s, above 0; that of the scene's limits by
-            default. `inf` is no limit: read noise no longer counts.
+            default. `inf` is no limit: read noise then does not count.
         continuous: Whether the listed speeds stand for speeds spread continuously; None for the
             lower of both.
 
     Returns:
-        The ceiling, dB; scalar. It is `inf` where nothing is lost: of a grey picture, without any
-        noise, or for a list without a limit on exposure.
+        The ceiling, dB. It is `inf` where nothing is lost: for a grey picture, without any noise,
+        or for a list without a limit on exposure.
 
     Raises:
         ValueError: if the scene is no scene or is traced, the exposure is not above 0, or a
@@ -153,19 +153,19 @@ class Times(NamedTuple):
         bound: The bound at these; cycles s/px, shape `(k,)`.
     """
 
-    frequency: np.ndarray
-    bound: np.ndarray
+    frequency: Float[np.ndarray, "k"]
+    bound: Float[np.ndarray, "k"]
 
-    def at(self, frequency: np.ndarray) -> np.ndarray:
+    def at(self, frequency: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
         """The bound at other frequencies."""
         return self.bound[np.searchsorted(self.frequency, frequency)]
 
 
 class _Power(NamedTuple):
-    """Power of a picture at some frequencies, and by how many the mean over all is taken."""
+    """Power of a picture at the frequencies that have any, and the number of all frequencies."""
 
-    frequency: np.ndarray
-    power: np.ndarray
+    frequency: Float[np.ndarray, "m"]
+    power: Float[np.ndarray, "m"]
     num_frequencies: int
 
 
@@ -195,19 +195,19 @@ def _least_error(scene: Scene, half: float, times: Times, picture: _Power) -> fl
     time = np.minimum(half, times.at(frequency) / frequency)
     with np.errstate(divide="ignore", over="ignore"):
         signal = 2 * rate * time / (mean_level + read_noise * (read_noise / (2 * rate * half)))
-        passed = np.asarray(pixel_response(frequency, float(scene.lens_blur))) ** 2
-        share = 1 / (1 + power * passed * signal)
+        aperture = np.asarray(pixel_response(frequency, float(scene.lens_blur))) ** 2
+        share = 1 / (1 + power * aperture * signal)
     return float(np.sum(power * share) / num_frequencies)
 
 
 def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> float:
     r"""Least expected squared error of objects before a background.
 
-    The largest eigenvalue of a sum is at most the sum of the largest: that of the objects and of a
-    background that moves as they do; that of a still background, with which any camera keeps up;
-    and that of the beat at its effective speeds. The parts are uncorrelated, so that the error is
-    at least that of the others too where a still background is recorded without one, and where the
-    beat is as well.
+    The largest eigenvalue of a sum is at most the sum of the largest eigenvalues of its parts: that
+    of the objects and of a background that moves as they do; that of a still background, with which
+    any camera keeps up; and that of the beat at its effective speeds. The parts are uncorrelated,
+    so that the error is also at least that of the rest where a still background, or that and the
+    beat, are recorded without any error.
 
     Args:
         scene: The scene.
@@ -221,7 +221,7 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
     shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)
     frequency, weights = frequencies(NUM_FREQUENCIES), np.asarray(scene.weights, np.float64)
-    beat = np.einsum("b,n,fbnk->fk", shares.background_weights, weights, shares.beat)
+    beat = np.einsum("n,nkf->fk", weights, shares.beat_of_objects)
     turns = 2 * half * (shares.speeds[:, None] - shares.speeds)
     largest = [
         _largest(share, np.sinc(turns * f)) for share, f in zip(beat, frequency, strict=True)
@@ -229,7 +229,7 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     own = np.minimum(of_objects.at(frequency), half * frequency)
     is_still = occlusion.background == "still"
     still = shares.background * is_still
-    # What beats at equal speeds moves as both layers do.
+    # The beat at equal speeds moves as both layers do.
     other = 1 - still - np.sum(beat, axis=1)
     moving = other * own + half * frequency * np.array(largest)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -245,8 +245,8 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     )
 
 
-def _largest(shares: np.ndarray, gram: np.ndarray) -> float:
-    """Largest eigenvalue of a Gram matrix that is weighted with shares, some of them below 0."""
+def _largest(shares: Float[np.ndarray, "k"], gram: Float[np.ndarray, "k k"]) -> float:
+    """Largest eigenvalue of a Gram matrix with weights, some of which may be below 0."""
     if not shares.size:
         return 0.0
     factor = np.linalg.cholesky(gram + _RIDGE * np.eye(shares.size))
@@ -254,7 +254,7 @@ def _largest(shares: np.ndarray, gram: np.ndarray) -> float:
 
 
 def times_of_list(scene: Scene, half: float) -> Times:
-    r"""Frequencies, and $f T\lambda(Tf)$ at these, of exactly the speeds that are listed."""
+    r"""$f T\lambda(Tf)$ for exactly the speeds of the list."""
     knots = np.geomspace(_LOWEST, NYQUIST_FREQUENCY, _NUM_EIGENVALUES)
     if np.isinf(half):
         return Times(knots, np.full(knots.shape, np.inf))
@@ -266,7 +266,7 @@ def times_of_list(scene: Scene, half: float) -> Times:
 
 
 def times_of_cells(scene: Scene) -> Times:
-    """Half the largest density, at every frequency, of speeds spread evenly over equal cells."""
+    """Half the largest density of speeds that are spread evenly over equal cells."""
     subject, requirement = "ceiling(scene=...)", "hold two or more speeds in equal steps"
     steps = in_equal_steps(scene)
     require(steps, subject, f"{requirement} where it is `continuous`", scene.speeds)
@@ -284,5 +284,5 @@ def in_equal_steps(scene: Scene) -> bool:
 
 
 def _stands_for_range(scene: Scene) -> bool:
-    """Whether a list is taken for a range: two speeds alone are those of two objects."""
+    """Whether a list stands for a range: two speeds alone are those of two objects."""
     return in_equal_steps(scene) and distinct_speeds(scene, folds=False)[0].size > 2

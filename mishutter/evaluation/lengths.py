@@ -1,38 +1,41 @@
-"""How far the light of a scene travels on a motion, and the taps and frequencies that it takes."""
+"""Travel of a scene's light on a motion, and the numbers of taps and frequencies for it."""
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float, Int
 
 from mishutter._core import Unquoted, is_concrete, require
 from mishutter.model import NUM_FREQUENCIES, AbstractMotion, Scene
 
 _MAX_LENGTH = 1 << 16
-"""Length over which light may fall; px. Longer kernels and responses are refused."""
+"""Longest kernel, px."""
 MAX_COUNT = 1 << 30
 _UNKNOWN_REACH = 256.0
 _FREQUENCIES_PER_PX = 1.4
-"""Frequencies for each px over which light of all speeds falls. What the error is an average of
-repeats itself within as many, and its overtones with little light."""
+"""Frequencies for each px over which light of all speeds falls. The error is periodic in frequency
+with about the inverse of this length as its period; its overtones are weak."""
 _OF_ONE_SPEED = 2560, 24, 1 << 17
-"""Frequencies of a single speed: at least, for each px, and at most by the second. Its response
-has zeros, about which the error rises within a fraction of a step. Several speeds have none in
-common, as a rule: two need a quarter as many, three a ninth."""
+"""Frequencies of a single speed: at least, for each px, and at most. Its response has zeros, about
+which the error rises within a fraction of a step. Several speeds have no zeros in common, as a
+rule: two need a quarter as many, three a ninth."""
 _SAME_SPEED = 4
-"""Roundings of the fastest speed within which two speeds are one."""
+"""Difference, in roundings of the fastest speed, within which two speeds are one."""
 
 
 def distinct_speeds(
     scene: Scene, *, folds: bool, velocity: float = 0.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds that occur, each once, ascending, with their weights; shapes `(n,)`.
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """Speeds that occur, each once, ascending, px/s, with their weights.
 
-    They are those that a sensor sees that pans at a velocity, px/s.
+    Speeds that differ in their last digits alone are one: a range that is meant to mirror itself
+    has such speeds.
 
-    Speeds that differ in their last digits alone, as those of a range that is meant to
-    mirror itself do, are one.
+    Args:
+        scene: The scene, concrete.
+        folds: Whether `+s` and `-s` are one speed.
+        velocity: Velocity of the frame that the speeds are seen from; px/s.
     """
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
     speeds, weights = speeds[weights > 0] - velocity, weights[weights > 0]
@@ -46,7 +49,7 @@ def distinct_speeds(
 
 
 class Extent(NamedTuple):
-    """How far light travels on a motion.
+    """Travel of light on a motion.
 
     Attributes:
         reach: Length of the longest kernel; px.
@@ -60,33 +63,32 @@ class Extent(NamedTuple):
 
 
 def extent(scene: Scene, motion: AbstractMotion) -> Extent:
-    """How far light of a scene that is known travels on a motion."""
+    """Travel of the light of a concrete scene on a motion."""
     reach = motion.reach(float(scene.max_speed))
     spread = np.asarray(motion.side_by_side(occurring_speeds(scene)).extent)
     return Extent(float(reach.length), float(reach.velocity), float(spread[0]))
 
 
-def occurring_speeds(scene: Scene) -> np.ndarray:
-    """Speeds of some weight, where the weights are known; px/s."""
+def occurring_speeds(scene: Scene) -> Float[np.ndarray, "n"]:
+    """Speeds of some weight, or all where the weights are traced; px/s."""
     speeds = np.asarray(scene.speeds, np.float64)
     return speeds[np.asarray(scene.weights) > 0] if is_concrete(scene.weights) else speeds
 
 
-def whole_px(length: np.ndarray | float) -> np.ndarray:
-    """Whole pixels that hold a length, the same for two ways to compute it."""
+def whole_px(length: Float[np.ndarray, "*shape"] | float) -> Float[np.ndarray, "*shape"]:
+    """Whole pixels that hold a length, whatever its rounding."""
     return np.asarray(np.ceil(np.asarray(length) * (1 - 1e-9)))
 
 
-def num_frequencies(scene: Scene, spread: np.ndarray | float, velocity: float = 0.0) -> np.ndarray:
-    """Frequencies over which the mean of the expected error is known to 0.01 dB.
+def num_frequencies(
+    scene: Scene, spread: Float[np.ndarray, "*shape"] | float, velocity: float = 0.0
+) -> Int[np.ndarray, "*shape"]:
+    """Number of frequencies whose mean is the expected error to 0.01 dB.
 
     Args:
-        scene: Speeds, and limits within which every motion that keeps up has as many.
-        spread: Lengths over which light of all speeds falls on the motions at hand; px, any shape.
-        velocity: Velocity of the frame in which it does; px/s.
-
-    Returns:
-        Whole numbers of the shape of `spread`.
+        scene: Speeds, and limits: every motion within them that keeps up has this number at least.
+        spread: Lengths over which light of all speeds falls; px, any shape.
+        velocity: Velocity of the frame of these lengths; px/s.
     """
     num_speeds = scene.speeds.size
     if scene.speeds_known:
@@ -116,9 +118,13 @@ def longest_within_limits(scene: Scene) -> float:
 
 
 def too_long(
-    num_taps: np.ndarray, num_frequencies: np.ndarray, *, kernels: bool, spectra: bool
-) -> np.ndarray:
-    """Whether `require_sizes` refuses designs of some sizes; the shape of these."""
+    num_taps: Int[np.ndarray, "*shape"],
+    num_frequencies: Int[np.ndarray, "*shape"],
+    *,
+    kernels: bool,
+    spectra: bool,
+) -> Bool[np.ndarray, "*shape"]:
+    """Whether `require_sizes` refuses designs of some sizes."""
     long_kernels = kernels & (num_taps > _MAX_LENGTH)
     return np.asarray(long_kernels | (spectra & (num_frequencies > _OF_ONE_SPEED[2])))
 
@@ -131,7 +137,7 @@ def require_sizes(
     spectra: bool,
     subject: str = "motion",
 ) -> None:
-    """Refuse what takes more than can be computed, as light does that travels too far.
+    """Refuses designs whose light travels too far for a computation.
 
     Args:
         num_taps: Taps of the longest kernel.
@@ -152,14 +158,14 @@ def require_sizes(
     require(not spectra or num_frequencies <= most, subject, furthest, got)
 
 
-def spread_of_traced(scene: Scene, motion: AbstractMotion) -> Array:
-    """Length over which light of all speeds falls, of which some or the motion are traced; px."""
+def spread_of_traced(scene: Scene, motion: AbstractMotion) -> Float[Array, ""]:
+    """Length over which light of all speeds falls, for traced speeds or a traced motion; px."""
     speeds = jnp.where(scene.weights > 0, scene.speeds, 0)
     return jnp.asarray(motion.side_by_side(speeds).extent)[0]
 
 
 def most_spread(num_frequencies: int) -> float:
-    """Length over which light may fall where there are so many frequencies; px."""
+    """Length over which light may fall for a number of frequencies; px."""
     return num_frequencies / _FREQUENCIES_PER_PX
 
 

@@ -1,16 +1,16 @@
-"""What a search makes small: the interface of losses, their sums, and those that there are."""
+"""Losses that a search minimises: their interface, their sums, and the losses of the package."""
 
 import inspect
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, TypeGuard, final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled, is_concrete, require
 from mishutter.evaluation.metrics import (
@@ -27,20 +27,24 @@ from mishutter.evaluation.sensor_view import sampled_view
 from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, require_whole
 
 ALIGNMENTS = ("vertex", "free")
+Factor = int | float | np.number | jax.Array
+"""A number that a loss may be multiplied by; an array is a scalar."""
+LossFunction = Callable[[Scene, AbstractMotion, AbstractShutter], object]
+"""A loss, or a function of scene, motion and shutter that gives one real number."""
 _SHARPNESS = 200
 _SHARPNESS_OF_SPEEDS = 1000
 
 
 class AbstractLoss(eqx.Module):
-    """A scalar to be made small: `loss(scene, motion, shutter, plan=...)`.
+    """A scalar to minimise: `loss(scene, motion, shutter, plan=...)`.
 
     A loss of your own is a function of scene, motion and shutter, or a small class with such
     a `__call__`, which takes `plan` if it has a use for it. Losses add and subtract, also by
     `sum`, and take factors: `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
 
     Attributes:
-        decoder_speed: What the decoder whose expected error it is knows of the speed; None of
-            other losses.
+        decoder_speed: Knowledge of the speed that the decoder has whose expected error it is; None
+            for other losses.
         of_worst_speed: Whether the error is that at the worst speed, and not the mean over speeds.
     """
 
@@ -49,9 +53,9 @@ class AbstractLoss(eqx.Module):
 
     @property
     def sees_light(self) -> bool:
-        """Whether the loss knows how much light an exposure brings.
+        """Whether the loss depends on how much light an exposure brings.
 
-        One that does not is least at the shortest exposure: by default it moves profiles alone.
+        A loss that does not is least at the shortest exposure: by default it moves profiles alone.
         """
         return True
 
@@ -63,8 +67,8 @@ class AbstractLoss(eqx.Module):
         shutter: AbstractShutter,
         *,
         plan: Plan | Automatic | None = PLANNED,
-    ) -> Array:
-        """The loss; scalar. By default a plan is made for the scene; None computes everything."""
+    ) -> Float[Array, ""]:
+        """The loss. By default a plan is made for the scene; None computes everything."""
 
     def __add__(self, other: "AbstractLoss") -> "AbstractLoss":
         if not isinstance(other, AbstractLoss):
@@ -72,17 +76,17 @@ class AbstractLoss(eqx.Module):
         terms = [term for loss in (self, other) for term in _terms(loss)]
         return WeightedSum(tuple(t[0] for t in terms), tuple(t[1] for t in terms))
 
-    def __radd__(self, other: Any) -> "AbstractLoss":
+    def __radd__(self, other: object) -> "AbstractLoss":
         """0 plus a loss is the loss: `sum` begins with 0."""
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
     def __neg__(self) -> "AbstractLoss":
         return -1.0 * self
 
-    def __sub__(self, other: Any) -> "AbstractLoss":
+    def __sub__(self, other: object) -> "AbstractLoss":
         return self + -other if isinstance(other, AbstractLoss) else NotImplemented
 
-    def __mul__(self, factor: Any) -> "AbstractLoss":
+    def __mul__(self, factor: object) -> "AbstractLoss":
         if not _is_number(factor):
             return NotImplemented
         terms = _terms(self)
@@ -90,12 +94,12 @@ class AbstractLoss(eqx.Module):
 
     __rmul__ = __mul__
 
-    def __truediv__(self, divisor: Any) -> "AbstractLoss":
+    def __truediv__(self, divisor: object) -> "AbstractLoss":
         return self * (1 / divisor) if _is_number(divisor) else NotImplemented
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number | jax.Array) and np.ndim(value) == 0
+def _is_number(value: object) -> TypeGuard[Factor]:
+    return isinstance(value, Factor) and np.ndim(value) == 0
 
 
 def value_of(
@@ -104,14 +108,15 @@ def value_of(
     motion: AbstractMotion,
     shutter: AbstractShutter,
     plan: Plan | Automatic | None,
-) -> Array:
-    """The value of a loss, which may be a user's; scalar.
+) -> Float[Array, ""]:
+    """The value of a loss, which may be a user's.
 
     Raises:
         ValueError: if it is not one real number.
     """
-    given = {"plan": plan} if _takes_plan(type(loss)) else {}
-    return one_real_number(loss, loss(scene, motion, shutter, **given))
+    takes_plan = _takes_plan(type(loss))
+    value = loss(scene, motion, shutter, plan=plan) if takes_plan else loss(scene, motion, shutter)
+    return one_real_number(loss, value)
 
 
 @lru_cache
@@ -120,15 +125,17 @@ def _takes_plan(kind: type[AbstractLoss]) -> bool:
     return any(p.name == "plan" or p.kind is inspect.Parameter.VAR_KEYWORD for p in parameters)
 
 
-def one_real_number(loss: AbstractLoss, value: Any) -> Array:
-    """The value of a loss; scalar.
+def one_real_number(loss: AbstractLoss, value: object) -> Float[Array, ""]:
+    """The value of a loss, which may be a user's.
 
     Raises:
         ValueError: if it is not one real number.
     """
-    is_array = isinstance(value, jax.Array | np.ndarray)
-    got = f"{value.dtype} of shape {value.shape}" if is_array else type(value).__name__
-    is_one = (is_array or _is_number(value)) and np.shape(value) == () and jnp.isrealobj(value)
+    if isinstance(value, jax.Array | np.ndarray):
+        is_scalar, got = value.shape == (), f"{value.dtype} of shape {value.shape}"
+    else:
+        is_scalar, got = _is_number(value), type(value).__name__
+    is_one = is_scalar and jnp.isrealobj(value)
     require(is_one, f"{type(loss).__name__}.__call__", "give one real number", got)
     return jnp.asarray(value)
 
@@ -136,19 +143,19 @@ def one_real_number(loss: AbstractLoss, value: Any) -> Array:
 class AbstractResponseLoss(AbstractLoss):
     """A loss that depends on the shutter through its response alone.
 
-    A response is kernels, transfer functions and efficiency, all linear in the transmittance: a
-    search computes the responses of basis profiles once and adds them up at each step.
+    Kernels, transfer functions and efficiency are all linear in the transmittance: a search
+    computes the responses of basis profiles once and adds them up at each step.
     """
 
     @abstractmethod
     def parts(self, plan: Plan) -> Parts:
-        """Parts of the response that the loss needs; without skips also those of no weight."""
+        """Parts of the response that the loss needs; if the plan skips nothing, all of them."""
 
     @abstractmethod
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
-    ) -> Array:
-        """The loss of a response; scalar."""
+    ) -> Float[Array, ""]:
+        """The loss of a response."""
 
     def __call__(
         self,
@@ -157,7 +164,7 @@ class AbstractResponseLoss(AbstractLoss):
         shutter: AbstractShutter,
         *,
         plan: Plan | Automatic | None = PLANNED,
-    ) -> Array:
+    ) -> Float[Array, ""]:
         view = sampled_view(scene, motion, shutter, plan, self.parts)
         return _of_response(self, view.scene, view.motion, respond(view), view.plan)
 
@@ -165,7 +172,7 @@ class AbstractResponseLoss(AbstractLoss):
 @compiled
 def _of_response(
     loss: AbstractResponseLoss, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
-) -> Array:
+) -> Float[Array, ""]:
     return loss.of_response(scene, motion, response, plan)
 
 
@@ -173,7 +180,7 @@ def _of_response(
 class FunctionLoss(AbstractLoss):
     """A loss that is a plain function of scene, motion and shutter."""
 
-    function: Callable[..., Any] = eqx.field(static=True)
+    function: LossFunction = eqx.field(static=True)
 
     def __call__(
         self,
@@ -182,31 +189,31 @@ class FunctionLoss(AbstractLoss):
         shutter: AbstractShutter,
         *,
         plan: Plan | Automatic | None = PLANNED,
-    ) -> Array:
-        return self.function(scene, motion, shutter)
+    ) -> Float[Array, ""]:
+        return one_real_number(self, self.function(scene, motion, shutter))
 
     def __repr__(self) -> str:
         function = self.function if hasattr(self.function, "__qualname__") else type(self.function)
         return f"{function.__module__}.{function.__qualname__}"
 
 
-def as_loss(loss: AbstractLoss | Callable[..., Any], subject: str) -> AbstractLoss:
-    """A loss, which may be given as a function.
+def as_loss(loss: LossFunction, subject: str) -> AbstractLoss:
+    """A loss, or a function as a loss.
 
     Raises:
         ValueError: if it is neither.
     """
-    function = callable(loss) and not isinstance(loss, type)
-    require(function, subject, "be a loss or a function of scene, motion and shutter", loss)
+    is_function = callable(loss) and not isinstance(loss, type)
+    require(is_function, subject, "be a loss or a function of scene, motion and shutter", loss)
     return loss if isinstance(loss, AbstractLoss) else FunctionLoss(loss)
 
 
 @final
 class WeightedSum(AbstractLoss):
-    """Weighted sum of losses; what `+` and `*` build."""
+    """Weighted sum of losses, which `+` and `*` build."""
 
     losses: tuple[AbstractLoss, ...]
-    weights: tuple[float, ...]
+    weights: tuple[Factor, ...]
 
     def __call__(
         self,
@@ -215,7 +222,7 @@ class WeightedSum(AbstractLoss):
         shutter: AbstractShutter,
         *,
         plan: Plan | Automatic | None = PLANNED,
-    ) -> Array:
+    ) -> Float[Array, ""]:
         terms = [
             weight * value_of(loss, scene, motion, shutter, plan)
             for loss, weight in self.needed(skips=plan is not None)
@@ -226,7 +233,7 @@ class WeightedSum(AbstractLoss):
     def sees_light(self) -> bool:
         return any(loss.sees_light for loss, _ in self.needed(skips=True))
 
-    def needed(self, *, skips: bool) -> list[tuple[AbstractLoss, float]]:
+    def needed(self, *, skips: bool) -> list[tuple[AbstractLoss, Factor]]:
         """Terms with their weights; `skips` drops terms of weight 0, but never the last."""
         terms = list(zip(self.losses, self.weights, strict=True))
         weighty = [
@@ -235,7 +242,7 @@ class WeightedSum(AbstractLoss):
         return (weighty or terms[:1]) if skips else terms
 
 
-def _terms(loss: AbstractLoss) -> list[tuple[AbstractLoss, float]]:
+def _terms(loss: AbstractLoss) -> list[tuple[AbstractLoss, Factor]]:
     if isinstance(loss, WeightedSum):
         return list(zip(loss.losses, loss.weights, strict=True))
     return [(loss, 1.0)]
@@ -250,10 +257,9 @@ class ExpectedErrorLoss(AbstractResponseLoss):
     over a grey one. 20 dB of PSNR are a factor of 10.
 
     Args:
-        alignment: Where the decoder places the object of each speed: `"vertex"`, as kernels are
-            aligned, or `"free"`, each displaced to where the error is least. Kernels of speeds
-            that the sensor does not keep up with gain most by that; where it keeps up with all,
-            up to 0.01 dB.
+        alignment: Place that the decoder gives the object of each speed: `"vertex"`, as kernels are
+            aligned, or `"free"`, the place of least error. Free places gain most at speeds that the
+            sensor does not keep up with; where it keeps up with all, they gain up to 0.01 dB.
 
     Raises:
         ValueError: if `alignment` is neither, or, when it is called, `"free"` before a background.
@@ -263,16 +269,16 @@ class ExpectedErrorLoss(AbstractResponseLoss):
     decoder_speed: ClassVar[DecoderSpeed | None] = "unknown"
 
     def __check_init__(self) -> None:
-        known = self.alignment in ALIGNMENTS
         requirement = f"be one of {', '.join(ALIGNMENTS)}"
-        require(known, "ExpectedErrorLoss(alignment=...)", requirement, self.alignment)
+        is_one = self.alignment in ALIGNMENTS
+        require(is_one, "ExpectedErrorLoss(alignment=...)", requirement, self.alignment)
 
     def parts(self, plan: Plan) -> Parts:
         return ONLY_SPECTRA
 
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
-    ) -> Array:
+    ) -> Float[Array, ""]:
         if self.alignment == "free":
             response = freely_aligned(scene, motion, response, plan.num_frequencies)
         squared = expected_squared_error(scene, motion, response, plan.num_frequencies)
@@ -284,8 +290,8 @@ class KnownSpeedLoss(AbstractResponseLoss):
     r"""Expected RMS error over the picture's deviation, of a decoder that is told the speed.
 
     The square root of `known_speed_squared_error` over $\sigma_f$, in the units of
-    `ExpectedErrorLoss`, which it never exceeds: each speed has a linear filter of its own. It is
-    that of `Metrics.known_speed_psnr`.
+    `ExpectedErrorLoss`, which it never exceeds: each speed has a linear filter of its own.
+    `Metrics.known_speed_psnr` measures the same error.
     """
 
     decoder_speed: ClassVar[DecoderSpeed | None] = "told"
@@ -295,7 +301,7 @@ class KnownSpeedLoss(AbstractResponseLoss):
 
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
-    ) -> Array:
+    ) -> Float[Array, ""]:
         squared = known_speed_squared_error(scene, motion, response, plan.num_frequencies)
         return _over_contrast(scene, squared)
 
@@ -306,10 +312,10 @@ class FoundSpeedLoss(AbstractResponseLoss):
 
     $E_k^{s/2}E^{(1-s)/2}/\sigma_f$ of the squared errors $E_k$ of a decoder that is told the speed
     (`KnownSpeedLoss`) and $E$ of one filter for all speeds (`ExpectedErrorLoss`): in decibels, a
-    share $s$ of what being told would bring. On photographs an open shutter on a parabola keeps
-    0.86 by total variation and 0.93 by the ensemble filter; a profile that tapers some 0.45, as it
-    hides the speed, and a snapshot nothing. One share for all is so kind to the rivals of an open
-    shutter, and a gain over them is rather more.
+    share $s$ of the gain by being told. On photographs an open shutter on a parabola keeps 0.86 of
+    it by total variation and 0.93 by the ensemble filter. A profile that tapers keeps some 0.45, as
+    it hides the speed, and a snapshot nothing. One share for all favours the rivals of an open
+    shutter, whose true gain over them is rather larger.
 
     Args:
         share: $s$, from 0 to 1; static.
@@ -331,11 +337,12 @@ class FoundSpeedLoss(AbstractResponseLoss):
 
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
-    ) -> Array:
+    ) -> Float[Array, ""]:
         require_whole(scene, "FoundSpeedLoss")
-        parts, rest = (scene, motion, response, plan.num_frequencies), 1 - self.share
-        told = _over_contrast(scene, known_speed_squared_error(*parts))
-        untold = _over_contrast(scene, expected_squared_error(*parts))
+        count, rest = plan.num_frequencies, 1 - self.share
+        told = known_speed_squared_error(scene, motion, response, count)
+        untold = expected_squared_error(scene, motion, response, count)
+        told, untold = _over_contrast(scene, told), _over_contrast(scene, untold)
         some = told > 0
         mixed = jnp.where(some, told, 1.0) ** self.share * jnp.where(some, untold, 1.0) ** rest
         return jnp.where(some, mixed, 0.0)
@@ -345,11 +352,11 @@ class FoundSpeedLoss(AbstractResponseLoss):
 class WorstSpeedLoss(AbstractResponseLoss):
     r"""Expected RMS error over the picture's deviation at the scene's worst speed.
 
-    $(\sum_i E_i^\beta)^{1/2\beta}/\sigma_f$ over the squared errors $E_i$ that one filter for all
-    speeds leaves at each speed that occurs (`squared_errors_by_speed`), in the units of
+    $(\sum_i E_i^\beta)^{1/2\beta}/\sigma_f$ over the squared errors $E_i$ of one filter for all
+    speeds at each speed that occurs (`squared_errors_by_speed`), in the units of
     `ExpectedErrorLoss`, which it never falls below: a smooth maximum, which exceeds the largest of
-    $n$ by at most a factor of $n^{1/2\beta}$, 0.01 dB of nine speeds. The filter is that of the
-    least mean error, by the scene's weights. `Metrics.worst_speed_psnr` is that of the maximum
+    $n$ by at most a factor of $n^{1/2\beta}$, 0.01 dB for nine speeds. The filter is that of the
+    least mean error, by the scene's weights. `Metrics.worst_speed_psnr` measures the maximum
     itself.
     """
 
@@ -361,14 +368,14 @@ class WorstSpeedLoss(AbstractResponseLoss):
 
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
-    ) -> Array:
+    ) -> Float[Array, ""]:
         errors = squared_errors_by_speed(scene, motion, response, plan.num_frequencies)
         occurring = jnp.where(scene.weights > 0, errors, 0.0)
         return _over_contrast(scene, _smooth_maximum(occurring))
 
 
-def _smooth_maximum(values: Array) -> Array:
-    """Maximum of values of at least 0, and up to a factor of $n^{1/1000}$ more; scalar."""
+def _smooth_maximum(values: Float[Array, "n"]) -> Float[Array, ""]:
+    """Maximum of values of at least 0, and up to a factor of $n^{1/1000}$ more."""
     largest = jax.lax.stop_gradient(jnp.max(values))
     some = largest > 0
     share = jnp.where(some, values / jnp.where(some, largest, 1.0), 1.0)
@@ -382,7 +389,7 @@ def loss_of_decoder(scene: Scene) -> AbstractLoss:
     return next(loss() for loss in losses if loss.decoder_speed == scene.decoder_speed)
 
 
-def _over_contrast(scene: Scene, squared: Array) -> Array:
+def _over_contrast(scene: Scene, squared: Float[Array, ""]) -> Float[Array, ""]:
     """Root of a squared error over the picture's deviation; 0 for a picture without any."""
     variance = scene.deviation.astype(squared.dtype) ** 2
     textured = (variance > 0) & (squared > 0)
@@ -390,10 +397,10 @@ def _over_contrast(scene: Scene, squared: Array) -> Array:
     return jnp.where(textured, jnp.sqrt(ratio), 0.0)
 
 
-def _plain(weight: Any) -> Any:
-    """The number in a scalar array whose value is known; other weights as they are."""
-    scalar = is_concrete(weight) and np.ndim(weight) == 0 and hasattr(weight, "dtype")
-    return weight.item() if scalar else weight
+def _plain(weight: object) -> Any:
+    """The number in a scalar array that is concrete; other weights as they are."""
+    is_array = isinstance(weight, np.ndarray | np.generic | jax.Array)
+    return weight.item() if is_array and weight.ndim == 0 and is_concrete(weight) else weight
 
 
 @final
@@ -402,19 +409,18 @@ class DesignLoss(AbstractResponseLoss):
 
     $\tilde\kappa$ is the condition number of the still object's kernel with its maximum
     and minimum smoothed, $\Delta$ the relative cross-speed kernel difference and $\eta$
-    the efficiency. All are dimensionless; dimming the shutter leaves the first two as
-    they are and raises the third, so closing it gains nothing.
+    the efficiency. All are dimensionless; dimming the shutter does not change the first two
+    and raises the third, so closing it gains nothing.
 
     With $P_f = |H(f)|^2$ over $F$ DFT frequencies and $\beta = 200$,
     $\tilde\kappa^2 = (\sum P_f^\beta)^{1/\beta} (\sum P_f^{-\beta})^{1/\beta}$, hence
     $\kappa \le \tilde\kappa \le F^{1/\beta}\kappa$: at most 2.5 % too large for 129
-    frequencies. The DFT is as long for every motion, as the scene's limits let kernels be:
-    a longer kernel is folded onto it. A spectral zero counts as
+    frequencies. The DFT has the length of the longest kernel within the scene's limits, whatever
+    the motion: a longer kernel is folded onto it. A spectral zero counts as
     $|H| = \varepsilon\max|H|$, the working precision.
 
-    It knows nothing of light and noise: of a camera at rest it is least at the shortest
-    exposure. A search by it moves the profile alone unless it is told otherwise, on a motion
-    that the expected error has chosen.
+    It ignores light and noise: for a camera at rest it is least at the shortest exposure. A search
+    by it moves the profile alone by default, on a motion that the expected error chooses.
 
     Args:
         condition: $w_1$, at least 0; a number, not an array that is traced.
@@ -441,13 +447,13 @@ class DesignLoss(AbstractResponseLoss):
         return False
 
     def parts(self, plan: Plan) -> Parts:
-        every = not plan.skips
-        moving = every or bool(self.invariance)
-        return Parts(moving or bool(self.condition), spectra=False, differences=moving)
+        differences = not plan.skips or bool(self.invariance)
+        kernels = differences or bool(self.condition)
+        return Parts(kernels=kernels, spectra=False, differences=differences)
 
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
-    ) -> Array:
+    ) -> Float[Array, ""]:
         loss = self.efficiency * (1 - response.efficiency)
         if self.condition:
             loss += self.condition * smooth_condition_number(response.still_spectrum)
@@ -456,16 +462,15 @@ class DesignLoss(AbstractResponseLoss):
         return loss
 
 
-def smooth_condition_number(spectrum: Array) -> Array:
-    """Condition number with soft extremes; see `DesignLoss` for its bounds. Scalar."""
+def smooth_condition_number(spectrum: Complex[Array, "k"]) -> Float[Array, ""]:
+    """Condition number with soft extremes; see `DesignLoss` for its bounds."""
     power = spectrum.real**2 + spectrum.imag**2
-    brightest = jax.lax.stop_gradient(jnp.max(power))
-    lit = brightest > 0
+    largest = jax.lax.stop_gradient(jnp.max(power))
+    some = largest > 0
     floor = jnp.finfo(power.dtype).eps ** 2
-    share = jnp.where(lit, power / jnp.where(lit, brightest, 1.0), 0) + floor
+    share = jnp.where(some, power / jnp.where(some, largest, 1.0), 0) + floor
     least = jax.lax.stop_gradient(jnp.min(share))
-    # Powers by repeated squaring, of numbers up to 1, are many times quicker than exponentials
-    # of logarithms.
+    # Repeated squaring of numbers up to 1 is many times quicker than exponentials of logarithms.
     sums = jnp.sum(share**_SHARPNESS) * jnp.sum((least / share) ** _SHARPNESS)
     logarithm = jnp.log(sums) / _SHARPNESS - jnp.log(least)
-    return jnp.where(lit, jnp.exp(logarithm / 2), 1 / jnp.finfo(power.dtype).eps)
+    return jnp.where(some, jnp.exp(logarithm / 2), 1 / jnp.finfo(power.dtype).eps)

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled
 from mishutter.blur import condition_number, safe_sqrt, support
@@ -47,7 +47,7 @@ from mishutter.model import (
 )
 
 FOUND_SHARE = 0.8
-"""Share, in decibels, of what being told the speed brings that a decoder keeps which finds it."""
+"""Share of the gain by being told the speed, in decibels, that a decoder keeps which finds it."""
 
 
 @final
@@ -64,33 +64,32 @@ class Metrics(eqx.Module):
         known_speed_psnr: PSNR of the best linear decoder that is told the speed; dB. It is at
             least `expected_psnr`, and the difference is the price of not knowing the speed.
         worst_speed_psnr: PSNR at the worst of the scene's speeds, by the decoder of
-            `expected_psnr`, which it never exceeds; dB.
+            `expected_psnr`; at most `expected_psnr`; dB.
         bound_share: $|K_s(f)|^2$ over the wedge bound, worst case over speeds and
             frequencies.
         phase: Offset of the first tap's edge from the point of alignment; px.
         dft_length: Points of the DFT.
         num_taps: Taps of the kernels.
-        toleranced_psnr: That of `expected_psnr` where the camera and the objects are as the
-            scene's tolerances say, by the best single linear decoder that knows how its errors
-            are distributed and not what they are; None for a scene without. All other metrics
-            are those of a camera without errors. dB.
+        toleranced_psnr: Expected PSNR within the scene's tolerances, by the best single linear
+            decoder, which knows the distribution of the errors but not the errors; dB. None for a
+            scene without tolerances. All other metrics are those of a camera without errors.
     """
 
-    condition_number: Array
-    kernel_difference: Array
-    relative_kernel_difference: Array
-    efficiency: Array
-    expected_psnr: Array
-    known_speed_psnr: Array
-    worst_speed_psnr: Array
-    bound_share: Array
-    phase: Array
+    condition_number: Float[Array, ""]
+    kernel_difference: Float[Array, ""]
+    relative_kernel_difference: Float[Array, ""]
+    efficiency: Float[Array, ""]
+    expected_psnr: Float[Array, ""]
+    known_speed_psnr: Float[Array, ""]
+    worst_speed_psnr: Float[Array, ""]
+    bound_share: Float[Array, ""]
+    phase: Float[Array, ""]
     dft_length: int = eqx.field(static=True)
     num_taps: int = eqx.field(static=True)
-    toleranced_psnr: Array | None = None
+    toleranced_psnr: Float[Array, ""] | None = None
 
     @property
-    def found_speed_psnr(self) -> Array:
+    def found_speed_psnr(self) -> Float[Array, ""]:
         """PSNR expected of a decoder that finds the speed in the picture; dB.
 
         A share of the way from `expected_psnr` to `known_speed_psnr` (`FoundSpeedLoss`).
@@ -98,11 +97,11 @@ class Metrics(eqx.Module):
         told, untold = self.known_speed_psnr, self.expected_psnr
         return jnp.where(told == untold, untold, untold + FOUND_SHARE * (told - untold))
 
-    def psnr_of(self, decoder_speed: DecoderSpeed) -> Array:
-        """PSNR expected of the decoder that knows so much of the speed; dB.
+    def psnr_of(self, decoder_speed: DecoderSpeed) -> Float[Array, ""]:
+        """PSNR expected of a decoder; dB.
 
         Args:
-            decoder_speed: What the decoder knows of the speed: `"unknown"`, `"found"` or `"told"`.
+            decoder_speed: The speed, to the decoder: `"unknown"`, `"found"` or `"told"`.
         """
         levels = {
             "unknown": self.expected_psnr,
@@ -113,8 +112,8 @@ class Metrics(eqx.Module):
 
     def __repr__(self) -> str:
         """The values of the metrics; the `repr` of a module shows types alone."""
-        known = {n: getattr(self, n) for n in self.__dataclass_fields__}
-        lines = (f"  {name}={value}" for name, value in known.items() if value is not None)
+        values = {n: getattr(self, n) for n in self.__dataclass_fields__}
+        lines = (f"  {name}={value}" for name, value in values.items() if value is not None)
         return "\n".join(["Metrics(", *lines, ")"])
 
 
@@ -127,25 +126,23 @@ def evaluate(
 ) -> Metrics:
     r"""Measure a design.
 
-    The definitions and their sources are those of the functions below. A motion that is
-    traced may have kernels as long as the scene's limits allow, and those of a scene that is
-    traced be 256 px long, and pass objects at twice as many px per half exposure: more is an
-    error when it is run. In a loss that `optimise` traces they may be as long as the search
-    takes them.
+    The definitions and their sources are those of the functions below. Kernels of a traced motion
+    may be as long as the scene's limits allow, and those of a traced scene 256 px; objects may pass
+    at twice as many px per half exposure. More is an error when the program runs. In a loss that
+    `optimise` traces, kernels may be as long as the search takes them.
 
-    A sensor that pans sees every speed less its velocity, and is measured as one at rest among
-    these: the still object is the one that it keeps up with.
+    A sensor that pans is measured in its own frame, as one at rest among speeds less its velocity:
+    the still object is the one that it keeps up with.
 
-    Without acceleration a motion is a camera at rest, whose objects are aligned at
-    mid-exposure. So is one of a stroke below 1e-15 px. Derivatives there are those of that
-    alignment.
+    A motion without acceleration, or with a stroke below 1e-15 px, is a camera at rest, whose
+    objects are aligned at mid-exposure. Derivatives there are those of that alignment.
 
     Args:
         scene: Speeds, light and noise.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        plan: The parts to compute; made for the scene by default, None for all. The
-            share of the bound needs every frequency, so all are taken whatever the plan.
+        plan: The parts to compute; made for the scene by default, None for all. The share of the
+            bound needs every frequency, so all are computed whatever the plan.
 
     Returns:
         The metrics; see `Metrics`.
@@ -153,32 +150,33 @@ def evaluate(
     Raises:
         ValueError: if kernels are longer than 65,535 px, or the light of all speeds falls
             over more than 93,600 px.
-        RuntimeError: if a motion or a scene that is traced has longer kernels or faster
-            objects; under `jax.jit` JAX makes an error of its own of it.
+        RuntimeError: if a traced motion or scene has longer kernels or faster objects; under
+            `jax.jit` it becomes an error of JAX's own.
 
     Examples:
         >>> from mishutter import HannShutter, Limits, ParabolicMotion, Scene, evaluate
         >>> limits = Limits(max_stroke=20, max_half_exposure=0.02)
         >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5, limits=limits)
         >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
-        >>> found = evaluate(scene, motion, HannShutter())
-        >>> print(f"{found.expected_psnr:.2f} dB, {found.worst_speed_psnr:.2f} at the worst speed")
+        >>> metrics = evaluate(scene, motion, HannShutter())
+        >>> psnr, worst = metrics.expected_psnr, metrics.worst_speed_psnr
+        >>> print(f"{psnr:.2f} dB, {worst:.2f} at the worst speed")
         28.77 dB, 27.07 at the worst speed
     """
-    within = None
+    squared_error = None
     require_scene(scene)
     if scene.tolerances is not None:
-        within = squared_error_within(scene, motion, shutter, plan=plan)
+        squared_error = squared_error_within(scene, motion, shutter, plan=plan)
         scene = without_tolerances(scene)
     view = _at_every_frequency(sampled_view(scene, motion, shutter, plan, EVERY_PART))
     metrics = measured(view.scene, view.motion, records(view), view.plan)
-    if within is None:
+    if squared_error is None:
         return metrics
-    return replace(metrics, toleranced_psnr=-10 * jnp.log10(within))
+    return replace(metrics, toleranced_psnr=-10 * jnp.log10(squared_error))
 
 
 def _at_every_frequency(view: SampledView) -> SampledView:
-    """A view whose plan keeps every frequency, and has as many nodes in time as these ask for."""
+    """A view with every frequency in its plan, and the nodes in time for these."""
     plan = view.plan
     if plan.num_kept is None:
         return view
@@ -192,14 +190,16 @@ def squared_error_within(
     shutter: AbstractShutter,
     *,
     plan: Plan | Automatic | None = PLANNED,
-) -> Array:
-    """The `expected_squared_error` of a design within the scene's tolerances; scalar."""
+) -> Float[Array, ""]:
+    """The `expected_squared_error` of a design within the scene's tolerances."""
     view = sampled_view(scene, motion, shutter, plan, ONLY_SPECTRA)
     return _error_of_records(view.scene, view.motion, records(view), view.plan)
 
 
 @compiled
-def _error_of_records(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan) -> Array:
+def _error_of_records(
+    scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
+) -> Float[Array, ""]:
     response = assembled(scene, recorded, plan)
     return expected_squared_error(scene, motion, response, plan.num_frequencies)
 
@@ -226,7 +226,7 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
 
 def kernel_differences(
     scene: Scene, motion: AbstractMotion, response: Response
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
     r"""Cross-speed kernel difference, raw and relative to the still object's kernel.
 
     $\sqrt{\sum_i p_i\,\overline{(h_{s_i} - h_0)^2}}$ (the paper's Figure 3b, over the
@@ -238,16 +238,18 @@ def kernel_differences(
 
 
 def differences_from(
-    scene: Scene, motion: AbstractMotion, difference: Array, still: Array
-) -> tuple[Array, Array]:
+    scene: Scene, motion: AbstractMotion, difference: Float[Array, ""], still: Float[Array, ""]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """The `kernel_differences` by their sum of squares and that of the still kernel."""
-    lit = still > 0
-    relative = safe_sqrt(jnp.where(lit, difference / jnp.where(lit, still, 1.0), 0.0))
+    is_open = still > 0
+    relative = safe_sqrt(jnp.where(is_open, difference / jnp.where(is_open, still, 1.0), 0.0))
     return safe_sqrt(difference / _num_supported(scene, motion, still)), relative
 
 
-def _num_supported(scene: Scene, motion: AbstractMotion, like: Array) -> Array:
-    """Taps that light of the fastest object falls on; those at rest have a middle one."""
+def _num_supported(
+    scene: Scene, motion: AbstractMotion, like: Float[Array, ""]
+) -> Float[Array, ""]:
+    """Number of taps that light of the fastest object falls on, odd for a camera at rest."""
     far = jnp.ceil(support(motion, scene.max_speed))
     aside = jnp.ceil(scene.max_speed * motion.half_exposure - 0.5)
     count = jnp.where(has_vertex(motion), far, 2 * aside + 1)
@@ -259,14 +261,14 @@ def expected_squared_error(
     motion: AbstractMotion,
     response: Response,
     num_frequencies: int | None = None,
-) -> Array:
-    r"""Expected squared error of the best single linear decoder, white = 1; scalar.
+) -> Float[Array, ""]:
+    r"""Expected squared error of the best single linear decoder, white = 1.
 
     With $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$ (aperture included) the filter
     $G = S\bar m/(S(|m|^2 + v) + N)$ leaves $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2+v) + N)\,df$,
     where $N = \eta\,\bar f/p + (\sigma/p)^2$ is the noise of the paper's equation (4) at
     $p = \text{rate}\cdot 2T$. No term of this form cancels another. Without any light the
-    picture's own variance is left. Where the response holds only the lowest of
+    error is the picture's own variance. Where the response holds only the lowest of
     `num_frequencies`, the picture's power at the others counts as lost.
     """
     num_kept = response.spectra.shape[1]
@@ -277,9 +279,9 @@ def expected_squared_error(
 
 
 class _Moments(NamedTuple):
-    """A capture's picture and what disturbs it, in a common unit.
+    """Powers of a capture's picture, spread and noise, in a common unit.
 
-    Of all speeds together, shape `(k,)`, or of each, `(n, k)`.
+    They are those of all speeds together, shape `(k,)`, or of each, `(n, k)`.
 
     Attributes:
         mean: Mean response over speeds, without the pixel aperture; complex.
@@ -289,19 +291,19 @@ class _Moments(NamedTuple):
         noise: Power of the noise; scalar.
     """
 
-    mean: Array
-    coherent: Array
-    spread: Array
-    signal: Array
-    noise: Array
+    mean: Complex[Array, "*n k"]
+    coherent: Float[Array, "*n k"]
+    spread: Float[Array, "*n k"]
+    signal: Float[Array, "*#n k"]
+    noise: Float[Array, ""]
 
     @property
-    def total(self) -> Array:
+    def total(self) -> Float[Array, "*n k"]:
         """Power of a capture."""
         return self.signal * (self.coherent + self.spread) + self.noise
 
     @property
-    def lost(self) -> Array:
+    def lost(self) -> Float[Array, "*n k"]:
         """Share of the picture's power that `expected_squared_error` counts as lost."""
         return lost_share(self.signal, self.coherent, self.spread, self.noise)
 
@@ -310,11 +312,11 @@ def _moments(
     scene: Scene,
     motion: AbstractMotion,
     response: Response,
-    every_power: Array,
+    every_power: Float[Array, "m"],
     *,
     told: bool = False,
 ) -> _Moments:
-    """The moments of all speeds together, or of each where a decoder is told the speed."""
+    """The moments of all speeds together, or of each for a decoder that is told the speed."""
     dtype = response.efficiency.dtype
     spectra, num_kept = response.spectra, response.spectra.shape[1]
     weights = ensemble_weights(scene).astype(dtype)[:, None]
@@ -322,22 +324,23 @@ def _moments(
         weights = jnp.asarray(error_weights(scene), dtype)[:, None, None]
         spectra = spectra.reshape(weights.size, -1, num_kept)
 
-    def along(row: Array) -> Array:
-        """The frequencies that are kept of a row, along the last axis of the moments."""
+    def along(row: Float[Array, "m"]) -> Float[Array, "*one k"]:
+        """The lowest frequencies of a row, along the last axis of the moments."""
         return row[:num_kept].reshape((1, -1) if told else (-1,))
 
     aperture = along(_aperture(scene, every_power.size, np.dtype(dtype)))
     if scene.occlusion is not None:
         mean, spread = layer_moments(scene, motion, response.spectra, told=told)
-        mean, spread = (mean, spread) if told else (mean[0], spread[0])
+        if not told:
+            mean, spread = mean[0], spread[0]
     else:
         mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
         deviation = spectra - mean[None]
         spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0)
     spread = spread * aperture
     if scene.tolerances is not None:
-        driven = drive_variance(scene, motion, response.efficiency, every_power.size)
-        spread = spread + along(driven) * aperture
+        variance = drive_variance(scene, motion, response.efficiency, every_power.size)
+        spread = spread + along(variance) * aperture
     coherent = (mean.real**2 + mean.imag**2) * aperture
     signal, noise = _signal_and_noise(scene, motion, response.efficiency, along(every_power))
     return _Moments(mean, coherent, spread, signal, noise)
@@ -345,10 +348,10 @@ def _moments(
 
 def unaware_squared_error(
     scene: Scene, motion: AbstractMotion, response: Response, nominal: Response
-) -> Array:
-    r"""Expected squared error of the best filter of a camera without tolerances; scalar.
+) -> Float[Array, ""]:
+    r"""Expected squared error of the best filter of a camera without tolerances.
 
-    A filter $G'$ leaves more than the best one $G$ of `expected_squared_error` by
+    The error of a filter $G'$ exceeds that of the best one $G$ of `expected_squared_error` by
     $2\int_0^{1/2}|G' - G|^2\,(S(|m|^2 + v) + N)\,df$: the error is quadratic in the filter.
 
     Args:
@@ -358,48 +361,48 @@ def unaware_squared_error(
         nominal: Response of the same design without errors.
     """
     power = picture_power(scene, response.spectra.shape[1], np.dtype(response.efficiency.dtype))
-    seen = _moments(scene, motion, response, power)
+    moments = _moments(scene, motion, response, power)
     without = _moments(without_tolerances(scene), motion, nominal, power)
-    lit = seen.signal > 0
-    difference = _filter(seen) - _filter(without)
+    difference = _filter(moments) - _filter(without)
     excess = difference.real**2 + difference.imag**2
-    excess = excess * _aperture(scene, power.size, np.dtype(power.dtype)) * seen.signal * seen.total
-    return jnp.mean(power * (seen.lost + jnp.where(lit, excess, 0.0)))
+    aperture = _aperture(scene, power.size, np.dtype(power.dtype))
+    excess = excess * aperture * moments.signal * moments.total
+    return jnp.mean(power * (moments.lost + jnp.where(moments.signal > 0, excess, 0.0)))
 
 
-def _filter(seen: _Moments) -> Array:
-    """The best filter over the picture's power and the aperture; complex, shape `(k,)`."""
-    dark = seen.total <= 0
-    divisor = jnp.where(dark, 1.0, seen.total).astype(seen.mean.dtype)
-    return jnp.where(dark, 0.0, jnp.conj(seen.mean) / divisor)
+def _filter(moments: _Moments) -> Complex[Array, "k"]:
+    """The best filter over the picture's power and the aperture."""
+    dark = moments.total <= 0
+    divisor = jnp.where(dark, 1.0, moments.total).astype(moments.mean.dtype)
+    return jnp.where(dark, 0.0, jnp.conj(moments.mean) / divisor)
 
 
 class SpectralLevels(NamedTuple):
-    """How well waves of the picture come through a capture, and objects at each speed.
+    """Ratio of signal to noise by frequency, and PSNR by speed.
 
     Attributes:
         frequencies: cycles/px; shape `(m,)`.
-        signal_over_noise: Power of the picture over that of what disturbs it there; shape `(m,)`.
-        speeds: Those that occur, ascending; px/s, shape `(n,)`.
+        signal_over_noise: Power of the picture over that of spread and noise; shape `(m,)`.
+        speeds: Speeds that occur, ascending; px/s, shape `(n,)`.
         psnr: PSNR at each of them by one filter for all, in linear light; dB, shape `(n,)`.
     """
 
-    frequencies: np.ndarray
-    signal_over_noise: np.ndarray
-    speeds: np.ndarray
-    psnr: np.ndarray
+    frequencies: Float[np.ndarray, "m"]
+    signal_over_noise: Float[np.ndarray, "m"]
+    speeds: Float[np.ndarray, "n"]
+    psnr: Float[np.ndarray, "n"]
 
 
 def spectral_levels(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
 ) -> SpectralLevels:
-    r"""What the best single linear decoder meets at each frequency, and leaves at each speed.
+    r"""Ratio of signal to noise by frequency, and the best single linear decoder's PSNR by speed.
 
-    In the terms of `expected_squared_error` the ratio is $S|m|^2/(Sv + N)$, at the exposure of the
-    motion and with the spread between the scene's speeds as noise: the decoder leaves $S$ over 1
-    more than this. The PSNR is that of $2\int_0^{1/2} [S|1 - G H_i|^2 + N|G|^2]\,df$, of which the
-    expected error is the mean over the speeds, weighted. Tolerances of the scene do not count: this
-    is the camera as designed.
+    In the terms of `expected_squared_error` the ratio is $q = S|m|^2/(Sv + N)$, at the exposure of
+    the motion and with the spread between the scene's speeds as noise: the decoder's error is
+    $S/(1 + q)$. The PSNR is that of $2\int_0^{1/2} [S|1 - G H_i|^2 + N|G|^2]\,df$, whose weighted
+    mean over the speeds is the expected error. Tolerances of the scene do not count: this is the
+    camera as designed.
 
     Args:
         scene: Speeds, light and noise; concrete.
@@ -416,10 +419,10 @@ def spectral_levels(
     plan = view.plan
     levels = _levels_of_records(view.scene, view.motion, records(view), plan)
     lost, errors = map(np.asarray, levels)
-    relative = speeds - float(motion.velocity)
-    known = np.asarray(view.scene.speeds)
-    relative, known = (np.abs(relative), np.abs(known)) if plan.folds else (relative, known)
-    places = np.argmin(np.abs(relative[:, None] - known[None]), axis=1)
+    relative, computed = speeds - float(motion.velocity), np.asarray(view.scene.speeds)
+    if plan.folds:
+        relative, computed = np.abs(relative), np.abs(computed)
+    places = np.argmin(np.abs(relative[:, None] - computed[None]), axis=1)
     with np.errstate(divide="ignore"):
         psnr = -10 * np.log10(errors[places])
         ratio = 1 / lost - 1
@@ -429,18 +432,18 @@ def spectral_levels(
 @compiled
 def _levels_of_records(
     scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "m"], Float[Array, "n"]]:
     """Share of the power that is lost at each frequency, and squared errors at each speed."""
     response = assembled(scene, recorded, plan)
     dtype = np.dtype(response.efficiency.dtype)
     power = picture_power(scene, plan.num_frequencies, dtype)
-    seen = _moments(scene, motion, response, power)
-    return seen.lost, squared_errors_by_speed(scene, motion, response)
+    lost = _moments(scene, motion, response, power).lost
+    return lost, squared_errors_by_speed(scene, motion, response)
 
 
 _ALIGNING_STEPS = 20
 _LEAST_CURVATURE = 0.25
-"""Of the bound on the curvature of each step; that of the bound itself is safe, and slower."""
+"""Least curvature of a step, as a share of its bound; the bound itself would be safe but slower."""
 
 
 def freely_aligned(
@@ -448,8 +451,8 @@ def freely_aligned(
 ) -> Response:
     r"""The response with each speed displaced so that the expected error is least.
 
-    A displacement $d_i$ takes $H_i$ to $H_i e^{2\pi i f d_i}$ and leaves $\sum p_i|H_i|^2$ as it
-    is, so that of `expected_squared_error` only $-\int W |m|^2\,df$ changes, with
+    A displacement $d_i$ takes $H_i$ to $H_i e^{2\pi i f d_i}$ and does not change
+    $\sum p_i|H_i|^2$, so that of `expected_squared_error` only $-\int W |m|^2\,df$ changes, with
     $W = S^2/(S \sum p_i|H_i|^2 + N)$ (aperture included). Each step moves every speed towards
     the largest overlap with the mean of all, $\operatorname{Re}\int W \bar m H_i\,df$; 20 of
     them come to within 1e-4 dB of the least error near the alignment of the kernels. The
@@ -468,28 +471,30 @@ def freely_aligned(
     aperture = _aperture(scene, num_frequencies, np.dtype(dtype))[:num_kept]
     weights = ensemble_weights(scene).astype(dtype)[:, None]
     signal, noise = _signal_and_noise(scene, motion, response.efficiency, power)
-    passed = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0) * aperture
-    weight = jax.lax.stop_gradient(power * aperture * share(signal, signal * passed + noise))
+    gain = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0) * aperture
+    weight = jax.lax.stop_gradient(power * aperture * share(signal, signal * gain + noise))
     weight = weight[None]
     turns = 2 * np.pi * frequency_grid(num_frequencies, np.dtype(dtype))[None, :num_kept]
 
-    def displaced(spectra: Array, displacement: Array) -> Array:
+    def displaced(
+        spectra: Complex[Array, "n k"], displacement: Float[Array, "n"]
+    ) -> Complex[Array, "n k"]:
         angle = turns * displacement[:, None]
         return spectra * jax.lax.complex(jnp.cos(angle), jnp.sin(angle))
 
-    def step(_: Array, displacement: Array) -> Array:
-        moved = displaced(spectra, displacement)
-        mean = jnp.sum(weights.astype(moved.dtype) * moved, axis=0)
-        overlap = weight.astype(moved.dtype) * jnp.conj(mean)[None] * moved
+    def step(_: object, displacement: Float[Array, "n"]) -> Float[Array, "n"]:
+        each = displaced(spectra, displacement)
+        mean = jnp.sum(weights.astype(each.dtype) * each, axis=0)
+        overlap = weight.astype(each.dtype) * jnp.conj(mean)[None] * each
         slope = -jnp.sum(turns * overlap.imag, axis=1)
         bound = jnp.sum(turns**2 * jnp.abs(overlap), axis=1)
         curvature = jnp.maximum(jnp.sum(turns**2 * overlap.real, axis=1), _LEAST_CURVATURE * bound)
-        lit = curvature > 0
-        return displacement + jnp.where(lit, slope / jnp.where(lit, curvature, 1.0), 0.0)
+        curves = curvature > 0
+        return displacement + jnp.where(curves, slope / jnp.where(curves, curvature, 1.0), 0.0)
 
     start = jnp.zeros(spectra.shape[0], dtype)
-    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, _ALIGNING_STEPS, step, start))
-    return eqx.tree_at(lambda r: r.spectra, response, displaced(response.spectra, found))
+    displacement = jax.lax.stop_gradient(jax.lax.fori_loop(0, _ALIGNING_STEPS, step, start))
+    return eqx.tree_at(lambda r: r.spectra, response, displaced(response.spectra, displacement))
 
 
 def known_speed_squared_error(
@@ -497,8 +502,8 @@ def known_speed_squared_error(
     motion: AbstractMotion,
     response: Response,
     num_frequencies: int | None = None,
-) -> Array:
-    r"""Expected squared error of the best linear decoder that is told the speed; scalar.
+) -> Float[Array, ""]:
+    r"""Expected squared error of the best linear decoder that is told the speed.
 
     Each speed has a filter of its own, and the picture, aperture, noise and units are those of
     `expected_squared_error`: without tolerances
@@ -520,8 +525,8 @@ def squared_errors_by_speed(
     motion: AbstractMotion,
     response: Response,
     num_frequencies: int | None = None,
-) -> Array:
-    r"""Squared error that the best single linear decoder leaves at each speed; shape `(n,)`.
+) -> Float[Array, "n"]:
+    r"""Squared error of the best single linear decoder at each speed.
 
     With the filter $G$ of `expected_squared_error` it is
     $2\int_0^{1/2} [S(|1 - G m_i|^2 + |G|^2 v_i) + N|G|^2]\,df$ at speed $i$, where $m_i$ and $v_i$
@@ -536,32 +541,39 @@ def squared_errors_by_speed(
     every = _moments(scene, motion, response, power)
     each = _moments(scene, motion, response, power, told=True)
     gain = share(every.signal, every.total)
-    passed = (gain * aperture).astype(every.mean.dtype) * jnp.conj(every.mean)
-    left = 1 - passed[None] * each.mean
+    filter_ = (gain * aperture).astype(every.mean.dtype) * jnp.conj(every.mean)
+    missing = 1 - filter_[None] * each.mean
     # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.
     noise = gain * every.coherent * share(every.noise, every.total)
     spread = (gain**2 * every.coherent)[None] * each.spread
-    lost = left.real**2 + left.imag**2 + spread + noise[None]
-    of_kept = jnp.sum(power[None, :num_kept] * lost, axis=1)
-    return (of_kept + jnp.sum(power[num_kept:])) / num_frequencies
+    lost = missing.real**2 + missing.imag**2 + spread + noise[None]
+    lowest = jnp.sum(power[None, :num_kept] * lost, axis=1)
+    return (lowest + jnp.sum(power[num_kept:])) / num_frequencies
 
 
-def worst_squared_error(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
-    """The `expected_squared_error` at the worst of the speeds that occur; scalar."""
+def worst_squared_error(
+    scene: Scene, motion: AbstractMotion, response: Response
+) -> Float[Array, ""]:
+    """The `expected_squared_error` at the worst of the speeds that occur."""
     errors = squared_errors_by_speed(scene, motion, response)
     return jnp.max(jnp.where(scene.weights > 0, errors, 0.0))
 
 
-def _aperture(scene: Scene, num_frequencies: int, dtype: np.dtype) -> Array:
-    """Share of the power that lens and pixel pass, on the frequency grid; shape `(m,)`."""
+def _aperture(
+    scene: Scene, num_frequencies: int, dtype: np.dtype
+) -> Float[Array, "{num_frequencies}"]:
+    """Share of the power that lens and pixel pass, on the frequency grid."""
     frequency = frequency_grid(num_frequencies, dtype)
     return jnp.asarray(pixel_response(frequency, scene.lens_blur.astype(dtype))) ** 2
 
 
 def _signal_and_noise(
-    scene: Scene, motion: AbstractMotion, efficiency: Array, power: Array
-) -> tuple[Array, Array]:
-    """Power of the picture `(m,)` and of the noise, scalar, as recorded in a common unit.
+    scene: Scene,
+    motion: AbstractMotion,
+    efficiency: Float[Array, ""],
+    power: Float[Array, "*one k"],
+) -> tuple[Float[Array, "*one k"], Float[Array, ""]]:
+    """Power of the picture and of the noise, as recorded in a common unit.
 
     The unit is the larger of signal and noise, because squares of electrons overflow float32.
     """
@@ -575,7 +587,7 @@ def _signal_and_noise(
     return power * (electrons / unit) ** 2, noise
 
 
-def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Array:
+def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Float[Array, ""]:
     r"""Share of the wedge bound that the design reaches at its worst speed and frequency.
 
     $|K_s(f)|^2 = (2T)^2 |H_s(f)|^2$ over $\min((2T)^2, T/(Sf))$ with $S = \max|s|$ (after

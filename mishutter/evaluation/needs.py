@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from mishutter._core import all_concrete, is_concrete, primal_values, require
 from mishutter.blur import default_num_frequencies
@@ -51,7 +51,7 @@ _SPARE_NODES = 12
 
 
 class Automatic(Enum):
-    """The default of every `plan=`: a plan made from the scene, motion and shutter given."""
+    """The default of every `plan=`: a plan is made from the scene, the motion and the shutter."""
 
     PLANNED = "planned"
 
@@ -59,10 +59,11 @@ class Automatic(Enum):
 PLANNED = Automatic.PLANNED
 
 plan_of_traced_search = jax.make_user_context(None)
-"""The plan of the search whose loss is being traced: what the loss calls knows its sizes by that.
+"""The plan of the search whose loss is being traced, by which functions that the loss calls know
+their sizes.
 
-JAX counts it among what a trace depends on, so that a function that a user has compiled is traced
-anew for another search.
+JAX makes a trace depend on it, so that a function that a user has compiled is traced anew for
+another search.
 """
 
 
@@ -72,9 +73,9 @@ class Item:
 
     Attributes:
         name: The part that the decision is about.
-        full: How much of it a full computation has.
-        kept: How much of it the plan keeps.
-        why: Why that is enough.
+        full: Its size in a full computation.
+        kept: Its size in the plan.
+        why: The reason for which that is enough.
     """
 
     name: str
@@ -92,17 +93,17 @@ class Plan:
         dft_length: Length of the DFT that the condition number is taken over.
         num_frequencies: Frequencies in (0, 0.5) cycles/px of the expected error.
         num_nodes: Nodes over the whole exposure for the transfer functions there.
-        num_kept: The lowest of the frequencies, to which the expected error is confined;
-            None for all.
+        num_kept: Number of frequencies, the lowest, to which the expected error is confined; None
+            for all.
         skips: Whether work that cannot change a result is left out: speeds that never occur
             or occur twice, and responses that a search would compute again.
-        folds: Whether `+s` and `-s` are taken for one speed.
-        still: Whether nothing in the scene moves, and one kernel is all there is.
+        folds: Whether `+s` and `-s` count as one speed.
+        still: Whether nothing in the scene moves, so that one kernel is enough.
         loss_dft_length: Length of the DFT that a loss takes its condition number over; None
             for `dft_length`.
         num_effective_speeds: Effective speeds of the beat between objects and the background that
-            they hide; 0 of a picture that moves as a whole.
-        items: The decisions and their reasons; they say nothing that is computed with.
+            they hide; 0 for a picture that moves as a whole.
+        items: The decisions and their reasons, for readers alone.
     """
 
     num_taps: int
@@ -123,16 +124,16 @@ class Plan:
         widths = [max(len(getattr(row, name)) for row in rows) for name in ("name", "full", "kept")]
         return "\n".join(_line(row, widths) for row in rows)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The plan as plain numbers and text."""
-        return vars(self) | {"items": [vars(item) for item in self.items]}
+        return {**vars(self), "items": [vars(item) for item in self.items]}
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> "Plan":
         """The plan that `to_dict` wrote.
 
         Args:
-            data: What `to_dict` gave.
+            data: The dictionary.
 
         Raises:
             KeyError: if `data` is not such a plan.
@@ -150,36 +151,38 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     """Everything: sizes that hold the scene on this motion and on all that keep up within limits.
 
     One size for all of them makes designs comparable (the condition number depends on
-    the DFT length) and lets them share one compiled program. Of a motion or speeds that
-    are being traced nothing is known but the limits, and where those are traced too a
-    kernel of up to 256 px is provided for; what is only differentiated is known. In a loss that
-    a search traces, sizes are at least those of the search's plan. The DFT of a loss follows
-    from the limits alone, whatever the motion.
+    the DFT length) and lets them share one compiled program. Under `jit` sizes come from the limits
+    alone, and hold kernels of up to 256 px where these are traced too; under `grad` they come from
+    the primal values. In a loss that a search traces, sizes are at least those of the search's
+    plan. The DFT of a loss follows from the limits alone, whatever the motion.
     """
     scene, motion = seen_from(*primal_values((scene, motion)))
     longest = longest_within_limits(scene)
-    known = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
-    found = furthest(scene, motion) if known else Extent(longest, longest, longest)
+    is_concrete_scene = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
+    travel = furthest(scene, motion) if is_concrete_scene else Extent(longest, longest, longest)
     own = replace(
-        sized_for(max(found.reach, longest), max(found.velocity, longest)),
-        num_frequencies=int(num_frequencies(scene, found.spread)),
+        sized_for(max(travel.reach, longest), max(travel.velocity, longest)),
+        num_frequencies=int(num_frequencies(scene, travel.spread)),
         loss_dft_length=sized_for(longest, longest).dft_length,
         num_effective_speeds=effective_speeds(scene, motion.half_exposure),
     )
     plan_of_search = plan_of_traced_search.value
-    return own if known or plan_of_search is None else larger(plan_of_search, own)
+    return own if is_concrete_scene or plan_of_search is None else larger(plan_of_search, own)
 
 
 def coarser(plan: Plan) -> Plan:
-    """A plan with as many effective speeds as a search takes, which tell designs apart."""
+    """A plan with the few effective speeds of a search, which are enough to tell designs apart."""
     count = min(plan.num_effective_speeds, SEARCHED_EFFECTIVE_SPEEDS)
     return replace(plan, num_effective_speeds=count)
 
 
-def effective_speeds(scene: Scene, half_exposure: Array | np.ndarray | np.floating | float) -> int:
-    """Effective speeds of two layers by half an exposure, s, or the longest in limits if traced.
+def effective_speeds(
+    scene: Scene, half_exposure: Float[Array | np.ndarray, ""] | np.floating | float
+) -> int:
+    """Number of effective speeds of two layers over half an exposure, s.
 
-    There are two numbers of them an octave, so that near exposures share a program.
+    A traced exposure counts as the longest within the limits. The number is rounded to two an
+    octave, so that near exposures share a program.
     """
     if scene.occlusion is None or not scene.occlusion.has_edges:
         return 0
@@ -193,16 +196,16 @@ def effective_speeds(scene: Scene, half_exposure: Array | np.ndarray | np.floati
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:
-    """How far light of a scene that is known travels on a motion, within its tolerances."""
+    """Travel of the light of a concrete scene on a motion, within its tolerances."""
     if scene.tolerances is None:
         return extent(scene, motion)
     with jax.ensure_compile_time_eval():
         dtype = np.dtype(scene.speeds.dtype)
-        every = ensemble_of(scene.speeds, scene.tolerances, motion, dtype)
+        ensemble = ensemble_of(scene.speeds, scene.tolerances, motion, dtype)
         weights = jnp.tile(scene.weights, scene.tolerances.num_speeds)
         weights = weights / scene.tolerances.num_speeds
         extents = []
-        for acceleration, speeds in zip(*every, strict=True):
+        for acceleration, speeds in zip(*ensemble, strict=True):
             half = motion.half_exposure
             shifted = ParabolicMotion(acceleration=acceleration, half_exposure=half)
             extents.append(extent(scene.bare(speeds=speeds, weights=weights), shifted))
@@ -230,9 +233,9 @@ def sized_for(reach: float, velocity: float) -> Plan:
 
 
 def velocity_held(num_nodes: int) -> int:
-    """The greatest velocity, px per half exposure, for which so many nodes are enough to 1e-7.
+    """The greatest velocity, px per half exposure, for which a number of nodes is exact to 1e-7.
 
-    It is twice that for which `sized_for` chooses them.
+    It is twice the velocity for which `sized_for` chooses this number.
     """
     return int(2 * (num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
 
@@ -248,17 +251,16 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
     """The plan that a function makes by default: exact, and one for every motion.
 
     Its sizes hold every motion within the scene's limits, so that one compiled program
-    serves all of them. It is for the scene as it is `seen_from` the motion.
+    serves all of them. It is for the scene in the frame of the motion.
     """
-    scene, motion = seen_from(scene, motion)
     folds, still = folds_speeds(scene, motion, shutter), nothing_moves(scene)
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
 
 def require_plan(value: object) -> None:
-    """Refuse a value that is no plan; without this it would count as the default."""
-    known = value is None or isinstance(value, Plan | Automatic)
-    require(known, "plan", "be a plan, or None for everything", value)
+    """Refuses a value that is no plan; without this it would count as the default."""
+    is_plan = value is None or isinstance(value, Plan | Automatic)
+    require(is_plan, "plan", "be a plan, or None for everything", value)
 
 
 class Parts(NamedTuple):
@@ -280,7 +282,7 @@ ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
 def reduced(scene: Scene, plan: Plan) -> Scene:
-    """The scene with only the numbers that a plan keeps: no picture, no motion, fewer speeds.
+    """The scene with only the numbers that a plan asks for: no picture, no motion, fewer speeds.
 
     Scenes that differ only in their numbers get the same shapes, and share programs.
     """
@@ -300,8 +302,10 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     return with_shares(fewer, background, plan.num_effective_speeds, grid, folds=plan.folds)
 
 
-def padded(speeds: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds padded to one of two counts an octave, without weight, so that shapes are shared."""
+def padded(
+    speeds: Float[np.ndarray, "n"], weights: Float[np.ndarray, "n"]
+) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "m"]]:
+    """Speeds padded without weight to one of two counts an octave, so that programs are shared."""
     spare = size_class(speeds.size) - speeds.size
     return np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
 
@@ -332,13 +336,13 @@ def is_symmetric(shutter: AbstractShutter) -> bool:
 
 def folds_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
     """Whether the kernels of `+s` and `-s` are known to be one on a motion without velocity."""
-    at_once = scene.device is None or scene.device.follows_at_once
-    at_once = at_once and _layers_fold(scene)
-    return at_once and motion.mirrors and is_symmetric(shutter)
+    is_prompt = scene.device is None or scene.device.follows_at_once
+    is_prompt = is_prompt and _layers_fold(scene)
+    return is_prompt and motion.mirrors and is_symmetric(shutter)
 
 
 def _layers_fold(scene: Scene) -> bool:
-    """Whether two layers of `+s` and `-s` are known to be recorded alike by a symmetric shutter."""
+    """Whether a symmetric shutter is known to record two layers of `+s` and of `-s` alike."""
     if scene.occlusion is None or not scene.occlusion.has_edges:
         return True
     background = background_of(scene)

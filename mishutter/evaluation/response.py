@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Complex, Float, Inexact, Int
 
 from mishutter._core import (
     all_concrete,
@@ -19,7 +19,6 @@ from mishutter._core import (
     compiled,
     device_constant,
     is_concrete,
-    namespace_of,
 )
 from mishutter.blur import (
     ExposureQuadrature,
@@ -67,11 +66,11 @@ class Response(eqx.Module):
         efficiency: Mean transmittance over the exposure; scalar.
     """
 
-    still_kernel: Array
-    still_spectrum: Array
-    differences: Array
-    spectra: Array
-    efficiency: Array
+    still_kernel: Float[Array, "n"]
+    still_spectrum: Inexact[Array, "f"]
+    differences: Float[Array, "..."]
+    spectra: Inexact[Array, "..."]
+    efficiency: Float[Array, ""]
 
 
 class Records(NamedTuple):
@@ -83,42 +82,41 @@ class Records(NamedTuple):
         efficiency: Mean transmittance over the exposure; scalar.
     """
 
-    kernels: Array
-    spectra: Array
-    efficiency: Array
+    kernels: Float[Array, "s+1 n"]
+    spectra: Inexact[Array, "s m"]
+    efficiency: Float[Array, ""]
 
 
 def respond(view: SampledView) -> Response:
-    """Response of a design to a scene, with the parts that its view asks for."""
+    """The parts of a design's response to a scene that a view asks for."""
     return assembled(view.scene, records(view), view.plan)
 
 
 def records(view: SampledView) -> Records:
-    """Kernels and transfer functions, each by one compiled program for all its callers.
+    """Kernels and transfer functions, each by one compiled program for all callers.
 
-    Without differences among the parts, or where nothing in the scene moves, only the kernel at
-    rest is computed.
+    Without differences among the parts, or where nothing in the scene moves, the kernel at rest is
+    the only one.
     """
-    scene, motion, profile, plan, parts = view
-    kernels, spectra = parts.kernels, parts.spectra
-    require_sizes(plan.num_taps, plan.num_frequencies, kernels=kernels, spectra=spectra)
+    scene, motion, profile, plan, parts, nodes = view
+    require_sizes(plan.num_taps, plan.num_frequencies, kernels=parts.kernels, spectra=parts.spectra)
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, profile)))
     if all_concrete((profile, motion, scene.speeds)):
         profile = in_one_form(profile, dtype)
-    taps = response = light = None
-    if kernels:
-        moving = scene.speeds if parts.differences and not plan.still else scene.speeds[:0]
-        taps, light = _known_kernels(profile, motion, _with_rest(moving), plan.num_taps)
-    if spectra:
-        nodes = exposure_quadrature(profile, plan.num_nodes, dtype, path_ends(motion))
-        response = spectra_of(scene, nodes, motion, plan.num_frequencies, plan.num_kept)
-        light = nodes.efficiency
-    light = _only_light(profile, motion, scene.speeds) if light is None else light
-    nothing = np.zeros(0, dtype)
-    parts_or_nothing = (nothing if part is None else part for part in (taps, response, light))
-    return Records(
-        *(device_constant(x) if isinstance(x, np.ndarray) else x for x in parts_or_nothing)
-    )
+    nothing = device_constant(np.zeros(0, dtype))
+    kernels, spectra, efficiency = nothing, nothing, None
+    if parts.kernels:
+        speeds = scene.speeds if parts.differences and not plan.still else scene.speeds[:0]
+        speeds = _after_rest(speeds)
+        kernels, efficiency = _kernels_and_efficiency(profile, motion, speeds, plan.num_taps)
+    if parts.spectra:
+        if nodes is None:
+            nodes = exposure_quadrature(profile, plan.num_nodes, dtype, path_ends(motion))
+        spectra = spectra_of(scene, nodes, motion, plan.num_frequencies, plan.num_kept)
+        efficiency = nodes.efficiency
+    if efficiency is None:
+        efficiency = _efficiency(profile, dtype)
+    return Records(kernels, spectra, efficiency)
 
 
 def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
@@ -133,33 +131,31 @@ def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
     return Response(still, spectrum, differences, recorded.spectra, recorded.efficiency)
 
 
-def folded(kernels: Array | np.ndarray, plan: Plan) -> tuple[Array | np.ndarray, int]:
-    """Kernels `(..., n)` as the DFT of a loss takes them, and its length.
+def folded(kernel: Float[Array, "n"], plan: Plan) -> tuple[Float[Array, "k"], int]:
+    """A kernel as the DFT of a loss takes it, and the length of this DFT.
 
     The part of a kernel beyond that length is laid over its beginning, which leaves every sample
     of the DFT as it is.
     """
     length = plan.loss_dft_length or plan.dft_length
-    if kernels.shape[-1] <= length:
-        return kernels, length
-    space = namespace_of(kernels)
-    spare = -kernels.shape[-1] % length
-    rows = space.pad(kernels, [(0, 0)] * (kernels.ndim - 1) + [(0, spare)])
-    return space.sum(rows.reshape(*kernels.shape[:-1], -1, length), axis=-2), length
+    if kernel.size <= length:
+        return kernel, length
+    rows = jnp.pad(kernel, (0, -kernel.size % length)).reshape(-1, length)
+    return jnp.sum(rows, axis=0), length
 
 
-def _with_rest(speeds: Array) -> Array | np.ndarray:
-    """The speed 0, then the given speeds; a NumPy array where they are known."""
+def _after_rest(speeds: Float[Array, "s"]) -> Float[Array | np.ndarray, "s+1"]:
+    """The speed 0, then others; a NumPy array if they are concrete."""
     rest = np.zeros(1, speeds.dtype)
     return np.append(rest, speeds) if is_concrete(speeds) else jnp.append(rest, speeds)
 
 
 @eqx.filter_jit
-def _only_light(profile: AbstractPiecewiseShutter, motion: AbstractMotion, speeds: Array) -> Array:
-    return mean_transmittance(profile, common_dtype(*jax.tree.leaves((speeds, motion, profile))))
+def _efficiency(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Float[Array, ""]:
+    return mean_transmittance(profile, dtype)
 
 
-def kernel_phase(motion: AbstractMotion, num_taps: int) -> float | Array:
+def kernel_phase(motion: AbstractMotion, num_taps: int) -> float | Float[Array, ""]:
     """Offset of the first tap's edge from the point of alignment; px, scalar.
 
     A moving sensor is aligned at the vertex, a camera at rest at mid-exposure, in the
@@ -174,113 +170,121 @@ def kernel_phase(motion: AbstractMotion, num_taps: int) -> float | Array:
 def kernels_at_speeds(
     shutter: AbstractShutter,
     motion: AbstractMotion,
-    speeds: Array | np.ndarray,
+    speeds: Float[Array | np.ndarray, "s"],
     num_taps: int,
-) -> Array:
-    """Aligned kernels of one length at several speeds, px/s; shape `(s, num_taps)`.
+) -> Float[Array, "s {num_taps}"]:
+    """Aligned kernels of one length at several speeds, px/s.
 
-    Kernels at known speeds are computed eight at a time, of shutters `in_one_form`, and cut
+    Kernels at concrete speeds are computed eight at a time, of shutters `in_one_form`, and cut
     from longer ones: one compiled program serves every kind and any number of speeds and taps.
     """
-    kernels = _known_kernels(shutter, canonical_motion(motion), speeds, num_taps)[0]
-    if not isinstance(kernels, np.ndarray):
-        return kernels
-    return device_constant(kernels)
+    motion = canonical_motion(motion)
+    return _kernels_and_efficiency(shutter, motion, speeds, num_taps)[0]
 
 
-def _known_kernels(
+def _kernels_and_efficiency(
     shutter: AbstractShutter,
     motion: AbstractMotion,
-    speeds: Array | np.ndarray,
+    speeds: Float[Array | np.ndarray, "s"],
     num_taps: int,
-) -> tuple[Array | np.ndarray, Array]:
+) -> tuple[Float[Array, "s {num_taps}"], Float[Array, ""]]:
     dtype = common_dtype(*jax.tree.leaves((speeds, motion, shutter)))
     first = kernel_phase(motion, num_taps)
     if not all_concrete((shutter, motion, speeds)):
         speeds, first = (jnp.asarray(x, dtype) for x in (speeds, first))
-        return kernels_and_light(shutter, motion, speeds, first, num_taps, num_runs(motion))
+        return kernels_and_efficiency(
+            shutter, motion, speeds, first, num_taps=num_taps, num_runs=num_runs(motion)
+        )
     shutter = in_one_form(shutter, dtype)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
-    of_some = partial(kernels_and_light, in_turn=jax.default_backend() == "cpu")
-    some = [
-        of_some(shutter, motion, part, np.asarray(first, dtype), length, num_runs(motion))
-        for part in padded.reshape(-1, _SPEEDS_AT_ONCE)
-    ]
-    kernels = np.concatenate([np.asarray(kernels) for kernels, _ in some])
-    return kernels[:count, :num_taps], some[0][1]
+    of_part = partial(
+        kernels_and_efficiency,
+        num_taps=length,
+        num_runs=num_runs(motion),
+        in_turn=jax.default_backend() == "cpu",
+    )
+    first = np.asarray(first, dtype)
+    parts = [of_part(shutter, motion, part, first) for part in padded.reshape(-1, _SPEEDS_AT_ONCE)]
+    kernels = np.concatenate([np.asarray(kernels) for kernels, _ in parts])
+    return device_constant(kernels[:count, :num_taps]), parts[0][1]
 
 
 @compiled
-def kernels_and_light(
+def kernels_and_efficiency(
     shutter: AbstractShutter,
     motion: AbstractMotion,
-    speeds: Array | np.ndarray,
-    first: Array | np.ndarray,
-    num_taps: int,
-    runs: int,
+    speeds: Float[Array | np.ndarray, "s"],
+    first: Float[Array | np.ndarray, ""],
     *,
+    num_taps: int,
+    num_runs: int,
     in_turn: bool = False,
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "s {num_taps}"], Float[Array, ""]]:
     """Kernels whose first tap begins at `first`, px from the point of alignment; efficiency.
 
-    One speed after the other where they are taken `in_turn`: the taps of one fill the vectors of a
-    CPU, and a program for many at once is traced in twice the time.
+    They are computed one after the other if `in_turn`: the taps of one kernel fill the vectors of a
+    CPU, and a program for many speeds takes twice as long to trace.
     """
 
-    def one(speed: Array) -> Array:
+    def one(speed: Float[Array, ""]) -> Float[Array, "n"]:
         turns = jnp.asarray(has_vertex(motion))
-        rule = {"from_vertex": turns, "count": runs}
-        return aligned_kernel(shutter, motion, speed, num_taps, first, **rule)
+        return aligned_kernel(
+            shutter, motion, speed, num_taps, first, from_vertex=turns, count=num_runs
+        )
 
-    light = mean_transmittance(piecewise(shutter), np.dtype(speeds.dtype))
+    efficiency = mean_transmittance(piecewise(shutter), np.dtype(speeds.dtype))
     of_each = partial(jax.lax.map, one) if in_turn else jax.vmap(one)
-    return of_each(jnp.asarray(speeds)), light
+    return of_each(jnp.asarray(speeds)), efficiency
 
 
 def pixel_responses(
     shutter: AbstractShutter,
     motion: AbstractMotion,
-    speeds: np.ndarray,
+    speeds: Float[np.ndarray, "every"],
     length: int,
     *,
     num_nodes: int,
     num_frequencies: int | None = None,
-    some: np.ndarray | slice = slice(None),
-) -> Array | np.ndarray:
+    some: Int[np.ndarray, "s"] | Bool[np.ndarray, "every"] | slice = slice(None),
+) -> Complex[Array | np.ndarray, "s k"]:
     r"""Responses of the pixels to a continuous picture on the grid of a DFT; complex, `(s, k)`.
 
     $H_s(f)\operatorname{sinc}(f)$ at $f = k/L \le 1/2$, in units of a fully open exposure. An
-    accelerated sensor is aligned at the vertices of the paths, any other at mid-exposure. Of a
-    shutter that is known it is a NumPy array.
+    accelerated sensor is aligned at the vertices of the paths, any other at mid-exposure. The
+    response of a concrete shutter is a NumPy array.
 
     Args:
         shutter: Transmittance over the exposure.
-        motion: Motion of the sensor, without velocity; known.
-        speeds: px/s; known, shape `(s,)`.
+        motion: Motion of the sensor, without velocity; concrete.
+        speeds: Speeds of the objects, px/s; concrete.
         length: Pixels of the DFT, $L$.
         num_nodes: Quadrature nodes over the exposure, about.
-        num_frequencies: Lowest of the frequencies that are computed; all `length // 2 + 1`.
+        num_frequencies: Number of frequencies to compute, the lowest; all `length // 2 + 1` by
+            default.
         some: Indices of the speeds whose responses are computed; all are aligned together.
     """
-    tau, light = light_in_time(shutter, motion, num_nodes)
+    tau, weight = nodes_in_time(shutter, motion, num_nodes)
     count = length // 2 + 1 if num_frequencies is None else num_frequencies
     aperture = np.sinc(np.arange(count) / length)[None]
     each = np.asarray(speeds)[:, None].astype(tau.dtype)
-    waves = waves_on_dft(motion.aligned_position(tau, each)[some], light, length, count)
+    waves = waves_on_dft(motion.aligned_position(tau, each)[some], weight, length, count)
     return waves * aperture.astype(waves.dtype)
 
 
-def light_in_time(
+def nodes_in_time(
     shutter: AbstractShutter, motion: AbstractMotion, num_nodes: int
-) -> tuple[Array | np.ndarray, Array | np.ndarray]:
-    """Normalised times and the light at them, of shape `(1, q)`; NumPy arrays where known."""
+) -> tuple[Float[Array | np.ndarray, "1 q"], Float[Array | np.ndarray, "1 q"]]:
+    """Quadrature nodes in normalised time and their weights, the transmittance included.
+
+    They are NumPy arrays of double precision if the shutter is concrete.
+    """
     dtype = common_dtype(*jax.tree.leaves((motion, shutter)))
     nodes = exposure_quadrature(shutter, num_nodes, dtype, path_ends(motion))
-    tau, light = nodes.tau, nodes.weight
-    if all_concrete((tau, light)):
-        tau, light = np.asarray(tau, np.float64), np.asarray(light, np.float64)
-    return tau[None], light[None]
+    tau, weight = nodes.tau, nodes.weight
+    if all_concrete((tau, weight)):
+        tau, weight = np.asarray(tau, np.float64), np.asarray(weight, np.float64)
+    return tau[None], weight[None]
 
 
 @compiled
@@ -288,24 +292,36 @@ def aligned_spectra(
     nodes: ExposureQuadrature,
     motion: AbstractMotion,
     computed: ComputedSpeeds,
+    *,
     num_frequencies: int,
     num_kept: int | None = None,
-    num_blocks: Array | None = None,
-) -> Array:
-    """Transfer functions on the frequency grid, aligned as the kernels are; `(s, m)`, complex.
+    num_blocks: Int[Array, ""] | None = None,
+) -> Complex[Array, "s m"]:
+    """Transfer functions on the frequency grid, aligned as the kernels are.
 
-    Speeds that occur are `aligned`. With `num_kept` only at the lowest of the frequencies; with
-    `num_blocks` from so many first blocks of nodes, and without a derivative.
+    Args:
+        nodes: Quadrature nodes over the exposure.
+        motion: Motion of the sensor, without velocity.
+        computed: Speeds; those that occur are aligned `side_by_side`.
+        num_frequencies: Frequencies of the grid.
+        num_kept: Number of frequencies to compute, the lowest; None for all.
+        num_blocks: Number of blocks of nodes to add up, the first; the sums then have no
+            derivative. None for all.
     """
-    position = _positions(nodes.tau, motion, *computed)
-    light, num_kept = nodes.weight[None], num_kept or num_frequencies
+    position = _positions(nodes.tau, motion, computed.speeds, computed.occurs)
+    weight, num_kept = nodes.weight[None], num_kept or num_frequencies
     if num_blocks is None:
-        return sum_of_waves(position, light, num_frequencies, num_kept)
-    return waves_of_blocks(position, light, num_frequencies, num_kept, num_blocks)
+        return sum_of_waves(position, weight, num_frequencies, num_kept)
+    return waves_of_blocks(position, weight, num_frequencies, num_kept, num_blocks)
 
 
-def _positions(tau: Array, motion: AbstractMotion, speeds: Array, occurs: Array) -> Array:
-    """Positions of objects at some times, those that occur aligned; px, shape `(s, q)`."""
+def _positions(
+    tau: Float[Array, "q"],
+    motion: AbstractMotion,
+    speeds: Float[Array, "s"],
+    occurs: Bool[Array, "s"],
+) -> Float[Array, "s q"]:
+    """Positions of objects at some times, those that occur aligned; px."""
     speeds = speeds.astype(tau.dtype)
     displacement = motion.side_by_side(jnp.where(occurs, speeds, 0)).displacement
     position = motion.position_of(tau[None], speeds[:, None])
@@ -318,12 +334,16 @@ def spectra_of(
     motion: AbstractMotion,
     num_frequencies: int,
     num_kept: int | None = None,
-) -> Array:
+) -> Complex[Array, "s m"]:
     """The `aligned_spectra` of a scene; within its tolerances, in order of `ensemble_weights`."""
     computed, tolerances = computed_speeds(scene), scene.tolerances
     if tolerances is None:
-        return aligned_spectra(nodes, motion, computed, num_frequencies, num_kept)
-    return _scattered_spectra(nodes, motion, computed, tolerances, num_frequencies, num_kept)
+        return aligned_spectra(
+            nodes, motion, computed, num_frequencies=num_frequencies, num_kept=num_kept
+        )
+    return _scattered_spectra(
+        nodes, motion, computed, tolerances, num_frequencies=num_frequencies, num_kept=num_kept
+    )
 
 
 @compiled
@@ -332,13 +352,14 @@ def _scattered_spectra(
     motion: AbstractMotion,
     computed: ComputedSpeeds,
     tolerances: Tolerances,
+    *,
     num_frequencies: int,
     num_kept: int | None,
-) -> Array:
-    """Transfer functions of an ensemble, each acceleration aligned by itself; `(k * n, m)`."""
+) -> Complex[Array, "s m"]:
+    """Transfer functions of an ensemble, each acceleration aligned by itself."""
     occurs = jnp.tile(computed.occurs, tolerances.num_speeds)
 
-    def positions(motion: AbstractMotion, speeds: Array) -> Array:
+    def positions(motion: AbstractMotion, speeds: Float[Array, "n"]) -> Float[Array, "n q"]:
         return _positions(nodes.tau, motion, speeds, occurs)
 
     speeds = computed.speeds.astype(nodes.tau.dtype)

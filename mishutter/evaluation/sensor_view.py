@@ -1,7 +1,7 @@
 """The door to every response: a scene, a motion and a shutter as the sensor sees them.
 
-Metrics, losses, decoders and captures begin here, and nothing below asks again in which frame
-speeds are, whether a motion bends, or whether a profile has been through the device.
+Metrics, losses, decoders and captures begin here. Nothing behind the door asks again in which
+frame speeds are, whether a motion bends, or whether a profile has been through the device.
 """
 
 from collections.abc import Callable
@@ -10,10 +10,11 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from mishutter._core import all_concrete, primal_values
-from mishutter.blur import support
+from mishutter.blur import ExposureQuadrature, support
 from mishutter.evaluation.lengths import most_spread, spread_of_traced
 from mishutter.evaluation.needs import (
     Automatic,
@@ -44,24 +45,27 @@ class SensorView(NamedTuple):
         scene: The scene, with its speeds relative to the sensor.
         motion: The motion without velocity, in its `canonical_motion`.
         shutter: Transmittance behind the scene's device.
-        velocity: Velocity of the sensor, which is taken from all speeds; px/s, scalar.
+        velocity: Velocity of the sensor, which was subtracted from all speeds; px/s, scalar.
     """
 
     scene: Scene
     motion: AbstractMotion
     shutter: AbstractShutter
-    velocity: Array
+    velocity: Float[Array, ""]
 
 
 class SampledView(NamedTuple):
-    """What a response is computed from; `respond` makes one of it.
+    """A scene and a design in the frame of the sensor, and the sizes of their response.
+
+    `respond` computes the response.
 
     Attributes:
-        scene: Speeds relative to the sensor, those that the plan keeps; no picture, no motion.
+        scene: The speeds that the plan keeps, relative to the sensor; no picture, no motion.
         motion: The motion without velocity, in its `canonical_motion`.
         shutter: Transmittance behind the scene's device, as pieces.
-        plan: Taps, frequencies and quadrature nodes.
-        parts: Parts of the response that are wanted.
+        plan: Numbers of taps, frequencies and quadrature nodes.
+        parts: Parts of the response to compute.
+        nodes: Quadrature nodes of the shutter where a caller has them; None elsewhere.
     """
 
     scene: Scene
@@ -69,6 +73,7 @@ class SampledView(NamedTuple):
     shutter: AbstractPiecewiseShutter
     plan: Plan
     parts: Parts
+    nodes: ExposureQuadrature | None = None
 
 
 def sensor_view(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> SensorView:
@@ -78,15 +83,47 @@ def sensor_view(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) 
         ValueError: if the scene is none, or the motion.
     """
     canonical = canonical_motion(motion)
-    seen, still = seen_from(scene, canonical)
-    return SensorView(seen, still, scene.light(shutter, motion), canonical.velocity)
+    panned_scene, without_pan = seen_from(scene, canonical)
+    shutter = transmittance(scene, motion, shutter)
+    return SensorView(panned_scene, without_pan, shutter, canonical.velocity)
 
 
 def transmittance(
     scene: Scene, motion: AbstractMotion | ArrayLike, shutter: AbstractShutter
-) -> AbstractPiecewiseShutter:
-    """Transmittance behind a scene's device, as pieces; arguments as those of `Scene.light`."""
-    return piecewise(scene.light(shutter, motion))
+) -> AbstractShutter:
+    """Transmittance behind a scene's device.
+
+    Args:
+        scene: The scene.
+        motion: Motion of the sensor, or its half exposure, s.
+        shutter: The profile; a transmittance that a device has made of one stays as it is.
+    """
+    return scene.light(shutter, motion)
+
+
+def planned_view(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    plan: Plan,
+    *,
+    parts: Parts,
+    nodes: ExposureQuadrature | None = None,
+) -> SampledView:
+    """A `reduced` scene and a design as the sensor sees them, in the sizes of a plan.
+
+    The caller answers for the sizes: a search checks them once for all of its designs.
+
+    Args:
+        scene: The scene, `reduced`.
+        motion: Motion of the sensor.
+        shutter: The profile, or the transmittance that a device has made of one.
+        plan: The plan.
+        parts: Parts of the response to compute.
+        nodes: Quadrature nodes of the shutter where the caller has them.
+    """
+    view = sensor_view(scene, motion, shutter)
+    return SampledView(view.scene, view.motion, piecewise(view.shutter), plan, parts, nodes)
 
 
 def sampled_view(
@@ -98,35 +135,43 @@ def sampled_view(
 ) -> SampledView:
     """A scene and a design as the sensor sees them, in the sizes that their response takes.
 
-    A motion that is traced is refused, when it is run, if a plan made here has too few taps, nodes
-    or frequencies for those parts of its response that are used.
+    If the plan is made here for a traced motion, running it is an error where the motion needs more
+    taps, nodes or frequencies than the plan has.
 
     Args:
         scene: The scene.
         motion: Motion of the sensor.
         shutter: The profile, or the transmittance that a device has made of one.
         plan: A plan, or the argument `plan=` that stands for one.
-        parts: Parts of the response that are wanted, which may depend on the plan.
+        parts: Parts of the response to compute, which may depend on the plan.
 
     Raises:
         ValueError: if the scene is none, or the motion, or the plan.
     """
     require_plan(plan)
     view = sensor_view(scene, motion, shutter)
-    chosen, still = plan, view.motion
-    if not isinstance(chosen, Plan):
-        everything = chosen is None
-        chosen = sizes(view.scene, still) if everything else automatic(view.scene, still, shutter)
-    wanted = parts if isinstance(parts, Parts) else parts(chosen)
-    if not isinstance(plan, Plan) and not all_concrete(primal_values((view.scene.speeds, still))):
-        still = _refused_beyond(chosen, view.scene, still, wanted)
-    return SampledView(reduced(view.scene, chosen), still, piecewise(view.shutter), chosen, wanted)
+    own_plan, view_motion = _plan_of(view, shutter, plan), view.motion
+    own_parts = parts if isinstance(parts, Parts) else parts(own_plan)
+    is_traced = not all_concrete(primal_values((view.scene.speeds, view_motion)))
+    if is_traced and not isinstance(plan, Plan):
+        view_motion = _refused_beyond(own_plan, view.scene, view_motion, own_parts)
+    scene = reduced(view.scene, own_plan)
+    return SampledView(scene, view_motion, piecewise(view.shutter), own_plan, own_parts)
+
+
+def _plan_of(view: SensorView, shutter: AbstractShutter, plan: Plan | Automatic | None) -> Plan:
+    """The plan that an argument `plan=` stands for."""
+    if isinstance(plan, Plan):
+        return plan
+    if plan is None:
+        return sizes(view.scene, view.motion)
+    return automatic(view.scene, view.motion, shutter)
 
 
 def _refused_beyond(
     plan: Plan, scene: Scene, motion: AbstractMotion, parts: Parts
 ) -> AbstractMotion:
-    """A motion that is traced, an error where it exceeds the sizes of a plan."""
+    """A traced motion, with a run-time error where it exceeds the sizes of a plan."""
     fastest = scene.max_speed
     if parts.kernels:
         reach = support(motion, fastest if parts.differences else jnp.zeros_like(fastest))
@@ -137,7 +182,7 @@ def _refused_beyond(
         most = velocity_held(plan.num_nodes)
         requirement = f"be passed at no more than {most} px per half exposure"
         motion = _refused(motion, velocity > most, requirement)
-        # A search is rough where it may be, on fewer frequencies than hold all light.
+        # A search takes fewer frequencies than hold all light, where its designs allow that.
         if plan_of_traced_search.value is None:
             furthest = most_spread(plan.num_frequencies)
             requirement = f"spread light over at most {furthest:.0f} px"
@@ -145,7 +190,9 @@ def _refused_beyond(
     return motion
 
 
-def _refused(motion: AbstractMotion, exceeds: ArrayLike, requirement: str) -> AbstractMotion:
+def _refused(
+    motion: AbstractMotion, exceeds: Bool[Array | np.ndarray, ""], requirement: str
+) -> AbstractMotion:
     """The motion, which is an error, when it is run, where it `exceeds` a requirement."""
     where = "where it or the scene's limits are traced"
     message = f"`motion` must {requirement} {where}; got one that exceeds it."

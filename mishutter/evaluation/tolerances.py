@@ -1,11 +1,11 @@
-"""What each tolerance of a scene costs a design: where an engineer's money is best spent."""
+"""The cost of each tolerance of a scene: where an engineer's money is best spent."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from mishutter._core import compiled, outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
@@ -27,13 +27,13 @@ _ALL = "all"
 
 @dataclass(frozen=True)
 class ToleranceCost:
-    """One tolerance, and what it costs a design by itself.
+    """One tolerance, and its cost for a design by itself.
 
     Attributes:
         name: The field of `Tolerances`; "all" for all of them together.
         size: The tolerance in words, with its unit.
-        cost: Fall of the expected PSNR where the decoder knows how its errors are distributed; dB.
-        unaware_cost: The same where the decoder is made for a camera without errors; dB.
+        cost: Fall of the expected PSNR for a decoder that knows the distribution of the errors; dB.
+        unaware_cost: Fall for a decoder that is made for a camera without errors; dB.
     """
 
     name: str
@@ -44,11 +44,11 @@ class ToleranceCost:
 
 @dataclass(frozen=True)
 class ToleranceCosts:
-    """What the tolerances of a scene cost a design.
+    """Costs of the tolerances of a scene for a design.
 
     Attributes:
-        expected_psnr: Of a camera without errors; dB.
-        rows: One a tolerance that is not 0, and all of them last.
+        expected_psnr: Expected PSNR of a camera without errors; dB.
+        rows: Cost of each tolerance that is not 0, and last of all of them together.
     """
 
     expected_psnr: float
@@ -62,14 +62,14 @@ class ToleranceCosts:
 
     @property
     def verdict(self) -> str:
-        """What to spend money on, in a sentence."""
+        """The tolerance to spend money on, in a sentence."""
         largest = self.largest
         if largest is None:
             return "No tolerance costs anything."
         share = f"{largest.cost:z.3f} of {self.rows[-1].cost:z.3f} dB"
         return f"The largest is the {largest.name}, {largest.size}: {share}."
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The table as plain numbers and text."""
         rows = [
             {
@@ -97,13 +97,13 @@ class ToleranceCosts:
 def tolerance_costs(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
 ) -> ToleranceCosts:
-    """Measure what each of a scene's tolerances costs a design by itself, and all together.
+    """Measures the cost of each of a scene's tolerances for a design, and of all together.
 
-    A decoder that knows how its errors are distributed is the best single linear filter for
-    them; one that is unaware is the best of a camera without errors.
+    A decoder that knows the distribution of the errors is the best single linear filter for
+    them; one that is unaware is the best filter of a camera without errors.
 
     Args:
-        scene: Speeds, light, noise and tolerances, whose numbers are known.
+        scene: Speeds, light, noise and tolerances; concrete.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
 
@@ -115,15 +115,14 @@ def tolerance_costs(
     tolerances = scene.tolerances
     if tolerances is None:
         raise ValueError("`tolerance_costs(scene=...)` must have tolerances; got none.")
-    kept = {n: getattr(tolerances, n) for n in TOLERANCE_NAMES if float(getattr(tolerances, n)) > 0}
-    alone = {name: tolerances.alone(name) for name in kept}
-    sizes = {name: _size(scene, name) for name in kept}
-    nominal, rows = 0.0, []
-    for name, some in (alone | {_ALL: tolerances}).items():
-        within = eqx.tree_at(lambda s: s.tolerances, scene, some)
-        nominal, aware, unaware = _levels(within, motion, shutter)
-        cost, unaware_cost = nominal - aware, nominal - unaware
-        rows.append(ToleranceCost(name, sizes.get(name, ""), cost, unaware_cost))
+    names = [name for name in TOLERANCE_NAMES if float(getattr(tolerances, name)) > 0]
+    rows, nominal = [], 0.0
+    for name in (*names, _ALL):
+        some = tolerances if name == _ALL else tolerances.alone(name)
+        levels = _levels(eqx.tree_at(lambda s: s.tolerances, scene, some), motion, shutter)
+        nominal, size = levels.nominal, "" if name == _ALL else _size(scene, name)
+        cost, unaware_cost = nominal - levels.aware, nominal - levels.unaware
+        rows.append(ToleranceCost(name, size, cost, unaware_cost))
     return ToleranceCosts(nominal, tuple(rows))
 
 
@@ -135,21 +134,27 @@ def _size(scene: Scene, name: str) -> str:
     return f"{size} in {float(scene.tolerances.drive_step) * 1e6:.4g} us"  # type: ignore[union-attr]
 
 
-def _levels(
-    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
-) -> tuple[float, float, float]:
+class _Levels(NamedTuple):
     """Expected PSNR without errors, with them, and with them by an unaware decoder; dB."""
+
+    nominal: float
+    aware: float
+    unaware: float
+
+
+def _levels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> _Levels:
+    """Expected PSNR of a design."""
     view = sampled_view(scene, motion, shutter, PLANNED, ONLY_SPECTRA)
     without = view._replace(scene=without_tolerances(view.scene))
     errors = _errors(view.scene, view.motion, records(view), records(without), view.plan)
-    nominal, aware, unaware = (float(level) for level in -10 * jnp.log10(jnp.stack(errors)))
-    return nominal, aware, unaware
+    return _Levels(*(float(level) for level in -10 * jnp.log10(jnp.stack(errors))))
 
 
 @compiled
 def _errors(
     scene: Scene, motion: AbstractMotion, recorded: Records, without: Records, plan: Plan
-) -> tuple[Array, Array, Array]:
+) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    """Squared errors in the order of `_Levels`."""
     nominal_scene = without_tolerances(scene)
     response = assembled(scene, recorded, plan)
     nominal = assembled(nominal_scene, without, plan)

@@ -32,6 +32,7 @@ from mishutter.model.motion import AbstractMotion as AbstractMotion
 from mishutter.model.motion import AbstractSteadyMotion as AbstractSteadyMotion
 from mishutter.model.motion import FreeMotion as FreeMotion
 from mishutter.model.motion import LinearMotion as LinearMotion
+from mishutter.model.motion import MotionNumbers as MotionNumbers
 from mishutter.model.motion import ParabolicMotion as ParabolicMotion
 from mishutter.model.motion import StillCamera as StillCamera
 from mishutter.model.motion import as_parabolic as as_parabolic

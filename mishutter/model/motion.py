@@ -7,10 +7,10 @@ import itertools
 import operator
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, cast, final
+from typing import Any, ClassVar, NamedTuple, cast, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -37,6 +37,30 @@ Positions = Array | np.ndarray | np.floating
 """Numbers of NumPy where everything is known and NumPy asks, and of JAX elsewhere."""
 
 
+class MotionNumbers(NamedTuple):
+    """The numbers that tell motions of one kind apart.
+
+    Attributes:
+        acceleration: $a$, of a free path the mean of its pieces; px/s^2, scalar.
+        half_exposure: $T$; s, scalar.
+        velocity: $v$ at mid-exposure; px/s, scalar.
+        pieces: Accelerations of the equal pieces of a free path, as multiples of their mean; shape
+            `(K,)`. None of other kinds.
+    """
+
+    acceleration: Array
+    half_exposure: Array
+    velocity: Array
+    pieces: Array | None = None
+
+
+class FixedParts(NamedTuple):
+    """Parts of a motion that its kind fixes, and the request of an error to leave them so."""
+
+    names: frozenset[str]
+    request: str
+
+
 class AbstractMotion(eqx.Module):
     r"""A sensor on a path $x(t)$, $t \in [-T, T]$, which counts from mid-exposure.
 
@@ -46,10 +70,13 @@ class AbstractMotion(eqx.Module):
 
     half_exposure: eqx.AbstractVar[Array]
     velocity: eqx.AbstractVar[Array]
+    accelerates_constantly: eqx.AbstractClassVar[bool]
+    fixed: eqx.AbstractClassVar[FixedParts]
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
-        numbers = (f"{name}={_shown(getattr(self, name))}" for name in self.__dataclass_fields__)
+        names = [field.name for field in fields(self)]
+        numbers = (f"{name}={_shown(getattr(self, name))}" for name in names)
         return f"{type(self).__name__}({', '.join(numbers)})"
 
     @property
@@ -119,6 +146,27 @@ class AbstractMotion(eqx.Module):
             max_speed: Greatest speed of an object; px/s.
         """
 
+    @abstractmethod
+    def with_numbers(self, numbers: MotionNumbers) -> "AbstractMotion":
+        """The motion of this kind that has other numbers, but for those that the kind fixes."""
+
+    @abstractmethod
+    def as_free_path(self) -> "FreeMotion":
+        """The motion as a path of pieces."""
+
+    @abstractmethod
+    def acceleration_shares(self, num_pieces: int) -> Array:
+        """Accelerations of equal pieces over their mean, those below 0 as 0; shape `(num_pieces,)`.
+
+        Args:
+            num_pieces: Number of pieces; those of a free path.
+        """
+
+    @property
+    @abstractmethod
+    def mean_acceleration(self) -> Array:
+        """$a$, of a free path the mean of its pieces; px/s^2."""
+
     @property
     @abstractmethod
     def mirrors(self) -> bool:
@@ -163,6 +211,24 @@ class AbstractSteadyMotion(AbstractMotion):
     """
 
     acceleration: eqx.AbstractVar[Array]
+    accelerates_constantly: ClassVar[bool] = True
+
+    def as_free_path(self) -> "FreeMotion":
+        """A `FreeMotion` on the same path."""
+        return FreeMotion.fit(self)
+
+    def acceleration_shares(self, num_pieces: int) -> Array:
+        """Ones.
+
+        Args:
+            num_pieces: Number of pieces.
+        """
+        return jnp.ones(num_pieces, self.half_exposure.dtype)
+
+    @property
+    def mean_acceleration(self) -> Array:
+        """$a$; px/s^2."""
+        return self.acceleration
 
     def position(self, time: RowLike) -> Positions:
         """$v t + a t^2$; px, shape of `time`."""
@@ -264,6 +330,7 @@ class ParabolicMotion(AbstractSteadyMotion):
     acceleration: Array
     half_exposure: Array
     velocity: Array
+    fixed: ClassVar[FixedParts] = FixedParts(frozenset(), "move")
 
     def __init__(
         self, *, acceleration: ArrayLike, half_exposure: ArrayLike, velocity: ArrayLike = 0.0
@@ -276,6 +343,13 @@ class ParabolicMotion(AbstractSteadyMotion):
         _check_acceleration(self.acceleration)
         _check_half_exposure("ParabolicMotion(half_exposure=...)", self.half_exposure)
         _check_velocity("ParabolicMotion(velocity=...)", self.velocity)
+
+    def with_numbers(self, numbers: MotionNumbers) -> "ParabolicMotion":
+        """The parabola of other numbers."""
+        acceleration, half_exposure, velocity, _ = numbers
+        return ParabolicMotion(
+            acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
+        )
 
 
 @final
@@ -307,6 +381,11 @@ class FreeMotion(AbstractMotion):
     half_exposure: Array
     velocity: Array
     durations: tuple[float, ...] | None = eqx.field(static=True)
+    accelerates_constantly: ClassVar[bool] = False
+    fixed: ClassVar[FixedParts] = FixedParts(
+        frozenset({"half_exposure", "acceleration", "velocity"}),
+        "name path, or leave a free path as it is",
+    )
 
     def __init__(
         self,
@@ -361,6 +440,33 @@ class FreeMotion(AbstractMotion):
         pan = jnp.interp(jnp.zeros_like(half), ends, velocity)
         rates = jnp.diff(velocity) / (np.diff(ends) * (2 * half))
         return cls(accelerations=rates, half_exposure=half, velocity=pan)
+
+    def with_numbers(self, numbers: MotionNumbers) -> "FreeMotion":
+        """The path of equal pieces of other numbers."""
+        acceleration, half_exposure, velocity, pieces = numbers
+        return FreeMotion(
+            accelerations=acceleration * (1.0 if pieces is None else pieces),
+            half_exposure=half_exposure,
+            velocity=velocity,
+        )
+
+    def as_free_path(self) -> "FreeMotion":
+        """The path itself."""
+        return self
+
+    def acceleration_shares(self, num_pieces: int) -> Array:
+        """Accelerations over their mean, those below 0 as 0; shape `(K,)`.
+
+        Args:
+            num_pieces: Number of pieces, $K$.
+        """
+        shares = jnp.maximum(self.accelerations, 0)
+        return shares / jnp.where(jnp.any(shares > 0), jnp.mean(shares), 1.0)
+
+    @property
+    def mean_acceleration(self) -> Array:
+        """Mean of the pieces, however long each of them is; px/s^2."""
+        return jnp.mean(self.accelerations)
 
     def position(self, time: RowLike) -> Positions:
         r"""$v t + 2\int_0^t (t - t')\,a(t')\,dt'$; px, shape of `time`.
@@ -589,6 +695,9 @@ class LinearMotion(AbstractStraightMotion):
 
     half_exposure: Array
     velocity: Array
+    fixed: ClassVar[FixedParts] = FixedParts(
+        frozenset({"path", "acceleration"}), "leave a pan its constant velocity"
+    )
 
     def __init__(self, *, half_exposure: ArrayLike, velocity: ArrayLike = 0.0):
         self.half_exposure = as_float(half_exposure, "LinearMotion(half_exposure=...)")
@@ -597,6 +706,10 @@ class LinearMotion(AbstractStraightMotion):
     def __check_init__(self) -> None:
         _check_half_exposure("LinearMotion(half_exposure=...)", self.half_exposure)
         _check_velocity("LinearMotion(velocity=...)", self.velocity)
+
+    def with_numbers(self, numbers: MotionNumbers) -> "LinearMotion":
+        """The pan of another exposure and velocity."""
+        return LinearMotion(half_exposure=numbers.half_exposure, velocity=numbers.velocity)
 
 
 @final
@@ -611,12 +724,19 @@ class StillCamera(AbstractStraightMotion):
     """
 
     half_exposure: Array
+    fixed: ClassVar[FixedParts] = FixedParts(
+        frozenset({"path", "acceleration", "velocity"}), "leave a still camera at rest"
+    )
 
     def __init__(self, *, half_exposure: ArrayLike):
         self.half_exposure = as_float(half_exposure, "StillCamera(half_exposure=...)")
 
     def __check_init__(self) -> None:
         _check_half_exposure("StillCamera(half_exposure=...)", self.half_exposure)
+
+    def with_numbers(self, numbers: MotionNumbers) -> "StillCamera":
+        """The camera at rest of another exposure."""
+        return StillCamera(half_exposure=numbers.half_exposure)
 
     @property
     def velocity(self) -> Array:  # type: ignore[override]

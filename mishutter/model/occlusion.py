@@ -36,7 +36,9 @@ class LayerShares(eqx.Module):
         objects: Share of the objects' texture; shape `(m,)`.
         background: Share of the background's own texture; shape `(m,)`.
         same: Share of the beat where both layers have one speed; shape `(m,)`.
-        beat: Share of the beat of each pair of speeds at each effective speed; `(m, b, n, k)`.
+        beat: Share of the beat of each pair of speeds at each effective speed, times how often the
+            speed of its background occurs; `(b, n, k, m)`.
+        beat_of_objects: The sum over all backgrounds; `(n, k, m)`.
         background_speeds: Speeds of the background; px/s, shape `(b,)`.
         background_weights: How often each occurs; shape `(b,)`.
         speeds: Effective speeds; px/s, shape `(k,)`.
@@ -50,6 +52,7 @@ class LayerShares(eqx.Module):
     background: Array
     same: Array
     beat: Array
+    beat_of_objects: Array
     background_speeds: Array
     background_weights: Array
     speeds: Array

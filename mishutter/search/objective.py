@@ -1,20 +1,20 @@
 """The loss as a function of a point in the design space, ready to be compiled.
 
-Where only a profile moves that is linear in its coordinates, and the loss sees it
-through its response, the response of each coordinate is computed once and a step of
-the solver costs a matrix product.
+Where a profile moves alone that is linear in its coordinates, and the loss depends on it through
+its response, the response of each coordinate is computed once and a step of the solver costs a
+matrix product.
 """
 
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from mishutter._core import common_dtype, compiled
 from mishutter.blur import ExposureQuadrature, exposure_quadrature, path_ends
@@ -24,18 +24,16 @@ from mishutter.evaluation import (
     AbstractResponseLoss,
     Parts,
     Plan,
-    Records,
     Response,
-    SampledView,
     assembled,
-    folded,
     one_real_number,
     plan_of_traced_search,
+    planned_view,
     records,
+    reduced,
     require_sizes,
+    respond,
     size_class,
-    spectra_of,
-    transmittance,
     value_of,
 )
 from mishutter.model import (
@@ -43,7 +41,6 @@ from mishutter.model import (
     AbstractMotion,
     RectShutter,
     Scene,
-    seen_from,
 )
 from mishutter.search.space import DesignSpace
 
@@ -52,8 +49,8 @@ class AbstractObjective(eqx.Module):
     """A scalar function of box coordinates."""
 
     @abstractmethod
-    def __call__(self, box: Array) -> Array:
-        """Loss at a point of the unit box; scalar."""
+    def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
+        """Loss at a point of the unit box."""
 
     @property
     @abstractmethod
@@ -62,7 +59,7 @@ class AbstractObjective(eqx.Module):
 
 
 def _many_at_once() -> bool:
-    """Whether waves of many points are best at hand together: those of one fit a CPU's cache."""
+    """Whether the waves of many points are best computed together: a CPU's cache fits one's."""
     return jax.default_backend() != "cpu"
 
 
@@ -75,7 +72,7 @@ class DesignObjective(AbstractObjective):
     space: DesignSpace
     plan: Plan = eqx.field(static=True)
 
-    def __call__(self, box: Array) -> Array:
+    def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
         shutter, motion = self.space.at(box)
         with plan_of_traced_search(self.plan):
             value = value_of(self.loss, self.scene, motion, shutter, self.plan)
@@ -88,11 +85,11 @@ class DesignObjective(AbstractObjective):
 
 @final
 class SpectralObjective(AbstractObjective):
-    """The loss of the design at each point where it sees transfer functions alone.
+    """The loss of the design at each point where it depends on transfer functions alone.
 
     Attributes:
-        nodes: Quadrature nodes of a shutter that stays, which windows of every kind share a
-            program by; None where it moves.
+        nodes: Quadrature nodes of a fixed shutter, by which windows of every kind share a program;
+            None where the shutter moves.
     """
 
     loss: AbstractResponseLoss
@@ -101,16 +98,13 @@ class SpectralObjective(AbstractObjective):
     nodes: ExposureQuadrature | None
     plan: Plan = eqx.field(static=True)
 
-    def __call__(self, box: Array) -> Array:
+    def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
         shutter, motion = self.space.at(box)
-        nodes, plan = self.nodes, _plan_of_spectra(self.plan)
-        if nodes is None:
-            dtype = np.dtype(box.dtype)
-            nodes = exposure_quadrature(shutter, self.plan.num_nodes, dtype, path_ends(motion))
-        scene, motion = seen_from(self.scene, motion)
-        spectra = spectra_of(scene, nodes, motion, plan.num_frequencies, plan.num_kept)
-        response = assembled(scene, Records(jnp.zeros(0), spectra, nodes.efficiency), plan)
-        value = self.loss.of_response(scene, motion, response, plan)
+        view = planned_view(
+            self.scene, motion, shutter, self.plan, parts=ONLY_SPECTRA, nodes=self.nodes
+        )
+        plan = _plan_of_spectra(self.plan)
+        value = self.loss.of_response(view.scene, view.motion, respond(view), plan)
         return one_real_number(self.loss, value).astype(box.dtype)
 
     @property
@@ -123,19 +117,19 @@ class LinearObjective(AbstractObjective):
     """The loss of a weighted sum of responses, one a coordinate of the profile.
 
     Attributes:
-        basis: The response of a closed profile, which a device may leak, then what each
-            coordinate adds to it, as rows of real numbers; shape `(size + 1, k)`.
-        layout: How such a row is taken apart.
+        basis: The response of a closed profile, through which a device may leak light, then the
+            contribution of each coordinate, as rows of real numbers.
+        layout: The places of the parts of a response in such a row.
     """
 
     loss: AbstractResponseLoss
     scene: Scene
     motion: AbstractMotion
-    basis: Array
+    basis: Float[Array, "rows k"]
     layout: "Layout" = eqx.field(static=True)
     plan: Plan = eqx.field(static=True)
 
-    def __call__(self, box: Array) -> Array:
+    def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
         response = self.layout.response(self.basis[0] + box @ self.basis[1:])
         return self.loss.of_response(self.scene, self.motion, response, self.plan)
 
@@ -144,10 +138,21 @@ class LinearObjective(AbstractObjective):
         return True
 
 
+SearchedObjective = DesignObjective | SpectralObjective | LinearObjective
+
+
 def objective_of(
     loss: AbstractLoss, scene: Scene, space: DesignSpace, plan: Plan
-) -> AbstractObjective:
-    """The cheapest exact form of the loss over the space."""
+) -> SearchedObjective:
+    """The cheapest exact form of the loss over the space.
+
+    Args:
+        loss: The loss.
+        scene: The scene, in the frame of the search.
+        space: The designs.
+        plan: The plan of the computation, which reduces the scene.
+    """
+    scene = reduced(scene, plan)
     linear = isinstance(space.shutter, AbstractAdjustableShutter) and space.shutter.linear
     linear = linear and (scene.device is None or scene.device.is_linear)
     alone = plan.skips and space.free == ("shutter",) and linear
@@ -161,22 +166,30 @@ def objective_of(
         # Rounding to two numbers an octave lets scenes of other speeds share programs.
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free and not space.lags:
-            light = space.light(space.shutter, space.motion.half_exposure)
-            nodes = exposure_quadrature(light, plan.num_nodes, space.dtype, path_ends(space.motion))
+            profile = space.transmittance(space.shutter, space.motion.half_exposure)
+            ends = path_ends(space.motion)
+            nodes = exposure_quadrature(profile, plan.num_nodes, space.dtype, ends)
             space = replace(space, shutter=RectShutter())
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
 
 
 def _plan_of_spectra(plan: Plan) -> Plan:
-    """A plan without the sizes that a loss of transfer functions does not see: more are equal."""
-    unseen = {"num_taps": 1, "dft_length": 1, "loss_dft_length": None, "num_nodes": 1}
-    return replace(plan, **unseen, folds=False, still=False)
+    """A plan without the sizes that a loss of transfer functions does not use: more are equal."""
+    return replace(
+        plan,
+        num_taps=1,
+        dft_length=1,
+        loss_dft_length=None,
+        num_nodes=1,
+        folds=False,
+        still=False,
+    )
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where in a row of real numbers the parts of a response lie.
+    """Places of the parts of a response in a row of real numbers.
 
     Attributes:
         num_still: Numbers that stand for the still object's kernel.
@@ -190,66 +203,55 @@ class Layout:
     spectrum_size: int
     spectra_shape: tuple[int, ...]
 
-    def response(self, row: Array) -> Response:
+    def response(self, row: Float[Array, "k"]) -> Response:
         """The response that such a row stands for."""
         sizes = [self.num_still, self.num_differences]
         sizes += [self.spectrum_size, math.prod(self.spectra_shape)] * 2
-        *parts, light = jnp.split(row, np.cumsum(sizes).tolist())
-        still, differences, spectrum, spectra, spectrum_imag, spectra_imag = parts
+        parts = jnp.split(row, np.cumsum(sizes).tolist())
+        still, differences, spectrum, spectra, spectrum_imag, spectra_imag, efficiency = parts
         return Response(
             still,
             jax.lax.complex(spectrum, spectrum_imag),
             differences,
             jax.lax.complex(spectra, spectra_imag).reshape(self.spectra_shape),
-            light[0],
+            efficiency[0],
         )
 
 
 def _basis(
-    space: DesignSpace, scene: Scene, plan: Plan, parts_wanted: Parts
-) -> tuple[Array, Layout]:
-    """Response of a closed profile and what each coordinate adds to it, and their layout."""
-    recorded = _records_of_each(scene, space.motion, space.shutter, space.size, plan, parts_wanted)
-    kernels, spectra, light = (
-        np.concatenate([part[:1], part[1:] - part[:1]]) for part in map(np.asarray, recorded)
+    space: DesignSpace, scene: Scene, plan: Plan, parts: Parts
+) -> tuple[Float[Array, "rows k"], Layout]:
+    """Response of a closed profile, the contribution of each coordinate, and their layout."""
+    responses = _responses_of_each(scene, space, plan, parts)
+    each = jax.tree.map(lambda x: np.concatenate([x[:1], x[1:] - x[:1]]), jax.device_get(responses))
+    still, differences = _triangular(each.still_kernel), _triangular(each.differences)
+    efficiency, waves = each.efficiency, (each.still_spectrum, each.spectra)
+    rows = [still, differences, *map(np.real, waves), *map(np.imag, waves), efficiency]
+    flat = [np.reshape(part, (efficiency.size, -1)) for part in rows]
+    layout = Layout(
+        still.shape[1], differences.shape[1], each.still_spectrum.shape[1], each.spectra.shape[1:]
     )
-    still = spectrum = differences = np.zeros((light.size, 0), light.dtype)
-    if parts_wanted.kernels:
-        shares = np.sqrt(np.asarray(scene.weights, light.dtype))[: kernels.shape[1] - 1, None]
-        spectrum = np.fft.rfft(*folded(kernels[:, 0], plan))
-        still = _triangular(kernels[:, 0])
-        differences = _triangular(shares * (kernels[:, 1:] - kernels[:, :1]))
-    waves = spectrum, spectra
-    parts = [still, differences, *map(np.real, waves), *map(np.imag, waves), light]
-    rows = np.concatenate([np.reshape(part, (light.size, -1)) for part in parts], axis=1)
-    layout = Layout(still.shape[1], differences.shape[1], spectrum.shape[1], spectra.shape[1:])
-    return jax.device_put(rows.astype(light.dtype)), layout
+    return jax.device_put(np.concatenate(flat, axis=1).astype(efficiency.dtype)), layout
 
 
 @compiled
-def _records_of_each(
-    scene: Scene,
-    motion: AbstractMotion,
-    profile: Any,
-    num_coordinates: int,
-    plan: Plan,
-    parts_wanted: Parts,
-) -> Records:
-    """Records of a closed profile, and of one with each coordinate alone at 1; one program."""
+def _responses_of_each(scene: Scene, space: DesignSpace, plan: Plan, parts: Parts) -> Response:
+    """Responses of a closed profile, and of one with each coordinate alone at 1; one program."""
 
-    def one(corner: Array) -> Records:
-        passed = transmittance(scene, motion, profile.at(corner))
-        return records(SampledView(scene, motion, passed, plan, parts_wanted))
+    def one(corner: Float[Array, "size"]) -> Response:
+        profile = space.shutter.at(corner)  # type: ignore[attr-defined]
+        view = planned_view(scene, space.motion, profile, plan, parts=parts)
+        return assembled(scene, records(view), plan)
 
-    dtype = common_dtype(motion.half_exposure, scene.speeds)
-    corners = jnp.eye(num_coordinates + 1, num_coordinates, -1, dtype=dtype)
+    dtype = common_dtype(space.motion.half_exposure, scene.speeds)
+    corners = jnp.eye(space.size + 1, space.size, -1, dtype=dtype)
     return jax.lax.map(one, corners)
 
 
-def _triangular(rows: np.ndarray) -> np.ndarray:
-    r"""Rows that only count by their sum of squares, rotated to a few.
+def _triangular(rows: np.ndarray) -> Float[np.ndarray, "rows k"]:
+    r"""Rows that only count by their sum of squares, rotated to a few numbers.
 
     $\|\sum_j c_j d_j\| = \|R c\|$ for the triangular factor $R$ of the $d_j$ as columns:
     as many numbers as coordinates stand for all taps at all speeds.
     """
-    return np.transpose(np.asarray(np.linalg.qr(rows.reshape(rows.shape[0], -1).T, mode="r")))
+    return np.transpose(np.asarray(np.linalg.qr(rows.reshape(len(rows), -1).T, mode="r")))

@@ -1,14 +1,13 @@
 """The plan of a scene leaves out the work that cannot change a result."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import product
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, Float
 
 from mishutter._core import compiled, require_known
 from mishutter.evaluation import (
@@ -16,6 +15,7 @@ from mishutter.evaluation import (
     AbstractLoss,
     AbstractResponseLoss,
     Item,
+    LossFunction,
     Plan,
     WeightedSum,
     as_loss,
@@ -35,10 +35,9 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Scene,
-    seen_from,
     settled,
 )
-from mishutter.search.space import FREE_NAMES, DesignSpace, design_space
+from mishutter.search.space import FREE_NAMES, DesignSpace, design_space, search_frame
 
 
 @dataclass(frozen=True)
@@ -46,36 +45,43 @@ class Needs:
     """The numbers that a loss, or all metrics, are made from.
 
     Attributes:
-        kernels: Whether a kernel is.
-        differences: Whether kernels of moving objects are.
-        spectra: Whether transfer functions are.
-        only_error: Whether these only serve the expected error, which a frequency
-            without power adds nothing to.
-        terms: Terms of the loss that were given, and that have weight.
+        kernels: Whether they are made from a kernel.
+        differences: Whether they are made from kernels of moving objects.
+        spectra: Whether they are made from transfer functions.
+        only_error: Whether the transfer functions serve the expected error alone, to which a
+            frequency without power adds nothing.
+        num_terms: Number of terms of the loss.
+        num_weighty: Number of terms that have a weight.
     """
 
     kernels: bool = True
     differences: bool = True
     spectra: bool = True
     only_error: bool = False
-    terms: tuple[int, int] = (1, 1)
+    num_terms: int = 1
+    num_weighty: int = 1
 
 
 def needs_of(loss: AbstractLoss | None) -> Needs:
-    """The needs of a loss; everything where they are not known."""
+    """The needs of a loss; everything without a loss, or for one of a user's own."""
     if loss is None:
         return Needs()
-    given = loss.needed(skips=False) if isinstance(loss, WeightedSum) else [(loss, 1.0)]
-    kept = loss.needed(skips=True) if isinstance(loss, WeightedSum) else given
-    count = len(given), len(kept)
-    terms = [term for term, _ in kept]
-    if not all(isinstance(term, AbstractResponseLoss) for term in terms):
-        return Needs(terms=count)
+    every = loss.needed(skips=False) if isinstance(loss, WeightedSum) else [(loss, 1.0)]
+    weighty = loss.needed(skips=True) if isinstance(loss, WeightedSum) else every
+    terms = [term for term, _ in weighty if isinstance(term, AbstractResponseLoss)]
+    if len(terms) < len(weighty):
+        return Needs(num_terms=len(every), num_weighty=len(weighty))
     skipping = Plan(1, 1, 1, 1, skips=True)
-    parts = [term.parts(skipping) for term in terms]  # type: ignore[attr-defined]
+    parts = [term.parts(skipping) for term in terms]
     errors = [t.decoder_speed is not None for t, p in zip(terms, parts, strict=True) if p.spectra]
-    kernels, spectra, differences = (any(flags) for flags in zip(*parts, strict=True))
-    return Needs(kernels, differences, spectra, all(errors), count)
+    return Needs(
+        kernels=any(part.kernels for part in parts),
+        differences=any(part.differences for part in parts),
+        spectra=any(part.spectra for part in parts),
+        only_error=all(errors),
+        num_terms=len(every),
+        num_weighty=len(weighty),
+    )
 
 
 def plan(
@@ -83,18 +89,18 @@ def plan(
     motion: AbstractMotion,
     shutter: AbstractShutter,
     *,
-    loss: AbstractLoss | Callable[..., Any] | None = None,
+    loss: LossFunction | None = None,
     free: str | Iterable[str] = (),
 ) -> Plan:
     """Plan the computation of a scene, with the reason for each part that is left out.
 
-    Only work that cannot change a result beyond rounding is left out.
+    The plan leaves out only work that changes a result by no more than rounding.
 
     Args:
         scene: Speeds, light, noise, spectrum and limits; concrete.
-        motion: Motion of the sensor; where it is free, that to start from.
-        shutter: Transmittance over the exposure; where it is free, that to start from.
-        loss: The loss whose value is planned; by default all that `evaluate` measures.
+        motion: Motion of the sensor; where it is free, the motion to start from.
+        shutter: Transmittance over the exposure; where it is free, the profile to start from.
+        loss: The loss whose value is planned; by default all metrics that `evaluate` measures.
         free: Parts that a search may move: `"shutter"`, `"path"`, `"half_exposure"`,
             `"velocity"`, `"acceleration"`.
 
@@ -114,9 +120,7 @@ def plan(
     """
     require_known("plan", motion=motion)
     names = (free,) if isinstance(free, str) else tuple(free)
-    motion = settled(motion)
-    if "velocity" not in names:
-        scene, motion = seen_from(scene, motion)
+    scene, motion = search_frame(scene, motion, names)
     space = design_space(scene, motion, shutter, names) if names else None
     loss = None if loss is None else as_loss(loss, "plan(loss=...)")
     return exact_plan(scene, motion, shutter, needs_of(loss), space)
@@ -135,7 +139,9 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     return reduce(larger, [sizes(scene, motion) for motion in motions])
 
 
-def design_at(space: DesignSpace, box: np.ndarray) -> tuple[AbstractShutter, AbstractMotion]:
+def design_at(
+    space: DesignSpace, box: Float[np.ndarray, "size"]
+) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
     motion = _motion_at(space, box)
     if space.device is None and not space.num_profile_coordinates:
@@ -143,26 +149,30 @@ def design_at(space: DesignSpace, box: np.ndarray) -> tuple[AbstractShutter, Abs
     return _shutter_at(space, box, motion.half_exposure), motion
 
 
-def _motion_at(space: DesignSpace, box: np.ndarray) -> AbstractMotion:
-    """The motion at a point of the box."""
+def _motion_at(space: DesignSpace, box: Float[np.ndarray, "size"]) -> AbstractMotion:
+    """The motion at a point of the box, of the kind that its numbers make it."""
     alone = space.of_motion
     return settled(_of_motion(alone, box[space.size - alone.size :]))
 
 
 @compiled
-def _of_motion(space: DesignSpace, box: ArrayLike) -> AbstractMotion:
+def _of_motion(space: DesignSpace, box: Float[Array | np.ndarray, "size"]) -> AbstractMotion:
     return space.at(jnp.asarray(box))[1]
 
 
 @compiled
-def _shutter_at(space: DesignSpace, box: ArrayLike, half_exposure: Array) -> AbstractShutter:
+def _shutter_at(
+    space: DesignSpace,
+    box: Float[Array | np.ndarray, "size"],
+    half_exposure: Float[Array, ""],
+) -> AbstractShutter:
     return space.shutter_at(jnp.asarray(box), half_exposure)
 
 
-def _corners(space: DesignSpace) -> list[np.ndarray]:
-    """Ends of the motion's coordinates; of two speeds, the middle velocity makes one.
+def _corners(space: DesignSpace) -> list[Float[np.ndarray, "size"]]:
+    """Corners of the motion's coordinates, and the middle velocity, at which two speeds are one.
 
-    A path travels furthest where all of its acceleration is in one piece, or in one of each half.
+    A path travels furthest with all of its acceleration in one piece, or in one of each half.
     """
     profile = np.full(space.num_profile_coordinates, 0.5)
     paths = np.eye(space.num_path_coordinates)
@@ -194,7 +204,7 @@ def exact_plan(
         tight = _sizes_of_motion(scene, motion, num_kept / full.num_frequencies, space is None)
         num_taps = min(num_taps, tight.num_taps)
         num_nodes = min(num_nodes, tight.num_nodes) if needs.only_error else num_nodes
-    kept = replace(
+    exact = replace(
         full,
         num_taps=num_taps,
         num_nodes=num_nodes,
@@ -203,28 +213,28 @@ def exact_plan(
         folds=folds,
         still=still,
     )
-    kept = kept if space is None else coarser(kept)
-    return replace(kept, items=items_of(scene, shutter, full, kept, needs, space))
+    exact = exact if space is None else coarser(exact)
+    items = items_of(scene, shutter, full, exact, needs=needs, space=space)
+    return replace(exact, items=items)
 
 
 def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: bool) -> Plan:
-    """Sizes for one motion, to one of two an octave, so that near scenes share a program.
+    """Sizes for one motion, rounded to two an octave, so that near scenes share a program.
 
     Where a search follows, they hold every speed that the motion keeps up with, so that
     scenes of other speeds share its program too.
     """
-    reach, velocity, _ = extent(scene, motion)
-    longest = 0.0 if alone else 4 * float(motion.stroke)
-    tight = sized_for(max(reach, longest), share * max(velocity, longest))
+    travel, longest = extent(scene, motion), 0.0 if alone else 4 * float(motion.stroke)
+    tight = sized_for(max(travel.reach, longest), share * max(travel.velocity, longest))
     return replace(
         tight, num_taps=size_class(tight.num_taps), num_nodes=size_class(tight.num_nodes)
     )
 
 
 def _frequencies_with_power(scene: Scene, full: Plan) -> int:
-    """How many of the lowest frequencies hold all power, to one of two sizes an octave."""
-    lit = np.flatnonzero(power_on_grid(scene, full.num_frequencies))
-    last = lit[-1] + 1 if lit.size else 1
+    """Number of the lowest frequencies that hold all power, rounded to two sizes an octave."""
+    places = np.flatnonzero(power_on_grid(scene, full.num_frequencies))
+    last = places[-1] + 1 if places.size else 1
     return min(full.num_frequencies, size_class(max(16, int(last))))
 
 
@@ -232,23 +242,24 @@ def items_of(
     scene: Scene,
     shutter: AbstractShutter,
     full: Plan,
-    kept: Plan,
+    exact: Plan,
+    *,
     needs: Needs,
     space: DesignSpace | None,
 ) -> tuple[Item, ...]:
     """The table of an exact plan, beside a full one."""
     return (
-        _speeds_item(scene, kept.folds, kept.still),
-        _kernels_item(needs, kept.still),
-        _taps_item(full, kept, needs, space),
+        _speeds_item(scene, exact.folds, exact.still),
+        _kernels_item(needs, exact.still),
+        _taps_item(full, exact, needs, space),
         Item(
             "DFT length",
             *_pair(full.dft_length),
             "four times the longest kernel; real taps, "
             f"hence {full.dft_length // 2 + 1} frequencies",
         ),
-        *_spectra_items(full, kept, needs, space),
-        *_layers_items(kept, needs),
+        *_spectra_items(full, exact, needs, space),
+        *_layers_items(exact, needs),
         *_terms_items(needs),
         *_search_items(shutter, space),
         _precision_item(scene),
@@ -260,20 +271,20 @@ def _pair(count: int) -> tuple[str, str]:
 
 
 def _speeds_item(scene: Scene, folds: bool, still: bool) -> Item:
-    given, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
-    every = distinct_speeds(scene, folds=False)[0].size
-    kept = distinct_speeds(scene, folds=folds)[0].size
+    count, never = scene.speeds.size, int(np.sum(np.asarray(scene.weights) == 0))
+    num_distinct = distinct_speeds(scene, folds=False)[0].size
+    num_computed = distinct_speeds(scene, folds=folds)[0].size
     why = []
-    never = int(np.sum(weights == 0))
     if never:
         why.append(f"{never} never occur")
-    if given.size - never > every:
-        why.append(f"{given.size - never - every} repeated")
-    if every > kept:
-        why.append(f"{every - kept} mirrored: a symmetric shutter does the same to +s and -s")
+    if count - never > num_distinct:
+        why.append(f"{count - never - num_distinct} repeated")
+    if num_distinct > num_computed:
+        mirrored = num_distinct - num_computed
+        why.append(f"{mirrored} mirrored: a symmetric shutter does the same to +s and -s")
     if still:
         why.append("nothing moves")
-    return Item("speeds", str(given.size), str(kept), "; ".join(why) or "each occurs once")
+    return Item("speeds", str(count), str(num_computed), "; ".join(why) or "each occurs once")
 
 
 def _kernels_item(needs: Needs, still: bool) -> Item:
@@ -286,10 +297,10 @@ def _kernels_item(needs: Needs, still: bool) -> Item:
     return Item("kernels", "all", "all", "invariance is measured")
 
 
-def _taps_item(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | None) -> Item:
+def _taps_item(full: Plan, exact: Plan, needs: Needs, space: DesignSpace | None) -> Item:
     if not needs.kernels:
         return Item("taps", str(full.num_taps), "0", "no kernel is computed")
-    return Item("taps", str(full.num_taps), str(kept.num_taps), _reach(space))
+    return Item("taps", str(full.num_taps), str(exact.num_taps), _reach(space))
 
 
 def _reach(space: DesignSpace | None) -> str:
@@ -300,27 +311,27 @@ def _reach(space: DesignSpace | None) -> str:
     return "the motion is free within the limits"
 
 
-def _spectra_items(full: Plan, kept: Plan, needs: Needs, space: DesignSpace | None) -> list[Item]:
+def _spectra_items(full: Plan, exact: Plan, needs: Needs, space: DesignSpace | None) -> list[Item]:
     if not needs.spectra:
         return [
             Item("frequencies", str(full.num_frequencies), "0", "no transfer function is needed"),
             Item("nodes in time", str(full.num_nodes), "0", "no transfer function is needed"),
         ]
-    if kept.num_kept is not None:
+    if exact.num_kept is not None:
         why = "the picture on the sensor holds no power above"
     else:
         why = "all hold power" if needs.only_error else "the bound's share needs all"
-    count = str(kept.num_kept or full.num_frequencies)
+    count = str(exact.num_kept or full.num_frequencies)
     reach = _reach(space) if needs.only_error else "beside a zero the bound's share shows them"
     return [
         Item("frequencies", str(full.num_frequencies), count, why),
-        Item("nodes in time", str(full.num_nodes), str(kept.num_nodes), reach),
+        Item("nodes in time", str(full.num_nodes), str(exact.num_nodes), reach),
     ]
 
 
-def _layers_items(kept: Plan, needs: Needs) -> list[Item]:
-    """How finely the light is followed that edges of objects uncover; none for scenes without."""
-    count = kept.num_effective_speeds
+def _layers_items(exact: Plan, needs: Needs) -> list[Item]:
+    """The row on the background that edges of objects uncover; none for scenes without edges."""
+    count = exact.num_effective_speeds
     if not count:
         return []
     if not needs.spectra:
@@ -331,11 +342,11 @@ def _layers_items(kept: Plan, needs: Needs) -> list[Item]:
 
 
 def _terms_items(needs: Needs) -> list[Item]:
-    given, kept = needs.terms
-    if given == kept == 1:
+    count, weighty = needs.num_terms, needs.num_weighty
+    if count == weighty == 1:
         return []
-    why = "the others have weight 0" if kept < given else "each has weight"
-    return [Item("terms of the loss", str(given), str(kept), why)]
+    why = "the others have weight 0" if weighty < count else "each has weight"
+    return [Item("terms of the loss", str(count), str(weighty), why)]
 
 
 def _search_items(shutter: AbstractShutter, space: DesignSpace | None) -> list[Item]:

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import Float, PyTree
 
-from mishutter._core import as_numpy, in_threads, num_processors
+from mishutter._core import in_threads, num_processors
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
@@ -18,13 +19,13 @@ from mishutter.evaluation import (
     Plan,
     best_burst,
     evaluate,
+    transmittance,
 )
 from mishutter.hardware import GIVEN, Design
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     DecoderSpeed,
-    FreeMotion,
     LinearMotion,
     RectShutter,
     Scene,
@@ -68,7 +69,7 @@ _PURCHASES = {
     frozenset({"a stage", "a shutter"}): "both",
 }
 _OPEN = 1 - 1e-6
-"""Efficiency above which a profile is that of a shutter that stays open."""
+"""Efficiency above which a shutter counts as one that stays open."""
 _SAME_LEVEL = 1e-4
 """Difference of levels up to which two searches ended in one place; dB."""
 _SLOW_PAN = 0.01
@@ -89,11 +90,11 @@ class Row:
         name: Name of the shutter.
         shutter: The profile.
         motion: The motion it is measured on.
-        loss: The loss that tuned it; None where none was given.
+        loss: Value of the loss that tuned it; None on the same motion.
         metrics: Its metrics.
         turns: Whether turning the camera makes the pan, and not the stage.
-        speed: What the decoder that judges it knows of the speed, as `Scene.decoder_speed`.
-        num_frames: Frames of the motion's exposure that are added up; 1 of all but a burst.
+        speed: Knowledge that the judging decoder has of the speed, as `Scene.decoder_speed`.
+        num_frames: Frames of the motion's exposure that are added up; 1 but for a burst.
         at_worst: Whether it is judged at the worst speed, and not by the mean over speeds.
     """
 
@@ -114,7 +115,7 @@ class Row:
 
     @cached_property
     def takes(self) -> frozenset[str]:
-        """Parts that a camera at rest with an ordinary shutter lacks for it: a stage, a shutter."""
+        """Parts that it needs beside a camera at rest with an ordinary shutter."""
         of_stage = without_velocity(self.motion) if self.turns else self.motion
         stays_open = isinstance(self.shutter, RectShutter)
         stays_open = stays_open or float(self.metrics.efficiency) > _OPEN
@@ -126,9 +127,9 @@ class Row:
 
     @property
     def level(self) -> float:
-        """Expected PSNR that it is judged by: within the tolerances of a scene with any; dB.
+        """Expected PSNR that judges it, within the tolerances of a scene that has any; dB.
 
-        A decoder that knows of the speed, and the worst speed, judge the camera as designed.
+        A decoder that knows the speed, and the worst speed, judge the camera as designed.
         """
         within = self.metrics.toleranced_psnr
         is_mean = self.speed == "unknown" and not self.at_worst
@@ -136,7 +137,7 @@ class Row:
 
     @property
     def psnr(self) -> float:
-        """Expected PSNR of the camera as designed, by the decoder that it is judged by; dB."""
+        """Expected PSNR of the camera as designed, by the judging decoder; dB."""
         if self.at_worst:
             return float(self.metrics.worst_speed_psnr)
         return float(self.metrics.psnr_of(self.speed))
@@ -165,11 +166,11 @@ def best_row(rows: Iterable[Row]) -> Row:
 def best_of_each_purchase(rows: Iterable[Row]) -> dict[str, Row]:
     """The best row of each purchase, the simplest purchase first; a burst takes another camera.
 
-    Whoever has bought more may use less of it: the best of a purchase is among all rows that take
-    no more.
+    The best row of a purchase is the best of all rows that need no more: whoever has bought more
+    may use less of it.
 
     Args:
-        rows: Rows of both readings; those at their own best motion count.
+        rows: Rows of both readings, of which those at their own best motion count.
     """
     rows = [row for row in rows if row.reading == OWN_BEST_MOTION and row.name != BEST_BURST]
     return {
@@ -187,21 +188,21 @@ def _plainest(rows: Sequence[Row]) -> Row:
 
 
 def taken_names() -> tuple[str, ...]:
-    """Names of rows that a comparison may have of itself."""
+    """Names of the rows that a comparison adds by itself."""
     return (*baselines(), *_RIVALS)
 
 
 def may_be_named(entry: Entry, name: str) -> bool:
-    """Whether no row has a name of itself, or a baseline has it that is the same shutter."""
+    """Whether a name is free, or that of a baseline with the same shutter."""
     return name not in taken_names() or _are_equal(baselines().get(name), entry)
 
 
 class RivalSearch(NamedTuple):
-    """How the designs of one comparison are searched for.
+    """Settings of the searches of one comparison.
 
     Attributes:
         scene: Speeds, light, noise and limits.
-        loss: The loss that tunes every design; it sees how much light an exposure brings.
+        loss: The loss that tunes every design; it depends on how much light an exposure brings.
         plan: The plan of the computation: one for each search, or None for everything.
     """
 
@@ -215,7 +216,7 @@ class RivalSearch(NamedTuple):
         shutter: AbstractShutter | None = None,
         free: Iterable[str] | None = None,
     ) -> Design:
-        """The best design from a motion and a shutter; without one, of a free-form profile."""
+        """The best design from a motion and a shutter, or from a free-form profile."""
         return optimise(self.scene, start, shutter, free=free, loss=self.loss, plan=self.plan)
 
 
@@ -225,25 +226,25 @@ def compared_rows(
     """Measures shutters, baselines and rivals at their own best motions, and on one motion.
 
     Args:
-        search: The scene, and the loss and plan by which designs are searched for.
+        search: The scene, loss and plan of the searches.
         motion: Motion of the second reading, and the start of the first.
         entries: Profiles and designs to compare with the baselines, by name.
         step: Called with the name of each row when its own best motion is known.
 
     Returns:
-        The rows at their own best motion, then those on the same.
+        The rows at their own best motion, then those on the same motion.
     """
     scene, loss, plan = search
     windows = {name: window for name, window in baselines().items() if name not in entries}
     entries = {**entries, **windows}
     commands = {n: e.command if isinstance(e, Design) else e for n, e in entries.items()}
-    shutters = {name: scene.light(command, motion) for name, command in commands.items()}
+    shutters = {name: transmittance(scene, motion, each) for name, each in commands.items()}
     measure, turns = partial(evaluate, scene, motion, plan=plan), _turns(scene)
     on_motion = [
         Row(SAME_MOTION, name, shutter, motion, None, measure(shutter), turns)
         for name, shutter in shutters.items()
     ]
-    # The longest search is begun first, and the others go on beside it.
+    # The longest search begins first, and the others run beside it.
     start = _searchable(motion, scene)
     searches = [
         lambda: _free_profiles(search, start, entries),
@@ -270,13 +271,14 @@ def compared_rows(
 def _searchable(motion: AbstractMotion, scene: Scene) -> AbstractMotion:
     """The motion that searches begin with: this one, the scene's, or the fullest parabola."""
     for start in (motion, scene.motion):
-        if not isinstance(start, FreeMotion) and not is_straight(start):
+        if start.accelerates_constantly and not is_straight(start):
             return start
-    return scene.fullest_motion if isinstance(scene.motion, FreeMotion) else scene.motion
+    return scene.motion if scene.motion.accelerates_constantly else scene.fullest_motion
 
 
-def _middle_exposure(scene: Scene) -> np.ndarray:
-    low, high = as_numpy(scene.limits.min_half_exposure, scene.limits.max_half_exposure)
+def _middle_exposure(scene: Scene) -> Float[np.ndarray, ""]:
+    limits = scene.limits
+    low, high = (np.asarray(x) for x in (limits.min_half_exposure, limits.max_half_exposure))
     return np.asarray(np.sqrt(low * high))
 
 
@@ -287,8 +289,8 @@ def _camera_at_rest(scene: Scene) -> StillCamera:
 def _unaccelerated(scene: Scene) -> LinearMotion:
     """A sensor at the velocity in the middle of the speeds, as far as it may pan.
 
-    Where that is 0 and more of them are to one side, a search begins with a slow pan: a motion
-    without any is a camera at rest, which stays there.
+    Where that is 0 and more speeds are to one side, a search begins with a slow pan: a motion
+    without a pan would be a camera at rest, which stays at rest.
     """
     velocity = scene.fullest_motion.velocity
     if float(velocity) == 0 and not mirrors(scene, 0.0):
@@ -325,12 +327,12 @@ def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
         return plan
     free = free_by_default(scene, start, shutter)
     moving = plan_of_scene(scene, start, shutter, loss=loss, free=free)
-    sizes = ("num_taps", "dft_length", "num_nodes")
-    room = {name: max(getattr(plan, name), getattr(moving, name)) for name in sizes}
     finer = max(plan, moving, key=lambda each: each.num_frequencies)
     return replace(
         plan,
-        **room,
+        num_taps=max(plan.num_taps, moving.num_taps),
+        dft_length=max(plan.dft_length, moving.dft_length),
+        num_nodes=max(plan.num_nodes, moving.num_nodes),
         num_frequencies=finer.num_frequencies,
         num_kept=finer.num_kept,
         folds=plan.folds and moving.folds,
@@ -340,9 +342,9 @@ def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
 def _free_profiles(
     search: RivalSearch, start: AbstractMotion, entries: Mapping[str, Entry]
 ) -> list[Row]:
-    """Searches that begin with one another: coded stills, open shutters, both on a free path.
+    """Searches that begin with one another's designs: coded stills, open shutters, free paths.
 
-    A free path has rows where the stage may take one.
+    Free paths have rows where the stage may take one.
     """
     scene, loss, plan = search
     shutter = RectShutter()
@@ -363,7 +365,7 @@ def _free_profiles(
 
 
 def _best_of_entries(search: RivalSearch, entries: Mapping[str, Entry]) -> Design | None:
-    """The best design of a free profile and a parabola, where one of the entries is it."""
+    """The best design of a free profile on a parabola, where it is one of the entries."""
     for entry in entries.values():
         if isinstance(entry, Design) and is_finished(entry, search.scene, search.loss):
             if isinstance(entry.command, SplineShutter) and entry.straight is not None:
@@ -375,8 +377,8 @@ def _coded_stills(search: RivalSearch, shaped: Design | None) -> list[Row]:
     """The best free profile without acceleration, and where that pans the best at rest.
 
     Args:
-        search: The scene, and how designs are searched for.
-        shaped: The best design of a free profile, beside which one without acceleration was found.
+        search: The scene, loss and plan of the searches.
+        shaped: The best design of a free profile, which holds the best one without acceleration.
     """
     scene = search.scene
     best = None if shaped is None else shaped.straight
@@ -393,7 +395,7 @@ def _own_best(search: RivalSearch, start: AbstractMotion, name: str, entry: Entr
     if isinstance(entry, Design) and is_finished(entry, search.scene, search.loss):
         return [_row(name, entry)]
     shutter = entry.shutter if isinstance(entry, Design) else entry
-    if isinstance(entry, Design) and not isinstance(entry.motion, FreeMotion):
+    if isinstance(entry, Design) and entry.motion.accelerates_constantly:
         start = entry.motion
     parts = free_by_default(search.scene, start, shutter)
     return [_row(name, search.best(start, shutter, [part for part in parts if part != "shutter"]))]
@@ -411,17 +413,17 @@ def _bursts(scene: Scene) -> list[Row]:
 
 
 def is_finished(design: Design, scene: Scene, loss: AbstractLoss) -> bool:
-    """Whether a design was found for this scene by this loss, or is given as it is."""
+    """Whether a design is the result of a search of this scene by this loss, or is to stay."""
     if design.loss_name == GIVEN:
         return True
     is_of_scene = _are_equal(design.scene.bare(), scene.bare())
     return is_of_scene and design.loss_name == repr(loss)
 
 
-def _are_equal(first: Any, second: Any) -> bool:
-    """Whether two trees are, compared on the host: on the device each shape has a program."""
+def _are_equal(first: PyTree, second: PyTree) -> bool:
+    """Whether two trees are equal. The host compares them: JAX would compile for each shape."""
 
-    def on_host(leaf: Any) -> Any:
+    def on_host(leaf: object) -> object:
         return np.asarray(leaf) if eqx.is_array(leaf) else leaf
 
     return bool(eqx.tree_equal(*jax.tree.map(on_host, (first, second))))
@@ -439,5 +441,5 @@ def _turns(scene: Scene) -> bool:
 
 
 def _pans(motion: AbstractMotion) -> bool:
-    """Whether a sensor travels at its velocity by more than what counts as standing still."""
+    """Whether the pan of a sensor is more than counts as standing still."""
     return abs(float(motion.velocity)) * float(motion.exposure) >= _STANDS_STILL

@@ -5,13 +5,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Float, Int
 
 from mishutter._core import (
     alone_in_blas,
@@ -27,11 +26,12 @@ from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
     Automatic,
+    LossFunction,
     Plan,
     as_loss,
     evaluate,
     loss_of_decoder,
-    reduced,
+    transmittance,
     value_of,
 )
 from mishutter.hardware import Design
@@ -40,7 +40,6 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     ChippedShutter,
-    FreeMotion,
     RectShutter,
     Scene,
     SplineShutter,
@@ -51,11 +50,10 @@ from mishutter.model import (
     is_straight,
     panned,
     require_scene,
-    seen_from,
     settled,
 )
 from mishutter.search.cover import cover, lowest_of_valleys, screened
-from mishutter.search.objective import AbstractObjective, objective_of
+from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
 from mishutter.search.planning import design_at, full_sizes
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.slots import searched_slots
@@ -75,6 +73,7 @@ from mishutter.search.space import (
     design_space,
     mirrors,
     num_free_pieces,
+    search_frame,
 )
 from mishutter.search.starts import (
     GRID_COORDINATES,
@@ -86,34 +85,34 @@ from mishutter.search.starts import (
 )
 
 _TRIED_SHARE, _FIRST_STEPS = 3, 60
-"""One start in so many is tried, the lowest, for so many steps: after 20 those that lead are not
-yet those that end lowest, where speeds are few and the light is bright."""
+"""The lowest third of the starts is tried for 60 steps: after 20 the leaders are not yet those that
+end lowest, where speeds are few and the light is bright."""
 _NUM_LASTING, _LASTING_SHARE = 4, 8
-"""Tries that are minimised from: the lowest, at least one to so many of the starts, as those that
-lead early may end in one place."""
+"""Least number of tries to minimise from, and starts for each of them: early leaders may end in one
+place."""
 _NUM_POLISHED = 3
-"""Points that are polished: minima that differ, or starts where these are few."""
+"""Points to polish: minima that differ, or starts where these are few."""
 _NUM_PATHS = 12
-"""Free paths that are polished to the end where they need not mirror themselves: their valleys
-differ by up to 0.1 dB, and neither their starts nor a few steps tell which is lowest."""
+"""Free paths to polish to the end where they need not mirror themselves: their valleys differ by up
+to 0.1 dB, and neither their starts nor a few steps reveal the lowest."""
 _STEPS_TO_TELL = 60
-"""Steps of a polish after which the best of several is told; it alone goes on."""
+"""Steps of each polish after which the best one alone goes on."""
 _SAME = 1e-5
 """Difference of losses, as a share of them, up to which two searches ended in one place."""
 _NUM_STARTS, _FEW_SPEEDS = 16, 8
-"""Starts by default, and speeds fewer than which have more of them, in proportion: these take less
-time, and the loss has more valleys, as each of the speeds alone decides what is open."""
+"""Starts by default, and the number of speeds below which there are more, in inverse proportion.
+Few speeds take less time and make more valleys, as each of them alone decides what is open."""
 MAX_STEPS = 400
 """Steps of a minimisation, and of a polish, at most, by default."""
 NUM_COEFFICIENTS = 24
 """Coefficients of a free-form profile, by default."""
 _NUM_PROFILES, _COVERED = 12, 5
-"""Profiles that are minimised from by default where nothing else moves, and for how many times as
-many the cover is that they are the lowest of."""
-_NUM_GIVEN = 4
-"""Starts at most, up to a quarter of them, that are the given design and baselines' profiles."""
+"""Profiles to minimise from by default where nothing else moves, and the size of the cover whose
+lowest they are, as a multiple of the starts."""
+_NUM_NAMED = 4
+"""Most starts, up to a quarter of all, that are the first design and baselines' profiles."""
 _ROUNDS_OF_LEVELS = 3
-"""How often slots and motion are searched by turns, at most."""
+"""Most rounds in which slots and motion are searched by turns."""
 
 Progress = Callable[[int, float], None]
 
@@ -129,18 +128,18 @@ class Outcome(Enum):
 _NO_ACCELERATION = "Acceleration does not pay: at constant velocity the loss is no larger."
 _NO_PATH = "A free path does not pay: at constant acceleration the loss is no larger."
 _OF_SLOTS = "No other level of one slot, or of two near one another, lowers the loss."
-_OUTSIDE = "What was held of the motion is outside the scene's limits."
+_OUTSIDE = "A fixed part of the motion is outside the scene's limits."
 
 
 class SearchSettings(NamedTuple):
-    """How a search is done, the same for all searches that one calls for.
+    """Settings that a search shares with all searches that it calls for.
 
     Attributes:
         loss: The loss to be minimised.
         plan: The plan of the computation, as `optimise` takes it.
-        num_coefficients: Coefficients of the free-form profile where no shutter is given.
-        num_starts: How many starts; None for the number by default.
-        seed: Of the starts.
+        num_coefficients: Coefficients of a free-form profile that is made here.
+        num_starts: Number of starts; None for the default.
+        seed: Seed of the random starts.
         max_steps: Steps of a minimisation, at most.
         progress: Called with the steps taken and the smallest loss so far.
     """
@@ -165,7 +164,7 @@ def optimise(
     motion: AbstractMotion | None = None,
     shutter: AbstractShutter | None = None,
     *,
-    loss: AbstractLoss | Callable[..., Any] | None = None,
+    loss: LossFunction | None = None,
     free: str | Iterable[str] | None = None,
     num_coefficients: int = NUM_COEFFICIENTS,
     num_starts: int | None = None,
@@ -178,52 +177,51 @@ def optimise(
     r"""Search for the design of least loss within the scene's limits.
 
     Where the acceleration may move, sensors that do not accelerate are searched as well, and the
-    better of the two designs is returned; of equals, the one without. Where all may move, the
-    speeds are the same in both directions and the search starts without a pan, it stays without:
-    by symmetry the loss is stationary there. `free` can name it all the same. By a loss that does
-    not see how much light an exposure brings, as `DesignLoss`, the profile alone moves unless
-    `free` says otherwise: on the motion given or the scene's, or on that of the best design by the
+    better of the two designs is returned; of equals, the one without acceleration. Where the speeds
+    are the same in both directions and the search starts without a pan, none is tried by default:
+    by symmetry the loss is stationary there. `free` can name the velocity all the same. By a loss
+    that ignores how much light an exposure brings, as `DesignLoss`, the profile alone moves unless
+    `free` says otherwise: on the `motion`, on the scene's, or on that of the best design by the
     expected error.
 
-    Starts are the given design, baselines' profiles and, where a free-form profile moves, the
-    lowest of valleys all over the space. The lowest third of them is tried for 60 steps of SciPy's
-    box-constrained L-BFGS-B. Optimistix BFGS minimises from the lowest of the ends, four or an
-    eighth of the starts, and L-BFGS-B polishes the three best minima that differ, and the best
-    of these to the end, on either side of where limits meet if it ends there.
-    Where the scene's device follows a command late, or at few levels, the search is by the light
-    that it makes of the command. The best design of a device that follows every command comes
-    first, and is among the starts as that device would be driven by it (`Design.blind_psnr`).
+    Starts are the first design, baselines' profiles and, where a free-form profile moves, the
+    lowest points of valleys all over the space. The lowest third of them is tried for 60 steps of
+    SciPy's box-constrained L-BFGS-B. Optimistix BFGS minimises from the lowest of the ends, four or
+    an eighth of the starts, and L-BFGS-B polishes the three best minima that differ, and the best
+    of these to the end, on either side of a place where limits meet if it ends there.
+    Where the scene's device follows a command late, or at few levels, the loss is that of the
+    transmittance that it makes of the command. The best design for a device that follows every
+    command comes first, and is among the starts, sent to the real device (`Design.blind_psnr`).
     Levels are rounded by error diffusion, and searched slot by slot.
 
     A free path begins at the best design of constant acceleration, and at paths that turn faster
-    or slower than it towards their ends; without `progress` beyond that design.
+    or slower than it towards their ends; this part of the search reports no `progress`.
 
     Where a free-form profile moves alone, L-BFGS-B polishes as many profiles as there are starts:
     the lowest of these and of many more all over the space.
 
-    Where at most four coordinates move, the starts are the given design and the best of a
+    Where at most four coordinates move, the starts are the first design and the best points of a
     grid, and are polished directly. The result is never worse than the best start.
 
-    Where acceleration moves, a design keeps up ($2aT$) with every object that occurs or with
-    what the given motion keeps up with, whichever is less: a given motion within the limits is
-    always among the starts, and one that gives up rare fast objects lets the search give them
-    up too.
+    Where acceleration moves, a design keeps up ($2aT$) with every object that occurs or with those
+    that `motion` keeps up with, whichever are fewer: a `motion` within the limits is always among
+    the starts, and one that gives up rare fast objects lets the search give them up too.
 
     Args:
         scene: Speeds, light, noise and limits.
         motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest, and
             a `LinearMotion` does not accelerate.
-        shutter: Profile to start from, as it is sent to the scene's device, whose kind is kept;
+        shutter: Profile to start from, as it is sent to the scene's device, of the kind to search;
             by default the free-form `starting_shutter` of the scene.
         loss: The loss to be minimised, or a function of scene, motion and shutter; the
             expected error by default, of the decoder that the scene names.
-        free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`,
-            `"acceleration"`; all that can by default, by a loss that sees light. And `"path"`,
-            with the acceleration: a `FreeMotion`.
-        num_coefficients: Coefficients of the free-form profile where no shutter is given.
-        num_starts: How many starts; by default 12 for a profile alone, 16 otherwise, and more
-            where speeds are few.
-        seed: Of the starts.
+        free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`, `"acceleration"`;
+            by default all that can, unless the loss ignores light. `"path"` frees the acceleration
+            too, and the path becomes a `FreeMotion`.
+        num_coefficients: Coefficients of the free-form profile without a `shutter`.
+        num_starts: Number of starts; by default 12 for a profile alone, 16 otherwise, and more
+            for few speeds.
+        seed: Seed of the random starts.
         max_steps: Steps of each minimisation, and of the polish, at most.
         progress: Called with the steps taken, `max_steps` at most, and the smallest loss so far.
         throw: Whether an end other than convergence raises.
@@ -231,14 +229,14 @@ def optimise(
             everything.
 
     Returns:
-        The best design found, how the search ended in a sentence, and the
-        projected-gradient norm as the certificate. A part of the motion that is held is not
-        moved into the limits; where it lies outside, a second sentence says so.
+        The best design, the end of the search in a sentence, and the projected-gradient norm as
+        the certificate. A fixed part of the motion is not moved into the limits; where it lies
+        outside, a second sentence says so.
 
     Raises:
         ValueError: if `free` names nothing that can move, a count is not positive, `seed` is
-            negative, or `loss` is none, or gives something else than one real number; or if
-            JAX traces the scene, the motion or the shutter.
+            negative, or `loss` is no loss, or its value not one real number; or if JAX traces
+            the scene, the motion or the shutter.
         NonFiniteLossError: if the loss or its gradient is not finite.
         SearchFailedError: if `throw` and the search did not converge.
 
@@ -252,8 +250,9 @@ def optimise(
     """
     require_scene(scene)
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
-    known = isinstance(shutter, AbstractShutter | None)
-    require(known, "optimise(shutter=...)", "be a shutter, as `HannShutter()`", shutter)
+    require(isinstance(motion, AbstractMotion | None), "motion", "be a motion", motion)
+    is_shutter = isinstance(shutter, AbstractShutter | None)
+    require(is_shutter, "optimise(shutter=...)", "be a shutter, as `HannShutter()`", shutter)
     shutter = None if shutter is None else command_of(shutter)
     if num_starts is not None:
         require_positive_int("optimise(num_starts=...)", num_starts)
@@ -265,9 +264,9 @@ def optimise(
     device = scene.device
     moves = shutter is None or is_adjustable(shutter) if names is None else "shutter" in names
     if moves and device is not None and (device.lags or device.levels is not None):
-        best = _through_device(scene, motion, shutter, names, settings=settings)
+        best = _through_device(Start(scene, motion, shutter, names), settings)
     else:
-        best = _optimised(scene, motion, shutter, names, settings=settings)
+        best = _optimised(Start(scene, motion, shutter, names), settings)
     if throw and not best.converged:
         raise SearchFailedError(best.outcome)
     return best
@@ -285,14 +284,14 @@ def on_free_path(
 ) -> Design:
     """The best design on a free path that begins at the motion of another.
 
-    It is what `optimise(free={"path", ...})` returns where that finds the other on its way, and
-    never worse than the designs that it begins with.
+    `optimise(free={"path", ...})` returns the same where it passes by the other design. The result
+    is never worse than the designs that it begins with.
 
     Args:
-        design: The best design of constant acceleration; of a `SplineShutter` where it is shaped.
-        start: The motion to begin with where that does not accelerate.
-        loss: The loss that it was found by.
-        shaped: Whether the profile moves too, or is held.
+        design: The best design of constant acceleration; of a `SplineShutter` if it is `shaped`.
+        start: The motion to begin with where the design does not accelerate.
+        loss: The loss to minimise.
+        shaped: Whether the profile moves too.
         beside: Designs of an open shutter to begin with as well.
         plan: The plan of the computation.
     """
@@ -303,39 +302,52 @@ def on_free_path(
     if shaped and device is not None and device.levels is not None:
         best = optimise(scene, start, command, free=names, loss=loss, plan=plan)
     else:
-        known = tuple((open_like(command), each.motion) for each in beside)
-        settings = SearchSettings(loss, plan)
-        best = _beyond(design, start, names, settings=settings, known=known)
+        more = tuple(KnownDesign(open_like(command), each.motion) for each in beside)
+        path = _path_after(design, start)
+        best = _beyond(design, path, names, SearchSettings(loss, plan), more)
     return min((best, design, *beside), key=lambda each: each.loss)
 
 
 def open_like(shutter: AbstractShutter) -> AbstractShutter:
-    """A shutter that stays open, as a profile of the kind of another."""
+    """A shutter that stays open: a spline if another is one."""
     if not isinstance(shutter, SplineShutter):
         return RectShutter()
     return SplineShutter.fit(RectShutter(), shutter.num_coefficients, symmetric=shutter.symmetric)
 
 
-Known = tuple[tuple[AbstractShutter, AbstractMotion], ...]
-"""Commands and motions that a search starts from, beside its own."""
+class KnownDesign(NamedTuple):
+    """A command and a motion that a search starts from, beside its own starts."""
+
+    command: AbstractShutter
+    motion: AbstractMotion
+
+
+class Start(NamedTuple):
+    """The arguments of `optimise` that say what is searched.
+
+    Attributes:
+        scene: Speeds, light, noise and limits.
+        motion: Motion to start from; None for the scene's.
+        shutter: Profile to start from; None for one of free form.
+        free: Parts that may move; None for the default.
+    """
+
+    scene: Scene
+    motion: AbstractMotion | None = None
+    shutter: AbstractShutter | None = None
+    free: tuple[str, ...] | None = None
 
 
 def _optimised(
-    scene: Scene,
-    motion: AbstractMotion | None,
-    shutter: AbstractShutter | None,
-    names: tuple[str, ...] | None,
-    *,
-    settings: SearchSettings,
-    known: Known = (),
+    start: Start, settings: SearchSettings, more: tuple[KnownDesign, ...] = ()
 ) -> Design:
-    """The best design whose light can be differentiated by what moves."""
+    """The best design of a transmittance that can be differentiated by the coordinates."""
+    scene, motion, shutter, names = start
     if names is not None and "path" in names:
-        return _on_free_path(scene, motion, shutter, names, settings=settings, known=known)
+        return _on_free_path(start, names, settings, more)
     if names is None:
         motion, names = moved_by_default(scene, motion, shutter, settings.loss)
-    motion = settled(scene.motion if motion is None else motion)
-    ends = _searched(scene, motion, shutter, names, settings=settings, known=known)
+    ends = _searched(Start(scene, motion, shutter, names), settings, more)
     best, *straight = (_design(end, scene, settings) for end in ends)
     if straight:
         best = _better(best, straight[0])
@@ -345,86 +357,80 @@ def _optimised(
 
 
 def _on_free_path(
-    scene: Scene,
-    motion: AbstractMotion | None,
-    shutter: AbstractShutter | None,
+    start: Start,
     names: tuple[str, ...],
-    *,
     settings: SearchSettings,
-    known: Known,
+    more: tuple[KnownDesign, ...],
 ) -> Design:
-    """The better of the best design whose acceleration is constant, and of one from there on.
+    """The better of the best design of constant acceleration, and of one from there on.
 
-    Without a free path among the motions given, it begins with that of the first.
+    Without a free path as the motion, it begins with that of the first design.
     """
-    start = scene.motion if motion is None else motion
-    given = start if isinstance(start, FreeMotion) else None
-    start = settled(start) if given is None else scene.fullest_motion
-    num_free_pieces(scene, given or FreeMotion.fit(start))
+    scene = start.scene
+    motion = scene.motion if start.motion is None else start.motion
+    steady = motion if motion.accelerates_constantly else scene.fullest_motion
+    num_free_pieces(scene, motion.as_free_path())
     steady_names = [name for name in (*names, "acceleration") if name != "path"]
     plan = PLANNED if isinstance(settings.plan, Plan) else settings.plan
-    design = _optimised(
-        scene,
-        start,
-        shutter,
-        tuple(steady_names),
-        settings=settings._replace(plan=plan),
-        known=known,
-    )
-    settings = settings._replace(progress=None)
-    return _beyond(design, start, names, given=given, settings=settings, known=known)
+    steady_start = start._replace(motion=steady, free=tuple(steady_names))
+    design = _optimised(steady_start, settings._replace(plan=plan), more)
+    path = _path_after(design, steady) if motion.accelerates_constantly else motion
+    return _beyond(design, path, names, settings._replace(progress=None), more)
+
+
+def _path_after(design: Design, start: AbstractMotion) -> AbstractMotion:
+    """The motion of a design, or `start` where that does not accelerate."""
+    return start if is_straight(design.motion) else design.motion
 
 
 def _beyond(
     design: Design,
-    start: AbstractMotion,
+    path: AbstractMotion,
     names: Sequence[str],
-    *,
-    given: FreeMotion | None = None,
     settings: SearchSettings,
-    known: Known,
+    more: tuple[KnownDesign, ...],
 ) -> Design:
-    """The better of a design whose acceleration is constant, and of one from there on.
+    """The better of a design of constant acceleration, and of one on a free path from there on.
 
-    It begins with a path that is given, or with that of the design, or where that does not
-    accelerate of `start`, with what is known, and with the path of the scene's speeds.
+    Args:
+        design: The design.
+        path: The motion that the free path begins as, beside that of the design and that of the
+            scene's speeds.
+        names: Parts that may move.
+        settings: Settings of the search.
+        more: More designs to begin with.
     """
-    path = given or FreeMotion.fit(start if is_straight(design.motion) else design.motion)
+    path = path.as_free_path()
     scene, command, half = design.scene, design.command, design.motion.half_exposure
     of_speeds = path_of_speeds(scene, half, path.accelerations.size)
-    known = (*known, (command, design.motion), (command, of_speeds))
-    ends = _searched(scene, path, command, names, settings=settings, known=known)
-    found = _design(ends[0], scene, settings)
-    if found.loss >= design.loss * (1 - _SAME):
+    more = (*more, KnownDesign(command, design.motion), KnownDesign(command, of_speeds))
+    ends = _searched(Start(scene, path, command, tuple(names)), settings, more)
+    on_path = _design(ends[0], scene, settings)
+    if on_path.loss >= design.loss * (1 - _SAME):
         return replace(design, outcome=f"{design.outcome} {_NO_PATH}")
-    history = np.append(design.history, np.minimum(found.history, design.history[-1]))
-    return replace(found, history=history, best_start_loss=design.best_start_loss)
+    history = np.append(design.history, np.minimum(on_path.history, design.history[-1]))
+    return replace(on_path, history=history, best_start_loss=design.best_start_loss)
 
 
-def _through_device(
-    scene: Scene,
-    motion: AbstractMotion | None,
-    shutter: AbstractShutter | None,
-    names: tuple[str, ...] | None,
-    *,
-    settings: SearchSettings,
-) -> Design:
-    """The best design by the light that a device makes of its command.
+def _through_device(start: Start, settings: SearchSettings) -> Design:
+    """The best design by the transmittance that a device makes of its command.
 
-    The design for a device that follows every command is found first, and is among the starts, as
-    it is sent blindly. Levels are left out until the end, and then searched slot by slot.
+    The design for a device that follows every command comes first, and is among the starts, sent
+    to the real device. Levels are left out until the end, and then searched slot by slot.
     """
+    scene = start.scene
     device: AbstractDevice = scene.device  # type: ignore[assignment]
     ideal = with_device(scene, device.without_lag)
-    blind = best = _optimised(ideal, motion, shutter, names, settings=settings)
+    blind = best = _optimised(start._replace(scene=ideal), settings)
     if device.lags:
         relaxed = with_device(scene, device.relaxed)
-        known = tuple((each.command, each.motion) for each in (blind, blind.straight) if each)
-        best = _optimised(relaxed, motion, shutter, names, settings=settings, known=known)
+        designs = (each for each in (blind, blind.straight) if each)
+        more = tuple(KnownDesign(each.command, each.motion) for each in designs)
+        best = _optimised(start._replace(scene=relaxed), settings, more)
     if device.levels is not None:
-        best = _of_levels(scene, (best, blind), names, settings=settings)
-    sent = scene.light(blind.command, blind.motion)
-    blind_psnr = float(evaluate(scene, blind.motion, sent).expected_psnr)
+        best = _of_levels(scene, (best, blind), start.free, settings)
+    profile = transmittance(scene, blind.motion, blind.command)
+    blind_psnr = float(evaluate(scene, blind.motion, profile).expected_psnr)
     return replace(best, scene=scene, blind_psnr=blind_psnr)
 
 
@@ -432,7 +438,6 @@ def _of_levels(
     scene: Scene,
     designs: Sequence[Design],
     names: tuple[str, ...] | None,
-    *,
     settings: SearchSettings,
 ) -> Design:
     """The better of designs for a device without levels, as good as its levels allow.
@@ -455,7 +460,7 @@ def _of_levels(
         slots = _slot_by_slot(scene, command, best.motion, settings)
         better = _sent(scene, ChippedShutter(slots), best.motion, best, loss)
         if names:
-            tuned = _optimised(relaxed, best.motion, better.command, names, settings=settings)
+            tuned = _optimised(Start(relaxed, best.motion, better.command, names), settings)
             tuned = _sent(scene, better.command, tuned.motion, tuned, loss)
             better = min(better, tuned, key=lambda each: each.loss)
         worthwhile = better.loss < best.loss - _SAME * abs(best.loss)
@@ -467,15 +472,14 @@ def _of_levels(
 
 def _slot_by_slot(
     scene: Scene, command: ChippedShutter, motion: AbstractMotion, settings: SearchSettings
-) -> Array:
-    """Levels of the slots at which no change lowers the loss on a motion; shape `(n,)`."""
+) -> Float[np.ndarray, "n"]:
+    """Levels of the slots at which no change lowers the loss on a motion."""
     device: AbstractDevice = scene.device  # type: ignore[assignment]
-    scene, motion = seen_from(with_device(scene, device.relaxed), motion)
-    space = design_space(scene, motion, command, "shutter")
-    plan = _plan(scene, space, settings)
-    objective = objective_of(settings.loss, reduced(scene, plan), space, plan)
-    levels = np.asarray(command.transmittances)
-    return jax.device_put(searched_slots(objective, levels, device).levels)
+    free = ("shutter",)
+    scene, motion = search_frame(with_device(scene, device.relaxed), motion, free)
+    space = design_space(scene, motion, command, free)
+    objective = objective_of(settings.loss, scene, space, _plan(scene, space, settings))
+    return searched_slots(objective, np.asarray(command.transmittances), device).levels
 
 
 def _sent(
@@ -485,13 +489,13 @@ def _sent(
     design: Design,
     loss: AbstractLoss,
 ) -> Design:
-    """A design with the light that the scene's device makes of a command."""
-    light = scene.light(command, motion)
-    value = float(loss(scene, motion, light))
+    """A design with the transmittance that the scene's device makes of a command."""
+    profile = transmittance(scene, motion, command)
+    value = float(loss(scene, motion, profile))
     history = np.append(design.history, value)
     return replace(
         design,
-        shutter=light,
+        shutter=profile,
         motion=motion,
         scene=scene,
         loss=value,
@@ -501,11 +505,11 @@ def _sent(
 
 
 def with_device(scene: Scene, device: AbstractDevice | None) -> Scene:
-    """A scene whose shutters are made with another device."""
+    """A scene with another device."""
     return eqx.tree_at(lambda s: s.device, scene, device, is_leaf=_is_device)
 
 
-def _is_device(part: Any) -> bool:
+def _is_device(part: object) -> bool:
     return part is None or isinstance(part, AbstractDevice)
 
 
@@ -545,8 +549,8 @@ def moved_by_default(
 ) -> tuple[AbstractMotion, tuple[str, ...]]:
     """The motion to start from, and the parts that a search by a loss moves by default.
 
-    A profile that a loss without an eye for light designs is held to the motion; without one, and
-    without one in the scene, to that of the best design by the expected error.
+    A loss that ignores light moves the profile alone, on the motion or on the scene's; without
+    either, on that of the best design by the expected error.
     """
     start = settled(scene.motion if motion is None else motion)
     names = free_by_default(scene, start, shutter)
@@ -562,7 +566,7 @@ def free_by_default(
 ) -> tuple[str, ...]:
     """Parts that a search moves by default: all that can, but for a pan that symmetry rules out.
 
-    No shutter stands for a free-form profile.
+    Without a shutter the profile is of free form.
     """
     names = all_that_can_move(scene, motion, shutter)
     if float(motion.velocity) == 0 and mirrors(scene, 0.0):
@@ -571,57 +575,57 @@ def free_by_default(
 
 
 def _searched(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter | None,
-    names: Sequence[str],
-    *,
-    settings: SearchSettings,
-    known: Known,
+    start: Start, settings: SearchSettings, more: tuple[KnownDesign, ...]
 ) -> "list[_End]":
-    """The best design, and where the acceleration may move the best that has none.
+    """The best design, and where the acceleration may move the best without acceleration.
 
-    A velocity that is held is that of the frame that the search is done in.
+    Args:
+        start: The scene, motion and shutter, and the parts that may move.
+        settings: Settings of the search.
+        more: More designs to begin with.
     """
-    frame = motion
-    if "velocity" not in names:
-        scene, motion = seen_from(scene, motion)
+    frame = start.scene.motion if start.motion is None else start.motion
+    shutter, names = start.shutter, start.free or ()
+    scene, motion = search_frame(start.scene, frame, names)
     if shutter is None:
         pans = "velocity" in names
         at_rest = scene if pans else without_pan(scene)
         shutter = starting_shutter(at_rest, settings.num_coefficients)
     space = design_space(scene, motion, shutter, names)
-    settings = settings._replace(plan=_plan(scene, space, settings))
-    ends = [_best_of_space(scene, space, settings, known)]
+    plan = _plan(scene, space, settings)
+    ends = [_best_of_space(scene, space, plan, settings, more)]
     if "acceleration" in space.free and "path" not in space.free:
         settings = settings._replace(progress=None)
-        ends.append(_best_of_space(scene, space.without_acceleration(), settings, known))
+        ends.append(_best_of_space(scene, space.without_acceleration(), plan, settings, more))
     if "velocity" in names or is_known_zero(frame.velocity):
         return ends
     return [end._replace(motion=panned(end.motion, frame.velocity)) for end in ends]
 
 
 class _End(NamedTuple):
-    """The best design of a space, and how it was found."""
+    """The best design of a space, and the course of its search."""
 
     shutter: AbstractShutter
     motion: AbstractMotion
     loss: float
     certificate: float
     num_steps: int
-    history: np.ndarray
+    history: Float[np.ndarray, "n"]
     best_start_loss: float
     plan: Plan
 
 
 def _best_of_space(
-    scene: Scene, space: DesignSpace, settings: SearchSettings, known: Known
+    scene: Scene,
+    space: DesignSpace,
+    plan: Plan,
+    settings: SearchSettings,
+    more: tuple[KnownDesign, ...],
 ) -> _End:
     """The best design of a space: minimised from the lowest starts, polished and certified."""
-    plan: Plan = settings.plan  # type: ignore[assignment]
-    max_steps, space = settings.max_steps, space.holding(motion for _, motion in known)
-    objective = objective_of(settings.loss, reduced(scene, plan), space, plan)
-    starts = _starts(objective, space, scene, settings, known)
+    max_steps, space = settings.max_steps, space.holding(each.motion for each in more)
+    objective = objective_of(settings.loss, scene, space, plan)
+    starts = _starts(objective, space, scene, settings, more)
     losses = losses_at(objective, starts.boxes)
     boxes = starts.boxes[np.argsort(losses, kind="stable")]
     history = _History(losses, settings)
@@ -637,7 +641,7 @@ def _best_of_space(
         certificate = certificate_at(objective, box, space.bends)
     history.add(np.append(end.history, value))
     shutter, motion = design_at(space, box)
-    if plan.num_effective_speeds:  # known more exactly of one design than of all that are tried
+    if plan.num_effective_speeds:  # one design can afford more of them than all that are tried
         value = float(value_of(settings.loss, scene, motion, shutter, PLANNED))
     return _End(
         shutter=shutter,
@@ -652,19 +656,19 @@ def _best_of_space(
 
 
 class _History:
-    """The smallest loss so far, which a caller may want to follow.
+    """The smallest loss so far, which `progress` reports.
 
     Attributes:
         losses: The smallest loss after each start, each step of a polish and each minimisation.
         max_steps: Steps of a minimisation, at most.
     """
 
-    def __init__(self, losses: np.ndarray, settings: SearchSettings) -> None:
+    def __init__(self, losses: Float[np.ndarray, "n"], settings: SearchSettings) -> None:
         self.losses, self.max_steps = np.minimum.accumulate(losses), settings.max_steps
         self._progress, self._num_steps = settings.progress, 0
 
-    def add(self, losses: np.ndarray, num_steps: int | None = None) -> None:
-        """Add the losses after some steps, by default one for each step."""
+    def add(self, losses: Float[np.ndarray, "k"], num_steps: int | None = None) -> None:
+        """Adds the losses after some steps, by default one for each step."""
         smallest = np.minimum.accumulate(np.append(self.losses[-1], losses))
         self.losses = np.append(self.losses, smallest[1:])
         self._num_steps += losses.size if num_steps is None else num_steps
@@ -673,7 +677,10 @@ class _History:
 
 
 def _polished(
-    objective: AbstractObjective, boxes: np.ndarray, max_steps: int, history: _History
+    objective: AbstractObjective,
+    boxes: Float[np.ndarray, "n size"],
+    max_steps: int,
+    history: _History,
 ) -> list[Polished]:
     """Ends of a polish of each point, the lowest first."""
     ends = []
@@ -685,9 +692,12 @@ def _polished(
 
 
 def _minima(
-    objective: AbstractObjective, boxes: np.ndarray, num_lasting: int, history: _History
-) -> np.ndarray:
-    """Minima that differ, the lowest first, from where the first steps led lowest; `(n, size)`."""
+    objective: AbstractObjective,
+    boxes: Float[np.ndarray, "n size"],
+    num_lasting: int,
+    history: _History,
+) -> Float[np.ndarray, "k size"]:
+    """Minima that differ, the lowest first, from the points that the first steps lower most."""
     max_steps = history.max_steps
     tried = _polished(objective, boxes, min(_FIRST_STEPS, max_steps), history)[:num_lasting]
     places = _differing([end.loss for end in tried])
@@ -702,7 +712,7 @@ def _minima(
     return np.stack(points)[_differing(losses)]
 
 
-def _differing(losses: Sequence[float]) -> np.ndarray:
+def _differing(losses: Sequence[float]) -> Int[np.ndarray, "k"]:
     """Places of the losses that differ, the lowest first."""
     order = np.argsort(losses, kind="stable")
     ascending = np.array(losses)[order]
@@ -719,13 +729,13 @@ def _plan(scene: Scene, space: DesignSpace, settings: SearchSettings) -> Plan:
 
 
 class _Starts(NamedTuple):
-    """Points to start from, and how many of them are polished, tried and minimised from.
+    """Points to start from, and the numbers of them to polish, to try and to minimise from.
 
-    Where none is tried, the lowest of the points are polished as they are. The steps to tell are
-    those of a polish after which the best of several goes on alone.
+    Where none is tried, the lowest of the points are polished as they are. After `steps_to_tell`
+    steps of each polish the best one goes on alone.
     """
 
-    boxes: np.ndarray
+    boxes: Float[np.ndarray, "n size"]
     num_polished: int = _NUM_POLISHED
     num_tried: int = 0
     num_lasting: int = 0
@@ -733,42 +743,42 @@ class _Starts(NamedTuple):
 
 
 def _starts(
-    objective: AbstractObjective,
+    objective: SearchedObjective,
     space: DesignSpace,
     scene: Scene,
     settings: SearchSettings,
-    known: Known,
+    more: tuple[KnownDesign, ...],
 ) -> _Starts:
-    """Where the search of a space starts."""
+    """Starts of the search of a space."""
     has_spline = bool(space.num_profile_coordinates) and isinstance(space.shutter, SplineShutter)
     is_profile = has_spline and space.free == ("shutter",)
-    num_speeds = reduced(scene, settings.plan).speeds.size  # type: ignore[arg-type]
+    num_speeds = objective.scene.speeds.size
     by_default = _NUM_PROFILES if is_profile else _NUM_STARTS * max(1, _FEW_SPEEDS // num_speeds)
     num_starts = settings.num_starts or by_default
     starts = start_boxes(space, num_starts, settings.seed)
-    before = [box_at(space, *each)[None] for each in known]
+    before = [box_at(space, each.command, each.motion)[None] for each in more]
     if space.num_path_coordinates:
         boxes = path_boxes(space, np.concatenate([*before, starts[:1]]))
         num_polished = _NUM_POLISHED if space.path_mirrors else _NUM_PATHS
         return _Starts(boxes, num_polished, steps_to_tell=settings.max_steps)
     if space.size <= GRID_COORDINATES:
-        if known:  # the best of what is known takes the place of the given design
-            given = np.concatenate([*before, starts[:1]])
-            starts[0] = given[np.argmin(losses_at(objective, given))]
+        if more:  # the best of the designs takes the place of the first
+            designs = np.concatenate([*before, starts[:1]])
+            starts[0] = designs[np.argmin(losses_at(objective, designs))]
         valleys = lowest_places(losses_at(objective, starts))[:_NUM_POLISHED]
         return _Starts(starts[np.union1d(0, valleys)])
     if is_profile:
         profiles = cover(space, scene, _COVERED * num_starts, settings.seed)
         boxes = np.concatenate([*before, starts, profiles.astype(starts.dtype)])
-        count = num_starts + len(known)
+        count = num_starts + len(more)
         order = np.argsort(screened(objective, boxes), kind="stable")
         return _Starts(boxes[order[:count]], count)
-    num_given = min(_NUM_GIVEN, math.ceil(num_starts / 4))
-    if has_spline and num_given < num_starts:
+    num_named = min(_NUM_NAMED, math.ceil(num_starts / 4))
+    if has_spline and num_named < num_starts:
         boxes = cover(space, scene, num_starts, settings.seed).astype(starts.dtype)
-        losses, num_valleys = screened(objective, boxes), num_starts - num_given
+        losses, num_valleys = screened(objective, boxes), num_starts - num_named
         places = lowest_of_valleys(boxes, losses, space.num_profile_coordinates, num_valleys)
-        starts = np.concatenate([starts[:num_given], boxes[places]])
+        starts = np.concatenate([starts[:num_named], boxes[places]])
     boxes = np.concatenate([*before, starts])
     num_tried = math.ceil(len(boxes) / _TRIED_SHARE)
     num_lasting = max(_NUM_LASTING, math.ceil(num_starts / _LASTING_SHARE))
@@ -785,9 +795,10 @@ def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
 def starting_shutter(scene: Scene, num_coefficients: int = NUM_COEFFICIENTS) -> SplineShutter:
     """The free-form profile a search starts from: symmetric if the scene's speeds are.
 
-    Where the camera pans, that is about the velocity in their middle; a stage, whose stroke holds
-    its pan, may not reach it. Through a device that lags it is not: the command has to be ahead of
-    a symmetric light. Its precision is that of the speeds.
+    Where turning the camera makes the pan, they may be symmetric about their middle; a stage, whose
+    stroke holds its pan, may not reach that velocity. For a device that lags the profile is never
+    symmetric: the command has to run ahead of the transmittance. Its precision is that of the
+    speeds.
 
     Args:
         scene: The scene.

@@ -6,54 +6,58 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, Bool, Float, Int
 
 from mishutter._core import compiled
 from mishutter.search.objective import AbstractObjective
 from mishutter.search.space import Bends
 
 _MEMORY = 30
-"""Steps that L-BFGS-B remembers; more than coordinates say nothing new."""
+"""Steps that L-BFGS-B remembers, at most one for each coordinate."""
 _TOLERANCE = 1e-9
 _SOLVER, _MARGIN = optx.BFGS(rtol=1e-7, atol=1e-7), 0.02
 _CERTIFIED = 1e-3
 """Largest projected gradient of a minimum, as a share of the loss."""
 _GAP = 64
-"""Roundings of a coordinate off a bend, where a loss knows which side it is on."""
+"""Distance from a bend, in roundings of a coordinate, at which the side is certain."""
 _NEAR = 1e-3
-"""Distance from a bend within which a polish beside it begins at it: one that was held up by a
-kink ends so close that the way there is too short to be told from none."""
+"""Distance from a bend within which a polish beside it begins at it. A kink stops a polish so close
+to the bend that the rest of the way would count as none."""
 
 
 class NonFiniteLossError(ArithmeticError):
     """A loss or its gradient was not finite where the solver had to know it."""
 
 
-def check_finite(finite: Array | np.ndarray) -> None:
-    """Raise `NonFiniteLossError`, with the first of those starts that are not finite."""
-    bad = np.flatnonzero(~np.asarray(finite))
+def check_finite(finite: Bool[np.ndarray, "n"]) -> None:
+    """Raises `NonFiniteLossError`, with the first of the starts that are not finite."""
+    bad = np.flatnonzero(~finite)
     if bad.size:
         raise NonFiniteLossError(
             f"The loss and its gradient must be finite; got a NaN or an infinity from start "
-            f"{bad[0]} ({bad.size} of {np.asarray(finite).size} starts)."
+            f"{bad[0]} ({bad.size} of {finite.size} starts)."
         )
 
 
 def loss_and_gradient(
-    objective: AbstractObjective, box: Array | np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Loss and gradient at a point of the box; scalar and `(size,)`."""
+    objective: AbstractObjective, box: Float[Array | np.ndarray, "size"]
+) -> tuple[Float[np.ndarray, ""], Float[np.ndarray, "size"]]:
+    """Loss and gradient at a point of the box."""
     loss, gradient = _loss_and_gradient(objective, box)
     return np.asarray(loss), np.asarray(gradient)
 
 
 @compiled
-def _loss_and_gradient(objective: AbstractObjective, box: ArrayLike) -> tuple[Array, Array]:
+def _loss_and_gradient(
+    objective: AbstractObjective, box: Float[Array | np.ndarray, "size"]
+) -> tuple[Float[Array, ""], Float[Array, "size"]]:
     return jax.value_and_grad(objective)(jnp.asarray(box))
 
 
-def losses_at(objective: AbstractObjective, boxes: np.ndarray) -> np.ndarray:
-    """Losses at a few points, by the program that the polish needs anyway; shape `(n,)`.
+def losses_at(
+    objective: AbstractObjective, boxes: Float[np.ndarray, "n size"]
+) -> Float[np.ndarray, "n"]:
+    """Losses at a few points, by the program that the polish needs anyway.
 
     Raises:
         NonFiniteLossError: if a loss or its gradient is not finite.
@@ -64,16 +68,20 @@ def losses_at(objective: AbstractObjective, boxes: np.ndarray) -> np.ndarray:
     return losses
 
 
-def projected_gradient_norm(box: np.ndarray, gradient: np.ndarray) -> float:
-    r"""$\max|x - P(x - g)|$, the certificate of a minimum in the box: 0 at one."""
+def projected_gradient_norm(
+    box: Float[np.ndarray, "size"], gradient: Float[np.ndarray, "size"]
+) -> float:
+    r"""$\max|x - P(x - g)|$, which is 0 at a minimum in the box and certifies it."""
     return float(np.max(np.abs(box - np.clip(box - gradient, 0, 1)), initial=0.0))
 
 
-def certificate_at(objective: AbstractObjective, box: np.ndarray, bends: Bends) -> float:
+def certificate_at(
+    objective: AbstractObjective, box: Float[np.ndarray, "size"], bends: Bends
+) -> float:
     """The projected-gradient norm at a point of the box.
 
-    At a bend it is that of the slopes by which the loss falls on either side: none at a
-    minimum, though the slopes differ and neither is 0.
+    At a bend only slopes count by which the loss falls on either side: a minimum has none, though
+    the slopes differ and neither is 0.
     """
     before, after = _beside(box, bends)
     slopes = [np.array(loss_and_gradient(objective, side)[1]) for side in (before, after)]
@@ -83,10 +91,12 @@ def certificate_at(objective: AbstractObjective, box: np.ndarray, bends: Bends) 
     return max(projected_gradient_norm(box, slope) for slope in slopes)
 
 
-def _beside(box: np.ndarray, bends: Bends) -> tuple[np.ndarray, np.ndarray]:
-    """Points before and after a bend that a point lies at, or itself twice where it lies at none.
+def _beside(
+    box: Float[np.ndarray, "size"], bends: Bends
+) -> tuple[Float[np.ndarray, "size"], Float[np.ndarray, "size"]]:
+    """Points before and after the bend at a point, or the point twice where there is no bend.
 
-    Next to a bend roundings tell which side a point is on.
+    At the bend itself rounding would decide on the side.
     """
     gap = _GAP * np.finfo(box.dtype).eps
     for place in bends.places:
@@ -99,9 +109,9 @@ def _beside(box: np.ndarray, bends: Bends) -> tuple[np.ndarray, np.ndarray]:
 
 
 def minimise(
-    objective: AbstractObjective, box: np.ndarray, *, max_steps: int
-) -> tuple[np.ndarray, int]:
-    r"""A minimum by Optimistix BFGS, and the steps it took.
+    objective: AbstractObjective, box: Float[np.ndarray, "size"], *, max_steps: int
+) -> tuple[Float[np.ndarray, "size"], int]:
+    r"""A minimum by Optimistix BFGS, and the number of steps.
 
     The box is reached through $x = \sin^2\theta$, whose bounds are ordinary points: a
     solver arrives there, and leaves again, at finite $\theta$. A start on a bound, where
@@ -109,7 +119,7 @@ def minimise(
 
     Args:
         objective: The function to be minimised.
-        box: Where to begin; shape `(size,)`.
+        box: Point to begin at.
         max_steps: Steps, at most.
     """
     point, num_steps = _minimised(objective, box, max_steps)
@@ -117,10 +127,12 @@ def minimise(
 
 
 @compiled
-def _minimised(objective: AbstractObjective, box: ArrayLike, max_steps: int) -> tuple[Array, Array]:
+def _minimised(
+    objective: AbstractObjective, box: Float[Array | np.ndarray, "size"], max_steps: int
+) -> tuple[Float[Array, "size"], Int[Array, ""]]:
     box = jnp.asarray(box)
 
-    def loss(theta: Array, _: None) -> Array:
+    def loss(theta: Float[Array, "size"], _: None) -> Float[Array, ""]:
         return objective(jnp.sin(theta).astype(box.dtype) ** 2).astype(theta.dtype)
 
     # Optimistix takes JAX's default precision for its step size, whatever that of the angles.
@@ -132,48 +144,50 @@ def _minimised(objective: AbstractObjective, box: ArrayLike, max_steps: int) -> 
 class Polished(NamedTuple):
     """A point after the polish, its loss and certificate, and the loss after each step."""
 
-    box: np.ndarray
+    box: Float[np.ndarray, "size"]
     loss: float
     certificate: float
-    history: np.ndarray
+    history: Float[np.ndarray, "steps"]
 
     @property
     def num_steps(self) -> int:
-        """How many steps it took."""
+        """Number of steps of the polish."""
         return self.history.size
 
 
 def is_minimum(certificate: float, loss: float) -> bool:
-    """Whether a projected-gradient norm is small enough for a minimum of such a loss."""
+    """Whether a projected-gradient norm certifies a minimum of a loss."""
     return certificate <= _CERTIFIED * abs(loss)
 
 
 def polish(
     objective: AbstractObjective,
-    box: np.ndarray,
+    box: Float[np.ndarray, "size"],
     *,
     max_steps: int,
-    low: np.ndarray | None = None,
-    high: np.ndarray | None = None,
+    low: Float[np.ndarray, "size"] | None = None,
+    high: Float[np.ndarray, "size"] | None = None,
 ) -> Polished:
     """SciPy's box-constrained L-BFGS-B, in the box's own coordinates.
 
-    The loss is divided by its value at the start: the solver's tolerances are absolute, and
-    would stop it short where the light is bright and the loss small.
+    The loss is divided by its value at the start: the solver's tolerances are absolute, and would
+    stop it short in bright light, where the loss is small.
 
     Args:
         objective: The function to be minimised.
-        box: Where to begin; shape `(size,)`.
+        box: Point to begin at.
         max_steps: Steps, at most.
-        low: Bounds in place of those of the unit box, inside it; shape `(size,)`.
-        high: The same above.
+        low: Lower bounds, inside the unit box; its own by default.
+        high: Upper bounds, inside the unit box; its own by default.
 
     Raises:
         NonFiniteLossError: if the loss or gradient is not finite on the way.
     """
     from scipy.optimize import minimize
 
-    def value_and_gradient(x):
+    def value_and_gradient(
+        x: Float[np.ndarray, "size"],
+    ) -> tuple[Float[np.ndarray, ""], Float[np.ndarray, "size"]]:
         loss, gradient = loss_and_gradient(objective, np.asarray(x, box.dtype))
         if not (np.isfinite(loss) and np.all(np.isfinite(gradient))):
             raise NonFiniteLossError(
@@ -184,7 +198,7 @@ def polish(
 
     unit, history = 0.0, []
 
-    def relative(x):
+    def relative(x: Float[np.ndarray, "size"]) -> tuple[float, Float[np.ndarray, "size"]]:
         nonlocal unit
         loss, gradient = value_and_gradient(x)
         unit = unit or abs(float(loss)) or 1.0
@@ -211,10 +225,10 @@ def polish(
 def finished(
     objective: AbstractObjective, end: Polished, bends: Bends, *, max_steps: int
 ) -> Polished:
-    """A polish that stopped short of a minimum, gone on with.
+    """The continuation of a polish that stopped short of a minimum.
 
-    It is begun anew, which forgets curvatures that mislead it, then on either side of
-    the nearest bend: a kink holds up a solver that takes slopes for those all around.
+    The solver begins anew, which forgets misleading curvatures, then on either side of the nearest
+    bend: a kink stops a solver that expects the same slope on both sides.
 
     Raises:
         NonFiniteLossError: if the loss or gradient is not finite on the way.
@@ -223,18 +237,20 @@ def finished(
     for low, high in _sides(end.box, bends):
         if is_minimum(end.certificate, end.loss) or end.num_steps >= max_steps:
             break
-        left = max_steps - end.num_steps
         near_low, near_high = end.box - low < _NEAR, high - end.box < _NEAR
         start = np.where((low > 0) & near_low, low, np.where((high < 1) & near_high, high, end.box))
-        found = polish(objective, start, max_steps=left, low=low, high=high)
-        if found.loss <= end.loss:
-            certificate = certificate_at(objective, found.box, bends)
-            history = np.concatenate([end.history, found.history])
-            end = Polished(found.box, found.loss, certificate, history)
+        num_steps = max_steps - end.num_steps
+        after = polish(objective, start, max_steps=num_steps, low=low, high=high)
+        if after.loss <= end.loss:
+            certificate = certificate_at(objective, after.box, bends)
+            history = np.concatenate([end.history, after.history])
+            end = Polished(after.box, after.loss, certificate, history)
     return end
 
 
-def _sides(box: np.ndarray, bends: Bends) -> list[tuple[np.ndarray, np.ndarray]]:
+def _sides(
+    box: Float[np.ndarray, "size"], bends: Bends
+) -> list[tuple[Float[np.ndarray, "size"], Float[np.ndarray, "size"]]]:
     """Bounds of the whole box, and of its parts before and after the bend nearest to a point."""
     low, high = np.zeros_like(box), np.ones_like(box)
     if not bends.places.size:

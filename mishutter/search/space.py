@@ -34,21 +34,20 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float, Int
 
 from mishutter._core import Unquoted, common_dtype, compiled, device_constant, require
+from mishutter.evaluation import transmittance
 from mishutter.model import (
     AbstractDevice,
     AbstractMotion,
     AbstractShutter,
     FreeMotion,
     Limits,
-    LinearMotion,
-    ParabolicMotion,
+    MotionNumbers,
     PathShape,
     RectShutter,
     Scene,
-    StillCamera,
     at_coordinates,
     coordinates,
     filling_half_exposure,
@@ -57,25 +56,26 @@ from mishutter.model import (
     is_straight,
     largest_of,
     num_coordinates,
+    seen_from,
     settled,
-    steady,
 )
 
 FREE_NAMES = ("shutter", "path", "half_exposure", "velocity", "acceleration")
 _OF_MOTION = FREE_NAMES[2:]
 _ROUNDING = 1e-6
 _ROUNDS_TO_FILL = 8
-"""Rounds that find the exposure which fills a pixel through a device whose light depends on it:
+"""Rounds that approach the exposure which fills a pixel, where what a device passes depends on it:
 each leaves less than a quarter of the error."""
 _NUM_TRIED, _HALVINGS = 256, 40
-"""Half exposures between which a limit of the stage may begin to hold, and halvings of one step."""
+"""Half exposures between which another limit of the stage may begin to hold, and halvings of a step
+between two of them."""
 _TIMES_AT_ONCE = 8
-"""Of these, for one program to serve both the first of them and the halvings."""
+"""Half exposures a call: one compiled program serves the first round and the halvings."""
 _MOST_PIECES_DIFFER = 20.0
 """How many times more, or less, than the mean the acceleration of a piece of a free path may be."""
 _MEETING = 0.5
-"""Where along the half exposure a free path comes to its stroke and its top speed together: a
-kink whose place in the box is the same for every path."""
+"""Coordinate of the half exposure at which a free path comes to its stroke and its top speed
+together: a kink whose place in the box is the same for every path."""
 _SAME = 1e-5
 """Difference of speeds, as a share of the fastest, and of weights, within which they mirror."""
 _SLOWEST = 1e-2
@@ -86,12 +86,37 @@ class Bends(NamedTuple):
     """Places along one coordinate of the box where a loss may have a kink.
 
     Attributes:
-        coordinate: Which coordinate.
+        coordinate: Index of the coordinate.
         places: Its values there, inside the box; shape `(n,)`.
     """
 
     coordinate: int
-    places: np.ndarray
+    places: Float[np.ndarray, "n"]
+
+
+class Interval(NamedTuple):
+    """An interval with a logarithmic coordinate from 0 to 1; scalars.
+
+    Attributes:
+        low: Its lower end, at least 0.
+        high: Its upper end.
+    """
+
+    low: Float[Array, ""]
+    high: Float[Array, ""]
+
+    def at(self, share: Float[Array, ""]) -> Float[Array, ""]:
+        """The number at a coordinate, inside after rounding too; 0 in an interval up to 0."""
+        ratio = jnp.where(self.low > 0, self.high, 1.0) / jnp.where(self.low > 0, self.low, 1.0)
+        return _rounded_into(self.low * jnp.exp(share * jnp.log(ratio)), self.low, self.high)
+
+    def share(self, value: Float[Array, ""]) -> Float[Array, ""]:
+        """The coordinate of the number nearest to a value."""
+        wide = self.high > self.low
+        least = jnp.where(wide & (self.low > 0), self.low, 1.0)
+        span = jnp.log(jnp.where(wide, self.high, 2.0) / least)
+        positive = jnp.maximum(value, np.finfo(np.dtype(self.low.dtype)).tiny)
+        return jnp.clip(jnp.where(wide, jnp.log(positive / least) / span, 0.5), 0, 1)
 
 
 @final
@@ -99,31 +124,31 @@ class DesignSpace(eqx.Module):
     """A unit box of designs around a shutter and a motion.
 
     Attributes:
-        shutter: Profile that is held, or whose kind is moved, as it is sent to the device.
-        motion: Motion that is held where it is not free.
+        shutter: Profile as it is sent to the device: fixed, or of the kind that moves.
+        motion: Motion, whose numbers are fixed where they are not free.
         limits: Bounds on stroke, top speed, exposure and pan.
-        device: What it is sent to; None for one that loses no light.
-        filling: Half exposure over which white fills a pixel, s: through a shutter that is held,
-            or through an open one where it moves. None where pixels hold any light.
+        device: Device that the profile is sent to; None for one that loses no light.
+        filling: Half exposure over which white fills a pixel, s: through a fixed shutter, or
+            through an open one where the profile moves. None where pixels never fill.
         slowest: Least velocity worth panning at; px/s.
         fastest: Greatest velocity worth panning at; px/s.
         demand: Speed that a sensor gains as it keeps up with every object; px/s.
-        strongest: Largest acceleration that is explored, beside what the limits allow; px/s^2.
+        strongest: Largest acceleration that is explored, within the limits; px/s^2.
         free: Parts that may move.
-        num_profile_coordinates: How many of the coordinates belong to the shutter.
-        num_path_coordinates: How many of them after these belong to a free path.
-        path_mirrors: Whether these are of one half of the path, and of the other mirrored.
+        num_profile_coordinates: Number of coordinates that belong to the shutter.
+        num_path_coordinates: Number of coordinates, after these, that belong to a free path.
+        path_mirrors: Whether these belong to one half of the path, which the other mirrors.
     """
 
     shutter: AbstractShutter
     motion: AbstractMotion
     limits: Limits
     device: AbstractDevice | None
-    filling: Array | None
-    slowest: Array
-    fastest: Array
-    demand: Array
-    strongest: Array
+    filling: Float[Array, ""] | None
+    slowest: Float[Array, ""]
+    fastest: Float[Array, ""]
+    demand: Float[Array, ""]
+    strongest: Float[Array, ""]
     free: tuple[str, ...] = eqx.field(static=True)
     num_profile_coordinates: int = eqx.field(static=True)
     num_path_coordinates: int = eqx.field(static=True)
@@ -136,49 +161,43 @@ class DesignSpace(eqx.Module):
 
     @property
     def num_shape_coordinates(self) -> int:
-        """How many of the coordinates are of a profile or a path, before the motion's numbers."""
+        """Number of coordinates of profile and path, which come before the motion's numbers."""
         return self.num_profile_coordinates + self.num_path_coordinates
 
-    def at(self, box: Array) -> tuple[AbstractShutter, AbstractMotion]:
-        """The design at a point of the box; shape `(size,)`."""
-        count = self.num_profile_coordinates
+    def at(self, box: Float[Array, "size"]) -> tuple[AbstractShutter, AbstractMotion]:
+        """The design at a point of the box: the shutter behind the device, and the motion."""
         shutter = self._profile_at(box)
         share = dict(zip(self.free_of_motion, box[self.num_shape_coordinates :], strict=True))
         if not share:
-            return self.light(shutter, self.motion.half_exposure), self.motion
+            return self.transmittance(shutter, self.motion.half_exposure), self.motion
         half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
-        shape = self._shape(box[count : self.num_shape_coordinates])
-        acceleration = _mean_acceleration(self.motion)
+        shape = self._shape(box[self.num_profile_coordinates : self.num_shape_coordinates])
+        acceleration = self.motion.mean_acceleration
         if "half_exposure" in share:
             bounds = self._half_exposure_bounds(shutter)
             half_exposure = self._half_exposure_at(bounds, shape, share["half_exposure"])
         if "acceleration" in share:
-            bounds = self._acceleration_bounds(half_exposure, shape)
-            acceleration = _between(*bounds, share["acceleration"])
+            acceleration = self._acceleration_bounds(half_exposure, shape).at(share["acceleration"])
         if "velocity" in share:
             low, high = self._velocity_bounds(acceleration, half_exposure, shape)
             velocity = low + share["velocity"] * (high - low)
-        shutter = self.light(shutter, half_exposure)
-        if isinstance(self.motion, StillCamera):
-            return shutter, StillCamera(half_exposure=half_exposure)
-        if isinstance(self.motion, LinearMotion):
-            return shutter, LinearMotion(half_exposure=half_exposure, velocity=velocity)
-        numbers = {"half_exposure": half_exposure, "velocity": velocity}
-        if shape is not None:
-            return shutter, FreeMotion(accelerations=acceleration * shape.pieces, **numbers)
-        return shutter, ParabolicMotion(acceleration=acceleration, **numbers)
+        pieces = None if shape is None else shape.pieces
+        numbers = MotionNumbers(acceleration, half_exposure, velocity, pieces)
+        return self.transmittance(shutter, half_exposure), self.motion.with_numbers(numbers)
 
-    def shutter_at(self, box: Array, half_exposure: Array) -> AbstractShutter:
-        """The transmittance of the design at a point of the box, whose half exposure is known."""
-        return self.light(self._profile_at(box), half_exposure)
+    def shutter_at(
+        self, box: Float[Array, "size"], half_exposure: Float[Array, ""]
+    ) -> AbstractShutter:
+        """The shutter behind the device at a point of the box, for a half exposure there, s."""
+        return self.transmittance(self._profile_at(box), half_exposure)
 
-    def _profile_at(self, box: Array) -> AbstractShutter:
+    def _profile_at(self, box: Float[Array, "size"]) -> AbstractShutter:
         """The profile that is sent to the device at a point of the box."""
         count = self.num_profile_coordinates
         return at_coordinates(self.shutter, box[:count]) if count else self.shutter
 
-    def _shape(self, box: Array) -> PathShape | None:
-        """The shape of a free path at its coordinates."""
+    def _shape(self, box: Float[Array, "pieces"]) -> PathShape | None:
+        """The shape of a free path at its coordinates; None without any."""
         if not self.num_path_coordinates:
             return None
         shares = jnp.exp((2 * box - 1) * math.log(_MOST_PIECES_DIFFER))
@@ -192,15 +211,16 @@ class DesignSpace(eqx.Module):
     def of_motion(self) -> "DesignSpace":
         """The space of the motion alone, whose programs serve shutters of every kind.
 
-        It is this space itself where none of it moves, and where pixels fill and the exposures that
-        there are depend on the profile.
+        It is this space itself where no number of the motion moves, and where pixels fill, so that
+        the longest exposure depends on the profile.
         """
         fills = self.filling is not None and (self.num_profile_coordinates > 0 or self.lags)
         if fills or not self.free_of_motion:
             return self
         free = tuple(name for name in self.free if name != "shutter")
-        of_shutter = {"shutter": RectShutter(), "device": None, "num_profile_coordinates": 0}
-        return replace(self, free=free, **of_shutter)
+        return replace(
+            self, free=free, shutter=RectShutter(), device=None, num_profile_coordinates=0
+        )
 
     @property
     def free_of_motion(self) -> tuple[str, ...]:
@@ -213,13 +233,13 @@ class DesignSpace(eqx.Module):
         return np.dtype(self.demand.dtype)
 
     def without_acceleration(self) -> "DesignSpace":
-        """The same box, at every point of which the sensor does not accelerate."""
+        """The same box for sensors that do not accelerate."""
         return eqx.tree_at(lambda s: s.strongest, self, device_constant(np.zeros((), self.dtype)))
 
     def holding(self, motions: Iterable[AbstractMotion]) -> "DesignSpace":
-        """The space that reaches down to motions which keep up with fewer objects than it asks."""
+        """The space with a demand that some motions meet which keep up with fewer objects."""
         gains = [
-            2 * float(_mean_acceleration(motion)) * float(motion.half_exposure)
+            2 * float(motion.mean_acceleration) * float(motion.half_exposure)
             for motion in motions
             if not is_straight(motion)
         ]
@@ -228,16 +248,16 @@ class DesignSpace(eqx.Module):
 
     @property
     def lags(self) -> bool:
-        """Whether the light of a profile depends on the exposure that it is sent over."""
+        """Whether the transmittance of a profile depends on the exposure that it is sent over."""
         return self.device is not None and self.device.lags
 
     @property
     def bends(self) -> Bends:
-        """Where along the half exposure the bounds of a free acceleration change their course.
+        """Half exposures, as coordinates, at which another limit bounds a free acceleration.
 
-        Stroke, top speed, the demand of the objects and the given motion, and the least
-        acceleration that is explored give way to one another where two of them meet. Of a free
-        path only the place where stroke and top speed do is known.
+        Stroke, top speed, the demand of the objects and of the motion, and the least acceleration
+        that is explored give way to one another where two of them meet. For a free path only the
+        place where stroke and top speed meet is known.
         """
         index = self.num_shape_coordinates
         moves = {"acceleration", "half_exposure"} <= set(self.free)
@@ -248,22 +268,22 @@ class DesignSpace(eqx.Module):
         if self.filling is not None and (self.num_profile_coordinates or self.lags):
             return Bends(index, np.zeros(0))  # the exposures there are others for each profile
         low, high = (float(bound) for bound in self._half_exposure_bounds(self.shutter))
-        kept_up = float(self.demand), float(self.motion.speed_gain)
-        speeds = [float(self.limits.max_top_speed), *kept_up, *(v / _SLOWEST for v in kept_up)]
+        demands = float(self.demand), float(self.motion.speed_gain)
+        speeds = [float(self.limits.max_top_speed), *demands, *(v / _SLOWEST for v in demands)]
         times = np.array([2 * float(self.limits.max_stroke) / v for v in speeds if v > 0])
         if self.limits.has_stage or self.limits.frame_velocity is not None:
             times = np.concatenate([times, self._bends_of_stage(low, high)])
         inside = np.sort(times[(low < times) & (times < high)])
         return Bends(index, np.log(inside / low) / np.log(high / low) if inside.size else inside)
 
-    def _bends_of_stage(self, low: float, high: float) -> np.ndarray:
+    def _bends_of_stage(self, low: float, high: float) -> Float[np.ndarray, "n"]:
         """Half exposures at which another limit on the acceleration begins to hold; s."""
 
-        def courses_at(some: np.ndarray) -> np.ndarray:
-            padded = np.resize(some, -(-some.size // _TIMES_AT_ONCE) * _TIMES_AT_ONCE)
+        def courses_at(times: Float[np.ndarray, "k"]) -> Int[np.ndarray, "k"]:
+            padded = np.resize(times, -(-times.size // _TIMES_AT_ONCE) * _TIMES_AT_ONCE)
             rows = padded.astype(self.dtype).reshape(-1, _TIMES_AT_ONCE)
             each = [np.asarray(_courses(self.of_motion, row)) for row in rows]
-            return np.concatenate(each)[: some.size]
+            return np.concatenate(each)[: times.size]
 
         times = np.geomspace(low, high, _NUM_TRIED)
         courses = courses_at(times)
@@ -275,8 +295,8 @@ class DesignSpace(eqx.Module):
             before, after = np.where(same, middle, before), np.where(same, after, middle)
         return after
 
-    def course_at(self, half_exposure: Array) -> Array:
-        """A number that tells which limits the acceleration ends at over an exposure; scalar."""
+    def course_at(self, half_exposure: Float[Array, ""]) -> Int[Array, ""]:
+        """A number for the limits that bound the acceleration over an exposure; scalar."""
         limits, half = self.limits, half_exposure
         least, most = self._acceleration_bounds(half)
         rest = jnp.zeros_like(half)
@@ -292,8 +312,8 @@ class DesignSpace(eqx.Module):
         course += jnp.argmax(floors) * 4 + jnp.where(own < 1 - 1e-9, 2, 0)
         return course + jnp.where(least >= most, 1, 0)
 
-    def box(self, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
-        """The point of the box nearest to a design; shape `(size,)`."""
+    def box(self, shutter: AbstractShutter, motion: AbstractMotion) -> Float[Array, "size"]:
+        """The point of the box nearest to a design."""
         dtype = common_dtype(self.demand, motion.half_exposure)
         parts = []
         if "shutter" in self.free:
@@ -310,11 +330,11 @@ class DesignSpace(eqx.Module):
             half_exposure = self._half_exposure_at(bounds, shape, share)
         if not self.free_of_motion:
             return jnp.concatenate(parts)
-        acceleration, share = _mean_acceleration(motion), None
+        acceleration, share = motion.mean_acceleration, None
         if "acceleration" in self.free:
             bounds = self._acceleration_bounds(half_exposure, shape)
-            share = _share(*bounds, acceleration)
-            acceleration = _between(*bounds, share)
+            share = bounds.share(acceleration)
+            acceleration = bounds.at(share)
         if "velocity" in self.free:
             low, high = self._velocity_bounds(acceleration, half_exposure, shape)
             width = jnp.where(high > low, high - low, 1.0)
@@ -325,39 +345,39 @@ class DesignSpace(eqx.Module):
         return jnp.concatenate(parts)
 
     def _half_exposure_at(
-        self, bounds: tuple[Array, Array], shape: PathShape | None, share: Array
-    ) -> Array:
+        self, bounds: Interval, shape: PathShape | None, share: Float[Array, ""]
+    ) -> Float[Array, ""]:
+        """The half exposure at a coordinate; s."""
         if shape is None:
-            return _between(*bounds, share)
-        (low, high), middle = bounds, self._meeting(bounds, shape)
-        before = share < _MEETING
-        begin, end = jnp.where(before, low, middle), jnp.where(before, middle, high)
-        inside = jnp.where(before, share / _MEETING, (share - _MEETING) / (1 - _MEETING))
-        return _between(begin, end, inside)
+            return bounds.at(share)
+        middle, before = self._meeting(bounds, shape), share < _MEETING
+        part = Interval(
+            jnp.where(before, bounds.low, middle), jnp.where(before, middle, bounds.high)
+        )
+        return part.at(jnp.where(before, share / _MEETING, (share - _MEETING) / (1 - _MEETING)))
 
     def _half_exposure_share(
-        self, bounds: tuple[Array, Array], shape: PathShape | None, half_exposure: Array
-    ) -> Array:
+        self, bounds: Interval, shape: PathShape | None, half_exposure: Float[Array, ""]
+    ) -> Float[Array, ""]:
+        """The coordinate of a half exposure, s."""
         if shape is None:
-            return _share(*bounds, half_exposure)
-        (low, high), middle = bounds, self._meeting(bounds, shape)
-        before = _MEETING * _share(low, middle, half_exposure)
-        after = _MEETING + (1 - _MEETING) * _share(middle, high, half_exposure)
+            return bounds.share(half_exposure)
+        middle = self._meeting(bounds, shape)
+        before = _MEETING * Interval(bounds.low, middle).share(half_exposure)
+        after = Interval(middle, bounds.high).share(half_exposure)
+        after = _MEETING + (1 - _MEETING) * after
         return jnp.where(half_exposure < middle, before, after)
 
-    def _meeting(self, bounds: tuple[Array, Array], shape: PathShape) -> Array:
+    def _meeting(self, bounds: Interval, shape: PathShape) -> Float[Array, ""]:
         """Half exposure at which a path comes to its stroke and its top speed together; s."""
         path = _unit_path(shape.pieces, shape.velocity)
         times = self.limits.max_stroke / path.extent * path.top_speed
-        return jnp.clip(times / self.limits.max_top_speed, *bounds)
+        return jnp.clip(times / self.limits.max_top_speed, bounds.low, bounds.high)
 
-    def _coordinates_of_path(self, motion: AbstractMotion) -> Array:
+    def _coordinates_of_path(self, motion: AbstractMotion) -> Float[Array, "pieces"]:
         """Coordinates of a path: the middle of the box for a parabola."""
-        count = self.num_path_coordinates
-        if not isinstance(motion, FreeMotion):
-            return jnp.full(count, 0.5)
-        shares = jnp.maximum(motion.accelerations, 0)
-        shares = shares / jnp.where(jnp.any(shares > 0), jnp.mean(shares), 1.0)
+        num_pieces = self.num_path_coordinates * (2 if self.path_mirrors else 1)
+        shares = motion.acceleration_shares(num_pieces)
         if self.path_mirrors:
             before, after = jnp.split(shares, 2)
             shares = (before[::-1] + after) / 2
@@ -366,21 +386,21 @@ class DesignSpace(eqx.Module):
         return jnp.clip((1 + logarithm) / 2, 0, 1)
 
     def _velocity_bounds(
-        self, acceleration: Array, half: Array, shape: PathShape | None
-    ) -> tuple[Array, Array]:
-        if shape is None:
-            most = self._largest_pan(acceleration, half)
-            bounds = -most, most
-        else:  # to the left is to the right on the path that is run backwards
+        self, acceleration: Float[Array, ""], half: Float[Array, ""], shape: PathShape | None
+    ) -> Interval:
+        """Least and greatest velocity at mid-exposure; px/s."""
+        leftwards = rightwards = self._largest_pan(acceleration, half, shape)
+        if shape is not None:  # a pan to the left is one to the right on the path run backwards
             backwards = PathShape(shape.pieces[::-1], -shape.velocity)
-            ways = (self._largest_pan(acceleration, half, each) for each in (backwards, shape))
-            to_the_left, to_the_right = ways
-            bounds = -to_the_left, to_the_right
-        return jnp.clip(self.slowest, *bounds), jnp.clip(self.fastest, *bounds)
+            leftwards = self._largest_pan(acceleration, half, backwards)
+        return Interval(
+            jnp.clip(self.slowest, -leftwards, rightwards),
+            jnp.clip(self.fastest, -leftwards, rightwards),
+        )
 
     def _largest_pan(
-        self, acceleration: Array, half: Array, shape: PathShape | None = None
-    ) -> Array:
+        self, acceleration: Float[Array, ""], half: Float[Array, ""], shape: PathShape | None
+    ) -> Float[Array, ""]:
         """Greatest velocity to the right at mid-exposure that the limits leave a motion; px/s."""
         rest = jnp.zeros_like(half)
         numbers = {"acceleration": acceleration, "half_exposure": half, "velocity": rest}
@@ -395,8 +415,10 @@ class DesignSpace(eqx.Module):
             most = self.limits.largest("velocity", rest, most, numbers)
         return most
 
-    def light(self, shutter: AbstractShutter, half_exposure: Array) -> AbstractShutter:
-        """The transmittance that light sees where a profile is sent to the device.
+    def transmittance(
+        self, shutter: AbstractShutter, half_exposure: Float[Array, ""]
+    ) -> AbstractShutter:
+        """The transmittance that the device makes of a profile.
 
         Args:
             shutter: The profile.
@@ -406,31 +428,33 @@ class DesignSpace(eqx.Module):
             return shutter
         return self.device.light(shutter, half_exposure, self.dtype)
 
-    def _half_exposure_bounds(self, shutter: AbstractShutter) -> tuple[Array, Array]:
+    def _half_exposure_bounds(self, shutter: AbstractShutter) -> Interval:
+        """Shortest and longest half exposure; s."""
         low, high = self.limits.min_half_exposure, self.limits.max_half_exposure
         if self.filling is not None:
             filling = longest = self.filling
             for _ in range(_ROUNDS_TO_FILL if self.lags else 1):
                 if self.num_profile_coordinates or self.lags:
-                    efficiency = self.light(shutter, longest).efficiency().astype(filling.dtype)
+                    profile = self.transmittance(shutter, longest)
+                    efficiency = profile.efficiency().astype(filling.dtype)
                     longest = filling / jnp.maximum(efficiency, filling / high)
             high = jnp.clip(longest, low, high)
         moves = "acceleration" in self.free
-        a = jnp.zeros((), self.dtype) if moves else _mean_acceleration(self.motion)
-        if not isinstance(self.motion, FreeMotion) or moves:
-            longest = self.limits.half_exposure_by_stroke(a)
-            safe = jnp.where(a > 0, a, 1.0)
-            by_speed = jnp.where(a > 0, self.limits.max_top_speed / (2 * safe), jnp.inf)
-            high = jnp.clip(jnp.minimum(longest, by_speed), low, high)
+        a = jnp.zeros((), self.dtype) if moves else self.motion.mean_acceleration
+        longest = self.limits.half_exposure_by_stroke(a)
+        safe = jnp.where(a > 0, a, 1.0)
+        by_speed = jnp.where(a > 0, self.limits.max_top_speed / (2 * safe), jnp.inf)
+        high = jnp.clip(jnp.minimum(longest, by_speed), low, high)
         if self.limits.has_stage:
             rest = jnp.zeros_like(a)
             numbers = {"acceleration": a, "half_exposure": low, "velocity": rest}
             high = self.limits.largest("half_exposure", low, high, numbers)
-        return low, high
+        return Interval(low, high)
 
     def _acceleration_bounds(
-        self, half_exposure: Array, shape: PathShape | None = None
-    ) -> tuple[Array, Array]:
+        self, half_exposure: Float[Array, ""], shape: PathShape | None = None
+    ) -> Interval:
+        """Least and greatest acceleration, of a free path the mean; px/s^2."""
         by_speed = self.limits.max_top_speed / (2 * half_exposure)
         high, steepest = jnp.minimum(by_speed, self.strongest), 1.0
         if shape is None:
@@ -444,34 +468,46 @@ class DesignSpace(eqx.Module):
             numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": rest}
             high = self.limits.largest("acceleration", rest, high, numbers, shape)
         keeping_up = jnp.clip(self.demand / (2 * half_exposure), _SLOWEST * high, high)
-        kept_up = jnp.abs(_mean_acceleration(self.motion)) * self.motion.half_exposure
-        return jnp.minimum(keeping_up, kept_up / half_exposure), high
+        gain = jnp.abs(self.motion.mean_acceleration) * self.motion.half_exposure
+        return Interval(jnp.minimum(keeping_up, gain / half_exposure), high)
 
 
 @compiled
-def _courses(space: DesignSpace, half_exposures: Array | np.ndarray) -> Array:
+def _courses(space: DesignSpace, half_exposures: Float[Array | np.ndarray, "k"]) -> Int[Array, "k"]:
     return jax.vmap(space.course_at)(jnp.asarray(half_exposures))
 
 
-def _mean_acceleration(motion: AbstractMotion) -> Array:
-    """$a$, or by how much on the mean a free path accelerates; px/s^2."""
-    if isinstance(motion, FreeMotion):
-        return jnp.mean(motion.accelerations)
-    return steady(motion).acceleration
-
-
-def _unit_path(pieces: Array, velocity: Array) -> FreeMotion:
-    """The path of such pieces whose mean acceleration and half exposure are 1."""
+def _unit_path(pieces: Float[Array, "pieces"], velocity: Float[Array, ""]) -> FreeMotion:
+    """The path of such pieces with a mean acceleration and a half exposure of 1."""
     return FreeMotion(
         accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype), velocity=velocity
     )
 
 
-def _level_velocity(pieces: Array) -> Array:
+def _level_velocity(pieces: Float[Array, "pieces"]) -> Float[Array, ""]:
     """Velocity at mid-exposure at which a path ends where it began, in units of $aT$; scalar."""
     path = _unit_path(pieces, jnp.zeros((), pieces.dtype))
     begin, end = jnp.asarray(path.position_at(np.array([-1, 1], pieces.dtype)))
     return (begin - end) / 2
+
+
+class SearchFrame(NamedTuple):
+    """A scene and a motion of one kind, `settled`, in the frame that a search is done in."""
+
+    scene: Scene
+    motion: AbstractMotion
+
+
+def search_frame(scene: Scene, motion: AbstractMotion, free: Iterable[str]) -> SearchFrame:
+    """A scene and a motion in the frame of the sensor, unless its velocity is among what is free.
+
+    Raises:
+        ValueError: if the scene is none, or the motion.
+    """
+    motion = settled(motion)
+    if "velocity" not in free:
+        scene, motion = seen_from(scene, motion)
+    return SearchFrame(scene, motion)
 
 
 def design_space(
@@ -479,8 +515,8 @@ def design_space(
 ) -> DesignSpace:
     """The space of what `free` names, within the scene's limits.
 
-    A velocity that is held is that of the frame: the scene is as it is `seen_from` the motion.
-    A path that is free has an acceleration that is, and begins as that of the motion.
+    A scene and a motion whose velocity is not free are those of the `search_frame`. A free path
+    has a free acceleration, and begins as the path of the motion.
 
     Raises:
         ValueError: if `free` is empty or names something that cannot move.
@@ -488,66 +524,63 @@ def design_space(
     names = (free,) if isinstance(free, str) else tuple(free)
     motion = settled(motion)
     subject = "optimise(free=...)"
-    known = bool(names) and all(name in FREE_NAMES for name in names)
-    require(known, subject, f"name some of {', '.join(FREE_NAMES)}", free)
+    are_parts = bool(names) and all(name in FREE_NAMES for name in names)
+    require(are_parts, subject, f"name some of {', '.join(FREE_NAMES)}", free)
     if "shutter" in names:
         require_adjustable(shutter)
     frees_path = "path" in names
-    is_free = isinstance(motion, FreeMotion)
-    held = (set() if frees_path and is_free else _held_by_kind(motion)) & set(names)
-    at_rest = isinstance(motion, StillCamera)
-    requirement = "leave a still camera at rest" if at_rest else "leave a pan its constant velocity"
-    if isinstance(motion, FreeMotion):
-        requirement = "name path, or leave a free path as it is"
-    require(not held, subject, requirement, free)
+    fixed = set() if frees_path and not motion.accelerates_constantly else motion.fixed.names
+    require(not fixed & set(names), subject, motion.fixed.request, free)
     path_mirrors = frees_path and "velocity" not in names and mirrors(scene, 0.0)
     num_path = 0
     if frees_path:
         names = (*names, "acceleration")
-        motion = motion if is_free else FreeMotion.fit(motion)
-        num_path = num_free_pieces(scene, motion) // (2 if path_mirrors else 1)
+        motion = path = motion.as_free_path()
+        num_path = num_free_pieces(scene, path) // (2 if path_mirrors else 1)
     dtype = common_dtype(motion.half_exposure, scene.speeds)
-    limits = jax.tree.map(lambda x: x.astype(dtype), scene.limits)
     ordered = tuple(name for name in FREE_NAMES if name in names)
-    count = num_coordinates(shutter) if "shutter" in ordered else 0
+    num_profile = num_coordinates(shutter) if "shutter" in ordered else 0
     slowest, fastest = (x.astype(dtype) for x in scene.speed_range)
-    demand = (fastest - slowest) / 2 if "velocity" in ordered else scene.max_speed.astype(dtype)
     velocity = motion.velocity.astype(dtype)
-    bounds = (
-        device_constant(np.minimum(slowest, velocity)),
-        device_constant(np.maximum(fastest, velocity)),
-    )
-    device = jax.tree.map(lambda x: x.astype(dtype), scene.device)
     lags = scene.device is not None and scene.device.lags
-    filling = _filling(scene, None if count or lags else shutter)
-    filling = None if filling is None else jnp.asarray(filling, dtype)
-    counts = count, num_path, path_mirrors
-    strongest = device_constant(np.full((), np.inf, dtype))
+    filling = _filling(scene, None if num_profile or lags else shutter)
+    pans = "velocity" in ordered
     return DesignSpace(
-        shutter, motion, limits, device, filling, *bounds, demand, strongest, ordered, *counts
+        shutter=shutter,
+        motion=motion,
+        limits=jax.tree.map(lambda x: x.astype(dtype), scene.limits),
+        device=jax.tree.map(lambda x: x.astype(dtype), scene.device),
+        filling=None if filling is None else jnp.asarray(filling, dtype),
+        slowest=device_constant(np.minimum(slowest, velocity)),
+        fastest=device_constant(np.maximum(fastest, velocity)),
+        demand=(fastest - slowest) / 2 if pans else scene.max_speed.astype(dtype),
+        strongest=device_constant(np.full((), np.inf, dtype)),
+        free=ordered,
+        num_profile_coordinates=num_profile,
+        num_path_coordinates=num_path,
+        path_mirrors=path_mirrors,
     )
 
 
-def num_free_pieces(scene: Scene, motion: AbstractMotion) -> int:
-    """Pieces of a path that may move.
+def num_free_pieces(scene: Scene, path: FreeMotion) -> int:
+    """Number of pieces of a path that a search may move.
 
     Raises:
-        ValueError: if it has no even number of equal ones, or the scene has no free path.
+        ValueError: if the number is odd, the pieces are not equal, or the scene forbids a free
+            path.
     """
     subject, named = "optimise(free=...)", Unquoted("path")
     requirement = "be a path of an even number of equal pieces, as FreeMotion.fit makes it, to move"
-    count = 0
-    if isinstance(motion, FreeMotion) and len(set(motion.durations or ())) <= 1:
-        count = motion.accelerations.size
-    is_even = count > 0 and count % 2 == 0
-    require(is_even, "optimise(motion=...)", requirement, type(motion).__name__)
+    count = path.accelerations.size
+    are_equal = len(set(path.durations or ())) <= 1
+    require(are_equal and count % 2 == 0, "optimise(motion=...)", requirement, type(path).__name__)
     forbidden = forbids_free_path(scene)
     require(forbidden is None, subject, f"leave the path where {forbidden}", named)
     return count
 
 
 def forbids_free_path(scene: Scene) -> str | None:
-    """Why no path may be free in a scene, in words; None where one may."""
+    """The reason for which no path may be free in a scene, in words; None where one may."""
     if scene.limits.max_jerk is not None:
         return "the jerk of the stage is limited: between pieces it jumps"
     if scene.tolerances is not None:
@@ -556,9 +589,9 @@ def forbids_free_path(scene: Scene) -> str | None:
 
 
 def mirrors(scene: Scene, velocity: float) -> bool:
-    """Whether speeds and weights are the same in both directions from a velocity.
+    """Whether the objects move alike in both directions from a velocity, px/s.
 
-    So is a background that stands still.
+    A background that stands still has to stand still at that velocity too.
     """
     layers = scene.occlusion
     if layers is not None and layers.background == "still":
@@ -589,44 +622,33 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
         f"hold what an open shutter lets through in the shortest exposure, {shortest:g} e-"
     )
     require(shortest <= full_well, "Scene(full_well=...)", requirement, full_well)
-    light = 1.0
+    efficiency, most = 1.0, scene.limits.max_half_exposure
     if shutter is not None:
-        light = float(scene.light(shutter, scene.limits.max_half_exposure).efficiency())
-    longest = 2 * rate * light * float(scene.limits.max_half_exposure)
-    return float(filling_half_exposure(full_well, rate, light)) if longest > full_well else None
-
-
-def _held_by_kind(motion: AbstractMotion) -> set[str]:
-    """Parts of a motion that its kind holds at 0."""
-    motion = settled(motion)
-    if isinstance(motion, StillCamera):
-        return {"path", "acceleration", "velocity"}
-    if isinstance(motion, FreeMotion):
-        return {"half_exposure", "acceleration", "velocity"}
-    return {"path", "acceleration"} if is_straight(motion) else set()
+        efficiency = float(transmittance(scene, most, shutter).efficiency())
+    if 2 * rate * efficiency * float(most) <= full_well:
+        return None
+    return float(filling_half_exposure(full_well, rate, efficiency))
 
 
 def all_that_can_move(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter | None
 ) -> tuple[str, ...]:
-    """Parts that a search moves by default: a camera at rest stays, so does a fixed window.
+    """Parts that may move, but for a path: a camera at rest stays, and so does a fixed window.
 
-    A path becomes a free one only where that is asked for.
-
-    No shutter stands for a free-form profile.
+    Without a shutter the profile is of free form.
     """
-    held = _held_by_kind(motion)
+    fixed = {"path", *settled(motion).fixed.names}
     if is_known_zero(scene.limits.max_pan):
-        held.add("velocity")
+        fixed.add("velocity")
     if shutter is not None and not is_adjustable(shutter):
-        held.add("shutter")
-    return tuple(name for name in FREE_NAMES if name not in held | {"path"})
+        fixed.add("shutter")
+    return tuple(name for name in FREE_NAMES if name not in fixed)
 
 
 def beyond_limits(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
 ) -> tuple[str, ...]:
-    """Names of the limits that a design exceeds by more than rounding; none of one within them.
+    """Names of the limits that a design exceeds by more than rounding.
 
     The names are those of `Limits.demands`, and `"full_well"` where white fills a pixel.
     """
@@ -639,12 +661,13 @@ def fills(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> boo
     r"""Whether white, $2RT\eta$ electrons, is more than a pixel holds, to rounding."""
     if scene.full_well is None:
         return False
-    light = float(scene.light(shutter, motion).efficiency()) * float(motion.exposure)
-    return float(scene.photon_rate) * light > float(scene.full_well) * (1 + _ROUNDING)
+    efficiency = float(transmittance(scene, motion, shutter).efficiency())
+    electrons = float(scene.photon_rate) * (efficiency * float(motion.exposure))
+    return electrons > float(scene.full_well) * (1 + _ROUNDING)
 
 
 def require_adjustable(shutter: AbstractShutter) -> None:
-    """Refuse a shutter with nothing to move."""
+    """Refuses a shutter with nothing to move."""
     require(
         is_adjustable(shutter),
         "optimise(shutter=...)",
@@ -653,15 +676,11 @@ def require_adjustable(shutter: AbstractShutter) -> None:
     )
 
 
-def _between(low: Array, high: Array, share: Array) -> Array:
-    """Point of a logarithmic interval, inside it also after rounding; 0 where it ends at 0."""
-    ratio = jnp.where(low > 0, high, 1.0) / jnp.where(low > 0, low, 1.0)
-    return _rounded_into(low * jnp.exp(share * jnp.log(ratio)), low, high)
-
-
 @jax.custom_jvp
-def _rounded_into(value: Array, low: Array, high: Array) -> Array:
-    """Undo a last-digit excursion from an interval and leave the derivative alone.
+def _rounded_into(
+    value: Float[Array, ""], low: Float[Array, ""], high: Float[Array, ""]
+) -> Float[Array, ""]:
+    """Undoes a last-digit excursion from an interval and leaves the derivative alone.
 
     A clip has half of it at an end, or none: a search would see no slope that leads inside.
     """
@@ -671,11 +690,3 @@ def _rounded_into(value: Array, low: Array, high: Array) -> Array:
 @_rounded_into.defjvp
 def _rounded_into_jvp(primals, tangents):
     return _rounded_into(*primals), tangents[0]
-
-
-def _share(low: Array, high: Array, value: Array) -> Array:
-    wide = high > low
-    least = jnp.where(wide & (low > 0), low, 1.0)
-    span = jnp.log(jnp.where(wide, high, 2.0) / least)
-    positive = jnp.maximum(value, np.finfo(np.dtype(low.dtype)).tiny)
-    return jnp.clip(jnp.where(wide, jnp.log(positive / least) / span, 0.5), 0, 1)

@@ -1,10 +1,10 @@
-"""Where a search begins: baselines' profiles and random ones, or a grid of a few coordinates."""
+"""Starts of a search: baselines' profiles and random ones, or a grid of a few coordinates."""
 
 import math
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mishutter._core import compiled
@@ -19,57 +19,60 @@ from mishutter.model import (
     SplineShutter,
     TriangleShutter,
     TukeyShutter,
-    as_parabolic,
+    canonical_motion,
     coordinates,
     fitted_boxes,
 )
 from mishutter.search.space import DesignSpace
 
 GRID_COORDINATES = 4
-"""Up to so many coordinates a search begins on a grid."""
+"""Number of coordinates up to which a search begins on a grid."""
 _GRID_POINTS = {1: (17,), 2: (5, 9), 3: (4, 5, 7), 4: (4, 4, 3, 7)}
 """Points along each coordinate, ends included, as many a best design lies at one: most along
 the last, the acceleration, over which a condition number rises and falls with every pixel."""
 
 _TILTS = (0.1, -0.1, 0.3, -0.3)
-"""How far from the given path others are at either end of it, in the unit box."""
+"""Distances of the paths to start from at either end of the first path, in the unit box."""
 _DIGITS_APART = 6
-"""Digits of the unit box by which paths differ that are both worth a start."""
+"""Decimal digits of the unit box to which the paths of two starts differ."""
 
 
-def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> np.ndarray:
-    """Points to descend from; shape `(n, size)`, `n = num_starts` above three coordinates.
+def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> Float[np.ndarray, "n size"]:
+    """Points to descend from; `n = num_starts` above four coordinates.
 
-    The given design first, then the baselines' profiles and random ones, at the given
+    The design of the space comes first, then the baselines' profiles and random ones, at its
     motion and at random motions by turns.
     """
-    given = box_at(space, space.shutter, space.motion)
-    if given.size <= GRID_COORDINATES:
-        return np.concatenate([given[None], _grid(given.size).astype(given.dtype)])
+    first = box_at(space, space.shutter, space.motion)
+    if first.size <= GRID_COORDINATES:
+        return np.concatenate([first[None], _grid(first.size).astype(first.dtype)])
     count = space.num_profile_coordinates
     profiles = _baseline_boxes(space)
     random = np.random.default_rng(seed)
-    boxes = np.tile(given, (num_starts, 1))
+    boxes = np.tile(first, (num_starts, 1))
     for index in range(1, num_starts):
         if count:
-            named = index <= len(profiles)
-            profile = profiles[index - 1] if named else _random_profile(random, count)
-            boxes[index, :count] = profile
+            is_baseline = index <= len(profiles)
+            boxes[index, :count] = (
+                profiles[index - 1] if is_baseline else _random_profile(random, count)
+            )
         if index % 2 or not count:
-            boxes[index, count:] = random.uniform(size=given.size - count)
+            boxes[index, count:] = random.uniform(size=first.size - count)
     return boxes
 
 
-def box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion) -> np.ndarray:
-    """The point of a box that is nearest to a design; shape `(size,)`."""
+def box_at(
+    space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion
+) -> Float[np.ndarray, "size"]:
+    """The point of a box that is nearest to a design."""
     own = space.shutter
     if isinstance(shutter, SplineShutter) and isinstance(own, SplineShutter):
         if shutter.symmetric and not own.symmetric:
             shutter = SplineShutter(shutter.coefficients)
-    alone = space.of_motion
+    alone, motion = space.of_motion, canonical_motion(motion)
     if alone is space:
-        return np.asarray(_box_at(space, shutter, as_parabolic(motion)))
-    of_motion = np.asarray(_box_at(alone, RectShutter(), as_parabolic(motion)))
+        return np.asarray(_box_at(space, shutter, motion))
+    of_motion = np.asarray(_box_at(alone, RectShutter(), motion))
     if "shutter" not in space.free:
         return of_motion
     profile = np.clip(np.asarray(_coordinates(shutter)), 0, 1).astype(of_motion.dtype)
@@ -77,22 +80,26 @@ def box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion)
 
 
 @compiled
-def _box_at(space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion) -> Array:
+def _box_at(
+    space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion
+) -> Float[Array, "size"]:
     return space.box(shutter, motion)
 
 
 _coordinates = compiled(coordinates)
 
 
-def path_boxes(space: DesignSpace, boxes: np.ndarray) -> np.ndarray:
+def path_boxes(
+    space: DesignSpace, boxes: Float[np.ndarray, "n size"]
+) -> Float[np.ndarray, "more size"]:
     """Designs, and others beside each whose paths turn faster or slower towards their ends.
 
-    Where the pan is free there are as many at its least and at its greatest: of paths that turn
-    sharply once, those that do before mid-exposure and those that do after it are valleys apart.
+    Where the pan is free, all of them occur also at its least and at its greatest: paths that turn
+    sharply before mid-exposure and paths that do so after it lie in different valleys.
 
     Args:
         space: The space, with a free path.
-        boxes: Points of it; shape `(n, size)`.
+        boxes: Points of it.
     """
     first = space.num_profile_coordinates
     outwards = np.linspace(-1, 1, space.num_path_coordinates, dtype=boxes.dtype)
@@ -138,14 +145,14 @@ def path_of_speeds(scene: Scene, half_exposure: ArrayLike, num_pieces: int) -> F
     )
 
 
-def _grid(num_coordinates: int) -> np.ndarray:
+def _grid(num_coordinates: int) -> Float[np.ndarray, "n {num_coordinates}"]:
     """A coarse grid of the unit box, the last coordinate running fastest."""
     axes = [np.linspace(0, 1, points) for points in _GRID_POINTS[num_coordinates]]
     grid = np.meshgrid(*axes, indexing="ij")
     return np.stack(grid, axis=-1).reshape(-1, num_coordinates)
 
 
-def _random_profile(random: np.random.Generator, count: int) -> np.ndarray:
+def _random_profile(random: np.random.Generator, count: int) -> Float[np.ndarray, "{count}"]:
     """White noise and a random walk about one half, mixed: profiles of every roughness."""
     roughness = random.uniform()
     noise = random.standard_normal(count)
@@ -153,7 +160,8 @@ def _random_profile(random: np.random.Generator, count: int) -> np.ndarray:
     return np.clip(0.5 + roughness * noise / 2 + (1 - roughness) * walk, 0, 1)
 
 
-def _baseline_boxes(space: DesignSpace) -> list[np.ndarray]:
+def _baseline_boxes(space: DesignSpace) -> list[Float[np.ndarray, "p"]]:
+    """Baselines' profiles where a free-form profile moves."""
     shutter = space.shutter
     if not ("shutter" in space.free and isinstance(shutter, SplineShutter)):
         return []
@@ -161,8 +169,8 @@ def _baseline_boxes(space: DesignSpace) -> list[np.ndarray]:
 
 
 @lru_cache
-def window_fits(num_coefficients: int, symmetric: bool) -> list[np.ndarray]:
-    """Windows as splines that a search starts from, the likeliest first; shape `(p,)` each."""
+def window_fits(num_coefficients: int, symmetric: bool) -> list[Float[np.ndarray, "p"]]:
+    """Windows as splines that a search starts from, the likeliest first."""
     windows = (
         HannShutter(),
         TukeyShutter(0.5),
@@ -175,8 +183,8 @@ def window_fits(num_coefficients: int, symmetric: bool) -> list[np.ndarray]:
     return fitted_boxes(windows, num_coefficients, symmetric=symmetric)
 
 
-def lowest_places(losses: np.ndarray) -> np.ndarray:
-    """Places in order of loss, first those of a grid that no neighbour is lower than.
+def lowest_places(losses: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
+    """Places on a grid in order of loss, those first that have no lower neighbour.
 
     The design before the grid, which has no neighbours, is one of these.
     """

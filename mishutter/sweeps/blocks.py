@@ -174,10 +174,10 @@ class Engine:
                 some,
                 kit.shutter,
                 rules,
-                self.shapes,
-                own_sizes,
+                shapes=self.shapes,
+                sizes=own_sizes,
                 metrics=grid.metrics,
-                light=light,
+                levels=light,
                 boxes=own_boxes,
             )
             for name, values in part.items():
