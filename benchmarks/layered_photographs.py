@@ -1,14 +1,16 @@
 """Do layered photographs come back as well as is expected of an object before a background?
 
 Twelve photographs, each behind objects that another is seen through: ellipses, leaning bars and
-horses of three sizes, at other random places at each pair of speeds. They are captured by
-`simulate_capture` as `Layers` and restored by the one filter that is best for random objects of
-that share and width. Rows are mirrored and objects come round, so that rows are periodic: all of
-the picture is judged, and nothing is lost at its borders.
+horses of three sizes. An expected error is a mean over scenes, and one composite is one scene: so
+each error is a mean over placements, at which both photographs and the objects lie at random
+places. They are captured by `simulate_capture` as `Layers` and restored by the one filter that is
+best for random objects of that share and width. Rows are mirrored and objects come round, so that
+rows are periodic: all of the picture is judged, and nothing is lost at its borders.
 """
 
 import sys
 from functools import lru_cache
+from itertools import cycle
 from typing import NamedTuple
 
 import jax
@@ -26,6 +28,8 @@ from mishutter.model.images import shipped_picture
 NUM_ROWS, COLUMNS = 256, 512
 PERIOD = 2 * COLUMNS
 PHOTON_RATE, READ_NOISE = 1e5, 8.0
+NUM_PLACEMENTS = 16
+"""Composites of two photographs, each at one of the pairs of speeds in turn."""
 SHARE = 0.4
 """Of a picture that objects cover, about."""
 WITHIN_DB = 0.25
@@ -38,9 +42,11 @@ TEXT = """## Layered photographs beside what is expected of them
 Whole-picture PSNR, linear light, of twelve photographs ({rows} rows of {columns} px, mirrored)
 behind ellipses, leaning bars and horses, captured as `Layers` by `simulate_capture` at
 {rate:.0e} e-/s and {noise:g} e- and restored by the one filter that is best for random objects of
-that share and mean width along rows. At each pair of speeds objects lie at other places. `from both
-spectra` is the formula with the spectrum and the mean of either photograph; `and the mattes' own`
-has the spectrum of these mattes in place of that of objects of random widths.
+that share and mean width along rows. Each error is the mean over {placements} placements, at which
+both photographs and the objects lie at random places; the standard error is of what differs between
+placements at one pair of speeds. `from both spectra` is the formula with the spectrum and the mean
+of either photograph; `and the mattes' own` has the spectrum of these mattes in place of that of
+objects of random widths.
 
 *Objects that show another photograph.* Measured less expected from both spectra is {others}.
 `expected_psnr` has one spectrum for both layers, here the mean of the two by their shares: {one}.
@@ -49,32 +55,34 @@ both is off by as much as a dB.
 
 {others_table}
 
-*Objects that show the same photograph upside down*, so that one spectrum is that of both. Measured
-less `expected_psnr` is {same}. On these spectra `expected_psnr` is within {apart:.2f} dB of the
-sums: what is left is no error of the arithmetic. The two layers are not independent
-here: where a photograph is like itself upside down (`retina`, with a correlation of 0.33), its
-edges against itself are fainter than the formula has them, and the expectation is too low.
+*Objects that show the same photograph*, from another place, so that one spectrum is that of both.
+Measured less `expected_psnr` is {same}. On these spectra `expected_psnr` is within {apart:.2f} dB
+of the sums: what is left is no error of the arithmetic.
 
 {same_table}
 
-The rest has two reasons. Bars and horses of one size are no objects of random widths: with the
-mattes' own spectrum all 48 are {matte}. And one composite is one scene: a
-photograph's bright rows and what hides them are not independent, most of all where a picture is
-dark but for a few bright spots (`hubble_deep_field`). An expected error is a mean over scenes. Over
-random places of both photographs and of the objects it is the formula with the mattes' own
-spectrum. That less `expected_psnr` is {mean}
-where both layers show the same photograph; where they do not, that less the formula from both
-spectra is {mean_others}.
+Bars and horses of one size are no objects of random widths: with the mattes' own spectrum all 48
+are {matte}. What is left is what so many placements leave open, most of all where a
+picture is dark but for a few bright spots (`hubble_deep_field`).
 """
 
 
+class Placement(NamedTuple):
+    """One period of a background, of what is in front and of its opacity; `(rows, period)` each."""
+
+    background: np.ndarray
+    object: np.ndarray
+    matte: np.ndarray
+
+
 class Layered(NamedTuple):
-    """One period of a layered scene.
+    """One period of a layered scene, at several placements.
 
     Attributes:
         background: Light; shape `(rows, period)`.
         object: Light, also where the matte is clear; `(rows, period)`.
-        mattes: Opacity at each of several placements; `(n, rows, period)`.
+        mattes: Opacity at each placement; `(n, rows, period)`.
+        shifts: Rows and columns by which background and object are turned round; `(n, 2, 2)`.
         share: Mean of the mattes.
         width: Mean length of the runs along rows that objects cover, px.
     """
@@ -82,8 +90,19 @@ class Layered(NamedTuple):
     background: np.ndarray
     object: np.ndarray
     mattes: np.ndarray
+    shifts: np.ndarray
     share: float
     width: float
+
+    def placement(self, index: int) -> Placement:
+        """The layers as they lie at one of the placements."""
+        behind, front = (
+            np.roll(light, shift, axis=(0, 1))
+            for light, shift in zip(
+                (self.background, self.object), self.shifts[index].tolist(), strict=True
+            )
+        )
+        return Placement(behind, front, self.mattes[index])
 
 
 def rows_of(name: str) -> np.ndarray:
@@ -141,20 +160,17 @@ def mean_run(inside: np.ndarray) -> float:
 
 
 def layered(shape: str, width: float, names: tuple[str, str], count: int, seed: int) -> Layered:
-    """Two photographs, the second seen through objects at so many random placements.
-
-    A photograph before itself is upside down.
-    """
+    """Two photographs, the second seen through objects, at so many random placements."""
     random = np.random.default_rng(seed)
-    inside = np.stack([placement(random, shape, width) for _ in range(count)])
+    inside = np.stack([objects(random, shape, width) for _ in range(count)])
     mattes = inside.reshape(count, NUM_ROWS, PERIOD, _FINE).mean(3)
     run = mean_run(inside.reshape(-1, inside.shape[2])) / _FINE
+    shifts = random.integers((NUM_ROWS, PERIOD), size=(count, 2, 2))
     behind, front = map(rows_of, names)
-    front = front[::-1] if names[0] == names[1] else front
-    return Layered(behind, front, mattes, float(np.mean(mattes)), run)
+    return Layered(behind, front, mattes, shifts, float(np.mean(mattes)), run)
 
 
-def placement(random: np.random.Generator, shape: str, width: float) -> np.ndarray:
+def objects(random: np.random.Generator, shape: str, width: float) -> np.ndarray:
     """Objects of a shape at random places apart; shape `(rows, period * _FINE)`."""
     gap = 2 * _FINE
     inside = np.zeros((NUM_ROWS, PERIOD * _FINE), bool)
@@ -204,7 +220,7 @@ def spectra_of(scene: Layered, *, own_matte: bool = False) -> Spectra:
     return Spectra(k / PERIOD, own, (1 - p) ** 2 * behind[k], turns, beats[0])
 
 
-def placed(scene: Layered, matte: np.ndarray, places: tuple[float, float]) -> np.ndarray:
+def placed(scene: Placement, places: tuple[float, float]) -> np.ndarray:
     """The sharp picture, background and objects each displaced; `(rows, period)`."""
     turns = np.arange(PERIOD // 2 + 1) / PERIOD
 
@@ -214,16 +230,14 @@ def placed(scene: Layered, matte: np.ndarray, places: tuple[float, float]) -> np
         return 2 * np.fft.irfft(moved, 2 * PERIOD)
 
     behind = finer(scene.background, places[0])
-    matte, front = (finer(x, places[1]) for x in (matte, scene.object * matte))
+    matte, front = (finer(x, places[1]) for x in (scene.matte, scene.object * scene.matte))
     whole = np.fft.rfft(behind * (1 - matte) + front)[:, : PERIOD // 2 + 1] / 2
     return np.fft.irfft(whole, PERIOD)
 
 
-def captured(
-    scene: Layered, matte: np.ndarray, speeds: tuple[float, float], camera: str, seed: int
-) -> np.ndarray:
+def captured(scene: Placement, speeds: tuple[float, float], camera: str, seed: int) -> np.ndarray:
     """The package's capture of the layers, noise and all; `(rows, period)`."""
-    tiles = [np.tile(x, 3)[..., None].astype(np.float32) for x in (scene.object, matte)]
+    tiles = [np.tile(x, 3)[..., None].astype(np.float32) for x in (scene.object, scene.matte)]
     layers = ms.Layers(
         (
             ms.Layer(ms.Picture(scene.background[..., None]), speed=speeds[0]),
@@ -260,6 +274,21 @@ def scene_of(layers: Layered, background: str) -> ms.Scene:
     )
 
 
+def error_of(
+    layers: Layered,
+    exposure: layered_rows.Camera,
+    known: layered_rows.Filter,
+    pair: tuple[float, float],
+    noise: float,
+) -> float:
+    """Squared error that a filter is expected to leave at one pair of speeds."""
+    spectra = spectra_of(layers)
+    power, cross = layered_rows.recorded_spectra(spectra, exposure, [pair])
+    left = spectra.wanted - 2 * np.real(known.response * cross)
+    left = left + np.abs(known.response) ** 2 * (power + noise)
+    return 2 * float(np.trapezoid(left, known.frequency))
+
+
 def levels(layers: Layered, background: str, camera: str) -> dict:
     """PSNR of whole pictures that is expected and that is measured; dB."""
     motion, shutter = CAMERAS[camera]
@@ -268,16 +297,21 @@ def levels(layers: Layered, background: str, camera: str) -> dict:
     noise = exposure.noise(PHOTON_RATE, READ_NOISE, float(scene.mean_level))
     known = layered_rows.best_filter(spectra_of(layers), exposure, pairs, noise)
     own = layered_rows.best_filter(spectra_of(layers, own_matte=True), exposure, pairs, noise)
+    errors_of_pairs = [error_of(layers, exposure, known, pair, noise) for pair in pairs]
     errors = []
-    for seed, (matte, speeds) in enumerate(zip(layers.mattes, pairs, strict=True)):
-        light = captured(layers, matte, speeds, camera, seed)
+    for seed, speeds in zip(range(len(layers.mattes)), cycle(pairs), strict=False):
+        placement = layers.placement(seed)
+        light = captured(placement, speeds, camera, seed)
         level = light.mean()
         spectrum = np.fft.rfft(light - level) * known.response
         restored = np.fft.irfft(spectrum, PERIOD) + level / exposure.light.sum()
-        truth = placed(layers, matte, (exposure.place(speeds[0]), exposure.place(speeds[1])))
+        truth = placed(placement, (exposure.place(speeds[0]), exposure.place(speeds[1])))
         errors.append(np.mean((restored - truth) ** 2))
+    left = [errors_of_pairs[i % len(pairs)] for i in range(len(errors))]
+    spread = np.std(np.subtract(errors, left), ddof=1) / np.mean(errors) / np.sqrt(len(errors))
     return {
         "measured dB": f"{decibels(float(np.mean(errors))):.2f}",
+        "standard error": f"{10 / np.log(10) * spread:.2f}",
         "`expected_psnr`": f"{float(ms.evaluate(scene, motion, shutter).expected_psnr):.2f}",
         "from both spectra": f"{decibels(known.error):.2f}",
         "and the mattes' own": f"{decibels(own.error):.2f}",
@@ -295,7 +329,7 @@ def measure(apart: int) -> list[dict]:
     names, rows = list(PHOTOGRAPHS), []
     for index, (shape, width, background) in enumerate(scenes()):
         pair = names[index], names[(index + apart) % len(names)]
-        layers = layered(shape, width, pair, len(pairs_of(background)), index)
+        layers = layered(shape, width, pair, NUM_PLACEMENTS, index)
         for camera in CHOSEN:
             row = {
                 "background": pair[0].partition(".")[0],
@@ -310,9 +344,9 @@ def measure(apart: int) -> list[dict]:
     return rows
 
 
-def summary(rows: list[dict], expected: str, measured: str = "measured dB") -> str:
+def summary(rows: list[dict], expected: str) -> str:
     """One sentence on how far measured levels are from those expected."""
-    found = np.array([float(row[measured]) - float(row[expected]) for row in rows])
+    found = np.array([float(row["measured dB"]) - float(row[expected]) for row in rows])
     within = np.sum(np.abs(found) < WITHIN_DB + 0.005)
     return (
         f"{found.mean():+.2f} dB on average, {np.abs(found).max():.2f} at most, within "
@@ -333,14 +367,13 @@ def text_of(same: list[dict], others: list[dict]) -> str:
     return TEXT.format(
         rows=NUM_ROWS,
         columns=COLUMNS,
+        placements=NUM_PLACEMENTS,
         rate=PHOTON_RATE,
         noise=READ_NOISE,
         same=summary(same, "`expected_psnr`"),
         apart=max(abs(float(r["`expected_psnr`"]) - float(r["from both spectra"])) for r in same),
         others=summary(others, "from both spectra"),
         one=summary(others, "`expected_psnr`"),
-        mean=summary(same, "`expected_psnr`", "and the mattes' own"),
-        mean_others=summary(others, "from both spectra", "and the mattes' own"),
         matte=summary(same + others, "and the mattes' own"),
         same_table=harness.table(same, list(same[0])),
         others_table=harness.table(others, list(others[0])),
