@@ -23,7 +23,6 @@ from mishutter import (
     binned_exposure,
     blur_kernel,
 )
-from mishutter.blur import support
 
 MASS_ULP_PER_THOUSAND = 4
 """Units in the last place by which a thousand taps may miss the efficiency."""
@@ -50,7 +49,7 @@ PARABOLA = ParabolicMotion(acceleration=7100.0, half_exposure=0.31)
 )
 def test_a_known_support_takes_no_program(motion, caplog):
     """Also while another function is traced; it is that of a program."""
-    traced = float(jax.jit(support)(motion, 800.0))
+    traced = float(jax.jit(lambda x, s: x.kernel_length(s))(motion, 800.0))
     with compiled_programs(caplog) as programs:
         known = float(motion.kernel_length(np.asarray(800.0)))
     assert not programs
