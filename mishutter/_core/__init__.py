@@ -44,7 +44,6 @@ from mishutter._core.double_double import two_sum as two_sum
 from mishutter._core.double_double import word as word
 from mishutter._core.files import contents as contents
 from mishutter._core.files import is_own_folder as is_own_folder
-from mishutter._core.files import move_into_place as move_into_place
 from mishutter._core.files import short_names as short_names
 from mishutter._core.files import strict_json as strict_json
 from mishutter._core.files import writable_folder as writable_folder

@@ -1,11 +1,8 @@
 """The exposure integral: trajectories, crossings, kernels and transfer functions."""
 
-from mishutter.blur.free_path import num_runs as num_runs
-from mishutter.blur.free_path import path_ends as path_ends
 from mishutter.blur.kernel import aligned_kernel as aligned_kernel
 from mishutter.blur.kernel import binned_exposure as binned_exposure
 from mishutter.blur.kernel import blur_kernel as blur_kernel
-from mishutter.blur.kernel import support as support
 from mishutter.blur.quadrature import ExposureQuadrature as ExposureQuadrature
 from mishutter.blur.quadrature import exposure_quadrature as exposure_quadrature
 from mishutter.blur.quadrature import mean_transmittance as mean_transmittance

@@ -28,10 +28,8 @@ from mishutter._core import (
     DoubleWord,
     add,
     fractions_as_words,
-    is_concrete,
     multiply,
     negate,
-    primal_values,
     reciprocal,
     two_product,
     word,
@@ -39,10 +37,8 @@ from mishutter._core import (
 from mishutter.blur.crossings import AFTER, Crossings, at, distance, time_between
 from mishutter.blur.trajectory import opaque_to_fusion
 from mishutter.model import (
-    AbstractMotion,
     AbstractPiecewiseShutter,
     FreeMotion,
-    exact_ends,
     uniform_fractions,
 )
 
@@ -114,7 +110,7 @@ class RefinedShutter(AbstractPiecewiseShutter):
 def refined(
     profile: AbstractPiecewiseShutter, ends: tuple[Fraction, ...], dtype: np.dtype
 ) -> tuple[RefinedShutter, Array]:
-    """A profile refined by `path_ends`, and the piece of the path that contains each of its pieces.
+    """A profile refined by `piece_ends`, and the piece of the path that each of its pieces lies in.
 
     Returns:
         The profile, and indices of the path's pieces; shape `(m,)`.
@@ -156,29 +152,6 @@ def refined(
         smooth_length=profile.smooth_length,
     )
     return refined_profile, jnp.asarray(place, jnp.int32)
-
-
-def path_ends(motion: AbstractMotion) -> tuple[Fraction, ...]:
-    r"""Ends of the pieces of a free path that have a length, $\tau$ from -1 to 1.
-
-    Other motions have none.
-    """
-    if not isinstance(motion, FreeMotion):
-        return ()
-    return tuple(dict.fromkeys(exact_ends(motion.durations, motion.accelerations.size)))
-
-
-def num_runs(motion: AbstractMotion) -> int:
-    """Number of runs of a path; the number of its pieces if the accelerations are traced."""
-    if not isinstance(motion, FreeMotion):
-        return 1
-    a = primal_values(motion.accelerations)
-    lasting = motion.lasting
-    if not is_concrete(a):
-        return lasting.size
-    signs = np.sign(np.asarray(a)[lasting])
-    signs = signs[signs != 0]
-    return 1 + int(np.sum(signs[1:] != signs[:-1]))
 
 
 class PathParameters(NamedTuple):

@@ -17,16 +17,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from mishutter._core import (
     DoubleWord,
     RowLike,
     add,
-    as_numpy,
     common_dtype,
     is_concrete,
-    namespace_of,
     require,
     require_finite,
     require_positive_int,
@@ -62,8 +60,6 @@ from mishutter.blur.free_path import (
     free_crossings,
     free_path,
     looked_up,
-    num_runs,
-    path_ends,
     path_parameters,
     refined,
     runs,
@@ -80,7 +76,6 @@ from mishutter.model import (
     AbstractPiecewiseShutter,
     AbstractShutter,
     FreeMotion,
-    has_vertex,
     piecewise,
     steady,
 )
@@ -171,7 +166,7 @@ def aligned_kernel(
     edges = two_sum(index, jnp.broadcast_to(jax.lax.stop_gradient(first), index.shape))
     profile = piecewise(shutter)
     taps = _Taps(num_taps, edges, first, from_vertex)
-    return _exposure(profile, motion, jnp.asarray(speed, dtype), taps, count or num_runs(motion))
+    return _exposure(profile, motion, jnp.asarray(speed, dtype), taps, count or motion.num_runs)
 
 
 def binned_exposure(
@@ -213,30 +208,7 @@ def binned_exposure(
     row = jnp.pad(row, (0, row.size % 2), mode="edge")
     ends, shift = DoubleWord(row, jnp.zeros(1, dtype)), jnp.zeros((), dtype)
     taps, s = _Taps(num_taps, ends, shift, False), jnp.asarray(speed, dtype)
-    return _exposure(piecewise(shutter), motion, s, taps, num_runs(motion))
-
-
-def support(motion: AbstractMotion, speed: ArrayLike) -> Shaped[Array | np.ndarray, "..."]:
-    r"""Length of an aligned kernel; px, shape of `speed`, by NumPy where all is known.
-
-    It is $aT^2 (1 + |\nu|)^2$ from the vertex, and $2|s|T$ about mid-exposure for a camera at rest.
-    On a free path it is the distance from the lowest position to the highest, for the direction of
-    the speed that makes it longer.
-    """
-    a = motion.accelerations if isinstance(motion, FreeMotion) else steady(motion).acceleration
-    speed, v, T, a, gain = as_numpy(
-        speed, motion.velocity, motion.half_exposure, a, motion.speed_gain
-    )
-    space = namespace_of(speed)
-    with np.errstate(over="ignore", invalid="ignore"):
-        relative = space.asarray(speed) - v
-        if isinstance(motion, FreeMotion):
-            both = map(space.asarray, (v + relative, v - relative))
-            longer = space.maximum(*(motion.highest(s) - motion.lowest(s) for s in both))
-            return space.asarray(longer)
-        fastest, turns = abs(relative), has_vertex(motion)
-        far = (gain + fastest) ** 2 / (4 * space.where(turns, a, 1.0))
-        return space.asarray(space.where(turns, far, 2 * fastest * T))
+    return _exposure(piecewise(shutter), motion, s, taps, motion.num_runs)
 
 
 def _check_edges(edges: RowLike) -> None:
@@ -404,7 +376,7 @@ def _free_exposure(
 ) -> Float[Array, "n"]:
     """Exposure of each tap, in units of tau, on a free path of `num_runs` runs."""
     num_taps, edges, shift, from_vertex = taps
-    ends = path_ends(motion)
+    ends = motion.piece_ends
     refined_profile, place = refined(profile, ends, np.dtype(speed.dtype))
     parameters = path_parameters(
         motion, speed_on_sensor(speed, motion.velocity.astype(speed.dtype))

@@ -18,7 +18,7 @@ from mishutter._core import (
     require_positive_int,
     shape_of,
 )
-from mishutter.blur.free_path import path_ends, refined
+from mishutter.blur.free_path import refined
 from mishutter.blur.steepest_descent import (
     Panels,
     along_panel,
@@ -166,7 +166,7 @@ def _at_positive(
     dtype = np.dtype(f.dtype)
     T, v = (x.astype(dtype) for x in (motion.half_exposure, motion.velocity))
     if isinstance(motion, FreeMotion):
-        profile, place = refined(profile, path_ends(motion), dtype)
+        profile, place = refined(profile, motion.piece_ends, dtype)
 
         def panels_at(s: Array, f: Array) -> tuple[Panels, Array | None]:
             return free_panels(profile, place, motion, speed_on_sensor(s, v), f)

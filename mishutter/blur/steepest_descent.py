@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from mishutter._core import DoubleWord, multiply, two_sum, word
 from mishutter.blur.free_derivatives import differentiable_path
-from mishutter.blur.free_path import RefinedShutter, free_path, path_ends, path_parameters
+from mishutter.blur.free_path import RefinedShutter, free_path, path_parameters
 from mishutter.blur.trajectory import path, valued
 from mishutter.model import AbstractPiecewiseShutter, FreeMotion
 
@@ -109,7 +109,7 @@ def free_panels(
     offset, length, ends = _panel_ends(profile, np.dtype(frequency.dtype))
     tau = DoubleWord(*(jnp.append(x[:, :-1], x[-1:, -1]) for x in ends))
     piece = jnp.repeat(place, length.shape[1])
-    parameters, cuts = path_parameters(motion, s), path_ends(motion)
+    parameters, cuts = path_parameters(motion, s), motion.piece_ends
     exact = free_path(parameters, cuts, tau, piece, from_lowest=False)
     smooth_path = differentiable_path(parameters, cuts, exact, tau, piece, from_vertex=False)
     sign = jnp.where(exact.stroke < 0, -1.0, 1.0).astype(length.dtype)

@@ -25,7 +25,6 @@ from mishutter._core import (
     require_known,
     require_scalar,
 )
-from mishutter.blur import support
 from mishutter.camera.footage import Frames, expose_frames
 from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded, white_electrons
@@ -342,7 +341,7 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
     still = without_velocity(motion)
     speed = np.asarray(fastest, still.half_exposure.dtype)
-    reach, stroke = float(support(still, speed)), float(motion.stroke)
+    reach, stroke = float(still.kernel_length(speed)), float(motion.stroke)
     smear = 2 * fastest * float(motion.half_exposure)
     longest = max(reach, smear) + 1
     is_short = math.isfinite(longest) and longest <= MAX_REACH

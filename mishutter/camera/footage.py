@@ -20,7 +20,7 @@ from mishutter._core import (
     require_positive_int,
     shape_of,
 )
-from mishutter.blur import path_ends, waves_on_dft
+from mishutter.blur import waves_on_dft
 from mishutter.camera.rows import PAD_MODES, continued, period_of
 from mishutter.model import (
     PICTURE_SUFFIXES,
@@ -240,7 +240,7 @@ def _nodes(
     profile = piecewise(shutter)
     dtype = np.dtype(profile.dtype() or common_dtype())
     breaks = np.asarray(profile.breakpoints(dtype).high, np.float64)
-    breaks = np.append(breaks, np.array(path_ends(motion), float))
+    breaks = np.append(breaks, np.array(motion.piece_ends, float))
     fastest = float(motion.top_speed) * half
     count = _NUM_PANELS + int(np.ceil(2 * fastest / _PX_A_PANEL))
     equal_ends, breaks = np.linspace(-1, 1, count + 1), np.clip(breaks, -1, 1)

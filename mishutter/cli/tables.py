@@ -189,9 +189,7 @@ _OF_PHOTOGRAPH = (
 
 
 def _design_line(design: "Design") -> str:
-    from mishutter.model import FreeMotion
-
-    at_most = "at most " if isinstance(design.motion, FreeMotion) else ""
+    at_most = "" if design.motion.accelerates_constantly else "at most "
     return (
         f"{design.outcome}\n"
         f"Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best start, "

@@ -17,14 +17,11 @@ from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
 from mishutter.evaluation.layers import SEARCHED_EFFECTIVE_SPEEDS as SEARCHED_EFFECTIVE_SPEEDS
 from mishutter.evaluation.layers import Frequencies as Frequencies
-from mishutter.evaluation.layers import RowsAtRest as RowsAtRest
 from mishutter.evaluation.layers import background_of as background_of
 from mishutter.evaluation.layers import moments_on_dft as moments_on_dft
-from mishutter.evaluation.layers import rows_at_rest as rows_at_rest
 from mishutter.evaluation.layers import with_shares as with_shares
 from mishutter.evaluation.lengths import distinct_speeds as distinct_speeds
 from mishutter.evaluation.lengths import extent as extent
-from mishutter.evaluation.lengths import num_frequencies as num_frequencies
 from mishutter.evaluation.lengths import require_sizes as require_sizes
 from mishutter.evaluation.lengths import size_class as size_class
 from mishutter.evaluation.lengths import too_long as too_long
@@ -55,7 +52,6 @@ from mishutter.evaluation.needs import Parts as Parts
 from mishutter.evaluation.needs import Plan as Plan
 from mishutter.evaluation.needs import automatic as automatic
 from mishutter.evaluation.needs import coarser as coarser
-from mishutter.evaluation.needs import effective_speeds as effective_speeds
 from mishutter.evaluation.needs import folds_speeds as folds_speeds
 from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds

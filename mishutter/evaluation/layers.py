@@ -31,7 +31,7 @@ from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled
 from mishutter.evaluation.ensembles import at_each_error, error_weights, without_tolerances
-from mishutter.evaluation.power import picture_power, power_on_grid
+from mishutter.evaluation.power import picture_power
 from mishutter.model import (
     CORNER_FREQUENCY,
     NUM_FREQUENCIES,
@@ -39,7 +39,6 @@ from mishutter.model import (
     LayerShares,
     Occlusion,
     Scene,
-    StillCamera,
     with_occlusion,
 )
 
@@ -576,44 +575,3 @@ def _folded(weights: Array, shares: LayerShares) -> Array:
         return weights
     middle = shares.speeds.size // 2
     return weights[..., middle:, :].at[..., 1:, :].add(weights[..., :middle, :][..., ::-1, :])
-
-
-class RowsAtRest(NamedTuple):
-    r"""Rows $r$ of a capture by a camera at rest, of power $S\sum_r W_r |H_{s_r}|^2$.
-
-    Attributes:
-        speeds: $s_r$, px/s; shape `(r,)`.
-        weights: $W_r$ at each frequency; shape `(m, r)`.
-        power: $S$; shape `(m,)`.
-    """
-
-    speeds: np.ndarray
-    weights: np.ndarray
-    power: np.ndarray
-
-
-def rows_at_rest(scene: Scene, count: int, num_frequencies: int) -> RowsAtRest:
-    """Speeds and weights of a scene, which may have two layers; of these $V = W$, all being at 0.
-
-    Args:
-        scene: The scene; concrete.
-        count: How many effective speeds.
-        num_frequencies: Frequencies of the grid.
-    """
-    if scene.occlusion is None:
-        weights = np.asarray(scene.weights, np.float64)[None]
-        power = power_on_grid(scene, num_frequencies)
-        return RowsAtRest(np.asarray(scene.speeds, np.float64), weights, power)
-    grid = Frequencies.of_grid(num_frequencies)
-    scene = without_tolerances(scene).bare()
-    scene = with_shares(scene, background_of(scene), count, grid, folds=False)
-    speeds = np.asarray(computed_speeds(scene).speeds, np.float64)
-    weights = np.asarray(_weights_at_rest(scene, num_frequencies), np.float64)
-    return RowsAtRest(speeds, weights, power_on_grid(scene, num_frequencies))
-
-
-@compiled
-def _weights_at_rest(scene: Scene, num_frequencies: int) -> Array:
-    motion, dtype = StillCamera(half_exposure=1.0), np.dtype(scene.speeds.dtype)
-    direct, _ = _row_weights(scene, motion, num_frequencies, dtype, told=False)
-    return direct[0].T

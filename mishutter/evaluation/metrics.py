@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled
-from mishutter.blur import condition_number, safe_sqrt, support
+from mishutter.blur import condition_number, safe_sqrt
 from mishutter.evaluation.ensembles import (
     drive_variance,
     ensemble_weights,
@@ -250,7 +250,7 @@ def _num_supported(
     scene: Scene, motion: AbstractMotion, like: Float[Array, ""]
 ) -> Float[Array, ""]:
     """Number of taps that light of the fastest object falls on, odd for a camera at rest."""
-    far = jnp.ceil(support(motion, scene.max_speed))
+    far = jnp.ceil(motion.kernel_length(scene.max_speed))
     aside = jnp.ceil(scene.max_speed * motion.half_exposure - 0.5)
     count = jnp.where(has_vertex(motion), far, 2 * aside + 1)
     return jax.lax.stop_gradient(jnp.maximum(count, 1)).astype(like.dtype)

@@ -25,8 +25,6 @@ from mishutter.blur import (
     aligned_kernel,
     exposure_quadrature,
     mean_transmittance,
-    num_runs,
-    path_ends,
     sum_of_waves,
     waves_of_blocks,
     waves_on_dft,
@@ -111,7 +109,7 @@ def records(view: SampledView) -> Records:
         kernels, efficiency = _kernels_and_efficiency(profile, motion, speeds, plan.num_taps)
     if parts.spectra:
         if nodes is None:
-            nodes = exposure_quadrature(profile, plan.num_nodes, dtype, path_ends(motion))
+            nodes = exposure_quadrature(profile, plan.num_nodes, dtype, motion.piece_ends)
         spectra = spectra_of(scene, nodes, motion, plan.num_frequencies, plan.num_kept)
         efficiency = nodes.efficiency
     if efficiency is None:
@@ -193,7 +191,7 @@ def _kernels_and_efficiency(
     if not all_concrete((shutter, motion, speeds)):
         speeds, first = (jnp.asarray(x, dtype) for x in (speeds, first))
         return kernels_and_efficiency(
-            shutter, motion, speeds, first, num_taps=num_taps, num_runs=num_runs(motion)
+            shutter, motion, speeds, first, num_taps=num_taps, num_runs=motion.num_runs
         )
     shutter = in_one_form(shutter, dtype)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
@@ -201,7 +199,7 @@ def _kernels_and_efficiency(
     of_part = partial(
         kernels_and_efficiency,
         num_taps=length,
-        num_runs=num_runs(motion),
+        num_runs=motion.num_runs,
         in_turn=jax.default_backend() == "cpu",
     )
     first = np.asarray(first, dtype)
@@ -280,7 +278,7 @@ def nodes_in_time(
     They are NumPy arrays of double precision if the shutter is concrete.
     """
     dtype = common_dtype(*jax.tree.leaves((motion, shutter)))
-    nodes = exposure_quadrature(shutter, num_nodes, dtype, path_ends(motion))
+    nodes = exposure_quadrature(shutter, num_nodes, dtype, motion.piece_ends)
     tau, weight = nodes.tau, nodes.weight
     if all_concrete((tau, weight)):
         tau, weight = np.asarray(tau, np.float64), np.asarray(weight, np.float64)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from mishutter._core import all_concrete, primal_values
-from mishutter.blur import ExposureQuadrature, support
+from mishutter.blur import ExposureQuadrature
 from mishutter.evaluation.lengths import most_spread, spread_of_traced
 from mishutter.evaluation.needs import (
     Automatic,
@@ -174,7 +174,7 @@ def _refused_beyond(
     """A traced motion, with a run-time error where it exceeds the sizes of a plan."""
     fastest = scene.max_speed
     if parts.kernels:
-        reach = support(motion, fastest if parts.differences else jnp.zeros_like(fastest))
+        reach = motion.kernel_length(fastest if parts.differences else jnp.zeros_like(fastest))
         requirement = f"keep light within {plan.num_taps} px of where it is aligned"
         motion = _refused(motion, reach > plan.num_taps, requirement)
     if parts.spectra:

@@ -28,7 +28,6 @@ from mishutter.model import (
     require_scene,
     shutter_from_dict,
     shutter_to_dict,
-    steady,
 )
 
 _PROFILE_POINTS = 1001
@@ -277,16 +276,12 @@ def metrics_to_dict(metrics: Metrics) -> dict[str, float | int]:
 
 def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
     """Kind and numbers of a motion."""
-    numbers = {
+    return {
+        "kind": type(motion).__name__,
+        **motion.path_numbers,
         "half_exposure": float(motion.half_exposure),
         "velocity": float(motion.velocity),
     }
-    if isinstance(motion, FreeMotion):
-        durations = motion.durations and list(motion.durations)
-        path = {"accelerations": motion.accelerations.tolist(), "durations": durations}
-        return {"kind": "FreeMotion"} | path | numbers
-    steady_part = {"acceleration": float(steady(motion).acceleration)}
-    return {"kind": type(motion).__name__} | steady_part | numbers
 
 
 def scene_to_dict(scene: Scene) -> dict[str, object]:

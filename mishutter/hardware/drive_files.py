@@ -33,7 +33,7 @@ from mishutter._core import (
     text_lines,
     unit_columns,
 )
-from mishutter.model import AbstractMotion, ChippedShutter, FreeMotion, ParabolicMotion, steady
+from mishutter.model import AbstractMotion, ChippedShutter, ParabolicMotion, steady
 
 MAX_STEPS = 100_000
 _WORDS = (1 << 14) - 1
@@ -471,10 +471,10 @@ def _motion(
 ) -> AbstractMotion:
     """Motion of a sensor that follows positions at the beginning of each step."""
     intended_half = float(motion.half_exposure)
-    if isinstance(motion, FreeMotion) and position is not None:
+    if not motion.accelerates_constantly and position is not None:
         path = np.asarray(motion.position(_step_begins(position.size) * half))
         _require_follows(position, path, "on the free path that was given", name)
-    if position is None or position.size < 3 or isinstance(motion, FreeMotion):
+    if position is None or position.size < 3 or not motion.accelerates_constantly:
         if abs(half - intended_half) <= _SAME * intended_half:
             return motion
         acceleration = steady(motion).acceleration

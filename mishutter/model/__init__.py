@@ -33,7 +33,6 @@ from mishutter.model.motion import LinearMotion as LinearMotion
 from mishutter.model.motion import MotionNumbers as MotionNumbers
 from mishutter.model.motion import ParabolicMotion as ParabolicMotion
 from mishutter.model.motion import StillCamera as StillCamera
-from mishutter.model.motion import as_parabolic as as_parabolic
 from mishutter.model.motion import canonical_motion as canonical_motion
 from mishutter.model.motion import exact_ends as exact_ends
 from mishutter.model.motion import has_vertex as has_vertex

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple, cast, final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
 from mishutter._core import (
     RowLike,
@@ -25,6 +25,7 @@ from mishutter._core import (
     common_dtype,
     is_concrete,
     namespace_of,
+    primal_values,
     require,
     require_finite,
     require_positive_int,
@@ -52,6 +53,18 @@ class MotionNumbers(NamedTuple):
     half_exposure: Array
     velocity: Array
     pieces: Array | None = None
+
+
+class Phases(NamedTuple):
+    """Phases of constant acceleration, one after the other.
+
+    Attributes:
+        durations: Their durations; s.
+        accelerations: Mechanical accelerations, $2a$; px/s^2.
+    """
+
+    durations: Float[np.ndarray, "k"]
+    accelerations: Float[np.ndarray, "k"]
 
 
 class FixedParts(NamedTuple):
@@ -166,6 +179,34 @@ class AbstractMotion(eqx.Module):
             num_pieces: Number of pieces; those of a free path.
         """
 
+    @abstractmethod
+    def kernel_length(self, speed: RowLike) -> Shaped[Array | np.ndarray, "..."]:
+        """Length of the aligned kernel of objects; px, shape of `speed`, by NumPy if concrete.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
+
+    @property
+    @abstractmethod
+    def path_numbers(self) -> dict[str, Any]:
+        """Parameters of the path beside its exposure and velocity, as files hold them."""
+
+    @property
+    @abstractmethod
+    def phases(self) -> "Phases":
+        """The phases of the exposure in which the sensor accelerates constantly; concrete."""
+
+    @property
+    @abstractmethod
+    def piece_ends(self) -> tuple[Fraction, ...]:
+        r"""Ends of the pieces of a free path that have a length, $\tau$; none of other motions."""
+
+    @property
+    @abstractmethod
+    def num_runs(self) -> int:
+        """Number of stretches on which the acceleration keeps its sign; at most, if traced."""
+
     @property
     @abstractmethod
     def mean_acceleration(self) -> Array:
@@ -220,6 +261,38 @@ class AbstractSteadyMotion(AbstractMotion):
     def as_free_path(self) -> "FreeMotion":
         """A `FreeMotion` on the same path."""
         return FreeMotion.fit(self)
+
+    def kernel_length(self, speed: RowLike) -> Shaped[Array | np.ndarray, "..."]:
+        r"""$aT^2 (1 + |\nu|)^2$ from the vertex; $2|s|T$ about mid-exposure at rest; px."""
+        speed, v, T, a, gain = as_numpy(
+            speed, self.velocity, self.half_exposure, self.acceleration, self.speed_gain
+        )
+        space = namespace_of(speed)
+        with np.errstate(over="ignore", invalid="ignore"):
+            fastest, turns_within = abs(space.asarray(speed) - v), has_vertex(self)
+            far = (gain + fastest) ** 2 / (4 * space.where(turns_within, a, 1.0))
+            return space.asarray(space.where(turns_within, far, 2 * fastest * T))
+
+    @property
+    def path_numbers(self) -> dict[str, Any]:
+        """The acceleration $a$; px/s^2."""
+        return {"acceleration": float(self.acceleration)}
+
+    @property
+    def phases(self) -> Phases:
+        """The exposure, as one."""
+        whole = 2 * float(self.half_exposure), float(self.greatest_acceleration)
+        return Phases(*(np.array([x]) for x in whole))
+
+    @property
+    def piece_ends(self) -> tuple[Fraction, ...]:
+        """None."""
+        return ()
+
+    @property
+    def num_runs(self) -> int:
+        """One."""
+        return 1
 
     def acceleration_shares(self, num_pieces: int) -> Array:
         """Ones.
@@ -465,6 +538,50 @@ class FreeMotion(AbstractMotion):
     def as_free_path(self) -> "FreeMotion":
         """The path itself."""
         return self
+
+    def kernel_length(self, speed: RowLike) -> Shaped[Array | np.ndarray, "..."]:
+        """Distance from the lowest position to the highest; px.
+
+        It is that of the direction of the speed that makes it longer.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
+        speed, v, *_ = as_numpy(speed, self.velocity, self.half_exposure, self.accelerations)
+        space = namespace_of(speed)
+        with np.errstate(over="ignore", invalid="ignore"):
+            relative = space.asarray(speed) - v
+            both = map(space.asarray, (v + relative, v - relative))
+            return space.asarray(space.maximum(*(self.highest(s) - self.lowest(s) for s in both)))
+
+    @property
+    def path_numbers(self) -> dict[str, Any]:
+        """Accelerations and durations of the pieces."""
+        durations = self.durations and list(self.durations)
+        return {"accelerations": self.accelerations.tolist(), "durations": durations}
+
+    @property
+    def phases(self) -> Phases:
+        """The pieces that take time."""
+        ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
+        rates = 2 * np.asarray(self.accelerations, float)
+        lengths = float(self.half_exposure) * np.diff(ends)
+        return Phases(lengths[self.lasting], rates[self.lasting])
+
+    @property
+    def piece_ends(self) -> tuple[Fraction, ...]:
+        r"""Ends of the pieces that have a length, $\tau$ from -1 to 1."""
+        return tuple(dict.fromkeys(exact_ends(self.durations, self.accelerations.size)))
+
+    @property
+    def num_runs(self) -> int:
+        """Number of stretches of one sign; that of the pieces if the accelerations are traced."""
+        a, lasting = primal_values(self.accelerations), self.lasting
+        if not is_concrete(a):
+            return lasting.size
+        signs = np.sign(np.asarray(a)[lasting])
+        signs = signs[signs != 0]
+        return 1 + int(np.sum(signs[1:] != signs[:-1]))
 
     def acceleration_shares(self, num_pieces: int) -> Array:
         """Accelerations over their mean, those below 0 as 0; shape `(K,)`.

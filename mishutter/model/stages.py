@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import require, require_finite, require_known, require_scalar
-from mishutter.model.motion import AbstractMotion, FreeMotion, exact_ends, largest_of
+from mishutter.model.motion import AbstractMotion, FreeMotion, largest_of
 
 
 class StageUse(NamedTuple):
@@ -212,15 +212,10 @@ def stage_path(
     require(most >= own * (1 - 1e-9), subject, requirement, most)
     ends = np.array([-half, half])
     begin, end = (float(x) for x in np.asarray(motion.velocity_at(ends)))
-    if isinstance(motion, FreeMotion):
-        requirement = "be left out for a free path, whose acceleration jumps between pieces"
-        require(jerk is None, "stage_path(max_jerk=...)", requirement, max_jerk)
-        rates = 2 * np.asarray(motion.accelerations, float)
-        lengths = half * np.diff(np.array(exact_ends(motion.durations, rates.size), float))
-        rates, lengths = rates[motion.lasting], lengths[motion.lasting]
-        exposure = [(length, rate, 0.0) for length, rate in zip(lengths, rates, strict=True)]
-    else:
-        exposure = [(2 * half, own, 0.0)]
+    is_smooth = jerk is None or motion.accelerates_constantly
+    requirement = "be left out for a free path, whose acceleration jumps between pieces"
+    require(is_smooth, "stage_path(max_jerk=...)", requirement, max_jerk)
+    exposure = [(length, rate, 0.0) for length, rate in zip(*motion.phases, strict=True)]
     ramp = 0.0 if jerk is None else own / jerk
     begin, end = begin - own / 2 * ramp, end + own / 2 * ramp
     rise = [(ramp, 0.0, jerk)] if jerk is not None and ramp else []

@@ -68,8 +68,13 @@ def background_gains(
         snapshot = best_row(snapshots(RivalSearch(layered, loss)))
         start = scene.fullest_motion if is_straight(scene.motion) else scene.motion
         design = optimise(layered, start, loss=loss, num_starts=_NUM_STARTS)
-        parts = {"shutter": design.shutter, "motion": design.motion, "metrics": design.metrics}
-        camera = replace(snapshot, name=DESIGNED, **parts)
+        camera = replace(
+            snapshot,
+            name=DESIGNED,
+            shutter=design.shutter,
+            motion=design.motion,
+            metrics=design.metrics,
+        )
         gain = max(camera.level - snapshot.level, 0.0)
         gains.append(BackgroundGain(share, gain, camera if gain >= _TELLING else snapshot))
     return tuple(gains)

@@ -31,7 +31,7 @@ Update = Callable[[str], None]
 
 ENSEMBLE = "ensemble"
 _ROUNDING = 1e-6
-"""Of sums of weights."""
+"""Share by which sums of weights may differ by rounding."""
 _MAX_ROWS = 160
 """Rows of the photograph that are captured, or columns of one that moves along these, where the
 speed need not be found in them: each is blurred by itself."""
@@ -120,7 +120,7 @@ def photographs(
     levels: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
     shown: dict[str, RestoredPhotograph] = {}
     for name, row in rows.items():
-        found = restore_by_each(
+        results = restore_by_each(
             picture,
             scene,
             row.motion,
@@ -132,10 +132,10 @@ def photographs(
             decoder_speed=row.speed,
         )
         update(name)
-        tried = found[ENSEMBLE].speeds
+        tried = results[ENSEMBLE].speeds
         places = (int(np.argmin(np.abs(tried - speed))) for speed in pictured_speeds(scene))
-        shown[name] = found[ENSEMBLE].at(*places)
-        for decoder, result in found.items():
+        shown[name] = results[ENSEMBLE].at(*places)
+        for decoder, result in results.items():
             levels[decoder][name] = result.without_pictures()
     return Photographs(levels, shown)
 

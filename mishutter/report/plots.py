@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from mishutter._core import require, write_bytes
-from mishutter.blur import support
 from mishutter.evaluation import (
     kernel_phase,
     kernels_at_speeds,
@@ -201,7 +200,7 @@ def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
     """Extent of the longest kernel of some speeds; px."""
     fastest = max(abs(speed - float(motion.velocity)) for speed in speeds)
     dtype = motion.half_exposure.dtype
-    lengths = (float(support(motion, np.asarray(speed, dtype))) for speed in speeds)
+    lengths = (float(motion.kernel_length(np.asarray(speed, dtype))) for speed in speeds)
     return max(*lengths, 2 * fastest * float(motion.half_exposure) + 1)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter._core import common_dtype, compiled
-from mishutter.blur import ExposureQuadrature, exposure_quadrature, path_ends
+from mishutter.blur import ExposureQuadrature, exposure_quadrature
 from mishutter.evaluation import (
     ONLY_SPECTRA,
     AbstractLoss,
@@ -167,7 +167,7 @@ def objective_of(
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free and not space.lags:
             profile = space.transmittance(space.shutter, space.motion.half_exposure)
-            ends = path_ends(space.motion)
+            ends = space.motion.piece_ends
             nodes = exposure_quadrature(profile, plan.num_nodes, space.dtype, ends)
             space = replace(space, shutter=RectShutter())
         return SpectralObjective(loss, scene, space, nodes, plan)

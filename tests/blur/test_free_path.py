@@ -27,7 +27,6 @@ from mishutter import (
     blur_kernel,
     transfer_function,
 )
-from mishutter.blur import num_runs
 
 LARGEST = {np.float64: 8.0, np.float32: 6.0}
 """Longest stroke, as a power of ten px."""
@@ -148,8 +147,8 @@ def test_runs_of_known_and_of_unknown_accelerations():
     """Known signs make one run of a path that bends one way; the taps are those of many runs."""
     row = np.array([2.0, 0.0, 1.0, 3.0, 0.0, 0.5, 1.0, 4.0])
     motion = FreeMotion(accelerations=row, half_exposure=1.3, durations=DURATIONS)
-    assert num_runs(motion) == 1
-    assert num_runs(FreeMotion(accelerations=[1.0, 0.0, -1.0, 2.0], half_exposure=1.0)) == 3
+    assert motion.num_runs == 1
+    assert FreeMotion(accelerations=[1.0, 0.0, -1.0, 2.0], half_exposure=1.0).num_runs == 3
 
     @jax.jit
     def unknown(row):

@@ -23,7 +23,6 @@ from mishutter import (
     binned_exposure,
     blur_kernel,
 )
-from mishutter.blur import support
 
 MASS_ULP_PER_THOUSAND = 4
 """Units in the last place by which a thousand taps may miss the efficiency."""
@@ -50,12 +49,12 @@ PARABOLA = ParabolicMotion(acceleration=7100.0, half_exposure=0.31)
 )
 def test_a_known_support_takes_no_program(motion, caplog):
     """Also while another function is traced; it is that of a program."""
-    traced = float(jax.jit(support)(motion, 800.0))
+    traced = float(jax.jit(lambda x, s: x.kernel_length(s))(motion, 800.0))
     with compiled_programs(caplog) as programs:
-        known = float(support(motion, np.asarray(800.0)))
+        known = float(motion.kernel_length(np.asarray(800.0)))
     assert not programs
     np.testing.assert_allclose(known, traced, rtol=1e-13)
-    times = jax.jit(lambda x: x * float(support(motion, np.asarray(800.0))))
+    times = jax.jit(lambda x: x * float(motion.kernel_length(np.asarray(800.0))))
     np.testing.assert_allclose(times(2.0), 2 * known, rtol=1e-13)
 
 
@@ -68,7 +67,7 @@ def test_taps_sum_to_the_efficiency(slug, dtype):
     taps = blur_kernel(shutter, motion, speed=dtype(800.0), num_taps=1100, phase=dtype(-0.3))
     efficiency = SHUTTERS[slug].shutter(dtype).efficiency().astype(dtype)
     total = np.sum(np.asarray(taps), dtype=np.longdouble)
-    assert float(support(motion, dtype(800.0))) < 1099
+    assert float(motion.kernel_length(dtype(800.0))) < 1099
     assert taps.dtype == dtype
     assert np.all(taps >= 0)
     assert abs(total - float(efficiency)) <= MASS_ULP_PER_THOUSAND * 1.1 * np.spacing(efficiency)

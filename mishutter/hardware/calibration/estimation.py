@@ -30,7 +30,7 @@ from mishutter.model import (
     SplineShutter,
     require_scene,
     scene_text,
-    spline_knots,
+    spline_basis,
 )
 
 _SPEEDS = tuple(0.1 * k for k in range(-6, 7))
@@ -144,10 +144,8 @@ class FittedCamera:
         Args:
             tau: Normalised times, from -1 to 1.
         """
-        from scipy.interpolate import BSpline
-
         count = self.coefficients.size
-        basis = BSpline.design_matrix(np.asarray(tau), spline_knots(count), 3).toarray()
+        basis = spline_basis(np.asarray(tau), count).toarray()
         errors = np.minimum(self.coefficient_errors, 1.0)
         profile, margin = basis @ self.coefficients, 2 * (basis @ errors)
         return profile - margin, profile + margin

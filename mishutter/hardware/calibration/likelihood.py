@@ -17,7 +17,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from mishutter._core import compiled, require
-from mishutter.blur import support
 from mishutter.hardware.calibration.measurements import (
     END,
     Measurements,
@@ -31,6 +30,7 @@ from mishutter.model import (
     AbstractShutter,
     ParabolicMotion,
     SplineShutter,
+    spline_basis,
     spline_knots,
 )
 
@@ -192,7 +192,7 @@ class Setting:
         top = 2 * a * T
         fastest = top + max(np.abs(speeds - v).max(), (0.7 * top) * is_unknown.any())
         sent_motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
-        longest = float(support(sent_motion, fastest - top + abs(v)))
+        longest = float(sent_motion.kernel_length(fastest - top + abs(v)))
         num_taps = int(np.ceil(_MARGIN * longest)) * FINE + 2 * FINE
         scales = np.array([a, top, top, 1.0, *[1.0] * count])
         for picture, profile in zip(pictures, profiles, strict=True):
@@ -331,14 +331,12 @@ def _trace_samples(
 
     B-splines are 0 outside; the noise is a standard deviation.
     """
-    from scipy.interpolate import BSpline
-
     if trace is None:
         return np.zeros(0), np.zeros((0, count)), 1.0
     profile = measured_profile(trace, half_exposure=half, closed=float(np.min(trace.level)))
     tau, levels = np.asarray(trace.time) / half, np.asarray(trace.level)
     is_inside = np.abs(tau) <= 1
-    basis = BSpline.design_matrix(tau[is_inside], spline_knots(count), 3).toarray()
+    basis = spline_basis(tau[is_inside], count).toarray()
     dark = levels[~is_inside]
     rows = np.concatenate([basis, np.zeros((dark.size, count))])
     noise = profile.noise * (profile.opened - profile.closed)
