@@ -179,10 +179,17 @@ def inner_imports(tree: ast.AST) -> list[ast.AST]:
 def _is_inner(node: ast.ImportFrom) -> bool:
     parts = (node.module or "").split(".")[1:]
     folder = PACKAGE.joinpath(*parts)
-    has_module = len(parts) == 1 and any(
-        (folder / f"{alias.name}.py").exists() for alias in node.names
-    )
-    return len(parts) > 1 or has_module
+    if len(parts) != 1:
+        return len(parts) > 1
+    modules = {alias.name for alias in node.names if (folder / f"{alias.name}.py").exists()}
+    return bool(modules - {*_face(folder)})
+
+
+def _face(folder: Path) -> Iterator[str]:
+    """Names that a folder's `__init__` hands on, some of which are those of its modules too."""
+    tree = ast.parse((folder / "__init__.py").read_text())
+    imports = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))
+    return (alias.name for node in imports for alias in node.names)
 
 
 def private_names(tree: ast.AST) -> list[ast.AST]:
@@ -222,9 +229,7 @@ def counts(root: Path, folder: str) -> Counter[str]:
             total.update({name: len(rule(tree)) for name, rule in rules.items()})
             if top == "mishutter":
                 total.update(files=1, lines=text.count("\n"))
-    face = ast.parse((root / "mishutter" / folder / "__init__.py").read_text())
-    imports = (n for n in ast.walk(face) if isinstance(n, ast.ImportFrom))
-    total["face"] = sum(len(node.names) for node in imports)
+    total["face"] = len([*_face(root / "mishutter" / folder)])
     return total
 
 

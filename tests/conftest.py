@@ -1,7 +1,11 @@
 """Settings that every test runs under: 64-bit, no implicit promotion of types or ranks.
 
-The package's annotations are checked at run time (jaxtyping with beartype), so a shape or
-type that a docstring promises is enforced by every call a test makes.
+The annotations of the package are checked at run time (jaxtyping with beartype): every call in the
+test's own process holds arguments and return values to their types and shapes, a traced function
+at each trace. A subprocess that a test starts runs the package as a user does, unchecked.
+
+Compiled programs are dropped after each module and kept on disk for all processes of the run.
+Modules with most slow tests run first.
 """
 
 import atexit

@@ -13,6 +13,8 @@ import pytest
 from support.pages import Reader, blocks, here_documents, is_shown
 
 from mishutter.model import example_scene_text
+
+# Pages register shutters, which the next page is not to find.
 from mishutter.model.shutters import kinds
 
 ROOT = Path(__file__).parents[1]

@@ -11,7 +11,7 @@ import mishutter
 from docs.builder.links import broken_links
 from docs.builder.pages import ROOT, generated, with_links, write_pages, written
 from docs.builder.reference import public_names, scene_page, section_of, unit
-from mishutter.model.scene_schema import SceneFile
+from mishutter.model import SceneFile
 
 
 def keys(section: type[BaseModel]):

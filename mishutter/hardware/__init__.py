@@ -1,5 +1,6 @@
 """Designs in a laboratory: design files, drive tables, traces and calibration."""
 
+from mishutter.hardware.calibration import Estimate as Estimate
 from mishutter.hardware.calibration import FittedCamera as FittedCamera
 from mishutter.hardware.calibration import SensorLevels as SensorLevels
 from mishutter.hardware.calibration import TargetPicture as TargetPicture

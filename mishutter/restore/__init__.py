@@ -12,6 +12,7 @@ from mishutter.restore.decoders import TotalVariationDecoder as TotalVariationDe
 from mishutter.restore.decoders import WienerDecoder as WienerDecoder
 from mishutter.restore.decoders import blur_model as blur_model
 from mishutter.restore.decoders import estimate_speed as estimate_speed
+from mishutter.restore.decoders import expected_squared_error as expected_squared_error
 from mishutter.restore.decoders import richardson_lucy as richardson_lucy
 from mishutter.restore.decoders import squared_error_in as squared_error_in
 from mishutter.restore.image_quality import Quality as Quality

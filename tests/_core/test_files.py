@@ -67,6 +67,7 @@ def test_only_its_owner_may_write_to_a_folder_whose_files_are_run(tmp_path, monk
     assert (tmp_path / "new").stat().st_mode & 0o777 == 0o755
     (tmp_path / "file").write_text("")
     assert not is_own_folder(tmp_path / "file")
+    # A test can give its files to another user only where it is root.
     monkeypatch.setattr(os, "getuid", lambda: tmp_path.stat().st_uid + 1)
     assert not is_own_folder(tmp_path / "new")
 

@@ -26,6 +26,8 @@ from mishutter import (
     restore_photograph,
     simulate_capture,
 )
+
+# `widen` changes the distance at which light ends, for which captures have no argument.
 from mishutter.camera import occlusion, rows
 
 HALF = 0.009

@@ -33,9 +33,11 @@ from support.command_line import (
 )
 
 from mishutter import cli, example_scene, read_scene
+
+# The face is `main` alone, which never waits long enough without a bar to say so.
 from mishutter.cli.console import working
-from mishutter.hardware.design import Design
-from mishutter.model.images import write_picture
+from mishutter.hardware import Design
+from mishutter.model import write_picture
 
 
 @pytest.fixture(scope="module")
@@ -191,6 +193,7 @@ def test_the_output_folder_is_tried_before_the_search(tmp_path, capsys, monkeypa
     """A folder that takes no files is refused before anything is computed."""
     place = tmp_path / "file"
     place.write_text("in the way")
+    # Its first step fails if it begins.
     monkeypatch.setattr("mishutter.search.plan", None)
     line = refused(capsys, "optimise", "--out", place)
     assert "`--out` must be a folder that takes files; got" in line
@@ -229,6 +232,7 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
+    # The first step of a command is where it is interrupted.
     monkeypatch.setattr("mishutter.model.example_scene", interrupt)
     assert cli.main(["compare"]) == 130
     (line,) = capsys.readouterr().err.splitlines()
@@ -262,6 +266,7 @@ def test_an_interrupt_says_what_was_kept_and_how_to_go_on(
         raise KeyboardInterrupt
 
     monkeypatch.chdir(tmp_path)
+    # A signal would have to come while it runs, at a time that depends on the machine.
     monkeypatch.setattr(f"mishutter.{place}", interrupt)
     assert cli.main(arguments) == 130
     out, err = capsys.readouterr()
@@ -277,6 +282,7 @@ def test_an_interrupt_after_the_search_keeps_the_design(small_scene, monkeypatch
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
+    # A signal would have to come between two steps of the command.
     monkeypatch.setattr("mishutter.cli.app._compared", interrupt)
     out = tmp_path / "a folder"
     arguments = ["optimise", str(small_scene), "--out", str(out), *SMALL_SEARCH]
@@ -296,6 +302,7 @@ def test_a_termination_is_143(monkeypatch):
         os.kill(os.getpid(), signal.SIGTERM)
         raise AssertionError
 
+    # The first step of a command is where the signal comes.
     monkeypatch.setattr("mishutter.model.example_scene", terminated)
     with pytest.raises(SystemExit, match="143"):
         cli.main(["compare"])
@@ -308,6 +315,7 @@ def test_a_bug_shows_itself(monkeypatch):
     def fail(*_, **__):
         raise TypeError("a bug")
 
+    # No command has a known bug.
     monkeypatch.setattr("mishutter.model.example_scene", fail)
     with pytest.raises(TypeError, match="a bug"):
         cli.main(["compare"])

@@ -19,6 +19,8 @@ from support.videos import film
 
 import mishutter as ms
 from mishutter import cli
+
+# No message tells this limit to a pixel, and a test just below it would decode 150 megapixels.
 from mishutter.model.images import MAX_PIXELS
 
 ROWS, COLUMNS = 11, 43
@@ -102,6 +104,7 @@ def test_every_kind_of_picture(slug, tmp_path, scene, capsys):
 def test_a_capture_says_what_it_is_of(tmp_path, scene, capsys, monkeypatch):
     """The shutter, the motion, the speed, the decoder and the PSNR that is printed."""
     figures = []
+    # Titles of the figure are text; in the file they are pixels.
     monkeypatch.setattr("mishutter.report.save_figure", lambda figure, _: figures.append(figure))
     saved(np.ascontiguousarray(CODED[..., :3]))(tmp_path / "a.png")
     arguments = ["--subject", tmp_path / "a.png", "--shutter", "tukey:0.3", "--speed", "700"]

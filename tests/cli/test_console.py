@@ -12,6 +12,7 @@ import time
 
 import pytest
 
+# The face is `main` alone, and no command prints names and widths as awkward as these.
 from mishutter.cli import console
 from mishutter.cli.console import (
     ends_when_asked,
@@ -140,6 +141,7 @@ def test_reasons_are_folded_under_one_another(monkeypatch):
 
 def test_work_in_a_pipe_says_now_and_then_how_long_it_takes(monkeypatch, capsys):
     """Lines on standard error, none while it is quick, with a time to go once one is known."""
+    # The package's own waits are as long as a reader is patient.
     monkeypatch.setattr(console, "_PATIENCE", 0.15)
     monkeypatch.setattr(console, "_PAUSE", 0.15)
     with progress_bar("searching", 40) as update:

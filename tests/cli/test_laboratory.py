@@ -24,6 +24,8 @@ from mishutter import (
     cli,
     read_drive,
 )
+
+# A comparison searches for minutes; the tests read what it would be given.
 from mishutter.cli import app
 from mishutter.hardware import GIVEN, given_design
 from mishutter.model import panned, seen_from
@@ -163,6 +165,7 @@ def test_compare_takes_designed_driven_and_measured(folder, tmp_path, capsys, mo
     assert cli.main(["export", str(given[3]), "--out", str(tmp_path), "--levels", "3"]) == 0
     (tmp_path / "trace.csv").write_text(trace())
     seen = []
+    # The cameras are whole before the comparison, which searches for minutes.
     monkeypatch.setattr(app, "_compared", lambda *given: seen.append(given))
     monkeypatch.setattr(app, "_deliver", lambda *given: None)
     files = ["--drive", tmp_path / "drive.csv", "--measured", tmp_path / "trace.csv"]
@@ -190,6 +193,7 @@ def test_an_export_of_several_channels_is_read_by_options(folder, tmp_path, caps
     time = time * 13e-3 / PULSE_HALF  # the scene's exposure
     (tmp_path / "scope.csv").write_text(tektronix_mso(time, np.minimum(level, 1.1), channels=2))
     seen = []
+    # The cameras are whole before the comparison, which searches for minutes.
     monkeypatch.setattr(app, "_compared", lambda *given: seen.append(given))
     monkeypatch.setattr(app, "_deliver", lambda *given: None)
     files = ["compare", folder / "scene.toml", "--measured", tmp_path / "scope.csv"]

@@ -15,7 +15,7 @@ from mishutter import (
     centred_kernel,
     evaluate,
 )
-from mishutter.camera.capture import captured_response
+from mishutter.camera import captured_response
 from mishutter.evaluation import folds_speeds
 
 SHUTTER = TukeyShutter(0.4)

@@ -24,7 +24,7 @@ from mishutter import (
     ceiling,
     evaluate,
 )
-from mishutter.restore.decoders import expected_squared_error
+from mishutter.restore import expected_squared_error
 
 REFERENCE = 1.5e-4
 """Difference from the reference's values, dB: these have four decimals, and are known to 1e-4."""

@@ -33,12 +33,12 @@ from mishutter import (
     optimise,
     plan,
 )
-from mishutter.evaluation import losses
+
+# Terms of a loss, each checked against its definition; a loss returns their weighted sum.
+from mishutter.evaluation import ONLY_SPECTRA, PLANNED, losses, respond, sampled_view
 from mishutter.evaluation.losses import smooth_condition_number
 from mishutter.evaluation.metrics import expected_squared_error, squared_errors_by_speed
-from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED
-from mishutter.evaluation.response import folded, respond
-from mishutter.evaluation.sensor_view import sampled_view
+from mishutter.evaluation.response import folded
 
 LOSSES = {
     "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),

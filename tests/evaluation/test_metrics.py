@@ -26,15 +26,20 @@ from mishutter import (
     evaluate,
     transfer_function,
 )
-from mishutter.evaluation.metrics import (
-    expected_squared_error,
+from mishutter.evaluation import (
+    ONLY_SPECTRA,
+    PLANNED,
+    Plan,
     picture_power,
+    respond,
+    sampled_view,
+    sizes,
     spectral_levels,
 )
-from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Plan, sizes
-from mishutter.evaluation.response import respond
-from mishutter.evaluation.sensor_view import sampled_view
-from mishutter.model.optics import frequencies, frequency_grid
+
+# The error as a share of 1, to its last digits; metrics hold it in decibels.
+from mishutter.evaluation.metrics import expected_squared_error
+from mishutter.model import frequencies, frequency_grid
 
 HALF_EXPOSURE = 0.013
 MOTION = ParabolicMotion(acceleration=31.0 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)

@@ -25,7 +25,9 @@ from mishutter import (
     evaluate,
     plan,
 )
-from mishutter.evaluation.needs import PLANNED
+from mishutter.evaluation import PLANNED
+
+# A search's loss at one point; a design holds only that of its minimum.
 from mishutter.search.objective import SpectralObjective
 from mishutter.search.space import design_space
 

@@ -32,6 +32,8 @@ from mishutter import (
 )
 from mishutter.blur import exposure_quadrature
 from mishutter.evaluation import spectra_of, squared_error_within
+
+# Members of an ensemble and their weights; metrics hold only means over them.
 from mishutter.evaluation.ensembles import drive_variance, ensemble_of, ensemble_weights
 from mishutter.model import seen_from
 

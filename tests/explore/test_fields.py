@@ -6,6 +6,8 @@ import pytest
 from support.command_line import SMALL_SCENE
 
 from mishutter._core import in_section, validated
+
+# The face starts a server; the fields are checked without one.
 from mishutter.explore.fields import label_and_unit, page_fields, scene_text
 from mishutter.model import SceneFile, example_scene_text
 

@@ -14,6 +14,7 @@ import tornado.websocket
 from PIL import Image
 from support.command_line import SMALL_SCENE
 
+# The face starts a server that never returns; these tests run it on a loop of their own.
 from mishutter.explore import server
 from mishutter.explore.session import Beginning, with_design
 

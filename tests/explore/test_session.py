@@ -22,12 +22,13 @@ from mishutter import (
     evaluate,
     optimise,
 )
+
+# The face starts a server; answers are checked without one.
 from mishutter.explore import pictures
 from mishutter.explore import session as sessions
 from mishutter.explore.answers import curves, first_answer
 from mishutter.explore.session import Order, Request, Session, SupersededError
-from mishutter.search import Row
-from mishutter.search.space import beyond_limits
+from mishutter.search import Row, beyond_limits
 
 TABLES = tomllib.loads(SMALL_SCENE.replace('path = "photo.png"', "mean_level = 0.23"))
 del TABLES["motion"]
@@ -71,6 +72,7 @@ def test_a_scene_may_be_in_units_of_ones_own():
         "limits": {"max_stroke_mm": 0.1},
     }
     assert sessions.Beginning(units, {}).speed == 400
+    # A session starts a search in each of these scenes, and holds no other sign of them.
     beside = [sessions.built(tables, {}) for tables in sessions._around(units) if tables]
     strokes, rates, fastest = (
         {round(float(number), 6) for number in numbers}
@@ -312,6 +314,7 @@ def test_an_upload_that_is_no_photograph_is_refused(started, name, content, line
 
 def test_a_picture_of_too_many_pixels_is_refused_by_its_header(started, monkeypatch):
     """It is not decoded: a small file may hold a picture that fills the memory."""
+    # A picture beyond the package's own limit takes seconds to make; reading it would fail.
     monkeypatch.setattr(pictures, "MOST_PIXELS", 500)
     monkeypatch.setattr(pictures, "read_picture", None)
     with pytest.raises(ValueError, match="at most 500 pixels"):
@@ -325,6 +328,7 @@ def test_numbers_of_an_upload_may_be_told(started):
     found = []
     for told in ({}, {"white": 300.0}, {"linear": True}):
         scene = TABLES | {"picture": {"path": "mine.png", **told}}
+        # A search of the whole scene takes long; what it would read is what matters.
         found.append(sessions.built(scene, session._photographs))
     plain, whiter, linear = (float(scene.mean_level) for scene in found)
     assert whiter == pytest.approx(plain * (255 / 300) ** 2.2, rel=1e-5)

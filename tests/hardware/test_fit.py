@@ -39,6 +39,8 @@ from mishutter import (
     fit,
 )
 from mishutter.hardware import GIVEN
+
+# The model of a recording; a fit returns only the numbers that minimise its misfit.
 from mishutter.hardware.calibration.response import FINE, MOVED, collected, kernels
 
 ELECTRONS = 1e5

@@ -19,6 +19,8 @@ from mishutter import (
     register_shutter,
 )
 from mishutter.model import named_shutter, shutter_from_dict, shutter_to_dict
+
+# The registry itself, which each test leaves as it was.
 from mishutter.model.shutters import kinds
 
 TAU = np.linspace(-1, 1, 41)

@@ -24,6 +24,8 @@ from mishutter import (
     transfer_function,
 )
 from mishutter.model import at_coordinates, coordinates, is_adjustable, piecewise
+
+# The registry itself, which each test leaves as it was.
 from mishutter.model.shutters import kinds
 
 ROUNDING = 2e-15

@@ -11,6 +11,8 @@ from support.picture_files import COLOUR, DEEP_COLOUR, EIGHT, GREY, PROMISED, RE
 
 import mishutter as ms
 from mishutter.model import PICTURE_FORMATS, PICTURE_SUFFIXES, PictureWarning
+
+# Pictures are compared as they were coded, by the transfer curve that reading inverts.
 from mishutter.model.images import GAMMA
 
 

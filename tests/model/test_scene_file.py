@@ -21,8 +21,15 @@ from mishutter import (
     SwitchedShutter,
     Tolerances,
 )
-from mishutter.model.images import example_picture, row_power_spectrum, write_picture
-from mishutter.model.scene_file import example_scene, read_scene, scene_picture, scene_text
+from mishutter.model import (
+    example_picture,
+    example_scene,
+    read_scene,
+    row_power_spectrum,
+    scene_picture,
+    scene_text,
+    write_picture,
+)
 
 
 def written(folder, text, name="scene.toml"):

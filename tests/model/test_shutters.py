@@ -29,9 +29,10 @@ from mishutter import (
     blur_kernel,
     transfer_function,
 )
-from mishutter.model import shutters
-from mishutter.model.motion import AbstractMotion
-from mishutter.model.shutters import AbstractAdjustableShutter, SampledShutter, piecewise
+from mishutter.model import AbstractAdjustableShutter, AbstractMotion, piecewise, shutters
+
+# Other folders get this class from `piecewise` alone, and none needs its name.
+from mishutter.model.shutters import SampledShutter
 
 EFFICIENCY = 1e-14
 """A sum of a few dozen numbers below one."""

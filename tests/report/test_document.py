@@ -23,18 +23,14 @@ from mishutter import (
     TukeyShutter,
     evaluate,
 )
+
+# Tables of the terminal, whose folder's face is `main` alone; a command would search for minutes.
 from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
-from mishutter.model.images import write_picture
-from mishutter.report import Report, document, shown_rows, write_report
+from mishutter.model import write_picture
+from mishutter.report import Report, document, photograph_of, photographs, shown_rows, write_report
 from mishutter.report.document import pictured_rows
-from mishutter.report.photographs import (
-    Photographs,
-    _middle_rows,
-    photograph_of,
-    photographs,
-    shown_speeds,
-)
+from mishutter.report.photographs import Photographs, _middle_rows, shown_speeds
 from mishutter.search import (
     BEST_BURST,
     BEST_CODED_STILL,
@@ -232,6 +228,7 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
         seen.append(capsys.readouterr().out)
         return result
 
+    # Only what is printed before it matters, and it takes long.
     monkeypatch.setattr(app, "_photographed", photographed)
     app._deliver(report, None, False, 1, False)
     app._deliver(report, None, True, 1, False)

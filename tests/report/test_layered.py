@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import mishutter as ms
+
+# Steps of one picture: a report that shows it compares cameras for minutes first.
 from mishutter.report import BackgroundGain, Comparison, Report, plots
 from mishutter.report.backgrounds import before_still_background
 from mishutter.report.document import _layered

@@ -24,11 +24,24 @@ from mishutter import (
     drive_table,
     evaluate,
     gain_over,
-    gain_over_snapshot,
     pareto_front,
     sweep,
 )
-from mishutter.report import plots, sweep_plots
+
+# The curve that a front draws for a profile; a line in pixels does not hold its values.
+from mishutter.report import (
+    plot_capture,
+    plot_drive,
+    plot_front,
+    plot_kernels,
+    plot_map,
+    plot_photograph,
+    plot_profiles,
+    plot_psnr,
+    plot_transfer,
+    save_figure,
+    sweep_plots,
+)
 
 MOTION = ParabolicMotion(acceleration=2.3e5, half_exposure=0.0061)
 DESIGNS = {
@@ -48,15 +61,15 @@ def swept():
 FRONT = ("condition_number", "expected_psnr")
 
 FIGURES = {
-    "profiles": lambda: plots.plot_profiles(DESIGNS),
-    "kernels": lambda: plots.plot_kernels(DESIGNS, [0.0, 700.0]),
-    "transfer": lambda: plots.plot_transfer(SCENE, DESIGNS),
-    "psnr": lambda: plots.plot_psnr({"rect": photograph(21), "Hann": photograph(24)}),
-    "drive": lambda: plots.plot_drive(drive_table(a_design(HannShutter()), num_levels=5)),
-    "map": lambda: sweep_plots.plot_map(swept(), "gain"),
-    "row": lambda: sweep_plots.plot_map(swept().isel(acceleration=[2])),
-    "column": lambda: sweep_plots.plot_map(swept().isel(half_exposure=[2]), shutter="rect"),
-    "front": lambda: sweep_plots.plot_front(swept(), FRONT),
+    "profiles": lambda: plot_profiles(DESIGNS),
+    "kernels": lambda: plot_kernels(DESIGNS, [0.0, 700.0]),
+    "transfer": lambda: plot_transfer(SCENE, DESIGNS),
+    "psnr": lambda: plot_psnr({"rect": photograph(21), "Hann": photograph(24)}),
+    "drive": lambda: plot_drive(drive_table(a_design(HannShutter()), num_levels=5)),
+    "map": lambda: plot_map(swept(), "gain"),
+    "row": lambda: plot_map(swept().isel(acceleration=[2])),
+    "column": lambda: plot_map(swept().isel(half_exposure=[2]), shutter="rect"),
+    "front": lambda: plot_front(swept(), FRONT),
 }
 
 
@@ -81,6 +94,7 @@ def test_axes_are_labelled(name, figures):
 def test_lines_differ_in_style(name, figures):
     """Two lines of a panel are told apart without colour."""
     for axes in figures[name].axes:
+        # Matplotlib's public name for every dash pattern of one's own is "--".
         lines = [str(line._unscaled_dash_pattern) for line in axes.get_lines()]
         assert len(set(lines)) == len(DESIGNS)
 
@@ -88,9 +102,9 @@ def test_lines_differ_in_style(name, figures):
 NAMES = ["rect", "_design_" + 9 * "of_a_long_name_", "_own", "cost $5 to $\\frac", "run/03/design"]
 NAMES += [f"tukey:{share}" for share in (0.1, 0.2, 0.3, 0.4)]
 MANY = {
-    "profiles": lambda: plots.plot_profiles(dict.fromkeys(NAMES, DESIGNS["Hann"])),
-    "transfer": lambda: plots.plot_transfer(SCENE, dict.fromkeys(NAMES, DESIGNS["Hann"])),
-    "psnr": lambda: plots.plot_psnr({name: photograph(21) for name in NAMES}),
+    "profiles": lambda: plot_profiles(dict.fromkeys(NAMES, DESIGNS["Hann"])),
+    "transfer": lambda: plot_transfer(SCENE, dict.fromkeys(NAMES, DESIGNS["Hann"])),
+    "psnr": lambda: plot_psnr({name: photograph(21) for name in NAMES}),
 }
 
 
@@ -110,6 +124,7 @@ def test_designs_of_any_name_and_number(slug):
         assert axes.bbox.y1 < box.y0 < box.y1 <= figure.bbox.y1
         assert axes.bbox.width > 0.7 * figure.bbox.width
     lines = [line for line in figure.axes[0].get_lines() if line.get_linestyle() != "None"]
+    # Matplotlib's public name for every dash pattern of one's own is "--".
     styles = {(line.get_color(), str(line._unscaled_dash_pattern)) for line in lines}
     assert len(styles) == len(NAMES)
 
@@ -117,14 +132,14 @@ def test_designs_of_any_name_and_number(slug):
 @pytest.mark.parametrize("name", ["設計", os.fsdecode(b"na\xefve")])
 def test_letters_that_the_font_lacks(name, tmp_path):
     """A name in them is drawn as boxes, one of bytes that are no text as those, without a word."""
-    figure = plots.plot_profiles({name: DESIGNS["Hann"]})
-    plots.save_figure(figure, tmp_path / "profile.png")
+    figure = plot_profiles({name: DESIGNS["Hann"]})
+    save_figure(figure, tmp_path / "profile.png")
     assert (tmp_path / "profile.png").stat().st_size > 0
 
 
 def test_speeds_of_one_value_are_told_apart_in_grey():
     """Points have a shape of their own, and one does not cover another."""
-    axes = plots.plot_psnr({"rect": photograph(21), "best Tukey": photograph(21)}).axes[0]
+    axes = plot_psnr({"rect": photograph(21), "best Tukey": photograph(21)}).axes[0]
     lines = [line for line in axes.get_lines() if line.get_linestyle() != "None"]
     assert len({line.get_marker() for line in lines}) == 2
     assert all(line.get_fillstyle() == "none" for line in lines)
@@ -173,8 +188,8 @@ def test_kernels_have_axes_of_their_own(figures):
 def test_kernels_of_a_panning_sensor_differ_from_that_of_what_it_keeps_up_with():
     """An object as fast as the sensor is the one at rest, and has no difference."""
     panning = ParabolicMotion(acceleration=2.3e5, half_exposure=0.0061, velocity=700.0)
-    left, right = plots.plot_kernels({"pan": (panning, HannShutter())}, [300.0, 700.0]).axes
-    still = plots.plot_kernels({"rest": DESIGNS["Hann"]}, [-400.0, 0.0]).axes[0]
+    left, right = plot_kernels({"pan": (panning, HannShutter())}, [300.0, 700.0]).axes
+    still = plot_kernels({"rest": DESIGNS["Hann"]}, [-400.0, 0.0]).axes[0]
     for one, other in zip(left.patches, still.patches, strict=True):
         width = min(one.get_data().values.size, other.get_data().values.size)
         pair = (patch.get_data().values[:width] for patch in (one, other))
@@ -187,7 +202,7 @@ def test_kernels_of_a_panning_sensor_differ_from_that_of_what_it_keeps_up_with()
 def test_a_figure_is_a_whole_png(name, figures, tmp_path):
     """A saved figure opens as a picture and leaves nothing else in its folder."""
     path = tmp_path / f"{name}.png"
-    plots.save_figure(figures[name], path)
+    save_figure(figures[name], path)
     with Image.open(path) as picture:
         assert min(picture.size) > 300
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
@@ -208,8 +223,8 @@ GRIDS = {
 def test_a_map_of_any_grid_marks_its_best(slug, tmp_path):
     """A star that the axes do not cut off, its value in the title, be it one row or one point."""
     found = swept().isel(GRIDS[slug])
-    figure = sweep_plots.plot_map(found)
-    plots.save_figure(figure, tmp_path / "map.png")
+    figure = plot_map(found)
+    save_figure(figure, tmp_path / "map.png")
     (star,) = (line for line in figure.axes[0].get_lines() if line.get_marker() == "*")
     assert not star.get_clip_on()
     moving = found.expected_psnr
@@ -224,7 +239,7 @@ def test_a_map_of_any_grid_marks_its_best(slug, tmp_path):
 def test_the_best_of_shutters_is_the_least_where_less_is_better():
     """A map of the condition number, at each point of the shutter that has the least."""
     moving = swept().isel(acceleration=slice(1, None))
-    figure = sweep_plots.plot_map(moving, "condition_number")
+    figure = plot_map(moving, "condition_number")
     least = moving.condition_number.min("shutter").values
     shown = np.ma.filled(figure.axes[0].collections[0].get_array(), np.nan)
     known = np.unique(least[~np.isnan(least)])
@@ -234,7 +249,7 @@ def test_the_best_of_shutters_is_the_least_where_less_is_better():
 
 def test_lines_of_a_map_are_where_they_say():
     """Each label lies at a motion of about the stroke, or the top speed, that it names."""
-    axes = sweep_plots.plot_map(swept()).axes[0]
+    axes = plot_map(swept()).axes[0]
     named = {"px": lambda a, T: a * T * T, "px/s": lambda a, T: 2 * a * T}
     seen = set()
     for text in axes.texts:
@@ -248,7 +263,7 @@ def test_lines_of_a_map_are_where_they_say():
 
 def test_a_gain_is_told_from_a_loss():
     """The middle is 0 dB, all gains are lighter, all losses darker, and a line parts them."""
-    figure = sweep_plots.plot_map(swept(), "gain", shutter="rect")
+    figure = plot_map(swept(), "gain", shutter="rect")
     axes, bar = figure.axes
     mesh = axes.collections[0]
     gain = np.ma.compressed(mesh.get_array())
@@ -273,7 +288,7 @@ def test_a_gain_is_told_from_a_loss():
 def test_a_gain_that_is_0_nowhere_has_no_line(sign):
     """Where all of it is a loss, or a gain, the colours still end at 0."""
     changed = swept().assign(gain=(sign * (1 + abs(swept().gain))).assign_attrs(swept().gain.attrs))
-    figure = sweep_plots.plot_map(changed, "gain", shutter="rect")
+    figure = plot_map(changed, "gain", shutter="rect")
     assert not figure.legends
     norm = figure.axes[0].collections[0].norm
     assert norm(0.0) == (1 if sign < 0 else 0)
@@ -281,11 +296,15 @@ def test_a_gain_that_is_0_nowhere_has_no_line(sign):
 
 def test_the_snapshot_is_named_where_a_gain_is_over_it():
     """On a map, and beside the level of a single row of points."""
-    gain = swept().assign(gain=gain_over_snapshot(swept(), SCENE))
-    row = sweep_plots.plot_map(gain.isel(acceleration=[2]), "gain").axes[0]
+    psnr = swept().expected_psnr
+    level = float(psnr.isel(acceleration=2).sel(shutter="rect").mean())
+    # Named as `gain_over_snapshot` names it, without the search for a snapshot.
+    gain = (psnr - level).assign_attrs(long_name="gain over best snapshot", units="dB")
+    shown = swept().assign(gain=gain).isel(acceleration=[2])
+    row = plot_map(shown, "gain", shutter="rect").axes[0]
     (text,) = row.get_legend().get_texts()
     assert text.get_text() == "0 dB: as good as the best snapshot"
-    assert not sweep_plots.plot_map(swept()).legends
+    assert not plot_map(swept()).legends
 
 
 def test_shutters_of_a_front_are_told_apart_in_grey(figures):
@@ -297,6 +316,7 @@ def test_shutters_of_a_front_are_told_apart_in_grey(figures):
         drawn = lines[name].get_data()
         np.testing.assert_array_equal(drawn, [front[metric].values for metric in FRONT])
     assert len({lines[name].get_marker() for name in names}) == len(names)
+    # Matplotlib's public name for every dash pattern of one's own is "--".
     assert len({str(lines[name]._unscaled_dash_pattern) for name in names}) == len(names)
 
 
@@ -304,7 +324,7 @@ def test_profiles_of_a_front():
     """Over the exposure in ms of one of its points, of the shutter that stands there."""
     front = pareto_front(swept(), FRONT)
     halves = np.unique(front.half_exposure) * 1e3
-    for axes in sweep_plots.plot_front(swept(), FRONT).axes[1:]:
+    for axes in plot_front(swept(), FRONT).axes[1:]:
         time = axes.get_lines()[0].get_xdata()
         assert np.isclose(halves, time.max(), rtol=1e-12).any()
         assert time.min() == -time.max()
@@ -322,7 +342,7 @@ def test_pictures_of_velocities():
     panned = sweep(SCENE, **grid(velocities=[-500.0, 0.0, 200.0]))
     for shutter in (None, "Hann"):
         for metric, most in (("expected_psnr", True), ("relative_kernel_difference", False)):
-            figure = sweep_plots.plot_map(panned, metric, shutter=shutter)
+            figure = plot_map(panned, metric, shutter=shutter)
             values = panned[metric] if shutter is None else panned[metric].sel(shutter=shutter)
             over = [name for name in ("velocity", "shutter") if name in values.dims]
             best = values.max(over) if most else values.min(over)
@@ -332,7 +352,7 @@ def test_pictures_of_velocities():
             title = figure.axes[0].get_title().splitlines()[0]
             assert title.endswith(f"{shutter or 'the best shutter'} at its best velocity")
     front = pareto_front(panned, FRONT)
-    lines = sweep_plots.plot_front(panned, FRONT).axes[0].get_lines()
+    lines = plot_front(panned, FRONT).axes[0].get_lines()
     drawn = {str(line.get_label()): line for line in lines}
     np.testing.assert_array_equal(drawn["front of all"].get_xdata(), front[FRONT[0]])
     np.testing.assert_array_equal(
@@ -346,7 +366,7 @@ def test_pictures_of_velocities():
 def test_a_map_leaves_out_what_is_wholly_outside():
     """One acceleration near the largest number leaves the others as they are."""
     huge = sweep(SCENE, **grid(accelerations=[3e4, 9e4, 1.7e308]))
-    axes = sweep_plots.plot_map(huge).axes[0]
+    axes = plot_map(huge).axes[0]
     assert axes.get_ylim()[1] < 2e5
 
 
@@ -354,7 +374,7 @@ def test_a_map_of_equal_steps_shows_every_point():
     """On logarithmic axes too the first row and column are whole, and none is outside."""
     a, half = np.linspace(2e4, 3e5, 5), np.linspace(0.001, 0.0105, 6)
     even = sweep(SCENE, **grid(accelerations=a, half_exposures=half))
-    axes = sweep_plots.plot_map(even).axes[0]
+    axes = plot_map(even).axes[0]
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     points = np.stack(np.meshgrid(half * 1e3, a), axis=-1).reshape(-1, 2)
     shares = axes.transAxes.inverted().transform(axes.transData.transform(points))
@@ -373,7 +393,7 @@ def test_map_mistakes(slug):
     """What is not in a sweep cannot be drawn."""
     some, arguments, message = MAP_MISTAKES[slug]
     with pytest.raises(ValueError, match="must") as caught:
-        sweep_plots.plot_map(swept().isel(some), **arguments)
+        plot_map(swept().isel(some), **arguments)
     assert message in str(caught.value)
 
 
@@ -381,7 +401,7 @@ def test_kernels_without_acceleration_lie_around_mid_exposure():
     """They are drawn where a camera at rest has them."""
     unmoved = ParabolicMotion(acceleration=0.0, half_exposure=0.0013)
     given = {"at rest": DESIGNS["snapshot"], "unmoved": (unmoved, RectShutter())}
-    panels = np.reshape(plots.plot_kernels(given, [0.0, 2700.0]).axes, (2, 2))
+    panels = np.reshape(plot_kernels(given, [0.0, 2700.0]).axes, (2, 2))
     for one, other in panels.T:
         for pair in zip(one.patches, other.patches, strict=True):
             first, second = (patch.get_data() for patch in pair)
@@ -399,14 +419,14 @@ def test_a_map_of_several_scenes():
     """One of them must be chosen."""
     both = sweep([SCENE, SCENE], **grid(metrics=["efficiency"]))
     with pytest.raises(ValueError, match="must be of one scene and light; got"):
-        sweep_plots.plot_map(both, "efficiency")
+        plot_map(both, "efficiency")
 
 
 def test_a_front_is_legible_beside_an_outlier():
     """A condition number of 1,200 makes the axis logarithmic, and letters stay apart."""
     moving = swept().isel(acceleration=slice(1, None))
     far = _with_best_at(moving, 1.2e3)
-    figure = sweep_plots.plot_front(moving.assign(condition_number=far), FRONT)
+    figure = plot_front(moving.assign(condition_number=far), FRONT)
     axes = figure.axes[0]
     assert axes.get_xscale() == "log"
     assert axes.get_yscale() == "linear"
@@ -420,7 +440,7 @@ def test_numbers_of_a_logarithmic_axis_stay_apart(largest):
     """Between decades they are written where there is room, over two decades at most."""
     moving = swept().isel(acceleration=slice(1, None))
     far = _with_best_at(moving, largest)
-    figure = sweep_plots.plot_front(moving.assign(condition_number=far), FRONT)
+    figure = plot_front(moving.assign(condition_number=far), FRONT)
     FigureCanvasAgg(figure).draw()
     axes = figure.axes[0]
     texts = [*axes.get_xticklabels(), *axes.get_xticklabels(minor=True)]
@@ -440,7 +460,7 @@ def test_points_that_no_front_reaches_do_not_stretch_the_axes():
     moving = swept().isel(acceleration=slice(1, None))
     worst = moving.expected_psnr == moving.expected_psnr.min()
     far = moving.assign(condition_number=moving.condition_number.where(~worst, 1.2e3))
-    axes = sweep_plots.plot_front(far, FRONT).axes[0]
+    axes = plot_front(far, FRONT).axes[0]
     assert axes.get_xlim()[1] < 100
 
 
@@ -450,11 +470,11 @@ def _left(box):
 
 def test_a_front_of_nothing():
     """Where no point is within the limits there are no letters and no profiles."""
-    figure = sweep_plots.plot_front(swept().isel(half_exposure=[0]), FRONT)
+    figure = plot_front(swept().isel(half_exposure=[0]), FRONT)
     assert len(figure.axes) == 1
     assert not figure.axes[0].texts
     with pytest.raises(ValueError, match=r"plot_front\(num_profiles=...\)` must be a positive"):
-        sweep_plots.plot_front(swept(), FRONT, num_profiles=0)
+        plot_front(swept(), FRONT, num_profiles=0)
 
 
 def test_a_capture_side_by_side():
@@ -463,7 +483,7 @@ def test_a_capture_side_by_side():
     seen = {"photograph": Picture(light), "layers": None}
     words = {"camera": "by a Hann shutter, 9 ms", "decoder": "by Wiener, 27.31 dB"}
     titles = {
-        name: [axes.get_title() for axes in plots.plot_capture(picture, light, light, **words).axes]
+        name: [axes.get_title() for axes in plot_capture(picture, light, light, **words).axes]
         for name, picture in seen.items()
     }
     both = ["captured\nby a Hann shutter, 9 ms", "restored\nby Wiener, 27.31 dB"]
@@ -475,7 +495,7 @@ def test_a_capture_side_by_side():
 def test_titles_of_a_capture_are_within_the_picture(shape):
     """Both lines, above a picture of any shape."""
     light = np.full(shape, 0.5)
-    figure = plots.plot_capture(Picture(light), light, light, camera="a", decoder="b")
+    figure = plot_capture(Picture(light), light, light, camera="a", decoder="b")
     FigureCanvasAgg(figure).draw()
     for axes in figure.axes:
         box = axes.title.get_window_extent()
@@ -489,7 +509,7 @@ def test_titles_of_a_capture_are_within_the_picture(shape):
 def test_a_capture_of_any_shape_is_seen(shape, aspect):
     """One long row, or a few columns, are stretched; what is less so keeps its shape."""
     light = np.full(shape, 0.5)
-    figure = plots.plot_capture(None, light, light)
+    figure = plot_capture(None, light, light)
     FigureCanvasAgg(figure).draw()
     for axes in figure.axes:
         assert axes.get_aspect() == aspect
@@ -499,7 +519,7 @@ def test_a_capture_of_any_shape_is_seen(shape, aspect):
 def test_a_drive_of_one_step_shows_the_sensor():
     """The sensor moves through the whole exposure, however few steps drive the shutter."""
     design = a_design(HannShutter())
-    figure = plots.plot_drive(drive_table(design, num_steps=1))
+    figure = plot_drive(drive_table(design, num_steps=1))
     time, position = figure.axes[1].lines[0].get_data()
     half = float(design.motion.half_exposure) * 1e3
     np.testing.assert_allclose((time[0], time[-1]), (-half, half))
@@ -509,7 +529,7 @@ def test_a_drive_of_one_step_shows_the_sensor():
 def test_a_drive_is_drawn_at_the_middle_of_its_steps():
     """The mean over a step stands there, and the level from its beginning to its end."""
     table = drive_table(a_design(HannShutter()), num_steps=4)
-    top = plots.plot_drive(table).axes[0]
+    top = plot_drive(table).axes[0]
     half = float(table.design.motion.half_exposure) * 1e3
     np.testing.assert_allclose(top.lines[0].get_xdata(), half * np.array([-3, -1, 1, 3]) / 4)
     np.testing.assert_allclose(top.patches[0].get_data().edges, half * np.linspace(-1, 1, 5))
@@ -523,7 +543,7 @@ def _rows(figure, across):
 def test_photograph_of_several_designs(tmp_path):
     """One row a design; at each speed, the nearest that was tried, what it has and what it errs."""
     results = {"rect": photograph(21), "best snapshot": photograph(24)}
-    figure = plots.plot_photograph(results, [0.0, 400.0], detail=(11, 17))
+    figure = plot_photograph(results, [0.0, 400.0], detail=(11, 17))
     titles = [[axes.get_title() for axes in row] for row in _rows(figure, 6)]
     assert titles[1] == [
         "best snapshot, captured\nat 0 px/s",
@@ -535,16 +555,16 @@ def test_photograph_of_several_designs(tmp_path):
     ]
     assert all(axes.images for axes in figure.axes)
     assert "gamma put back" in figure.axes[-1].get_title()
-    linear = plots.plot_photograph(results, [400.0], detail=(11, 17), linear=True)
+    linear = plot_photograph(results, [400.0], detail=(11, 17), linear=True)
     assert _rows(linear, 3)[1][1].get_title() == "restored,\n26.70 dB"
     assert "linear light" in linear.axes[-1].get_title()
-    plots.save_figure(figure, tmp_path / "photograph.png")
+    save_figure(figure, tmp_path / "photograph.png")
 
 
 def test_a_detail_is_of_one_place():
     """Also of designs that recorded other columns, as a camera at rest does beside a moving one."""
     results = {"Hann": photograph(21), "best snapshot": photograph(21, columns=slice(5, 28))}
-    figure = plots.plot_photograph(results, [0.0], detail=(11, 9), linear=True)
+    figure = plot_photograph(results, [0.0], detail=(11, 9), linear=True)
     scene = figure.axes[1].images[0].get_array()
     assert scene.shape == (11, 9)
     for panels in _rows(figure, 3):
@@ -559,7 +579,7 @@ def test_a_detail_is_where_the_photograph_varies():
     found = photograph(21)
     seen = np.stack(3 * [light])
     found = found._replace(reference=light, captured=seen, restored=seen)
-    figure = plots.plot_photograph({"rect": found}, [0.0], detail=(10, 12))
+    figure = plot_photograph({"rect": found}, [0.0], detail=(10, 12))
     scene = figure.axes[1].images[0].get_array()
     assert np.sum(scene == scene.max()) == np.sum(light == 0.9)
 
@@ -567,7 +587,7 @@ def test_a_detail_is_where_the_photograph_varies():
 def test_errors_have_one_scale():
     """The map of the worse design is darker, and the key spans the scale in % of white."""
     results = {"good": photograph(50), "bad": photograph(5)}
-    figure = plots.plot_photograph(results, [0.0], detail=(11, 17), linear=True)
+    figure = plot_photograph(results, [0.0], detail=(11, 17), linear=True)
     good, bad = (panels[2].images[0] for panels in _rows(figure, 3))
     np.testing.assert_allclose(bad.norm(bad.get_array()), 1)
     np.testing.assert_allclose(good.norm(good.get_array()), 0.1)
@@ -577,7 +597,7 @@ def test_errors_have_one_scale():
 
 def test_a_capture_is_shown_as_bright_as_its_scene():
     """However much light a shutter costs; the picture at rest is then the scene itself."""
-    figure = plots.plot_photograph({"rect": photograph(21)}, [0.0], detail=(11, 17))
+    figure = plot_photograph({"rect": photograph(21)}, [0.0], detail=(11, 17))
     scene, captured = (panel.images[0].get_array() for panel in figure.axes[1:3])
     np.testing.assert_allclose(captured, scene)
 
@@ -588,24 +608,24 @@ def test_levels_are_drawn_in_order_of_speed():
     order = np.array([2, 0, 1])
     mixed = found._replace(speeds=found.speeds[order], psnr=found.psnr[order])
     for result in (found, mixed):
-        line = plots.plot_psnr({"rect": result}).axes[0].get_lines()[0]
+        line = plot_psnr({"rect": result}).axes[0].get_lines()[0]
         np.testing.assert_array_equal(line.get_xdata(), found.speeds)
         np.testing.assert_array_equal(line.get_ydata(), found.psnr)
 
 
 def test_one_seed_has_no_error_bar():
     """Without a second capture there is no standard error, and no bar stands for it."""
-    figure = plots.plot_psnr({"rect": photograph(21, num_seeds=1)}, linear=True)
+    figure = plot_psnr({"rect": photograph(21, num_seeds=1)}, linear=True)
     assert not figure.axes[0].collections
 
 
 def test_nothing_to_show_is_an_error():
     """A photograph of no design, at no speed, or not of one scene, is refused."""
     with pytest.raises(ValueError, match="must hold a result; got 0"):
-        plots.plot_photograph({}, [0.0])
+        plot_photograph({}, [0.0])
     with pytest.raises(ValueError, match="must hold a speed; got 0"):
-        plots.plot_photograph({"rect": photograph(21)}, [])
+        plot_photograph({"rect": photograph(21)}, [])
     other = photograph(21)
     other = other._replace(reference=other.reference + 0.1)
     with pytest.raises(ValueError, match="must be of one photograph; got several"):
-        plots.plot_photograph({"rect": photograph(21), "Hann": other}, [0.0])
+        plot_photograph({"rect": photograph(21), "Hann": other}, [0.0])

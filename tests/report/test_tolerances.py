@@ -5,6 +5,8 @@ import pytest
 from support.designs import MOTION, SCENE
 
 from mishutter import Comparison, RectShutter, Tolerances, TukeyShutter, evaluate, tolerance_costs
+
+# A table of the terminal, whose folder's face is `main` alone; a command would search.
 from mishutter.cli.tables import print_comparison
 from mishutter.report import Report
 from mishutter.search import BEST_SNAPSHOT, OWN_BEST_MOTION, Row

@@ -29,7 +29,7 @@ from mishutter import (
 )
 from mishutter.hardware import TargetPicture, read_measurements
 from mishutter.model import read_scene, scene_text, turned
-from mishutter.report import plots
+from mishutter.report import plot_photograph
 
 GIVEN = {"photon_rate": 1e5, "read_noise": 4.0, "limits": Limits(max_stroke=30.0)}
 ACROSS, DOWN = (Scene([-700.0, 0.0, 450.0], **GIVEN, axis=axis) for axis in ("rows", "columns"))
@@ -115,7 +115,7 @@ def test_a_photograph_at_every_speed():
         is_picture = name in ("reference", "captured", "restored")
         np.testing.assert_array_equal(one, exchanged(other) if is_picture else other)
     tall, flat = (
-        plots.plot_photograph({"x": found}, [450.0], axis=axis)
+        plot_photograph({"x": found}, [450.0], axis=axis)
         for found, axis in ((down, "columns"), (across, "rows"))
     )
     shapes = [[axes.images[0].get_array().shape[:2] for axes in f.axes[:5]] for f in (tall, flat)]

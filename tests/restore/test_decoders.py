@@ -17,6 +17,8 @@ from support.classes import final_classes
 import mishutter as ms
 from mishutter.evaluation import PLANNED
 from mishutter.restore import decoders, restore_by_each, richardson_lucy
+
+# The filters themselves; decoders apply them to rows whose borders are continued.
 from mishutter.restore.decoders.banded import banded
 from mishutter.restore.decoders.borders import Continuation
 
@@ -24,6 +26,8 @@ from mishutter.restore.decoders.borders import Continuation
 # rows are.
 from mishutter.restore.decoders.likelihood import _Blur, _Method, _Penalty, _restored
 from mishutter.restore.decoders.linear import ensemble_filter, expected_squared_error, wiener_filter
+
+# The minimiser alone, as above.
 from mishutter.restore.decoders.tikhonov import _regularised
 
 PLAIN = ms.RichardsonLucyDecoder(30, accelerated=False, until_noise=False, start="capture")

@@ -13,6 +13,8 @@ from support.random_scenes import random_scene
 import mishutter as ms
 from mishutter.evaluation import reduced
 from mishutter.search import plan
+
+# A search's loss at one point; a design holds only that of its minimum.
 from mishutter.search.objective import objective_of
 from mishutter.search.planning import full_sizes
 from mishutter.search.space import FREE_NAMES, design_space

@@ -15,6 +15,8 @@ from scipy.ndimage import rotate
 
 import mishutter as ms
 from mishutter import cli
+
+# Speeds that are tried and the model at one of them; a decoder returns only its estimate.
 from mishutter.restore.decoders.speed import speeds_to_try
 from mishutter.restore.decoders.speed_finding import at_speed
 

@@ -15,6 +15,8 @@ from support.cameras import camera, scene
 
 import mishutter as ms
 from mishutter.model import shipped_picture
+
+# Filters and operators of a decoder, checked against their formulas; it returns only a picture.
 from mishutter.restore.decoders.borders import continuation
 from mishutter.restore.decoders.linear import (
     ensemble_filter,

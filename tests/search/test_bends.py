@@ -20,6 +20,8 @@ from mishutter import (
     TukeyShutter,
     optimise,
 )
+
+# Steps of the search, checked one by one; its face returns only a finished design.
 from mishutter.search.objective import AbstractObjective
 from mishutter.search.solvers import Polished, certificate_at, finished, is_minimum, polish
 from mishutter.search.space import Bends, design_space

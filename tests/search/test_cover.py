@@ -17,6 +17,8 @@ from mishutter import (
     starting_shutter,
 )
 from mishutter.model import coefficient_times
+
+# Steps of the search, checked one by one; its face returns only a finished design.
 from mishutter.search.cover import cover, lowest_of_valleys
 from mishutter.search.search import free_by_default
 from mishutter.search.space import design_space

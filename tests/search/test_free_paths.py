@@ -21,7 +21,10 @@ from mishutter import (
 )
 from mishutter.evaluation import ExpectedErrorLoss
 from mishutter.model import stage_path, stage_use_of_path
-from mishutter.search.space import beyond_limits, design_space
+from mishutter.search import beyond_limits
+
+# The space of a search, whose ends and sizes no design holds.
+from mishutter.search.space import design_space
 
 NUMBERS = {
     "max_stroke": 45.0,

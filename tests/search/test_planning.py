@@ -35,8 +35,8 @@ from mishutter import (
     optimise,
     plan,
 )
-from mishutter.evaluation.needs import distinct_speeds, reduced, require_plan, sizes
-from mishutter.model.optics import frequencies
+from mishutter.evaluation import distinct_speeds, reduced, require_plan, sizes
+from mishutter.model import frequencies
 
 MOTION = ParabolicMotion(acceleration=11.0 / 1e-4, half_exposure=1e-2)
 LOSSES = {
@@ -334,6 +334,7 @@ def test_a_verbose_search_shows_its_plan(capsys, monkeypatch):
     def search(*_, **__):
         raise ValueError("the search must be left out; got here")
 
+    # The table is printed before the search, which would take the longer part of the test.
     monkeypatch.setattr("mishutter.search.optimise", search)
     assert cli.main(["optimise", "--verbose", "--free", "shutter"]) == 2
     printed = capsys.readouterr()

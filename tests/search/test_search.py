@@ -33,7 +33,10 @@ from mishutter import (
     optimise,
     starting_shutter,
 )
-from mishutter.evaluation.needs import needed_speeds, reduced
+from mishutter.evaluation import needed_speeds, reduced
+from mishutter.search import beyond_limits
+
+# Steps of the search, checked one by one; its face returns only a finished design.
 from mishutter.search.objective import DesignObjective, LinearObjective, objective_of
 from mishutter.search.search import free_by_default
 from mishutter.search.solvers import (
@@ -44,7 +47,7 @@ from mishutter.search.solvers import (
     polish,
     projected_gradient_norm,
 )
-from mishutter.search.space import all_that_can_move, beyond_limits, design_space
+from mishutter.search.space import all_that_can_move, design_space
 from mishutter.search.starts import lowest_places, start_boxes
 
 PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)
@@ -437,6 +440,7 @@ def test_a_loss_of_the_package_s_own_functions_needs_no_plan(slug):
 def test_a_search_is_the_same_on_any_number_of_processors(monkeypatch):
     """Points are minimised from one by one, so that threads do not change their roundings."""
     designs = []
+    # The number of processors is that of the machine.
     for count in (1, 3):
         monkeypatch.setattr(
             sys.modules["mishutter.search.search"], "num_processors", lambda count=count: count
@@ -530,6 +534,7 @@ def test_the_certificate_is_that_of_the_design_returned(monkeypatch):
     def spoiled(objective, box, *, max_steps):
         return Polished(box=box, loss=np.inf, certificate=0.0, history=np.full(max_steps, np.inf))
 
+    # No polish of a scene is known to make things worse.
     monkeypatch.setattr(sys.modules["mishutter.search.search"], "polish", spoiled)
     loss = ExpectedErrorLoss()
     design = optimise(SCENE, MOTION, TukeyShutter(0.5), loss=loss, free="shutter", plan=SMALL)

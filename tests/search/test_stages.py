@@ -8,7 +8,10 @@ from support.designs import LIMITS, MOTION, SCENE
 
 from mishutter import Limits, ParabolicMotion, RectShutter, Scene, TukeyShutter, optimise
 from mishutter.model import panned, seen_from
-from mishutter.search.space import beyond_limits, design_space
+from mishutter.search import beyond_limits
+
+# Bounds of a search, and of a grid before anything on it is computed.
+from mishutter.search.space import design_space
 from mishutter.sweeps.grid import REASONS, Frame, outside_limits
 
 NUMBERS = {
@@ -80,6 +83,7 @@ def test_bends_are_where_another_limit_holds():
     low, high = 5e-4, 0.04
     shares = np.linspace(0.001, 0.999, 1999)
     times = jnp.asarray(low * (high / low) ** shares)
+    # Kinks lie in the bound itself; a box holds only shares of it.
     most = np.log(np.asarray(jax.vmap(lambda t: space._acceleration_bounds(t)[1])(times)))
     turns = np.abs(np.diff(most, 2))
     kinks = shares[1:-1][turns > 50 * np.median(turns) + 1e-4]

@@ -10,17 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter._core.double_double import (
-    DoubleWord,
-    add,
-    multiply,
-    scale,
-    two_product,
-    two_sum,
-    word,
-)
-from mishutter.blur.trajectory import path, safe_sqrt
-from mishutter.model.shutters.base import piecewise, within_unit
+from mishutter._core import DoubleWord, add, multiply, two_product, two_sum, word
+
+# A second form of the kernel from the package's own double words and path.
+from mishutter._core.double_double import scale
+from mishutter.blur import safe_sqrt
+from mishutter.blur.trajectory import path
+from mishutter.model import piecewise, within_unit
 
 
 def exposure(shutter, a, T, s, edges, *, from_vertex):

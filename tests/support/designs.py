@@ -1,7 +1,7 @@
 """A small scene that searches run on in seconds."""
 
 from mishutter import Limits, ParabolicMotion, Scene
-from mishutter.evaluation.needs import Plan
+from mishutter.evaluation import Plan
 
 FREE_NAMES = ("shutter", "half_exposure", "velocity", "acceleration")
 """All that moves on a sensor of constant acceleration."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mishutter.restore.restoration import RestoredPhotograph
+from mishutter.restore import RestoredPhotograph
 
 
 def photograph(level, num_seeds=3, columns=slice(None)):

@@ -3,6 +3,8 @@
 import numpy as np
 
 from mishutter import HannShutter, Limits, ParabolicMotion, RectShutter, Scene, evaluate
+
+# Tasks of a cluster are sent a grid, which `sweep` makes for itself.
 from mishutter.sweeps.grid import Grid
 
 LIMITS = Limits(max_stroke=9.0, max_top_speed=4e3, min_half_exposure=1e-3, max_half_exposure=0.02)

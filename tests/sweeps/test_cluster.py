@@ -14,6 +14,8 @@ from support.sweeps import SCENE, asked_for, grid
 
 import mishutter
 from mishutter import AbstractShutter, sweep
+
+# What a worker runs, which `sweep` reaches only through a scheduler.
 from mishutter.sweeps.cluster import check_workers, compute_task
 from mishutter.sweeps.store import StoredBlocks
 

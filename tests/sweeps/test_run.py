@@ -38,6 +38,8 @@ from mishutter import (
     sweep,
 )
 from mishutter.model import AbstractShutter
+
+# A grid's limits before anything on it is computed.
 from mishutter.sweeps.grid import REASONS, Frame, outside_limits
 
 

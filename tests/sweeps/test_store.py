@@ -16,6 +16,8 @@ from support.sweeps import SCENE, asked_for, grid, many
 
 import mishutter
 from mishutter import GaussianShutter, Scene, cli, sweep
+
+# Writes that fail, which no argument of `sweep` brings about.
 from mishutter.sweeps.store import StoredBlocks
 
 
@@ -57,6 +59,7 @@ def test_two_that_begin_at_once_share_a_store(whole, tmp_path, monkeypatch):
             sweep(SCENE, **many(store=place))
         rename(source, target)
 
+    # The other process begins just before this one has made its store.
     monkeypatch.setattr(os, "rename", later)
     assert sweep(SCENE, **many(store=place)).load().identical(whole)
     assert os.listdir(tmp_path) == ["a.zarr"]
@@ -74,6 +77,7 @@ def test_only_missing_blocks_are_computed(whole, tmp_path, monkeypatch, caplog):
         write(self, block, arrays)
 
     with monkeypatch.context() as patch:
+        # An interrupt between two blocks, whose time depends on the machine.
         patch.setattr(StoredBlocks, "write", interrupted)
         with pytest.raises(KeyboardInterrupt):
             sweep(SCENE, **many(store=place))
@@ -94,6 +98,7 @@ def test_a_block_cut_short_is_computed_again(whole, tmp_path, monkeypatch):
         return array(self, name)
 
     with monkeypatch.context() as patch:
+        # No disk of a test is full; the middle of a block is at its second array.
         patch.setattr(StoredBlocks, "_array", full)
         with pytest.raises(OSError, match="No space left"):
             sweep(SCENE, **many(store=place))

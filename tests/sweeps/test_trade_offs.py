@@ -216,10 +216,11 @@ def test_a_snapshot_that_pans_at_one_of_two_speeds():
 
 
 def test_gain_over_the_best_snapshot(swept):
-    """At each point it is the PSNR less one number."""
+    """At each point it is the PSNR less one number, named for a picture."""
     gain = gain_over_snapshot(swept, SCENE)
     level = float(best_snapshots(SCENE).expected_psnr[0, 0])
     np.testing.assert_allclose(gain, swept.expected_psnr - level, rtol=1e-12)
+    assert gain.attrs == {"long_name": "gain over best snapshot", "units": "dB"}  # read by pictures
 
 
 @pytest.mark.slow
