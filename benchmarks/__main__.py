@@ -22,6 +22,7 @@ ALL = (
     "monte_carlo",
     "occlusion",
     "gains",
+    "layered_loss",
     "layered_photographs",
     "restoration",
     "restoration_over_speeds",

@@ -148,7 +148,11 @@ class AbstractMotion(eqx.Module):
 
     @abstractmethod
     def with_numbers(self, numbers: MotionNumbers) -> "AbstractMotion":
-        """The motion of this kind that has other numbers, but for those that the kind fixes."""
+        """The motion of this kind that has other numbers, but for those that the kind fixes.
+
+        Args:
+            numbers: Acceleration, half exposure, velocity and pieces.
+        """
 
     @abstractmethod
     def as_free_path(self) -> "FreeMotion":
@@ -345,7 +349,11 @@ class ParabolicMotion(AbstractSteadyMotion):
         _check_velocity("ParabolicMotion(velocity=...)", self.velocity)
 
     def with_numbers(self, numbers: MotionNumbers) -> "ParabolicMotion":
-        """The parabola of other numbers."""
+        """The parabola of other numbers.
+
+        Args:
+            numbers: Acceleration, half exposure, velocity and pieces.
+        """
         acceleration, half_exposure, velocity, _ = numbers
         return ParabolicMotion(
             acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
@@ -442,7 +450,11 @@ class FreeMotion(AbstractMotion):
         return cls(accelerations=rates, half_exposure=half, velocity=pan)
 
     def with_numbers(self, numbers: MotionNumbers) -> "FreeMotion":
-        """The path of equal pieces of other numbers."""
+        """The path of equal pieces of other numbers.
+
+        Args:
+            numbers: Acceleration, half exposure, velocity and pieces.
+        """
         acceleration, half_exposure, velocity, pieces = numbers
         return FreeMotion(
             accelerations=acceleration * (1.0 if pieces is None else pieces),
@@ -708,7 +720,11 @@ class LinearMotion(AbstractStraightMotion):
         _check_velocity("LinearMotion(velocity=...)", self.velocity)
 
     def with_numbers(self, numbers: MotionNumbers) -> "LinearMotion":
-        """The pan of another exposure and velocity."""
+        """The pan of another exposure and velocity.
+
+        Args:
+            numbers: Acceleration, half exposure, velocity and pieces.
+        """
         return LinearMotion(half_exposure=numbers.half_exposure, velocity=numbers.velocity)
 
 
@@ -735,7 +751,11 @@ class StillCamera(AbstractStraightMotion):
         _check_half_exposure("StillCamera(half_exposure=...)", self.half_exposure)
 
     def with_numbers(self, numbers: MotionNumbers) -> "StillCamera":
-        """The camera at rest of another exposure."""
+        """The camera at rest of another exposure.
+
+        Args:
+            numbers: Acceleration, half exposure, velocity and pieces.
+        """
         return StillCamera(half_exposure=numbers.half_exposure)
 
     @property

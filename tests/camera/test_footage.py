@@ -129,7 +129,7 @@ def test_a_video_of_which_a_part_is_read_says_so(tmp_path):
 def test_a_file_that_is_no_video_is_not_given_to_ffmpeg(tmp_path):
     """It reads single pictures too, and some of them wrongly."""
     (tmp_path / "a.fits").write_bytes(b"SIMPLE  =")
-    with pytest.raises(ValueError, match=r"a folder of pictures or a video \(3gp, .*a\.fits"):
+    with pytest.raises(ValueError, match=r"a folder of pictures or a video \(3gp, .*got '/"):
         ms.read_frames(tmp_path / "a.fits")
 
 
