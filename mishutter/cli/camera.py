@@ -134,8 +134,8 @@ def simulate(
             "--decoder",
             metavar="NAME",
             rich_help_panel=PICTURES,
-            help="Decoder that restores the capture: ensemble, wiener, richardson-lucy, tikhonov, "
-            "total-variation or speed-finding.",
+            help="Decoder that restores the capture, whatever the scene says of decoders: "
+            "ensemble, wiener, richardson-lucy, tikhonov, total-variation or speed-finding.",
         ),
     ] = DecoderName.ENSEMBLE,
     noiseless: Annotated[

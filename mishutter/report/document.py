@@ -145,6 +145,7 @@ def _photograph_document(result: RestoredPhotograph) -> dict[str, object]:
         "mean_linear_psnr_db": result.mean_psnr,
         "expected_of_ensemble_filter_db": result.expected_psnr,
         "expected_of_its_own_detail_db": result.own_expected_psnr,
+        "doubts": result.doubts.tolist(),
     }
 
 

@@ -59,6 +59,8 @@ _RESTORED: Mapping[DecoderSpeed, str] = {
     "told": "restored, told speed",
 }
 """Titles of restored details, by what the decoder knows of the speed."""
+_IN_DOUBT = "restored, speed in doubt"
+"""Title of a detail that is restored for all likely speeds, as none that was found is trusted."""
 _LAYERED_WIDTH = 3.3
 """Width of a panel of a layered scene; inches."""
 _ONE_FILTER = (
@@ -223,8 +225,9 @@ def plot_transfer(scene: Scene, designs: Named) -> Figure:
 
     The upper panel has the power of the picture over the power of its disturbances: noise, and the
     spread between the scene's speeds. The lower panel has the squared error of the best linear
-    decoder, summed up to each frequency; its last value is that of the expected PSNR. The axis
-    begins where the sum of the first design reaches a hundredth of its end.
+    decoder for all speeds, summed up to each frequency; its last value is that of the expected
+    PSNR, also in a scene whose decoder finds the speed or is told it. The axis begins where the
+    sum of the first design reaches a hundredth of its end.
 
     Args:
         scene: Speeds, noise and spectrum of the picture.
@@ -250,7 +253,7 @@ def plot_transfer(scene: Scene, designs: Named) -> Figure:
     errors.set(ylabel="cumulative squared error / 10⁻³", ylim=(0, None))
     errors.set(xlabel="spatial frequency / (cycles/px)", xlim=(begin, 0.5))
     errors.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    _legend(figure, errors, "expected PSNR, linear light")
+    _legend(figure, errors, "expected PSNR of one filter for all speeds, linear light")
     return figure
 
 
@@ -398,7 +401,8 @@ def plot_photograph(
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
             title = f"{shown_name(name, 26)}, captured\nat {result.speeds[index]:g} px/s"
             _show(panels[0], turned(captured[own], axis) * gain, title)
-            _show(panels[1], turned(restored, axis), f"{restoration},\n{levels[index]:.2f} dB")
+            known = _IN_DOUBT if result.doubts[index] else restoration
+            _show(panels[1], turned(restored, axis), f"{known},\n{levels[index]:.2f} dB")
             panels[2].set_title("error", fontsize="small", y=1.0)
             error = _error(result.reference[own], restored, linear)
             maps.append((panels[2], turned(error, axis)))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, Shaped
 
 from mishutter._core import (
     alone_in_blas,
@@ -49,7 +49,7 @@ from mishutter.model import (
 from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.restore.decoders.linear import expected_squared_error, squared_error_of
 from mishutter.restore.decoders.speed import are_told_apart, speeds_to_try
-from mishutter.restore.decoders.speed_finding import decoder_of
+from mishutter.restore.decoders.speed_finding import decoder_of, informed
 from mishutter.restore.image_quality import psnr
 
 _CAPTURES_AT_ONCE = 4
@@ -75,6 +75,8 @@ class RestoredPhotograph(NamedTuple):
         reference: The picture as a perfect decoder would restore it.
         captured: Light as recorded, first seed.
         restored: Light restored, first seed.
+        doubts: Why the speed that was found at each speed is not trusted, first seed; empty where
+            it is, or is not looked for.
     """
 
     speeds: Float[np.ndarray, "s"]
@@ -88,6 +90,7 @@ class RestoredPhotograph(NamedTuple):
     reference: Float[np.ndarray, "rows columns channels"]
     captured: Float[np.ndarray, "s rows columns channels"]
     restored: Float[np.ndarray, "s rows columns channels"]
+    doubts: Shaped[np.ndarray, "s"]
 
     def at(self, *indices: int) -> "RestoredPhotograph":
         """The figures and pictures of one or some of the speeds, alone.
@@ -121,6 +124,7 @@ _AT_EACH_SPEED = (
     "own_expected_psnr",
     "captured",
     "restored",
+    "doubts",
 )
 
 
@@ -143,7 +147,7 @@ def deconvolve(
         scene: Speeds that may occur, light, noise, spectrum of pictures.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        decoder: The method; the ensemble filter by default.
+        decoder: The method, whatever the scene says of decoders; the ensemble filter by default.
         model: The result of `blur_model` for these, if it is at hand.
         plan: The parts to compute: by default equal colours once; None for all.
 
@@ -304,21 +308,27 @@ def restore_by_each(
         for _ in range(1 + len(decoders))
     )
 
+    doubts = np.full((len(decoders), len(chosen_speeds)), "", object)
+
     def tried(place: tuple[int, Array | np.ndarray]) -> _Errors:
         index, blurred = place
-        known, errors, codes = models[index], [], []
+        errors, codes = [], []
         for trial, words in enumerate(seeds[index]):
             seed = jax.random.wrap_key_data(words, impl=jax.random.key_impl(key))
             capture = noisy(blurred, scene, motion, seed)
+            planes = rows_last(distinct_colours(capture, plan))
+            knowing = [informed(each, planes, models[index]) for each in methods]
             estimates = [
                 np.asarray(
                     deconvolve(
                         capture, scene, motion, shutter, decoder=each, model=known, plan=plan
                     )
                 )
-                for each in methods
+                for each, known, _ in knowing
             ]
             if trial == 0:
+                found = [each.estimate for each in knowing]
+                doubts[:, index] = ["" if each is None else each.doubt for each in found]
                 results = zip((captured, *restored), (capture, *estimates), strict=True)
                 for store, result in results:
                     store[index] = result
@@ -342,6 +352,7 @@ def restore_by_each(
             reference=reference,
             captured=captured,
             restored=restored[index],
+            doubts=doubts[index],
         ).turned(axis)
         for index, name in enumerate(decoders)
     }

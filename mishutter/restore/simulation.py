@@ -28,8 +28,7 @@ from mishutter.restore.decoders import (
     SpeedFindingDecoder,
     blur_model,
 )
-from mishutter.restore.decoders.speed import speed_in
-from mishutter.restore.decoders.speed_finding import at_speed
+from mishutter.restore.decoders.speed_finding import informed
 from mishutter.restore.restoration import deconvolve
 
 Progress = Callable[[str, float], None]
@@ -99,7 +98,7 @@ def capture_and_restore(
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
         speed: Speed of a photograph, px/s; 0 for layers and frames.
-        decoder: The method; the ensemble filter by default.
+        decoder: The method, whatever the scene says of decoders; the ensemble filter by default.
         key: JAX key of the noise; None for none.
         border: As in `simulate_capture`, for a photograph.
         full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
@@ -152,9 +151,9 @@ def capture_and_restore(
     estimate = None
     if isinstance(chosen, SpeedFindingDecoder):
         report("finding the speed", 0.5)
-        relative = speed_in(rows_last(distinct_colours(captured, plan)), model)
-        estimate = relative.of(scene, motion)
-        chosen, model = chosen.inner, at_speed(model, relative)
+        planes = rows_last(distinct_colours(captured, plan))
+        chosen, model, relative = informed(chosen, planes, model)
+        estimate = None if relative is None else relative.of(scene, motion)
     beyond = chosen.rows_beyond
     for first, past in itertools.pairwise(_mirrored_portions(num_rows, rows_at_once)):
         report("restoring", 0.5 + 0.5 * first / num_rows)

@@ -225,7 +225,7 @@ def test_a_snapshot_is_restored_as_it_would_be():
     inner = ms.EnsembleDecoder()
     restored = ms.deconvolve(seen, *given, decoder=ms.SpeedFindingDecoder(inner))
     np.testing.assert_array_equal(restored, ms.deconvolve(seen, *given, decoder=inner))
-    levels = [
+    found, untold = (
         ms.restore_photograph(
             ms.Picture(grey(24)[..., None]),
             scene(decoder_speed=knows),
@@ -233,10 +233,12 @@ def test_a_snapshot_is_restored_as_it_would_be():
             OPEN,
             speeds=[0.0],
             num_seeds=1,
-        ).expected_psnr
+        )
         for knows in ("found", "unknown")
-    ]
-    assert levels[0] == levels[1]
+    )
+    assert found.expected_psnr == untold.expected_psnr
+    assert all(found.doubts)
+    assert not any(untold.doubts)
 
 
 @pytest.mark.slow
@@ -265,6 +267,7 @@ def test_photographs_are_restored_by_the_decoder_of_the_scene(knows):
     alone = [one.bare(speeds=np.array([speed]), weights=np.ones(1)) for speed in options["speeds"]]
     told = [ms.restore_photograph(picture, each, *given, **options) for each in alone]
     assert np.all(result.linear_psnr > untold.linear_psnr + 0.5)
+    assert not any(result.doubts)
     levels = [each.own_expected_psnr[index] for index, each in enumerate(told)]
     share = {"told": 1.0, "found": 0.8}[knows]
     expected = untold.own_expected_psnr + share * (np.array(levels) - untold.own_expected_psnr)

@@ -21,4 +21,5 @@ def photograph(level, num_seeds=3, columns=slice(None)):
         reference=light[1],
         captured=light * 0.6,
         restored=light + 1 / level,
+        doubts=np.full(len(light), "", object),
     )

@@ -1,12 +1,12 @@
 """Restoration of a picture that moves as a whole, by an estimate of its speed."""
 
 from dataclasses import replace
-from typing import final
+from typing import NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, ArrayLike
 
 from mishutter.camera import kernel_layout
 from mishutter.model import DecoderSpeed
@@ -48,11 +48,35 @@ class SpeedFindingDecoder(AbstractDecoder):
         return self.inner.rows_beyond
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
-        if model.efficiency <= 0 or not np.all(np.isfinite(model.noise)):
-            return self.inner.restore(captured, model)
         pictures = captured.reshape(-1, *captured.shape[-3:])
-        restored = [self.inner.restore(p, at_speed(model, speed_in(p, model))) for p in pictures]
+        models = (informed(self, picture, model).model for picture in pictures)
+        restored = [self.inner.restore(p, m) for p, m in zip(pictures, models, strict=True)]
         return jnp.stack(restored).reshape(captured.shape)
+
+
+class Informed(NamedTuple):
+    """A decoder and the model by which it restores one picture, once the speed is estimated."""
+
+    decoder: AbstractDecoder
+    model: BlurModel
+    estimate: SpeedEstimate | None
+    """Relative to the sensor; None of a decoder that looks for no speed."""
+
+
+def informed(decoder: AbstractDecoder, planes: ArrayLike, model: BlurModel) -> Informed:
+    """A decoder, after it has looked for the speed in one picture if it does.
+
+    Args:
+        decoder: The method.
+        planes: Light of the picture, as `speed_in` takes it.
+        model: Blur and noise for all speeds.
+    """
+    if not isinstance(decoder, SpeedFindingDecoder):
+        return Informed(decoder, model, None)
+    if model.efficiency <= 0 or not np.all(np.isfinite(model.noise)):
+        return Informed(decoder.inner, model, None)
+    estimate = speed_in(planes, model)
+    return Informed(decoder.inner, at_speed(model, estimate), estimate)
 
 
 def decoder_of(knows: DecoderSpeed, inner: AbstractDecoder) -> AbstractDecoder:
