@@ -4,13 +4,13 @@ The loss of a search over profile, acceleration and exposure of the built-in sce
 before a still background and before one that moves.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import mishutter as ms
 from benchmarks import harness
+from mishutter._core import compiled
 from mishutter.evaluation import reduced
 from mishutter.evaluation.layers import computed_speeds
 from mishutter.model import example_scene, with_occlusion
@@ -28,7 +28,7 @@ OCCLUSIONS = {
 TEXT = """## The time of a loss before a background
 
 A search over {free} of the built-in scene takes a loss and its gradient by {coordinates}
-coordinates, compiled, in single precision; ms, and in times of those as a whole. `speeds` are those
+coordinates, compiled as the package compiles, in single precision; ms, and in times of those as a whole. `speeds` are those
 at which transfer functions are computed.
 
 {table}
@@ -50,8 +50,8 @@ def row(picture: str, occlusion: ms.Occlusion | None) -> dict:
     function, num_speeds = objective(occlusion)
     size = function.space.size  # type: ignore[attr-defined]
     box = jnp.asarray(np.random.default_rng(0).uniform(0.3, 0.7, size), jnp.float32)
-    value = harness.timed(eqx.filter_jit(lambda f, x: f(x)), function, box)
-    both = harness.timed(eqx.filter_jit(lambda f, x: jax.value_and_grad(f)(x)), function, box)
+    value = harness.timed(compiled(lambda f, x: f(x)), function, box)
+    both = harness.timed(compiled(lambda f, x: jax.value_and_grad(f)(x)), function, box)
     return {
         "picture": picture,
         "speeds": num_speeds,

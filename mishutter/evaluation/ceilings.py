@@ -221,7 +221,7 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
     shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)
     frequency, weights = frequencies(NUM_FREQUENCIES), np.asarray(scene.weights, np.float64)
-    beat = np.einsum("n,nkf->fk", weights, shares.beat_of_objects)
+    beat = np.einsum("b,n,fbnk->fk", shares.background_weights, weights, shares.beat)
     turns = 2 * half * (shares.speeds[:, None] - shares.speeds)
     largest = [
         _largest(share, np.sinc(turns * f)) for share, f in zip(beat, frequency, strict=True)

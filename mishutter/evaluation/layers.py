@@ -59,9 +59,6 @@ _FURTHEST, _GROWTH = 512.0, 7.7
 steps grow up to it, about."""
 _NEIGHBOURS = 6
 """Effective speeds that a transfer function is interpolated from."""
-_BLOCK = 32
-"""Frequencies whose waves are products of that of the first and one of a few; compilers unroll
-loops over so many."""
 _NODES_A_PEAK = 96
 """Nodes of the quadrature about either peak of the beat."""
 
@@ -170,7 +167,7 @@ def _shares(
     if occlusion.object_width is None:
         total, objects, own = texture, front * texture, behind * texture
         same = jnp.zeros_like(texture)
-        beat = jnp.zeros((*num_pairs, 0, grid.number), dtype)
+        beat = jnp.zeros((grid.number, *num_pairs, 0), dtype)
         effective = jnp.zeros(0, dtype)
     else:
         width = occlusion.object_width.astype(dtype)
@@ -200,19 +197,18 @@ def _shares(
             jnp.broadcast_to(speeds[:, None], num_pairs).ravel(),
             jnp.broadcast_to(scene.speeds.astype(dtype)[None], num_pairs).ravel(),
         )
-        beat = jax.lax.map(pair, pairs).reshape(*num_pairs, count, grid.number)
+        beat = jnp.moveaxis(jax.lax.map(pair, pairs), -1, 0)
+        beat = beat.reshape(grid.number, *num_pairs, count)
         effective = nodes.speeds
     divisor = jnp.where(total > 0, total, 1.0)
     whole = jnp.where(total > 0, 1 / divisor, 0)
     objects, own, same = (part * whole for part in (objects, own, same))
-    beat = weights[:, None, None, None] * (beat * whole[None, None, None])
     return LayerShares(
         power=total,
         objects=objects,
         background=own,
         same=same,
-        beat=beat,
-        beat_of_objects=jnp.sum(beat, axis=0),
+        beat=beat * whole[:, None, None, None],
         background_speeds=speeds,
         background_weights=weights,
         speeds=effective,
@@ -422,11 +418,11 @@ def _num_occurring(scene: Scene, num_speeds: int) -> np.ndarray:
 
     The beat moves fast where its waves are long beside those of the matte, and there alone.
     """
-    occurs = np.any(np.asarray(scene.occlusion.shares.beat) != 0, axis=(0, 1))  # type: ignore[union-attr]
-    num_effective, number = occurs.shape
+    occurs = np.any(np.asarray(scene.occlusion.shares.beat) != 0, axis=(1, 2))  # type: ignore[union-attr]
+    number, num_effective = occurs.shape
     counts = np.full(num_speeds, number)
-    highest = number - np.argmax(occurs[:, ::-1], axis=1)
-    counts[num_speeds - num_effective :] = np.where(np.any(occurs, axis=1), highest, 0)
+    highest = number - np.argmax(occurs[::-1], axis=0)
+    counts[num_speeds - num_effective :] = np.where(np.any(occurs, axis=0), highest, 0)
     return counts
 
 
@@ -440,31 +436,20 @@ def _row_weights(
 ) -> tuple[Array, Array]:
     """Weights $W$ of powers, `(o, r, f)`, and $V$ of amplitudes, `(e, o, r, f)`, complex."""
     shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
-    objects, own, same, beat, beat_of_objects = (
-        x[..., :num_kept].astype(dtype)
-        for x in (
-            shares.objects,
-            shares.background,
-            shares.same,
-            shares.beat,
-            shares.beat_of_objects,
-        )
+    objects, own, same, beat = (
+        x[:num_kept].astype(dtype)
+        for x in (shares.objects, shares.background, shares.same, shares.beat)
     )
-    speeds, background = (x.astype(dtype) for x in (scene.speeds, shares.background_speeds))
     num_objects, prior = scene.speeds.size, scene.weights.astype(dtype)
     behind = shares.background_weights.astype(dtype)
     chosen = jnp.eye(num_objects, dtype=dtype) if told else prior[None]
     complex_type = np.result_type(dtype, np.complex64)
-    powers = jnp.einsum("on,nkf->okf", chosen, beat_of_objects)
-    distance = _distances(scene, motion, dtype)
-    occurs = jnp.ones((background.size, num_objects), dtype)
-    if not told:
-        num_pairs = occurs.size
-        beat = beat.reshape(num_pairs, 1, *beat.shape[2:])
-        distance = distance.reshape(distance.shape[0], num_pairs, 1, distance.shape[-1])
-        occurs = jnp.broadcast_to(prior[None], occurs.shape).reshape(num_pairs, 1)
-    amplitudes = _displaced(beat, occurs, distance, shares.first, shares.step)
+    beat = behind[None, :, None, None] * beat
+    powers = jnp.einsum("on,fbnk->okf", chosen, beat)
+    amplitudes = _beat_amplitudes(scene, motion, beat)
+    amplitudes = jnp.einsum("on,enkf->eokf", chosen.astype(complex_type), amplitudes)
     powers, amplitudes = (_folded(x, shares) for x in (powers, amplitudes))
+    speeds, background = (x.astype(dtype) for x in (scene.speeds, shares.background_speeds))
     meets = (background[:, None] == speeds[None]).astype(dtype) * behind[:, None]
     as_one = objects[None] + jnp.sum(meets, axis=0)[:, None] * same[None]
     together = chosen[:, :, None] * as_one[None]
@@ -479,11 +464,12 @@ def _row_weights(
     return direct, jnp.concatenate([repeated, amplitudes], axis=2)
 
 
-def _distances(
-    scene: Scene, motion: AbstractMotion, dtype: np.dtype
-) -> Float[Array, "errors background objects nodes"]:
-    """Distances from where waves of the beat are aligned to where they are wanted; px."""
+def _beat_amplitudes(
+    scene: Scene, motion: AbstractMotion, beat: Float[Array, "kept background objects nodes"]
+) -> Complex[Array, "errors objects nodes kept"]:
+    """Weights of the beat with the phases that displace its waves from where they are aligned."""
     shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
+    dtype = np.dtype(beat.dtype)
     parts = [x.astype(dtype) for x in (shares.background_speeds, scene.speeds, shares.speeds)]
     background, objects, nodes = parts
     ends = np.cumsum([background.size, objects.size])
@@ -496,66 +482,21 @@ def _distances(
     )
     place, moves = place[None], moves[None]
     wanted = (1 - place) * behind[..., None, None] + place * front[:, None, :, None]
-    return jnp.where(moves, wanted - between[:, None, None], 0.0)
+    angle = jnp.where(moves, wanted - between[:, None, None], 0.0)
+    begin, step = (angle * (-2 * np.pi * f) for f in (shares.first, shares.step))
+    turn = jnp.cos(step), jnp.sin(step)
 
+    def turned(
+        wave: tuple[Array, Array], weights: Array
+    ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
+        """Waves of the next frequency of the grid; a product costs less than a cosine."""
+        (cosine, sine), (c, s) = wave, turn
+        sums = tuple(jnp.sum(weights[None] * part, axis=1) for part in wave)
+        return (cosine * c - sine * s, sine * c + cosine * s), sums
 
-def _displaced(
-    beat: Float[Array, "added rows nodes kept"],
-    occurs: Float[Array, "added rows"],
-    distance: Float[Array, "errors added rows nodes"],
-    first: float,
-    step: float,
-) -> Complex[Array, "errors rows nodes kept"]:
-    r"""Sums of $w_m e^{-2\pi i f_m x}$ along the axis that is added, at frequencies in equal steps.
-
-    Terms are added one after the other, and their waves are made anew for a derivative: those of
-    all together leave a processor's cache.
-    """
-    num_kept = beat.shape[-1]
-    num_blocks = -(-num_kept // _BLOCK)
-    padded = jnp.pad(beat, [(0, 0)] * 3 + [(0, num_blocks * _BLOCK - num_kept)])
-    shares = padded.reshape(*beat.shape[:-1], num_blocks, _BLOCK)
-    every = first + step * np.arange(num_blocks * _BLOCK)
-    turns = (-2 * np.pi * every).astype(beat.dtype).reshape(1, 1, 1, -1, _BLOCK)
-
-    @jax.checkpoint
-    def displaced(share: Array, occurs: Array, distance: Array) -> list[Array]:
-        share = (occurs[:, None, None, None] * share)[None]
-        return [share * part for part in _waves(turns, distance)]
-
-    def add(sums: list[Array], term: tuple[Array, ...]) -> tuple[list[Array], None]:
-        return [a + b for a, b in zip(sums, displaced(*term), strict=True)], None
-
-    none = jnp.zeros((distance.shape[0], *shares.shape[1:]), beat.dtype)
-    sums = jax.lax.scan(add, [none, none], (shares, occurs, jnp.swapaxes(distance, 0, 1)))[0]
-    return jax.lax.complex(*sums).reshape(*none.shape[:3], num_blocks * _BLOCK)[..., :num_kept]
-
-
-@jax.custom_jvp
-def _waves(turns: Array | np.ndarray, distance: Array) -> tuple[Array, Array]:
-    r"""Real and imaginary part of $e^{i\theta x}$; shape `(e, r, k, n, m)` each.
-
-    A product of two waves costs less than a cosine.
-
-    Args:
-        turns: Constant $\theta$, in rows of the same steps; shape `(1, 1, 1, n, m)`.
-        distance: $x$; px, shape `(e, r, k)`.
-    """
-    first = turns[..., 0, :]
-    rows = distance[..., None] * turns[..., 0]
-    steps = distance[..., None] * (first - first[..., :1])
-    cos, sin = (wave(rows)[..., None] for wave in (jnp.cos, jnp.sin))
-    c, s = (wave(steps)[..., None, :] for wave in (jnp.cos, jnp.sin))
-    return cos * c - sin * s, sin * c + cos * s
-
-
-@_waves.defjvp
-def _waves_jvp(primals, tangents):
-    r"""$i\theta\,dx$ times the waves."""
-    turns, distance = primals
-    cosine, sine = _waves(turns, distance)
-    turn = tangents[1][..., None, None] * turns
-    return (cosine, sine), (-sine * turn, cosine * turn)
+    first = jnp.cos(begin), jnp.sin(begin)
+    real, imag = jax.lax.scan(turned, first, beat)[1]
+    return jnp.moveaxis(jax.lax.complex(real, imag), 0, -1)
 
 
 def _displacements(scene: Scene, motion: AbstractMotion, speeds: Array) -> Array:

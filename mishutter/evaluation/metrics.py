@@ -209,14 +209,18 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
     """Metrics from the records of a design."""
     response = assembled(scene, recorded, plan)
     raw, relative = kernel_differences(scene, motion, response)
+    power = picture_power(scene, response.spectra.shape[1], np.dtype(response.efficiency.dtype))
+    every = _moments(scene, motion, response, power)
+    each = _moments(scene, motion, response, power, told=True)
+    by_speed = _errors_by_speed(scene, every, each, power)
     return Metrics(
         condition_number=condition_number(response.still_kernel, num_frequencies=plan.dft_length),
         kernel_difference=raw,
         relative_kernel_difference=relative,
         efficiency=response.efficiency,
-        expected_psnr=-10 * jnp.log10(expected_squared_error(scene, motion, response)),
-        known_speed_psnr=-10 * jnp.log10(known_speed_squared_error(scene, motion, response)),
-        worst_speed_psnr=-10 * jnp.log10(worst_squared_error(scene, motion, response)),
+        expected_psnr=-10 * jnp.log10(_squared_error(every.lost, power)),
+        known_speed_psnr=-10 * jnp.log10(_told_squared_error(scene, each, power)),
+        worst_speed_psnr=-10 * jnp.log10(_worst(scene, by_speed)),
         bound_share=bound_share(scene, motion, response),
         phase=jnp.asarray(kernel_phase(motion, plan.num_taps), response.efficiency.dtype),
         dft_length=plan.dft_length,
@@ -274,8 +278,14 @@ def expected_squared_error(
     num_kept = response.spectra.shape[1]
     num_frequencies = num_kept if num_frequencies is None else num_frequencies
     power = picture_power(scene, num_frequencies, np.dtype(response.efficiency.dtype))
-    lost = _moments(scene, motion, response, power).lost
-    return (jnp.sum(power[:num_kept] * lost) + jnp.sum(power[num_kept:])) / num_frequencies
+    return _squared_error(_moments(scene, motion, response, power).lost, power)
+
+
+def _squared_error(lost: Float[Array, "*n k"], power: Float[Array, "m"]) -> Float[Array, "*n"]:
+    """Squared error by the share of the power that is lost; all of it at higher frequencies."""
+    num_kept = lost.shape[-1]
+    lowest = power[:num_kept].reshape((1,) * (lost.ndim - 1) + (num_kept,))
+    return (jnp.sum(lowest * lost, axis=-1) + jnp.sum(power[num_kept:])) / power.size
 
 
 class _Moments(NamedTuple):
@@ -515,9 +525,14 @@ def known_speed_squared_error(
     num_frequencies = num_kept if num_frequencies is None else num_frequencies
     dtype = response.efficiency.dtype
     power = picture_power(scene, num_frequencies, np.dtype(dtype))
-    lost = _moments(scene, motion, response, power, told=True).lost
-    lost = jnp.sum(scene.weights.astype(dtype)[:, None] * lost, axis=0)
-    return (jnp.sum(power[:num_kept] * lost) + jnp.sum(power[num_kept:])) / num_frequencies
+    each = _moments(scene, motion, response, power, told=True)
+    return _told_squared_error(scene, each, power)
+
+
+def _told_squared_error(scene: Scene, each: _Moments, power: Float[Array, "m"]) -> Float[Array, ""]:
+    """The `known_speed_squared_error` by the moments of each speed."""
+    weights = scene.weights.astype(power.dtype)[:, None]
+    return _squared_error(jnp.sum(weights * each.lost, axis=0), power)
 
 
 def squared_errors_by_speed(
@@ -537,9 +552,17 @@ def squared_errors_by_speed(
     num_frequencies = num_kept if num_frequencies is None else num_frequencies
     dtype = np.dtype(response.efficiency.dtype)
     power = picture_power(scene, num_frequencies, dtype)
-    aperture = _aperture(scene, num_frequencies, dtype)[:num_kept]
     every = _moments(scene, motion, response, power)
     each = _moments(scene, motion, response, power, told=True)
+    return _errors_by_speed(scene, every, each, power)
+
+
+def _errors_by_speed(
+    scene: Scene, every: _Moments, each: _Moments, power: Float[Array, "m"]
+) -> Float[Array, "n"]:
+    """The `squared_errors_by_speed` by the moments of all speeds and of each."""
+    num_kept = every.mean.shape[0]
+    aperture = _aperture(scene, power.size, np.dtype(power.dtype))[:num_kept]
     gain = share(every.signal, every.total)
     filter_ = (gain * aperture).astype(every.mean.dtype) * jnp.conj(every.mean)
     missing = 1 - filter_[None] * each.mean
@@ -547,15 +570,17 @@ def squared_errors_by_speed(
     noise = gain * every.coherent * share(every.noise, every.total)
     spread = (gain**2 * every.coherent)[None] * each.spread
     lost = missing.real**2 + missing.imag**2 + spread + noise[None]
-    lowest = jnp.sum(power[None, :num_kept] * lost, axis=1)
-    return (lowest + jnp.sum(power[num_kept:])) / num_frequencies
+    return _squared_error(lost, power)
 
 
 def worst_squared_error(
     scene: Scene, motion: AbstractMotion, response: Response
 ) -> Float[Array, ""]:
     """The `expected_squared_error` at the worst of the speeds that occur."""
-    errors = squared_errors_by_speed(scene, motion, response)
+    return _worst(scene, squared_errors_by_speed(scene, motion, response))
+
+
+def _worst(scene: Scene, errors: Float[Array, "n"]) -> Float[Array, ""]:
     return jnp.max(jnp.where(scene.weights > 0, errors, 0.0))
 
 

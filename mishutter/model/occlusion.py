@@ -36,9 +36,7 @@ class LayerShares(eqx.Module):
         objects: Share of the objects' texture; shape `(m,)`.
         background: Share of the background's own texture; shape `(m,)`.
         same: Share of the beat where both layers have one speed; shape `(m,)`.
-        beat: Share of the beat of each pair of speeds at each effective speed, times how often the
-            speed of its background occurs; `(b, n, k, m)`.
-        beat_of_objects: The sum over all backgrounds; `(n, k, m)`.
+        beat: Share of the beat of each pair of speeds at each effective speed; `(m, b, n, k)`.
         background_speeds: Speeds of the background; px/s, shape `(b,)`.
         background_weights: How often each occurs; shape `(b,)`.
         speeds: Effective speeds; px/s, shape `(k,)`.
@@ -51,8 +49,7 @@ class LayerShares(eqx.Module):
     objects: Float[Array, "m"]
     background: Float[Array, "m"]
     same: Float[Array, "m"]
-    beat: Float[Array, "b n k m"]
-    beat_of_objects: Float[Array, "n k m"]
+    beat: Float[Array, "m b n k"]
     background_speeds: Float[Array, "b"]
     background_weights: Float[Array, "b"]
     speeds: Float[Array, "k"]
