@@ -28,8 +28,8 @@ OCCLUSIONS = {
 TEXT = """## The time of a loss before a background
 
 A search over {free} of the built-in scene takes a loss and its gradient by {coordinates}
-coordinates, compiled as the package compiles, in single precision; ms, and in times of those as a whole. `speeds` are those
-at which transfer functions are computed.
+coordinates, compiled as the package compiles, in single precision; ms, and in times of those as a
+whole. `speeds` are those at which transfer functions are computed.
 
 {table}
 """
