@@ -565,7 +565,7 @@ def test_a_detail_whose_speed_is_in_doubt_says_so():
     """At that speed alone; where an estimate is trusted the speed was found."""
     doubts = np.array(["", "", "two speeds fit."], object)
     results = {"rect": photograph(21)._replace(doubts=doubts)}
-    figure = plots.plot_photograph(results, [0.0, 450.0], detail=(11, 17), decoder_speed="found")
+    figure = plot_photograph(results, [0.0, 450.0], detail=(11, 17), decoder_speed="found")
     titles = [panel.get_title().partition("\n")[0] for panel in _rows(figure, 6)[0][1::3]]
     assert titles == ["restored, speed found,", "restored, speed in doubt,"]
 
