@@ -317,7 +317,7 @@ def restore_by_each(
             seed = jax.random.wrap_key_data(words, impl=jax.random.key_impl(key))
             capture = noisy(blurred, scene, motion, seed)
             planes = rows_last(distinct_colours(capture, plan))
-            knowing = [informed(each, planes, models[index]) for each in methods]
+            knowing = informed(methods, planes, models[index])
             estimates = [
                 np.asarray(
                     deconvolve(

@@ -152,7 +152,7 @@ def capture_and_restore(
     if isinstance(chosen, SpeedFindingDecoder):
         report("finding the speed", 0.5)
         planes = rows_last(distinct_colours(captured, plan))
-        chosen, model, relative = informed(chosen, planes, model)
+        chosen, model, relative = informed([chosen], planes, model)[0]
         estimate = None if relative is None else relative.of(scene, motion)
     beyond = chosen.rows_beyond
     for first, past in itertools.pairwise(_mirrored_portions(num_rows, rows_at_once)):

@@ -1,5 +1,6 @@
 """Restoration of a picture that moves as a whole, by an estimate of its speed."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple, final
 
@@ -49,7 +50,7 @@ class SpeedFindingDecoder(AbstractDecoder):
 
     def restore(self, captured: Array, model: BlurModel) -> Array:
         pictures = captured.reshape(-1, *captured.shape[-3:])
-        models = (informed(self, picture, model).model for picture in pictures)
+        models = (informed([self], picture, model)[0].model for picture in pictures)
         restored = [self.inner.restore(p, m) for p, m in zip(pictures, models, strict=True)]
         return jnp.stack(restored).reshape(captured.shape)
 
@@ -63,20 +64,27 @@ class Informed(NamedTuple):
     """Relative to the sensor; None of a decoder that looks for no speed."""
 
 
-def informed(decoder: AbstractDecoder, planes: ArrayLike, model: BlurModel) -> Informed:
-    """A decoder, after it has looked for the speed in one picture if it does.
+def informed(
+    decoders: Sequence[AbstractDecoder], planes: ArrayLike, model: BlurModel
+) -> list[Informed]:
+    """Decoders of one picture, after those that look for its speed have looked for it, together.
 
     Args:
-        decoder: The method.
+        decoders: The methods.
         planes: Light of the picture, as `speed_in` takes it.
         model: Blur and noise for all speeds.
     """
-    if not isinstance(decoder, SpeedFindingDecoder):
-        return Informed(decoder, model, None)
-    if model.efficiency <= 0 or not np.all(np.isfinite(model.noise)):
-        return Informed(decoder.inner, model, None)
-    estimate = speed_in(planes, model)
-    return Informed(decoder.inner, at_speed(model, estimate), estimate)
+    finds = any(isinstance(each, SpeedFindingDecoder) for each in decoders)
+    estimate, sharper = None, model
+    if finds and model.efficiency > 0 and np.all(np.isfinite(model.noise)):
+        estimate = speed_in(planes, model)
+        sharper = at_speed(model, estimate)
+    return [
+        Informed(each.inner, sharper, estimate)
+        if isinstance(each, SpeedFindingDecoder)
+        else Informed(each, model, None)
+        for each in decoders
+    ]
 
 
 def decoder_of(knows: DecoderSpeed, inner: AbstractDecoder) -> AbstractDecoder:
