@@ -224,14 +224,15 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
     """What is known is on standard output when the first capture begins; a document is whole."""
     seen: list[str] = []
 
-    def photographed(result, num_seeds, every):
+    def photographed(result, delivery):
         seen.append(capsys.readouterr().out)
         return result
 
     # Only what is printed before it matters, and it takes long.
     monkeypatch.setattr(app, "_photographed", photographed)
-    app._deliver(report, None, False, 1, False)
-    app._deliver(report, None, True, 1, False)
+    spoken = app.Delivery(None, as_json=False, num_seeds=1, every_photograph=False)
+    app._deliver(report, spoken)
+    app._deliver(report, spoken._replace(as_json=True))
     assert seen[0].startswith("A verdict.\n")
     assert "Same motion" in seen[0]
     assert seen[1] == ""
