@@ -43,7 +43,6 @@ from mishutter._core import (
     require_scalar,
 )
 from mishutter.evaluation.layers import (
-    SEARCHED_EFFECTIVE_SPEEDS,
     Frequencies,
     background_of,
     with_shares,
@@ -64,6 +63,8 @@ _LOWEST, _NUM_EIGENVALUES = 1e-6, 2048
 """The lowest frequency of the eigenvalues, cycles/px, which is below every grid, and the number of
 frequencies up to 0.5, each 1.006 times the last. The bound of the largest eigenvalue is too high by
 no more than that, and the ceiling by 0.03 dB."""
+_EFFECTIVE_SPEEDS = 65
+"""Effective speeds of the beat between two layers."""
 _RIDGE = 1e-12
 """Share of the Gram matrix of effective speeds that keeps it regular."""
 _STEP_TOLERANCE = 1e-4
@@ -216,12 +217,12 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     """
     if np.isinf(half):
         return 0.0
-    grid, count = Frequencies.of_grid(NUM_FREQUENCIES), SEARCHED_EFFECTIVE_SPEEDS
+    grid, count = Frequencies.of_grid(NUM_FREQUENCIES), _EFFECTIVE_SPEEDS
     scene = with_shares(scene, background_of(scene), count, grid, folds=False)
     occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
     shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)
     frequency, weights = frequencies(NUM_FREQUENCIES), np.asarray(scene.weights, np.float64)
-    beat = np.einsum("b,n,fbnk->fk", shares.background_weights, weights, shares.beat)
+    beat = np.einsum("b,n,bnkf->fk", shares.background_weights, weights, shares.beat)
     turns = 2 * half * (shares.speeds[:, None] - shares.speeds)
     largest = [
         _largest(share, np.sinc(turns * f)) for share, f in zip(beat, frequency, strict=True)

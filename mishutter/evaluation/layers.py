@@ -44,9 +44,11 @@ from mishutter.model import (
 
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
 """How many effective speeds an expected error takes, at least and at most."""
-SEARCHED_EFFECTIVE_SPEEDS = 65
-"""How many a search takes, whose design is measured with all of them: they know the error to
-0.01 dB by designs worth building, and to 0.2 dB by exposures over which objects travel 130 px."""
+SEARCHED_EFFECTIVE_SPEEDS, _SEARCHED_FREQUENCIES = 25, 32
+"""How many a search takes, and the number of frequencies that it computes the beat at. The end of a
+search is measured with all of them."""
+_EVEN_BELOW = 0.02
+"""Frequency below which those that a search takes lie in even steps, cycles/px."""
 _BEAT_STEP = 0.8
 """Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
 expected error is known to 1e-4 dB."""
@@ -57,6 +59,8 @@ _MOST_WEIGHTS = 40_000
 _FURTHEST, _GROWTH = 512.0, 7.7
 """The furthest effective speed, in half ranges of the layers' speeds, and the logarithm by which
 steps grow up to it, about."""
+_SEARCHED_FURTHEST, _SEARCHED_GROWTH = 5.0, 2.31
+"""The same of a search: beyond, the beat is of the lowest frequencies alone."""
 _NEIGHBOURS = 6
 """Effective speeds that a transfer function is interpolated from."""
 _NODES_A_PEAK = 96
@@ -163,11 +167,13 @@ def _shares(
     behind = 1 - front
     speeds, weights = (jnp.asarray(x, dtype) for x in background)
     nodes = _Nodes.between(_spanned(scene, speeds, weights, folds=folds), count)
+    knots = _knot_places(grid.number) if count <= SEARCHED_EFFECTIVE_SPEEDS else None
+    some = slice(None) if knots is None else np.array(knots)
     num_pairs = speeds.size, scene.speeds.size
     if occlusion.object_width is None:
         total, objects, own = texture, front * texture, behind * texture
         same = jnp.zeros_like(texture)
-        beat = jnp.zeros((grid.number, *num_pairs, 0), dtype)
+        beat = jnp.zeros((*num_pairs, 0, frequency[some].size), dtype)
         effective = jnp.zeros(0, dtype)
     else:
         width = occlusion.object_width.astype(dtype)
@@ -186,19 +192,19 @@ def _shares(
         own = behind**2 * texture
         total = jnp.where(passes, objects + own + same, 0)
         ratio = rule.matte / frequency[:, None]
+        at_knots, ratio = mass[some], ratio[some]
 
         def pair(each: tuple[Array, Array]) -> Array:
             of_background, of_object = each
             difference = of_object - of_background
-            moved = jnp.where(difference != 0, mass, 0)
+            moved = jnp.where(difference != 0, at_knots, 0)
             return nodes.shared(of_background + ratio * difference, moved)
 
         pairs = (
             jnp.broadcast_to(speeds[:, None], num_pairs).ravel(),
             jnp.broadcast_to(scene.speeds.astype(dtype)[None], num_pairs).ravel(),
         )
-        beat = jnp.moveaxis(jax.lax.map(pair, pairs), -1, 0)
-        beat = beat.reshape(grid.number, *num_pairs, count)
+        beat = jax.lax.map(pair, pairs).reshape(*num_pairs, count, -1)
         effective = nodes.speeds
     divisor = jnp.where(total > 0, total, 1.0)
     whole = jnp.where(total > 0, 1 / divisor, 0)
@@ -208,13 +214,14 @@ def _shares(
         objects=objects,
         background=own,
         same=same,
-        beat=beat * whole[:, None, None, None],
+        beat=beat * whole[some][None, None, None],
         background_speeds=speeds,
         background_weights=weights,
         speeds=effective,
         first=grid.first,
         step=grid.step,
         folds=folds,
+        knots=knots,
     )
 
 
@@ -236,29 +243,34 @@ class _Nodes(NamedTuple):
     Attributes:
         middle: $c$, px/s.
         scale: $Rd/\sinh(bn)$, px/s.
+        growth: $bn$.
         num: $2n + 1$.
     """
 
     middle: Array
     scale: Array
+    growth: float
     num: int
 
     @staticmethod
     def between(ends: tuple[Array, Array], count: int) -> "_Nodes":
         half = (ends[1] - ends[0]) / 2
         half = jnp.where(half > 0, half, 1.0)
-        return _Nodes((ends[0] + ends[1]) / 2, half * (_FURTHEST / math.sinh(_GROWTH)), count)
+        furthest, growth = _FURTHEST, _GROWTH
+        if count <= SEARCHED_EFFECTIVE_SPEEDS:
+            furthest, growth = _SEARCHED_FURTHEST, _SEARCHED_GROWTH
+        return _Nodes((ends[0] + ends[1]) / 2, half * (furthest / math.sinh(growth)), growth, count)
 
     @property
     def speeds(self) -> Array:
         """The effective speeds, ascending; px/s, shape `(k,)`."""
         steps = np.arange(self.num) - self.num // 2
-        places = np.sinh(steps * (_GROWTH / (self.num // 2)))
+        places = np.sinh(steps * (self.growth / (self.num // 2)))
         return self.middle + self.scale * places.astype(self.middle.dtype)
 
     def shared(self, speed: Array, mass: Array) -> Array:
         """Sums of a mass at some speeds, `(m, g)`, shared among the neighbours; `(k, m)`."""
-        rate = (self.num // 2) / _GROWTH
+        rate = (self.num // 2) / self.growth
         place = jnp.arcsinh((speed - self.middle) / self.scale) * rate + self.num // 2
         first, shares = _interpolation(jnp.clip(place, 0, self.num - 1), self.num)
         rows = np.arange(speed.shape[0], dtype=np.int32)[:, None] * self.num
@@ -365,9 +377,10 @@ def layer_moments(
 ) -> LayerMoments:
     r"""Moments of a capture of two layers, by transfer functions at the `computed_speeds`.
 
-    $m = \sum V_r H_r$ and $v = \sum W_r |H_r|^2 - |m|^2 = \sum W_r |H_r - m|^2
-    + 2\operatorname{Re}(\bar m \sum (W_r - V_r) H_r)$, where $V_r$ is $W_r$ with the phases of
-    displaced layers; over the tolerances, each weight is that of an error too.
+    $m = \sum W_r H_r + W_b m_b$ over the rigid textures and the beat, whose own moments $m_b$ and
+    $v_b$ are known at fewer frequencies, and
+    $v = \sum W_r |H_r - m|^2 + W_b(|m_b - m|^2 + v_b)$; over the tolerances, each weight is that of
+    an error too.
 
     Args:
         scene: The scene, `with_shares`.
@@ -375,17 +388,27 @@ def layer_moments(
         spectra: Transfer functions at all errors and speeds, at the lowest of the frequencies.
         told: Whether the decoder is told the objects' speed, and moments are of each.
     """
-    real = np.dtype(spectra.real.dtype)
-    every = spectra.reshape(error_weights(scene).size, -1, spectra.shape[1])
+    shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
+    real, num_kept = np.dtype(spectra.real.dtype), spectra.shape[1]
+    every = spectra.reshape(error_weights(scene).size, -1, num_kept)
     errors = jnp.asarray(error_weights(scene), real)
-    direct, coherent = _row_weights(scene, motion, spectra.shape[1], real, told=told)
-    mean = jnp.einsum("e,eorf,erf->of", errors.astype(spectra.dtype), coherent, every)
-    deviation = every[None] - mean[:, None, None]
-    power = deviation.real**2 + deviation.imag**2
-    spread = jnp.einsum("e,orf,oerf->of", errors, direct, power)
-    missed = direct[None].astype(spectra.dtype) - coherent
-    lost = jnp.einsum("e,eorf,erf->of", errors.astype(spectra.dtype), missed, every)
-    return LayerMoments(mean, spread + 2 * (mean.real * lost.real + mean.imag * lost.imag))
+    textures, weight = _texture_weights(scene, num_kept, real, told=told)
+    rows, beat_rows = every[:, : textures.shape[1]], every[:, textures.shape[1] :]
+    mean = jnp.einsum("e,orf,erf->of", *(x.astype(spectra.dtype) for x in (errors, textures)), rows)
+    beat = None
+    if shares.speeds.size:
+        beat = _beat_moments(scene, motion, beat_rows, told=told)
+        mean = mean + weight.astype(mean.dtype) * beat.mean
+    spread = jnp.einsum(
+        "e,orf,oerf->of", errors, textures, _squared(rows[None] - mean[:, None, None])
+    )
+    if beat is not None:
+        spread = spread + weight * (_squared(beat.mean - mean) + beat.spread)
+    return LayerMoments(mean, spread)
+
+
+def _squared(value: Array) -> Array:
+    return value.real**2 + value.imag**2
 
 
 def moments_on_dft(
@@ -418,11 +441,11 @@ def _num_occurring(scene: Scene, num_speeds: int) -> np.ndarray:
 
     The beat moves fast where its waves are long beside those of the matte, and there alone.
     """
-    occurs = np.any(np.asarray(scene.occlusion.shares.beat) != 0, axis=(1, 2))  # type: ignore[union-attr]
-    number, num_effective = occurs.shape
+    occurs = np.any(np.asarray(scene.occlusion.shares.beat) != 0, axis=(0, 1))  # type: ignore[union-attr]
+    num_effective, number = occurs.shape
     counts = np.full(num_speeds, number)
-    highest = number - np.argmax(occurs[::-1], axis=0)
-    counts[num_speeds - num_effective :] = np.where(np.any(occurs, axis=0), highest, 0)
+    highest = number - np.argmax(occurs[:, ::-1], axis=1)
+    counts[num_speeds - num_effective :] = np.where(np.any(occurs, axis=1), highest, 0)
     return counts
 
 
@@ -431,45 +454,77 @@ def _moments_on_dft(scene: Scene, motion: AbstractMotion, spectra: Array) -> Lay
     return layer_moments(scene, motion, spectra, told=False)
 
 
-def _row_weights(
-    scene: Scene, motion: AbstractMotion, num_kept: int, dtype: np.dtype, *, told: bool
-) -> tuple[Array, Array]:
-    """Weights $W$ of powers, `(o, r, f)`, and $V$ of amplitudes, `(e, o, r, f)`, complex."""
+def _texture_weights(
+    scene: Scene, num_kept: int, dtype: np.dtype, *, told: bool
+) -> tuple[Float[Array, "moments rows kept"], Float[Array, "moments kept"]]:
+    """Weights of the textures that move rigidly, `(o, r, f)`, and of the beat, `(o, f)`."""
     shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
-    objects, own, same, beat = (
-        x[:num_kept].astype(dtype)
-        for x in (shares.objects, shares.background, shares.same, shares.beat)
+    objects, own, same = (
+        x[:num_kept].astype(dtype) for x in (shares.objects, shares.background, shares.same)
     )
-    num_objects, prior = scene.speeds.size, scene.weights.astype(dtype)
-    behind = shares.background_weights.astype(dtype)
-    chosen = jnp.eye(num_objects, dtype=dtype) if told else prior[None]
-    complex_type = np.result_type(dtype, np.complex64)
-    beat = behind[None, :, None, None] * beat
-    powers = jnp.einsum("on,fbnk->okf", chosen, beat)
-    amplitudes = _beat_amplitudes(scene, motion, beat)
-    amplitudes = jnp.einsum("on,enkf->eokf", chosen.astype(complex_type), amplitudes)
-    powers, amplitudes = (_folded(x, shares) for x in (powers, amplitudes))
+    prior, behind = (x.astype(dtype) for x in (scene.weights, shares.background_weights))
     speeds, background = (x.astype(dtype) for x in (scene.speeds, shares.background_speeds))
-    meets = (background[:, None] == speeds[None]).astype(dtype) * behind[:, None]
-    as_one = objects[None] + jnp.sum(meets, axis=0)[:, None] * same[None]
-    together = chosen[:, :, None] * as_one[None]
+    chosen = jnp.eye(speeds.size, dtype=dtype) if told else prior[None]
+    apart = behind @ (background[:, None] != speeds[None]).astype(dtype)
+    together = objects[None] + (jnp.sum(behind) - apart)[:, None] * same[None]
+    together = chosen[:, :, None] * together[None]
+    beat = (chosen @ apart)[:, None] * same[None]
     if _background_is_prior(scene):
-        rows = [together + prior[None, :, None] * own[None, None]]
-    else:
-        alone = jnp.broadcast_to(own[None, None], (chosen.shape[0], background.size, num_kept))
-        rows = [together, alone]
-    lines = jnp.concatenate(rows, axis=1)
-    direct = jnp.concatenate([lines, powers], axis=1)
-    repeated = jnp.broadcast_to(lines, (amplitudes.shape[0], *lines.shape)).astype(complex_type)
-    return direct, jnp.concatenate([repeated, amplitudes], axis=2)
+        return together + prior[None, :, None] * own[None, None], beat
+    alone = jnp.broadcast_to(own[None, None], (chosen.shape[0], background.size, num_kept))
+    return jnp.concatenate([together, alone], axis=1), beat
 
 
-def _beat_amplitudes(
-    scene: Scene, motion: AbstractMotion, beat: Float[Array, "kept background objects nodes"]
-) -> Complex[Array, "errors objects nodes kept"]:
-    """Weights of the beat with the phases that displace its waves from where they are aligned."""
+def _beat_moments(
+    scene: Scene,
+    motion: AbstractMotion,
+    spectra: Complex[Array, "errors nodes kept"],
+    *,
+    told: bool,
+) -> LayerMoments:
+    r"""Moments of the beat alone, $m_b = \sum V_k H_k$ and $v_b = \sum W_k|H_k|^2 - |m_b|^2$.
+
+    $v_b = \sum W_k|H_k - m_b|^2 + 2\operatorname{Re}(\bar m_b\sum (W_k - V_k) H_k)$, where $V_k$ is
+    $W_k$ with the phases of displaced layers.
+    """
     shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
-    dtype = np.dtype(beat.dtype)
+    dtype = np.dtype(spectra.real.dtype)
+    knots = _Knots.of(shares, spectra.shape[2])
+    prior, behind = (x.astype(dtype) for x in (scene.weights, shares.background_weights))
+    turn = (-2 * np.pi * knots.frequencies(shares, dtype)).astype(dtype)
+    beat = shares.beat[..., : knots.places.size].astype(dtype)
+    nothing = jnp.zeros((error_weights(scene).size, *beat.shape[1:]), dtype)
+
+    def added(sums: tuple[Array, ...], one: tuple[Array, ...]) -> tuple[tuple[Array, ...], None]:
+        """Sums over the background's speeds; one at a time keeps waves in a processor's cache."""
+        weight, of_one, distance = one
+        weighted, angle = (weight * of_one)[None], distance[..., None] * turn[None, None, None]
+        parts = weighted, weighted * jnp.cos(angle), weighted * jnp.sin(angle)
+        return tuple(total + part for total, part in zip(sums, parts, strict=True)), None
+
+    each = behind, beat, jnp.moveaxis(_distances(scene, motion, dtype), 1, 0)
+    sums = jax.lax.scan(added, (nothing,) * 3, each)[0]
+    if not told:
+        sums = (jnp.sum(x * prior[None, :, None, None], axis=1, keepdims=True) for x in sums)
+    power, real, imag = (_folded(x, shares) for x in sums)
+    whole = jnp.sum(power, axis=2, keepdims=True)
+    unit = 1 / jnp.where(whole > 0, whole, 1.0)
+    weight = jnp.asarray(error_weights(scene), dtype)[:, None, None, None] * unit
+    power, real, imag = (weight * x for x in (power, real, imag))
+    response = knots.of_each(spectra)[:, None]
+    mean = jnp.sum(jax.lax.complex(real, imag) * response, axis=(0, 2))
+    missed = jnp.sum(jax.lax.complex(power - real, -imag) * response, axis=(0, 2))
+    deviation = _squared(response - mean[None, :, None])
+    spread = jnp.sum(power * deviation, axis=(0, 2))
+    spread = spread + 2 * (mean.real * missed.real + mean.imag * missed.imag)
+    return LayerMoments(*(knots.between(x) for x in (mean, spread)))
+
+
+def _distances(
+    scene: Scene, motion: AbstractMotion, dtype: np.dtype
+) -> Float[Array, "errors background objects nodes"]:
+    """Distances by which waves of the beat are displaced from where they are aligned; px."""
+    shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
     parts = [x.astype(dtype) for x in (shares.background_speeds, scene.speeds, shares.speeds)]
     background, objects, nodes = parts
     ends = np.cumsum([background.size, objects.size])
@@ -482,21 +537,72 @@ def _beat_amplitudes(
     )
     place, moves = place[None], moves[None]
     wanted = (1 - place) * behind[..., None, None] + place * front[:, None, :, None]
-    angle = jnp.where(moves, wanted - between[:, None, None], 0.0)
-    begin, step = (angle * (-2 * np.pi * f) for f in (shares.first, shares.step))
-    turn = jnp.cos(step), jnp.sin(step)
+    return jnp.where(moves, wanted - between[:, None, None], 0.0)
 
-    def turned(
-        wave: tuple[Array, Array], weights: Array
-    ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
-        """Waves of the next frequency of the grid; a product costs less than a cosine."""
-        (cosine, sine), (c, s) = wave, turn
-        sums = tuple(jnp.sum(weights[None] * part, axis=1) for part in wave)
-        return (cosine * c - sine * s, sine * c + cosine * s), sums
 
-    first = jnp.cos(begin), jnp.sin(begin)
-    real, imag = jax.lax.scan(turned, first, beat)[1]
-    return jnp.moveaxis(jax.lax.complex(real, imag), 0, -1)
+class _Knots(NamedTuple):
+    """Frequencies that the beat is computed at, and the polynomials that lead from one to the next.
+
+    Attributes:
+        places: Their places among all frequencies, ascending; shape `(c,)`.
+        shares: Share that each has in the value at each frequency, `(c, f)`; None where each
+            frequency is a knot.
+    """
+
+    places: np.ndarray
+    shares: np.ndarray | None
+
+    @staticmethod
+    def of(shares: LayerShares, num_kept: int) -> "_Knots":
+        """Those among so many frequencies, the lowest."""
+        return _knots(shares.knots, shares.power.size, num_kept)
+
+    def frequencies(self, shares: LayerShares, dtype: np.dtype) -> np.ndarray:
+        """The frequencies of the knots, cycles/px."""
+        return (shares.first + shares.step * self.places).astype(dtype)
+
+    def of_each(self, values: Array) -> Array:
+        """Values at the knots by those at each frequency, the last axis."""
+        return values if self.shares is None else values[..., self.places]
+
+    def between(self, values: Array) -> Array:
+        """Values at each frequency, `(o, f)`, by those at the knots, `(o, c)`; real or complex."""
+        if self.shares is None:
+            return values
+        shares = self.shares.astype(values.real.dtype)
+        if not jnp.iscomplexobj(values):
+            return values @ shares
+        return jax.lax.complex(values.real @ shares, values.imag @ shares)
+
+
+def _knot_places(number: int) -> tuple[int, ...]:
+    """Places of the knots of a search among so many frequencies, densest at the lowest."""
+    ends = _along_knots(np.array([0, number - 1]), number)
+    steps = np.sinh(np.linspace(*ends, _SEARCHED_FREQUENCIES)) * _EVEN_BELOW
+    return tuple(np.unique(np.round(2 * number * steps - 0.5).astype(int)).tolist())
+
+
+def _along_knots(places: np.ndarray, number: int) -> np.ndarray:
+    """Coordinate in which knots have equal steps: of a logarithm's, but at low frequencies."""
+    return np.arcsinh((places + 0.5) / (2 * number * _EVEN_BELOW))
+
+
+@lru_cache
+def _knots(knots: tuple[int, ...] | None, number: int, num_kept: int) -> _Knots:
+    if knots is None:
+        return _Knots(np.arange(num_kept), None)
+    places = np.array([place for place in knots if place < num_kept])
+    along, every = (_along_knots(x, number) for x in (places, np.arange(num_kept)))
+    count = min(_NEIGHBOURS, places.size)
+    first = np.searchsorted(along, every) - count // 2
+    near = np.clip(first, 0, places.size - count)[:, None] + np.arange(count)
+    nodes = along[near]
+    shares = np.zeros((places.size, num_kept))
+    for own in range(count):
+        others = np.delete(nodes, own, axis=1)
+        share = np.prod((every[:, None] - others) / (nodes[:, own, None] - others), axis=1)
+        shares[near[:, own], np.arange(num_kept)] = share
+    return _Knots(places, shares)
 
 
 def _displacements(scene: Scene, motion: AbstractMotion, speeds: Array) -> Array:
@@ -512,7 +618,8 @@ def _displacements(scene: Scene, motion: AbstractMotion, speeds: Array) -> Array
 
 def _folded(weights: Array, shares: LayerShares) -> Array:
     """Weights of effective speeds, `(..., k, f)`, those of both directions together."""
-    if not shares.folds or not shares.speeds.size:
+    if not shares.folds:
         return weights
     middle = shares.speeds.size // 2
-    return weights[..., middle:, :].at[..., 1:, :].add(weights[..., :middle, :][..., ::-1, :])
+    both = weights[..., middle + 1 :, :] + weights[..., :middle, :][..., ::-1, :]
+    return jnp.concatenate([weights[..., middle : middle + 1, :], both], axis=-2)

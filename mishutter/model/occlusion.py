@@ -36,26 +36,29 @@ class LayerShares(eqx.Module):
         objects: Share of the objects' texture; shape `(m,)`.
         background: Share of the background's own texture; shape `(m,)`.
         same: Share of the beat where both layers have one speed; shape `(m,)`.
-        beat: Share of the beat of each pair of speeds at each effective speed; `(m, b, n, k)`.
+        beat: Share of the beat of each pair of speeds at each effective speed, at the knots;
+            `(b, n, k, c)`.
         background_speeds: Speeds of the background; px/s, shape `(b,)`.
         background_weights: How often each occurs; shape `(b,)`.
         speeds: Effective speeds; px/s, shape `(k,)`.
         first: Lowest of the frequencies, cycles/px; static.
         step: Step between them; static.
         folds: Whether `+s` and `-s` are taken for one effective speed; static.
+        knots: Places among the frequencies that the beat is known at; None for all; static.
     """
 
     power: Float[Array, "m"]
     objects: Float[Array, "m"]
     background: Float[Array, "m"]
     same: Float[Array, "m"]
-    beat: Float[Array, "m b n k"]
+    beat: Float[Array, "b n k c"]
     background_speeds: Float[Array, "b"]
     background_weights: Float[Array, "b"]
     speeds: Float[Array, "k"]
     first: float = eqx.field(static=True)
     step: float = eqx.field(static=True)
     folds: bool = eqx.field(static=True)
+    knots: tuple[int, ...] | None = eqx.field(static=True, default=None)
 
     def seen_from(self, velocity: Array | np.ndarray) -> "LayerShares":
         """The same shares in the frame of a sensor that pans."""
