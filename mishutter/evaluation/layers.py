@@ -12,7 +12,9 @@ it is the capture of many speeds, with weights that depend on the frequency,
 $\int S(f - g)\,S_m(g)\,|H_{s_0 + (g/f)(s_1 - s_0)}|^2\,dg = S_r \sum_k W_k |H_{s_k}|^2$ at $f$.
 The integral is by Gauss-Legendre rules about the two peaks of its integrand, and the transfer
 functions at its nodes are interpolated from those at $s_k$, which lie densely between the layers'
-speeds and ever more sparsely beyond.
+speeds and ever more sparsely beyond. To all other parts the beat is one more, with the moments of
+its own. These change slowly with the frequency, so that a search computes them at few frequencies,
+densest at the lowest, and interpolates.
 
 The decoder wants both layers sharp, each displaced as kernels are aligned, by $D(s)$. In the mean
 response the weights of aligned transfer functions hence have the phases
@@ -44,11 +46,13 @@ from mishutter.model import (
 
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
 """How many effective speeds an expected error takes, at least and at most."""
+_LEAST_OF_MANY_PAIRS = 65
+"""How many it takes at least where pairs of speeds are so many that their table would not fit."""
 SEARCHED_EFFECTIVE_SPEEDS, _SEARCHED_FREQUENCIES = 25, 32
-"""How many a search takes, and the number of frequencies that it computes the beat at. The end of a
-search is measured with all of them."""
+"""How many a search takes, and the number of frequencies that it computes the beat at. They tell
+designs apart to 0.02 dB and know the error to 0.05 dB; the best design is measured with all."""
 _EVEN_BELOW = 0.02
-"""Frequency below which those that a search takes lie in even steps, cycles/px."""
+"""Frequency below which the frequencies of a search lie in even steps, cycles/px."""
 _BEAT_STEP = 0.8
 """Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
 expected error is known to 1e-4 dB."""
@@ -56,15 +60,46 @@ _EFFECTIVE_SPEEDS_OF_DECODERS = 97
 """How many a decoder's filter is made of, whose error is known to 0.01 dB by them."""
 _MOST_WEIGHTS = 40_000
 """Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
-_FURTHEST, _GROWTH = 512.0, 7.7
-"""The furthest effective speed, in half ranges of the layers' speeds, and the logarithm by which
-steps grow up to it, about."""
-_SEARCHED_FURTHEST, _SEARCHED_GROWTH = 5.0, 2.31
-"""The same of a search: beyond, the beat is of the lowest frequencies alone."""
 _NEIGHBOURS = 6
-"""Effective speeds that a transfer function is interpolated from."""
+"""Effective speeds, or frequencies, that a value is interpolated from."""
 _NODES_A_PEAK = 96
 """Nodes of the quadrature about either peak of the beat."""
+
+
+class _Fineness(NamedTuple):
+    """How finely the beat is computed; static.
+
+    Attributes:
+        num_speeds: Number of effective speeds, odd.
+        furthest: The furthest of them, in half ranges of the layers' speeds.
+        growth: Logarithm by which steps grow up to it, about.
+        num_knots: Number of frequencies that it is computed at, at most; None for all.
+    """
+
+    num_speeds: int
+    furthest: float
+    growth: float
+    num_knots: int | None
+
+    @staticmethod
+    def of(count: int, num_pairs: int) -> "_Fineness":
+        """The fineness of so many effective speeds, or as many as their table can hold.
+
+        Speeds beyond the furthest of a search are of the beat at the lowest frequencies alone.
+        """
+        if count <= SEARCHED_EFFECTIVE_SPEEDS:
+            return _Fineness(SEARCHED_EFFECTIVE_SPEEDS, 5.0, 2.31, _SEARCHED_FREQUENCIES)
+        most = max(_LEAST_OF_MANY_PAIRS, _MOST_WEIGHTS // num_pairs)
+        count = min(max(count, _LEAST_OF_MANY_PAIRS), most)
+        return _Fineness((count - 1) | 1, 512.0, 7.7, None)
+
+    def knots_among(self, number: int) -> tuple[int, ...] | None:
+        """Places of the frequencies among so many, densest at the lowest; None for all."""
+        if self.num_knots is None:
+            return None
+        ends = _along_knots(np.array([0, number - 1]), number)
+        steps = np.sinh(np.linspace(*ends, self.num_knots)) * _EVEN_BELOW
+        return tuple(np.unique(np.round(2 * number * steps - 0.5).astype(int)).tolist())
 
 
 def num_effective_speeds(travel: float) -> int:
@@ -73,7 +108,8 @@ def num_effective_speeds(travel: float) -> int:
     Args:
         travel: Travel of the fastest layer in half the exposure, against the middle of all; px.
     """
-    finest = _FURTHEST * _GROWTH / math.sinh(_GROWTH)
+    every = _Fineness.of(LEAST_EFFECTIVE_SPEEDS, 1)
+    finest = every.furthest * every.growth / math.sinh(every.growth)
     count = 1 + 2 * math.ceil(finest * travel / _BEAT_STEP)
     return min(max(count, LEAST_EFFECTIVE_SPEEDS), _MOST_EFFECTIVE_SPEEDS)
 
@@ -140,12 +176,10 @@ def with_shares(
         grid: Frequencies of the shares.
         folds: Whether `+s` and `-s` are taken for one effective speed.
     """
-    num_pairs = scene.speeds.size * np.size(background.speeds)
-    most = max(SEARCHED_EFFECTIVE_SPEEDS, _MOST_WEIGHTS // num_pairs)
-    count = (min(max(count, SEARCHED_EFFECTIVE_SPEEDS), most) - 1) | 1
+    fineness = _Fineness.of(count, scene.speeds.size * np.size(background.speeds))
     occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
     whole = with_occlusion(scene, None)
-    shares = _shares(whole, occlusion, background, count, grid, folds)
+    shares = _shares(whole, occlusion, background, fineness, grid, folds)
     return with_occlusion(scene, occlusion.with_shares(shares))
 
 
@@ -154,7 +188,7 @@ def _shares(
     scene: Scene,
     occlusion: Occlusion,
     background: Background,
-    count: int,
+    fineness: _Fineness,
     grid: Frequencies,
     folds: bool,
 ) -> LayerShares:
@@ -166,8 +200,8 @@ def _shares(
     front = occlusion.front_share.astype(dtype)
     behind = 1 - front
     speeds, weights = (jnp.asarray(x, dtype) for x in background)
-    nodes = _Nodes.between(_spanned(scene, speeds, weights, folds=folds), count)
-    knots = _knot_places(grid.number) if count <= SEARCHED_EFFECTIVE_SPEEDS else None
+    nodes = _Nodes.between(_spanned(scene, speeds, weights, folds=folds), fineness)
+    knots = fineness.knots_among(grid.number)
     some = slice(None) if knots is None else np.array(knots)
     num_pairs = speeds.size, scene.speeds.size
     if occlusion.object_width is None:
@@ -204,7 +238,7 @@ def _shares(
             jnp.broadcast_to(speeds[:, None], num_pairs).ravel(),
             jnp.broadcast_to(scene.speeds.astype(dtype)[None], num_pairs).ravel(),
         )
-        beat = jax.lax.map(pair, pairs).reshape(*num_pairs, count, -1)
+        beat = jax.lax.map(pair, pairs).reshape(*num_pairs, fineness.num_speeds, -1)
         effective = nodes.speeds
     divisor = jnp.where(total > 0, total, 1.0)
     whole = jnp.where(total > 0, 1 / divisor, 0)
@@ -253,13 +287,10 @@ class _Nodes(NamedTuple):
     num: int
 
     @staticmethod
-    def between(ends: tuple[Array, Array], count: int) -> "_Nodes":
+    def between(ends: tuple[Array, Array], fineness: _Fineness) -> "_Nodes":
         half = (ends[1] - ends[0]) / 2
-        half = jnp.where(half > 0, half, 1.0)
-        furthest, growth = _FURTHEST, _GROWTH
-        if count <= SEARCHED_EFFECTIVE_SPEEDS:
-            furthest, growth = _SEARCHED_FURTHEST, _SEARCHED_GROWTH
-        return _Nodes((ends[0] + ends[1]) / 2, half * (furthest / math.sinh(growth)), growth, count)
+        scale = jnp.where(half > 0, half, 1.0) * (fineness.furthest / math.sinh(fineness.growth))
+        return _Nodes((ends[0] + ends[1]) / 2, scale, fineness.growth, fineness.num_speeds)
 
     @property
     def speeds(self) -> Array:
@@ -573,13 +604,6 @@ class _Knots(NamedTuple):
         if not jnp.iscomplexobj(values):
             return values @ shares
         return jax.lax.complex(values.real @ shares, values.imag @ shares)
-
-
-def _knot_places(number: int) -> tuple[int, ...]:
-    """Places of the knots of a search among so many frequencies, densest at the lowest."""
-    ends = _along_knots(np.array([0, number - 1]), number)
-    steps = np.sinh(np.linspace(*ends, _SEARCHED_FREQUENCIES)) * _EVEN_BELOW
-    return tuple(np.unique(np.round(2 * number * steps - 0.5).astype(int)).tolist())
 
 
 def _along_knots(places: np.ndarray, number: int) -> np.ndarray:
