@@ -48,9 +48,9 @@ LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
 """How many effective speeds an expected error takes, at least and at most."""
 _LEAST_OF_MANY_PAIRS = 65
 """How many it takes at least where pairs of speeds are so many that their table would not fit."""
-SEARCHED_EFFECTIVE_SPEEDS, _SEARCHED_FREQUENCIES = 25, 32
-"""How many a search takes, and the number of frequencies that it computes the beat at. They tell
-designs apart to 0.02 dB and know the error to 0.05 dB; the best design is measured with all."""
+SEARCHED_EFFECTIVE_SPEEDS, _SEARCHED_FREQUENCIES = 25, 24
+"""How many a search takes, and the number of frequencies that it computes the beat at. They know the
+error to 0.1 dB, or to 0.25 of soft optics; the best design of a search is measured with all."""
 _EVEN_BELOW = 0.02
 """Frequency below which the frequencies of a search lie in even steps, cycles/px."""
 _BEAT_STEP = 0.8
@@ -88,7 +88,7 @@ class _Fineness(NamedTuple):
         Speeds beyond the furthest of a search are of the beat at the lowest frequencies alone.
         """
         if count <= SEARCHED_EFFECTIVE_SPEEDS:
-            return _Fineness(SEARCHED_EFFECTIVE_SPEEDS, 5.0, 2.31, _SEARCHED_FREQUENCIES)
+            return _Fineness(SEARCHED_EFFECTIVE_SPEEDS, 4.0, 2.1, _SEARCHED_FREQUENCIES)
         most = max(_LEAST_OF_MANY_PAIRS, _MOST_WEIGHTS // num_pairs)
         count = min(max(count, _LEAST_OF_MANY_PAIRS), most)
         return _Fineness((count - 1) | 1, 512.0, 7.7, None)

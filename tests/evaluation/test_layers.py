@@ -23,7 +23,9 @@ from mishutter import (
     blur_model,
     ceiling,
     evaluate,
+    plan,
 )
+from mishutter.evaluation import PLANNED
 from mishutter.restore import expected_squared_error
 
 REFERENCE = 1.5e-4
@@ -154,6 +156,21 @@ def test_folded_speeds_change_nothing(name):
     planned = evaluate(LAYERS[name], SWEPT, HannShutter()).expected_psnr
     every = evaluate(LAYERS[name], SWEPT, HannShutter(), plan=None).expected_psnr
     np.testing.assert_allclose(planned, every, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("cutoff", "nearness"), [(0.5, 0.12), (0.12, 0.3)], ids=["every frequency", "soft optics"]
+)
+@pytest.mark.parametrize("name", LAYERS)
+def test_a_search_knows_the_error_by_few_frequencies(name, cutoff, nearness):
+    """A search computes the beat at few speeds and frequencies, and knows the error to 0.1 dB."""
+    scene = eqx.tree_at(lambda s: s.cutoff_frequency, LAYERS[name], jnp.asarray(cutoff))
+    for motion in (SNAPSHOT, SWEPT):
+        loss, shutter = ExpectedErrorLoss(), HannShutter()
+        few = plan(scene, motion, SplineShutter.fit(shutter, 8), loss=loss, free="shutter")
+        assert (few.num_kept is None) == (cutoff == 0.5)
+        values = [float(loss(scene, motion, shutter, plan=each)) for each in (few, PLANNED)]
+        np.testing.assert_allclose(20 * np.log10(values[0] / values[1]), 0, atol=nearness)
 
 
 @pytest.mark.parametrize("name", ["still", "moving"])

@@ -103,7 +103,7 @@ def test_effective_speeds_are_for_edges_alone():
     scene = Scene([-600.0, 600.0], photon_rate=1e5, read_noise=3.0, occlusion=layers["edges"])
     own = item(plan(scene, MOTION, HannShutter()), "effective speeds")
     assert own.kept == own.full
-    assert "65 are enough for a search" in own.why
+    assert "25 are enough for a search" in own.why
     without_spectra = plan(scene, MOTION, HannShutter(), loss=DesignLoss())
     assert item(without_spectra, "effective speeds").kept == "0"
 
