@@ -49,8 +49,8 @@ LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
 _LEAST_OF_MANY_PAIRS = 65
 """How many it takes at least where pairs of speeds are so many that their table would not fit."""
 SEARCHED_EFFECTIVE_SPEEDS, _SEARCHED_FREQUENCIES = 25, 24
-"""How many a search takes, and the number of frequencies that it computes the beat at. They know the
-error to 0.1 dB, or to 0.25 of soft optics; the best design of a search is measured with all."""
+"""How many a search takes, and the number of frequencies that it computes the beat at. They know
+the error to 0.1 dB, or to 0.25 of soft optics; the best design of a search is measured with all."""
 _EVEN_BELOW = 0.02
 """Frequency below which the frequencies of a search lie in even steps, cycles/px."""
 _BEAT_STEP = 0.8
