@@ -24,7 +24,7 @@ $e^{-2\pi i f[(1 - u)D(s_0) + u D(s_1) - D(s_k)]}$, $u = (s_k - s_0)/(s_1 - s_0)
 import math
 from collections.abc import Callable
 from functools import lru_cache, reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -97,8 +97,8 @@ class _Fineness(NamedTuple):
         """Places of the frequencies among so many, densest at the lowest; None for all."""
         if self.num_knots is None:
             return None
-        ends = _along_knots(np.array([0, number - 1]), number)
-        steps = np.sinh(np.linspace(*ends, self.num_knots)) * _EVEN_BELOW
+        first, last = _along_knots(np.array([0, number - 1]), number)
+        steps = np.sinh(np.linspace(first, last, self.num_knots)) * _EVEN_BELOW
         return tuple(np.unique(np.round(2 * number * steps - 0.5).astype(int)).tolist())
 
 
@@ -522,15 +522,14 @@ def _beat_moments(
     dtype = np.dtype(spectra.real.dtype)
     knots = _Knots.of(shares, spectra.shape[2])
     prior, behind = (x.astype(dtype) for x in (scene.weights, shares.background_weights))
-    turn = (-2 * np.pi * knots.frequencies(shares, dtype)).astype(dtype)
     beat = shares.beat[..., : knots.places.size].astype(dtype)
     nothing = jnp.zeros((error_weights(scene).size, *beat.shape[1:]), dtype)
 
     def added(sums: tuple[Array, ...], one: tuple[Array, ...]) -> tuple[tuple[Array, ...], None]:
         """Sums over the background's speeds; one at a time keeps waves in a processor's cache."""
         weight, of_one, distance = one
-        weighted, angle = (weight * of_one)[None], distance[..., None] * turn[None, None, None]
-        parts = weighted, weighted * jnp.cos(angle), weighted * jnp.sin(angle)
+        weighted = (weight * of_one)[None]
+        parts = weighted, *(weighted * part for part in knots.waves(distance, shares))
         return tuple(total + part for total, part in zip(sums, parts, strict=True)), None
 
     each = behind, beat, jnp.moveaxis(_distances(scene, motion, dtype), 1, 0)
@@ -588,9 +587,28 @@ class _Knots(NamedTuple):
         """Those among so many frequencies, the lowest."""
         return _knots(shares.knots, shares.power.size, num_kept)
 
-    def frequencies(self, shares: LayerShares, dtype: np.dtype) -> np.ndarray:
-        """The frequencies of the knots, cycles/px."""
-        return (shares.first + shares.step * self.places).astype(dtype)
+    def waves(self, distance: Array, shares: LayerShares) -> tuple[Array, Array]:
+        """Cosine and sine of the waves that distances displace, px, `(..., c)`.
+
+        Where each frequency is a knot, a wave is turned from one to the next: a product costs less
+        than a cosine.
+        """
+        dtype = np.dtype(distance.dtype)
+        if self.shares is not None:
+            turns = -2 * np.pi * (shares.first + shares.step * self.places)
+            angle = distance[..., None] * turns.astype(dtype)[(None,) * distance.ndim]
+            return jnp.cos(angle), jnp.sin(angle)
+        begin, step = (distance * (-2 * np.pi * f) for f in (shares.first, shares.step))
+        c, s = jnp.cos(step), jnp.sin(step)
+
+        def turned(wave: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], Any]:
+            cosine, sine = wave
+            return (cosine * c - sine * s, sine * c + cosine * s), wave
+
+        first = jnp.cos(begin), jnp.sin(begin)
+        waves = jax.lax.scan(turned, first, None, self.places.size)[1]
+        cosine, sine = (jnp.moveaxis(part, 0, -1) for part in waves)
+        return cosine, sine
 
     def of_each(self, values: Array) -> Array:
         """Values at the knots by those at each frequency, the last axis."""
