@@ -56,7 +56,6 @@ from mishutter.model import (
     Optics,
     Picture,
     Scene,
-    is_straight,
     lens_response,
     pixels_along,
     require_scene,
@@ -347,7 +346,7 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     is_short = math.isfinite(longest) and longest <= MAX_REACH
     require(is_short, "simulate_capture(speed=...)", f"blur over at most {MAX_REACH} px", longest)
     num_taps = max(least_taps, sized_for(longest - 1, stroke + smear / 2).num_taps)
-    return num_taps, num_taps // 2 if is_straight(motion) else 0
+    return num_taps, num_taps // 2 if motion.is_straight else 0
 
 
 def as_light(picture: Picture | ArrayLike, subject: str) -> Planes:

@@ -28,8 +28,6 @@ from mishutter.model import (
     ParabolicMotion,
     Scene,
     profile_of,
-    seen_from,
-    settled,
     steady,
 )
 from mishutter.search import BEST_BURST, OWN_BEST_MOTION, Row, fills, optimise, plan
@@ -191,7 +189,7 @@ def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
     """Kernels of the slowest, a middling and the fastest object, without their dark ends."""
     by_size = np.unique(np.abs(np.asarray(scene.speeds)))
     speeds = np.unique(by_size[[0, by_size.size // 2, -1]])
-    num_taps = sizes(*seen_from(scene, settled(motion))).num_taps
+    num_taps = sizes(scene, motion).num_taps
     taps = np.asarray(kernels_at_speeds(shutter, motion, speeds, num_taps))
     bright = np.flatnonzero(np.max(taps, axis=0) > 1e-4 * max(float(np.max(taps)), 1e-12))
     first, end = (int(bright[0]), int(bright[-1]) + 1) if bright.size else (0, 1)

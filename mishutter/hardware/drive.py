@@ -28,7 +28,6 @@ from mishutter.model import (
     ChippedShutter,
     diffused,
     panned,
-    piecewise,
     slot_means,
 )
 
@@ -260,7 +259,7 @@ def drive_table(
     require_levels("drive_table", floor, ceiling)
     half = float(design.motion.half_exposure)
     dtype = common_dtype(*jax.tree.leaves((design.command, design.motion)))
-    means = np.asarray(slot_means(piecewise(design.command), num_steps, dtype), np.float64)
+    means = np.asarray(slot_means(design.command, num_steps, dtype), np.float64)
     steps = (np.clip(ceiling * means, floor, ceiling) - floor) / (ceiling - floor)
     if carries_error:
         steps = np.asarray(diffused(steps, num_levels))

@@ -37,7 +37,6 @@ from mishutter.model.motion import canonical_motion as canonical_motion
 from mishutter.model.motion import exact_ends as exact_ends
 from mishutter.model.motion import has_vertex as has_vertex
 from mishutter.model.motion import is_known_zero as is_known_zero
-from mishutter.model.motion import is_straight as is_straight
 from mishutter.model.motion import largest_of as largest_of
 from mishutter.model.motion import panned as panned
 from mishutter.model.motion import settled as settled

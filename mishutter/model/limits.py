@@ -37,11 +37,9 @@ from mishutter.model.motion import (
     FreeMotion,
     ParabolicMotion,
     Positions,
-    StillCamera,
     extent_of_parabola,
-    is_straight,
+    is_known_zero,
     panned,
-    settled,
     steady,
     without_velocity,
 )
@@ -388,10 +386,11 @@ class Limits(eqx.Module):
         Args:
             motion: Motion of the sensor over the exposure, within these limits.
         """
-        motion = settled(self.of_stage(motion))
+        motion = self.of_stage(motion)
         most, jerk = self.max_acceleration, self.max_jerk
         runs_up_at_once = most is None and jerk is None
-        if isinstance(motion, StillCamera) or (runs_up_at_once and is_straight(motion)):
+        is_at_rest = motion.is_straight and is_known_zero(motion.velocity)
+        if is_at_rest or (runs_up_at_once and motion.is_straight):
             return None
         most = motion.greatest_acceleration if runs_up_at_once else most
         return stage_path(motion, max_acceleration=most, max_jerk=jerk)

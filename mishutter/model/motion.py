@@ -84,7 +84,17 @@ class AbstractMotion(eqx.Module):
     half_exposure: eqx.AbstractVar[Array]
     velocity: eqx.AbstractVar[Array]
     accelerates_constantly: eqx.AbstractClassVar[bool]
-    fixed: eqx.AbstractClassVar[FixedParts]
+    fixed_by_kind: eqx.AbstractClassVar[FixedParts]
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether the sensor is known not to accelerate to speak of."""
+        return any(is_known_zero(sign) for sign in (self.bend, has_vertex(self)))
+
+    @property
+    def fixed(self) -> FixedParts:
+        """Parts that a search leaves as they are, of the kind that the motion is `settled` as."""
+        return settled(self).fixed_by_kind
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
@@ -407,7 +417,7 @@ class ParabolicMotion(AbstractSteadyMotion):
     acceleration: Array
     half_exposure: Array
     velocity: Array
-    fixed: ClassVar[FixedParts] = FixedParts(frozenset(), "move")
+    fixed_by_kind: ClassVar[FixedParts] = FixedParts(frozenset(), "move")
 
     def __init__(
         self, *, acceleration: ArrayLike, half_exposure: ArrayLike, velocity: ArrayLike = 0.0
@@ -463,7 +473,7 @@ class FreeMotion(AbstractMotion):
     velocity: Array
     durations: tuple[float, ...] | None = eqx.field(static=True)
     accelerates_constantly: ClassVar[bool] = False
-    fixed: ClassVar[FixedParts] = FixedParts(
+    fixed_by_kind: ClassVar[FixedParts] = FixedParts(
         frozenset({"half_exposure", "acceleration", "velocity"}),
         "name path, or leave a free path as it is",
     )
@@ -824,7 +834,7 @@ class LinearMotion(AbstractStraightMotion):
 
     half_exposure: Array
     velocity: Array
-    fixed: ClassVar[FixedParts] = FixedParts(
+    fixed_by_kind: ClassVar[FixedParts] = FixedParts(
         frozenset({"path", "acceleration"}), "leave a pan its constant velocity"
     )
 
@@ -857,7 +867,7 @@ class StillCamera(AbstractStraightMotion):
     """
 
     half_exposure: Array
-    fixed: ClassVar[FixedParts] = FixedParts(
+    fixed_by_kind: ClassVar[FixedParts] = FixedParts(
         frozenset({"path", "acceleration", "velocity"}), "leave a still camera at rest"
     )
 
@@ -939,9 +949,7 @@ def settled(motion: AbstractMotion) -> AbstractMotion:
         ValueError: if it is no motion, as that of a scene may be.
     """
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
-    if isinstance(motion, StillCamera):
-        return motion
-    if not any(is_known_zero(sign) for sign in (motion.bend, has_vertex(motion))):
+    if isinstance(motion, StillCamera) or not motion.is_straight:
         return motion
     if is_known_zero(motion.velocity):
         return StillCamera(half_exposure=motion.half_exposure)
@@ -995,11 +1003,6 @@ def without_velocity(motion: AbstractMotion) -> AbstractMotion:
     if isinstance(motion, AbstractStraightMotion):
         return StillCamera(half_exposure=motion.half_exposure)
     return panned(motion, 0.0)
-
-
-def is_straight(motion: AbstractMotion) -> bool:
-    """Whether the sensor is known not to accelerate."""
-    return isinstance(settled(motion), AbstractStraightMotion)
 
 
 def _zero_like(value: Array) -> Array:

@@ -19,7 +19,7 @@ from mishutter.evaluation import (
     tolerance_costs,
 )
 from mishutter.hardware import Design, metrics_to_dict, motion_to_dict
-from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene, settled
+from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
 from mishutter.report.verdict import comparison_notes, verdict_lines
 from mishutter.search import (
     BEST_BURST,
@@ -228,10 +228,10 @@ def compare(
     if isinstance(motion, Design):
         shutters = {"optimised": motion} if shutters is None else shutters
         motion = motion.motion
+    require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
     require_known("compare", scene=scene, motion=motion)
     loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")
     loss = loss if loss.sees_light else loss_of_decoder(scene)
-    motion = settled(motion)
     entries = _entries(shutters) if shutters else {}
     search = RivalSearch(scene, loss, PLANNED if isinstance(plan, Plan) else plan)
     rows = compared_rows(search, motion, entries, step or (lambda name: None))

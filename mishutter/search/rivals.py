@@ -33,8 +33,6 @@ from mishutter.model import (
     StillCamera,
     TukeyShutter,
     baselines,
-    is_straight,
-    settled,
     without_velocity,
 )
 from mishutter.search.planning import plan as plan_of_scene
@@ -271,7 +269,7 @@ def compared_rows(
 def _searchable(motion: AbstractMotion, scene: Scene) -> AbstractMotion:
     """The motion that searches begin with: this one, the scene's, or the fullest parabola."""
     for start in (motion, scene.motion):
-        if start.accelerates_constantly and not is_straight(start):
+        if start.accelerates_constantly and not start.is_straight:
             return start
     return scene.motion if scene.motion.accelerates_constantly else scene.fullest_motion
 
@@ -323,7 +321,7 @@ def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
     shutter = RectShutter()
     plan = plan_of_scene(scene, still, shutter, loss=loss, free="half_exposure")
     start = scene.motion
-    if is_straight(start):
+    if start.is_straight:
         return plan
     free = free_by_default(scene, start, shutter)
     moving = plan_of_scene(scene, start, shutter, loss=loss, free=free)
@@ -358,7 +356,7 @@ def _free_profiles(
     rows.append(_row(OPEN, steady))
     if takes_path and shaped is not None:
         on_path = on_free_path(steady, start, loss=loss, plan=plan)
-        beside = [design for design in (steady, on_path) if not is_straight(design.motion)]
+        beside = [design for design in (steady, on_path) if not design.motion.is_straight]
         best = on_free_path(shaped, start, loss=loss, shaped=True, beside=beside, plan=plan)
         rows += [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]
     return rows
@@ -408,7 +406,7 @@ def _bursts(scene: Scene) -> list[Row]:
         return []
     shutter = RectShutter()
     metrics = evaluate(burst.scene, burst.motion, shutter)
-    row = Row(OWN_BEST_MOTION, BEST_BURST, shutter, settled(burst.motion), None, metrics)
+    row = Row(OWN_BEST_MOTION, BEST_BURST, shutter, burst.motion, None, metrics)
     return [replace(row, speed="told", turns=_turns(scene), num_frames=burst.num_frames)]
 
 

@@ -47,10 +47,8 @@ from mishutter.model import (
     command_of,
     is_adjustable,
     is_known_zero,
-    is_straight,
     panned,
     require_scene,
-    settled,
 )
 from mishutter.search.cover import cover, lowest_of_valleys, screened
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
@@ -380,7 +378,7 @@ def _on_free_path(
 
 def _path_after(design: Design, start: AbstractMotion) -> AbstractMotion:
     """The motion of a design, or `start` where that does not accelerate."""
-    return start if is_straight(design.motion) else design.motion
+    return start if design.motion.is_straight else design.motion
 
 
 def _beyond(
@@ -552,7 +550,7 @@ def moved_by_default(
     A loss that ignores light moves the profile alone, on the motion or on the scene's; without
     either, on that of the best design by the expected error.
     """
-    start = settled(scene.motion if motion is None else motion)
+    start = scene.motion if motion is None else motion
     names = free_by_default(scene, start, shutter)
     if loss.sees_light or "shutter" not in names:
         return start, names

@@ -53,7 +53,6 @@ from mishutter.model import (
     filling_half_exposure,
     is_adjustable,
     is_known_zero,
-    is_straight,
     largest_of,
     num_coordinates,
     seen_from,
@@ -241,7 +240,7 @@ class DesignSpace(eqx.Module):
         gains = [
             2 * float(motion.mean_acceleration) * float(motion.half_exposure)
             for motion in motions
-            if not is_straight(motion)
+            if not motion.is_straight
         ]
         least = np.asarray(min([float(self.demand), *gains]), self.dtype)
         return replace(self, demand=device_constant(least))
@@ -492,7 +491,7 @@ def _level_velocity(pieces: Float[Array, "pieces"]) -> Float[Array, ""]:
 
 
 class SearchFrame(NamedTuple):
-    """A scene and a motion of one kind, `settled`, in the frame that a search is done in."""
+    """A scene and a motion, of the kind that it is `settled` as, in the frame of a search."""
 
     scene: Scene
     motion: AbstractMotion
@@ -515,14 +514,13 @@ def design_space(
 ) -> DesignSpace:
     """The space of what `free` names, within the scene's limits.
 
-    A scene and a motion whose velocity is not free are those of the `search_frame`. A free path
-    has a free acceleration, and begins as the path of the motion.
+    The scene and the motion are those of the `search_frame`. A free path has a free acceleration,
+    and begins as the path of the motion.
 
     Raises:
         ValueError: if `free` is empty or names something that cannot move.
     """
     names = (free,) if isinstance(free, str) else tuple(free)
-    motion = settled(motion)
     subject = "optimise(free=...)"
     are_parts = bool(names) and all(name in FREE_NAMES for name in names)
     require(are_parts, subject, f"name some of {', '.join(FREE_NAMES)}", free)
@@ -637,7 +635,7 @@ def all_that_can_move(
 
     Without a shutter the profile is of free form.
     """
-    fixed = {"path", *settled(motion).fixed.names}
+    fixed = {"path", *motion.fixed.names}
     if is_known_zero(scene.limits.max_pan):
         fixed.add("velocity")
     if shutter is not None and not is_adjustable(shutter):
