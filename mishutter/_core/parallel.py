@@ -36,13 +36,22 @@ def in_threads(
     count: int,
     *,
     first_alone: bool = True,
+    ahead: int | None = None,
 ) -> Generator[_Result, None, None]:
     """Results of a function for each item, in order, computed by `count` threads.
 
     The threads take over the caller's default device and precision. By default the first item is
-    computed alone, because all others use the programs that it compiles. At most `count` results
-    run ahead of the consumer; closing the generator stops submission.
+    computed alone, because all others use the programs that it compiles. Closing the generator
+    stops submission.
+
+    Args:
+        function: The function.
+        items: Its arguments.
+        count: Number of threads.
+        first_alone: Whether the first item is computed by the caller's thread, before all others.
+        ahead: Results that may wait for the consumer; by default `count`.
     """
+    ahead = count if ahead is None else ahead
     wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
     device = jax.config.jax_default_device  # type: ignore[attr-defined]
 
@@ -61,7 +70,7 @@ def in_threads(
     try:
         for item in queue:
             futures.append(pool.submit(call, item))
-            if len(futures) > count:
+            if len(futures) > ahead:
                 yield futures.popleft().result()
         while futures:
             yield futures.popleft().result()

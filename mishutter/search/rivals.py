@@ -258,7 +258,9 @@ def compared_rows(
     speed = loss.decoder_speed or scene.decoder_speed
     judge = partial(replace, speed=speed, at_worst=loss.of_worst_speed)
     at_best = {}
-    results = in_threads(lambda rows: rows(), searches, num_processors(), first_alone=False)
+    results = in_threads(
+        lambda rows: rows(), searches, num_processors(), first_alone=False, ahead=len(searches)
+    )
     for rows in filter(None, results):
         step(rows[0].name)
         at_best |= {row.name: row if row.name == BEST_BURST else judge(row) for row in rows}

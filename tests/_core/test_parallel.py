@@ -44,6 +44,19 @@ def test_none_is_begun_far_ahead():
     assert len(begun) <= 1 + 2 + 1 + 1
 
 
+def test_more_may_run_ahead():
+    """A first item that lasts holds up no other, as far as they may run ahead of it."""
+    ended = threading.Event()
+    last = 9
+
+    def waits(item):
+        if item == last:
+            ended.set()
+        return item != 0 or ended.wait(timeout=20)
+
+    assert all(in_threads(waits, range(last + 1), 2, first_alone=False, ahead=last + 1))
+
+
 def test_the_first_is_alone_and_an_error_is_the_callers():
     """What the first compiles serves the others; the rest is dropped after an error."""
     callers = []
