@@ -27,7 +27,7 @@ from mishutter._core import (
 )
 from mishutter.camera.footage import Frames, expose_frames
 from mishutter.camera.layers import Layers
-from mishutter.camera.noise import recorded, white_electrons
+from mishutter.camera.noise import recorded
 from mishutter.camera.occlusion import expose_layers, nodes_for
 from mishutter.camera.rows import (
     Planes,
@@ -60,6 +60,7 @@ from mishutter.model import (
     pixels_along,
     require_scene,
     turned,
+    white_electrons,
     without_velocity,
 )
 
@@ -381,7 +382,7 @@ def _recorded(
         full_well = float(scene.full_well)
     return recorded(
         irradiance,
-        white_electrons(scene, motion),
+        white_electrons(scene.photon_rate, motion.exposure),
         scene.read_noise,
         key=key,
         full_well=full_well,

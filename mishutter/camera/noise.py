@@ -18,21 +18,12 @@ from mishutter._core import (
     require,
     require_positive_int,
 )
-from mishutter.model import AbstractMotion, Scene
 
-Number = Array | np.ndarray | np.floating
-"""A scalar: of NumPy where it is concrete, and of JAX elsewhere."""
 _MOST_COUNTED = 1e15
 """Number of electrons above which its distribution counts as normal."""
 
 _RUN = 1 << 16
 """Pixels whose numbers one generator draws."""
-
-
-def white_electrons(scene: Scene, motion: AbstractMotion) -> Number:
-    r"""Photo-electrons of a white pixel in a fully open exposure, $p = \text{rate}\cdot 2T$."""
-    rate, exposure = as_numpy(scene.photon_rate, motion.exposure)
-    return rate * exposure
 
 
 def recorded(

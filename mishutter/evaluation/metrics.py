@@ -44,6 +44,7 @@ from mishutter.model import (
     pixel_response,
     require_scene,
     require_whole,
+    white_electrons,
 )
 
 FOUND_SHARE = 0.8
@@ -603,7 +604,7 @@ def _signal_and_noise(
     The unit is the larger of signal and noise, because squares of electrons overflow float32.
     """
     dtype = efficiency.dtype
-    electrons = scene.photon_rate.astype(dtype) * motion.exposure.astype(dtype)
+    electrons = white_electrons(scene.photon_rate.astype(dtype), motion.exposure.astype(dtype))
     read_noise = scene.read_noise.astype(dtype)
     largest = jnp.maximum(jnp.maximum(electrons, jnp.sqrt(electrons)), read_noise)
     unit = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1.0))

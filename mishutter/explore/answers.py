@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float, Shaped
 
@@ -107,14 +106,14 @@ def _near(scene: Scene, before: Design, change: float) -> list[ParabolicMotion]:
     limits, motion = scene.limits, steady(before.motion)
     pan = min(float(limits.max_pan), 0.5 * float(limits.max_top_speed))
     velocity = float(np.clip(float(motion.velocity), -pan, pan))
-    whole = _reach(before.scene, float(motion.half_exposure), float(motion.velocity))
+    whole = _largest_acceleration(before.scene, float(motion.half_exposure), float(motion.velocity))
     share = min(1.0, float(motion.acceleration) / whole) if whole > 0 else 0.0
     shortest, longest = float(limits.min_half_exposure), float(limits.max_half_exposure)
 
     def near(half: float) -> ParabolicMotion:
         """A motion of about that half exposure, at which white does not fill a pixel."""
         half = min(max(half, shortest), longest)
-        acceleration = share * _reach(scene, half, velocity)
+        acceleration = share * _largest_acceleration(scene, half, velocity)
         near_motion = ParabolicMotion(
             acceleration=acceleration, half_exposure=half, velocity=velocity
         )
@@ -125,16 +124,10 @@ def _near(scene: Scene, before: Design, change: float) -> list[ParabolicMotion]:
     return list({float(each.half_exposure): each for each in motions}.values())
 
 
-def _reach(scene: Scene, half_exposure: float, velocity: float) -> float:
-    """The largest acceleration within the stroke, the top speed and the stage's reach; px/s^2."""
-    limits = scene.limits
-    speed_beside_pan = max(float(limits.max_top_speed) - abs(velocity), 0.0)
-    by_stroke = float(limits.acceleration_by_stroke(np.asarray(half_exposure), velocity))
-    most = min(by_stroke, speed_beside_pan / (2 * half_exposure))
-    if not limits.has_stage:
-        return most
-    numbers = (jnp.asarray(x, scene.speeds.dtype) for x in (most, half_exposure, velocity))
-    return float(limits.acceleration_of_stage(*numbers))
+def _largest_acceleration(scene: Scene, half_exposure: float, velocity: float) -> float:
+    """The largest acceleration within the limits of a scene; px/s^2."""
+    half, pan = (np.asarray(x, scene.speeds.dtype) for x in (half_exposure, velocity))
+    return float(scene.limits.largest_acceleration(half, pan))
 
 
 def curves(

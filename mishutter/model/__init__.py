@@ -53,6 +53,7 @@ from mishutter.model.optics import on_steps as on_steps
 from mishutter.model.optics import pixel_response as pixel_response
 from mishutter.model.photons import filling_half_exposure as filling_half_exposure
 from mishutter.model.photons import noise_power as noise_power
+from mishutter.model.photons import white_electrons as white_electrons
 from mishutter.model.picture_files import PICTURE_FORMATS as PICTURE_FORMATS
 from mishutter.model.picture_files import PICTURE_SUFFIXES as PICTURE_SUFFIXES
 from mishutter.model.picture_files import Decoded as Decoded

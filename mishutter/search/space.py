@@ -53,10 +53,10 @@ from mishutter.model import (
     filling_half_exposure,
     is_adjustable,
     is_known_zero,
-    largest_of,
     num_coordinates,
     seen_from,
     settled,
+    white_electrons,
 )
 
 FREE_NAMES = ("shutter", "path", "half_exposure", "velocity", "acceleration")
@@ -454,18 +454,9 @@ class DesignSpace(eqx.Module):
         self, half_exposure: Float[Array, ""], shape: PathShape | None = None
     ) -> Interval:
         """Least and greatest acceleration, of a free path the mean; px/s^2."""
-        by_speed = self.limits.max_top_speed / (2 * half_exposure)
-        high, steepest = jnp.minimum(by_speed, self.strongest), 1.0
-        if shape is None:
-            high = jnp.minimum(high, self.limits.acceleration_by_stroke(half_exposure))
-        else:
-            steepest = largest_of(shape.pieces)
-        if self.limits.max_acceleration is not None:
-            high = jnp.minimum(high, self.limits.max_acceleration / (2 * steepest))
-        if self.limits.has_stage or shape is not None:
-            rest = jnp.zeros_like(high)
-            numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": rest}
-            high = self.limits.largest("acceleration", rest, high, numbers, shape)
+        rest = jnp.zeros_like(half_exposure)
+        high = self.limits.largest_acceleration(half_exposure, rest, shape)
+        high = jnp.minimum(high, self.strongest)
         keeping_up = jnp.clip(self.demand / (2 * half_exposure), _SLOWEST * high, high)
         gain = jnp.abs(self.motion.mean_acceleration) * self.motion.half_exposure
         return Interval(jnp.minimum(keeping_up, gain / half_exposure), high)
@@ -615,7 +606,7 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
     if scene.full_well is None:
         return None
     rate, full_well = float(scene.photon_rate), float(scene.full_well)
-    shortest = 2 * rate * float(scene.limits.min_half_exposure)
+    shortest = float(white_electrons(rate, 2 * float(scene.limits.min_half_exposure)))
     requirement = (
         f"hold what an open shutter lets through in the shortest exposure, {shortest:g} e-"
     )
@@ -623,7 +614,7 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
     efficiency, most = 1.0, scene.limits.max_half_exposure
     if shutter is not None:
         efficiency = float(transmittance(scene, most, shutter).efficiency())
-    if 2 * rate * efficiency * float(most) <= full_well:
+    if white_electrons(rate, 2 * float(most), efficiency) <= full_well:
         return None
     return float(filling_half_exposure(full_well, rate, efficiency))
 
@@ -660,8 +651,8 @@ def fills(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> boo
     if scene.full_well is None:
         return False
     efficiency = float(transmittance(scene, motion, shutter).efficiency())
-    electrons = float(scene.photon_rate) * (efficiency * float(motion.exposure))
-    return electrons > float(scene.full_well) * (1 + _ROUNDING)
+    electrons = white_electrons(float(scene.photon_rate), float(motion.exposure), efficiency)
+    return bool(electrons > float(scene.full_well) * (1 + _ROUNDING))
 
 
 def require_adjustable(shutter: AbstractShutter) -> None:

@@ -24,7 +24,7 @@ from mishutter.evaluation import (
     too_long,
     transmittance,
 )
-from mishutter.model import AbstractShutter, ParabolicMotion, Scene
+from mishutter.model import AbstractShutter, ParabolicMotion, Scene, white_electrons
 from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, outside_limits
 from mishutter.sweeps.search import basis_of, coefficients_of, search
 
@@ -198,7 +198,7 @@ class Engine:
         by_light = grid.photon_rates is not None
         own = np.array([float(scene.photon_rate)])
         rates = own if grid.photon_rates is None else grid.photon_rates
-        electrons = efficiency[..., None] * 2 * half[:, None, None] * rates
+        electrons = white_electrons(rates, 2 * half[:, None, None], efficiency[..., None])
         full = electrons > full_well
         bits = np.where(full, _mark("full_well"), MARKS.type(0))
         bits = bits | arrays["outside"][:, :, None, None]

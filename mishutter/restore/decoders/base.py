@@ -19,7 +19,6 @@ from mishutter.camera import (
     captured_responses_below,
     kernel_layout,
     skips,
-    white_electrons,
 )
 from mishutter.evaluation import (
     PLANNED,
@@ -41,6 +40,7 @@ from mishutter.model import (
     Scene,
     frequencies,
     noise_power,
+    white_electrons,
 )
 
 
@@ -255,7 +255,7 @@ def _known_blur(
         scene_of_needs = needed_speeds(scene, motion, shutter)
         speeds = np.asarray(scene_of_needs.speeds)
         weights = np.asarray(scene_of_needs.weights, np.float64)
-    electrons = float(white_electrons(scene, motion))
+    electrons = float(white_electrons(scene.photon_rate, motion.exposure))
     # The speeds beside that of rest choose the nodes that the responses have too.
     *_, still = np.asarray(captured_response(motion, shutter, [*speeds.tolist(), 0.0], 2))
     efficiency = float(still[0].real)
