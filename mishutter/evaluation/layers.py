@@ -124,50 +124,63 @@ def background_of(scene: Scene) -> Background:
     return Background(still, jnp.ones(1, scene.speeds.dtype))
 
 
-def with_shares(
-    scene: Scene, background: Background, count: int, grid: Frequencies, *, folds: bool
-) -> Scene:
+class LayerSampling(NamedTuple):
+    """Frequencies and effective speeds at which the shares of two layers are computed; static.
+
+    Attributes:
+        grid: The frequencies.
+        num_effective_speeds: How many effective speeds; a table takes 65 at least.
+        folds: Whether `+s` and `-s` are taken for one effective speed.
+    """
+
+    grid: Frequencies
+    num_effective_speeds: int = SEARCHED_EFFECTIVE_SPEEDS
+    folds: bool = False
+
+    def within_memory(self, num_pairs: int) -> "LayerSampling":
+        """The sampling with an odd number of effective speeds, whose table has a bounded size.
+
+        Args:
+            num_pairs: Number of pairs of a speed of the objects and one of the background.
+        """
+        most = max(SEARCHED_EFFECTIVE_SPEEDS, _MOST_WEIGHTS // num_pairs)
+        count = min(max(self.num_effective_speeds, SEARCHED_EFFECTIVE_SPEEDS), most)
+        return self._replace(num_effective_speeds=(count - 1) | 1)
+
+
+def with_shares(scene: Scene, background: Background, sampling: LayerSampling) -> Scene:
     """A scene of two layers that knows the `LayerShares` of its picture.
 
     Args:
         scene: The scene, with the speeds that its objects are computed at.
         background: Its background.
-        count: How many effective speeds.
-        grid: Frequencies of the shares.
-        folds: Whether `+s` and `-s` are taken for one effective speed.
+        sampling: Frequencies and effective speeds of the shares.
     """
-    num_pairs = scene.speeds.size * np.size(background.speeds)
-    most = max(SEARCHED_EFFECTIVE_SPEEDS, _MOST_WEIGHTS // num_pairs)
-    count = (min(max(count, SEARCHED_EFFECTIVE_SPEEDS), most) - 1) | 1
+    sampling = sampling.within_memory(scene.speeds.size * np.size(background.speeds))
     occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
-    whole = with_occlusion(scene, None)
-    shares = _shares(whole, occlusion, background, count, grid, folds)
+    shares = _shares(with_occlusion(scene, None), occlusion, background, sampling)
     return with_occlusion(scene, occlusion.with_shares(shares))
 
 
 @compiled
 def _shares(
-    scene: Scene,
-    occlusion: Occlusion,
-    background: Background,
-    count: int,
-    grid: Frequencies,
-    folds: bool,
+    scene: Scene, occlusion: Occlusion, background: Background, sampling: LayerSampling
 ) -> LayerShares:
+    grid, count, folds = sampling
     dtype = np.dtype(scene.speeds.dtype)
     frequency = jnp.asarray(grid.values(dtype))
-    known = picture_power(scene, grid.num_known, dtype)
+    power = picture_power(scene, grid.num_known, dtype)
     passes = frequency <= scene.cutoff_frequency.astype(dtype) * (1 + 1e-6)
-    texture = jnp.where(passes, _texture_at(known, frequency), 0)
+    texture = jnp.where(passes, _texture_at(power, frequency), 0)
     front = occlusion.front_share.astype(dtype)
     behind = 1 - front
     speeds, weights = (jnp.asarray(x, dtype) for x in background)
     nodes = _Nodes.between(_spanned(scene, speeds, weights, folds=folds), count)
-    num_pairs = speeds.size, scene.speeds.size
+    num_backgrounds, num_objects = speeds.size, scene.speeds.size
     if occlusion.object_width is None:
         total, objects, own = texture, front * texture, behind * texture
         same = jnp.zeros_like(texture)
-        beat = jnp.zeros((grid.number, *num_pairs, 0), dtype)
+        beat = jnp.zeros((grid.number, num_backgrounds, num_objects, 0), dtype)
         effective = jnp.zeros(0, dtype)
     else:
         width = occlusion.object_width.astype(dtype)
@@ -178,7 +191,7 @@ def _shares(
             return front * behind * 2 * length / (1 + (2 * jnp.pi * frequency * length) ** 2)
 
         rule = _matte_rule(frequency, 1 / (2 * jnp.pi * length), scene.cutoff_frequency)
-        beside = _texture_at(known, frequency[:, None] - rule.matte)
+        beside = _texture_at(power, frequency[:, None] - rule.matte)
         mass = beside * matte(rule.matte) * rule.step
         same = jnp.sum(mass, axis=1)
         levels = occlusion.level_difference.astype(dtype) ** 2 * matte(frequency)
@@ -190,15 +203,12 @@ def _shares(
         def pair(each: tuple[Array, Array]) -> Array:
             of_background, of_object = each
             difference = of_object - of_background
-            moved = jnp.where(difference != 0, mass, 0)
-            return nodes.shared(of_background + ratio * difference, moved)
+            mass_of_beat = jnp.where(difference != 0, mass, 0)
+            return nodes.shared(of_background + ratio * difference, mass_of_beat)
 
-        pairs = (
-            jnp.broadcast_to(speeds[:, None], num_pairs).ravel(),
-            jnp.broadcast_to(scene.speeds.astype(dtype)[None], num_pairs).ravel(),
-        )
-        beat = jnp.moveaxis(jax.lax.map(pair, pairs), -1, 0)
-        beat = beat.reshape(grid.number, *num_pairs, count)
+        pairs = jnp.meshgrid(speeds, scene.speeds.astype(dtype), indexing="ij")
+        beat = jax.lax.map(pair, (pairs[0].ravel(), pairs[1].ravel()))
+        beat = jnp.moveaxis(beat, -1, 0).reshape(grid.number, num_backgrounds, num_objects, count)
         effective = nodes.speeds
     divisor = jnp.where(total > 0, total, 1.0)
     whole = jnp.where(total > 0, 1 / divisor, 0)
@@ -303,11 +313,12 @@ def _matte_rule(frequency: Array, corner: Array, cutoff: Array) -> _MatteRule:
         step = width * jnp.cosh(place) * (end - begin) * weights / 2
         return _MatteRule(centre + width * jnp.sinh(place), step)
 
-    parts = (
-        about(jnp.zeros_like(f), corner, (low, between)),
-        about(f, CORNER_FREQUENCY, (between, high)),
+    of_matte = about(jnp.zeros_like(f), corner, (low, between))
+    of_texture = about(f, CORNER_FREQUENCY, (between, high))
+    return _MatteRule(
+        jnp.concatenate([of_matte.matte, of_texture.matte], axis=1),
+        jnp.concatenate([of_matte.step, of_texture.step], axis=1),
     )
-    return _MatteRule(*(jnp.concatenate(part, axis=1) for part in zip(*parts, strict=True)))
 
 
 @lru_cache
@@ -405,9 +416,9 @@ def moments_on_dft(
         responses: Function that gives responses at some speeds on its grid, aligned, `(s, m)`, of
             each at so many of the lowest frequencies at least.
     """
-    scene, count = without_tolerances(scene), _EFFECTIVE_SPEEDS_OF_DECODERS
-    grid = Frequencies.of_dft(length)
-    scene = with_shares(scene, background_of(scene), count, grid, folds=False)
+    scene, grid = without_tolerances(scene), Frequencies.of_dft(length)
+    sampling = LayerSampling(grid, _EFFECTIVE_SPEEDS_OF_DECODERS)
+    scene = with_shares(scene, background_of(scene), sampling)
     speeds = np.asarray(computed_speeds(scene).speeds)
     spectra = responses(speeds, _num_occurring(scene, speeds.size))
     return jax.tree.map(np.asarray, _moments_on_dft(scene, motion, jnp.asarray(spectra)))
@@ -481,8 +492,8 @@ def _beat_amplitudes(
         moves, difference[..., None], 1.0
     )
     place, moves = place[None], moves[None]
-    wanted = (1 - place) * behind[..., None, None] + place * front[:, None, :, None]
-    angle = jnp.where(moves, wanted - between[:, None, None], 0.0)
+    of_layers = (1 - place) * behind[..., None, None] + place * front[:, None, :, None]
+    angle = jnp.where(moves, of_layers - between[:, None, None], 0.0)
     begin, step = (angle * (-2 * np.pi * f) for f in (shares.first, shares.step))
     turn = jnp.cos(step), jnp.sin(step)
 

@@ -22,6 +22,7 @@ from mishutter.evaluation.layers import (
     LEAST_EFFECTIVE_SPEEDS,
     SEARCHED_EFFECTIVE_SPEEDS,
     Frequencies,
+    LayerSampling,
     background_of,
     num_effective_speeds,
     with_shares,
@@ -297,9 +298,9 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     fewer = scene.bare(speeds=speeds, weights=weights, power_spectrum=power)
     if scene.occlusion is None:
         return fewer
-    background = background_of(scene)
     grid = Frequencies.of_grid(plan.num_frequencies)
-    return with_shares(fewer, background, plan.num_effective_speeds, grid, folds=plan.folds)
+    sampling = LayerSampling(grid, plan.num_effective_speeds, plan.folds)
+    return with_shares(fewer, background_of(scene), sampling)
 
 
 def padded(

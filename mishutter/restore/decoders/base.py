@@ -24,6 +24,7 @@ from mishutter.evaluation import (
     PLANNED,
     Automatic,
     Frequencies,
+    LayerSampling,
     Plan,
     background_of,
     moments_on_dft,
@@ -112,9 +113,9 @@ class BlurModel(eqx.Module):
         speeds, weights, layers = np.array([speed]), np.ones(1), self.layers
         if layers is not None:
             one = layers.bare(speeds=speeds, weights=weights)
-            grid = Frequencies.of_grid(NUM_FREQUENCIES)
+            sampling = LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES))
             with outside_trace():
-                layers = with_shares(one, background_of(layers), 1, grid, folds=False)
+                layers = with_shares(one, background_of(layers), sampling)
         return replace(self, speeds=speeds, weights=weights, num_taps=num_taps, layers=layers)
 
     def responses(self, length: int) -> Complex[np.ndarray, "s {length}//2+1"]:
@@ -261,8 +262,8 @@ def _known_blur(
     efficiency = float(still[0].real)
     layers = None
     if scene.occlusion is not None:
-        layers, grid = scene.bare(), Frequencies.of_grid(NUM_FREQUENCIES)
-        scene = with_shares(layers, background_of(scene), 1, grid, folds=False)
+        layers, sampling = scene.bare(), LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES))
+        scene = with_shares(layers, background_of(scene), sampling)
     power = picture_power(scene, NUM_FREQUENCIES, np.dtype(scene.speeds.dtype))
     return BlurModel(
         motion=motion,
