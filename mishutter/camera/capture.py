@@ -61,7 +61,6 @@ from mishutter.model import (
     require_scene,
     turned,
     white_electrons,
-    without_velocity,
 )
 
 MAX_REACH = 1 << 13
@@ -244,7 +243,7 @@ def captured_response(
     with outside_trace():
         speed_gain = float(motion.speed_gain)
     velocity = (speed_gain + fastest) * float(motion.half_exposure)
-    still, num_nodes = without_velocity(motion), nodes_for(velocity)
+    still, num_nodes = motion.without_velocity(), nodes_for(velocity)
     return pixel_responses(shutter, still, relative, period, num_nodes=num_nodes)
 
 
@@ -339,7 +338,7 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
         ValueError: if light would be displaced by more than 8,192 px.
     """
     fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
-    still = without_velocity(motion)
+    still = motion.without_velocity()
     speed = np.asarray(fastest, still.half_exposure.dtype)
     reach, stroke = float(still.kernel_length(speed)), float(motion.stroke)
     smear = 2 * fastest * float(motion.half_exposure)

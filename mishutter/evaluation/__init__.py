@@ -16,8 +16,6 @@ from mishutter.evaluation.bursts import best_burst as best_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
 from mishutter.evaluation.layers import SEARCHED_EFFECTIVE_SPEEDS as SEARCHED_EFFECTIVE_SPEEDS
-from mishutter.evaluation.layers import Frequencies as Frequencies
-from mishutter.evaluation.layers import LayerSampling as LayerSampling
 from mishutter.evaluation.layers import background_of as background_of
 from mishutter.evaluation.layers import moments_on_dft as moments_on_dft
 from mishutter.evaluation.layers import with_shares as with_shares

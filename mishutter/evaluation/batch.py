@@ -44,11 +44,9 @@ from mishutter.model import (
     ParabolicMotion,
     Scene,
     aligned,
-    has_vertex,
     piecewise,
     reach_of_parabola,
     steady,
-    with_occlusion,
 )
 
 KERNEL_METRICS = ("condition_number", "kernel_difference", "relative_kernel_difference")
@@ -184,7 +182,7 @@ def motions_at(
 
 def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
     """Sizes of a scene on many motions; without skips the full ones are the sufficient ones."""
-    longest, turns = longest_within_limits(scene), np.asarray(has_vertex(motions))
+    longest, turns = longest_within_limits(scene), np.asarray(motions.has_vertex)
     half = np.asarray(motions.half_exposure, np.float64)
     a = np.asarray(steady(motions).acceleration, np.float64)
     stroke = np.where(turns, a * half * half, 0.0)
@@ -255,9 +253,8 @@ def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool
     most = max(scene.speeds.size for scene in needed)
     spare = [(0, most - scene.speeds.size) for scene in needed]
     return [
-        with_occlusion(
-            scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad)),
-            after.occlusion,
+        scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad)).with_occlusion(
+            after.occlusion
         )
         for scene, after, pad in zip(scenes, needed, spare, strict=True)
     ]
@@ -339,7 +336,7 @@ def measure(
             _kernel_numbers,
             shutter=shutter,
             is_own=boxes is not None,
-            scene=with_occlusion(scene, None),
+            scene=scene.with_occlusion(None),
             shapes=shapes,
             metrics=of_kernels,
         )
@@ -389,7 +386,7 @@ def _need_of(
     sizes: Sizes, shapes: Shapes, motions: AbstractMotion, dtype: np.dtype, moving: bool
 ) -> _Need:
     """Numbers that the loops need, for kernels of moving objects or of one at rest alone."""
-    turns = np.asarray(has_vertex(motions))
+    turns = np.asarray(motions.has_vertex)
     num_taps = sizes.num_reached_taps if moving else sizes.aside + sizes.num_still_taps
     dft = np.searchsorted(shapes.dft_lengths, sizes.dft_length)
     rule = np.searchsorted(shapes.node_counts, _whole_blocks(sizes.num_nodes))

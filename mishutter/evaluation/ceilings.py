@@ -43,8 +43,6 @@ from mishutter._core import (
     require_scalar,
 )
 from mishutter.evaluation.layers import (
-    Frequencies,
-    LayerSampling,
     background_of,
     with_shares,
 )
@@ -216,8 +214,7 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     """
     if np.isinf(half):
         return 0.0
-    sampling = LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES))
-    scene = with_shares(scene, background_of(scene), sampling)
+    scene = with_shares(scene, background_of(scene))
     occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
     shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)
     frequency, weights = frequencies(NUM_FREQUENCIES), np.asarray(scene.weights, np.float64)

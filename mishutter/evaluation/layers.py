@@ -39,7 +39,6 @@ from mishutter.model import (
     LayerShares,
     Occlusion,
     Scene,
-    with_occlusion,
 )
 
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
@@ -148,18 +147,22 @@ class LayerSampling(NamedTuple):
         return self._replace(num_effective_speeds=(count - 1) | 1)
 
 
-def with_shares(scene: Scene, background: Background, sampling: LayerSampling) -> Scene:
+def with_shares(
+    scene: Scene, background: Background, sampling: LayerSampling | None = None
+) -> Scene:
     """A scene of two layers that knows the `LayerShares` of its picture.
 
     Args:
         scene: The scene, with the speeds that its objects are computed at.
         background: Its background.
-        sampling: Frequencies and effective speeds of the shares.
+        sampling: Frequencies and effective speeds of the shares; by default those of a picture's
+            power, and the fewest.
     """
+    sampling = sampling or LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES))
     sampling = sampling.within_memory(scene.speeds.size * np.size(background.speeds))
     occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
-    shares = _shares(with_occlusion(scene, None), occlusion, background, sampling)
-    return with_occlusion(scene, occlusion.with_shares(shares))
+    shares = _shares(scene.with_occlusion(None), occlusion, background, sampling)
+    return scene.with_occlusion(occlusion.with_shares(shares))
 
 
 @compiled

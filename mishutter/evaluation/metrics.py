@@ -39,7 +39,6 @@ from mishutter.model import (
     Scene,
     frequencies,
     frequency_grid,
-    has_vertex,
     noise_power,
     pixel_response,
     require_scene,
@@ -257,7 +256,7 @@ def _num_supported(
     """Number of taps that light of the fastest object falls on, odd for a camera at rest."""
     far = jnp.ceil(motion.kernel_length(scene.max_speed))
     aside = jnp.ceil(scene.max_speed * motion.half_exposure - 0.5)
-    count = jnp.where(has_vertex(motion), far, 2 * aside + 1)
+    count = jnp.where(motion.has_vertex, far, 2 * aside + 1)
     return jax.lax.stop_gradient(jnp.maximum(count, 1)).astype(like.dtype)
 
 

@@ -23,7 +23,6 @@ from mishutter.model import (
     StillCamera,
     command_of,
     is_known_zero,
-    panned,
     profile_of,
     require_scene,
     shutter_from_dict,
@@ -198,7 +197,7 @@ class Design:
         )
         actual = drive.motion
         if scene.limits.pans == "camera" and not is_known_zero(intended.velocity):
-            actual = panned(actual, actual.velocity + intended.velocity)
+            actual = actual.panned(actual.velocity + intended.velocity)
         return given_design(scene, actual, drive.shutter, f"Read from {Path(path).name}.")
 
     def write_profile(self, path: str | Path) -> None:

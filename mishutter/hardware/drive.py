@@ -27,7 +27,6 @@ from mishutter.model import (
     AbstractMotion,
     ChippedShutter,
     diffused,
-    panned,
     slot_means,
 )
 
@@ -102,7 +101,7 @@ class DriveTable:
             return None
         actual = scene.stage.made_of(path)
         if scene.limits.pans == "camera":
-            actual = panned(actual, actual.velocity + self.design.motion.velocity)
+            actual = actual.panned(actual.velocity + self.design.motion.velocity)
         return evaluate(without_tolerances(scene), actual, self.design.shutter)
 
     def to_csv(self) -> str:

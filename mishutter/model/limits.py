@@ -41,9 +41,7 @@ from mishutter.model.motion import (
     extent_of_parabola,
     is_known_zero,
     largest_of,
-    panned,
     steady,
-    without_velocity,
 )
 from mishutter.model.stages import (
     StagePath,
@@ -279,10 +277,10 @@ class Limits(eqx.Module):
             motion: Motion of the sensor.
         """
         if self.pans == "camera":
-            return without_velocity(motion)
+            return motion.without_velocity()
         if self.frame_velocity is None:
             return motion
-        return panned(motion, motion.velocity + self._frame(jnp.asarray(motion.velocity)))
+        return motion.panned(motion.velocity + self._frame(jnp.asarray(motion.velocity)))
 
     def acceleration_by_stroke(
         self, half_exposure: Positions, velocity: ArrayLike = 0.0

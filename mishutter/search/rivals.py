@@ -33,7 +33,6 @@ from mishutter.model import (
     StillCamera,
     TukeyShutter,
     baselines,
-    without_velocity,
 )
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.search import free_by_default, on_free_path, optimise
@@ -114,7 +113,7 @@ class Row:
     @cached_property
     def takes(self) -> frozenset[str]:
         """Parts that it needs beside a camera at rest with an ordinary shutter."""
-        of_stage = without_velocity(self.motion) if self.turns else self.motion
+        of_stage = self.motion.without_velocity() if self.turns else self.motion
         stays_open = isinstance(self.shutter, RectShutter)
         stays_open = stays_open or float(self.metrics.efficiency) > _OPEN
         takes = {

@@ -47,7 +47,6 @@ from mishutter.model import (
     command_of,
     is_adjustable,
     is_known_zero,
-    panned,
     require_scene,
 )
 from mishutter.search.cover import cover, lowest_of_valleys, screened
@@ -597,7 +596,7 @@ def _searched(
         ends.append(_best_of_space(scene, space.without_acceleration(), plan, settings, more))
     if "velocity" in names or is_known_zero(frame.velocity):
         return ends
-    return [end._replace(motion=panned(end.motion, frame.velocity)) for end in ends]
+    return [end._replace(motion=end.motion.panned(frame.velocity)) for end in ends]
 
 
 class _End(NamedTuple):

@@ -23,8 +23,6 @@ from mishutter.camera import (
 from mishutter.evaluation import (
     PLANNED,
     Automatic,
-    Frequencies,
-    LayerSampling,
     Plan,
     background_of,
     moments_on_dft,
@@ -113,9 +111,8 @@ class BlurModel(eqx.Module):
         speeds, weights, layers = np.array([speed]), np.ones(1), self.layers
         if layers is not None:
             one = layers.bare(speeds=speeds, weights=weights)
-            sampling = LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES))
             with outside_trace():
-                layers = with_shares(one, background_of(layers), sampling)
+                layers = with_shares(one, background_of(layers))
         return replace(self, speeds=speeds, weights=weights, num_taps=num_taps, layers=layers)
 
     def responses(self, length: int) -> Complex[np.ndarray, "s {length}//2+1"]:
@@ -262,8 +259,8 @@ def _known_blur(
     efficiency = float(still[0].real)
     layers = None
     if scene.occlusion is not None:
-        layers, sampling = scene.bare(), LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES))
-        scene = with_shares(layers, background_of(scene), sampling)
+        layers = scene.bare()
+        scene = with_shares(layers, background_of(scene))
     power = picture_power(scene, NUM_FREQUENCIES, np.dtype(scene.speeds.dtype))
     return BlurModel(
         motion=motion,
