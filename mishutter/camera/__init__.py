@@ -1,7 +1,7 @@
 """The recorded picture: capture, occlusion, footage and noise."""
 
-from mishutter.camera.capture import as_light as as_light
 from mishutter.camera.capture import as_pixels as as_pixels
+from mishutter.camera.capture import as_radiance as as_radiance
 from mishutter.camera.capture import blurred_at_speeds as blurred_at_speeds
 from mishutter.camera.capture import captured_columns as captured_columns
 from mishutter.camera.capture import captured_response as captured_response

@@ -440,16 +440,18 @@ def posterior_of(
     return Posterior(speeds, weights / weights.sum(), reach, statistics.width)
 
 
-def tiles_of(light: Float[np.ndarray, "rows columns"], num_taps: int) -> list[list[np.ndarray]]:
+def tiles_of(
+    irradiance: Float[np.ndarray, "rows columns"], num_taps: int
+) -> list[list[np.ndarray]]:
     """A picture as rows of tiles of about equal size, from each of which evidence is taken.
 
     There are at least two rows of them where each can be high enough to tell a speed, so that a
     part of the picture at another speed shows in one of them.
     """
     widest = max(_MOST_COLUMNS, _MOST_BLURS * num_taps)
-    rows, columns = -(-light.shape[0] // _MOST_ROWS), -(-light.shape[1] // widest)
-    rows = max(rows, min(_MOST_BANDS, light.shape[0] // _LEAST_ROWS))
-    return [np.array_split(band, columns, axis=1) for band in np.array_split(light, rows)]
+    rows, columns = -(-irradiance.shape[0] // _MOST_ROWS), -(-irradiance.shape[1] // widest)
+    rows = max(rows, min(_MOST_BANDS, irradiance.shape[0] // _LEAST_ROWS))
+    return [np.array_split(band, columns, axis=1) for band in np.array_split(irradiance, rows)]
 
 
 class SpeedEstimate(NamedTuple):
@@ -531,12 +533,12 @@ def estimate_speed(
     """
     require_scene(scene)
     subject = "estimate_speed(capture=...)"
-    light = turned(as_pixels(capture, subject), scene.axis)
-    require(np.ndim(light) <= 3, subject, "be one picture", shape_of(light))
+    irradiance = turned(as_pixels(capture, subject), scene.axis)
+    require(np.ndim(irradiance) <= 3, subject, "be one picture", shape_of(irradiance))
     model = blur_model(scene, motion, shutter)
     has_light = model.electrons > 0 and model.efficiency > 0
     require(has_light, "estimate_speed(scene=...)", "have light that the shutter lets through", 0.0)
-    planes = rows_last(distinct_colours(light, PLANNED))
+    planes = rows_last(distinct_colours(irradiance, PLANNED))
     return speed_in(planes, model).of(scene, motion)
 
 
@@ -544,7 +546,7 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
     """The speed of one picture, relative to the sensor.
 
     Args:
-        planes: Light of its colours, in units of a fully open exposure; shape
+        planes: Irradiance of its colours, in units of a fully open exposure; shape
             `(channels, rows, columns)` or `(rows, columns)`; concrete.
         model: Blur and noise.
 
@@ -554,17 +556,17 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
     require_whole(model.layers, "the speed to be found")
     concrete, got = is_concrete(planes), Unquoted("a tracer")
     require(concrete, "estimate_speed(capture=...)", "be known, not traced", got)
-    light, noise = luminance(np.asarray(planes), model)
+    irradiance, noise = luminance(np.asarray(planes), model)
     statistics = prior()
     speeds, reach = speeds_to_try(model)
     is_short = not are_told_apart(speeds, reach)
-    is_narrow = light.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
-    if speeds.size == 1 or is_short or is_narrow or not np.ptp(light) > 0:
+    is_narrow = irradiance.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
+    if speeds.size == 1 or is_short or is_narrow or not np.ptp(irradiance) > 0:
         flat = np.full(speeds.size, 1 / speeds.size)
         posterior = Posterior(speeds, flat, reach, 1.0)
         doubt = "" if speeds.size == 1 else SHORT if is_short else LITTLE
         return SpeedEstimate(posterior.speed, posterior.error, not doubt, speeds, flat, doubt)
-    parts = parts_of(light, model, speeds, noise, statistics)
+    parts = parts_of(irradiance, model, speeds, noise, statistics)
     whole, weights, doubt = judged(parts, speeds, reach, statistics)
     return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt)
 
@@ -611,21 +613,21 @@ def luminance(
     share = np.array(LUMINANCE) if len(planes) == len(LUMINANCE) else equal
     levels = np.maximum(planes.mean(axis=(1, 2), dtype=np.float64), 0)
     noise = share**2 @ (levels / model.electrons + model.read_variance)
-    light = np.zeros(planes.shape[1:], np.float32)
+    irradiance = np.zeros(planes.shape[1:], np.float32)
     for weight, plane in zip(share.astype(np.float32), planes, strict=True):
-        light += weight * plane.astype(np.float32)
-    return light, max(float(noise), _LEAST_POWER)
+        irradiance += weight * plane.astype(np.float32)
+    return irradiance, max(float(noise), _LEAST_POWER)
 
 
 def parts_of(
-    light: Float[np.ndarray, "rows columns"],
+    irradiance: Float[np.ndarray, "rows columns"],
     model: BlurModel,
     speeds: Float[np.ndarray, "s"],
     noise: float,
     statistics: Prior,
 ) -> list[list[Energies]]:
     """The evidence by bands of rows, from above down, and by tiles in them."""
-    bands_of_tiles = tiles_of(light, model.num_taps)
+    bands_of_tiles = tiles_of(irradiance, model.num_taps)
     tiles = [(i, tile) for i, band in enumerate(bands_of_tiles) for tile in band]
     widths = {tile.shape[1] for _, tile in tiles}
     blurs = {columns: _blurs(model.responses_at(speeds, columns), columns) for columns in widths}
