@@ -42,15 +42,16 @@ from mishutter.model import (
 )
 
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
-"""How many effective speeds an expected error takes, at least and at most."""
+"""Numbers of effective speeds that an expected error takes, at least and at most."""
 SEARCHED_EFFECTIVE_SPEEDS = 65
-"""How many a search takes, whose design is measured with all of them: they know the error to
-0.01 dB by designs worth building, and to 0.2 dB by exposures over which objects travel 130 px."""
+"""Number of effective speeds that a search takes; its design is measured with all of them. The
+error is exact to 0.01 dB for designs worth building, and to 0.2 dB for exposures over which objects
+travel 130 px."""
 _BEAT_STEP = 0.8
 """Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
 expected error is known to 1e-4 dB."""
 _EFFECTIVE_SPEEDS_OF_DECODERS = 97
-"""How many a decoder's filter is made of, whose error is known to 0.01 dB by them."""
+"""Number of effective speeds that a decoder's filter takes; its error is exact to 0.01 dB."""
 _MOST_WEIGHTS = 40_000
 """Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
 _FURTHEST, _GROWTH = 512.0, 7.7
@@ -96,7 +97,7 @@ class Frequencies(NamedTuple):
 
     @staticmethod
     def of_dft(length: int) -> "Frequencies":
-        """Those of the DFT of so many pixels, from 0."""
+        """The frequencies of the DFT of so many pixels, from 0."""
         return Frequencies(0.0, 1 / length, length // 2 + 1, NUM_FREQUENCIES)
 
     def values(self, dtype: np.dtype) -> np.ndarray:

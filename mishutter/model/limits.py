@@ -1,4 +1,4 @@
-r"""How far the mechanism and the exposure may reach.
+r"""The limits of the mechanism and of the exposure.
 
 The stroke $S$ bounds the whole path of the stage over the exposure, from its lowest position to its
 highest. Where the stage pans too, at the velocity $v$, that is $a\,(T + |v|/2a)^2 \le S$ for a

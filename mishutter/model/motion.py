@@ -1,4 +1,4 @@
-"""How the sensor moves while the shutter is open.
+"""Motions of the sensor while the shutter is open.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -175,7 +175,7 @@ class AbstractMotion(eqx.Module):
 
     @abstractmethod
     def reach(self, max_speed: float) -> Reach:
-        """How far light travels of objects up to a speed, px/s; of a motion that is known.
+        """The travel of light from objects up to a speed; of a concrete motion.
 
         Args:
             max_speed: Greatest speed of an object; px/s.
@@ -705,7 +705,7 @@ class FreeMotion(AbstractMotion):
         return Alignment(-self.alignment(s), extent)
 
     def reach(self, max_speed: float) -> Reach:
-        """From the lowest to the highest position that objects reach, in either direction.
+        """The distance between the lowest and the highest position of objects in either direction.
 
         Args:
             max_speed: Greatest speed of an object; px/s.

@@ -115,7 +115,7 @@ Progress = Callable[[int, float], None]
 
 
 class Outcome(Enum):
-    """How a search ended."""
+    """The end of a search."""
 
     CONVERGED = "The search converged: the projected gradient is below its tolerance."
     STEPS_USED = "The search used up its steps before the projected gradient fell below tolerance."

@@ -71,7 +71,7 @@ between two of them."""
 _TIMES_AT_ONCE = 8
 """Half exposures a call: one compiled program serves the first round and the halvings."""
 _MOST_PIECES_DIFFER = 20.0
-"""How many times more, or less, than the mean the acceleration of a piece of a free path may be."""
+"""Largest ratio of a free path's acceleration on a piece to its mean, and of the mean to that."""
 _MEETING = 0.5
 """Coordinate of the half exposure at which a free path comes to its stroke and its top speed
 together: a kink whose place in the box is the same for every path."""
