@@ -321,14 +321,14 @@ def restore_by_each(
             estimates = [
                 np.asarray(
                     deconvolve(
-                        capture, scene, motion, shutter, decoder=each, model=known, plan=plan
+                        capture, scene, motion, shutter, decoder=each, model=blur, plan=plan
                     )
                 )
-                for each, known, _ in knowing
+                for each, blur, _ in knowing
             ]
             if trial == 0:
-                found = [each.estimate for each in knowing]
-                doubts[:, index] = ["" if each is None else each.doubt for each in found]
+                of_speed = [each.estimate for each in knowing]
+                doubts[:, index] = ["" if each is None else each.doubt for each in of_speed]
                 results = zip((captured, *restored), (capture, *estimates), strict=True)
                 for store, result in results:
                     store[index] = result
