@@ -5,13 +5,10 @@ from mishutter.evaluation.batch import KERNEL_METRICS as KERNEL_METRICS
 from mishutter.evaluation.batch import SPECTRUM_METRICS as SPECTRUM_METRICS
 from mishutter.evaluation.batch import LightLevels as LightLevels
 from mishutter.evaluation.batch import Rules as Rules
+from mishutter.evaluation.batch import Shapes as Shapes
 from mishutter.evaluation.batch import Sizes as Sizes
 from mishutter.evaluation.batch import measure as measure
-from mishutter.evaluation.batch import motions_at as motions_at
-from mishutter.evaluation.batch import rules_of as rules_of
 from mishutter.evaluation.batch import scenes_for as scenes_for
-from mishutter.evaluation.batch import shapes_of as shapes_of
-from mishutter.evaluation.batch import sizes_of as sizes_of
 from mishutter.evaluation.bursts import best_burst as best_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
@@ -54,7 +51,6 @@ from mishutter.evaluation.needs import coarser as coarser
 from mishutter.evaluation.needs import folds_speeds as folds_speeds
 from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds
-from mishutter.evaluation.needs import nothing_moves as nothing_moves
 from mishutter.evaluation.needs import plan_of_traced_search as plan_of_traced_search
 from mishutter.evaluation.needs import reduced as reduced
 from mishutter.evaluation.needs import require_plan as require_plan

@@ -254,7 +254,7 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
     Its sizes hold every motion within the scene's limits, so that one compiled program
     serves all of them. It is for the scene in the frame of the motion.
     """
-    folds, still = folds_speeds(scene, motion, shutter), nothing_moves(scene)
+    folds, still = folds_speeds(scene, motion, shutter), scene.nothing_moves
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
 
@@ -309,13 +309,6 @@ def padded(
     """Speeds padded without weight to one of two counts an octave, so that programs are shared."""
     spare = size_class(speeds.size) - speeds.size
     return np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
-
-
-def nothing_moves(scene: Scene) -> bool:
-    """Whether every speed that occurs is known to be 0."""
-    if not scene.speeds_known:
-        return False
-    return not np.any(np.asarray(scene.speeds)[np.asarray(scene.weights) > 0])
 
 
 def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Scene:

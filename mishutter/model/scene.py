@@ -435,6 +435,13 @@ class Scene(eqx.Module):
         return is_concrete(self.speeds) and is_concrete(self.weights)
 
     @property
+    def nothing_moves(self) -> bool:
+        """Whether every speed that occurs is known to be 0."""
+        if not self.speeds_known:
+            return False
+        return not np.any(np.asarray(self.speeds)[np.asarray(self.weights) > 0])
+
+    @property
     def max_speed(self) -> Float[Array, ""]:
         """Largest speed of either sign that occurs; px/s."""
         slowest, fastest = self.speed_range

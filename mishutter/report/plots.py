@@ -412,8 +412,8 @@ def plot_photograph(
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
             title = f"{shown_name(name, 26)}, captured\nat {result.speeds[index]:g} px/s"
             _show(panels[0], turned(captured[own], axis) * gain, title)
-            title = _IN_DOUBT if result.doubts[index] else restoration
-            _show(panels[1], turned(restored, axis), f"{title},\n{levels[index]:.2f} dB")
+            heading = _IN_DOUBT if result.doubts[index] else restoration
+            _show(panels[1], turned(restored, axis), f"{heading},\n{levels[index]:.2f} dB")
             panels[2].set_title("error", fontsize="small", y=1.0)
             error = _error(result.reference[own], restored, linear)
             maps.append((panels[2], turned(error, axis)))

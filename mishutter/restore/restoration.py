@@ -320,9 +320,7 @@ def restore_by_each(
             knowing = informed(methods, planes, models[index])
             estimates = [
                 np.asarray(
-                    deconvolve(
-                        capture, scene, motion, shutter, decoder=each, model=blur, plan=plan
-                    )
+                    deconvolve(capture, scene, motion, shutter, decoder=each, model=blur, plan=plan)
                 )
                 for each, blur, _ in knowing
             ]

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from operator import itemgetter
 from typing import NamedTuple, final
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -14,13 +15,10 @@ from mishutter.evaluation import (
     SPECTRUM_METRICS,
     LightLevels,
     Rules,
+    Shapes,
     Sizes,
     measure,
-    motions_at,
-    rules_of,
     scenes_for,
-    shapes_of,
-    sizes_of,
     too_long,
     transmittance,
 )
@@ -62,7 +60,7 @@ class Engine:
             outside_limits(frame, grid.accelerations, grid.half_exposures) for frame in grid.frames
         ]
         self.sizes = [*map(self._sizes, self.scenes, self.outside)]
-        self.shapes = shapes_of(self.sizes)
+        self.shapes = Shapes.of(self.sizes)
         self.kits = [self._kit(shutter, [shutter]) for shutter in grid.shutters.values()]
         profiles = () if grid.search is None else grid.search.profiles
         kinds = {profile.symmetric: profile for profile in profiles}
@@ -72,7 +70,7 @@ class Engine:
         """Sizes of the points within limits; marks in `outside` those that are too large."""
         grid = self.grid
         rows, columns = np.nonzero(outside == 0)
-        sizes = sizes_of(scene, self._motions(rows, columns), skips=grid.skips)
+        sizes = Sizes.of(scene, self._motions(rows, columns), skips=grid.skips)
         is_too_long = too_long(
             sizes.num_taps,
             sizes.num_frequencies,
@@ -83,10 +81,12 @@ class Engine:
         return Sizes(*(size[~is_too_long] for size in sizes))
 
     def _motions(self, rows: np.ndarray, columns: np.ndarray) -> ParabolicMotion:
-        """The motions of some points, on a leading axis."""
-        dtype = self.grid.dtype
-        accelerations = self.grid.accelerations[rows].astype(dtype)
-        return motions_at(accelerations, self.grid.half_exposures[columns].astype(dtype))
+        """The motions of some points, without velocity; their numbers have a leading axis."""
+        accelerations = self.grid.accelerations[rows].astype(self.grid.dtype)
+        half_exposures = self.grid.half_exposures[columns].astype(self.grid.dtype)
+        one = ParabolicMotion(acceleration=0.0, half_exposure=1.0)
+        numbers = accelerations, half_exposures, np.zeros_like(half_exposures)
+        return eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, numbers)
 
     def _kit(self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]) -> Kit:
         scenes = scenes_for(self.scenes, shutter, skips=self.grid.skips)
@@ -99,7 +99,7 @@ class Engine:
         """Rules of quadrature of some profiles behind the device."""
         scene = self.scenes[0]
         shutters = [transmittance(scene, half_exposure, each) for each in coordinates]
-        return rules_of(shutters, self.shapes, self.grid.dtype)
+        return Rules.of(shutters, self.shapes, self.grid.dtype)
 
     def _rules_at(
         self, kit: Kit, half_exposures: np.ndarray
