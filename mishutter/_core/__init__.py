@@ -50,6 +50,7 @@ from mishutter._core.files import writable_folder as writable_folder
 from mishutter._core.files import write_bytes as write_bytes
 from mishutter._core.files import write_text as write_text
 from mishutter._core.parallel import alone_in_blas as alone_in_blas
+from mishutter._core.parallel import as_they_end as as_they_end
 from mishutter._core.parallel import in_threads as in_threads
 from mishutter._core.parallel import num_processors as num_processors
 from mishutter._core.parallel import num_threads as num_threads
