@@ -164,7 +164,7 @@ class Engine:
         grid, scene = self.grid, kit.scenes[frame]
         rates = scene.photon_rate if grid.photon_rates is None else grid.photon_rates
         noises = scene.read_noise if grid.read_noises is None else grid.read_noises
-        light = LightLevels(*(np.atleast_1d(np.asarray(level)) for level in (rates, noises)))
+        levels = LightLevels(*(np.atleast_1d(np.asarray(level)) for level in (rates, noises)))
         metrics = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
         halves = np.asarray(motions.half_exposure)
         for index, rules in self._rules_at(kit, halves) if halves.size else ():
@@ -177,7 +177,7 @@ class Engine:
                 shapes=self.shapes,
                 sizes=own_sizes,
                 metrics=grid.metrics,
-                levels=light,
+                levels=levels,
                 boxes=own_boxes,
             )
             for name, values in part.items():
