@@ -88,7 +88,7 @@ class AbstractMotion(eqx.Module):
 
     @property
     def is_straight(self) -> bool:
-        """Whether the sensor is known not to accelerate to speak of."""
+        """Whether the path is known to be straight, but for a stroke too small to matter."""
         return any(is_known_zero(sign) for sign in (self.bend, self.has_vertex))
 
     @property
@@ -105,7 +105,7 @@ class AbstractMotion(eqx.Module):
 
     @property
     def fixed(self) -> FixedParts:
-        """Parts that a search leaves as they are, of the kind that the motion is `settled` as."""
+        """Parts that a search leaves as they are, by the kind that the motion is `settled` as."""
         return settled(self).fixed_by_kind
 
     def __repr__(self) -> str:
