@@ -143,6 +143,12 @@ class Row:
         return float(self.metrics.psnr_of(self.speed))
 
     @property
+    def worst_psnr(self) -> float | None:
+        """PSNR at the worst speed by the judging decoder; None if it finds the speed; dB."""
+        level = self.metrics.worst_psnr_of(self.speed)
+        return None if level is None else float(level)
+
+    @property
     def setting(self) -> str:
         """Exposure, pan and stroke of the motion with their units."""
         motion = self.motion
