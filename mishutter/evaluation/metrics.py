@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Complex, Float
+from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled
 from mishutter.blur import condition_number, safe_sqrt
@@ -140,7 +140,7 @@ class Metrics(eqx.Module):
         return "\n".join(["Metrics(", *lines, ")"])
 
 
-def found_psnr(untold: ArrayLike, told: ArrayLike) -> Float[Array, ""]:
+def found_psnr(untold: Array | float, told: Array | float) -> Float[Array, ""]:
     """PSNR expected of a decoder that finds the speed, by those of two others; dB.
 
     Args:
