@@ -328,7 +328,9 @@ def restore_by_each(
             ]
             if trial == 0:
                 found = [each.estimate for each in knowing]
-                doubts[:, index] = ["" if each is None else each.doubt for each in found]
+                doubts[:, index] = [
+                    "" if each is None else each.of(scene, motion).doubt for each in found
+                ]
                 results = zip((captured, *restored), (capture, *estimates), strict=True)
                 for store, result in results:
                     store[index] = result

@@ -125,6 +125,24 @@ def test_two_speeds_are_noticed():
     words = found.doubt.replace(",", "").strip(".").split()
     speeds = sorted(float(word) for word in words if word.isdigit())
     np.testing.assert_allclose(speeds, [800, 2960], atol=100)
+    assert {round(found.speed), round(found.second_speed)} == set(speeds)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", [1, -1])
+def test_two_speeds_past_a_pan_are_those_of_the_scene(side):
+    """A doubt names the speeds of objects, and not those past the sensor."""
+    low, high = sorted((side * 500.0, side * 5000.0))
+    known, motion = scene(low, high, decoder_speed="found"), camera(velocity=side * 1000.0)
+    given = known, motion, OPEN
+    one, other = (capture(grey(), *given, side * speed) for speed in (3960.0, 1900.0))
+    halves = np.concatenate([one[:128], other[128:]])
+    found = ms.estimate_speed(halves, *given)
+    assert not found.trusted
+    named = sorted([found.speed, found.second_speed], key=abs)
+    np.testing.assert_allclose(named, [side * 1900.0, side * 3960.0], atol=100)
+    assert f"{found.speed:,.0f}" in found.doubt
+    assert f"{found.second_speed:,.0f} px/s" in found.doubt
 
 
 @pytest.mark.parametrize("speed", [5800.0, 7500.0, -9000.0])

@@ -463,6 +463,8 @@ class SpeedEstimate(NamedTuple):
         speeds: Speeds that were tried, ascending; px/s.
         weights: Their probabilities.
         doubt: A sentence about the evidence against it; empty where there is none.
+        second_speed: Speed at which a band of rows seems to move by itself, px/s; None if all rows
+            seem to move at `speed`.
     """
 
     speed: float
@@ -471,6 +473,7 @@ class SpeedEstimate(NamedTuple):
     speeds: Float[np.ndarray, "s"]
     weights: Float[np.ndarray, "s"]
     doubt: str
+    second_speed: float | None = None
 
     def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
         """The estimate in the frame of a scene, from one relative to a sensor that pans.
@@ -483,10 +486,19 @@ class SpeedEstimate(NamedTuple):
         pan, expected = float(motion.velocity), np.asarray(scene.speeds, np.float64)
         is_mirrored = self.speeds[0] >= 0 and pan - np.min(expected) > np.max(expected) - pan
         sign, order = (-1.0, slice(None, None, -1)) if is_mirrored else (1.0, slice(None))
-        speeds = (pan + sign * self.speeds)[order]
-        return self._replace(
-            speed=pan + sign * self.speed, speeds=speeds, weights=self.weights[order]
-        )
+        speed, speeds = pan + sign * self.speed, (pan + sign * self.speeds)[order]
+        estimate = self._replace(speed=speed, speeds=speeds, weights=self.weights[order])
+        if self.second_speed is None:
+            return estimate
+        second = pan + sign * self.second_speed
+        return estimate._replace(second_speed=second, doubt=_doubt_of_two(second, speed))
+
+
+def _doubt_of_two(some: float, every: float) -> str:
+    """The sentence that names the speed of some rows and that of all; px/s."""
+    return (
+        f"Some rows seem to move at {some:,.0f} px/s, where all rows together do at {every:,.0f}."
+    )
 
 
 @alone_in_blas()
@@ -565,16 +577,20 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
         doubt = "" if speeds.size == 1 else SHORT if is_short else LITTLE
         return SpeedEstimate(posterior.speed, posterior.error, not doubt, speeds, flat, doubt)
     parts = parts_of(light, model, speeds, noise, statistics)
-    whole, weights, doubt = judged(parts, speeds, reach, statistics)
-    return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt)
+    whole, weights, doubt, second = judged(parts, speeds, reach, statistics)
+    return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt, second)
 
 
 class Verdict(NamedTuple):
-    """The posterior of all rows, the weights of speeds, and any doubt about a single speed."""
+    """The posterior of all rows, the weights of speeds, and any doubt about a single speed.
+
+    A second speed, px/s, is that of rows that disagree with all; None where none do.
+    """
 
     whole: Posterior
     weights: Float[np.ndarray, "s"]
     doubt: str
+    second_speed: float | None
 
 
 def judged(
@@ -584,7 +600,8 @@ def judged(
     all_parts = [part for band in parts for part in band]
     whole = posterior_of(all_parts, speeds, reach, statistics)
     each = [posterior_of(band, speeds, reach, statistics) for band in parts]
-    weights, doubt, is_sure = whole.weights, "", whole.trusted(statistics.trust)
+    weights, doubt, second = whole.weights, "", None
+    is_sure = whole.trusted(statistics.trust)
     if whole.at_end:
         doubt = "The speed may lie beyond those of the scene."
     elif not is_sure:
@@ -592,14 +609,11 @@ def judged(
     denials = [p for p in each if p.around(whole.speed) < _DENIED]
     denials = [p for p in denials if is_sure or p.trusted(statistics.trust)]
     if denials:
-        odd = min(denials, key=lambda p: p.around(whole.speed))
-        doubt = (
-            f"Some rows seem to move at {odd.speed:,.0f} px/s past the sensor, where all rows "
-            f"together do at {whole.speed:,.0f}."
-        )
+        second = min(denials, key=lambda p: p.around(whole.speed)).speed
+        doubt = _doubt_of_two(second, whole.speed)
         # As likely a false alarm as a second speed.
         weights = (whole.weights + np.mean([p.weights for p in each], axis=0)) / 2
-    return Verdict(whole, weights, doubt)
+    return Verdict(whole, weights, doubt, second)
 
 
 def luminance(
