@@ -1,4 +1,4 @@
-"""Argument checks, compilation, threads, double words, validation and files."""
+"""Argument checks, compilation, threads, double words, roots, validation and files."""
 
 from mishutter._core.checks import RowLike as RowLike
 from mishutter._core.checks import Unquoted as Unquoted
@@ -50,9 +50,11 @@ from mishutter._core.files import writable_folder as writable_folder
 from mishutter._core.files import write_bytes as write_bytes
 from mishutter._core.files import write_text as write_text
 from mishutter._core.parallel import alone_in_blas as alone_in_blas
+from mishutter._core.parallel import as_they_end as as_they_end
 from mishutter._core.parallel import in_threads as in_threads
 from mishutter._core.parallel import num_processors as num_processors
 from mishutter._core.parallel import num_threads as num_threads
+from mishutter._core.roots import largest_within_one as largest_within_one
 from mishutter._core.validation import Section as Section
 from mishutter._core.validation import in_section as in_section
 from mishutter._core.validation import parsed as parsed

@@ -1,18 +1,19 @@
-"""Calls in as many threads as there are idle processors, with their results in order."""
+"""Calls in as many threads as there are idle processors."""
 
 import itertools
 import os
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import lru_cache
 from threading import Lock
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 import numpy as np
 
+_Arguments = ParamSpec("_Arguments")
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -31,27 +32,16 @@ def num_processors() -> int:
 
 
 def in_threads(
-    function: Callable[[_Item], _Result],
-    items: Iterable[_Item],
-    count: int,
-    *,
-    first_alone: bool = True,
+    function: Callable[[_Item], _Result], items: Iterable[_Item], count: int
 ) -> Generator[_Result, None, None]:
     """Results of a function for each item, in order, computed by `count` threads.
 
-    The threads take over the caller's default device and precision. By default the first item is
-    computed alone, because all others use the programs that it compiles. At most `count` results
-    run ahead of the consumer; closing the generator stops submission.
+    The threads take over the caller's default device and precision. The first item is computed
+    alone, because all others use the programs that it compiles. At most `count` results run ahead
+    of the consumer; closing the generator stops submission.
     """
-    wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
-    device = jax.config.jax_default_device  # type: ignore[attr-defined]
-
-    def call(item: _Item) -> _Result:
-        with jax.enable_x64(wide), jax.default_device(device):
-            return function(item)
-
-    queue = iter(items)
-    for item in itertools.islice(queue, 1 if first_alone else 0):
+    queue, call = iter(items), _as_caller(function)
+    for item in itertools.islice(queue, 1):
         yield function(item)
     if count == 1:
         yield from map(function, queue)
@@ -67,6 +57,34 @@ def in_threads(
             yield futures.popleft().result()
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def as_they_end(
+    functions: Sequence[Callable[[], _Result]], count: int
+) -> Generator[_Result, None, None]:
+    """Results of functions in the order in which they end, computed by `count` threads.
+
+    They begin in the order given. The threads take over the caller's default device and precision;
+    closing the generator drops the functions that have not begun.
+    """
+    pool = ThreadPoolExecutor(count)
+    try:
+        for future in as_completed([pool.submit(_as_caller(each)) for each in functions]):
+            yield future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _as_caller(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """The function, called with the default device and precision of this thread."""
+    wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+    device = jax.config.jax_default_device  # type: ignore[attr-defined]
+
+    def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        with jax.enable_x64(wide), jax.default_device(device):
+            return function(*args, **kwargs)
+
+    return call
 
 
 class _SingleThreadedBlas:

@@ -27,6 +27,7 @@ from mishutter._core import (
     compiled,
     fields_text,
     is_concrete,
+    largest_within_one,
     namespace_of,
     require,
     require_at_least,
@@ -54,7 +55,6 @@ from mishutter.model.stages import (
     stage_use_of_path,
 )
 
-_BISECTIONS = 60
 _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 
 
@@ -435,8 +435,8 @@ class Limits(eqx.Module):
     ) -> Float[Array, ""]:
         """Largest value of a number of a motion that the stage reaches; scalar.
 
-        It is bracketed by bisection, on the side that keeps the limits, and has the derivative of
-        an implicit function. Where all of the interval exceeds them it is the lower end.
+        It keeps the limits, but for where all of the interval exceeds them: there it is the lower
+        end.
 
         Args:
             name: `"acceleration"`, `"half_exposure"` or `"velocity"`.
@@ -515,22 +515,8 @@ def _stage_share_of(limits: Limits, motion: AbstractMotion) -> Array:
 
 @compiled
 def _largest(limits: Limits, name: str, low: Array, high: Array, numbers: Any) -> Array:
-    def use(value: Array, limits: Limits, numbers: Any) -> Array:
+    def use(value: Array, parameters: tuple[Limits, Any]) -> Array:
+        limits, numbers = parameters
         return limits.stage_share(**(numbers | {name: value}))
 
-    fixed = jax.lax.stop_gradient((limits, numbers))
-    ends = jax.lax.stop_gradient((jnp.asarray(low), jnp.asarray(high)))
-
-    def halved(_: Array, ends: tuple[Array, Array]) -> tuple[Array, Array]:
-        middle = (ends[0] + ends[1]) / 2
-        keeps = use(middle, *fixed) <= 1
-        return jnp.where(keeps, middle, ends[0]), jnp.where(keeps, ends[1], middle)
-
-    value_at_limit, _ = jax.lax.fori_loop(0, _BISECTIONS, halved, ends)
-    slope = jax.grad(use)(value_at_limit, *fixed)
-    share, rises = use(value_at_limit, limits, numbers), slope > 0
-    excess = jnp.where(rises, share - jax.lax.stop_gradient(share), 0.0)
-    inside = value_at_limit - excess / jnp.where(rises, slope, 1.0)
-    return jnp.where(
-        use(ends[1], *fixed) <= 1, high, jnp.where(value_at_limit > ends[0], inside, low)
-    )
+    return largest_within_one(low, high, (limits, numbers), function=use)

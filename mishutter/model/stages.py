@@ -60,21 +60,23 @@ def stage_use(
     a, half, v = (jnp.asarray(x) for x in (acceleration, half_exposure, velocity))
     v = jnp.abs(v)  # the path that is run backwards
     gain = 2 * a * half
-    ramp = jnp.zeros_like(a * half * v) if max_jerk is None else 2 * a / max_jerk * jnp.ones_like(v)
-    before, after = v - gain - a * ramp, v + gain + a * ramp
-    stops = [_stopping(u, max_acceleration, max_jerk) for u in (-before, after)]
-    # Displacements from mid-exposure: along the ramp the velocity is the mean of its ends, but
-    # for a third of the ramp's own share.
-    aside = a * ramp * ramp / 3
-    begin = a * half * half - v * half - (before * ramp + aside) + stops[0]
-    end = a * half * half + v * half + (after * ramp - aside) + stops[1]
-    safe = jnp.where(a > 0, a, 1.0)
-    in_exposure = -v * v / (4 * safe)
-    early = jnp.maximum(-before, 0)
-    share = safe * jnp.where(ramp > 0, ramp, 1.0)
-    in_ramp = a * half * half - v * half - (before * ramp + aside)
-    in_ramp = in_ramp - (2 / 3) * early * ramp * safe_root(early / share)
-    lowest = jnp.where(v <= gain, jnp.where(gain > 0, in_exposure, 0.0), in_ramp)
+    before, after = v - gain, v + gain
+    begin, end = a * half * half - v * half, a * half * half + v * half
+    vertex = -v * v / (4 * jnp.where(a > 0, a, 1.0))
+    lowest = jnp.where(gain > 0, vertex, 0.0)
+    if max_jerk is not None:
+        ramp = 2 * a / max_jerk
+        before, after = before - a * ramp, after + a * ramp
+        # Along the ramp the velocity is the mean of its ends, but for a third of the ramp's own
+        # share.
+        aside = a * ramp * ramp / 3
+        begin, end = begin - (before * ramp + aside), end + (after * ramp - aside)
+        early = jnp.maximum(-before, 0)
+        share = jnp.where(a > 0, a * ramp, 1.0)
+        in_ramp = begin - (2 / 3) * early * ramp * safe_root(early / share)
+        lowest = jnp.where(v <= gain, lowest, in_ramp)
+    begin = begin + _stopping(-before, max_acceleration, max_jerk)
+    end = end + _stopping(after, max_acceleration, max_jerk)
     turning = (before < 0) & (gain > 0)
     travel = jnp.where(turning, jnp.maximum(begin, end) - lowest, end - begin)
     return StageUse(travel, after)

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, PyTree
 
-from mishutter._core import in_threads, num_processors
+from mishutter._core import as_they_end, num_processors
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
@@ -272,7 +272,7 @@ def compared_rows(
         Row(SAME_MOTION, name, shutter, motion, None, measure(shutter), turns)
         for name, shutter in shutters.items()
     ]
-    # The longest search begins first, and the others run beside it.
+    # The longest search begins first.
     start = _searchable(motion, scene)
     searches = [
         lambda: _free_profiles(search, start, entries),
@@ -288,8 +288,7 @@ def compared_rows(
     speed = loss.decoder_speed or scene.decoder_speed
     judge = partial(replace, speed=speed, at_worst=loss.of_worst_speed)
     at_best = {}
-    results = in_threads(lambda rows: rows(), searches, num_processors(), first_alone=False)
-    for rows in filter(None, results):
+    for rows in filter(None, as_they_end(searches, num_processors())):
         step(rows[0].name)
         at_best |= {row.name: row if row.name == BEST_BURST else judge(row) for row in rows}
     names = [name for name in (*shutters, *_RIVALS) if name in at_best]

@@ -199,7 +199,7 @@ def best_snapshots(
         return row.psnr, float(row.motion.half_exposure), float(row.motion.velocity)
 
     levels = list(product(rates, noises))
-    rows = np.array(list(in_threads(best, levels, num_processors(), first_alone=True)))
+    rows = np.array(list(in_threads(best, levels, num_processors())))
     psnr, half_exposure, velocity = rows.reshape(rates.size, noises.size, 3).transpose(2, 0, 1)
     dimensions = ("photon_rate", "read_noise")
     return xarray.Dataset(

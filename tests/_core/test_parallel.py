@@ -2,6 +2,7 @@
 
 import operator
 import threading
+import time
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from mishutter._core import alone_in_blas, in_threads, num_threads
+from mishutter._core import alone_in_blas, as_they_end, in_threads, num_threads
 
 
 @pytest.mark.parametrize("count", [1, 3])
@@ -42,6 +43,28 @@ def test_none_is_begun_far_ahead():
     next(results)
     results.close()
     assert len(begun) <= 1 + 2 + 1 + 1
+
+
+def test_a_long_one_holds_up_no_other():
+    """Results come as they end, in the caller's precision; an error drops what has not begun."""
+    others_ended = threading.Event()
+    calls = [lambda: others_ended.wait(timeout=20), *(lambda: jnp.ones(()).dtype for _ in range(9))]
+    with jax.enable_x64(False):
+        results = as_they_end(calls, 2)
+        assert [next(results) for _ in range(9)] == [np.float32] * 9
+    others_ended.set()
+    assert list(results) == [True]
+
+    begun: list[int] = []
+
+    def fails():
+        begun.append(0)
+        time.sleep(0.1)
+        raise OSError("no more")
+
+    with pytest.raises(OSError, match="no more"):
+        next(as_they_end([fails] * 50, 1))
+    assert len(begun) < 50
 
 
 def test_the_first_is_alone_and_an_error_is_the_callers():
