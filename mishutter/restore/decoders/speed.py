@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.fft
 from jaxtyping import ArrayLike, Bool, Complex, Float
-from scipy.special import digamma, polygamma
+from scipy.special import chdtri, digamma, polygamma
 
 from mishutter._core import (
     Unquoted,
@@ -67,6 +67,8 @@ _LEAST_TOLD = 16
 """Steps of 2 px below which speeds do not differ: a photograph may be as soft as its blur."""
 _DENIED = 0.01
 """Probability of the speed of all rows below which a band of them is said to have another."""
+_UNUSUAL = 0.01
+"""Share of the pictures of the prior that are further from its mean than one that is unusual."""
 _NUM_STEPS, _NUM_MORE_STEPS = 12, 4
 """Steps towards the likeliest spectrum for all speeds, and from there on for each."""
 _LOWEST = 2
@@ -113,11 +115,14 @@ class Energies(NamedTuple):
         spectrum: The one by the power spectrum.
         phase: Mean of $\log(1 + u^2)$, by octave.
         counts: Number of waves of each octave.
+        distance: Squared distance of the picture's spectrum from the mean of the prior, by its
+            covariance.
     """
 
     spectrum: Float[np.ndarray, "s"]
     phase: Float[np.ndarray, "o s"]
     counts: Float[np.ndarray, "o"]
+    distance: float
 
 
 def windows(
@@ -328,7 +333,9 @@ def energies(
     for line, band in zip(np.sqrt(smooth) / (smooth + noise), layout.members, strict=True):
         amplitude[band, layout.along] = line
         amplitude[band, 1] = line[0]
-    return Energies(spectrum, *_phase_energy(tile, blurs.phases, amplitude))
+    deviation = likeliest - statistics.mean
+    distance = float(deviation @ statistics.precision @ deviation)
+    return Energies(spectrum, *_phase_energy(tile, blurs.phases, amplitude), distance)
 
 
 class Posterior(NamedTuple):
@@ -465,6 +472,8 @@ class SpeedEstimate(NamedTuple):
         doubt: A sentence about the evidence against it; empty where there is none.
         second_speed: Speed at which a band of rows seems to move by itself, px/s; None if all rows
             seem to move at `speed`.
+        is_unusual: Whether fewer than one in a hundred pictures of the prior would have a spectrum
+            like this one's, so that the evidence is worth less.
     """
 
     speed: float
@@ -474,6 +483,7 @@ class SpeedEstimate(NamedTuple):
     weights: Float[np.ndarray, "s"]
     doubt: str
     second_speed: float | None = None
+    is_unusual: bool = False
 
     def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
         """The estimate in the frame of a scene, from one relative to a sensor that pans.
@@ -577,20 +587,25 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
         doubt = "" if speeds.size == 1 else SHORT if is_short else LITTLE
         return SpeedEstimate(posterior.speed, posterior.error, not doubt, speeds, flat, doubt)
     parts = parts_of(light, model, speeds, noise, statistics)
-    whole, weights, doubt, second = judged(parts, speeds, reach, statistics)
-    return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt, second)
+    whole, weights, doubt, second, is_unusual = judged(parts, speeds, reach, statistics)
+    trusted = not doubt
+    return SpeedEstimate(
+        whole.speed, whole.error, trusted, speeds, weights, doubt, second, is_unusual
+    )
 
 
 class Verdict(NamedTuple):
     """The posterior of all rows, the weights of speeds, and any doubt about a single speed.
 
-    A second speed, px/s, is that of rows that disagree with all; None where none do.
+    A second speed, px/s, is that of rows that disagree with all; None where none do. The spectrum
+    of a picture is unusual beyond a quantile of the distances that the prior has.
     """
 
     whole: Posterior
     weights: Float[np.ndarray, "s"]
     doubt: str
     second_speed: float | None
+    is_unusual: bool
 
 
 def judged(
@@ -613,7 +628,9 @@ def judged(
         doubt = _doubt_of_two(second, whole.speed)
         # As likely a false alarm as a second speed.
         weights = (whole.weights + np.mean([p.weights for p in each], axis=0)) / 2
-    return Verdict(whole, weights, doubt, second)
+    furthest = chdtri(len(statistics.mean), _UNUSUAL)
+    is_unusual = bool(np.mean([part.distance for part in all_parts]) > furthest)
+    return Verdict(whole, weights, doubt, second, is_unusual)
 
 
 def luminance(
