@@ -34,10 +34,12 @@ from mishutter.evaluation.losses import as_loss as as_loss
 from mishutter.evaluation.losses import loss_of_decoder as loss_of_decoder
 from mishutter.evaluation.losses import one_real_number as one_real_number
 from mishutter.evaluation.losses import value_of as value_of
+from mishutter.evaluation.metrics import FILTERS as FILTERS
 from mishutter.evaluation.metrics import FOUND_SHARE as FOUND_SHARE
 from mishutter.evaluation.metrics import Metrics as Metrics
 from mishutter.evaluation.metrics import SpectralLevels as SpectralLevels
 from mishutter.evaluation.metrics import evaluate as evaluate
+from mishutter.evaluation.metrics import found_psnr as found_psnr
 from mishutter.evaluation.metrics import spectral_levels as spectral_levels
 from mishutter.evaluation.metrics import squared_error_within as squared_error_within
 from mishutter.evaluation.needs import ONLY_SPECTRA as ONLY_SPECTRA

@@ -9,10 +9,12 @@ import numpy as np
 from jaxtyping import ArrayLike, Float, Shaped
 
 from mishutter.evaluation import (
+    FILTERS,
     Metrics,
     SpectralLevels,
     coarser,
     evaluate,
+    found_psnr,
     kernel_phase,
     kernels_at_speeds,
     loss_of_decoder,
@@ -145,14 +147,14 @@ def curves(
         `profile` over `time` in ms; `path` in px over `path_time`, and the path that is `sent` to
         a stage that follows with a lag; `kernels`, shares of the exposure per px, at
         `kernel_speeds` in px/s from `offset` px on; `signal` in dB over `frequency` in
-        cycles/px; `psnr` in dB over `speeds`; and `numbers`.
+        cycles/px; `psnr` in dB over `speeds`; the filter that both are of, `of_decoder`, in
+        words; and `numbers`.
     """
     half = float(motion.half_exposure)
     tau = np.linspace(-1, 1, _PROFILE_POINTS)
     transmittance, _ = profile_of(shutter, tau)
     time = np.linspace(-half, half, _PATH_POINTS)
     levels = spectral_levels(scene, motion, shutter)
-    over_speeds, level = _over_speeds(scene, levels)
     numbers = (
         None if at_once else _numbers(evaluate(scene, motion, shutter), motion, scene.decoder_speed)
     )
@@ -163,9 +165,10 @@ def curves(
         "path": _short(motion.position(time)),
         **_sent(scene, motion, time),
         **_kernels(scene, motion, shutter),
-        **_signal(levels),
-        **over_speeds,
-        "numbers": {"psnr": level} if numbers is None else numbers,
+        "of_decoder": FILTERS[scene.decoder_speed],
+        **_signal(levels, scene.decoder_speed),
+        **_over_speeds(levels, scene.decoder_speed),
+        "numbers": {"psnr": _level(scene, levels)} if numbers is None else numbers,
     }
 
 
@@ -193,9 +196,9 @@ def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
     }
 
 
-def _signal(levels: SpectralLevels) -> Numbers:
+def _signal(levels: SpectralLevels, speed: DecoderSpeed) -> Numbers:
     """Signal over noise at frequencies in equal ratios."""
-    frequency, ratio = levels.frequencies, levels.signal_over_noise
+    frequency, ratio = levels.frequencies, levels.of(speed).signal_over_noise
     even = np.geomspace(frequency[0], frequency[-1], _SPECTRUM_POINTS)
     places = np.unique(np.searchsorted(frequency, even).clip(0, frequency.size - 1))
     with np.errstate(divide="ignore"):
@@ -203,21 +206,34 @@ def _signal(levels: SpectralLevels) -> Numbers:
     return {"frequency": _short(frequency[places]), "signal": _short(level, 4)}
 
 
-def _over_speeds(scene: Scene, spectral: SpectralLevels) -> tuple[Numbers, float]:
-    """PSNR at each speed by one filter for all of them, and PSNR over all speeds."""
-    speeds, levels = spectral.speeds, spectral.psnr
+def _over_speeds(levels: SpectralLevels, speed: DecoderSpeed) -> Numbers:
+    """PSNR at each speed by the filter that the decoder restores with."""
+    speeds = levels.speeds
     count = min(speeds.size, _MOST_SPEEDS)
     shown = np.linspace(0, speeds.size - 1, count).round().astype(int)
+    return {"speeds": _short(speeds[shown]), "psnr": _short(levels.of(speed).psnr[shown])}
+
+
+def _level(scene: Scene, levels: SpectralLevels) -> float:
+    """PSNR over all speeds by the scene's decoder."""
+    speeds, weights = levels.speeds, np.asarray(scene.weights)
     places = np.searchsorted(speeds, np.asarray(scene.speeds)).clip(0, speeds.size - 1)
-    error = float(np.average(10 ** (-levels[places] / 10), weights=np.asarray(scene.weights)))
-    level = -10 * math.log10(error) if error > 0 else math.inf
-    return {"speeds": _short(speeds[shown]), "psnr": _short(levels[shown])}, level
+
+    def mean(psnr: Float[np.ndarray, "n"]) -> float:
+        error = float(np.average(10 ** (-psnr[places] / 10), weights=weights))
+        return -10 * math.log10(error) if error > 0 else math.inf
+
+    if scene.decoder_speed == "found":
+        return float(found_psnr(mean(levels.untold.psnr), mean(levels.told.psnr)))
+    return mean(levels.of(scene.decoder_speed).psnr)
 
 
 def _numbers(metrics: Metrics, motion: AbstractMotion, speed: DecoderSpeed) -> Numbers:
     """Numbers of a design beside its curves and in its row of the table."""
+    worst = metrics.worst_psnr_of(speed)
     return {
         "psnr": float(metrics.psnr_of(speed)),
+        **({} if worst is None else {"worst_speed_psnr": float(worst)}),
         "known_speed_psnr": float(metrics.known_speed_psnr),
         "condition": float(metrics.condition_number),
         "relative": float(metrics.relative_kernel_difference),

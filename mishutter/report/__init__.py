@@ -9,6 +9,7 @@ from mishutter.report.backgrounds import background_gains as background_gains
 from mishutter.report.backgrounds import background_line as background_line
 from mishutter.report.comparison import Comparison as Comparison
 from mishutter.report.comparison import compare as compare
+from mishutter.report.comparison import level_or_dash as level_or_dash
 from mishutter.report.comparison import with_verdict as with_verdict
 from mishutter.report.document import Report as Report
 from mishutter.report.document import document as document

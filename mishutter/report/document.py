@@ -192,11 +192,12 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     scene, shown = report.scene, report.photographs
     rows = pictured_rows(report.comparison, report.names)
     designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
+    speed = next(iter(rows.values())).speed
     few = dict(itertools.islice(designs.items(), _MOST_ROWS))
     drawings: dict[str, Callable[[], Figure]] = {
         "profile.png": lambda: plots.plot_profiles(designs),
         "kernels.png": lambda: plots.plot_kernels(few, shown_speeds(scene)),
-        "transfer.png": lambda: plots.plot_transfer(scene, designs),
+        "transfer.png": lambda: plots.plot_transfer(scene, designs, speed),
     }
     if shown is None:
         return drawings
@@ -208,7 +209,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
             pictured_speeds(scene),
             linear=True,
             axis=scene.axis,
-            decoder_speed=next(iter(rows.values())).speed,
+            decoder_speed=speed,
         ),
     }
     if report.design is not None:

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from mishutter._core import require, write_bytes
 from mishutter.evaluation import (
+    FILTERS,
     kernel_phase,
     kernels_at_speeds,
     picture_power,
@@ -230,26 +231,30 @@ def motion_text(motion: AbstractMotion) -> str:
     return ", ".join(parts)
 
 
-def plot_transfer(scene: Scene, designs: Named) -> "Figure":
+def plot_transfer(
+    scene: Scene, designs: Named, decoder_speed: DecoderSpeed = "unknown"
+) -> "Figure":
     """Draws signal over noise of each design at its own exposure, and the error that follows.
 
-    The upper panel has the power of the picture over the power of its disturbances: noise, and the
-    spread between the scene's speeds. The lower panel has the squared error of the best linear
-    decoder for all speeds, summed up to each frequency; its last value is that of the expected
-    PSNR, also in a scene whose decoder finds the speed or is told it. The axis begins where the
-    sum of the first design reaches a hundredth of its end.
+    The upper panel has the power of the picture over the power of its disturbances: noise, and, for
+    one filter for all speeds, the spread between them. The lower panel has the squared error of
+    that filter, summed up to each frequency; its last value is that of the expected PSNR. A decoder
+    that finds the speed is drawn with the filter that is told it, as it restores where the speed
+    that it finds is right. The axis begins where the sum of the first design reaches a hundredth
+    of its end.
 
     Args:
         scene: Speeds, noise and spectrum of the picture.
         designs: Motions and shutters by name.
+        decoder_speed: Knowledge that the decoder has of the speed, as `Scene.decoder_speed`.
     """
     figure, (ratios, errors) = _new(2, height=2.9, share=True)
     begin = 0.5
     for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
         levels = spectral_levels(scene, motion, shutter)
         frequency = levels.frequencies
-        ratio = np.asarray(levels.signal_over_noise, np.float64)
-        dtype = levels.signal_over_noise.dtype
+        single = levels.of(decoder_speed).signal_over_noise
+        ratio, dtype = np.asarray(single, np.float64), single.dtype
         power = np.asarray(picture_power(scene, ratio.size, dtype), np.float64)
         error = np.cumsum(power / (1 + ratio)) / ratio.size
         begin = min(begin, frequency[np.argmax(error >= _FIRST_ERROR * error[-1])])
@@ -263,7 +268,7 @@ def plot_transfer(scene: Scene, designs: Named) -> "Figure":
     errors.set(ylabel="cumulative squared error / 10⁻³", ylim=(0, None))
     errors.set(xlabel="spatial frequency / (cycles/px)", xlim=(begin, 0.5))
     errors.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    _legend(figure, errors, "expected PSNR of one filter for all speeds, linear light")
+    _legend(figure, errors, f"expected PSNR of {FILTERS[decoder_speed]}, linear light")
     return figure
 
 

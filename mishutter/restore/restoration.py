@@ -326,7 +326,9 @@ def restore_by_each(
             ]
             if trial == 0:
                 of_speed = [each.estimate for each in knowing]
-                doubts[:, index] = ["" if each is None else each.doubt for each in of_speed]
+                doubts[:, index] = [
+                    "" if each is None else each.of(scene, motion).doubt for each in of_speed
+                ]
                 results = zip((captured, *restored), (capture, *estimates), strict=True)
                 for store, result in results:
                     store[index] = result

@@ -1,6 +1,6 @@
 """Rivals of a design: windows, snapshots, coded stills, free paths and bursts, each at its best."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -122,6 +122,19 @@ class Row:
         }
         return frozenset(part for part, is_needed in takes.items() if is_needed)
 
+    @cached_property
+    def kind(self) -> tuple[bool, bool]:
+        """Whether the sensor follows another path than a parabola, and whether a shutter is made.
+
+        Of rows that take the same parts, one of a lesser kind is plainer.
+        """
+        return not self.motion.accelerates_constantly, not isinstance(self.shutter, RectShutter)
+
+    def is_plainer_than(self, other: "Row") -> bool:
+        """Whether it takes fewer of the other's parts, or the same parts of a plainer kind."""
+        same = self.takes == other.takes
+        return self.kind < other.kind if same else self.takes < other.takes
+
     @property
     def level(self) -> float:
         """Expected PSNR that judges it, within the tolerances of a scene that has any; dB.
@@ -138,6 +151,12 @@ class Row:
         if self.at_worst:
             return float(self.metrics.worst_speed_psnr)
         return float(self.metrics.psnr_of(self.speed))
+
+    @property
+    def worst_psnr(self) -> float | None:
+        """PSNR at the worst speed by the judging decoder; None if it finds the speed; dB."""
+        level = self.metrics.worst_psnr_of(self.speed)
+        return None if level is None else float(level)
 
     @property
     def setting(self) -> str:
@@ -160,28 +179,37 @@ def best_row(rows: Iterable[Row]) -> Row:
     return max(rows, key=lambda row: row.level)
 
 
+def plainest(rows: Iterable[Row], top: Row, *, within: float) -> Row:
+    """The plainest row of those that are about as good as one: that one, or a plainer row.
+
+    Fewer parts come first, then a parabola before a free path, then an ordinary shutter before a
+    made one, and then the level.
+
+    Args:
+        rows: Rows to choose from.
+        top: The one that they are compared with.
+        within: Level below the top from which on a row is not as good; dB.
+    """
+    plainer = [row for row in rows if row.is_plainer_than(top) and top.lead_over(row) < within]
+    return min([*plainer, top], key=lambda row: (len(row.takes), row.kind, -row.level))
+
+
 def best_of_each_purchase(rows: Iterable[Row]) -> dict[str, Row]:
     """The best row of each purchase, the simplest purchase first; a burst takes another camera.
 
-    The best row of a purchase is the best of all rows that need no more: whoever has bought more
-    may use less of it.
+    The best row of a purchase is the best of all rows that need no more, the plainest of equals:
+    whoever has bought more may use less of it.
 
     Args:
         rows: Rows of both readings, of which those at their own best motion count.
     """
     rows = [row for row in rows if row.reading == OWN_BEST_MOTION and row.name != BEST_BURST]
     return {
-        name: _plainest([row for row in rows if row.takes <= parts])
+        name: plainest(enough, best_row(enough), within=_SAME_LEVEL)
         for parts, name in _PURCHASES.items()
-        if any(row.takes == parts for row in rows)
+        for enough in [[row for row in rows if row.takes <= parts]]
+        if any(row.takes == parts for row in enough)
     }
-
-
-def _plainest(rows: Sequence[Row]) -> Row:
-    """The best row; of equals one with an ordinary shutter."""
-    top = best_row(rows)
-    equals = [row for row in rows if top.lead_over(row) < _SAME_LEVEL]
-    return next((row for row in equals if isinstance(row.shutter, RectShutter)), top)
 
 
 def taken_names() -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.fft
 from jaxtyping import ArrayLike, Bool, Complex, Float
-from scipy.special import digamma, polygamma
+from scipy.special import chdtri, digamma, polygamma
 
 from mishutter._core import (
     Unquoted,
@@ -67,6 +67,8 @@ _LEAST_TOLD = 16
 """Steps of 2 px below which speeds do not differ: a photograph may be as soft as its blur."""
 _DENIED = 0.01
 """Probability of the speed of all rows below which a band of them is said to have another."""
+_UNUSUAL = 0.01
+"""Share of the pictures of the prior that are further from its mean than one that is unusual."""
 _NUM_STEPS, _NUM_MORE_STEPS = 12, 4
 """Steps towards the likeliest spectrum for all speeds, and from there on for each."""
 _LOWEST = 2
@@ -113,11 +115,14 @@ class Energies(NamedTuple):
         spectrum: The one by the power spectrum.
         phase: Mean of $\log(1 + u^2)$, by octave.
         counts: Number of waves of each octave.
+        distance: Squared distance of the picture's spectrum from the mean of the prior, by its
+            covariance.
     """
 
     spectrum: Float[np.ndarray, "s"]
     phase: Float[np.ndarray, "o s"]
     counts: Float[np.ndarray, "o"]
+    distance: float
 
 
 def windows(
@@ -328,7 +333,9 @@ def energies(
     for line, band in zip(np.sqrt(smooth) / (smooth + noise), layout.members, strict=True):
         amplitude[band, layout.along] = line
         amplitude[band, 1] = line[0]
-    return Energies(spectrum, *_phase_energy(tile, blurs.phases, amplitude))
+    deviation = likeliest - statistics.mean
+    distance = float(deviation @ statistics.precision @ deviation)
+    return Energies(spectrum, *_phase_energy(tile, blurs.phases, amplitude), distance)
 
 
 class Posterior(NamedTuple):
@@ -465,6 +472,10 @@ class SpeedEstimate(NamedTuple):
         speeds: Speeds that were tried, ascending; px/s.
         weights: Their probabilities.
         doubt: A sentence about the evidence against it; empty where there is none.
+        second_speed: Speed at which a band of rows seems to move by itself, px/s; None if all rows
+            seem to move at `speed`.
+        is_unusual: Whether fewer than one in a hundred pictures of the prior would have a spectrum
+            like this one's, so that the evidence is worth less.
     """
 
     speed: float
@@ -473,6 +484,8 @@ class SpeedEstimate(NamedTuple):
     speeds: Float[np.ndarray, "s"]
     weights: Float[np.ndarray, "s"]
     doubt: str
+    second_speed: float | None = None
+    is_unusual: bool = False
 
     def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
         """The estimate in the frame of a scene, from one relative to a sensor that pans.
@@ -485,10 +498,19 @@ class SpeedEstimate(NamedTuple):
         pan, expected = float(motion.velocity), np.asarray(scene.speeds, np.float64)
         is_mirrored = self.speeds[0] >= 0 and pan - np.min(expected) > np.max(expected) - pan
         sign, order = (-1.0, slice(None, None, -1)) if is_mirrored else (1.0, slice(None))
-        speeds = (pan + sign * self.speeds)[order]
-        return self._replace(
-            speed=pan + sign * self.speed, speeds=speeds, weights=self.weights[order]
-        )
+        speed, speeds = pan + sign * self.speed, (pan + sign * self.speeds)[order]
+        estimate = self._replace(speed=speed, speeds=speeds, weights=self.weights[order])
+        if self.second_speed is None:
+            return estimate
+        second = pan + sign * self.second_speed
+        return estimate._replace(second_speed=second, doubt=_doubt_of_two(second, speed))
+
+
+def _doubt_of_two(some: float, every: float) -> str:
+    """The sentence that names the speed of some rows and that of all; px/s."""
+    return (
+        f"Some rows seem to move at {some:,.0f} px/s, where all rows together do at {every:,.0f}."
+    )
 
 
 @alone_in_blas()
@@ -567,16 +589,25 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
         doubt = "" if speeds.size == 1 else SHORT if is_short else LITTLE
         return SpeedEstimate(posterior.speed, posterior.error, not doubt, speeds, flat, doubt)
     parts = parts_of(irradiance, model, speeds, noise, statistics)
-    whole, weights, doubt = judged(parts, speeds, reach, statistics)
-    return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt)
+    whole, weights, doubt, second, is_unusual = judged(parts, speeds, reach, statistics)
+    trusted = not doubt
+    return SpeedEstimate(
+        whole.speed, whole.error, trusted, speeds, weights, doubt, second, is_unusual
+    )
 
 
 class Verdict(NamedTuple):
-    """The posterior of all rows, the weights of speeds, and any doubt about a single speed."""
+    """The posterior of all rows, the weights of speeds, and any doubt about a single speed.
+
+    A second speed, px/s, is that of rows that disagree with all; None where none do. The spectrum
+    of a picture is unusual beyond a quantile of the distances that the prior has.
+    """
 
     whole: Posterior
     weights: Float[np.ndarray, "s"]
     doubt: str
+    second_speed: float | None
+    is_unusual: bool
 
 
 def judged(
@@ -586,7 +617,8 @@ def judged(
     all_parts = [part for band in parts for part in band]
     whole = posterior_of(all_parts, speeds, reach, statistics)
     each = [posterior_of(band, speeds, reach, statistics) for band in parts]
-    weights, doubt, is_sure = whole.weights, "", whole.trusted(statistics.trust)
+    weights, doubt, second = whole.weights, "", None
+    is_sure = whole.trusted(statistics.trust)
     if whole.at_end:
         doubt = "The speed may lie beyond those of the scene."
     elif not is_sure:
@@ -594,14 +626,13 @@ def judged(
     denials = [p for p in each if p.around(whole.speed) < _DENIED]
     denials = [p for p in denials if is_sure or p.trusted(statistics.trust)]
     if denials:
-        odd = min(denials, key=lambda p: p.around(whole.speed))
-        doubt = (
-            f"Some rows seem to move at {odd.speed:,.0f} px/s past the sensor, where all rows "
-            f"together do at {whole.speed:,.0f}."
-        )
+        second = min(denials, key=lambda p: p.around(whole.speed)).speed
+        doubt = _doubt_of_two(second, whole.speed)
         # As likely a false alarm as a second speed.
         weights = (whole.weights + np.mean([p.weights for p in each], axis=0)) / 2
-    return Verdict(whole, weights, doubt)
+    furthest = chdtri(len(statistics.mean), _UNUSUAL)
+    is_unusual = bool(np.mean([part.distance for part in all_parts]) > furthest)
+    return Verdict(whole, weights, doubt, second, is_unusual)
 
 
 def luminance(
