@@ -13,7 +13,7 @@ from benchmarks import harness
 from mishutter._core import compiled
 from mishutter.evaluation import reduced
 from mishutter.evaluation.layers import computed_speeds
-from mishutter.model import example_scene, with_occlusion
+from mishutter.model import example_scene
 from mishutter.search import NUM_COEFFICIENTS, starting_shutter
 from mishutter.search.objective import AbstractObjective, objective_of
 from mishutter.search.planning import plan as plan_of_scene
@@ -37,7 +37,7 @@ whole. `speeds` are those at which transfer functions are computed.
 
 def objective(occlusion: ms.Occlusion | None) -> tuple[AbstractObjective, int]:
     """The objective of a search by the expected error, and the speeds that it computes."""
-    loss, scene = ms.ExpectedErrorLoss(), with_occlusion(example_scene(), occlusion)
+    loss, scene = ms.ExpectedErrorLoss(), example_scene().with_occlusion(occlusion)
     motion, shutter = scene.fullest_motion, starting_shutter(scene, NUM_COEFFICIENTS)
     space = design_space(scene, motion, shutter, FREE)
     plan = plan_of_scene(scene, motion, shutter, loss=loss, free=FREE)

@@ -26,7 +26,6 @@ from mishutter import (
     optimise,
     row_power_spectrum,
 )
-from mishutter.model import with_occlusion
 
 RIVALS = (
     "Hann",
@@ -121,7 +120,7 @@ def compared(scene: Scene) -> dict[str, str]:
 
 def gain_before(scene: Scene, layers: Occlusion) -> float:
     """Gain of the best camera for layers over the best snapshot for them; dB."""
-    return max(best_of(with_occlusion(scene, layers)).gain, 0.0)
+    return max(best_of(scene.with_occlusion(layers)).gain, 0.0)
 
 
 def _is_device(part: object) -> bool:

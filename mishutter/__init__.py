@@ -148,7 +148,7 @@ _FOLDERS = (
     "sweeps",
     "report",
 )
-"""Where public names are from, in an order in which each folder imports those before it alone."""
+"""Folders of the public names, in an order in which each imports only those before it."""
 
 __all__ = [
     "RASKAR_CODE",

@@ -54,6 +54,8 @@ def _largest_within_one_jvp(
     root = largest_within_one(low, high, parameters, function=function)
     _, slope = jax.jvp(lambda x: function(x, parameters), (root,), (jnp.ones_like(root),))
     _, change = eqx.filter_jvp(lambda p: function(root, p), (parameters,), tangents[2:])
+    if change is None:  # the function does not depend on what the parameters' tangents move
+        change = jnp.zeros_like(root)
     rises = slope > 0
     between = jnp.where(rises, -change / jnp.where(rises, slope, 1.0), 0.0)
     of_low, of_high = (jnp.zeros_like(root) if t is None else t for t in tangents[:2])

@@ -1,7 +1,7 @@
 """The recorded picture: capture, occlusion, footage and noise."""
 
-from mishutter.camera.capture import as_light as as_light
 from mishutter.camera.capture import as_pixels as as_pixels
+from mishutter.camera.capture import as_radiance as as_radiance
 from mishutter.camera.capture import blurred_at_speeds as blurred_at_speeds
 from mishutter.camera.capture import captured_columns as captured_columns
 from mishutter.camera.capture import captured_response as captured_response
@@ -22,7 +22,6 @@ from mishutter.camera.layers import Layers as Layers
 from mishutter.camera.layers import is_layers_file as is_layers_file
 from mishutter.camera.layers import read_layers as read_layers
 from mishutter.camera.noise import fixed_key as fixed_key
-from mishutter.camera.noise import white_electrons as white_electrons
 from mishutter.camera.rows import along_rows as along_rows
 from mishutter.camera.rows import blurred as blurred
 from mishutter.camera.rows import channels_last as channels_last

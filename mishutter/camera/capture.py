@@ -27,7 +27,7 @@ from mishutter._core import (
 )
 from mishutter.camera.footage import Frames, expose_frames
 from mishutter.camera.layers import Layers
-from mishutter.camera.noise import recorded, white_electrons
+from mishutter.camera.noise import recorded
 from mishutter.camera.occlusion import expose_layers, nodes_for
 from mishutter.camera.rows import (
     Planes,
@@ -56,12 +56,11 @@ from mishutter.model import (
     Optics,
     Picture,
     Scene,
-    is_straight,
     lens_response,
     pixels_along,
     require_scene,
     turned,
-    without_velocity,
+    white_electrons,
 )
 
 MAX_REACH = 1 << 13
@@ -158,12 +157,12 @@ def simulate_capture(
         irradiance = expose(along, motion, shutter, scene.optics)  # type: ignore[arg-type]
         levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
         return as_float(turned(levels, scene.axis))
-    light = turned(as_light(picture, "simulate_capture(picture=...)"), scene.axis)
+    radiance = turned(as_radiance(picture, "simulate_capture(picture=...)"), scene.axis)
     require_known("simulate_capture", motion=motion, speed=speed, displacement=displacement)
     for name, value in (("speed", speed), ("displacement", displacement)):
         require_scalar(f"simulate_capture({name}=...)", value)
         require_finite(f"simulate_capture({name}=...)", value)
-    columns = light.shape[-1 if light.ndim == 2 else -2]
+    columns = radiance.shape[-1 if radiance.ndim == 2 else -2]
     num_taps, _ = kernel_layout(motion, speed)
     window = slice(0, columns)
     if border == "scene":
@@ -175,15 +174,15 @@ def simulate_capture(
     response = _through_lens(
         scene, captured_response(motion, shutter, [speed], period)[0], period, displacement
     )
-    planes = rows_last(distinct_colours(light, plan))
-    irradiance = channels_last(_exposed(planes, response, period, border)[..., window], light)
-    irradiance = every_colour(irradiance, light)
+    planes = rows_last(distinct_colours(radiance, plan))
+    irradiance = channels_last(_exposed(planes, response, period, border)[..., window], radiance)
+    irradiance = every_colour(irradiance, radiance)
     levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
     return as_float(turned(levels, scene.axis))
 
 
 def blurred_at_speeds(
-    light: Planes,
+    radiance: Planes,
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
@@ -194,18 +193,18 @@ def blurred_at_speeds(
 ) -> Iterator[Planes]:
     """Irradiance of the sensor from a picture at each of several speeds, without noise.
 
-    The picture is the scene: of `columns` those are recorded whose light is known at every
+    The picture is the scene: of `columns` those are recorded whose irradiance is known at every
     speed (see `kernel_layout`).
     """
     num_taps, origin = kernel_layout(motion, *speeds, least_taps=least_taps)
-    planes = rows_last(distinct_colours(light, plan))
+    planes = rows_last(distinct_colours(radiance, plan))
     columns = planes.shape[-1]
     period = period_of(columns, num_taps, "scene")
     window = slice(num_taps - 1 - origin, columns - origin)
     for response in captured_response(motion, shutter, speeds, period):
         response = _through_lens(scene, response, period)
         irradiance = _exposed(planes, response, period, "scene")[..., window]
-        yield every_colour(channels_last(irradiance, light), light)
+        yield every_colour(channels_last(irradiance, radiance), radiance)
 
 
 def through_optics(
@@ -244,7 +243,7 @@ def captured_response(
     with outside_trace():
         speed_gain = float(motion.speed_gain)
     velocity = (speed_gain + fastest) * float(motion.half_exposure)
-    still, num_nodes = without_velocity(motion), nodes_for(velocity)
+    still, num_nodes = motion.without_velocity(), nodes_for(velocity)
     return pixel_responses(shutter, still, relative, period, num_nodes=num_nodes)
 
 
@@ -339,7 +338,7 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
         ValueError: if light would be displaced by more than 8,192 px.
     """
     fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
-    still = without_velocity(motion)
+    still = motion.without_velocity()
     speed = np.asarray(fastest, still.half_exposure.dtype)
     reach, stroke = float(still.kernel_length(speed)), float(motion.stroke)
     smear = 2 * fastest * float(motion.half_exposure)
@@ -347,17 +346,17 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     is_short = math.isfinite(longest) and longest <= MAX_REACH
     require(is_short, "simulate_capture(speed=...)", f"blur over at most {MAX_REACH} px", longest)
     num_taps = max(least_taps, sized_for(longest - 1, stroke + smear / 2).num_taps)
-    return num_taps, num_taps // 2 if is_straight(motion) else 0
+    return num_taps, num_taps // 2 if motion.is_straight else 0
 
 
-def as_light(picture: Picture | ArrayLike, subject: str) -> Planes:
-    """The light of a picture as an array: `(rows, columns)` or with channels last."""
+def as_radiance(picture: Picture | ArrayLike, subject: str) -> Planes:
+    """The radiance of a picture, linear, as an array: `(rows, columns)` or with channels last."""
     if isinstance(picture, Picture):
         return floating_light(picture.light, subject)
-    light = as_pixels(picture, subject)
-    least = float(np.min(np.asarray(light))) if is_concrete(light) else 0.0
+    radiance = as_pixels(picture, subject)
+    least = float(np.min(np.asarray(radiance))) if is_concrete(radiance) else 0.0
     require(least >= 0, subject, "be at least 0", least)
-    return light
+    return radiance
 
 
 def as_pixels(picture: ArrayLike, subject: str) -> Planes:
@@ -382,7 +381,7 @@ def _recorded(
         full_well = float(scene.full_well)
     return recorded(
         irradiance,
-        white_electrons(scene, motion),
+        white_electrons(scene.photon_rate, motion.exposure),
         scene.read_noise,
         key=key,
         full_well=full_well,
@@ -431,26 +430,26 @@ def skips(plan: Plan | Automatic | None) -> bool:
     return plan.skips if isinstance(plan, Plan) else plan is not None
 
 
-def distinct_colours(light: Planes, plan: Plan | Automatic | None) -> Planes:
+def distinct_colours(picture: Planes, plan: Plan | Automatic | None) -> Planes:
     """A picture, or one of its colours where all are the same and `plan` skips.
 
     Args:
-        light: Shape `(rows, columns)` or `(..., rows, columns, channels)`.
+        picture: Shape `(rows, columns)` or `(..., rows, columns, channels)`.
         plan: The caller's own argument `plan=`.
 
     Returns:
-        Shape of `light`, with one channel where the colours are equal.
+        Shape of `picture`, with one channel where the colours are equal.
     """
-    if not (skips(plan) and light.ndim > 2 and light.shape[-1] > 1 and is_concrete(light)):
-        return light
-    colours = np.asarray(light)
+    if not (skips(plan) and picture.ndim > 2 and picture.shape[-1] > 1 and is_concrete(picture)):
+        return picture
+    colours = np.asarray(picture)
     are_equal = bool(np.all(colours == colours[..., :1]))
-    return colours[..., :1] if are_equal else light
+    return colours[..., :1] if are_equal else picture
 
 
-def every_colour(light: Planes, like: ArrayLike) -> Planes:
-    """`light` with as many channels as `like`."""
-    if light.ndim < 3 or light.shape[-1] == jnp.shape(like)[-1]:
-        return light
-    space = namespace_of(light)
-    return space.broadcast_to(light, (*light.shape[:-1], np.shape(like)[-1]))
+def every_colour(picture: Planes, like: ArrayLike) -> Planes:
+    """`picture` with as many channels as `like`."""
+    if picture.ndim < 3 or picture.shape[-1] == jnp.shape(like)[-1]:
+        return picture
+    space = namespace_of(picture)
+    return space.broadcast_to(picture, (*picture.shape[:-1], np.shape(like)[-1]))

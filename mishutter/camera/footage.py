@@ -90,8 +90,8 @@ class Frames:
 
     def turned(self) -> "Frames":
         """The footage with rows and columns exchanged."""
-        lights = (f.light if isinstance(f, Picture) else np.asarray(f) for f in self.frames)
-        return replace(self, frames=(turned(light, "columns") for light in lights))
+        radiances = (f.light if isinstance(f, Picture) else np.asarray(f) for f in self.frames)
+        return replace(self, frames=(turned(radiance, "columns") for radiance in radiances))
 
     @staticmethod
     def of(frames: np.ndarray | list, border: str = "reflect") -> "Frames":
@@ -159,8 +159,10 @@ def read_frames(
             f"`{_READ}` must name a whole video; got {str(path)!r}: {reason.removesuffix('.')}."
         ) from error
     require(len(durations) >= 1, _READ, "hold at least one frame", str(path))
-    lights = (light_of(Decoded(frame, None, 255.0), path, white_level, linear) for frame in frames)
-    return Frames(lights, len(durations), border, durations)
+    radiances = (
+        light_of(Decoded(frame, None, 255.0), path, white_level, linear) for frame in frames
+    )
+    return Frames(radiances, len(durations), border, durations)
 
 
 def expose_frames(
@@ -256,16 +258,16 @@ def _nodes(
 
 def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
     subject = "Frames(frames=...)"
-    light = floating_light(frame.light if isinstance(frame, Picture) else frame, subject)
-    light = light[..., None] if light.ndim == 2 else light
-    is_picture = light.ndim == 3 and light.shape[2] in (1, 3) and min(light.shape) > 0
-    require(is_picture, subject, "be pictures", shape_of(light))
-    is_finite = bool(np.all(np.isfinite(light)))
+    radiance = floating_light(frame.light if isinstance(frame, Picture) else frame, subject)
+    radiance = radiance[..., None] if radiance.ndim == 2 else radiance
+    is_picture = radiance.ndim == 3 and radiance.shape[2] in (1, 3) and min(radiance.shape) > 0
+    require(is_picture, subject, "be pictures", shape_of(radiance))
+    is_finite = bool(np.all(np.isfinite(radiance)))
     require(is_finite, subject, "hold finite light", Unquoted("a value that is not"))
-    require(bool(np.min(light) >= 0), subject, "hold light of at least 0", np.min(light))
-    has_shape = shape is None or light.shape == shape
-    require(has_shape, subject, f"all have shape {shape}", shape_of(light))
-    return light
+    require(bool(np.min(radiance) >= 0), subject, "hold light of at least 0", np.min(radiance))
+    has_shape = shape is None or radiance.shape == shape
+    require(has_shape, subject, f"all have shape {shape}", shape_of(radiance))
+    return radiance
 
 
 def _pictures(names: Sequence[Path], white: float | None, linear: bool) -> Iterator[np.ndarray]:

@@ -18,10 +18,7 @@ from mishutter._core import (
     require,
     require_positive_int,
 )
-from mishutter.model import AbstractMotion, Scene
 
-Number = Array | np.ndarray | np.floating
-"""A scalar: of NumPy where it is concrete, and of JAX elsewhere."""
 _MOST_COUNTED = 1e15
 """Number of electrons above which its distribution counts as normal."""
 
@@ -29,14 +26,8 @@ _RUN = 1 << 16
 """Pixels whose numbers one generator draws."""
 
 
-def white_electrons(scene: Scene, motion: AbstractMotion) -> Number:
-    r"""Photo-electrons of a white pixel in a fully open exposure, $p = \text{rate}\cdot 2T$."""
-    rate, exposure = as_numpy(scene.photon_rate, motion.exposure)
-    return rate * exposure
-
-
 def recorded(
-    light: Float[Array | np.ndarray, "*pixels"],
+    irradiance: Float[Array | np.ndarray, "*pixels"],
     electrons: ArrayLike,
     read_noise: ArrayLike,
     *,
@@ -44,7 +35,7 @@ def recorded(
     full_well: float | None = None,
     adc_bits: int | None = None,
 ) -> Float[Array, "*pixels"]:
-    r"""Light as a sensor records it, in units of a fully open exposure of white.
+    r"""An irradiance as a sensor records it, in units of a fully open exposure of white.
 
     $g = \mathrm{Poisson}(p f)/p + \mathrm{Normal}(0, (\sigma/p)^2)$ (4). A full well cuts
     the electrons off before the read noise comes in; a converter of $b$ bits rounds to
@@ -52,7 +43,7 @@ def recorded(
     records nothing below or above.
 
     Args:
-        light: Irradiance without noise.
+        irradiance: Irradiance without noise.
         electrons: $p$, e-.
         read_noise: $\sigma$, e-.
         key: JAX key of the noise; None for none.
@@ -60,19 +51,19 @@ def recorded(
         adc_bits: Bits of the converter; None for no rounding.
 
     Returns:
-        Levels, in the precision of `light`.
+        Levels, in the precision of `irradiance`.
 
     Raises:
         ValueError: if the full well is not positive and finite, or the bits are not from 1 to 24.
     """
-    light, electrons = as_numpy(light, electrons)
+    irradiance, electrons = as_numpy(irradiance, electrons)
     space = namespace_of(electrons)
-    shot, read_key = light * space.asarray(electrons, light.dtype), None
+    shot, read_key = irradiance * space.asarray(electrons, irradiance.dtype), None
     if key is not None:
         shot_key, read_key = _keys(key)
         shot = shot_electrons(shot_key, shot)
     return _digitised(
-        shot, light, electrons, read_noise, read_key, full_well=full_well, adc_bits=adc_bits
+        shot, irradiance, electrons, read_noise, read_key, full_well=full_well, adc_bits=adc_bits
     )
 
 
@@ -140,7 +131,7 @@ def _poisson(seed: np.random.SeedSequence, expected: np.ndarray) -> np.ndarray:
 @compiled
 def _digitised(
     electrons: Array | np.ndarray,
-    light: Array | np.ndarray,
+    irradiance: Array | np.ndarray,
     white: ArrayLike,
     read_noise: ArrayLike,
     key: Array | None,
@@ -154,11 +145,11 @@ def _digitised(
         require(is_limit, "simulate_capture(full_well=...)", requirement, full_well)
         electrons = jnp.minimum(electrons, full_well)
     if key is not None:
-        sigma = jnp.asarray(read_noise, light.dtype)
-        electrons = electrons + sigma * jax.random.normal(key, light.shape, light.dtype)
-    p = jnp.asarray(white, light.dtype)
+        sigma = jnp.asarray(read_noise, irradiance.dtype)
+        electrons = electrons + sigma * jax.random.normal(key, irradiance.shape, irradiance.dtype)
+    p = jnp.asarray(white, irradiance.dtype)
     has_light = p > 0
-    value = jnp.where(has_light, electrons / jnp.where(has_light, p, 1), light)
+    value = jnp.where(has_light, electrons / jnp.where(has_light, p, 1), irradiance)
     if adc_bits is None:
         return value
     require_positive_int("simulate_capture(adc_bits=...)", adc_bits)

@@ -45,7 +45,7 @@ class _Image(NamedTuple):
     """The image of a layer with nothing in front of it.
 
     Attributes:
-        light: Light times matte at no displacement.
+        radiance: Radiance times matte at no displacement.
         displacement: Its displacement at each time of the exposure; px.
         speed: Its speed; px/s.
         left: Column of the sensor of its first column.
@@ -53,7 +53,7 @@ class _Image(NamedTuple):
         rows: Rows of the sensor that it covers.
     """
 
-    light: Float[np.ndarray, "channels rows period"]
+    radiance: Float[np.ndarray, "channels rows period"]
     displacement: Float[np.ndarray, "q"]
     speed: float
     left: int
@@ -62,18 +62,18 @@ class _Image(NamedTuple):
 
     @property
     def aside(self) -> int:
-        """Columns to either side that its light reaches, px."""
+        """Columns to either side that it reaches while it is displaced; px."""
         return _reach(self.displacement) + MARGIN
 
 
 def expose_layers(
     layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, optics: Optics
 ) -> np.ndarray:
-    r"""Light on the sensor from layers that hide one another while they move.
+    r"""Irradiance of the sensor from layers that hide one another while they move.
 
     $g = \int w(t) \sum_l (\alpha_l C_l)(x - d_l) \prod_{m > l} (1 - \alpha_m(x - d_m))\,dt$ with
     displacements $d_l(t)$: the time integral of the composite, not a composite of blurred
-    layers. Light and mattes are continuous, band-limited functions through their pixels, so that
+    layers. Radiance and mattes are continuous, band-limited functions through their pixels, so that
     an edge is as sharp as the pixels are; the optics cut off finer detail of the composite.
 
     Each layer is added blurred as if nothing hid it, and its hidden parts are taken away. In the
@@ -92,7 +92,7 @@ def expose_layers(
         optics: The lens.
 
     Returns:
-        Light in units of a fully open exposure, at mid-exposure alignment; shape
+        Irradiance in units of a fully open exposure, at mid-exposure alignment; shape
         `layers.shape`.
     """
     shape, dtype = layers.shape, layers.layers[0].picture.light.dtype
@@ -102,15 +102,15 @@ def expose_layers(
     total = np.zeros((channels, rows, columns))
     for index in range(len(layers.layers)):
         image = _image(layers, index, exposure)
-        period = image.light.shape[-1]
+        period = image.radiance.shape[-1]
         response = _responses(image, exposure, exposure.weight[None], period)
-        irradiance = np.fft.irfft(np.fft.rfft(image.light) * response, period)
+        irradiance = np.fft.irfft(np.fft.rfft(image.radiance) * response, period)
         _add(total[:, image.rows], irradiance, image, image.left)
         front = [m for m in layers.layers[index + 1 :] if _overlaps(m, image.rows)]
         if front:
             _hide(total, image, front, exposure)
-    light = np.moveaxis(total, 0, -1).astype(dtype)
-    return np.ascontiguousarray(np.broadcast_to(light, shape))
+    picture = np.moveaxis(total, 0, -1).astype(dtype)
+    return np.ascontiguousarray(np.broadcast_to(picture, shape))
 
 
 def nodes_for(velocity: float) -> int:
@@ -135,14 +135,14 @@ def _image(layers: Layers, index: int, exposure: _Exposure) -> _Image:
     top, left = (layer.top, layer.left) if index else (0, 0)
     rows = slice(max(top, 0), min(top + _height(layer), num_rows))
     own_rows = slice(rows.start - top, rows.stop - top)
-    light = np.moveaxis(layer.picture.light[own_rows], -1, 0).astype(np.float64)
-    light = np.broadcast_to(light, (channels, *light.shape[1:])) * layer.matte[own_rows]
+    radiance = np.moveaxis(layer.picture.light[own_rows], -1, 0).astype(np.float64)
+    radiance = np.broadcast_to(radiance, (channels, *radiance.shape[1:])) * layer.matte[own_rows]
     border = "zero" if index else layers.border
     displacement = exposure.path - layer.speed * exposure.time
-    num_columns = light.shape[-1]
+    num_columns = radiance.shape[-1]
     period = period_of(num_columns, _reach(displacement), border)
-    light = continued(light, period, border)
-    return _Image(light, displacement, layer.speed, left, num_columns, rows)
+    radiance = continued(radiance, period, border)
+    return _Image(radiance, displacement, layer.speed, left, num_columns, rows)
 
 
 def _reach(displacement: np.ndarray) -> int:
@@ -158,16 +158,18 @@ def _responses(
     return np.asarray(waves_on_dft(image.displacement[None], weights, period, count)) * aperture
 
 
-def _add(total: np.ndarray, light: np.ndarray, image: _Image, left: int) -> None:
-    """Add periodic light whose first column lies at `left` to some rows of the sensor."""
+def _add(total: np.ndarray, irradiance: np.ndarray, image: _Image, left: int) -> None:
+    """Add a periodic irradiance whose first column lies at `left` to some rows of the sensor."""
     first = max(image.left - image.aside, 0)
     last = min(image.left + image.num_columns + image.aside, total.shape[-1])
     if first < last:
-        total[..., first:last] += light[..., np.arange(first - left, last - left) % light.shape[-1]]
+        total[..., first:last] += irradiance[
+            ..., np.arange(first - left, last - left) % irradiance.shape[-1]
+        ]
 
 
 def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _Exposure) -> None:
-    """Take away the light of a layer that layers in front of it stop."""
+    """Take away the irradiance of a layer that layers in front of it stop."""
     first = max(image.rows.start, min(m.top for m in front))
     last = min(image.rows.stop, max(m.top + _height(m) for m in front))
     rates = [image.speed - m.speed for m in front]
@@ -196,17 +198,17 @@ def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _E
 
     def hide(begin: int) -> None:
         end = min(begin + _ROWS_AT_ONCE, last)
-        own = image.light[:, begin - image.rows.start : end - image.rows.start]
-        light = _finer(np.fft.rfft(own), own.shape[-1], finer)
-        light = light[..., (finer * origin + np.arange(finer * period)) % light.shape[-1]]
-        light = light * is_inside
+        own = image.radiance[:, begin - image.rows.start : end - image.rows.start]
+        radiance = _finer(np.fft.rfft(own), own.shape[-1], finer)
+        radiance = radiance[..., (finer * origin + np.arange(finer * period)) % radiance.shape[-1]]
+        radiance = radiance * is_inside
         place = image.left + origin
         mattes = [np.fft.rfft(_placed(m, begin, end, place, period)) for m in front]
-        loss = np.zeros((*light.shape[:2], period // 2 + 1), complex)
+        loss = np.zeros((*radiance.shape[:2], period // 2 + 1), complex)
         for index, response in enumerate(responses):
             shifted = [m * shift[index] for m, shift in zip(mattes, shifts, strict=True)]
             clearness = np.prod([1 - _finer(m, period, finer) for m in shifted], axis=0)
-            spectrum = np.fft.rfft(light * (1 - clearness))[..., : period // 2 + 1]
+            spectrum = np.fft.rfft(radiance * (1 - clearness))[..., : period // 2 + 1]
             loss -= spectrum * (response / finer)
         _add(total[:, begin:end], np.fft.irfft(loss, period), image, place)
 
@@ -262,9 +264,9 @@ def _overlaps(layer: Layer, rows: slice) -> bool:
 
 def _is_grey(layers: Layers) -> bool:
     return all(
-        np.array_equal(light[..., :1], light[..., channel : channel + 1])
-        for light in (layer.picture.light for layer in layers.layers)
-        for channel in range(1, light.shape[2])
+        np.array_equal(radiance[..., :1], radiance[..., channel : channel + 1])
+        for radiance in (layer.picture.light for layer in layers.layers)
+        for channel in range(1, radiance.shape[2])
     )
 
 

@@ -88,12 +88,12 @@ def _is_smooth(number: int) -> bool:
     return number == 1
 
 
-def rows_last(light: ArrayLike) -> Planes:
+def rows_last(image: ArrayLike) -> Planes:
     """A picture `(..., rows, columns, channels)` or `(rows, columns)`, columns last.
 
     The result has the shape `(..., channels, rows, columns)`; NumPy's of a concrete picture.
     """
-    space, picture = _in_its_space(light)
+    space, picture = _in_its_space(image)
     picture = picture[..., None] if picture.ndim == 2 else picture
     return space.moveaxis(picture, -1, -3)
 
@@ -101,10 +101,10 @@ def rows_last(light: ArrayLike) -> Planes:
 def channels_last(planes: Planes, like: ArrayLike) -> Planes:
     """Undo `rows_last`, for a picture that had as many axes as `like`."""
     space, planes = _in_its_space(planes)
-    light = space.moveaxis(planes, -3, -1)
-    return light[..., 0] if np.ndim(like) == 2 else light
+    picture = space.moveaxis(planes, -3, -1)
+    return picture[..., 0] if np.ndim(like) == 2 else picture
 
 
-def _in_its_space(light: Any) -> tuple[Any, Any]:
+def _in_its_space(values: Any) -> tuple[Any, Any]:
     """NumPy and its array of concrete rows; JAX's NumPy and the rows where they are traced."""
-    return (np, np.asarray(light)) if is_concrete(light) else (jnp, light)
+    return (np, np.asarray(values)) if is_concrete(values) else (jnp, values)

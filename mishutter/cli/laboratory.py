@@ -159,6 +159,7 @@ class CameraFiles(NamedTuple):
 
 def cameras(scene: "Scene", files: CameraFiles) -> "dict[str, Design]":
     """The camera as designed, as driven and as measured, for each of which there is a file."""
+    from mishutter.evaluation import transmittance
     from mishutter.hardware import GIVEN, Design
 
     _require_table(files)
@@ -167,8 +168,8 @@ def cameras(scene: "Scene", files: CameraFiles) -> "dict[str, Design]":
     if files.design is not None:
         saved = Design.load(files.design)
         motion = saved.motion
-        transmittance = scene.light(saved.command, motion)
-        designs[AS_DESIGNED] = replace(saved, scene=scene, shutter=transmittance, loss_name=GIVEN)
+        profile = transmittance(scene, motion, saved.command)
+        designs[AS_DESIGNED] = replace(saved, scene=scene, shutter=profile, loss_name=GIVEN)
     half_exposure = None if files.half_exposure_ms is None else files.half_exposure_ms * 1e-3
     if files.drive is not None:
         driven = Design.from_drive(

@@ -27,7 +27,7 @@ def print_comparison(report: "Report") -> None:
         columns = _columns(comparison)
         if reading == OWN_BEST_MOTION:
             print_table(reading.capitalize(), columns, [*cells, _ceiling(comparison, columns)])
-            print_text(_level_note(rows[0]) + _FOOT)
+            print_text(_level_notes(rows[0]) + _FOOT)
             if comparison.costs is not None:
                 print_text("within dB  expected within the tolerances; gain dB compares these")
             print_text()
@@ -63,9 +63,13 @@ _OF_DECODER = {
     "told": "PSNR dB      expected of a linear filter that is told the speed\n",
 }
 _AT_WORST = "PSNR dB      expected at the worst of the speeds, of one linear filter for all\n"
+_WORST_OF_DECODER = {
+    "unknown": "worst speed  PSNR dB at the worst of the speeds, of one linear filter for all\n",
+    "found": "worst speed  PSNR dB of a decoder that finds the speed is known in the mean alone\n",
+    "told": "worst speed  PSNR dB at the worst of the speeds, of a filter that is told it\n",
+}
+_GAIN = "gain dB      over the best snapshot\n"
 _FOOT = """\
-gain dB      over the best snapshot
-worst speed  PSNR dB at the worst of the speeds, of one linear filter for all
 light        share that the shutter passes
 stroke px    from mid-exposure to either end
 pan px/s     velocity at mid-exposure
@@ -74,9 +78,10 @@ ceiling      nothing exceeds it"""
 _OF_KERNELS = ("shutter", "condition", "kernel diff", "relative", "bound")
 
 
-def _level_note(row: "Row") -> str:
-    """The meaning of the first column of numbers, which all rows share."""
-    return _AT_WORST if row.at_worst else _OF_DECODER[row.speed]
+def _level_notes(row: "Row") -> str:
+    """The meaning of the first three columns of numbers, which all rows share."""
+    level = _AT_WORST if row.at_worst else _OF_DECODER[row.speed]
+    return level + _GAIN + _WORST_OF_DECODER[row.speed]
 
 
 def _columns(comparison: "Comparison") -> tuple[str, ...]:
@@ -113,13 +118,15 @@ def _ceiling(comparison: "Comparison", columns: "Sequence[str]") -> list[str]:
 
 
 def _cells(comparison: "Comparison", row: "Row") -> list[str]:
+    from mishutter.report import level_or_dash
+
     within = row.metrics.toleranced_psnr
     last = "" if within is None else f"{float(within):.2f}"
     return [
         row.name if row.num_frames == 1 else f"{row.name}, {row.num_frames} frames",
         f"{row.psnr:.2f}",
         f"{round(comparison.over_snapshot(row.level), 2) + 0.0:+.2f}",
-        f"{float(row.metrics.worst_speed_psnr):.2f}",
+        level_or_dash(row.worst_psnr),
         f"{float(row.metrics.efficiency):.3f}",
         f"{float(row.motion.stroke):.1f}",
         f"{round(float(row.motion.velocity)) + 0:d}",

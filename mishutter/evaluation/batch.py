@@ -41,14 +41,11 @@ from mishutter.evaluation.sensor_view import transmittance
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
-    ParabolicMotion,
     Scene,
     aligned,
-    has_vertex,
     piecewise,
     reach_of_parabola,
     steady,
-    with_occlusion,
 )
 
 KERNEL_METRICS = ("condition_number", "kernel_difference", "relative_kernel_difference")
@@ -90,6 +87,44 @@ class Sizes(NamedTuple):
     aside: Int[np.ndarray, "n"]
     num_effective_speeds: Int[np.ndarray, "n"]
 
+    @staticmethod
+    def of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> "Sizes":
+        """Sizes of a scene on many motions; without skips the full ones are the sufficient ones.
+
+        Args:
+            scene: The scene.
+            motions: Motions without velocity, whose numbers have a leading axis.
+            skips: Whether parts that change no result are left out.
+        """
+        longest, turns = longest_within_limits(scene), np.asarray(motions.has_vertex)
+        half = np.asarray(motions.half_exposure, np.float64)
+        a = np.asarray(steady(motions).acceleration, np.float64)
+        stroke = np.where(turns, a * half * half, 0.0)
+        smear = float(scene.max_speed) * half
+        reach, velocity = map(np.asarray, reach_of_parabola(stroke, smear))
+        reach_of_plan = np.minimum(np.maximum(reach, longest), _FURTHEST)
+        plans = _by_whole(reach_of_plan, lambda x: sized_for(x, 0.0))
+        num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
+        speeds = occurring_speeds(scene).reshape(-1, *(1,) * np.ndim(stroke))
+        spread = np.asarray(aligned(stroke[None], speeds * half).extent)[0]
+        counts = num_frequencies(scene, spread)
+        aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
+        aside = np.where(turns, 0, aside).astype(int)
+        num_reached = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
+        if not skips:
+            velocity, num_reached = np.maximum(velocity, longest), num_taps
+        halves, index = np.unique(half, return_inverse=True)
+        return Sizes(
+            num_taps=num_taps,
+            dft_length=dft_length,
+            num_frequencies=counts,
+            num_reached_taps=np.minimum(num_reached, num_taps).astype(int),
+            num_still_taps=np.minimum(np.ceil(stroke) + 1, num_taps).astype(int),
+            num_nodes=_by_whole(velocity, lambda x: sized_for(0.0, x)).each("num_nodes"),
+            aside=aside,
+            num_effective_speeds=np.array([effective_speeds(scene, x) for x in halves], int)[index],
+        )
+
 
 class Shapes(NamedTuple):
     """Sizes that all designs of a batch share; static.
@@ -103,6 +138,19 @@ class Shapes(NamedTuple):
     dft_lengths: tuple[int, ...]
     still_taps: int
     node_counts: tuple[int, ...]
+
+    @staticmethod
+    def of(each: Sequence[Sizes]) -> "Shapes":
+        """Shapes that hold designs of some sizes; the smallest shapes without any design.
+
+        Args:
+            each: Sizes of the designs of each scene.
+        """
+        lengths = {1024, *(int(x) for sizes in each for x in np.unique(sizes.dft_length))}
+        still = max((int(x) for sizes in each for x in sizes.num_still_taps), default=1)
+        nodes = [_whole_blocks(np.unique(sizes.num_nodes)) for sizes in each]
+        node_counts = {BLOCK, *(int(x) for counts in nodes for x in counts)}
+        return Shapes(tuple(sorted(lengths)), still, tuple(sorted(node_counts)))
 
 
 class Rules(NamedTuple):
@@ -119,6 +167,33 @@ class Rules(NamedTuple):
     weight: Float[Array, "r k q"]
     num_blocks: Int[Array, "r"]
     efficiency: Float[Array, "k"]
+
+    @staticmethod
+    def of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtype) -> "Rules":
+        """Rules of shutters that differ in their parameters alone, not in their breakpoints.
+
+        Args:
+            shutters: Transmittances behind the device.
+            shapes: Shapes of the batch.
+            dtype: Precision of the rules.
+        """
+        profiles = jax.tree.map(
+            lambda *x: np.stack([np.asarray(each) for each in x]), *map(piecewise, shutters)
+        )
+        rules = _rules(profiles, len(shutters), shapes.node_counts, dtype)
+        nonzero = [np.flatnonzero(np.any(np.asarray(rule.weight) != 0, axis=0)) for rule in rules]
+        blocks = np.array([-(-(x[-1] + 1) // BLOCK) if x.size else 0 for x in nonzero], np.int32)
+        length = max(1, int(blocks.max())) * BLOCK
+
+        def whole(part: Float[Array, "k q"]) -> Float[np.ndarray, "k n"]:
+            rows = np.asarray(part)[:, :length]
+            return np.pad(rows, ((0, 0), (0, length - rows.shape[1])))
+
+        tau = np.stack([whole(rule.tau)[0] for rule in rules])
+        weight = np.stack([whole(rule.weight) for rule in rules])
+        return Rules(
+            jnp.asarray(tau), jnp.asarray(weight), jnp.asarray(blocks), rules[0].efficiency
+        )
 
 
 class LightLevels(NamedTuple):
@@ -173,47 +248,6 @@ class _KernelSums(NamedTuple):
     taps: Float[Array, "taps"]
 
 
-def motions_at(
-    accelerations: Float[np.ndarray, "n"], half_exposures: Float[np.ndarray, "n"]
-) -> ParabolicMotion:
-    """Motions without velocity whose numbers have a leading axis."""
-    one = ParabolicMotion(acceleration=0.0, half_exposure=1.0)
-    numbers = accelerations, half_exposures, np.zeros_like(half_exposures)
-    return eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, numbers)
-
-
-def sizes_of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> Sizes:
-    """Sizes of a scene on many motions; without skips the full ones are the sufficient ones."""
-    longest, turns = longest_within_limits(scene), np.asarray(has_vertex(motions))
-    half = np.asarray(motions.half_exposure, np.float64)
-    a = np.asarray(steady(motions).acceleration, np.float64)
-    stroke = np.where(turns, a * half * half, 0.0)
-    smear = float(scene.max_speed) * half
-    reach, velocity = map(np.asarray, reach_of_parabola(stroke, smear))
-    reach_of_plan = np.minimum(np.maximum(reach, longest), _FURTHEST)
-    plans = _by_whole(reach_of_plan, lambda x: sized_for(x, 0.0))
-    num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
-    speeds = occurring_speeds(scene).reshape(-1, *(1,) * np.ndim(stroke))
-    spread = np.asarray(aligned(stroke[None], speeds * half).extent)[0]
-    counts = num_frequencies(scene, spread)
-    aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
-    aside = np.where(turns, 0, aside).astype(int)
-    num_reached = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
-    if not skips:
-        velocity, num_reached = np.maximum(velocity, longest), num_taps
-    halves, index = np.unique(half, return_inverse=True)
-    return Sizes(
-        num_taps=num_taps,
-        dft_length=dft_length,
-        num_frequencies=counts,
-        num_reached_taps=np.minimum(num_reached, num_taps).astype(int),
-        num_still_taps=np.minimum(np.ceil(stroke) + 1, num_taps).astype(int),
-        num_nodes=_by_whole(velocity, lambda x: sized_for(0.0, x)).each("num_nodes"),
-        aside=aside,
-        num_effective_speeds=np.array([effective_speeds(scene, x) for x in halves], int)[index],
-    )
-
-
 class _Plans(NamedTuple):
     """Plans that designs share, and the place of each design's plan among them."""
 
@@ -229,14 +263,6 @@ def _by_whole(values: Float[np.ndarray, "n"], plan: Callable[[float], Plan]) -> 
     """Plans of values rounded up to whole numbers."""
     whole, index = np.unique(np.ceil(values), return_inverse=True)
     return _Plans([plan(float(x)) for x in whole], index)
-
-
-def shapes_of(each: Sequence[Sizes]) -> Shapes:
-    """Shapes that hold designs of some sizes; the smallest shapes without any design."""
-    lengths = {1024, *(int(x) for sizes in each for x in np.unique(sizes.dft_length))}
-    still = max((int(x) for sizes in each for x in sizes.num_still_taps), default=1)
-    nodes = {BLOCK, *(int(x) for sizes in each for x in _whole_blocks(np.unique(sizes.num_nodes)))}
-    return Shapes(tuple(sorted(lengths)), still, tuple(sorted(nodes)))
 
 
 def _whole_blocks(count: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
@@ -255,9 +281,8 @@ def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool
     most = max(scene.speeds.size for scene in needed)
     spare = [(0, most - scene.speeds.size) for scene in needed]
     return [
-        with_occlusion(
-            scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad)),
-            after.occlusion,
+        scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad)).with_occlusion(
+            after.occlusion
         )
         for scene, after, pad in zip(scenes, needed, spare, strict=True)
     ]
@@ -269,25 +294,6 @@ def _on_grid(scene: Scene, num_frequencies: int, num_effective_speeds: int) -> S
     folds = shares is not None and shares.folds
     plan = Plan(1, 1, num_frequencies, 1, num_effective_speeds=num_effective_speeds, folds=folds)
     return reduced(scene, plan)
-
-
-def rules_of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtype) -> Rules:
-    """Rules of shutters that differ in their parameters alone, not in their breakpoints."""
-    profiles = jax.tree.map(
-        lambda *x: np.stack([np.asarray(each) for each in x]), *map(piecewise, shutters)
-    )
-    rules = _rules(profiles, len(shutters), shapes.node_counts, dtype)
-    nonzero = [np.flatnonzero(np.any(np.asarray(rule.weight) != 0, axis=0)) for rule in rules]
-    blocks = np.array([-(-(x[-1] + 1) // BLOCK) if x.size else 0 for x in nonzero], np.int32)
-    length = max(1, int(blocks.max())) * BLOCK
-
-    def whole(part: Float[Array, "k q"]) -> Float[np.ndarray, "k n"]:
-        rows = np.asarray(part)[:, :length]
-        return np.pad(rows, ((0, 0), (0, length - rows.shape[1])))
-
-    tau = np.stack([whole(rule.tau)[0] for rule in rules])
-    weight = np.stack([whole(rule.weight) for rule in rules])
-    return Rules(jnp.asarray(tau), jnp.asarray(weight), jnp.asarray(blocks), rules[0].efficiency)
 
 
 @compiled
@@ -315,7 +321,7 @@ def measure(
 
     Args:
         scene: The scene, from `scenes_for`.
-        motions: The motions, from `motions_at`.
+        motions: The motions, without velocity; their numbers have a leading axis.
         shutter: The shutter.
         rules: Its rules; those of its coordinates where each design has its own.
         shapes: Sizes that hold all designs.
@@ -339,7 +345,7 @@ def measure(
             _kernel_numbers,
             shutter=shutter,
             is_own=boxes is not None,
-            scene=with_occlusion(scene, None),
+            scene=scene.with_occlusion(None),
             shapes=shapes,
             metrics=of_kernels,
         )
@@ -389,7 +395,7 @@ def _need_of(
     sizes: Sizes, shapes: Shapes, motions: AbstractMotion, dtype: np.dtype, moving: bool
 ) -> _Need:
     """Numbers that the loops need, for kernels of moving objects or of one at rest alone."""
-    turns = np.asarray(has_vertex(motions))
+    turns = np.asarray(motions.has_vertex)
     num_taps = sizes.num_reached_taps if moving else sizes.aside + sizes.num_still_taps
     dft = np.searchsorted(shapes.dft_lengths, sizes.dft_length)
     rule = np.searchsorted(shapes.node_counts, _whole_blocks(sizes.num_nodes))

@@ -26,6 +26,7 @@ from mishutter.model import (
     LinearMotion,
     RectShutter,
     Scene,
+    StillCamera,
     filling_half_exposure,
 )
 
@@ -44,7 +45,7 @@ class BurstOfFrames(NamedTuple):
     """
 
     num_frames: int
-    motion: LinearMotion
+    motion: AbstractMotion
     scene: Scene
 
 
@@ -96,7 +97,10 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
         value, place = min((error(x), x) for x in places)
         if value >= least:
             break
-        motion = LinearMotion(half_exposure=np.exp(place) / 2, velocity=velocity)
+        half = np.exp(place) / 2
+        motion: AbstractMotion = LinearMotion(half_exposure=half, velocity=velocity)
+        if velocity == 0:
+            motion = StillCamera(half_exposure=half)
         best, least = BurstOfFrames(count, motion, added), value
     return best
 

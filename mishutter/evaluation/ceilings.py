@@ -44,6 +44,7 @@ from mishutter._core import (
 )
 from mishutter.evaluation.layers import (
     Frequencies,
+    LayerSampling,
     background_of,
     with_shares,
 )
@@ -217,8 +218,8 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     """
     if np.isinf(half):
         return 0.0
-    grid, count = Frequencies.of_grid(NUM_FREQUENCIES), _EFFECTIVE_SPEEDS
-    scene = with_shares(scene, background_of(scene), count, grid, folds=False)
+    sampling = LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES), _EFFECTIVE_SPEEDS)
+    scene = with_shares(scene, background_of(scene), sampling)
     occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
     shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)
     frequency, weights = frequencies(NUM_FREQUENCIES), np.asarray(scene.weights, np.float64)

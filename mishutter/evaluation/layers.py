@@ -41,23 +41,22 @@ from mishutter.model import (
     LayerShares,
     Occlusion,
     Scene,
-    with_occlusion,
 )
 
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
-"""How many effective speeds an expected error takes, at least and at most."""
+"""Numbers of effective speeds that an expected error takes, at least and at most."""
 _LEAST_OF_MANY_PAIRS = 65
-"""How many it takes at least where pairs of speeds are so many that their table would not fit."""
+"""Least number of them where pairs of speeds are so many that their table would not fit."""
 SEARCHED_EFFECTIVE_SPEEDS, _SEARCHED_FREQUENCIES = 25, 24
-"""How many a search takes, and the number of frequencies that it computes the beat at. They know
-the error to 0.1 dB, or to 0.25 of soft optics; the best design of a search is measured with all."""
+"""Numbers of effective speeds, and of frequencies of the beat, that a search takes; its design is
+measured with all of them. The error is exact to 0.1 dB, and to 0.25 dB where optics are soft."""
 _EVEN_BELOW = 0.02
 """Frequency below which the frequencies of a search lie in even steps, cycles/px."""
 _BEAT_STEP = 0.8
 """Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
 expected error is known to 1e-4 dB."""
 _EFFECTIVE_SPEEDS_OF_DECODERS = 97
-"""How many a decoder's filter is made of, whose error is known to 0.01 dB by them."""
+"""Number of effective speeds that a decoder's filter takes; its error is exact to 0.01 dB."""
 _MOST_WEIGHTS = 40_000
 """Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
 _NEIGHBOURS = 6
@@ -67,7 +66,7 @@ _NODES_A_PEAK = 96
 
 
 class _Fineness(NamedTuple):
-    """How finely the beat is computed; static.
+    """Numbers by which the beat is sampled; static.
 
     Attributes:
         num_speeds: Number of effective speeds, odd.
@@ -137,7 +136,7 @@ class Frequencies(NamedTuple):
 
     @staticmethod
     def of_dft(length: int) -> "Frequencies":
-        """Those of the DFT of so many pixels, from 0."""
+        """The frequencies of the DFT of so many pixels, from 0."""
         return Frequencies(0.0, 1 / length, length // 2 + 1, NUM_FREQUENCIES)
 
     def values(self, dtype: np.dtype) -> np.ndarray:
@@ -164,23 +163,37 @@ def background_of(scene: Scene) -> Background:
     return Background(still, jnp.ones(1, scene.speeds.dtype))
 
 
+class LayerSampling(NamedTuple):
+    """Frequencies and effective speeds at which the shares of two layers are computed; static.
+
+    Attributes:
+        grid: The frequencies.
+        num_effective_speeds: Number of effective speeds; 25, or 65 at least.
+        folds: Whether `+s` and `-s` are taken for one effective speed.
+    """
+
+    grid: Frequencies
+    num_effective_speeds: int = SEARCHED_EFFECTIVE_SPEEDS
+    folds: bool = False
+
+
 def with_shares(
-    scene: Scene, background: Background, count: int, grid: Frequencies, *, folds: bool
+    scene: Scene, background: Background, sampling: LayerSampling | None = None
 ) -> Scene:
     """A scene of two layers that knows the `LayerShares` of its picture.
 
     Args:
         scene: The scene, with the speeds that its objects are computed at.
         background: Its background.
-        count: How many effective speeds.
-        grid: Frequencies of the shares.
-        folds: Whether `+s` and `-s` are taken for one effective speed.
+        sampling: Frequencies and effective speeds of the shares; by default those of a picture's
+            power, and the fewest.
     """
-    fineness = _Fineness.of(count, scene.speeds.size * np.size(background.speeds))
+    sampling = sampling or LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES))
+    num_pairs = scene.speeds.size * np.size(background.speeds)
+    fineness = _Fineness.of(sampling.num_effective_speeds, num_pairs)
     occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
-    whole = with_occlusion(scene, None)
-    shares = _shares(whole, occlusion, background, fineness, grid, folds)
-    return with_occlusion(scene, occlusion.with_shares(shares))
+    shares = _shares(scene.with_occlusion(None), occlusion, background, sampling, fineness)
+    return scene.with_occlusion(occlusion.with_shares(shares))
 
 
 @compiled
@@ -188,15 +201,15 @@ def _shares(
     scene: Scene,
     occlusion: Occlusion,
     background: Background,
+    sampling: LayerSampling,
     fineness: _Fineness,
-    grid: Frequencies,
-    folds: bool,
 ) -> LayerShares:
+    grid, folds = sampling.grid, sampling.folds
     dtype = np.dtype(scene.speeds.dtype)
     frequency = jnp.asarray(grid.values(dtype))
-    known = picture_power(scene, grid.num_known, dtype)
+    power = picture_power(scene, grid.num_known, dtype)
     passes = frequency <= scene.cutoff_frequency.astype(dtype) * (1 + 1e-6)
-    texture = jnp.where(passes, _texture_at(known, frequency), 0)
+    texture = jnp.where(passes, _texture_at(power, frequency), 0)
     front = occlusion.front_share.astype(dtype)
     behind = 1 - front
     speeds, weights = (jnp.asarray(x, dtype) for x in background)
@@ -218,7 +231,7 @@ def _shares(
             return front * behind * 2 * length / (1 + (2 * jnp.pi * frequency * length) ** 2)
 
         rule = _matte_rule(frequency, 1 / (2 * jnp.pi * length), scene.cutoff_frequency)
-        beside = _texture_at(known, frequency[:, None] - rule.matte)
+        beside = _texture_at(power, frequency[:, None] - rule.matte)
         mass = beside * matte(rule.matte) * rule.step
         same = jnp.sum(mass, axis=1)
         levels = occlusion.level_difference.astype(dtype) ** 2 * matte(frequency)
@@ -231,14 +244,12 @@ def _shares(
         def pair(each: tuple[Array, Array]) -> Array:
             of_background, of_object = each
             difference = of_object - of_background
-            moved = jnp.where(difference != 0, at_knots, 0)
-            return nodes.shared(of_background + ratio * difference, moved)
+            mass_of_beat = jnp.where(difference != 0, at_knots, 0)
+            return nodes.shared(of_background + ratio * difference, mass_of_beat)
 
-        pairs = (
-            jnp.broadcast_to(speeds[:, None], num_pairs).ravel(),
-            jnp.broadcast_to(scene.speeds.astype(dtype)[None], num_pairs).ravel(),
-        )
-        beat = jax.lax.map(pair, pairs).reshape(*num_pairs, fineness.num_speeds, -1)
+        pairs = jnp.meshgrid(speeds, scene.speeds.astype(dtype), indexing="ij")
+        beat = jax.lax.map(pair, (pairs[0].ravel(), pairs[1].ravel()))
+        beat = beat.reshape(*num_pairs, fineness.num_speeds, -1)
         effective = nodes.speeds
     divisor = jnp.where(total > 0, total, 1.0)
     whole = jnp.where(total > 0, 1 / divisor, 0)
@@ -346,11 +357,12 @@ def _matte_rule(frequency: Array, corner: Array, cutoff: Array) -> _MatteRule:
         step = width * jnp.cosh(place) * (end - begin) * weights / 2
         return _MatteRule(centre + width * jnp.sinh(place), step)
 
-    parts = (
-        about(jnp.zeros_like(f), corner, (low, between)),
-        about(f, CORNER_FREQUENCY, (between, high)),
+    of_matte = about(jnp.zeros_like(f), corner, (low, between))
+    of_texture = about(f, CORNER_FREQUENCY, (between, high))
+    return _MatteRule(
+        jnp.concatenate([of_matte.matte, of_texture.matte], axis=1),
+        jnp.concatenate([of_matte.step, of_texture.step], axis=1),
     )
-    return _MatteRule(*(jnp.concatenate(part, axis=1) for part in zip(*parts, strict=True)))
 
 
 @lru_cache
@@ -459,9 +471,9 @@ def moments_on_dft(
         responses: Function that gives responses at some speeds on its grid, aligned, `(s, m)`, of
             each at so many of the lowest frequencies at least.
     """
-    scene, count = without_tolerances(scene), _EFFECTIVE_SPEEDS_OF_DECODERS
-    grid = Frequencies.of_dft(length)
-    scene = with_shares(scene, background_of(scene), count, grid, folds=False)
+    scene, grid = without_tolerances(scene), Frequencies.of_dft(length)
+    sampling = LayerSampling(grid, _EFFECTIVE_SPEEDS_OF_DECODERS)
+    scene = with_shares(scene, background_of(scene), sampling)
     speeds = np.asarray(computed_speeds(scene).speeds)
     spectra = responses(speeds, _num_occurring(scene, speeds.size))
     return jax.tree.map(np.asarray, _moments_on_dft(scene, motion, jnp.asarray(spectra)))
@@ -566,8 +578,8 @@ def _distances(
         moves, difference[..., None], 1.0
     )
     place, moves = place[None], moves[None]
-    wanted = (1 - place) * behind[..., None, None] + place * front[:, None, :, None]
-    return jnp.where(moves, wanted - between[:, None, None], 0.0)
+    of_layers = (1 - place) * behind[..., None, None] + place * front[:, None, :, None]
+    return jnp.where(moves, of_layers - between[:, None, None], 0.0)
 
 
 class _Knots(NamedTuple):

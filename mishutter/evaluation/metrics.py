@@ -39,15 +39,22 @@ from mishutter.model import (
     Scene,
     frequencies,
     frequency_grid,
-    has_vertex,
     noise_power,
     pixel_response,
     require_scene,
     require_whole,
+    white_electrons,
 )
 
 FOUND_SHARE = 0.8
 """Share of the gain by being told the speed, in decibels, that a decoder keeps which finds it."""
+
+FILTERS: dict[DecoderSpeed, str] = {
+    "unknown": "one filter for all speeds",
+    "found": "a filter for the true speed",
+    "told": "a filter that is told the speed",
+}
+"""The filter that each decoder restores with; one that finds the speed, where it is right."""
 
 
 @final
@@ -65,6 +72,8 @@ class Metrics(eqx.Module):
             least `expected_psnr`, and the difference is the price of not knowing the speed.
         worst_speed_psnr: PSNR at the worst of the scene's speeds, by the decoder of
             `expected_psnr`; at most `expected_psnr`; dB.
+        worst_known_speed_psnr: PSNR at the worst of the scene's speeds, by the decoder of
+            `known_speed_psnr`; at most `known_speed_psnr` and at least `worst_speed_psnr`; dB.
         bound_share: $|K_s(f)|^2$ over the wedge bound, worst case over speeds and
             frequencies.
         phase: Offset of the first tap's edge from the point of alignment; px.
@@ -82,6 +91,7 @@ class Metrics(eqx.Module):
     expected_psnr: Float[Array, ""]
     known_speed_psnr: Float[Array, ""]
     worst_speed_psnr: Float[Array, ""]
+    worst_known_speed_psnr: Float[Array, ""]
     bound_share: Float[Array, ""]
     phase: Float[Array, ""]
     dft_length: int = eqx.field(static=True)
@@ -94,8 +104,7 @@ class Metrics(eqx.Module):
 
         A share of the way from `expected_psnr` to `known_speed_psnr` (`FoundSpeedLoss`).
         """
-        told, untold = self.known_speed_psnr, self.expected_psnr
-        return jnp.where(told == untold, untold, untold + FOUND_SHARE * (told - untold))
+        return found_psnr(self.expected_psnr, self.known_speed_psnr)
 
     def psnr_of(self, decoder_speed: DecoderSpeed) -> Float[Array, ""]:
         """PSNR expected of a decoder; dB.
@@ -110,11 +119,35 @@ class Metrics(eqx.Module):
         }
         return levels[decoder_speed]
 
+    def worst_psnr_of(self, decoder_speed: DecoderSpeed) -> Float[Array, ""] | None:
+        """PSNR at the worst of the scene's speeds, expected of a decoder; dB.
+
+        Args:
+            decoder_speed: The speed, to the decoder. Of one that finds it, None: the share of the
+                gain that it keeps is known in the mean over speeds, and not at each.
+        """
+        levels = {
+            "unknown": self.worst_speed_psnr,
+            "found": None,
+            "told": self.worst_known_speed_psnr,
+        }
+        return levels[decoder_speed]
+
     def __repr__(self) -> str:
         """The values of the metrics; the `repr` of a module shows types alone."""
         values = {n: getattr(self, n) for n in self.__dataclass_fields__}
         lines = (f"  {name}={value}" for name, value in values.items() if value is not None)
         return "\n".join(["Metrics(", *lines, ")"])
+
+
+def found_psnr(untold: Array | float, told: Array | float) -> Float[Array, ""]:
+    """PSNR expected of a decoder that finds the speed, by those of two others; dB.
+
+    Args:
+        untold: PSNR of one filter for all speeds; dB.
+        told: PSNR of a filter that is told the speed; dB.
+    """
+    return jnp.where(told == untold, untold, untold + FOUND_SHARE * (told - untold))
 
 
 def evaluate(
@@ -221,6 +254,7 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
         expected_psnr=-10 * jnp.log10(_squared_error(every.lost, power)),
         known_speed_psnr=-10 * jnp.log10(_told_squared_error(scene, each, power)),
         worst_speed_psnr=-10 * jnp.log10(_worst(scene, by_speed)),
+        worst_known_speed_psnr=-10 * jnp.log10(_worst(scene, _squared_error(each.lost, power))),
         bound_share=bound_share(scene, motion, response),
         phase=jnp.asarray(kernel_phase(motion, plan.num_taps), response.efficiency.dtype),
         dft_length=plan.dft_length,
@@ -256,7 +290,7 @@ def _num_supported(
     """Number of taps that light of the fastest object falls on, odd for a camera at rest."""
     far = jnp.ceil(motion.kernel_length(scene.max_speed))
     aside = jnp.ceil(scene.max_speed * motion.half_exposure - 0.5)
-    count = jnp.where(has_vertex(motion), far, 2 * aside + 1)
+    count = jnp.where(motion.has_vertex, far, 2 * aside + 1)
     return jax.lax.stop_gradient(jnp.maximum(count, 1)).astype(like.dtype)
 
 
@@ -387,32 +421,55 @@ def _filter(moments: _Moments) -> Complex[Array, "k"]:
     return jnp.where(dark, 0.0, jnp.conj(moments.mean) / divisor)
 
 
+class DecoderLevels(NamedTuple):
+    """Ratio of signal to noise by frequency, and PSNR by speed, of one decoder.
+
+    Attributes:
+        signal_over_noise: Power of the picture over that of its disturbances; shape `(m,)`.
+        psnr: PSNR at each speed that occurs, in linear light; dB, shape `(n,)`.
+    """
+
+    signal_over_noise: Float[np.ndarray, "m"]
+    psnr: Float[np.ndarray, "n"]
+
+
 class SpectralLevels(NamedTuple):
-    """Ratio of signal to noise by frequency, and PSNR by speed.
+    """Levels by frequency and by speed.
 
     Attributes:
         frequencies: cycles/px; shape `(m,)`.
-        signal_over_noise: Power of the picture over that of spread and noise; shape `(m,)`.
         speeds: Speeds that occur, ascending; px/s, shape `(n,)`.
-        psnr: PSNR at each of them by one filter for all, in linear light; dB, shape `(n,)`.
+        untold: Levels of one filter for all speeds.
+        told: Levels of a filter that is told the speed.
     """
 
     frequencies: Float[np.ndarray, "m"]
-    signal_over_noise: Float[np.ndarray, "m"]
     speeds: Float[np.ndarray, "n"]
-    psnr: Float[np.ndarray, "n"]
+    untold: DecoderLevels
+    told: DecoderLevels
+
+    def of(self, decoder_speed: DecoderSpeed) -> DecoderLevels:
+        """Levels of the filter that a decoder restores with.
+
+        Args:
+            decoder_speed: The speed, to the decoder. One that finds it restores as one that is
+                told it, wherever the speed that it finds is right.
+        """
+        return self.untold if decoder_speed == "unknown" else self.told
 
 
 def spectral_levels(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
 ) -> SpectralLevels:
-    r"""Ratio of signal to noise by frequency, and the best single linear decoder's PSNR by speed.
+    r"""Ratio of signal to noise by frequency, and PSNR by speed, of the best linear decoders.
 
-    In the terms of `expected_squared_error` the ratio is $q = S|m|^2/(Sv + N)$, at the exposure of
-    the motion and with the spread between the scene's speeds as noise: the decoder's error is
-    $S/(1 + q)$. The PSNR is that of $2\int_0^{1/2} [S|1 - G H_i|^2 + N|G|^2]\,df$, whose weighted
-    mean over the speeds is the expected error. Tolerances of the scene do not count: this is the
-    camera as designed.
+    In the terms of `expected_squared_error` the ratio of one filter for all speeds is
+    $q = S|m|^2/(Sv + N)$, at the exposure of the motion and with the spread between the scene's
+    speeds as noise: the decoder's error is $S/(1 + q)$. The PSNR is that of
+    $2\int_0^{1/2} [S|1 - G H_i|^2 + N|G|^2]\,df$, whose weighted mean over the speeds is the
+    expected error. A filter that is told the speed leaves $S/(1 + q_i)$ with $q_i = S|H_i|^2/N$,
+    and $1/(1 + q)$ is the weighted mean of $1/(1 + q_i)$. Tolerances of the scene do not count:
+    this is the camera as designed.
 
     Args:
         scene: Speeds, light and noise; concrete.
@@ -427,28 +484,33 @@ def spectral_levels(
     speeds = np.unique(np.asarray(scene.speeds)[weights > 0])
     view = sampled_view(scene, motion, shutter, PLANNED, ONLY_SPECTRA)
     plan = view.plan
-    levels = _levels_of_records(view.scene, view.motion, records(view), plan)
-    lost, errors = map(np.asarray, levels)
     relative, computed = speeds - float(motion.velocity), np.asarray(view.scene.speeds)
     if plan.folds:
         relative, computed = np.abs(relative), np.abs(computed)
     places = np.argmin(np.abs(relative[:, None] - computed[None]), axis=1)
-    with np.errstate(divide="ignore"):
-        psnr = -10 * np.log10(errors[places])
-        ratio = 1 / lost - 1
-    return SpectralLevels(frequencies(plan.num_frequencies), ratio, speeds, psnr)
+
+    def levels(lost: Float[Array, "m"], errors: Float[Array, "s"]) -> DecoderLevels:
+        with np.errstate(divide="ignore"):
+            return DecoderLevels(1 / np.asarray(lost) - 1, -10 * np.log10(errors)[places])
+
+    both = _levels_of_records(view.scene, view.motion, records(view), plan)
+    return SpectralLevels(
+        frequencies(plan.num_frequencies), speeds, *(levels(*each) for each in both)
+    )
 
 
 @compiled
 def _levels_of_records(
     scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
-) -> tuple[Float[Array, "m"], Float[Array, "n"]]:
-    """Share of the power that is lost at each frequency, and squared errors at each speed."""
+) -> tuple[tuple[Float[Array, "m"], Float[Array, "n"]], ...]:
+    """Share of the power lost at each frequency, and squared error at each speed: untold, told."""
     response = assembled(scene, recorded, plan)
     dtype = np.dtype(response.efficiency.dtype)
     power = picture_power(scene, plan.num_frequencies, dtype)
-    lost = _moments(scene, motion, response, power).lost
-    return lost, squared_errors_by_speed(scene, motion, response)
+    every = _moments(scene, motion, response, power)
+    each = _moments(scene, motion, response, power, told=True)
+    untold = every.lost, _errors_by_speed(scene, every, each, power)
+    return untold, (_told_share(scene, each), _squared_error(each.lost, power))
 
 
 _ALIGNING_STEPS = 20
@@ -531,8 +593,12 @@ def known_speed_squared_error(
 
 def _told_squared_error(scene: Scene, each: _Moments, power: Float[Array, "m"]) -> Float[Array, ""]:
     """The `known_speed_squared_error` by the moments of each speed."""
-    weights = scene.weights.astype(power.dtype)[:, None]
-    return _squared_error(jnp.sum(weights * each.lost, axis=0), power)
+    return _squared_error(_told_share(scene, each), power)
+
+
+def _told_share(scene: Scene, each: _Moments) -> Float[Array, "k"]:
+    """Share of the power that is lost at each frequency by filters that are told the speed."""
+    return jnp.sum(scene.weights.astype(each.lost.dtype)[:, None] * each.lost, axis=0)
 
 
 def squared_errors_by_speed(
@@ -603,7 +669,7 @@ def _signal_and_noise(
     The unit is the larger of signal and noise, because squares of electrons overflow float32.
     """
     dtype = efficiency.dtype
-    electrons = scene.photon_rate.astype(dtype) * motion.exposure.astype(dtype)
+    electrons = white_electrons(scene.photon_rate.astype(dtype), motion.exposure.astype(dtype))
     read_noise = scene.read_noise.astype(dtype)
     largest = jnp.maximum(jnp.maximum(electrons, jnp.sqrt(electrons)), read_noise)
     unit = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1.0))

@@ -22,6 +22,7 @@ from mishutter.evaluation.layers import (
     LEAST_EFFECTIVE_SPEEDS,
     SEARCHED_EFFECTIVE_SPEEDS,
     Frequencies,
+    LayerSampling,
     background_of,
     num_effective_speeds,
     with_shares,
@@ -253,7 +254,7 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
     Its sizes hold every motion within the scene's limits, so that one compiled program
     serves all of them. It is for the scene in the frame of the motion.
     """
-    folds, still = folds_speeds(scene, motion, shutter), nothing_moves(scene)
+    folds, still = folds_speeds(scene, motion, shutter), scene.nothing_moves
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
 
@@ -297,9 +298,9 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     fewer = scene.bare(speeds=speeds, weights=weights, power_spectrum=power)
     if scene.occlusion is None:
         return fewer
-    background = background_of(scene)
     grid = Frequencies.of_grid(plan.num_frequencies)
-    return with_shares(fewer, background, plan.num_effective_speeds, grid, folds=plan.folds)
+    sampling = LayerSampling(grid, plan.num_effective_speeds, plan.folds)
+    return with_shares(fewer, background_of(scene), sampling)
 
 
 def padded(
@@ -308,13 +309,6 @@ def padded(
     """Speeds padded without weight to one of two counts an octave, so that programs are shared."""
     spare = size_class(speeds.size) - speeds.size
     return np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
-
-
-def nothing_moves(scene: Scene) -> bool:
-    """Whether every speed that occurs is known to be 0."""
-    if not scene.speeds_known:
-        return False
-    return not np.any(np.asarray(scene.speeds)[np.asarray(scene.weights) > 0])
 
 
 def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Scene:

@@ -41,7 +41,6 @@ from mishutter.model import (
     Scene,
     Tolerances,
     canonical_motion,
-    has_vertex,
     in_one_form,
     piecewise,
 )
@@ -159,7 +158,7 @@ def kernel_phase(motion: AbstractMotion, num_taps: int) -> float | Float[Array, 
     A moving sensor is aligned at the vertex, a camera at rest at mid-exposure, in the
     middle of its middle tap.
     """
-    turns, middle = has_vertex(motion), -0.5 - num_taps // 2
+    turns, middle = motion.has_vertex, -0.5 - num_taps // 2
     if is_concrete(turns):
         return 0.0 if turns else middle
     return jnp.where(turns, 0.0, middle)
@@ -226,7 +225,7 @@ def kernels_and_efficiency(
     """
 
     def one(speed: Float[Array, ""]) -> Float[Array, "n"]:
-        turns = jnp.asarray(has_vertex(motion))
+        turns = jnp.asarray(motion.has_vertex)
         return aligned_kernel(
             shutter, motion, speed, num_taps, first, from_vertex=turns, count=num_runs
         )

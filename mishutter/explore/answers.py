@@ -5,15 +5,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float, Shaped
 
 from mishutter.evaluation import (
+    FILTERS,
     Metrics,
     SpectralLevels,
     coarser,
     evaluate,
+    found_psnr,
     kernel_phase,
     kernels_at_speeds,
     loss_of_decoder,
@@ -28,8 +29,6 @@ from mishutter.model import (
     ParabolicMotion,
     Scene,
     profile_of,
-    seen_from,
-    settled,
     steady,
 )
 from mishutter.search import BEST_BURST, OWN_BEST_MOTION, Row, fills, optimise, plan
@@ -66,7 +65,7 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
     command, roomy = before.command, with_room(scene)
     motions = _near(scene, before, _EXPOSURES[turn % 2])
     loss = loss_of_decoder(scene)
-    losses = [float(loss(roomy, motion, scene.light(command, motion))) for motion in motions]
+    losses = [float(loss(roomy, motion, command)) for motion in motions]
     motion = motions[int(np.argmin(losses))]
     half, stroke = motion.half_exposure, _octave(float(motion.stroke))
     furthest = ParabolicMotion(
@@ -109,14 +108,14 @@ def _near(scene: Scene, before: Design, change: float) -> list[ParabolicMotion]:
     limits, motion = scene.limits, steady(before.motion)
     pan = min(float(limits.max_pan), 0.5 * float(limits.max_top_speed))
     velocity = float(np.clip(float(motion.velocity), -pan, pan))
-    whole = _reach(before.scene, float(motion.half_exposure), float(motion.velocity))
+    whole = _largest_acceleration(before.scene, float(motion.half_exposure), float(motion.velocity))
     share = min(1.0, float(motion.acceleration) / whole) if whole > 0 else 0.0
     shortest, longest = float(limits.min_half_exposure), float(limits.max_half_exposure)
 
     def near(half: float) -> ParabolicMotion:
         """A motion of about that half exposure, at which white does not fill a pixel."""
         half = min(max(half, shortest), longest)
-        acceleration = share * _reach(scene, half, velocity)
+        acceleration = share * _largest_acceleration(scene, half, velocity)
         near_motion = ParabolicMotion(
             acceleration=acceleration, half_exposure=half, velocity=velocity
         )
@@ -127,16 +126,10 @@ def _near(scene: Scene, before: Design, change: float) -> list[ParabolicMotion]:
     return list({float(each.half_exposure): each for each in motions}.values())
 
 
-def _reach(scene: Scene, half_exposure: float, velocity: float) -> float:
-    """The largest acceleration within the stroke, the top speed and the stage's reach; px/s^2."""
-    limits = scene.limits
-    speed_beside_pan = max(float(limits.max_top_speed) - abs(velocity), 0.0)
-    by_stroke = float(limits.acceleration_by_stroke(np.asarray(half_exposure), velocity))
-    most = min(by_stroke, speed_beside_pan / (2 * half_exposure))
-    if not limits.has_stage:
-        return most
-    numbers = (jnp.asarray(x, scene.speeds.dtype) for x in (most, half_exposure, velocity))
-    return float(limits.acceleration_of_stage(*numbers))
+def _largest_acceleration(scene: Scene, half_exposure: float, velocity: float) -> float:
+    """The largest acceleration within the limits of a scene; px/s^2."""
+    half, pan = (np.asarray(x, scene.speeds.dtype) for x in (half_exposure, velocity))
+    return float(scene.limits.largest_acceleration(half, pan))
 
 
 def curves(
@@ -154,14 +147,14 @@ def curves(
         `profile` over `time` in ms; `path` in px over `path_time`, and the path that is `sent` to
         a stage that follows with a lag; `kernels`, shares of the exposure per px, at
         `kernel_speeds` in px/s from `offset` px on; `signal` in dB over `frequency` in
-        cycles/px; `psnr` in dB over `speeds`; and `numbers`.
+        cycles/px; `psnr` in dB over `speeds`; the filter that both are of, `of_decoder`, in
+        words; and `numbers`.
     """
     half = float(motion.half_exposure)
     tau = np.linspace(-1, 1, _PROFILE_POINTS)
     transmittance, _ = profile_of(shutter, tau)
     time = np.linspace(-half, half, _PATH_POINTS)
     levels = spectral_levels(scene, motion, shutter)
-    over_speeds, level = _over_speeds(scene, levels)
     numbers = (
         None if at_once else _numbers(evaluate(scene, motion, shutter), motion, scene.decoder_speed)
     )
@@ -172,9 +165,10 @@ def curves(
         "path": _short(motion.position(time)),
         **_sent(scene, motion, time),
         **_kernels(scene, motion, shutter),
-        **_signal(levels),
-        **over_speeds,
-        "numbers": {"psnr": level} if numbers is None else numbers,
+        "of_decoder": FILTERS[scene.decoder_speed],
+        **_signal(levels, scene.decoder_speed),
+        **_over_speeds(levels, scene.decoder_speed),
+        "numbers": {"psnr": _level(scene, levels)} if numbers is None else numbers,
     }
 
 
@@ -191,7 +185,7 @@ def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
     """Kernels of the slowest, a middling and the fastest object, without their dark ends."""
     by_size = np.unique(np.abs(np.asarray(scene.speeds)))
     speeds = np.unique(by_size[[0, by_size.size // 2, -1]])
-    num_taps = sizes(*seen_from(scene, settled(motion))).num_taps
+    num_taps = sizes(scene, motion).num_taps
     taps = np.asarray(kernels_at_speeds(shutter, motion, speeds, num_taps))
     bright = np.flatnonzero(np.max(taps, axis=0) > 1e-4 * max(float(np.max(taps)), 1e-12))
     first, end = (int(bright[0]), int(bright[-1]) + 1) if bright.size else (0, 1)
@@ -202,9 +196,9 @@ def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
     }
 
 
-def _signal(levels: SpectralLevels) -> Numbers:
+def _signal(levels: SpectralLevels, speed: DecoderSpeed) -> Numbers:
     """Signal over noise at frequencies in equal ratios."""
-    frequency, ratio = levels.frequencies, levels.signal_over_noise
+    frequency, ratio = levels.frequencies, levels.of(speed).signal_over_noise
     even = np.geomspace(frequency[0], frequency[-1], _SPECTRUM_POINTS)
     places = np.unique(np.searchsorted(frequency, even).clip(0, frequency.size - 1))
     with np.errstate(divide="ignore"):
@@ -212,21 +206,34 @@ def _signal(levels: SpectralLevels) -> Numbers:
     return {"frequency": _short(frequency[places]), "signal": _short(level, 4)}
 
 
-def _over_speeds(scene: Scene, spectral: SpectralLevels) -> tuple[Numbers, float]:
-    """PSNR at each speed by one filter for all of them, and PSNR over all speeds."""
-    speeds, levels = spectral.speeds, spectral.psnr
+def _over_speeds(levels: SpectralLevels, speed: DecoderSpeed) -> Numbers:
+    """PSNR at each speed by the filter that the decoder restores with."""
+    speeds = levels.speeds
     count = min(speeds.size, _MOST_SPEEDS)
     shown = np.linspace(0, speeds.size - 1, count).round().astype(int)
+    return {"speeds": _short(speeds[shown]), "psnr": _short(levels.of(speed).psnr[shown])}
+
+
+def _level(scene: Scene, levels: SpectralLevels) -> float:
+    """PSNR over all speeds by the scene's decoder."""
+    speeds, weights = levels.speeds, np.asarray(scene.weights)
     places = np.searchsorted(speeds, np.asarray(scene.speeds)).clip(0, speeds.size - 1)
-    error = float(np.average(10 ** (-levels[places] / 10), weights=np.asarray(scene.weights)))
-    level = -10 * math.log10(error) if error > 0 else math.inf
-    return {"speeds": _short(speeds[shown]), "psnr": _short(levels[shown])}, level
+
+    def mean(psnr: Float[np.ndarray, "n"]) -> float:
+        error = float(np.average(10 ** (-psnr[places] / 10), weights=weights))
+        return -10 * math.log10(error) if error > 0 else math.inf
+
+    if scene.decoder_speed == "found":
+        return float(found_psnr(mean(levels.untold.psnr), mean(levels.told.psnr)))
+    return mean(levels.of(scene.decoder_speed).psnr)
 
 
 def _numbers(metrics: Metrics, motion: AbstractMotion, speed: DecoderSpeed) -> Numbers:
     """Numbers of a design beside its curves and in its row of the table."""
+    worst = metrics.worst_psnr_of(speed)
     return {
         "psnr": float(metrics.psnr_of(speed)),
+        **({} if worst is None else {"worst_speed_psnr": float(worst)}),
         "known_speed_psnr": float(metrics.known_speed_psnr),
         "condition": float(metrics.condition_number),
         "relative": float(metrics.relative_kernel_difference),

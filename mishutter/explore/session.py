@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from mishutter._core import Section, in_section, parsed, require, strict_json, validated
+from mishutter.evaluation import transmittance
 from mishutter.explore.answers import (
     OPTIMISED,
     can_be_pictured,
@@ -292,7 +293,7 @@ class Session:
         design = self._current
         drawings = {OPTIMISED: curves(scene, design.motion, design.shutter, at_once=at_once)}
         if request.drawn is not None:
-            drawn = scene.light(_chips(request.drawn), design.motion)
+            drawn = transmittance(scene, design.motion, _chips(request.drawn))
             drawings[DRAWN] = curves(scene, design.motion, drawn, at_once=at_once)
         return {"curves": drawings, "outcome": design.outcome}
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
-from mishutter.evaluation import Metrics, Plan, evaluate
+from mishutter.evaluation import Metrics, Plan, evaluate, transmittance
 from mishutter.hardware.design_schema import FORMAT, SAVED_SCENE, SavedDesign, SavedMotion
 from mishutter.hardware.drive_files import read_drive
 from mishutter.model import (
@@ -23,7 +23,6 @@ from mishutter.model import (
     StillCamera,
     command_of,
     is_known_zero,
-    panned,
     profile_of,
     require_scene,
     shutter_from_dict,
@@ -198,7 +197,7 @@ class Design:
         )
         actual = drive.motion
         if scene.limits.pans == "camera" and not is_known_zero(intended.velocity):
-            actual = panned(actual, actual.velocity + intended.velocity)
+            actual = actual.panned(actual.velocity + intended.velocity)
         return given_design(scene, actual, drive.shutter, f"Read from {Path(path).name}.")
 
     def write_profile(self, path: str | Path) -> None:
@@ -240,11 +239,11 @@ def given_design(
     """
     if is_measured and scene.device is not None:
         dtype = np.dtype(scene.speeds.dtype)
-        transmittance = scene.device.without_lag.light(shutter, motion.half_exposure, dtype)
+        profile = scene.device.without_lag.light(shutter, motion.half_exposure, dtype)
     else:
-        transmittance = scene.light(shutter, motion)
+        profile = transmittance(scene, motion, shutter)
     return Design(
-        shutter=transmittance,
+        shutter=profile,
         motion=motion,
         scene=scene,
         loss=np.nan,
@@ -293,7 +292,7 @@ def _built(file: SavedDesign) -> Design:
     motion = _motion(file.motion)
     scene = file.scene.built(motion=motion)
     parts = {
-        "shutter": scene.light(shutter_from_dict(file.shutter.model_dump()), motion),
+        "shutter": transmittance(scene, motion, shutter_from_dict(file.shutter.model_dump())),
         "motion": motion,
         "scene": scene,
         "history": np.array(file.history),

@@ -27,8 +27,6 @@ from mishutter.model import (
     AbstractMotion,
     ChippedShutter,
     diffused,
-    panned,
-    piecewise,
     slot_means,
 )
 
@@ -103,7 +101,7 @@ class DriveTable:
             return None
         actual = scene.stage.made_of(path)
         if scene.limits.pans == "camera":
-            actual = panned(actual, actual.velocity + self.design.motion.velocity)
+            actual = actual.panned(actual.velocity + self.design.motion.velocity)
         return evaluate(without_tolerances(scene), actual, self.design.shutter)
 
     def to_csv(self) -> str:
@@ -260,7 +258,7 @@ def drive_table(
     require_levels("drive_table", floor, ceiling)
     half = float(design.motion.half_exposure)
     dtype = common_dtype(*jax.tree.leaves((design.command, design.motion)))
-    means = np.asarray(slot_means(piecewise(design.command), num_steps, dtype), np.float64)
+    means = np.asarray(slot_means(design.command, num_steps, dtype), np.float64)
     steps = (np.clip(ceiling * means, floor, ceiling) - floor) / (ceiling - floor)
     if carries_error:
         steps = np.asarray(diffused(steps, num_levels))

@@ -34,15 +34,9 @@ from mishutter.model.motion import MotionNumbers as MotionNumbers
 from mishutter.model.motion import ParabolicMotion as ParabolicMotion
 from mishutter.model.motion import StillCamera as StillCamera
 from mishutter.model.motion import canonical_motion as canonical_motion
-from mishutter.model.motion import exact_ends as exact_ends
-from mishutter.model.motion import has_vertex as has_vertex
 from mishutter.model.motion import is_known_zero as is_known_zero
-from mishutter.model.motion import is_straight as is_straight
-from mishutter.model.motion import largest_of as largest_of
-from mishutter.model.motion import panned as panned
 from mishutter.model.motion import settled as settled
 from mishutter.model.motion import steady as steady
-from mishutter.model.motion import without_velocity as without_velocity
 from mishutter.model.occlusion import LayerShares as LayerShares
 from mishutter.model.occlusion import Occlusion as Occlusion
 from mishutter.model.optics import WIDEST_BLUR as WIDEST_BLUR
@@ -54,6 +48,7 @@ from mishutter.model.optics import on_steps as on_steps
 from mishutter.model.optics import pixel_response as pixel_response
 from mishutter.model.photons import filling_half_exposure as filling_half_exposure
 from mishutter.model.photons import noise_power as noise_power
+from mishutter.model.photons import white_electrons as white_electrons
 from mishutter.model.picture_files import PICTURE_FORMATS as PICTURE_FORMATS
 from mishutter.model.picture_files import PICTURE_SUFFIXES as PICTURE_SUFFIXES
 from mishutter.model.picture_files import Decoded as Decoded
@@ -66,7 +61,6 @@ from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene import require_scene as require_scene
 from mishutter.model.scene import require_whole as require_whole
 from mishutter.model.scene import seen_from as seen_from
-from mishutter.model.scene import with_occlusion as with_occlusion
 from mishutter.model.scene_file import EXAMPLE_PICTURE as EXAMPLE_PICTURE
 from mishutter.model.scene_file import example_scene as example_scene
 from mishutter.model.scene_file import example_scene_text as example_scene_text

@@ -36,7 +36,7 @@ class Alignment(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """How far light travels on one motion or on several; of any shape.
+    """The travel of light on one motion or on several; of any shape.
 
     Attributes:
         length: Length of the longest kernel; px.
@@ -83,7 +83,7 @@ def aligned(stroke: Lengths, smear: Lengths) -> Alignment:
 
 
 def reach_of_parabola(stroke: Lengths, smear: Lengths) -> Reach:
-    """How far light travels on parabolas, of objects up to a speed.
+    """The travel of light from objects up to a speed, on parabolas.
 
     Args:
         stroke: Travel of the sensor to either end, $aT^2$; px, any shape.

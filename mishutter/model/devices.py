@@ -120,7 +120,7 @@ class AbstractDevice(eqx.Module):
             command: The profile that is sent.
             dtype: Precision of the numbers.
         """
-        means = slot_means(piecewise(command), self.num_slots or NUM_SLOTS, dtype)
+        means = slot_means(command, self.num_slots or NUM_SLOTS, dtype)
         if self.levels is None:
             return means
         return diffused(means, self.levels, self.min_open, self.min_closed)

@@ -1,4 +1,4 @@
-r"""How far the mechanism and the exposure may reach.
+r"""The limits of the mechanism and of the exposure.
 
 The stroke $S$ bounds the whole path of the stage over the exposure, from its lowest position to its
 highest. Where the stage pans too, at the velocity $v$, that is $a\,(T + |v|/2a)^2 \le S$ for a
@@ -38,13 +38,10 @@ from mishutter.model.motion import (
     FreeMotion,
     ParabolicMotion,
     Positions,
-    StillCamera,
     extent_of_parabola,
-    is_straight,
-    panned,
-    settled,
+    is_known_zero,
+    largest_of,
     steady,
-    without_velocity,
 )
 from mishutter.model.stages import (
     StagePath,
@@ -55,6 +52,7 @@ from mishutter.model.stages import (
     stage_use_of_path,
 )
 
+Number = Float[Array | np.ndarray | np.floating, ""]
 _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 
 
@@ -279,10 +277,10 @@ class Limits(eqx.Module):
             motion: Motion of the sensor.
         """
         if self.pans == "camera":
-            return without_velocity(motion)
+            return motion.without_velocity()
         if self.frame_velocity is None:
             return motion
-        return panned(motion, motion.velocity + self._frame(jnp.asarray(motion.velocity)))
+        return motion.panned(motion.velocity + self._frame(jnp.asarray(motion.velocity)))
 
     def acceleration_by_stroke(
         self, half_exposure: Positions, velocity: ArrayLike = 0.0
@@ -301,6 +299,45 @@ class Limits(eqx.Module):
         space, room = namespace_of(half), stroke - 2 * by_pan
         of_stroke = stroke - by_pan + root(stroke * space.maximum(room, 0))
         return space.where(room >= 0, of_stroke, 0.0) / 2 / half / half
+
+    def acceleration_of_path(
+        self, half_exposure: Positions, velocity: ArrayLike = 0.0
+    ) -> Positions:
+        """Largest $a$ that the stroke and the top speed leave a parabola; px/s^2, as the exposure.
+
+        Args:
+            half_exposure: $T$; s.
+            velocity: Velocity at mid-exposure; px/s.
+        """
+        by_stroke = self.acceleration_by_stroke(half_exposure, velocity)
+        by_speed = self._acceleration_by_speed(half_exposure, velocity)
+        return namespace_of(half_exposure).minimum(by_stroke, by_speed)
+
+    def _acceleration_by_speed(
+        self, half_exposure: Positions, velocity: ArrayLike = 0.0
+    ) -> Positions:
+        """Largest mean acceleration that the top speed leaves beside a pan; px/s^2."""
+        top, v = (as_array_like(half_exposure, x) for x in (self.max_top_speed, velocity))
+        return namespace_of(half_exposure).maximum(top - abs(v), 0) / (2 * half_exposure)
+
+    def largest_acceleration(
+        self,
+        half_exposure: Number,
+        velocity: Number,
+        shape: PathShape | None = None,
+    ) -> Number:
+        """Largest acceleration within stroke, top speed and the stage's reach; px/s^2, scalar.
+
+        Args:
+            half_exposure: $T$; s.
+            velocity: Velocity at mid-exposure, of a path beside its own; px/s.
+            shape: Shape of a free path, whose mean acceleration it then is; None of a parabola.
+        """
+        if shape is None:
+            most = self.acceleration_of_path(half_exposure, velocity)
+        else:
+            most = self._acceleration_by_speed(half_exposure, velocity)
+        return self.acceleration_of_stage(most, half_exposure, velocity, shape)
 
     def velocity_by_stroke(
         self, acceleration: Float[Array, ""], half_exposure: Float[Array, ""]
@@ -388,10 +425,11 @@ class Limits(eqx.Module):
         Args:
             motion: Motion of the sensor over the exposure, within these limits.
         """
-        motion = settled(self.of_stage(motion))
+        motion = self.of_stage(motion)
         most, jerk = self.max_acceleration, self.max_jerk
         runs_up_at_once = most is None and jerk is None
-        if isinstance(motion, StillCamera) or (runs_up_at_once and is_straight(motion)):
+        is_at_rest = motion.is_straight and is_known_zero(motion.velocity)
+        if is_at_rest or (runs_up_at_once and motion.is_straight):
             return None
         most = motion.greatest_acceleration if runs_up_at_once else most
         return stage_path(motion, max_acceleration=most, max_jerk=jerk)
@@ -428,9 +466,9 @@ class Limits(eqx.Module):
     def largest(
         self,
         name: str,
-        low: Float[Array, ""],
-        high: Float[Array, ""],
-        numbers: Mapping[str, Float[Array, ""]],
+        low: Number,
+        high: Number,
+        numbers: Mapping[str, Number],
         shape: PathShape | None = None,
     ) -> Float[Array, ""]:
         """Largest value of a number of a motion that the stage reaches; scalar.
@@ -470,7 +508,7 @@ class Limits(eqx.Module):
             quickest = space.maximum(space.abs(velocity), stroke / (4 * longest))
             T = space.minimum(T, stroke / (4 * quickest))
         T, velocity = space.asarray(T), space.asarray(velocity)
-        acceleration = space.minimum(self.acceleration_by_stroke(T, velocity), speed_gain / (2 * T))
+        acceleration = self.acceleration_of_path(T, velocity)
         if self.has_stage:
             numbers = acceleration, T, velocity, shortest
             with jax.ensure_compile_time_eval() if are_concrete else nullcontext():
@@ -479,7 +517,7 @@ class Limits(eqx.Module):
 
     def _within_stage(
         self, acceleration: Array, half_exposure: Array, velocity: Array, shortest: Array
-    ) -> tuple[Array, Array, Array]:
+    ) -> tuple[Number, Number, Number]:
         """A motion that the stage reaches: with a slower pan, then shorter, then weaker."""
         none = jnp.zeros_like(acceleration)
         pan, sign = jnp.abs(velocity), jnp.sign(velocity)
@@ -490,22 +528,27 @@ class Limits(eqx.Module):
 
     def acceleration_of_stage(
         self,
-        most: Float[Array, ""],
-        half_exposure: Float[Array, ""],
-        velocity: Float[Array, ""],
-    ) -> Float[Array, ""]:
-        """Largest $a$ up to `most` that the stage reaches on a parabola; px/s^2, scalar.
+        most: Number,
+        half_exposure: Number,
+        velocity: Number,
+        shape: PathShape | None = None,
+    ) -> Number:
+        """Largest acceleration up to `most` that the stage reaches; px/s^2, scalar.
 
         Args:
             most: Acceleration above which none is looked for; px/s^2.
             half_exposure: $T$; s.
-            velocity: Velocity at mid-exposure; px/s.
+            velocity: Velocity at mid-exposure, of a path beside its own; px/s.
+            shape: Shape of a free path, whose mean acceleration it then is; None of a parabola.
         """
         if self.max_acceleration is not None:
-            most = jnp.minimum(most, self.max_acceleration / 2)
+            steepest = 1.0 if shape is None else largest_of(shape.pieces)
+            most = jnp.minimum(most, self.max_acceleration / (2 * steepest))
+        if shape is None and not self.has_stage:
+            return most
         rest = jnp.zeros_like(most)
         numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": velocity}
-        return self.largest("acceleration", rest, most, numbers)
+        return self.largest("acceleration", rest, most, numbers, shape)
 
 
 @compiled
@@ -514,7 +557,7 @@ def _stage_share_of(limits: Limits, motion: AbstractMotion) -> Array:
 
 
 @compiled
-def _largest(limits: Limits, name: str, low: Array, high: Array, numbers: Any) -> Array:
+def _largest(limits: Limits, name: str, low: Number, high: Number, numbers: Any) -> Array:
     def use(value: Array, parameters: tuple[Limits, Any]) -> Array:
         limits, numbers = parameters
         return limits.stage_share(**(numbers | {name: value}))

@@ -1,4 +1,4 @@
-"""How the sensor moves while the shutter is open.
+"""Motions of the sensor while the shutter is open.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -84,7 +84,29 @@ class AbstractMotion(eqx.Module):
     half_exposure: eqx.AbstractVar[Array]
     velocity: eqx.AbstractVar[Array]
     accelerates_constantly: eqx.AbstractClassVar[bool]
-    fixed: eqx.AbstractClassVar[FixedParts]
+    fixed_by_kind: eqx.AbstractClassVar[FixedParts]
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether the path is known to be straight, but for a stroke too small to matter."""
+        return any(is_known_zero(sign) for sign in (self.bend, self.has_vertex))
+
+    @property
+    def has_vertex(self) -> Array | np.ndarray | np.bool_:
+        """Whether objects are aligned at the vertex of their path; by NumPy if concrete.
+
+        On a sensor without a stroke to speak of they are aligned at mid-exposure. That of a free
+        path is the stroke of a parabola that accelerates as much in the mean over the exposure.
+        """
+        numbers = self.bend, self.half_exposure
+        a, half = (np.asarray(x) if is_concrete(x) else x for x in numbers)
+        with np.errstate(over="ignore"):
+            return turns(a * half * half)
+
+    @property
+    def fixed(self) -> FixedParts:
+        """Parts that a search leaves as they are, by the kind that the motion is `settled` as."""
+        return settled(self).fixed_by_kind
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
@@ -153,7 +175,7 @@ class AbstractMotion(eqx.Module):
 
     @abstractmethod
     def reach(self, max_speed: float) -> Reach:
-        """How far light travels of objects up to a speed, px/s; of a motion that is known.
+        """The travel of light from objects up to a speed; of a concrete motion.
 
         Args:
             max_speed: Greatest speed of an object; px/s.
@@ -166,6 +188,18 @@ class AbstractMotion(eqx.Module):
         Args:
             numbers: Acceleration, half exposure, velocity and pieces.
         """
+
+    @abstractmethod
+    def panned(self, velocity: ArrayLike) -> "AbstractMotion":
+        """The motion at another velocity.
+
+        Args:
+            velocity: Velocity at mid-exposure; px/s.
+        """
+
+    @abstractmethod
+    def without_velocity(self) -> "AbstractMotion":
+        """The motion in a frame that pans with it."""
 
     @abstractmethod
     def as_free_path(self) -> "FreeMotion":
@@ -269,7 +303,7 @@ class AbstractSteadyMotion(AbstractMotion):
         )
         space = namespace_of(speed)
         with np.errstate(over="ignore", invalid="ignore"):
-            fastest, turns_within = abs(space.asarray(speed) - v), has_vertex(self)
+            fastest, turns_within = abs(space.asarray(speed) - v), self.has_vertex
             far = (gain + fastest) ** 2 / (4 * space.where(turns_within, a, 1.0))
             return space.asarray(space.where(turns_within, far, 2 * fastest * T))
 
@@ -319,7 +353,7 @@ class AbstractSteadyMotion(AbstractMotion):
 
     def alignment(self, speed: RowLike) -> Positions:
         """The vertex, $-(s - v)^2/4a$, or where the object is at mid-exposure; px."""
-        moves = has_vertex(self)
+        moves = self.has_vertex
         speed, v, a = _together(speed, self.velocity, self.acceleration)
         space = namespace_of(speed)
         return space.where(moves, -((speed - v) ** 2) / (4 * space.where(moves, a, 1.0)), 0.0)
@@ -407,7 +441,7 @@ class ParabolicMotion(AbstractSteadyMotion):
     acceleration: Array
     half_exposure: Array
     velocity: Array
-    fixed: ClassVar[FixedParts] = FixedParts(frozenset(), "move")
+    fixed_by_kind: ClassVar[FixedParts] = FixedParts(frozenset(), "move")
 
     def __init__(
         self, *, acceleration: ArrayLike, half_exposure: ArrayLike, velocity: ArrayLike = 0.0
@@ -420,6 +454,18 @@ class ParabolicMotion(AbstractSteadyMotion):
         _check_acceleration(self.acceleration)
         _check_half_exposure("ParabolicMotion(half_exposure=...)", self.half_exposure)
         _check_velocity("ParabolicMotion(velocity=...)", self.velocity)
+
+    def panned(self, velocity: ArrayLike) -> "ParabolicMotion":
+        """The parabola at another velocity.
+
+        Args:
+            velocity: Velocity at mid-exposure; px/s.
+        """
+        return replace(self, velocity=velocity)
+
+    def without_velocity(self) -> "ParabolicMotion":
+        """The parabola in a frame that pans with it."""
+        return self.panned(0.0)
 
     def with_numbers(self, numbers: MotionNumbers) -> "ParabolicMotion":
         """The parabola of other numbers.
@@ -463,7 +509,7 @@ class FreeMotion(AbstractMotion):
     velocity: Array
     durations: tuple[float, ...] | None = eqx.field(static=True)
     accelerates_constantly: ClassVar[bool] = False
-    fixed: ClassVar[FixedParts] = FixedParts(
+    fixed_by_kind: ClassVar[FixedParts] = FixedParts(
         frozenset({"half_exposure", "acceleration", "velocity"}),
         "name path, or leave a free path as it is",
     )
@@ -521,6 +567,18 @@ class FreeMotion(AbstractMotion):
         pan = jnp.interp(jnp.zeros_like(half), ends, velocity)
         rates = jnp.diff(velocity) / (np.diff(ends) * (2 * half))
         return cls(accelerations=rates, half_exposure=half, velocity=pan)
+
+    def panned(self, velocity: ArrayLike) -> "FreeMotion":
+        """The path at another velocity.
+
+        Args:
+            velocity: Velocity at mid-exposure; px/s.
+        """
+        return replace(self, velocity=velocity)
+
+    def without_velocity(self) -> "FreeMotion":
+        """The path in a frame that pans with it."""
+        return self.panned(0.0)
 
     def with_numbers(self, numbers: MotionNumbers) -> "FreeMotion":
         """The path of equal pieces of other numbers.
@@ -647,7 +705,7 @@ class FreeMotion(AbstractMotion):
         return Alignment(-self.alignment(s), extent)
 
     def reach(self, max_speed: float) -> Reach:
-        """From the lowest to the highest position that objects reach, in either direction.
+        """The distance between the lowest and the highest position of objects in either direction.
 
         Args:
             max_speed: Greatest speed of an object; px/s.
@@ -693,7 +751,7 @@ class FreeMotion(AbstractMotion):
         Args:
             speed: Speed of the object; px/s.
         """
-        moves, lowest = has_vertex(self), self.lowest(speed)
+        moves, lowest = self.has_vertex, self.lowest(speed)
         if isinstance(lowest, Array):
             return jnp.where(moves, lowest, 0.0)
         return lowest if moves else np.zeros_like(lowest)
@@ -809,6 +867,18 @@ class AbstractStraightMotion(AbstractSteadyMotion):
         """Zero; px/s^2."""
         return _zero_like(self.half_exposure)
 
+    def panned(self, velocity: ArrayLike) -> "LinearMotion":
+        """The pan at another velocity.
+
+        Args:
+            velocity: Velocity at mid-exposure; px/s.
+        """
+        return LinearMotion(half_exposure=self.half_exposure, velocity=velocity)
+
+    def without_velocity(self) -> "StillCamera":
+        """The camera at rest, in the frame that pans with it."""
+        return StillCamera(half_exposure=self.half_exposure)
+
 
 @final
 class LinearMotion(AbstractStraightMotion):
@@ -824,7 +894,7 @@ class LinearMotion(AbstractStraightMotion):
 
     half_exposure: Array
     velocity: Array
-    fixed: ClassVar[FixedParts] = FixedParts(
+    fixed_by_kind: ClassVar[FixedParts] = FixedParts(
         frozenset({"path", "acceleration"}), "leave a pan its constant velocity"
     )
 
@@ -857,7 +927,7 @@ class StillCamera(AbstractStraightMotion):
     """
 
     half_exposure: Array
-    fixed: ClassVar[FixedParts] = FixedParts(
+    fixed_by_kind: ClassVar[FixedParts] = FixedParts(
         frozenset({"path", "acceleration", "velocity"}), "leave a still camera at rest"
     )
 
@@ -896,17 +966,6 @@ def extent_of_parabola(
     return space.where(turns_within, (a * reach) * reach, 2 * speed * half_exposure)
 
 
-def has_vertex(motion: AbstractMotion) -> Array | np.ndarray | np.bool_:
-    """Whether objects are aligned at the vertex of their path; on the host where that is known.
-
-    On a sensor without a stroke to speak of they are aligned at mid-exposure. That of a free path
-    is the stroke of a parabola that accelerates as much in the mean over the exposure.
-    """
-    a, half = (np.asarray(x) if is_concrete(x) else x for x in (motion.bend, motion.half_exposure))
-    with np.errstate(over="ignore"):
-        return turns(a * half * half)
-
-
 def _together(*values: RowLike) -> tuple[Array | np.ndarray, ...]:
     """Numbers as arrays of one kind: of NumPy where the first is and all are known."""
     if isinstance(values[0], np.ndarray) and all_concrete(values):
@@ -939,9 +998,7 @@ def settled(motion: AbstractMotion) -> AbstractMotion:
         ValueError: if it is no motion, as that of a scene may be.
     """
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
-    if isinstance(motion, StillCamera):
-        return motion
-    if not any(is_known_zero(sign) for sign in (motion.bend, has_vertex(motion))):
+    if isinstance(motion, StillCamera) or not motion.is_straight:
         return motion
     if is_known_zero(motion.velocity):
         return StillCamera(half_exposure=motion.half_exposure)
@@ -981,25 +1038,6 @@ def canonical_motion(motion: AbstractMotion) -> AbstractMotion:
         ValueError: if it is no motion.
     """
     return as_parabolic(settled(motion))
-
-
-def panned(motion: AbstractMotion, velocity: ArrayLike) -> AbstractMotion:
-    """The motion at another velocity."""
-    if isinstance(motion, AbstractStraightMotion):
-        return LinearMotion(half_exposure=motion.half_exposure, velocity=velocity)
-    return replace(motion, velocity=velocity)
-
-
-def without_velocity(motion: AbstractMotion) -> AbstractMotion:
-    """The motion in a frame that pans with it."""
-    if isinstance(motion, AbstractStraightMotion):
-        return StillCamera(half_exposure=motion.half_exposure)
-    return panned(motion, 0.0)
-
-
-def is_straight(motion: AbstractMotion) -> bool:
-    """Whether the sensor is known not to accelerate."""
-    return isinstance(settled(motion), AbstractStraightMotion)
 
 
 def _zero_like(value: Array) -> Array:

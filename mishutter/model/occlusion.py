@@ -20,7 +20,7 @@ from mishutter._core import (
 )
 
 Background = Literal["still", "moving"]
-"""How a background moves: not at all, or at one of the speeds that the objects have."""
+"""Motion of a background: none, or at one of the speeds that the objects have."""
 
 
 @final

@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from mishutter._core import as_numpy
+
 Numbers = Array | np.ndarray | np.floating | float
 
 
@@ -32,6 +34,20 @@ def noise_power(
     """
     shot = throughput * mean_level * (electrons / unit) / unit
     return shot + (read_noise / unit) ** 2
+
+
+def white_electrons(photon_rate: Numbers, exposure: Numbers, throughput: Numbers = 1.0) -> Any:
+    r"""Photo-electrons of a white pixel, $p = R\cdot\eta\cdot 2T$; e-, of any shape.
+
+    They are NumPy's if all of the numbers are concrete.
+
+    Args:
+        photon_rate: Photo-electrons a second at a white pixel, $R$; e-/s.
+        exposure: Time from first to last light, $2T$; s.
+        throughput: Mean transmittance over the exposure, $\eta$; 1 if it is fully open.
+    """
+    rate, exposure = as_numpy(photon_rate, exposure)
+    return rate * (throughput * exposure)
 
 
 def filling_half_exposure(

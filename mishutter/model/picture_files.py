@@ -25,7 +25,7 @@ PICTURE_SUFFIXES = (
     ".webp",
     *(".pgm", ".ppm"),
 )
-"""How the names of such files end; what a file is, its contents say."""
+"""Suffixes of such files; the contents of a file say what it is."""
 _BY_PILLOW = ("PNG", "JPEG", "MPO", "TIFF", "BMP", "WEBP", "PPM")
 """Pillow's names for these formats; a telephone's JPEG with further pictures in it is an MPO."""
 _ORIENTATION = 274

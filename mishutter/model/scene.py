@@ -32,7 +32,6 @@ from mishutter.model.motion import (
     AbstractMotion,
     ParabolicMotion,
     is_known_zero,
-    without_velocity,
 )
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import WIDEST_BLUR, Optics, frequencies, on_steps
@@ -404,6 +403,14 @@ class Scene(eqx.Module):
         half = motion.half_exposure if isinstance(motion, AbstractMotion) else motion
         return self.device.light(shutter, half, np.dtype(self.speeds.dtype))
 
+    def with_occlusion(self, occlusion: Occlusion | None) -> "Scene":
+        """The scene with other layers, or as one that moves as a whole, by the objects' speeds.
+
+        Args:
+            occlusion: The layers; None without any.
+        """
+        return eqx.tree_at(lambda s: s.occlusion, self, occlusion, is_leaf=_is_occlusion)
+
     @property
     def optics(self) -> Optics:
         """The lens, of a scene that is concrete."""
@@ -426,6 +433,13 @@ class Scene(eqx.Module):
     def speeds_known(self) -> bool:
         """Whether the speeds and weights can be looked at now, rather than being traced."""
         return is_concrete(self.speeds) and is_concrete(self.weights)
+
+    @property
+    def nothing_moves(self) -> bool:
+        """Whether every speed that occurs is known to be 0."""
+        if not self.speeds_known:
+            return False
+        return not np.any(np.asarray(self.speeds)[np.asarray(self.weights) > 0])
 
     @property
     def max_speed(self) -> Float[Array, ""]:
@@ -459,11 +473,6 @@ def require_whole(scene: Scene | None, user: str) -> None:
     require(whole, "scene", requirement, Unquoted("objects in front of a background"))
 
 
-def with_occlusion(scene: Scene, occlusion: Occlusion | None) -> Scene:
-    """A scene with other layers, or as one that moves as a whole, by the speeds of its objects."""
-    return eqx.tree_at(lambda s: s.occlusion, scene, occlusion, is_leaf=_is_occlusion)
-
-
 def _is_occlusion(part: object) -> bool:
     return part is None or isinstance(part, Occlusion)
 
@@ -479,7 +488,7 @@ def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMoti
     """
     require_scene(scene)
     if is_known_zero(motion.velocity):
-        return scene, without_velocity(motion)
+        return scene, motion.without_velocity()
     top, pan = scene.limits.max_top_speed, scene.limits.max_pan
     dtype = common_dtype(scene.speeds, motion.velocity)
     are_concrete = all_concrete((scene.speeds, scene.limits, motion.velocity))
@@ -502,8 +511,8 @@ def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMoti
         tolerances = scene.tolerances.seen_from(velocity)
         scene = eqx.tree_at(lambda s: s.tolerances, scene, tolerances)
     if scene.occlusion is not None:
-        scene = with_occlusion(scene, scene.occlusion.seen_from(velocity))
-    return scene, without_velocity(motion)
+        scene = scene.with_occlusion(scene.occlusion.seen_from(velocity))
+    return scene, motion.without_velocity()
 
 
 def _normalised(weights: RowLike) -> Array:

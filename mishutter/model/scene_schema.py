@@ -57,7 +57,7 @@ class Normal(Section):
 
 @final
 class Speeds(Section):
-    """How fast things move, in one of three forms: on the sensor, or as `[view]` shows them."""
+    """Speeds of things, in one of three forms: on the sensor, or as `[view]` shows them."""
 
     uniform: Uniform | None = None
     normal: Normal | None = None
@@ -83,7 +83,7 @@ class Light(Section):
 
 @final
 class ViewSection(Section):
-    """How large things are in the picture, for speeds in mm, m or degrees a second."""
+    """Size of things in the picture, for speeds in mm, m or degrees a second."""
 
     magnification: Annotated[float, Field(ge=1e-9, le=1e4)] | None = None
     distance_m: Annotated[float, Field(gt=0, le=1e9)] | None = None
@@ -139,7 +139,7 @@ class OpticsSection(Section):
 
 @final
 class StageSection(Section):
-    """How the stage's servo follows what it is sent, which says what to send."""
+    """Response of the stage's servo, from which the path to send follows."""
 
     bandwidth_hz: Annotated[float, Field(gt=0, le=1e6)]
     damping: Annotated[float, Field(ge=0.01, le=100)] = 0.7

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from mishutter._core import compiled
-from mishutter.model.shutters import AbstractPiecewiseShutter
+from mishutter.model.shutters import AbstractPiecewiseShutter, AbstractShutter, piecewise
 from mishutter.model.shutters.base import uniform_breakpoints, within_unit
 
 _TIE = 1e-5
@@ -20,11 +20,17 @@ decides."""
 _LONG = 1 << 30
 
 
-@compiled
 def slot_means(
-    profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtype
+    shutter: AbstractShutter, num_slots: int, dtype: np.dtype
 ) -> Float[Array, "{num_slots}"]:
     """Mean transmittance over equal slots of the exposure; shape `(num_slots,)`."""
+    return _slot_means(piecewise(shutter), num_slots, dtype)
+
+
+@compiled
+def _slot_means(
+    profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtype
+) -> Float[Array, "{num_slots}"]:
     slots, ends = (
         x.high for x in (uniform_breakpoints(num_slots, dtype), profile.breakpoints(dtype))
     )

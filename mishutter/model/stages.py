@@ -137,7 +137,7 @@ class StagePath(NamedTuple):
 
     @property
     def travel(self) -> float:
-        """From the lowest to the highest position, that of every turning point too; px."""
+        """Distance from the lowest to the highest position, turning points included; px."""
         times = np.concatenate([self.times, *map(self._turns, range(self.jerks.size))])
         return float(np.ptp(self.at(times)[0]))
 

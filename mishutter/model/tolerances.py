@@ -1,4 +1,4 @@
-r"""How far a camera as it is built may be from its design, and objects from their speeds.
+r"""Deviations of a camera as it is built from its design, and of objects from their speeds.
 
 On the parabola $x(t) = v t + a t^2$ most errors are one. A stage that is late by $d$ beside the
 shutter is at $x(t - d) = x(t) - 2 a d\,t + (a d^2 - v d)$: that is a velocity of $v - 2ad$, and a

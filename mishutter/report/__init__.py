@@ -1,7 +1,7 @@
-"""Verdicts, pictures and documents of designs, comparisons and sweeps."""
+"""Verdicts, pictures and documents of designs, comparisons and sweeps.
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+Only a function that draws imports matplotlib.
+"""
 
 from mishutter.report.backgrounds import STILL_SHARES as STILL_SHARES
 from mishutter.report.backgrounds import BackgroundGain as BackgroundGain
@@ -9,39 +9,25 @@ from mishutter.report.backgrounds import background_gains as background_gains
 from mishutter.report.backgrounds import background_line as background_line
 from mishutter.report.comparison import Comparison as Comparison
 from mishutter.report.comparison import compare as compare
+from mishutter.report.comparison import level_or_dash as level_or_dash
 from mishutter.report.comparison import with_verdict as with_verdict
 from mishutter.report.document import Report as Report
 from mishutter.report.document import document as document
 from mishutter.report.document import shown_rows as shown_rows
 from mishutter.report.document import write_report as write_report
+from mishutter.report.fit_plots import plot_fit as plot_fit
 from mishutter.report.photographs import photograph_of as photograph_of
 from mishutter.report.photographs import photographs as photographs
-
-if TYPE_CHECKING:
-    from mishutter.report.fit_plots import plot_fit as plot_fit
-    from mishutter.report.plots import motion_text as motion_text
-    from mishutter.report.plots import plot_capture as plot_capture
-    from mishutter.report.plots import plot_drive as plot_drive
-    from mishutter.report.plots import plot_kernels as plot_kernels
-    from mishutter.report.plots import plot_photograph as plot_photograph
-    from mishutter.report.plots import plot_profiles as plot_profiles
-    from mishutter.report.plots import plot_psnr as plot_psnr
-    from mishutter.report.plots import plot_transfer as plot_transfer
-    from mishutter.report.plots import save_figure as save_figure
-    from mishutter.report.plots import shown_name as shown_name
-    from mishutter.report.sweep_plots import plot_front as plot_front
-    from mishutter.report.sweep_plots import plot_map as plot_map
-    from mishutter.report.sweep_plots import write_pictures as write_pictures
-else:
-    _DRAWN = ("fit_plots", "plots", "sweep_plots")
-
-    def __getattr__(name: str) -> Any:
-        """Imports pictures, and matplotlib with them, at their first use: a verdict needs none."""
-        if name in _DRAWN:
-            return import_module(f"{__name__}.{name}")
-        modules = (import_module(f"{__name__}.{module}") for module in _DRAWN)
-        value = next((vars(x)[name] for x in modules if name in vars(x)), None)
-        if name.startswith("_") or value is None:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        globals()[name] = value
-        return value
+from mishutter.report.plots import motion_text as motion_text
+from mishutter.report.plots import plot_capture as plot_capture
+from mishutter.report.plots import plot_drive as plot_drive
+from mishutter.report.plots import plot_kernels as plot_kernels
+from mishutter.report.plots import plot_photograph as plot_photograph
+from mishutter.report.plots import plot_profiles as plot_profiles
+from mishutter.report.plots import plot_psnr as plot_psnr
+from mishutter.report.plots import plot_transfer as plot_transfer
+from mishutter.report.plots import save_figure as save_figure
+from mishutter.report.plots import shown_name as shown_name
+from mishutter.report.sweep_plots import plot_front as plot_front
+from mishutter.report.sweep_plots import plot_map as plot_map
+from mishutter.report.sweep_plots import write_pictures as write_pictures

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from mishutter._core import alone_in_blas, outside_trace, require_known
 from mishutter.evaluation import ExpectedErrorLoss
-from mishutter.model import Occlusion, Scene, is_straight, require_scene, with_occlusion
+from mishutter.model import Occlusion, Scene, require_scene
 from mishutter.search import RivalSearch, Row, best_row, optimise, snapshots
 
 STILL_SHARES = (0.5, 0.7)
@@ -66,7 +66,7 @@ def background_gains(
         step(f"{share:.0%} still")
         layered = before_still_background(scene, share)
         snapshot = best_row(snapshots(RivalSearch(layered, loss)))
-        start = scene.fullest_motion if is_straight(scene.motion) else scene.motion
+        start = scene.fullest_motion if scene.motion.is_straight else scene.motion
         design = optimise(layered, start, loss=loss, num_starts=_NUM_STARTS)
         camera = replace(
             snapshot,
@@ -88,7 +88,7 @@ def before_still_background(scene: Scene, still_share: float) -> Scene:
         still_share: Share of the picture that stands still.
     """
     layers = Occlusion(front_share=1 - still_share, object_width=OBJECT_WIDTH)
-    return with_occlusion(scene, layers)
+    return scene.with_occlusion(layers)
 
 
 def background_line(gains: tuple[BackgroundGain, ...]) -> str:

@@ -19,7 +19,7 @@ from mishutter.evaluation import (
     tolerance_costs,
 )
 from mishutter.hardware import Design, metrics_to_dict, motion_to_dict
-from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene, settled
+from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
 from mishutter.report.verdict import comparison_notes, verdict_lines
 from mishutter.search import (
     BEST_BURST,
@@ -126,6 +126,8 @@ class Comparison:
                 "motion": motion_to_dict(row.motion),
                 "loss": row.loss,
                 "num_frames": row.num_frames,
+                "psnr_db": row.psnr,
+                "worst_speed_psnr_db": row.worst_psnr,
                 "metrics": metrics_to_dict(row.metrics),
             }
             for row in self.rows
@@ -163,13 +165,19 @@ class Comparison:
         return f"{purchase:<10}{row.name:<21}{row.level:>9.2f} dB, {gain}, {row.setting}"
 
 
+def level_or_dash(level: float | None) -> str:
+    """A level in a table, dB; a dash where there is none."""
+    return "–" if level is None else f"{level:.2f}"
+
+
 def _line(row: Row) -> str:
     """A row under the names of `_HEADER`."""
     m = row.metrics
     loss = "" if row.loss is None else f"{row.loss:.4f}"
     within = "" if m.toleranced_psnr is None else f"{float(m.toleranced_psnr):>11.2f}"
+    worst = f"{level_or_dash(row.worst_psnr):>13}"
     return (
-        f"{row.name:<21}{row.psnr:>9.2f}{float(m.worst_speed_psnr):>13.2f}{float(m.condition_number):>8.2f}"
+        f"{row.name:<21}{row.psnr:>9.2f}{worst}{float(m.condition_number):>8.2f}"
         f"{float(m.kernel_difference):>8.4f}{float(m.relative_kernel_difference):>7.3f}"
         f"{float(m.efficiency):>7.3f}{float(m.bound_share):>7.3f}"
         f"{float(row.motion.stroke):>11.2f}{float(row.motion.velocity) + 0.0:>10.1f}"
@@ -228,10 +236,10 @@ def compare(
     if isinstance(motion, Design):
         shutters = {"optimised": motion} if shutters is None else shutters
         motion = motion.motion
+    require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
     require_known("compare", scene=scene, motion=motion)
     loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")
     loss = loss if loss.sees_light else loss_of_decoder(scene)
-    motion = settled(motion)
     entries = _entries(shutters) if shutters else {}
     search = RivalSearch(scene, loss, PLANNED if isinstance(plan, Plan) else plan)
     rows = compared_rows(search, motion, entries, step or (lambda name: None))

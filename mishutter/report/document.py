@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from mishutter._core import strict_json, write_text
 from mishutter.hardware import Design
 from mishutter.model import Scene, scene_picture
+from mishutter.report import plots
 from mishutter.report.backgrounds import (
     DESIGNED,
     STILL_SHARES,
@@ -118,8 +119,6 @@ def document(report: Report) -> dict[str, object]:
 
 def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
     """Draws an object before a background by the design, the snapshot and the best for both."""
-    from mishutter.report import plots
-
     scene, backgrounds = report.scene, report.backgrounds
     layers = scene.occlusion
     moves = layers is not None and layers.background == "moving"
@@ -185,23 +184,20 @@ def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
 
 
 def _save_drawn(drawn: "Callable[[], Figure]", path: Path) -> None:
-    from mishutter.report import plots
-
     plots.save_figure(drawn(), path)
 
 
 def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     """A function for each picture that draws it, by the name of its file."""
-    from mishutter.report import plots
-
     scene, shown = report.scene, report.photographs
     rows = pictured_rows(report.comparison, report.names)
     designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
+    speed = next(iter(rows.values())).speed
     few = dict(itertools.islice(designs.items(), _MOST_ROWS))
     drawings: dict[str, Callable[[], Figure]] = {
         "profile.png": lambda: plots.plot_profiles(designs),
         "kernels.png": lambda: plots.plot_kernels(few, shown_speeds(scene)),
-        "transfer.png": lambda: plots.plot_transfer(scene, designs),
+        "transfer.png": lambda: plots.plot_transfer(scene, designs, speed),
     }
     if shown is None:
         return drawings
@@ -213,7 +209,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
             pictured_speeds(scene),
             linear=True,
             axis=scene.axis,
-            decoder_speed=next(iter(rows.values())).speed,
+            decoder_speed=speed,
         ),
     }
     if report.design is not None:

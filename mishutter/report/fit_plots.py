@@ -1,19 +1,23 @@
 """Pictures of a camera that was fitted to measurements: residuals and the fitted profile."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.figure import Figure
 
 from mishutter.hardware import FittedCamera
 from mishutter.model import AbstractShutter
-from mishutter.report.plots import line_styles
+from mishutter.report.plots import line_styles, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _NUM_POINTS = 401
 
 
-def plot_fit(camera: FittedCamera, sent: AbstractShutter) -> Figure:
+def plot_fit(camera: FittedCamera, sent: AbstractShutter) -> "Figure":
     """Levels and residuals of each picture, and the profile beside the one that was sent."""
     count = len(camera.levels)
-    figure = Figure(figsize=(9.0, 1.5 * count + 3.0), layout="constrained")
+    figure = new_figure(9.0, 1.5 * count + 3.0)
     grid = figure.add_gridspec(count + 1, 2, height_ratios=[1.0] * count + [2.0])
     first, second, *_ = (style for style, _ in zip(line_styles(), range(2), strict=False))
     each = zip(camera.levels, camera.expected, camera.noise, strict=True)

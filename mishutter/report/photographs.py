@@ -157,7 +157,7 @@ def longest_kernel(scene: Scene, motions: Iterable[AbstractMotion]) -> int:
 
 
 def _middle_rows(picture: Picture, axis: Axis, count: int) -> Picture:
-    """So many rows from the middle of a picture, or columns of one that moves along these."""
+    """The middle rows of a picture, or the middle columns of one that moves along its columns."""
     along = turned(picture.light, axis)
     first = max(0, (along.shape[0] - count) // 2)
     return Picture(light=turned(along[first : first + count], axis), name=picture.name)

@@ -9,17 +9,14 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count, cycle
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from mishutter._core import require, write_bytes
 from mishutter.evaluation import (
+    FILTERS,
     kernel_phase,
     kernels_at_speeds,
     picture_power,
@@ -39,6 +36,10 @@ from mishutter.model import (
 )
 from mishutter.report.layered import LayeredCapture, LayeredScene
 from mishutter.restore import RestoredPhotograph
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Named = Mapping[str, tuple[AbstractMotion, AbstractShutter]]
 """Designs by the name that a legend shows."""
@@ -89,15 +90,23 @@ _MOST_ELONGATED = 16
 """Ratio of a picture's sides from which on it is stretched to its panel, so that it is visible."""
 
 
-@final
-class Drawing(Figure):
-    """A figure that a notebook shows without `pyplot`."""
+def new_figure(width: float, height: float) -> "Figure":
+    """A figure that a notebook shows without `pyplot`.
 
-    def _repr_png_(self) -> bytes:
-        return _png(self)
+    Args:
+        width: Its width; inches.
+        height: Its height; inches.
+    """
+    from matplotlib.figure import Figure
+
+    class Drawing(Figure):
+        def _repr_png_(self) -> bytes:
+            return _png(self)
+
+    return Drawing(figsize=(width, height), layout="constrained")
 
 
-def save_figure(figure: Figure, path: str | Path) -> None:
+def save_figure(figure: "Figure", path: str | Path) -> None:
     """Writes a figure as a PNG, whole or not at all.
 
     Args:
@@ -110,7 +119,9 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     write_bytes(path, _png(figure))
 
 
-def _png(figure: Figure) -> bytes:
+def _png(figure: "Figure") -> bytes:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     buffer, resolution = io.BytesIO(), figure.dpi
     figure.dpi = _DOTS_PER_INCH
     try:
@@ -122,7 +133,7 @@ def _png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def plot_profiles(designs: Named) -> Figure:
+def plot_profiles(designs: Named) -> "Figure":
     """Draws transmittance over the exposure, each design over its own time in ms.
 
     Args:
@@ -142,7 +153,7 @@ def plot_profiles(designs: Named) -> Figure:
     return figure
 
 
-def plot_drive(table: DriveTable) -> Figure:
+def plot_drive(table: DriveTable) -> "Figure":
     """Draws a drive table: transmittance as designed and as driven, and the sensor's path.
 
     Args:
@@ -162,7 +173,7 @@ def plot_drive(table: DriveTable) -> Figure:
     return figure
 
 
-def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
+def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
     """Draws blur kernels aligned at the vertex, less the kernel at the sensor's velocity.
 
     Each design has a row with its own axes, and each speed a line. The legend gives the root mean
@@ -172,7 +183,7 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> Figure:
         designs: Motions and shutters by name.
         speeds: Object speeds; px/s.
     """
-    figure = Drawing(figsize=(9.0, 1.9 * len(designs) + 0.7), layout="constrained")
+    figure = new_figure(9.0, 1.9 * len(designs) + 0.7)
     panels = figure.subplots(len(designs), 2, squeeze=False, sharex="row")
     for (left, right), (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
         velocity = float(motion.velocity)
@@ -220,26 +231,30 @@ def motion_text(motion: AbstractMotion) -> str:
     return ", ".join(parts)
 
 
-def plot_transfer(scene: Scene, designs: Named) -> Figure:
+def plot_transfer(
+    scene: Scene, designs: Named, decoder_speed: DecoderSpeed = "unknown"
+) -> "Figure":
     """Draws signal over noise of each design at its own exposure, and the error that follows.
 
-    The upper panel has the power of the picture over the power of its disturbances: noise, and the
-    spread between the scene's speeds. The lower panel has the squared error of the best linear
-    decoder for all speeds, summed up to each frequency; its last value is that of the expected
-    PSNR, also in a scene whose decoder finds the speed or is told it. The axis begins where the
-    sum of the first design reaches a hundredth of its end.
+    The upper panel has the power of the picture over the power of its disturbances: noise, and, for
+    one filter for all speeds, the spread between them. The lower panel has the squared error of
+    that filter, summed up to each frequency; its last value is that of the expected PSNR. A decoder
+    that finds the speed is drawn with the filter that is told it, as it restores where the speed
+    that it finds is right. The axis begins where the sum of the first design reaches a hundredth
+    of its end.
 
     Args:
         scene: Speeds, noise and spectrum of the picture.
         designs: Motions and shutters by name.
+        decoder_speed: Knowledge that the decoder has of the speed, as `Scene.decoder_speed`.
     """
     figure, (ratios, errors) = _new(2, height=2.9, share=True)
     begin = 0.5
     for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
         levels = spectral_levels(scene, motion, shutter)
         frequency = levels.frequencies
-        ratio = np.asarray(levels.signal_over_noise, np.float64)
-        dtype = levels.signal_over_noise.dtype
+        single = levels.of(decoder_speed).signal_over_noise
+        ratio, dtype = np.asarray(single, np.float64), single.dtype
         power = np.asarray(picture_power(scene, ratio.size, dtype), np.float64)
         error = np.cumsum(power / (1 + ratio)) / ratio.size
         begin = min(begin, frequency[np.argmax(error >= _FIRST_ERROR * error[-1])])
@@ -253,11 +268,11 @@ def plot_transfer(scene: Scene, designs: Named) -> Figure:
     errors.set(ylabel="cumulative squared error / 10⁻³", ylim=(0, None))
     errors.set(xlabel="spatial frequency / (cycles/px)", xlim=(begin, 0.5))
     errors.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    _legend(figure, errors, "expected PSNR of one filter for all speeds, linear light")
+    _legend(figure, errors, f"expected PSNR of {FILTERS[decoder_speed]}, linear light")
     return figure
 
 
-def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False) -> Figure:
+def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False) -> "Figure":
     """Draws PSNR of the restored photograph against object speed, with its standard error.
 
     Args:
@@ -298,7 +313,7 @@ def plot_layers(
     *,
     whole: bool = False,
     axis: Axis = "rows",
-) -> Figure:
+) -> "Figure":
     """Draws a background and an object in front of it, captured and restored by several cameras.
 
     Args:
@@ -315,8 +330,7 @@ def plot_layers(
     rows, columns = truth.shape[:2]
     height = _LAYERED_WIDTH * rows / columns + 1.4 * _TITLE
     across = 1 + len(captures)
-    size = across * _LAYERED_WIDTH, 2 * height + _TITLE
-    figure = Drawing(figsize=size, layout="constrained")
+    figure = new_figure(across * _LAYERED_WIDTH, 2 * height + _TITLE)
     panels = figure.subplots(2, across, squeeze=False)
     back, front = (layer.speed for layer in subject.layers.layers)
     kind = "still" if back == 0 else "moving"
@@ -349,7 +363,7 @@ def plot_photograph(
     linear: bool = False,
     axis: Axis = "rows",
     decoder_speed: DecoderSpeed = "unknown",
-) -> Figure:
+) -> "Figure":
     """Draws a magnified detail of a photograph, captured and restored, and its error.
 
     Each design has a row. The detail is where the photograph varies most along the axis of motion,
@@ -367,6 +381,8 @@ def plot_photograph(
     Raises:
         ValueError: if there is nothing to show, or the photographs are not parts of one.
     """
+    from matplotlib.patches import Rectangle
+
     require(len(results) > 0, "plot_photograph(results=...)", "hold a result", 0)
     require(len(speeds) > 0, "plot_photograph(speeds=...)", "hold a speed", 0)
     results = {name: result.turned(axis) for name, result in results.items()}
@@ -381,7 +397,7 @@ def plot_photograph(
     shown = turned(scene, axis)
     top = min(2 * height, _CELL * (across - 2) * shown.shape[0] / shown.shape[1])
     heights = [top + _TITLE, *(height + _TITLE for _ in results)]
-    figure = Drawing(figsize=(across * _CELL, sum(heights)), layout="constrained")
+    figure = new_figure(across * _CELL, sum(heights))
     grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
     whole = figure.add_subplot(grid[0, : across - 2])
     _show(whole, shown, "the scene, at rest; the box is magnified")
@@ -401,8 +417,8 @@ def plot_photograph(
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
             title = f"{shown_name(name, 26)}, captured\nat {result.speeds[index]:g} px/s"
             _show(panels[0], turned(captured[own], axis) * gain, title)
-            known = _IN_DOUBT if result.doubts[index] else restoration
-            _show(panels[1], turned(restored, axis), f"{known},\n{levels[index]:.2f} dB")
+            heading = _IN_DOUBT if result.doubts[index] else restoration
+            _show(panels[1], turned(restored, axis), f"{heading},\n{levels[index]:.2f} dB")
             panels[2].set_title("error", fontsize="small", y=1.0)
             error = _error(result.reference[own], restored, linear)
             maps.append((panels[2], turned(error, axis)))
@@ -451,7 +467,7 @@ def _error(truth: np.ndarray, restored: np.ndarray, linear: bool) -> np.ndarray:
     return np.sqrt(np.mean((pair[1] - pair[0]) ** 2, axis=2))
 
 
-def _draw_key(axes: Axes, brightest: float, linear: bool) -> None:
+def _draw_key(axes: "Axes", brightest: float, linear: bool) -> None:
     """Draws the scale of the maps of errors."""
     extent = (0, brightest * 100, 0, 1)
     axes.imshow(np.linspace(0, 1, 256)[None], cmap=MAP_COLOURS, extent=extent, aspect="auto")
@@ -469,7 +485,7 @@ def plot_capture(
     *,
     camera: str = "",
     decoder: str = "",
-) -> Figure:
+) -> "Figure":
     """Draws a capture beside its restoration, and beside the subject if that is a photograph.
 
     Args:
@@ -486,8 +502,7 @@ def plot_capture(
     width = 4.0
     height = float(np.clip(rows / columns, _LEAST_HEIGHT, _MOST_HEIGHT))
     stretched = max(rows / columns, columns / rows) > _MOST_ELONGATED
-    size = (len(shown) * width + 0.2, width * height + 0.5)
-    figure = Drawing(figsize=size, layout="constrained")
+    figure = new_figure(len(shown) * width + 0.2, width * height + 0.5)
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, picture) in zip(panels[0], shown.items(), strict=True):
         _show(axes, _shrunk(picture, max(1, columns // _MOST_COLUMNS)), title)
@@ -504,7 +519,7 @@ def _shrunk(picture: np.ndarray, times: int) -> np.ndarray:
     return whole.reshape(rows, times, columns, times, -1).mean(axis=(1, 3))
 
 
-def _show(axes: Axes, picture: np.ndarray, title: str) -> None:
+def _show(axes: "Axes", picture: np.ndarray, title: str) -> None:
     """Shows a picture in linear light on axes without ticks."""
     shown = to_display(picture)
     grey = shown.ndim == 2 or shown.shape[2] == 1
@@ -528,7 +543,7 @@ def shown_name(name: str, most: int = 40) -> str:
     return f"{' ' if cut.startswith('_') else ''}{cut}".replace("$", r"\$")
 
 
-def _legend(figure: Figure, axes: Axes, title: str | None = None) -> None:
+def _legend(figure: "Figure", axes: "Axes", title: str | None = None) -> None:
     """Writes the names of the lines above all panels; the figure grows by their height."""
     handles, labels = axes.get_legend_handles_labels()
     columns = 2 if max(map(len, labels), default=0) <= _LETTERS_OF_A_COLUMN else 1
@@ -550,15 +565,17 @@ def line_styles(width: float = 1.6) -> Iterator[dict[str, Any]]:
         yield {"color": _COLOURS[place], "linestyle": dash, "linewidth": width}
 
 
-def _new(num_panels: int, *, height: float = 4.2, share: bool = False) -> tuple[Figure, list[Axes]]:
-    figure = Drawing(figsize=(7.0, height * num_panels + 0.4), layout="constrained")
+def _new(
+    num_panels: int, *, height: float = 4.2, share: bool = False
+) -> "tuple[Figure, list[Axes]]":
+    figure = new_figure(7.0, height * num_panels + 0.4)
     panels = figure.subplots(num_panels, 1, squeeze=False, sharex=share)
     for axes in panels[:, 0]:
         draw_grid(axes)
     return figure, list(panels[:, 0])
 
 
-def draw_grid(axes: Axes) -> None:
+def draw_grid(axes: "Axes") -> None:
     """Draws pale grid lines behind the data.
 
     Args:

@@ -12,22 +12,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.colors import Normalize, TwoSlopeNorm
-from matplotlib.contour import QuadContourSet
-from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
-from matplotlib.ticker import MaxNLocator
 
 from mishutter._core import require, require_positive_int
 from mishutter.hardware import shutter_from_dict
 from mishutter.model import Scene, SplineShutter
 from mishutter.report.plots import (
     MAP_COLOURS,
-    Drawing,
     draw_grid,
     line_styles,
+    new_figure,
     save_figure,
     shown_name,
 )
@@ -35,6 +28,11 @@ from mishutter.sweeps import OBJECTIVES, OPTIMISED, gain_over_snapshot, pareto_f
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.colors import Normalize
+    from matplotlib.contour import QuadContourSet
+    from matplotlib.figure import Figure
 
 Place = tuple[float, float]
 
@@ -96,7 +94,7 @@ def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> lis
 
 def plot_map(
     dataset: "xarray.Dataset", metric: str = "expected_psnr", *, shutter: str | None = None
-) -> Figure:
+) -> "Figure":
     """Draws a metric over acceleration and exposure, with the optimum marked.
 
     Dashed lines join points of equal stroke, and dotted lines points of equal gain in speed,
@@ -124,7 +122,7 @@ def plot_map(
     values = values[rows][:, columns]
     if min(values.shape) > 1:
         a, values = a[a > 0], values[a > 0]
-    figure = Drawing(figsize=(7.0, 5.4), layout="constrained")
+    figure = new_figure(7.0, 5.4)
     axes = figure.subplots()
     draw = _draw_map if min(values.shape) > 1 else _draw_line
     rival = _text(dataset, metric).partition(_GAIN)[2]
@@ -166,7 +164,7 @@ def _values(
     return values.transpose("acceleration", "half_exposure").values
 
 
-def _draw_map(axes: Axes, drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
+def _draw_map(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     """Draws a map in colours; returns the places of its values on the axes."""
     half, a, values, label, rival = drawn
     _scale(axes.set_xscale, axes.xaxis, half)
@@ -185,15 +183,20 @@ def _draw_map(axes: Axes, drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def _about_zero(values: np.ma.MaskedArray) -> Normalize:
+def _about_zero(values: np.ma.MaskedArray) -> "Normalize":
     """A scale of colours with 0 in the middle, whose halves end at the least and largest value."""
+    from matplotlib.colors import Normalize, TwoSlopeNorm
+
     low, high = min(float(values.min()), 0.0), max(float(values.max()), 0.0)
     both = low < 0 < high
     return TwoSlopeNorm(0, low, high) if both else Normalize(low, high)
 
 
-def _ticks(norm: Normalize | None) -> list[float] | None:
+def _ticks(norm: "Normalize | None") -> list[float] | None:
     """Round numbers on both sides of a scale about 0; None for any other scale."""
+    from matplotlib.colors import TwoSlopeNorm
+    from matplotlib.ticker import MaxNLocator
+
     if not isinstance(norm, TwoSlopeNorm) or norm.vmin is None or norm.vmax is None:
         return None
     ends = norm.vmin, 0.0, norm.vmax
@@ -201,7 +204,7 @@ def _ticks(norm: Normalize | None) -> list[float] | None:
     return sorted({tick for tick in ticks.tolist() if ends[0] <= tick <= ends[2]})
 
 
-def _draw_zero(axes: Axes, drawn: _Map) -> None:
+def _draw_zero(axes: "Axes", drawn: _Map) -> None:
     """Draws a line where a gain is 0 dB, if it is anywhere, and names it below the map."""
     gain = np.ma.masked_invalid(drawn.values)
     if not gain.min() < 0 < gain.max():
@@ -227,7 +230,7 @@ def _edges(values: np.ndarray, scale: str) -> np.ndarray:
     return np.exp(edges) if scale == "log" else edges
 
 
-def _draw_line(axes: Axes, drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
+def _draw_line(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     """Draws a single row or column as a line; returns the places of its points on the axes."""
     half, a, values, label, rival = drawn
     row = a.size == 1
@@ -243,13 +246,13 @@ def _draw_line(axes: Axes, drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def _on_axes(axes: Axes, places: np.ndarray) -> np.ndarray:
+def _on_axes(axes: "Axes", places: np.ndarray) -> np.ndarray:
     """Converts places of data to shares of the axes' width and height; shape `(n, 2)`."""
     axes.axis()
     return (axes.transData - axes.transAxes).transform(places)
 
 
-def _scale(set_scale: Callable[[str], None], axis: Axis, values: np.ndarray) -> None:
+def _scale(set_scale: Callable[[str], None], axis: "Axis", values: np.ndarray) -> None:
     """Makes an axis logarithmic if its values are positive and differ more than eightfold."""
     finite = values[np.isfinite(values)]
     if not finite.size or finite.min() <= 0 or finite.max() <= 8 * finite.min():
@@ -261,7 +264,7 @@ def _scale(set_scale: Callable[[str], None], axis: Axis, values: np.ndarray) -> 
         axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in shown else "")
 
 
-def _contours(axes: Axes, half: np.ndarray, a: np.ndarray, within: np.ndarray) -> None:
+def _contours(axes: "Axes", half: np.ndarray, a: np.ndarray, within: np.ndarray) -> None:
     """Draws labelled lines of equal stroke and of equal top speed in the largest decades."""
     limits = axes.axis()
     x, y = (np.geomspace(values[0], values[-1], 200) for values in (half, a))
@@ -296,7 +299,7 @@ def _contours(axes: Axes, half: np.ndarray, a: np.ndarray, within: np.ndarray) -
     axes.axis(limits)
 
 
-def _label_places(axes: Axes, drawn: QuadContourSet, along: float) -> dict[float, Place]:
+def _label_places(axes: "Axes", drawn: "QuadContourSet", along: float) -> dict[float, Place]:
     """Places of labels by level, a share of the way along each line that is long enough for one."""
     places: dict[float, Place] = {}
     for level, parts in zip(drawn.levels, drawn.allsegs, strict=True):
@@ -310,7 +313,7 @@ def _label_places(axes: Axes, drawn: QuadContourSet, along: float) -> dict[float
 
 def plot_front(
     dataset: "xarray.Dataset", objectives: tuple[str, str], *, num_profiles: int = 4
-) -> Figure:
+) -> "Figure":
     """Draws two metrics that exclude one another: the Pareto front of each shutter and of all.
 
     Grey dots are the other points between the fronts. The lower panels have profiles of points
@@ -324,12 +327,14 @@ def plot_front(
     Raises:
         ValueError: if an objective is not a metric of the sweep, or no profile is asked for.
     """
+    from matplotlib.patheffects import withStroke
+
     require_positive_int("plot_front(num_profiles=...)", num_profiles)
     front = pareto_front(dataset, objectives)
     places = np.stack([front[name].values for name in objectives], axis=1)
     finite = np.all(np.isfinite(places), axis=1)
     front, places = front.isel(point=finite), places[finite]
-    figure = Drawing(figsize=(7.0, 7.0), layout="constrained")
+    figure = new_figure(7.0, 7.0)
     rows = figure.add_gridspec(2, 1, height_ratios=(3, 1))
     axes = figure.add_subplot(rows[0])
     _draw_points(axes, dataset, objectives)
@@ -362,7 +367,7 @@ def plot_front(
     return figure
 
 
-def _draw_points(axes: Axes, dataset: "xarray.Dataset", objectives: tuple[str, str]) -> None:
+def _draw_points(axes: "Axes", dataset: "xarray.Dataset", objectives: tuple[str, str]) -> None:
     """Draws the Pareto front of each shutter in a marker of its own, over the points of all."""
     names = [str(name) for name in dataset.shutter.values]
     fronts = [pareto_front(dataset.sel(shutter=[name]), objectives) for name in names]
@@ -405,7 +410,7 @@ def _spread(places: np.ndarray, count: int) -> list[int]:
 
 
 def _draw_profile(
-    axes: Axes, dataset: "xarray.Dataset", point: "xarray.Dataset", letter: str
+    axes: "Axes", dataset: "xarray.Dataset", point: "xarray.Dataset", letter: str
 ) -> None:
     """Draws the profile of a point of a sweep over its exposure."""
     tau = np.linspace(-1, 1, 401)

@@ -11,6 +11,7 @@ from mishutter.search import (
     Row,
     best_row,
     beyond_limits,
+    plainest,
     taken_names,
 )
 
@@ -56,10 +57,10 @@ def verdict_lines(rows: Sequence[Row], own: Row | None, snapshot: Row, most: flo
 
 
 def _to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
-    """The row to build: the one that takes least of all that are about as good as the best.
+    """The row to build: the plainest of all that are about as good as the best.
 
     Rows within `_WORTH_IT` are about as good, and a coded camera must exceed the best snapshot by
-    that much. Of rows that are as good and take as much, the best of the user's is preferred; if it
+    that much. Of rows that are as good and as plain, the best of the user's is preferred; if it
     pays, it is also preferred to a profile on a free path, which asks more of a stage.
     """
     top = best_row(rows)
@@ -70,9 +71,8 @@ def _to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
     if own is not None and own.takes <= top.takes:
         if top.lead_over(own) < _WORTH_IT <= own.lead_over(snapshot):
             top = own
-    about = [row for row in rows if row.takes < top.takes and top.lead_over(row) < _WORTH_IT]
-    worth = [row for row in about if row.lead_over(snapshot) >= _WORTH_IT]
-    return min([*worth, top], key=lambda row: (len(row.takes), -row.level))
+    worth = [row for row in rows if row.lead_over(snapshot) >= _WORTH_IT]
+    return plainest(worth, top, within=_WORTH_IT)
 
 
 def _beside(rows: Sequence[Row], choice: Row, own: Row | None) -> list[str]:
@@ -101,8 +101,8 @@ def _beside(rows: Sequence[Row], choice: Row, own: Row | None) -> list[str]:
 
 
 def _is_simpler(row: Row, choice: Row) -> bool:
-    """Whether a row takes less, or as much with a fixed kind of profile for a free one."""
-    if row.takes < choice.takes:
+    """Whether a row is plainer, or as plain with a fixed kind of profile for a free one."""
+    if row.is_plainer_than(choice):
         return True
     is_free = "a shutter" in choice.takes and isinstance(command_of(choice.shutter), SplineShutter)
     is_fixed = not isinstance(command_of(row.shutter), SplineShutter)

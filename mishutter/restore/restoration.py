@@ -22,8 +22,8 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.camera import (
-    as_light,
     as_pixels,
+    as_radiance,
     blurred_at_speeds,
     channels_last,
     distinct_colours,
@@ -173,16 +173,16 @@ def deconvolve(
         16.7 dB, 26.9 dB
     """
     require_scene(scene)
-    light = turned(as_pixels(captured, "deconvolve(captured=...)"), scene.axis)
+    irradiance = turned(as_pixels(captured, "deconvolve(captured=...)"), scene.axis)
     chosen = EnsembleDecoder() if decoder is None else decoder
     is_decoder = isinstance(chosen, AbstractDecoder)
     require(is_decoder, "deconvolve(decoder=...)", "be a decoder", decoder)
     blur = blur_model(scene, motion, shutter, plan=plan) if model is None else model
     has_light, subject = blur.electrons > 0, "deconvolve(scene=...)"
     require(has_light, subject, "have a photon rate above 0 e-/s", blur.electrons)
-    distinct = distinct_colours(light, plan)
-    restored = channels_last(chosen.restore(as_float(rows_last(distinct)), blur), light)
-    return as_float(turned(every_colour(restored, light), scene.axis))
+    distinct = distinct_colours(irradiance, plan)
+    restored = channels_last(chosen.restore(as_float(rows_last(distinct)), blur), irradiance)
+    return as_float(turned(every_colour(restored, irradiance), scene.axis))
 
 
 def restore_photograph(
@@ -283,8 +283,8 @@ def restore_by_each(
     require_scene(scene)
     require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
     require_key("restore_photograph(key=...)", key)
-    light = as_light(picture, "restore_photograph(picture=...)")
-    light = turned(light[..., None] if light.ndim == 2 else light, scene.axis)
+    radiance = as_radiance(picture, "restore_photograph(picture=...)")
+    radiance = turned(radiance[..., None] if radiance.ndim == 2 else radiance, scene.axis)
     axis, scene = scene.axis, scene.along_rows()
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     require_finite("restore_photograph(speeds=...)", chosen_speeds)
@@ -295,8 +295,8 @@ def restore_by_each(
     key = fixed_key() if key is None else key
     scene, motion, shutter, velocity = sensor_view(scene, motion, shutter)
     relative = chosen_speeds - float(velocity)
-    window, inner = _common_columns(light.shape[-2], motion, relative, least_taps, axis)
-    reference = _behind_optics(np.asarray(light), scene)[:, window]
+    window, inner = _common_columns(radiance.shape[-2], motion, relative, least_taps, axis)
+    reference = _behind_optics(np.asarray(radiance), scene)[:, window]
     model = blur_model(scene, motion, shutter, plan=plan, least_taps=least_taps)
     seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
     knows = scene.decoder_speed if decoder_speed is None else decoder_speed
@@ -320,15 +320,15 @@ def restore_by_each(
             knowing = informed(methods, planes, models[index])
             estimates = [
                 np.asarray(
-                    deconvolve(
-                        capture, scene, motion, shutter, decoder=each, model=known, plan=plan
-                    )
+                    deconvolve(capture, scene, motion, shutter, decoder=each, model=blur, plan=plan)
                 )
-                for each, known, _ in knowing
+                for each, blur, _ in knowing
             ]
             if trial == 0:
-                found = [each.estimate for each in knowing]
-                doubts[:, index] = ["" if each is None else each.doubt for each in found]
+                of_speed = [each.estimate for each in knowing]
+                doubts[:, index] = [
+                    "" if each is None else each.of(scene, motion).doubt for each in of_speed
+                ]
                 results = zip((captured, *restored), (capture, *estimates), strict=True)
                 for store, result in results:
                     store[index] = result
@@ -338,7 +338,7 @@ def restore_by_each(
         return _Errors(np.array(errors), np.array(codes))
 
     on_sensor = blurred_at_speeds(
-        light, scene, motion, shutter, relative.tolist(), plan=plan, least_taps=least_taps
+        radiance, scene, motion, shutter, relative.tolist(), plan=plan, least_taps=least_taps
     )
     count = min(num_processors(), _CAPTURES_AT_ONCE)
     trials = list(in_threads(tried, enumerate(on_sensor), count))
@@ -387,10 +387,10 @@ def _expected_levels(
 
 
 def _behind_optics(
-    light: Float[np.ndarray, "rows columns channels"], scene: Scene
+    radiance: Float[np.ndarray, "rows columns channels"], scene: Scene
 ) -> Float[np.ndarray, "rows columns channels"]:
     """The picture behind the scene's optics, as a perfect decoder would restore it."""
-    rows = np.moveaxis(light, 1, 2)
+    rows = np.moveaxis(radiance, 1, 2)
     return np.moveaxis(through_optics(rows, float(scene.cutoff_frequency)), 2, 1)
 
 

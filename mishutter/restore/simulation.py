@@ -14,7 +14,7 @@ from mishutter._core import require_key, require_positive_int
 from mishutter.camera import (
     Frames,
     Layers,
-    as_light,
+    as_radiance,
     distinct_colours,
     rows_last,
     simulate_capture,
@@ -131,16 +131,16 @@ def capture_and_restore(
     if isinstance(subject, Layers | Frames):
         subject = subject if axis == "rows" else subject.turned()
         report("exposing", 0.0)
-        light = np.asarray(capture(subject, key=key))
+        image = np.asarray(capture(subject, key=key))
     else:
-        light = turned(as_light(subject, "capture_and_restore(subject=...)"), axis)
+        image = turned(as_radiance(subject, "capture_and_restore(subject=...)"), axis)
     model = blur_model(scene, motion, shutter, plan=plan)
     captured = restored = np.zeros((0, 0, 1))
-    num_rows = light.shape[0]
+    num_rows = image.shape[0]
     portions = range(0, num_rows, rows_at_once)
     for first in portions:
         report("capturing", 0.5 * first / num_rows)
-        part = jnp.asarray(light[first : first + rows_at_once])
+        part = jnp.asarray(image[first : first + rows_at_once])
         if not is_exposed:
             own_key = None if key is None else jax.random.fold_in(key, first)
             part = capture(part, key=own_key)

@@ -7,6 +7,7 @@ from mishutter.search.rivals import BEST_PANNED_SNAPSHOT as BEST_PANNED_SNAPSHOT
 from mishutter.search.rivals import BEST_SNAPSHOT as BEST_SNAPSHOT
 from mishutter.search.rivals import BEST_TUKEY as BEST_TUKEY
 from mishutter.search.rivals import CODED_AT_REST as CODED_AT_REST
+from mishutter.search.rivals import OPEN_ON_FREE_PATH as OPEN_ON_FREE_PATH
 from mishutter.search.rivals import OWN_BEST_MOTION as OWN_BEST_MOTION
 from mishutter.search.rivals import SAME_MOTION as SAME_MOTION
 from mishutter.search.rivals import SHAPED_ON_FREE_PATH as SHAPED_ON_FREE_PATH
@@ -20,6 +21,7 @@ from mishutter.search.rivals import best_row as best_row
 from mishutter.search.rivals import compared_rows as compared_rows
 from mishutter.search.rivals import is_finished as is_finished
 from mishutter.search.rivals import may_be_named as may_be_named
+from mishutter.search.rivals import plainest as plainest
 from mishutter.search.rivals import snapshots as snapshots
 from mishutter.search.rivals import taken_names as taken_names
 from mishutter.search.search import MAX_STEPS as MAX_STEPS

@@ -24,7 +24,6 @@ from mishutter.evaluation import (
     extent,
     folds_speeds,
     larger,
-    nothing_moves,
     power_on_grid,
     size_class,
     sized_for,
@@ -197,7 +196,7 @@ def exact_plan(
     pans = space is not None and "velocity" in space.free
     one_sided = space is not None and "path" in space.free and not space.path_mirrors
     folds = folds_speeds(scene, motion, shutter) and not (pans or one_sided)
-    still = not pans and nothing_moves(scene)
+    still = not pans and scene.nothing_moves
     num_kept = _frequencies_with_power(scene, full) if needs.only_error else full.num_frequencies
     num_taps, num_nodes = full.num_taps, full.num_nodes
     if space is None or set(space.free) == {"shutter"}:

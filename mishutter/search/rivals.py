@@ -1,6 +1,6 @@
 """Rivals of a design: windows, snapshots, coded stills, free paths and bursts, each at its best."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -33,9 +33,6 @@ from mishutter.model import (
     StillCamera,
     TukeyShutter,
     baselines,
-    is_straight,
-    settled,
-    without_velocity,
 )
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.search import free_by_default, on_free_path, optimise
@@ -116,7 +113,7 @@ class Row:
     @cached_property
     def takes(self) -> frozenset[str]:
         """Parts that it needs beside a camera at rest with an ordinary shutter."""
-        of_stage = without_velocity(self.motion) if self.turns else self.motion
+        of_stage = self.motion.without_velocity() if self.turns else self.motion
         stays_open = isinstance(self.shutter, RectShutter)
         stays_open = stays_open or float(self.metrics.efficiency) > _OPEN
         takes = {
@@ -124,6 +121,19 @@ class Row:
             "a shutter": not stays_open,
         }
         return frozenset(part for part, is_needed in takes.items() if is_needed)
+
+    @cached_property
+    def kind(self) -> tuple[bool, bool]:
+        """Whether the sensor follows another path than a parabola, and whether a shutter is made.
+
+        Of rows that take the same parts, one of a lesser kind is plainer.
+        """
+        return not self.motion.accelerates_constantly, not isinstance(self.shutter, RectShutter)
+
+    def is_plainer_than(self, other: "Row") -> bool:
+        """Whether it takes fewer of the other's parts, or the same parts of a plainer kind."""
+        same = self.takes == other.takes
+        return self.kind < other.kind if same else self.takes < other.takes
 
     @property
     def level(self) -> float:
@@ -141,6 +151,12 @@ class Row:
         if self.at_worst:
             return float(self.metrics.worst_speed_psnr)
         return float(self.metrics.psnr_of(self.speed))
+
+    @property
+    def worst_psnr(self) -> float | None:
+        """PSNR at the worst speed by the judging decoder; None if it finds the speed; dB."""
+        level = self.metrics.worst_psnr_of(self.speed)
+        return None if level is None else float(level)
 
     @property
     def setting(self) -> str:
@@ -163,28 +179,37 @@ def best_row(rows: Iterable[Row]) -> Row:
     return max(rows, key=lambda row: row.level)
 
 
+def plainest(rows: Iterable[Row], top: Row, *, within: float) -> Row:
+    """The plainest row of those that are about as good as one: that one, or a plainer row.
+
+    Fewer parts come first, then a parabola before a free path, then an ordinary shutter before a
+    made one, and then the level.
+
+    Args:
+        rows: Rows to choose from.
+        top: The one that they are compared with.
+        within: Level below the top from which on a row is not as good; dB.
+    """
+    plainer = [row for row in rows if row.is_plainer_than(top) and top.lead_over(row) < within]
+    return min([*plainer, top], key=lambda row: (len(row.takes), row.kind, -row.level))
+
+
 def best_of_each_purchase(rows: Iterable[Row]) -> dict[str, Row]:
     """The best row of each purchase, the simplest purchase first; a burst takes another camera.
 
-    The best row of a purchase is the best of all rows that need no more: whoever has bought more
-    may use less of it.
+    The best row of a purchase is the best of all rows that need no more, the plainest of equals:
+    whoever has bought more may use less of it.
 
     Args:
         rows: Rows of both readings, of which those at their own best motion count.
     """
     rows = [row for row in rows if row.reading == OWN_BEST_MOTION and row.name != BEST_BURST]
     return {
-        name: _plainest([row for row in rows if row.takes <= parts])
+        name: plainest(enough, best_row(enough), within=_SAME_LEVEL)
         for parts, name in _PURCHASES.items()
-        if any(row.takes == parts for row in rows)
+        for enough in [[row for row in rows if row.takes <= parts]]
+        if any(row.takes == parts for row in enough)
     }
-
-
-def _plainest(rows: Sequence[Row]) -> Row:
-    """The best row; of equals one with an ordinary shutter."""
-    top = best_row(rows)
-    equals = [row for row in rows if top.lead_over(row) < _SAME_LEVEL]
-    return next((row for row in equals if isinstance(row.shutter, RectShutter)), top)
 
 
 def taken_names() -> tuple[str, ...]:
@@ -270,7 +295,7 @@ def compared_rows(
 def _searchable(motion: AbstractMotion, scene: Scene) -> AbstractMotion:
     """The motion that searches begin with: this one, the scene's, or the fullest parabola."""
     for start in (motion, scene.motion):
-        if start.accelerates_constantly and not is_straight(start):
+        if start.accelerates_constantly and not start.is_straight:
             return start
     return scene.motion if scene.motion.accelerates_constantly else scene.fullest_motion
 
@@ -322,7 +347,7 @@ def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
     shutter = RectShutter()
     plan = plan_of_scene(scene, still, shutter, loss=loss, free="half_exposure")
     start = scene.motion
-    if is_straight(start):
+    if start.is_straight:
         return plan
     free = free_by_default(scene, start, shutter)
     moving = plan_of_scene(scene, start, shutter, loss=loss, free=free)
@@ -357,7 +382,7 @@ def _free_profiles(
     rows.append(_row(OPEN, steady))
     if takes_path and shaped is not None:
         on_path = on_free_path(steady, start, loss=loss, plan=plan)
-        beside = [design for design in (steady, on_path) if not is_straight(design.motion)]
+        beside = [design for design in (steady, on_path) if not design.motion.is_straight]
         best = on_free_path(shaped, start, loss=loss, shaped=True, beside=beside, plan=plan)
         rows += [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]
     return rows
@@ -407,7 +432,7 @@ def _bursts(scene: Scene) -> list[Row]:
         return []
     shutter = RectShutter()
     metrics = evaluate(burst.scene, burst.motion, shutter)
-    row = Row(OWN_BEST_MOTION, BEST_BURST, shutter, settled(burst.motion), None, metrics)
+    row = Row(OWN_BEST_MOTION, BEST_BURST, shutter, burst.motion, None, metrics)
     return [replace(row, speed="told", turns=_turns(scene), num_frames=burst.num_frames)]
 
 

@@ -47,10 +47,7 @@ from mishutter.model import (
     command_of,
     is_adjustable,
     is_known_zero,
-    is_straight,
-    panned,
     require_scene,
-    settled,
 )
 from mishutter.search.cover import cover, lowest_of_valleys, screened
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
@@ -118,7 +115,7 @@ Progress = Callable[[int, float], None]
 
 
 class Outcome(Enum):
-    """How a search ended."""
+    """The end of a search."""
 
     CONVERGED = "The search converged: the projected gradient is below its tolerance."
     STEPS_USED = "The search used up its steps before the projected gradient fell below tolerance."
@@ -380,7 +377,7 @@ def _on_free_path(
 
 def _path_after(design: Design, start: AbstractMotion) -> AbstractMotion:
     """The motion of a design, or `start` where that does not accelerate."""
-    return start if is_straight(design.motion) else design.motion
+    return start if design.motion.is_straight else design.motion
 
 
 def _beyond(
@@ -552,7 +549,7 @@ def moved_by_default(
     A loss that ignores light moves the profile alone, on the motion or on the scene's; without
     either, on that of the best design by the expected error.
     """
-    start = settled(scene.motion if motion is None else motion)
+    start = scene.motion if motion is None else motion
     names = free_by_default(scene, start, shutter)
     if loss.sees_light or "shutter" not in names:
         return start, names
@@ -599,7 +596,7 @@ def _searched(
         ends.append(_best_of_space(scene, space.without_acceleration(), plan, settings, more))
     if "velocity" in names or is_known_zero(frame.velocity):
         return ends
-    return [end._replace(motion=panned(end.motion, frame.velocity)) for end in ends]
+    return [end._replace(motion=end.motion.panned(frame.velocity)) for end in ends]
 
 
 class _End(NamedTuple):

@@ -53,11 +53,10 @@ from mishutter.model import (
     filling_half_exposure,
     is_adjustable,
     is_known_zero,
-    is_straight,
-    largest_of,
     num_coordinates,
     seen_from,
     settled,
+    white_electrons,
 )
 
 FREE_NAMES = ("shutter", "path", "half_exposure", "velocity", "acceleration")
@@ -72,7 +71,7 @@ between two of them."""
 _TIMES_AT_ONCE = 8
 """Half exposures a call: one compiled program serves the first round and the halvings."""
 _MOST_PIECES_DIFFER = 20.0
-"""How many times more, or less, than the mean the acceleration of a piece of a free path may be."""
+"""Largest ratio of a free path's acceleration on a piece to its mean, and of the mean to that."""
 _MEETING = 0.5
 """Coordinate of the half exposure at which a free path comes to its stroke and its top speed
 together: a kink whose place in the box is the same for every path."""
@@ -241,7 +240,7 @@ class DesignSpace(eqx.Module):
         gains = [
             2 * float(motion.mean_acceleration) * float(motion.half_exposure)
             for motion in motions
-            if not is_straight(motion)
+            if not motion.is_straight
         ]
         least = np.asarray(min([float(self.demand), *gains]), self.dtype)
         return replace(self, demand=device_constant(least))
@@ -455,18 +454,9 @@ class DesignSpace(eqx.Module):
         self, half_exposure: Float[Array, ""], shape: PathShape | None = None
     ) -> Interval:
         """Least and greatest acceleration, of a free path the mean; px/s^2."""
-        by_speed = self.limits.max_top_speed / (2 * half_exposure)
-        high, steepest = jnp.minimum(by_speed, self.strongest), 1.0
-        if shape is None:
-            high = jnp.minimum(high, self.limits.acceleration_by_stroke(half_exposure))
-        else:
-            steepest = largest_of(shape.pieces)
-        if self.limits.max_acceleration is not None:
-            high = jnp.minimum(high, self.limits.max_acceleration / (2 * steepest))
-        if self.limits.has_stage or shape is not None:
-            rest = jnp.zeros_like(high)
-            numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": rest}
-            high = self.limits.largest("acceleration", rest, high, numbers, shape)
+        rest = jnp.zeros_like(half_exposure)
+        high = self.limits.largest_acceleration(half_exposure, rest, shape)
+        high = jnp.minimum(high, self.strongest)
         keeping_up = jnp.clip(self.demand / (2 * half_exposure), _SLOWEST * high, high)
         gain = jnp.abs(self.motion.mean_acceleration) * self.motion.half_exposure
         return Interval(jnp.minimum(keeping_up, gain / half_exposure), high)
@@ -492,7 +482,7 @@ def _level_velocity(pieces: Float[Array, "pieces"]) -> Float[Array, ""]:
 
 
 class SearchFrame(NamedTuple):
-    """A scene and a motion of one kind, `settled`, in the frame that a search is done in."""
+    """A scene and a motion, of the kind that it is `settled` as, in the frame of a search."""
 
     scene: Scene
     motion: AbstractMotion
@@ -515,14 +505,13 @@ def design_space(
 ) -> DesignSpace:
     """The space of what `free` names, within the scene's limits.
 
-    A scene and a motion whose velocity is not free are those of the `search_frame`. A free path
-    has a free acceleration, and begins as the path of the motion.
+    The scene and the motion are those of the `search_frame`. A free path has a free acceleration,
+    and begins as the path of the motion.
 
     Raises:
         ValueError: if `free` is empty or names something that cannot move.
     """
     names = (free,) if isinstance(free, str) else tuple(free)
-    motion = settled(motion)
     subject = "optimise(free=...)"
     are_parts = bool(names) and all(name in FREE_NAMES for name in names)
     require(are_parts, subject, f"name some of {', '.join(FREE_NAMES)}", free)
@@ -617,7 +606,7 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
     if scene.full_well is None:
         return None
     rate, full_well = float(scene.photon_rate), float(scene.full_well)
-    shortest = 2 * rate * float(scene.limits.min_half_exposure)
+    shortest = float(white_electrons(rate, 2 * float(scene.limits.min_half_exposure)))
     requirement = (
         f"hold what an open shutter lets through in the shortest exposure, {shortest:g} e-"
     )
@@ -625,7 +614,7 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
     efficiency, most = 1.0, scene.limits.max_half_exposure
     if shutter is not None:
         efficiency = float(transmittance(scene, most, shutter).efficiency())
-    if 2 * rate * efficiency * float(most) <= full_well:
+    if white_electrons(rate, 2 * float(most), efficiency) <= full_well:
         return None
     return float(filling_half_exposure(full_well, rate, efficiency))
 
@@ -637,7 +626,7 @@ def all_that_can_move(
 
     Without a shutter the profile is of free form.
     """
-    fixed = {"path", *settled(motion).fixed.names}
+    fixed = {"path", *motion.fixed.names}
     if is_known_zero(scene.limits.max_pan):
         fixed.add("velocity")
     if shutter is not None and not is_adjustable(shutter):
@@ -662,8 +651,8 @@ def fills(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> boo
     if scene.full_well is None:
         return False
     efficiency = float(transmittance(scene, motion, shutter).efficiency())
-    electrons = float(scene.photon_rate) * (efficiency * float(motion.exposure))
-    return electrons > float(scene.full_well) * (1 + _ROUNDING)
+    electrons = white_electrons(float(scene.photon_rate), float(motion.exposure), efficiency)
+    return bool(electrons > float(scene.full_well) * (1 + _ROUNDING))
 
 
 def require_adjustable(shutter: AbstractShutter) -> None:

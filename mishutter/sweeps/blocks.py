@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from operator import itemgetter
 from typing import NamedTuple, final
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -14,17 +15,14 @@ from mishutter.evaluation import (
     SPECTRUM_METRICS,
     LightLevels,
     Rules,
+    Shapes,
     Sizes,
     measure,
-    motions_at,
-    rules_of,
     scenes_for,
-    shapes_of,
-    sizes_of,
     too_long,
     transmittance,
 )
-from mishutter.model import AbstractShutter, ParabolicMotion, Scene
+from mishutter.model import AbstractShutter, ParabolicMotion, Scene, white_electrons
 from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, outside_limits
 from mishutter.sweeps.search import basis_of, coefficients_of, search
 
@@ -62,7 +60,7 @@ class Engine:
             outside_limits(frame, grid.accelerations, grid.half_exposures) for frame in grid.frames
         ]
         self.sizes = [*map(self._sizes, self.scenes, self.outside)]
-        self.shapes = shapes_of(self.sizes)
+        self.shapes = Shapes.of(self.sizes)
         self.kits = [self._kit(shutter, [shutter]) for shutter in grid.shutters.values()]
         profiles = () if grid.search is None else grid.search.profiles
         kinds = {profile.symmetric: profile for profile in profiles}
@@ -72,7 +70,7 @@ class Engine:
         """Sizes of the points within limits; marks in `outside` those that are too large."""
         grid = self.grid
         rows, columns = np.nonzero(outside == 0)
-        sizes = sizes_of(scene, self._motions(rows, columns), skips=grid.skips)
+        sizes = Sizes.of(scene, self._motions(rows, columns), skips=grid.skips)
         is_too_long = too_long(
             sizes.num_taps,
             sizes.num_frequencies,
@@ -83,10 +81,12 @@ class Engine:
         return Sizes(*(size[~is_too_long] for size in sizes))
 
     def _motions(self, rows: np.ndarray, columns: np.ndarray) -> ParabolicMotion:
-        """The motions of some points, on a leading axis."""
-        dtype = self.grid.dtype
-        accelerations = self.grid.accelerations[rows].astype(dtype)
-        return motions_at(accelerations, self.grid.half_exposures[columns].astype(dtype))
+        """The motions of some points, without velocity; their numbers have a leading axis."""
+        accelerations = self.grid.accelerations[rows].astype(self.grid.dtype)
+        half_exposures = self.grid.half_exposures[columns].astype(self.grid.dtype)
+        one = ParabolicMotion(acceleration=0.0, half_exposure=1.0)
+        numbers = accelerations, half_exposures, np.zeros_like(half_exposures)
+        return eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, numbers)
 
     def _kit(self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]) -> Kit:
         scenes = scenes_for(self.scenes, shutter, skips=self.grid.skips)
@@ -99,7 +99,7 @@ class Engine:
         """Rules of quadrature of some profiles behind the device."""
         scene = self.scenes[0]
         shutters = [transmittance(scene, half_exposure, each) for each in coordinates]
-        return rules_of(shutters, self.shapes, self.grid.dtype)
+        return Rules.of(shutters, self.shapes, self.grid.dtype)
 
     def _rules_at(
         self, kit: Kit, half_exposures: np.ndarray
@@ -164,7 +164,7 @@ class Engine:
         grid, scene = self.grid, kit.scenes[frame]
         rates = scene.photon_rate if grid.photon_rates is None else grid.photon_rates
         noises = scene.read_noise if grid.read_noises is None else grid.read_noises
-        light = LightLevels(*(np.atleast_1d(np.asarray(level)) for level in (rates, noises)))
+        levels = LightLevels(*(np.atleast_1d(np.asarray(level)) for level in (rates, noises)))
         metrics = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
         halves = np.asarray(motions.half_exposure)
         for index, rules in self._rules_at(kit, halves) if halves.size else ():
@@ -177,7 +177,7 @@ class Engine:
                 shapes=self.shapes,
                 sizes=own_sizes,
                 metrics=grid.metrics,
-                levels=light,
+                levels=levels,
                 boxes=own_boxes,
             )
             for name, values in part.items():
@@ -198,7 +198,7 @@ class Engine:
         by_light = grid.photon_rates is not None
         own = np.array([float(scene.photon_rate)])
         rates = own if grid.photon_rates is None else grid.photon_rates
-        electrons = efficiency[..., None] * 2 * half[:, None, None] * rates
+        electrons = white_electrons(rates, 2 * half[:, None, None], efficiency[..., None])
         full = electrons > full_well
         bits = np.where(full, _mark("full_well"), MARKS.type(0))
         bits = bits | arrays["outside"][:, :, None, None]

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter._core import compiled, compiling, in_threads, is_tracing, outside_trace
+from mishutter._core import as_they_end, compiled, compiling, is_tracing, outside_trace
 
 
 def _doubled_cube(x, *, factor=2.0):
@@ -84,10 +84,10 @@ def test_threads_may_differentiate_one_function_at_a_time():
         return compiled(slopes)
 
     x, y = jnp.array([0.3, 0.7]), jnp.array([1.1, -2.3])
-    by_x, by_y, by_both = in_threads(
-        lambda slopes: slopes(x, y), map(slope, [0, 1, (0, 1)]), 3, first_alone=False
-    )
-    for found, expected in ((by_x, y), (by_y, x), (by_both[0], y), (by_both[1], x)):
+    calls = [lambda place=place: (place, slope(place)(x, y)) for place in (0, 1, (0, 1))]
+    slopes = dict(as_they_end(calls, 3))
+    by_both = slopes[0, 1]
+    for found, expected in ((slopes[0], y), (slopes[1], x), (by_both[0], y), (by_both[1], x)):
         assert np.array_equal(found, expected)
 
 

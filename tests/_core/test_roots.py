@@ -52,3 +52,14 @@ def test_it_never_exceeds_the_limit():
 
 def _quotient(x, p):
     return x * x / p
+
+
+def test_of_a_function_that_ignores_its_parameters():
+    """A limit that nothing uses: the upper end, and its derivatives, whatever the parameters."""
+    numbers = jnp.array([0.3, 1.7, 4.2])
+
+    def largest(row):
+        return largest_within_one(row[0], row[1], row[2], function=lambda x, _: 0 * x)
+
+    np.testing.assert_array_equal(jax.grad(largest)(numbers), [0, 1, 0])
+    np.testing.assert_array_equal(jax.jacfwd(largest)(numbers), [0, 1, 0])

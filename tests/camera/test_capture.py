@@ -17,7 +17,7 @@ from support.time_sampling import captured_footage, captured_layers, captured_pi
 from support.videos import film
 
 import mishutter as ms
-from mishutter.model import noise_power, panned, shipped_picture
+from mishutter.model import noise_power, shipped_picture
 
 HALF = 0.011
 MOVING = ms.ParabolicMotion(acceleration=27.0 / HALF**2, half_exposure=HALF)
@@ -410,7 +410,7 @@ def test_a_photograph_on_a_sensor_that_pans(kind, speed):
 def test_a_fast_pan_along_with_a_fast_object_rounds_nothing():
     """Single-precision light under speeds that all but cancel is that of their difference."""
     picture, velocity = rows(2, 200, 1).astype(np.float32), 9e6
-    motion = panned(MOVING, velocity)
+    motion = MOVING.panned(velocity)
     found = ms.simulate_capture(picture, SCENE, motion, ms.HannShutter(), speed=velocity + 311.25)
     same = ms.simulate_capture(picture, SCENE, MOVING, ms.HannShutter(), speed=311.25)
     assert found.dtype == np.float32

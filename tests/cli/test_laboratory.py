@@ -28,7 +28,7 @@ from mishutter import (
 # A comparison searches for minutes; the tests read what it would be given.
 from mishutter.cli import app
 from mishutter.hardware import GIVEN, given_design
-from mishutter.model import panned, seen_from
+from mishutter.model import seen_from
 from mishutter.search import is_finished
 
 LEVEL = (0.55 + 0.3 * np.sin(np.arange(11 * 90) * 0.37).reshape(11, 90)) * 255
@@ -214,6 +214,6 @@ def test_an_export_of_several_channels_is_read_by_options(folder, tmp_path, caps
 def test_a_camera_that_is_given_is_not_tuned():
     """A comparison leaves the motion of hardware as it is, whatever the scene and the loss."""
     camera = given_design(SCENE, MOTION, HannShutter(), "Built.")
-    other = seen_from(SCENE, panned(MOTION, 100.0))[0]
+    other = seen_from(SCENE, MOTION.panned(100.0))[0]
     for loss in (ExpectedErrorLoss(), DesignLoss()):
         assert is_finished(camera, other, loss)

@@ -131,6 +131,25 @@ def test_numbers_of_the_page_are_of_the_scene_with_its_background():
     assert level < float(evaluate(whole, motion, HannShutter()).expected_psnr) - 0.05
 
 
+def test_curves_and_numbers_are_of_the_decoder_of_the_scene():
+    """Its level is drawn at once as `evaluate` measures it, and its worst speed is in the table."""
+    motion = ParabolicMotion(acceleration=1.3e5, half_exposure=0.011)
+    lines = {}
+    for knows, filter_ in (("unknown", "one filter"), ("found", "true"), ("told", "told")):
+        scene = sessions.built(TABLES | {"decoder": {"speed": knows}}, {})
+        metrics = evaluate(scene, motion, HannShutter())
+        for at_once in (True, False):
+            drawn = curves(scene, motion, HannShutter(), at_once=at_once)
+            level = float(metrics.psnr_of(knows))
+            assert drawn["numbers"]["psnr"] == pytest.approx(level, abs=1e-4)
+        lines[knows] = drawn["psnr"]
+        assert filter_ in drawn["of_decoder"]
+        worst = metrics.worst_psnr_of(knows)
+        assert drawn["numbers"].get("worst_speed_psnr") == worst
+        assert worst is None or min(drawn["psnr"]) == pytest.approx(float(worst), abs=1e-3)
+    assert lines["found"] == lines["told"] != lines["unknown"]
+
+
 def test_what_to_send_to_the_stage_is_drawn_beside_the_motion():
     """Where the scene knows how it follows: turning before the sensor does."""
     followed = TABLES | {"stage": {"bandwidth_hz": 60.0, "damping": 0.7}}

@@ -33,7 +33,6 @@ from mishutter import (
 from mishutter._core import strict_json
 from mishutter.evaluation import Item
 from mishutter.hardware import motion_to_dict, shutter_from_dict, shutter_to_dict
-from mishutter.model import panned
 
 SHUTTERS = {
     "rect": RectShutter(),
@@ -268,7 +267,7 @@ def test_mistakes_in_a_design_are_named(design, tmp_path, slug):
     assert "\n" not in str(caught.value)
 
 
-PANNING = panned(MOTION, -0.1 * float(MOTION.speed_gain))
+PANNING = MOTION.panned(-0.1 * float(MOTION.speed_gain))
 MOTIONS = [
     MOTION,
     PANNING,

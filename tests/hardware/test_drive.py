@@ -29,7 +29,6 @@ from mishutter import (
     drive_table,
     evaluate,
 )
-from mishutter.model import panned
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +73,7 @@ def _scene(**parts):
 
 STAGED = {
     "parabola": MOTION,
-    "panned": panned(MOTION, 700.0),
+    "panned": MOTION.panned(700.0),
     "free": FreeMotion(accelerations=[3e5, 1e5, 2e5], half_exposure=0.008, velocity=-90.0),
 }
 
@@ -226,7 +225,7 @@ def test_the_sensor_of_a_table_pans():
     """It is at v t + a t^2 px, with v + 2 a t px/s; one of no acceleration at v t."""
     half = float(MOTION.half_exposure)
     time = half * (np.arange(8) / 4 - 1)
-    for motion in (panned(MOTION, -713.0), LinearMotion(half_exposure=half, velocity=-713.0)):
+    for motion in (MOTION.panned(-713.0), LinearMotion(half_exposure=half, velocity=-713.0)):
         table = drive_table(replace(a_design(HannShutter()), motion=motion), num_steps=8)
         a = float(motion.acceleration)
         position, velocity = -713.0 * time + a * time**2, -713.0 + 2 * a * time

@@ -23,9 +23,8 @@ from mishutter import (
     read_drive,
 )
 from mishutter.hardware import DRIVE_FORMATS
-from mishutter.model import panned
 
-PANNING = panned(MOTION, -713.0)
+PANNING = MOTION.panned(-713.0)
 OTHER = ParabolicMotion(acceleration=3.7e4, half_exposure=MOTION.half_exposure, velocity=55.0)
 """A motion that no file here holds."""
 LEVELS = {"floor": 0.02, "ceiling": 0.85}

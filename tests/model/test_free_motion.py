@@ -10,12 +10,9 @@ from support.designs import SCENE
 
 from mishutter import FreeMotion, LinearMotion, ParabolicMotion, StillCamera
 from mishutter.model import (
-    has_vertex,
-    panned,
     seen_from,
     settled,
     stage_path,
-    without_velocity,
 )
 
 PATH = FreeMotion(
@@ -105,11 +102,11 @@ def test_kinds_of_motion():
     """Without acceleration a path is a pan or at rest; panning changes its velocity alone."""
     straight = FreeMotion(accelerations=[0.0, 0.0], half_exposure=0.3, velocity=4.0)
     assert isinstance(settled(straight), LinearMotion)
-    assert isinstance(settled(without_velocity(straight)), StillCamera)
+    assert isinstance(settled(straight.without_velocity()), StillCamera)
     assert settled(PATH) is PATH
-    assert has_vertex(PATH)
-    assert not has_vertex(straight)
-    moved = panned(PATH, 30.0)
+    assert PATH.has_vertex
+    assert not straight.has_vertex
+    moved = PATH.panned(30.0)
     assert isinstance(moved, FreeMotion)
     assert (moved.velocity, moved.durations) == (30.0, PATH.durations)
     scene, still = seen_from(SCENE, PATH)
@@ -129,7 +126,7 @@ def test_pieces_without_length_bend_no_path(accelerations, durations):
         accelerations=accelerations, durations=durations, half_exposure=0.3, velocity=4.0
     )
     assert isinstance(settled(path), LinearMotion)
-    assert not has_vertex(path)
+    assert not path.has_vertex
     assert path.greatest_acceleration == 0.0
     np.testing.assert_array_equal(path.alignment(np.array([-130.0, 250.0])), 0.0)
 
@@ -160,8 +157,8 @@ def test_a_free_path_bends_where_its_parabola_does(dtype, stroke, is_bent):
     path = FreeMotion(accelerations=a, half_exposure=half, durations=[1.0, 0.25, 2.0])
     back_and_forth = FreeMotion(accelerations=a * np.array([1, -1, 1], dtype), half_exposure=half)
     for motion in (parabola, path, back_and_forth):
-        assert bool(has_vertex(motion)) is is_bent
-        assert bool(jax.jit(has_vertex)(motion)) is is_bent
+        assert bool(motion.has_vertex) is is_bent
+        assert bool(jax.jit(lambda m: m.has_vertex)(motion)) is is_bent
         assert isinstance(settled(motion), StillCamera) is not is_bent
 
 

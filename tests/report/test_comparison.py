@@ -1,5 +1,7 @@
 """A design beside its baselines: two readings, one table, and names that stay apart."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +21,7 @@ from mishutter import (
     compare,
     optimise,
 )
+from mishutter.report import with_verdict
 from mishutter.search import (
     BEST_BURST,
     BEST_PANNED_SNAPSHOT,
@@ -108,6 +111,9 @@ def test_a_scene_names_the_decoder_that_all_are_judged_by():
     levels = [float(row.metrics.known_speed_psnr) for row in comparison.rows]
     assert [row.level for row in comparison.rows] == levels
     assert max(levels) <= comparison.ceiling
+    worst = [float(row.metrics.worst_known_speed_psnr) for row in comparison.rows]
+    assert [row["worst_speed_psnr_db"] for row in comparison.to_dict()["rows"]] == worst
+    assert all(low < mean for low, mean in zip(worst, levels, strict=True))
     of_loss = compare(SCENE, same, loss=KnownSpeedLoss())
     assert comparison.text() == of_loss.text()
 
@@ -171,6 +177,24 @@ def test_the_table_as_text():
     np.testing.assert_allclose(
         cells, [21.5, m.worst_speed_psnr, *numbers, *shares, 22, 0, 20, 0.25], atol=6e-3
     )
+
+
+def test_the_worst_speed_is_of_the_decoder_that_judges():
+    """By one filter, or by one that is told the speed; of one that finds it nothing is said."""
+    rows = verdict({"a": 21.5, BEST_SNAPSHOT: 24.0}, "a").rows
+    m = rows[0].metrics
+    assert float(m.worst_speed_psnr) < float(m.worst_known_speed_psnr) < float(m.known_speed_psnr)
+    cells = {
+        "unknown": f"{float(m.worst_speed_psnr):.2f}",
+        "told": f"{float(m.worst_known_speed_psnr):.2f}",
+        "found": "–",
+    }
+    for knows, cell in cells.items():
+        judged = with_verdict([replace(row, speed=knows) for row in rows], {}, SCENE)
+        line = next(line for line in judged.text().splitlines() if line.startswith("a  "))
+        assert line.split()[2] == cell
+        worst = judged.to_dict()["rows"][0]["worst_speed_psnr_db"]
+        assert worst is None if knows == "found" else f"{worst:.2f}" == cell
 
 
 def test_a_comparison_prints_its_table():

@@ -14,6 +14,7 @@ from mishutter.search import (
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
     CODED_AT_REST,
+    OPEN_ON_FREE_PATH,
     SHAPED_ON_FREE_PATH,
 )
 
@@ -90,6 +91,27 @@ def test_a_free_path_is_advised_where_the_design_does_not_pay():
     advised = verdict(levels | {BEST_SNAPSHOT: 23.95}, "a").verdict.splitlines()
     assert advised[0] == "Build shaped on a free path: 24.75 dB, 0.80 dB above the best snapshot."
     assert advised[2] == "a takes as much and has 24.00 dB."
+
+
+def test_the_plainest_of_equals_is_advised():
+    """A parabola before a free path, an ordinary shutter before a made one, fewer parts first."""
+    levels = {"a": 26.51, OPEN_ON_FREE_PATH: 26.57, "rect": 26.55, BEST_SNAPSHOT: 24.0}
+    lines = verdict(levels, "a").verdict.splitlines()
+    assert lines[0] == "Do not build a for this scene: rect has 26.55 dB."
+    assert lines[2] == "Open on a free path has 26.57 dB: 0.02 more."
+    better = verdict(levels | {OPEN_ON_FREE_PATH: 26.66}, "a").verdict.splitlines()
+    assert better[0] == "Do not build a for this scene: open on a free path has 26.66 dB."
+    assert better[-1] == "The nearest simpler camera, rect, is 0.11 dB below it."
+    other = verdict({CODED_AT_REST: 26.6, "rect": 26.55, BEST_SNAPSHOT: 24.0})
+    assert other.verdict.startswith(f"Build {CODED_AT_REST}: 26.60 dB")  # no stage for a shutter
+
+
+def test_the_best_of_a_purchase_is_the_plainest_of_one_level():
+    """Where searches end in one place; a level that is higher, however little, is the best."""
+    levels = {"a": 25.0, OPEN_ON_FREE_PATH: 25.0, "rect": 25.0, BEST_SNAPSHOT: 24.0}
+    assert {row.name for row in verdict(levels).rivals.values()} == {BEST_SNAPSHOT, "rect"}
+    higher = verdict(levels | {OPEN_ON_FREE_PATH: 25.02})
+    assert higher.rivals["a stage"].name == OPEN_ON_FREE_PATH
 
 
 def test_a_decoder_that_finds_the_speed_needs_no_shutter_where_an_open_one_is_as_good():

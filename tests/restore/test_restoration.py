@@ -13,7 +13,6 @@ from support.programs import compiled_programs
 
 import mishutter as ms
 from mishutter.camera import kernel_layout, noisy
-from mishutter.model import panned
 from mishutter.restore import restore_by_each
 
 # Means over seeds and the columns that count are parts of a result that holds neither.
@@ -52,7 +51,7 @@ DECODERS = {"ensemble": ms.EnsembleDecoder(), "wiener": ms.WienerDecoder()}
 def test_a_sensor_that_pans_restores_as_one_at_rest_at_shifted_speeds(kind, slug):
     """The model, a decoded capture and a whole photograph; also under an asymmetric shutter."""
     still = camera() if kind == "parabola" else ms.StillCamera(half_exposure=HALF_EXPOSURE)
-    panning = panned(still, -1024.0)
+    panning = still.panned(-1024.0)
     shutter = CHIPPED
     known = [
         ms.Scene(speeds, [0.2, 0.5, 0.3], photon_rate=3e5, read_noise=4.0, mean_level=0.5)

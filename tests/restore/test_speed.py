@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.ndimage import rotate
+from scipy.ndimage import gaussian_filter, rotate
 
 import mishutter as ms
 from mishutter import cli
@@ -125,6 +125,24 @@ def test_two_speeds_are_noticed():
     words = found.doubt.replace(",", "").strip(".").split()
     speeds = sorted(float(word) for word in words if word.isdigit())
     np.testing.assert_allclose(speeds, [800, 2960], atol=100)
+    assert {round(found.speed), round(found.second_speed)} == set(speeds)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", [1, -1])
+def test_two_speeds_past_a_pan_are_those_of_the_scene(side):
+    """A doubt names the speeds of objects, and not those past the sensor."""
+    low, high = sorted((side * 500.0, side * 5000.0))
+    known, motion = scene(low, high, decoder_speed="found"), camera(velocity=side * 1000.0)
+    given = known, motion, OPEN
+    one, other = (capture(grey(), *given, side * speed) for speed in (3960.0, 1900.0))
+    halves = np.concatenate([one[:128], other[128:]])
+    found = ms.estimate_speed(halves, *given)
+    assert not found.trusted
+    named = sorted([found.speed, found.second_speed], key=abs)
+    np.testing.assert_allclose(named, [side * 1900.0, side * 3960.0], atol=100)
+    assert f"{found.speed:,.0f}" in found.doubt
+    assert f"{found.second_speed:,.0f} px/s" in found.doubt
 
 
 @pytest.mark.parametrize("speed", [5800.0, 7500.0, -9000.0])
@@ -210,6 +228,28 @@ def test_a_speed_in_doubt_keeps_all_speeds():
     decoder = ms.SpeedFindingDecoder(ms.EnsembleDecoder())
     again = decoder.inner.restore(jnp.asarray(seen), known)
     np.testing.assert_allclose(ms.deconvolve(seen, *given, decoder=decoder), again, atol=1e-9)
+
+
+def test_a_picture_unlike_photographs_is_believed_less():
+    """Out of focus, its spectrum is none of the prior's: probabilities count by their roots."""
+    given = scene(), camera(), OPEN
+    model = ms.blur_model(*given)
+    sharp = ms.estimate_speed(capture(grey(), *given, 2960.0), *given)
+    soft = ms.estimate_speed(capture(gaussian_filter(grey(), 4.0), *given, 2960.0), *given)
+    assert (sharp.trusted, sharp.is_unusual) == (True, False)
+    assert (soft.trusted, soft.is_unusual) == (False, True)
+    count = model.speeds.size
+    usual, unusual = (at_speed(model, soft._replace(is_unusual=each)) for each in (False, True))
+    np.testing.assert_array_equal(usual.weights[-count:], unusual.weights[-count:])
+    mode = int(np.argmax(soft.weights))
+    ratios = []
+    for known in (usual, unusual):
+        each = known.weights[:-count]
+        places = np.searchsorted(soft.speeds, known.speeds[:-count])
+        ratios.append((each / each[places == mode])[np.isin(places, [mode - 1, mode + 1])])
+    np.testing.assert_allclose(ratios[1], np.sqrt(ratios[0]), rtol=1e-9)
+    assert unusual.speeds.size > usual.speeds.size
+    assert np.sum(unusual.weights) == pytest.approx(1)
 
 
 def test_a_snapshot_is_restored_as_it_would_be():

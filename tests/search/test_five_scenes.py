@@ -16,7 +16,6 @@ from mishutter import (
     restore_photograph,
     starting_shutter,
 )
-from mishutter.model import is_straight
 
 BOTH_WAYS = np.linspace(-1, 1, 5)
 SCENES = {
@@ -65,7 +64,7 @@ def _check_measured_order(scene, *designs):
     measured = [
         restore_photograph(picture, scene, design.motion, design.shutter)
         for design in designs
-        if not is_straight(design.motion)
+        if not design.motion.is_straight
     ]
     for better, worse in pairwise(measured):
         errors = np.concatenate([better.linear_standard_error, worse.linear_standard_error])

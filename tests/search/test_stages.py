@@ -7,7 +7,7 @@ import pytest
 from support.designs import LIMITS, MOTION, SCENE
 
 from mishutter import Limits, ParabolicMotion, RectShutter, Scene, TukeyShutter, optimise
-from mishutter.model import panned, seen_from
+from mishutter.model import seen_from
 from mishutter.search import beyond_limits
 
 # Bounds of a search, and of a grid before anything on it is computed.
@@ -61,7 +61,7 @@ def test_every_design_is_within_the_stage(stage, free):
         a, half, v = numbers(jnp.asarray(box))
         found = ParabolicMotion(acceleration=a, half_exposure=half, velocity=v)
         if "velocity" not in names:
-            found = panned(found, velocity)
+            found = found.panned(velocity)
         assert not beyond_limits(scene, found, RectShutter())
         shares.append(float(scene.limits.stage_share(a, half, found.velocity)))
     assert max(shares) > 0.6

@@ -7,7 +7,7 @@ import numpy as np
 
 from mishutter._core import common_dtype, require_known
 from mishutter.evaluation import AbstractLoss, Metrics, Plan, evaluate, sizes, value_of
-from mishutter.model import AbstractMotion, AbstractShutter, Scene, settled
+from mishutter.model import AbstractMotion, AbstractShutter, Scene
 
 _ROUNDING = {8: 1e-12, 4: 1e-5}
 """Relative change of a result that is put down to rounding, by the bytes of its numbers."""
@@ -95,7 +95,7 @@ def everything(plan: Plan, scene: Scene, motion: AbstractMotion) -> Plan:
 
     The length of the DFT is a choice of the plan's, unless no full kernel fits in it.
     """
-    full = sizes(scene, settled(motion))
+    full = sizes(scene, motion)
     fits = plan.dft_length >= full.num_taps
     full = replace(full, loss_dft_length=plan.loss_dft_length)
     return replace(full, dft_length=plan.dft_length) if fits else full

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 
 from mishutter import (
     Comparison,
+    FreeMotion,
     HannShutter,
     LinearMotion,
     ParabolicMotion,
@@ -19,6 +20,7 @@ from mishutter.search import (
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
     CODED_AT_REST,
+    OPEN_ON_FREE_PATH,
     OWN_BEST_MOTION,
     Row,
 )
@@ -27,7 +29,9 @@ from support.designs import MOTION, SCENE
 STILL = StillCamera(half_exposure=1.3e-3)
 PANNED = LinearMotion(half_exposure=2e-3, velocity=-1500.0)
 MOVING = ParabolicMotion(acceleration=21.875 / 1e-4, half_exposure=1e-2, velocity=-12345.0)
+FREE = FreeMotion(accelerations=[1e5, 3e5, 1e5], half_exposure=1e-2)
 OF_THEIR_KIND = {
+    OPEN_ON_FREE_PATH: (FREE, RectShutter()),
     BEST_SNAPSHOT: (STILL, RectShutter()),
     BEST_PANNED_SNAPSHOT: (PANNED, RectShutter()),
     BEST_CODED_STILL: (PANNED, HannShutter()),

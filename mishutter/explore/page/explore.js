@@ -242,6 +242,7 @@ function drawCharts() {
   charts.draw($("motion"), motions, { x: "time from mid-exposure / ms", y: "position / px" });
   charts.draw($("signal"), line("frequency", "signal"), { x: "spatial frequency / (cycles/px)", y: "signal over noise / dB", log: true, yRange: [-30, null] });
   charts.draw($("psnr"), line("speeds", "psnr"), { x: "object speed / (px/s)", y: "PSNR / dB", marks: true, pad: 0.03 });
+  for (const id of ["signal-of", "psnr-of"]) $(id).textContent = `, ${best.of_decoder}`;
   drawKernels();
   $("legend").replaceChildren(...names.map((name) => {
     const item = document.createElement("span");
@@ -477,7 +478,7 @@ function textControl(row, field, place, value, id) {
 
 // ---------- table and pins
 
-const COLUMNS = [["PSNR / dB", "psnr", 2], ["gain / dB", "gain", 2], ["light", "light", 3], ["stroke / px", "stroke_px", 1], ["pan / (px/s)", "pan_px_per_s", 0], ["open / ms", "open_ms", 2], ["condition", "condition", 2], ["kernel diff", "relative", 3]];
+const COLUMNS = [["PSNR / dB", "psnr", 2], ["gain / dB", "gain", 2], ["worst speed", "worst_speed_psnr", 2], ["light", "light", 3], ["stroke / px", "stroke_px", 1], ["pan / (px/s)", "pan_px_per_s", 0], ["open / ms", "open_ms", 2], ["condition", "condition", 2], ["kernel diff", "relative", 3]];
 
 function showTable() {
   const head = document.createElement("tr");
@@ -489,7 +490,7 @@ function showTable() {
     line.dataset.name = row.name;
     name.append(checkbox(row.frames > 1 ? `${row.name}, ${row.frames} frames` : row.name, chosen, (on) => choose(row.name, on)));
     line.append(name);
-    for (const [, key, digits] of COLUMNS) { const cell = document.createElement("td"); cell.textContent = rounded(row[key], digits); line.append(cell); }
+    for (const [, key, digits] of COLUMNS) { const cell = document.createElement("td"); cell.textContent = key in row ? rounded(row[key], digits) : "–"; line.append(cell); }
     return line;
   }));
   $("ceiling").textContent = `Nothing exceeds ${decibel(comparison.ceiling)}: no path, shutter or linear decoder. Gain is over the best snapshot at rest.`;

@@ -193,7 +193,7 @@ def coordinates(shutter: AbstractShutter) -> Float[Array, "p"]:
 
 
 def num_coordinates(shutter: AbstractShutter) -> int:
-    """How many `coordinates` a profile has; refuses what they refuse."""
+    """Number of the `coordinates` of a profile, with their errors."""
     if isinstance(shutter, AbstractAdjustableShutter):
         return eqx.filter_eval_shape(type(shutter).box, shutter).size
     return sum(value.size for value, _, _ in _bounded(shutter).values())

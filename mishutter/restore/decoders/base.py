@@ -19,12 +19,10 @@ from mishutter.camera import (
     captured_responses_below,
     kernel_layout,
     skips,
-    white_electrons,
 )
 from mishutter.evaluation import (
     PLANNED,
     Automatic,
-    Frequencies,
     Plan,
     background_of,
     moments_on_dft,
@@ -41,6 +39,7 @@ from mishutter.model import (
     Scene,
     frequencies,
     noise_power,
+    white_electrons,
 )
 
 
@@ -112,9 +111,8 @@ class BlurModel(eqx.Module):
         speeds, weights, layers = np.array([speed]), np.ones(1), self.layers
         if layers is not None:
             one = layers.bare(speeds=speeds, weights=weights)
-            grid = Frequencies.of_grid(NUM_FREQUENCIES)
             with outside_trace():
-                layers = with_shares(one, background_of(layers), 1, grid, folds=False)
+                layers = with_shares(one, background_of(layers))
         return replace(self, speeds=speeds, weights=weights, num_taps=num_taps, layers=layers)
 
     def responses(self, length: int) -> Complex[np.ndarray, "s {length}//2+1"]:
@@ -255,14 +253,14 @@ def _known_blur(
         scene_of_needs = needed_speeds(scene, motion, shutter)
         speeds = np.asarray(scene_of_needs.speeds)
         weights = np.asarray(scene_of_needs.weights, np.float64)
-    electrons = float(white_electrons(scene, motion))
+    electrons = float(white_electrons(scene.photon_rate, motion.exposure))
     # The speeds beside that of rest choose the nodes that the responses have too.
     *_, still = np.asarray(captured_response(motion, shutter, [*speeds.tolist(), 0.0], 2))
     efficiency = float(still[0].real)
     layers = None
     if scene.occlusion is not None:
-        layers, grid = scene.bare(), Frequencies.of_grid(NUM_FREQUENCIES)
-        scene = with_shares(layers, background_of(scene), 1, grid, folds=False)
+        layers = scene.bare()
+        scene = with_shares(layers, background_of(scene))
     power = picture_power(scene, NUM_FREQUENCIES, np.dtype(scene.speeds.dtype))
     return BlurModel(
         motion=motion,

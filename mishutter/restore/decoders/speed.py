@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.fft
 from jaxtyping import ArrayLike, Bool, Complex, Float
-from scipy.special import digamma, polygamma
+from scipy.special import chdtri, digamma, polygamma
 
 from mishutter._core import (
     Unquoted,
@@ -67,6 +67,8 @@ _LEAST_TOLD = 16
 """Steps of 2 px below which speeds do not differ: a photograph may be as soft as its blur."""
 _DENIED = 0.01
 """Probability of the speed of all rows below which a band of them is said to have another."""
+_UNUSUAL = 0.01
+"""Share of the pictures of the prior that are further from its mean than one that is unusual."""
 _NUM_STEPS, _NUM_MORE_STEPS = 12, 4
 """Steps towards the likeliest spectrum for all speeds, and from there on for each."""
 _LOWEST = 2
@@ -113,11 +115,14 @@ class Energies(NamedTuple):
         spectrum: The one by the power spectrum.
         phase: Mean of $\log(1 + u^2)$, by octave.
         counts: Number of waves of each octave.
+        distance: Squared distance of the picture's spectrum from the mean of the prior, by its
+            covariance.
     """
 
     spectrum: Float[np.ndarray, "s"]
     phase: Float[np.ndarray, "o s"]
     counts: Float[np.ndarray, "o"]
+    distance: float
 
 
 def windows(
@@ -328,7 +333,9 @@ def energies(
     for line, band in zip(np.sqrt(smooth) / (smooth + noise), layout.members, strict=True):
         amplitude[band, layout.along] = line
         amplitude[band, 1] = line[0]
-    return Energies(spectrum, *_phase_energy(tile, blurs.phases, amplitude))
+    deviation = likeliest - statistics.mean
+    distance = float(deviation @ statistics.precision @ deviation)
+    return Energies(spectrum, *_phase_energy(tile, blurs.phases, amplitude), distance)
 
 
 class Posterior(NamedTuple):
@@ -440,16 +447,18 @@ def posterior_of(
     return Posterior(speeds, weights / weights.sum(), reach, statistics.width)
 
 
-def tiles_of(light: Float[np.ndarray, "rows columns"], num_taps: int) -> list[list[np.ndarray]]:
+def tiles_of(
+    irradiance: Float[np.ndarray, "rows columns"], num_taps: int
+) -> list[list[np.ndarray]]:
     """A picture as rows of tiles of about equal size, from each of which evidence is taken.
 
     There are at least two rows of them where each can be high enough to tell a speed, so that a
     part of the picture at another speed shows in one of them.
     """
     widest = max(_MOST_COLUMNS, _MOST_BLURS * num_taps)
-    rows, columns = -(-light.shape[0] // _MOST_ROWS), -(-light.shape[1] // widest)
-    rows = max(rows, min(_MOST_BANDS, light.shape[0] // _LEAST_ROWS))
-    return [np.array_split(band, columns, axis=1) for band in np.array_split(light, rows)]
+    rows, columns = -(-irradiance.shape[0] // _MOST_ROWS), -(-irradiance.shape[1] // widest)
+    rows = max(rows, min(_MOST_BANDS, irradiance.shape[0] // _LEAST_ROWS))
+    return [np.array_split(band, columns, axis=1) for band in np.array_split(irradiance, rows)]
 
 
 class SpeedEstimate(NamedTuple):
@@ -463,6 +472,10 @@ class SpeedEstimate(NamedTuple):
         speeds: Speeds that were tried, ascending; px/s.
         weights: Their probabilities.
         doubt: A sentence about the evidence against it; empty where there is none.
+        second_speed: Speed at which a band of rows seems to move by itself, px/s; None if all rows
+            seem to move at `speed`.
+        is_unusual: Whether fewer than one in a hundred pictures of the prior would have a spectrum
+            like this one's, so that the evidence is worth less.
     """
 
     speed: float
@@ -471,6 +484,8 @@ class SpeedEstimate(NamedTuple):
     speeds: Float[np.ndarray, "s"]
     weights: Float[np.ndarray, "s"]
     doubt: str
+    second_speed: float | None = None
+    is_unusual: bool = False
 
     def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
         """The estimate in the frame of a scene, from one relative to a sensor that pans.
@@ -483,10 +498,19 @@ class SpeedEstimate(NamedTuple):
         pan, expected = float(motion.velocity), np.asarray(scene.speeds, np.float64)
         is_mirrored = self.speeds[0] >= 0 and pan - np.min(expected) > np.max(expected) - pan
         sign, order = (-1.0, slice(None, None, -1)) if is_mirrored else (1.0, slice(None))
-        speeds = (pan + sign * self.speeds)[order]
-        return self._replace(
-            speed=pan + sign * self.speed, speeds=speeds, weights=self.weights[order]
-        )
+        speed, speeds = pan + sign * self.speed, (pan + sign * self.speeds)[order]
+        estimate = self._replace(speed=speed, speeds=speeds, weights=self.weights[order])
+        if self.second_speed is None:
+            return estimate
+        second = pan + sign * self.second_speed
+        return estimate._replace(second_speed=second, doubt=_doubt_of_two(second, speed))
+
+
+def _doubt_of_two(some: float, every: float) -> str:
+    """The sentence that names the speed of some rows and that of all; px/s."""
+    return (
+        f"Some rows seem to move at {some:,.0f} px/s, where all rows together do at {every:,.0f}."
+    )
 
 
 @alone_in_blas()
@@ -531,12 +555,12 @@ def estimate_speed(
     """
     require_scene(scene)
     subject = "estimate_speed(capture=...)"
-    light = turned(as_pixels(capture, subject), scene.axis)
-    require(np.ndim(light) <= 3, subject, "be one picture", shape_of(light))
+    irradiance = turned(as_pixels(capture, subject), scene.axis)
+    require(np.ndim(irradiance) <= 3, subject, "be one picture", shape_of(irradiance))
     model = blur_model(scene, motion, shutter)
     has_light = model.electrons > 0 and model.efficiency > 0
     require(has_light, "estimate_speed(scene=...)", "have light that the shutter lets through", 0.0)
-    planes = rows_last(distinct_colours(light, PLANNED))
+    planes = rows_last(distinct_colours(irradiance, PLANNED))
     return speed_in(planes, model).of(scene, motion)
 
 
@@ -544,7 +568,7 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
     """The speed of one picture, relative to the sensor.
 
     Args:
-        planes: Light of its colours, in units of a fully open exposure; shape
+        planes: Irradiance of its colours, in units of a fully open exposure; shape
             `(channels, rows, columns)` or `(rows, columns)`; concrete.
         model: Blur and noise.
 
@@ -554,27 +578,36 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
     require_whole(model.layers, "the speed to be found")
     concrete, got = is_concrete(planes), Unquoted("a tracer")
     require(concrete, "estimate_speed(capture=...)", "be known, not traced", got)
-    light, noise = luminance(np.asarray(planes), model)
+    irradiance, noise = luminance(np.asarray(planes), model)
     statistics = prior()
     speeds, reach = speeds_to_try(model)
     is_short = not are_told_apart(speeds, reach)
-    is_narrow = light.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
-    if speeds.size == 1 or is_short or is_narrow or not np.ptp(light) > 0:
+    is_narrow = irradiance.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
+    if speeds.size == 1 or is_short or is_narrow or not np.ptp(irradiance) > 0:
         flat = np.full(speeds.size, 1 / speeds.size)
         posterior = Posterior(speeds, flat, reach, 1.0)
         doubt = "" if speeds.size == 1 else SHORT if is_short else LITTLE
         return SpeedEstimate(posterior.speed, posterior.error, not doubt, speeds, flat, doubt)
-    parts = parts_of(light, model, speeds, noise, statistics)
-    whole, weights, doubt = judged(parts, speeds, reach, statistics)
-    return SpeedEstimate(whole.speed, whole.error, not doubt, speeds, weights, doubt)
+    parts = parts_of(irradiance, model, speeds, noise, statistics)
+    whole, weights, doubt, second, is_unusual = judged(parts, speeds, reach, statistics)
+    trusted = not doubt
+    return SpeedEstimate(
+        whole.speed, whole.error, trusted, speeds, weights, doubt, second, is_unusual
+    )
 
 
 class Verdict(NamedTuple):
-    """The posterior of all rows, the weights of speeds, and any doubt about a single speed."""
+    """The posterior of all rows, the weights of speeds, and any doubt about a single speed.
+
+    A second speed, px/s, is that of rows that disagree with all; None where none do. The spectrum
+    of a picture is unusual beyond a quantile of the distances that the prior has.
+    """
 
     whole: Posterior
     weights: Float[np.ndarray, "s"]
     doubt: str
+    second_speed: float | None
+    is_unusual: bool
 
 
 def judged(
@@ -584,7 +617,8 @@ def judged(
     all_parts = [part for band in parts for part in band]
     whole = posterior_of(all_parts, speeds, reach, statistics)
     each = [posterior_of(band, speeds, reach, statistics) for band in parts]
-    weights, doubt, is_sure = whole.weights, "", whole.trusted(statistics.trust)
+    weights, doubt, second = whole.weights, "", None
+    is_sure = whole.trusted(statistics.trust)
     if whole.at_end:
         doubt = "The speed may lie beyond those of the scene."
     elif not is_sure:
@@ -592,14 +626,13 @@ def judged(
     denials = [p for p in each if p.around(whole.speed) < _DENIED]
     denials = [p for p in denials if is_sure or p.trusted(statistics.trust)]
     if denials:
-        odd = min(denials, key=lambda p: p.around(whole.speed))
-        doubt = (
-            f"Some rows seem to move at {odd.speed:,.0f} px/s past the sensor, where all rows "
-            f"together do at {whole.speed:,.0f}."
-        )
+        second = min(denials, key=lambda p: p.around(whole.speed)).speed
+        doubt = _doubt_of_two(second, whole.speed)
         # As likely a false alarm as a second speed.
         weights = (whole.weights + np.mean([p.weights for p in each], axis=0)) / 2
-    return Verdict(whole, weights, doubt)
+    furthest = chdtri(len(statistics.mean), _UNUSUAL)
+    is_unusual = bool(np.mean([part.distance for part in all_parts]) > furthest)
+    return Verdict(whole, weights, doubt, second, is_unusual)
 
 
 def luminance(
@@ -611,21 +644,21 @@ def luminance(
     share = np.array(LUMINANCE) if len(planes) == len(LUMINANCE) else equal
     levels = np.maximum(planes.mean(axis=(1, 2), dtype=np.float64), 0)
     noise = share**2 @ (levels / model.electrons + model.read_variance)
-    light = np.zeros(planes.shape[1:], np.float32)
+    irradiance = np.zeros(planes.shape[1:], np.float32)
     for weight, plane in zip(share.astype(np.float32), planes, strict=True):
-        light += weight * plane.astype(np.float32)
-    return light, max(float(noise), _LEAST_POWER)
+        irradiance += weight * plane.astype(np.float32)
+    return irradiance, max(float(noise), _LEAST_POWER)
 
 
 def parts_of(
-    light: Float[np.ndarray, "rows columns"],
+    irradiance: Float[np.ndarray, "rows columns"],
     model: BlurModel,
     speeds: Float[np.ndarray, "s"],
     noise: float,
     statistics: Prior,
 ) -> list[list[Energies]]:
     """The evidence by bands of rows, from above down, and by tiles in them."""
-    bands_of_tiles = tiles_of(light, model.num_taps)
+    bands_of_tiles = tiles_of(irradiance, model.num_taps)
     tiles = [(i, tile) for i, band in enumerate(bands_of_tiles) for tile in band]
     widths = {tile.shape[1] for _, tile in tiles}
     blurs = {columns: _blurs(model.responses_at(speeds, columns), columns) for columns in widths}
