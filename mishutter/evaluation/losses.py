@@ -312,8 +312,8 @@ class FoundSpeedLoss(AbstractResponseLoss):
 
     $E_k^{s/2}E^{(1-s)/2}/\sigma_f$ of the squared errors $E_k$ of a decoder that is told the speed
     (`KnownSpeedLoss`) and $E$ of one filter for all speeds (`ExpectedErrorLoss`): in decibels, a
-    share $s$ of the gain by being told. On photographs an open shutter on a parabola keeps 0.87 of
-    it by total variation and 0.93 by the ensemble filter. A profile that tapers keeps some 0.45, as
+    share $s$ of the gain by being told. On photographs an open shutter on a parabola keeps 0.85 of
+    it by total variation and 0.93 by the ensemble filter. A profile that tapers keeps some 0.43, as
     it hides the speed, and a snapshot nothing. One share for all favours the rivals of an open
     shutter, whose true gain over them is rather larger.
 
