@@ -393,6 +393,7 @@ def test_without_a_cache_folder(small_scene, tmp_path):
 
 
 @pytest.mark.parametrize("named", [False, True])
+@pytest.mark.slow
 def test_programs_are_found_again(small_scene, tmp_path, named):
     """In the user's cache folder or where the user says, without a word about them."""
     command = [sys.executable, "-m", "mishutter", "plan", str(small_scene), "--json"]

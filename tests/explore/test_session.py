@@ -118,6 +118,7 @@ def test_tolerances_are_drawn_beside(started):
     assert min(answer["psnr"]) < answer["numbers"]["psnr"] < max(answer["psnr"])
 
 
+@pytest.mark.slow
 def test_numbers_of_the_page_are_of_the_scene_with_its_background():
     """What is drawn at once, and what stands in the table, are what `evaluate` measures."""
     section = {"front_share": 0.41, "object_width_px": 37.0, "background": "moving"}

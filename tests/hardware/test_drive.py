@@ -48,6 +48,7 @@ def test_step_means_are_the_integral_of_the_profile():
     assert np.allclose(chips.wanted, [0.1, 0.7, 0.4], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_long_table_of_many_pieces_holds_means():
     """Of 100,000 steps and 97 chips on another grid: time and memory go by their sum."""
     levels = np.random.default_rng(4).uniform(size=97)

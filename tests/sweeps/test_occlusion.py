@@ -70,9 +70,10 @@ def points(dataset, scene, shutters):
     return np.array(found)
 
 
-@pytest.mark.parametrize(
-    "name", ["still", pytest.param("moving", marks=pytest.mark.slow), "without-edges"]
-)
+SLOW_NAMES = [pytest.param(name, marks=pytest.mark.slow) for name in ("still", "moving")]
+
+
+@pytest.mark.parametrize("name", [*SLOW_NAMES, "without-edges"])
 def test_a_sweep_is_what_evaluate_measures(name):
     """Whether or not speeds fold, with edges or without, of symmetric shutters and of others."""
     scene = scene_before(name)
@@ -107,7 +108,8 @@ def test_scenes_of_one_sweep_may_differ_in_their_layers():
         np.testing.assert_allclose(differences, 0, atol=AGREEMENT)
 
 
-@pytest.mark.parametrize("name", [pytest.param("still", marks=pytest.mark.slow), "moving"])
+@pytest.mark.parametrize("name", ["still", "moving"])
+@pytest.mark.slow
 def test_the_best_snapshot_before_a_background_is_what_evaluate_measures(name):
     """Its level is that of its exposure and pan, and no exposure near it is better."""
     scene = scene_before(name, speeds=(-900.0, 700.0, 2300.0))
@@ -142,6 +144,7 @@ def test_the_best_profiles_of_a_sweep_are_measured_before_the_background():
     assert float(at.loss) == pytest.approx(float(loss(scene, motion, profile)), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_gains_of_a_sweep_are_over_the_best_snapshot_before_the_background():
     """Both levels are of the same scene."""
     scene = scene_before("still")

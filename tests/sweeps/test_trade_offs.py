@@ -87,6 +87,7 @@ def test_a_front_of_ones_own_senses(swept):
     assert np.all(np.diff(front.expected_psnr) <= 0)
 
 
+@pytest.mark.slow
 def test_the_best_snapshot_of_what_is_known_in_a_trace():
     """A function that JAX compiles may ask for it where the scene is not traced."""
     alone = best_snapshots(SCENE, [3e3, 4e4])
@@ -191,6 +192,7 @@ def test_the_best_snapshot_is_that_of_optimise(slug):
     assert half == pytest.approx(float(found.motion.half_exposure), rel=EXPOSURE_FOUND)
 
 
+@pytest.mark.slow
 def test_best_snapshots_under_each_light():
     """Are those of a scene of that light, of velocities of their own."""
     rates, noises = [2e3, 6e5], [0.0, 90.0]
@@ -329,6 +331,7 @@ def test_gains_of_velocities(panned):
     np.testing.assert_array_equal(gain.sel(label), worth.gain)
 
 
+@pytest.mark.slow
 def test_a_pan_that_a_snapshot_may_do_is_no_gain():
     """Of a one-way scene at rest the snapshot that pans is ahead of the one that may not."""
     held = limited([400.0, 900.0, 1200.0], max_stroke=9.0, max_top_speed=4e3, max_pan=0.0)
@@ -372,6 +375,7 @@ def test_no_flutter_beats_the_best_snapshot_by_more_than_the_bound():
     assert gain <= 20 * np.log10(SNAPSHOT_BOUND)
 
 
+@pytest.mark.slow
 def test_the_best_snapshot_of_a_known_speed_is_one_pixel_long():
     """Shot noise alone, bright light: 1.09 px of motion where nothing else blurs.
 
