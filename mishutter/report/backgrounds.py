@@ -45,9 +45,8 @@ def background_gains(
     """Gains of the best cameras where half of the picture stands still, and where 70 % do.
 
     A profile and a motion are searched for each, from few starts, before a still background with
-    objects of 100 px. There are none
-    of a scene that says what hides what, of one whose decoder knows the speed of a picture, and of
-    one in which nothing moves.
+    objects of 100 px. A scene that says what hides what has none, nor has one whose decoder knows
+    the speed of a picture, nor one in which nothing moves.
 
     Args:
         scene: Speeds, light, noise and limits.
