@@ -90,15 +90,17 @@ def measure() -> list[dict]:
 
 def picture(rows: list[dict]) -> None:
     """Bars of each run, with the part that goes before the verdict."""
-    figure, axes = plt.subplots(figsize=(6.4, 0.9 + 0.28 * len(rows)), layout="constrained")
+    figure, axes = plt.subplots(figsize=(6.4, 1.2 + 0.28 * len(rows)), layout="constrained")
     places = range(len(rows))
     whole, verdict = ([r[f"seconds to the {part}"] for r in rows] for part in ("end", "verdict"))
-    axes.barh(places, whole, color="0.8", edgecolor="black", label="photographs and files")
-    axes.barh(places, verdict, color="0.2", label="verdict and tables")
+    axes.barh(
+        places, whole, color="0.8", edgecolor="black", label="backgrounds, photographs, files"
+    )
+    axes.barh(places, verdict, color="0.2", label="until the verdict")
     axes.set_yticks(places, [f"{r['command']}, {r['run']}" for r in rows])
     axes.invert_yaxis()
     axes.set_xlabel("time after `mishutter optimise` / s")
-    axes.legend()
+    figure.legend(loc="outside upper center", ncols=2)
     harness.save_picture(figure, "command")
     plt.close(figure)
 
