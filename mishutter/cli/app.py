@@ -376,7 +376,7 @@ def _before_backgrounds(result: "Report") -> "Report":
     if row.at_worst or row.speed != "unknown":
         return result
     with progress_bar("before a background", len(STILL_SHARES)) as update:
-        gains = background_gains(result.scene, step=_counting(update, first=0))
+        gains = background_gains(result.scene, step=_counting(update))
     return replace(result, backgrounds=gains)
 
 
@@ -395,14 +395,9 @@ def _photographed(result: "Report", delivery: Delivery) -> "Report":
     return replace(result, photographs=shown)
 
 
-def _counting(update: Callable[[int, str], None], *, first: int = 1) -> Callable[[str], None]:
-    """A callback that moves a bar on by one at each call, and shows the name that it is told.
-
-    Args:
-        update: Function that moves the bar.
-        first: Steps done at the first call: 0 where a step is told before it begins.
-    """
-    count = itertools.count(first)
+def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
+    """A callback that moves a bar on by one at each call, and shows the name that it is told."""
+    count = itertools.count(1)
     return lambda name: update(next(count), name)
 
 

@@ -26,7 +26,6 @@ from mishutter.model import (
     LinearMotion,
     RectShutter,
     Scene,
-    StillCamera,
     filling_half_exposure,
 )
 
@@ -97,10 +96,8 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
         value, place = min((error(x), x) for x in places)
         if value >= least:
             break
-        half = np.exp(place) / 2
-        motion: AbstractMotion = LinearMotion(half_exposure=half, velocity=velocity)
-        if velocity == 0:
-            motion = StillCamera(half_exposure=half)
+        pan = LinearMotion(half_exposure=np.exp(place) / 2, velocity=velocity)
+        motion = pan if velocity else pan.without_velocity()
         best, least = BurstOfFrames(count, motion, added), value
     return best
 

@@ -50,7 +50,7 @@ def background_gains(
 
     Args:
         scene: Speeds, light, noise and limits.
-        step: Called with the name of each search before it begins.
+        step: Called with the name of each search when it has ended.
 
     Raises:
         ValueError: if the scene is none or is traced.
@@ -62,7 +62,6 @@ def background_gains(
         return ()
     gains, loss = [], ExpectedErrorLoss()
     for share in STILL_SHARES:
-        step(f"{share:.0%} still")
         layered = before_still_background(scene, share)
         snapshot = best_row(snapshots(RivalSearch(layered, loss)))
         start = scene.fullest_motion if scene.motion.is_straight else scene.motion
@@ -76,6 +75,7 @@ def background_gains(
         )
         gain = max(camera.level - snapshot.level, 0.0)
         gains.append(BackgroundGain(share, gain, camera if gain >= _TELLING else snapshot))
+        step(f"{share:.0%} still")
     return tuple(gains)
 
 

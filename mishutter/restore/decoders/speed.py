@@ -589,10 +589,16 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
         doubt = "" if speeds.size == 1 else SHORT if is_short else LITTLE
         return SpeedEstimate(posterior.speed, posterior.error, not doubt, speeds, flat, doubt)
     parts = parts_of(irradiance, model, speeds, noise, statistics)
-    whole, weights, doubt, second, is_unusual = judged(parts, speeds, reach, statistics)
-    trusted = not doubt
+    verdict = judged(parts, speeds, reach, statistics)
     return SpeedEstimate(
-        whole.speed, whole.error, trusted, speeds, weights, doubt, second, is_unusual
+        speed=verdict.whole.speed,
+        error=verdict.whole.error,
+        trusted=not verdict.doubt,
+        speeds=speeds,
+        weights=verdict.weights,
+        doubt=verdict.doubt,
+        second_speed=verdict.second_speed,
+        is_unusual=verdict.is_unusual,
     )
 
 
