@@ -223,12 +223,12 @@ def motion_text(motion: AbstractMotion) -> str:
     Args:
         motion: The motion.
     """
-    parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
-    if float(motion.stroke) > 0:
-        parts.append(f"stroke {float(motion.stroke):.3g} px")
-    if float(motion.velocity) != 0:
-        parts.append(f"pan {float(motion.velocity):.4g} px/s")
-    return ", ".join(parts)
+    exposure = f"{float(motion.exposure) * 1e3:.3g} ms"
+    stroke, pan = float(motion.stroke), float(motion.velocity)
+    if stroke <= 0:
+        return exposure if pan == 0 else f"{exposure}, pan {pan:.4g} px/s"
+    beside = "" if pan == 0 else f" beside a pan of {pan:.4g} px/s"
+    return f"{exposure}, stroke {stroke:.3g} px{beside}"
 
 
 def plot_transfer(
