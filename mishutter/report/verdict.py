@@ -90,7 +90,9 @@ def _beside(rows: Sequence[Row], choice: Row, own: Row | None) -> list[str]:
     """Sentences on a better camera than the one to build, and on the nearest simpler one."""
     lines, top = [], best_row(rows)
     is_coded = choice.name not in SNAPSHOTS
-    if choice.speed != "unknown" and choice.takes == {"a stage"} and is_coded:
+    if choice.speed == "found" and choice.hides_speed:
+        lines.append("No speed can be found: the blur differs too little over the speeds.")
+    elif choice.speed != "unknown" and choice.takes == {"a stage"} and is_coded:
         knows = "finds" if choice.speed == "found" else "is told"
         lines.append(f"A stage and a decoder that {knows} the speed: no shutter is needed.")
     is_other = own is not None and own is not choice and is_coded

@@ -161,6 +161,13 @@ class Row:
         return float(self.metrics.psnr_of(self.speed))
 
     @property
+    def hides_speed(self) -> bool:
+        """Whether being told the speed would bring something, and looking for it nothing."""
+        metrics = self.metrics
+        untold, told = float(metrics.expected_psnr), float(metrics.known_speed_psnr)
+        return float(metrics.found_speed_psnr) <= untold < told
+
+    @property
     def worst_psnr(self) -> float | None:
         """PSNR at the worst speed by the judging decoder; None if it finds the speed; dB."""
         level = self.metrics.worst_psnr_of(self.speed)

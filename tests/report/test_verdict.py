@@ -120,7 +120,11 @@ def test_a_decoder_that_finds_the_speed_needs_no_shutter_where_an_open_one_is_as
     words = "A stage and a decoder that finds the speed: no shutter is needed."
     for level, speed, is_said in ((23.0, "found", 1), (23.0, "unknown", 0), (25.0, "found", 0)):
         rows = [
-            replace(row, speed=speed, metrics=replace(row.metrics, found_speed_psnr=found))
+            replace(
+                row,
+                speed=speed,
+                metrics=replace(row.metrics, found_speed_psnr=found, expected_psnr=found - 1),
+            )
             for row in made_up({"rect": 24.0, "Hann": level, BEST_SNAPSHOT: 22.0})
             for found in [row.metrics.expected_psnr]
         ]
@@ -129,13 +133,18 @@ def test_a_decoder_that_finds_the_speed_needs_no_shutter_where_an_open_one_is_as
 
 def test_a_snapshot_that_pans_is_not_said_to_find_the_speed():
     """Nothing of the verdict follows from a decoder that finds it, whatever the stage does."""
-    rows = [replace(row, speed="found") for row in made_up({BEST_SNAPSHOT: 1.0})]
+    rows = [replace(row, speed="found") for row in made_up({BEST_SNAPSHOT: 1.0, "rect": 1.0})]
     better = replace(rows[0].metrics, found_speed_psnr=rows[0].metrics.found_speed_psnr + 1)
     panned = replace(rows[0], name=BEST_PANNED_SNAPSHOT, motion=PANNED, metrics=better)
     said = with_verdict([*rows, panned], {}, SCENE).verdict
     assert said.startswith("Do not build a coded camera")
     assert "The pan alone brings 1.00 dB" in said
     assert "finds the speed" not in said
+    assert "No speed can be found: the blur differs too little over the speeds." not in said
+    found = panned.metrics.found_speed_psnr
+    short = replace(panned.metrics, expected_psnr=found, known_speed_psnr=found + 0.5)
+    said = with_verdict([*rows, replace(panned, metrics=short)], {}, SCENE).verdict
+    assert "No speed can be found: the blur differs too little over the speeds." in said
 
 
 def test_rows_are_judged_at_the_worst_speed_where_the_loss_is():
