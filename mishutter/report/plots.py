@@ -297,7 +297,7 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False
             label=shown_name(name),
             **style,
         )
-    label = f"PSNR of restored picture / dB ({_kind(linear)})"
+    label = f"PSNR of one photograph, restored / dB ({_kind(linear)})"
     axes.set(xlabel="object speed / (px/s)", ylabel=label)
     _legend(figure, axes)
     return figure
