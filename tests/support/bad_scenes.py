@@ -43,7 +43,7 @@ LINES = {
     "key-of-no-section": (
         _RATE,
         "exposure_ms = 3",
-        "`[light]` must hold known keys only, of photon_rate_per_s, white_e, white_ms,",
+        "`[light]` must hold known keys only (photon_rate_per_s, white_e, white_ms,",
     ),
     "unknown-section": ("[light]", "[lihgt]", "perhaps `[light]`; got 'lihgt'"),
     "section-twice": ("[light]", "[speeds]", "must be a TOML file; got: Cannot declare"),
