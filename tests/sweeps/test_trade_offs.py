@@ -163,7 +163,6 @@ SNAPSHOTS = {
     "built-in": example_scene(),
     "one-way": limited(np.linspace(500.0, 3000.0, 9)),
     "lopsided": limited(*UNLIKE),
-    "noisy": limited(*UNLIKE, light=(3e4, 60.0)),
     "slow-pan": limited(np.linspace(500.0, 3000.0, 9), max_pan=700.0),
     "top-speed": limited([-2000.0, -1500.0, 400.0], max_top_speed=900.0),
     "full-well": limited(*UNLIKE, full_well=300.0),
