@@ -52,11 +52,11 @@ def swept_over(scenes, accelerations, half_exposures, shutters, velocities=(0.0,
 
 
 def points(dataset, scene, shutters):
-    """Differences of a sweep from `evaluate` at each of its points; dB."""
+    """Differences of a sweep from `evaluate` at every other point, as on a chessboard; dB."""
     found = []
     for name, shutter in shutters.items():
-        for a in dataset.acceleration.values:
-            for half in dataset.half_exposure.values:
+        for row, a in enumerate(dataset.acceleration.values):
+            for half in dataset.half_exposure.values[row % 2 :: 2]:
                 at = dataset.sel(acceleration=a, half_exposure=half, shutter=name)
                 level = float(at.expected_psnr)
                 if np.isnan(level):
@@ -80,7 +80,7 @@ def test_a_sweep_is_what_evaluate_measures(name):
     shutters = {"hann": HannShutter(), "rect": RectShutter()}
     swept = swept_over(scene, ACCELERATIONS, HALVES, shutters)
     differences = points(swept.isel(velocity=0), scene, shutters)
-    assert differences.size == 8
+    assert differences.size == 4
     np.testing.assert_allclose(differences, 0, atol=AGREEMENT)
 
 
