@@ -125,6 +125,7 @@ def test_losses_of_pictures_that_move_as_a_whole_refuse_a_background(loss):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerances", [None, Tolerances(acceleration=0.04, speed=60.0)])
 def test_errors_of_speeds_have_the_expected_error_for_a_mean(tolerances):
     """By the scene's weights; the worst of those that occur is the loss, smoothed from above."""
@@ -153,6 +154,7 @@ def test_a_spectral_zero_counts_as_the_working_precision():
     assert float(smooth_condition_number(jnp.zeros(5, complex))) == 1 / eps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.5, 0.01, 1e-6])
 @pytest.mark.parametrize("slug", LOSSES)
 def test_dimming_the_shutter_gains_nothing(slug, share):
@@ -462,6 +464,7 @@ def test_a_traced_motion_is_shared_out_over_devices(slug):
         jax.block_until_ready(shared(points.at[1, 0].mul(100.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("read_noise", [0.0, 2.0, 1e20])
 @pytest.mark.parametrize("photon_rate", [1e-30, 1e12, 1e25])
 def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):

@@ -92,6 +92,7 @@ def slope(x: np.ndarray, share: float) -> np.ndarray:
     return np.array([by_sums(x + 1j * step * e, share).imag / step for e in np.eye(x.size)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
 def test_gradients_are_right_to_rounding(slug):
     """By acceleration, half exposure and profile, to 1e-9 of each."""

@@ -283,6 +283,7 @@ def test_pins_are_bounded_and_are_rows_of_the_table(started):
     assert "mine" not in session.answer(Order(kind="unpin", name="mine"))["pins"]
 
 
+@pytest.mark.slow
 def test_a_scene_is_saved_loaded_and_written_as_commands(started):
     """A saved scene loads to the same tables; the commands hold it and what was drawn."""
     session = Session(started)

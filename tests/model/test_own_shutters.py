@@ -185,6 +185,7 @@ def test_single_precision_follows():
     np.testing.assert_allclose(found, exact, rtol=0, atol=4e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "shutter",
     [DeclaredSlit(jnp.asarray(0.51)), LeafShutter(jnp.asarray(0.37), jnp.asarray(0.29))],

@@ -146,6 +146,7 @@ def test_speeds_of_one_value_are_told_apart_in_grey():
     assert all(line.get_fillstyle() == "none" for line in lines)
 
 
+@pytest.mark.slow
 def test_profiles_span_their_own_exposures(figures):
     """In ms, from shut to shut, each with the share of light that it passes."""
     lines = {line.get_label(): line for line in figures["profiles"].axes[0].get_lines()}

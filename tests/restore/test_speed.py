@@ -293,6 +293,7 @@ def test_portions_are_restored_by_the_speed_of_the_whole():
     np.testing.assert_allclose(result.restored, whole, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("knows", ["told", "found"])
 def test_photographs_are_restored_by_the_decoder_of_the_scene(knows):
     """Told, by a filter for each speed; found, by the speed in the picture: so are levels expected.

@@ -112,6 +112,7 @@ def test_a_pixel_that_any_exposure_fills():
         optimise(_scene(full_well=99.0), MOTION)
 
 
+@pytest.mark.slow
 def test_the_best_snapshot_of_a_sweep_fills_no_pixel():
     """The same as a search finds."""
     scene = _scene(full_well=130.0)

@@ -143,6 +143,7 @@ def test_the_last_frequency_with_power_is_kept(share):
         assert plan_error(found, scene, motion, shutter, loss=ExpectedErrorLoss()) <= 1e-12
 
 
+@pytest.mark.slow
 def test_the_bound_is_measured_at_every_frequency():
     """Also by a plan for a loss that sees few of them, and so takes few nodes in time."""
     limits = Limits(max_stroke=200.0)
@@ -161,6 +162,7 @@ SCENE = Scene.uniform(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "loss"),
     [

@@ -128,6 +128,7 @@ def test_a_corner_of_the_box_uses_up_the_limits(free, acceleration):
     assert max(shares) == pytest.approx(1, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [FREE_NAMES[1:], ("acceleration",), ("half_exposure",)])
 @pytest.mark.parametrize("half_exposure", [1e-3, 1.7e-2])
 def test_the_slope_at_a_corner_of_the_box_is_that_inside(free, half_exposure):
@@ -304,6 +305,7 @@ def test_a_camera_at_rest_stays_there(at_rest):
     assert design.converged
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stroke", "free", "is_outside"),
     [(44.0, "half_exposure", False), (44.0, "shutter", True), (29.0, "shutter", False)],

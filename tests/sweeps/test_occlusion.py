@@ -70,10 +70,8 @@ def points(dataset, scene, shutters):
     return np.array(found)
 
 
-SLOW_NAMES = [pytest.param(name, marks=pytest.mark.slow) for name in ("still", "moving")]
-
-
-@pytest.mark.parametrize("name", [*SLOW_NAMES, "without-edges"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["still", "moving", "without-edges"])
 def test_a_sweep_is_what_evaluate_measures(name):
     """Whether or not speeds fold, with edges or without, of symmetric shutters and of others."""
     scene = scene_before(name)

@@ -59,6 +59,7 @@ def test_best_points_are_the_extremes(swept):
     assert float(again.expected_psnr) == pytest.approx(float(point.expected_psnr), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_nothing_betters_a_pareto_front(swept):
     """No point of the sweep is better under both objectives, and every other point is bettered."""
     names = ("expected_psnr", "relative_kernel_difference")
