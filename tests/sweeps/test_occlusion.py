@@ -41,12 +41,14 @@ def scene_before(name, speeds=(-3100.0, -1300.0, 1300.0, 3100.0), **others):
 
 
 def swept_over(scenes, accelerations, half_exposures, shutters, velocities=(0.0,), **others):
+    """A sweep of what a background changes, and of the bound, which it does not."""
     return sweep(
         scenes,
         accelerations=accelerations,
         half_exposures=half_exposures,
         velocities=list(velocities),
         shutters=shutters,
+        metrics=["expected_psnr", "bound_share"],
         **others,
     )
 
