@@ -33,7 +33,7 @@ from support.command_line import (
     refused,
 )
 
-from mishutter import cli, example_scene, read_scene
+from mishutter import RectShutter, cli, example_scene, optimise, read_scene
 
 # The face is `main` alone, which never waits long enough without a bar to say so.
 from mishutter.cli.console import working
@@ -512,13 +512,16 @@ def test_json_is_one_strict_document(optimised):
 def test_a_search_makes_no_nan(small_scene, capsys):
     """With `jax_debug_nans`, which ends with the operation that makes one, it runs to its end.
 
-    Also on free paths.
+    Also on free paths, of a shutter that is shaped and of one that stays open.
     """
-    scene = small_scene.with_name("free.toml")
-    scene.write_text(SMALL_SCENE)
+    place = small_scene.with_name("free.toml")
+    place.write_text(SMALL_SCENE)
+    scene, few = read_scene(place), {"num_coefficients": 6, "num_starts": 2, "max_steps": 3}
     jax.clear_caches()
     with jax.debug_nans(True):
-        assert cli.main(["optimise", str(scene), *SMALL_SEARCH]) == 0
+        assert cli.main(["optimise", str(small_scene), *SMALL_SEARCH]) == 0
+        optimise(scene, free={"shutter", "half_exposure", "path"}, **few)
+        optimise(scene, shutter=RectShutter(), free={"half_exposure", "path"}, **few)
     assert "dB" in capsys.readouterr().out
 
 
