@@ -98,7 +98,7 @@ def test_what_each_purchase_brings():
     lines = [" ".join(line.split()) for line in table.splitlines()]
     assert lines[:4] == [
         "nothing best snapshot 21.50 dB, -0.25 dB, 2.6 ms, at rest",
-        "a stage rect 22.25 dB, +0.50 dB, 20 ms, pan -12345 px/s, stroke 21.9 px",
+        "a stage rect 22.25 dB, +0.50 dB, 20 ms, pan -12345 px/s, stroke 247 px",
         "a shutter best coded at rest 21.62 dB, -0.12 dB, 2.6 ms, at rest",
         "both Hann 24.50 dB, +2.75 dB, 20 ms, stroke 22 px",
     ]

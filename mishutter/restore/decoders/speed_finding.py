@@ -105,8 +105,8 @@ def decoder_of(knows: DecoderSpeed, inner: AbstractDecoder) -> AbstractDecoder:
 
 def at_speed(model: BlurModel, estimate: SpeedEstimate) -> BlurModel:
     """The model of a decoder that takes account of a speed relative to the sensor."""
-    if not estimate.trusted and np.ptp(estimate.weights) == 0:
-        return model  # the capture tells nothing of the speed
+    if estimate.tells_nothing:
+        return model
     if estimate.trusted:
         speeds, weights = np.array([estimate.speed]), np.ones(1)
     else:
