@@ -441,9 +441,8 @@ import sys, jax
 jax.config.update("jax_enable_x64", True)
 sys.path.insert(0, {folder!r})
 from support.sweeps import SCENE, grid
-from mishutter import HannShutter, sweep
-shutters = {{"Hann": HannShutter()}}
-found = sweep(SCENE, **grid(accelerations=[k * 1e4 for k in range(40)], shutters=shutters))
+from mishutter import sweep
+found = sweep(SCENE, **grid(accelerations=[k * 1e4 for k in range(40)]))
 import numpy as np
 np.savez({path!r}, **{{name: found[name].values for name in found.data_vars}})
 print(len(jax.devices()))
