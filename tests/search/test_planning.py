@@ -65,8 +65,8 @@ def test_exact_skips_change_nothing(seed):
 
 @pytest.mark.slow
 def test_exact_skips_change_nothing_on_many_scenes():
-    """The same on sixty scenes more."""
-    for seed in range(6, 36):
+    """The same on one more of each of the twelve kinds of random scenes."""
+    for seed in range(6, 18):
         check_scene(seed)
 
 
