@@ -346,7 +346,7 @@ class FoundSpeedLoss(AbstractResponseLoss):
         told = known_speed_squared_error(scene, motion, response, count)
         untold = expected_squared_error(scene, motion, response, count)
         told, untold = _over_contrast(scene, told), _over_contrast(scene, untold)
-        difference = smear_difference(scene.speeds, scene.weights, motion.half_exposure)
+        difference = smear_difference(scene, motion.half_exposure, response.efficiency)
         some, share = told > 0, found_share(difference, self.share).astype(told.dtype)
         mixed = jnp.where(some, told, 1.0) ** share * jnp.where(some, untold, 1.0) ** (1 - share)
         return jnp.where(some, mixed, 0.0)

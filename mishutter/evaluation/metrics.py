@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Complex, Float, Num
+from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core import compiled
 from mishutter.blur import condition_number, safe_sqrt
@@ -139,22 +139,28 @@ class Metrics(eqx.Module):
         return "\n".join(["Metrics(", *lines, ")"])
 
 
+@compiled
 def smear_difference(
-    speeds: Num[ArrayLike, "n"], weights: Num[ArrayLike, "n"], half_exposure: ArrayLike
+    scene: Scene, half_exposure: ArrayLike, efficiency: ArrayLike
 ) -> Float[Array, ""]:
     r"""Difference of the smear over the exposure between the fastest and the slowest object; px.
 
-    $2T(\max|s| - \min|s|)$ over the speeds that occur: both signs of one have blurs of one size.
+    $2T\,(\eta/t)(\max|s| - \min|s|)$ over the speeds that occur: both signs of one have blurs of
+    one size. The throughput $\eta$ over the transmission $t$ of the scene's device counts only the
+    time that the shutter is open.
 
     Args:
-        speeds: Speeds $s$ relative to the sensor; px/s.
-        weights: Probability of each.
+        scene: The scene, with its speeds $s$ relative to the sensor.
         half_exposure: $T$; s.
+        efficiency: $\eta$, behind the device.
     """
-    sizes, occurs = jnp.abs(jnp.asarray(speeds)), jnp.asarray(weights) > 0
+    sizes, occurs = jnp.abs(scene.speeds), scene.weights > 0
     fastest = jnp.max(jnp.where(occurs, sizes, 0.0))
     slowest = jnp.min(jnp.where(occurs, sizes, jnp.inf))
-    return 2 * jnp.asarray(half_exposure, sizes.dtype) * (fastest - slowest)
+    half, open_share = (jnp.asarray(x, sizes.dtype) for x in (half_exposure, efficiency))
+    if scene.device is not None:  # an open shutter needs none
+        open_share = jnp.minimum(open_share / scene.device.transmission.astype(sizes.dtype), 1.0)
+    return 2 * half * open_share * (fastest - slowest)
 
 
 def found_share(difference: ArrayLike, share: float = FOUND_SHARE) -> Float[Array, ""]:
@@ -285,7 +291,7 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
     by_speed = _errors_by_speed(scene, every, each, power)
     untold = -10 * jnp.log10(_squared_error(every.lost, power))
     told = -10 * jnp.log10(_told_squared_error(scene, each, power))
-    difference = smear_difference(scene.speeds, scene.weights, motion.half_exposure)
+    difference = smear_difference(scene, motion.half_exposure, response.efficiency)
     return Metrics(
         condition_number=condition_number(response.still_kernel, num_frequencies=plan.dft_length),
         kernel_difference=raw,

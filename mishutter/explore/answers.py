@@ -19,6 +19,7 @@ from mishutter.evaluation import (
     kernel_phase,
     kernels_at_speeds,
     loss_of_decoder,
+    sensor_view,
     sizes,
     smear_difference,
     spectral_levels,
@@ -173,7 +174,7 @@ def curves(
         "of_decoder": FILTERS[scene.decoder_speed],
         **_signal(levels, scene.decoder_speed),
         **_over_speeds(levels, scene.decoder_speed),
-        "numbers": {"psnr": _level(scene, motion, levels)} if numbers is None else numbers,
+        "numbers": {"psnr": _level(scene, motion, shutter, levels)} if numbers is None else numbers,
     }
 
 
@@ -219,7 +220,9 @@ def _over_speeds(levels: SpectralLevels, speed: DecoderSpeed) -> Numbers:
     return {"speeds": _short(speeds[shown]), "psnr": _short(levels.of(speed).psnr[shown])}
 
 
-def _level(scene: Scene, motion: AbstractMotion, levels: SpectralLevels) -> float:
+def _level(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, levels: SpectralLevels
+) -> float:
     """PSNR over all speeds by the scene's decoder."""
     speeds, weights = levels.speeds, np.asarray(scene.weights)
     places = np.searchsorted(speeds, np.asarray(scene.speeds)).clip(0, speeds.size - 1)
@@ -229,8 +232,9 @@ def _level(scene: Scene, motion: AbstractMotion, levels: SpectralLevels) -> floa
         return -10 * math.log10(error) if error > 0 else math.inf
 
     if scene.decoder_speed == "found":
-        relative = np.asarray(scene.speeds) - np.asarray(motion.velocity)
-        share = found_share(smear_difference(relative, scene.weights, motion.half_exposure))
+        view = sensor_view(scene, motion, shutter)
+        efficiency = view.shutter.efficiency()
+        share = found_share(smear_difference(view.scene, view.motion.half_exposure, efficiency))
         return float(found_psnr(mean(levels.untold.psnr), mean(levels.told.psnr), share))
     return mean(levels.of(scene.decoder_speed).psnr)
 

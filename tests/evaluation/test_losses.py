@@ -15,6 +15,7 @@ from mishutter import (
     DesignLoss,
     ExpectedErrorLoss,
     FoundSpeedLoss,
+    IdealShutter,
     KnownSpeedLoss,
     Limits,
     Occlusion,
@@ -35,7 +36,14 @@ from mishutter import (
 )
 
 # Terms of a loss, each checked against its definition; a loss returns their weighted sum.
-from mishutter.evaluation import ONLY_SPECTRA, PLANNED, losses, respond, sampled_view
+from mishutter.evaluation import (
+    ONLY_SPECTRA,
+    PLANNED,
+    losses,
+    respond,
+    sampled_view,
+    smear_difference,
+)
 from mishutter.evaluation.losses import smooth_condition_number
 from mishutter.evaluation.metrics import expected_squared_error, squared_errors_by_speed
 from mishutter.evaluation.response import folded
@@ -108,7 +116,7 @@ def test_a_decoder_that_finds_the_speed_keeps_a_share_of_what_being_told_brings(
     light = {"photon_rate": 2e5, "read_noise": 4.0, "deviation": 0.17}
     near = evaluate(Scene([-700.0, 250.0], **light), MOTION, TukeyShutter(0.6))
     assert float(near.found_speed_psnr) == float(near.expected_psnr) < float(near.known_speed_psnr)
-    scene = Scene([-700.0 - 40.0 / float(MOTION.exposure), 250.0], **light)
+    scene = Scene([-700.0 - 60.0 / float(MOTION.exposure), 250.0], **light)
     shutter, metrics = TukeyShutter(0.6), evaluate(scene, MOTION, TukeyShutter(0.6))
     told, untold = float(metrics.known_speed_psnr), float(metrics.expected_psnr)
     assert float(metrics.found_speed_psnr) == pytest.approx(untold + 0.8 * (told - untold))
@@ -118,6 +126,17 @@ def test_a_decoder_that_finds_the_speed_keeps_a_share_of_what_being_told_brings(
         assert loss == pytest.approx(10 ** (-level / 20) / 0.17, rel=1e-12)
     with pytest.raises(ValueError, match=r"must be from 0 to 1; got 1\.2"):
         FoundSpeedLoss(1.2)
+
+
+def test_smear_counts_while_the_shutter_is_open():
+    """Dark ends of an exposure, and a device that passes a part of the light, change nothing."""
+    scene = Scene([-700.0, 250.0, -900.0], [0.4, 0.6, 0.0], photon_rate=2e5, read_noise=4.0)
+    assert float(smear_difference(scene, 0.01, 1.0)) == pytest.approx(0.02 * 450)
+    assert float(smear_difference(scene, 0.02, 0.5)) == pytest.approx(0.02 * 450)
+    device = IdealShutter(transmission=0.4)
+    dim = Scene([-700.0, 250.0], photon_rate=2e5, read_noise=4.0, device=device)
+    assert float(smear_difference(dim, 0.02, 0.2)) == pytest.approx(0.02 * 450)
+    assert float(smear_difference(dim, 0.01, 1.0)) == pytest.approx(0.02 * 450)
 
 
 @pytest.mark.parametrize("loss", [FoundSpeedLoss(), ExpectedErrorLoss(alignment="free")])

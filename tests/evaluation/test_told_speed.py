@@ -34,7 +34,7 @@ LOSSES = {
     "untold": (ExpectedErrorLoss(), 0.0),
 }
 """Each with the share of what being told brings, in decibels."""
-SPEEDS, WEIGHTS = np.array([-700.0, 250.0, 2000.0]), np.array([0.2, 0.5, 0.3])
+SPEEDS, WEIGHTS = np.array([-700.0, 250.0, 3100.0]), np.array([0.2, 0.5, 0.3])
 RATE, READ_NOISE, DEVIATION, MEAN_LEVEL = 2e5, 4.0, 0.17, 0.23
 SCENE = Scene(
     SPEEDS,
@@ -69,10 +69,6 @@ def by_sums(x: np.ndarray, share: float) -> complex:
     The exposure is one at which a decoder that looks for the speed keeps a part of the share.
     """
     acceleration, half, coefficients = ACCELERATION * x[0], HALF_EXPOSURE * x[1], x[2:]
-    if 0 < share < 1:
-        place = (2 * half * (2000.0 - 250.0) - 29.0) / 7.0
-        assert 0.1 < place.real < 0.9
-        share = share * (3 - 2 * place) * place**2
     edges = np.linspace(-1, 1, coefficients.size - 2)
     place, weight = np.polynomial.legendre.leggauss(_GAUSS_NODES)
     width = (edges[1] - edges[0]) / 2
@@ -80,6 +76,10 @@ def by_sums(x: np.ndarray, share: float) -> complex:
     knots = np.concatenate([[-1.0] * 3, edges, [1.0] * 3])
     basis = BSpline(knots, np.eye(coefficients.size), 3)(tau)
     light = (basis @ coefficients) * np.tile(weight * width / 2, edges.size - 1)
+    if 0 < share < 1:
+        place = (2 * half * np.sum(light) * (3100.0 - 250.0) - 29.0) / 7.0
+        assert 0.1 < place.real < 0.9
+        share = share * (3 - 2 * place) * place**2
     frequency = (np.arange(PLAN.num_frequencies) + 0.5) / (2 * PLAN.num_frequencies)
     power = 1 / (frequency**2 + 0.01**2)
     power *= DEVIATION**2 / np.mean(power)

@@ -64,6 +64,7 @@ class BlurModel(eqx.Module):
             variance.
         mean_level: Mean of the picture.
         optics: The lens.
+        smear_difference: Difference of the smear between the fastest and the slowest object; px.
         layers: The scene, seen from the motion, where objects hide part of a background; None
             where the picture moves as a whole.
     """
@@ -79,13 +80,8 @@ class BlurModel(eqx.Module):
     power: Float[np.ndarray, "m"]
     mean_level: float = eqx.field(static=True)
     optics: Optics = eqx.field(static=True)
+    smear_difference: float = eqx.field(static=True)
     layers: Scene | None = None
-
-    @property
-    def smear_difference(self) -> float:
-        """Difference of the smear between the fastest and the slowest object; px."""
-        half_exposure = self.motion.half_exposure
-        return float(smear_difference(self.speeds, self.weights, half_exposure))
 
     @property
     def noise(self) -> float:
@@ -281,5 +277,6 @@ def _known_blur(
         power=np.asarray(power, np.float64),
         mean_level=float(scene.mean_level),
         optics=scene.optics,
+        smear_difference=float(smear_difference(scene, motion.half_exposure, efficiency)),
         layers=layers,
     )
