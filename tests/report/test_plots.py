@@ -14,6 +14,7 @@ from support.photographs import photograph
 from support.sweeps import SCENE, grid
 
 from mishutter import (
+    FirstOrderShutter,
     HannShutter,
     ParabolicMotion,
     Picture,
@@ -546,6 +547,19 @@ def test_a_drive_is_drawn_at_the_middle_of_its_steps():
     half = float(table.design.motion.half_exposure) * 1e3
     np.testing.assert_allclose(top.lines[0].get_xdata(), half * np.array([-3, -1, 1, 3]) / 4)
     np.testing.assert_allclose(top.patches[0].get_data().edges, half * np.linspace(-1, 1, 5))
+
+
+def test_a_drive_shows_the_shutter_behind_its_device():
+    """Its levels are sent; the light that passes lags behind them."""
+    scene = Scene(SCENE.speeds, device=FirstOrderShutter(rise_time=2e-3, fall_time=2e-3))
+    table = drive_table(replace(a_design(HannShutter()), scene=scene))
+    top = plot_drive(table).axes[0]
+    labels = [text.get_text() for text in top.get_legend().get_texts()]
+    assert labels == ["sent, 256 levels", "sent as designed", "behind the device"]
+    passed = top.lines[1].get_ydata()
+    tau = np.linspace(-1, 1, passed.size)
+    np.testing.assert_allclose(passed, table.passed().transmittance(tau), atol=1e-6)
+    assert np.max(np.abs(passed - np.asarray(HannShutter().transmittance(tau)))) > 0.1
 
 
 def _rows(figure, across):
