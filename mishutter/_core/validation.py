@@ -14,6 +14,8 @@ from mishutter._core.checks import Unquoted, describe
 
 Place = tuple[Any, ...]
 """Path to a key: the names of its tables, its own name, and indices of lists."""
+_FEW_KEYS = 10
+"""Keys of a table, at most, that an error about an unknown one lists."""
 
 
 class Section(BaseModel):
@@ -114,7 +116,7 @@ def requirement(problem: Mapping[str, Any]) -> str:
 
 
 def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place], str]) -> str:
-    """An error about an unknown key; it suggests the nearest key of its table, or of any table."""
+    """An error about an unknown key: with the nearest of its table, the same of another, or all."""
     *tables, key = place
     names = tuple(part for part in tables if isinstance(part, str))
     places = [p for p in _known_keys(model) if p != names]
@@ -122,9 +124,11 @@ def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place],
     nearest = (
         [p for p in siblings if key and p[-1].startswith(key)]
         or _close(key, siblings, cutoff=0.5)
-        or _close(key, places, cutoff=0.6)
+        or _close(key, places, cutoff=0.9)
     )
-    hint = f", perhaps `{key_name(nearest[0])}`" if nearest else ""
+    of_table = ", ".join(p[-1] for p in siblings) if 1 < len(siblings) <= _FEW_KEYS else ""
+    every = f" ({of_table})" if of_table else ""
+    hint = f", perhaps `{key_name(nearest[0])}`" if nearest else every
     where = f"`{key_name(tuple(tables))}`" if tables else "the file"
     return f"{where} must hold known keys only{hint}; got {describe(key)}."
 

@@ -255,6 +255,7 @@ def simulate(
     files = ["captured.png", "restored.png", "side_by_side.png"]
     if not figures:
         note("no PSNR: layers and frames move by themselves, so that no one picture is the truth")
+    _warn_beyond(scene, speed)
     estimate = result.found
     if estimate is not None and estimate.doubt:
         note(f"warning: {estimate.doubt}")
@@ -271,9 +272,7 @@ def simulate(
             rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
             print_table(f"Restored by {decoder.value}", ["figure", "value"], rows)
         if estimate is not None:
-            is_trusted = estimate.trusted
-            trust = "trusted" if is_trusted else "not trusted: restored for all likely speeds"
-            value = f"{estimate.speed:,.0f} +- {estimate.error:,.0f}"
+            value, trust = _speed_found(estimate)
             print_table("Speed found", ["px/s", ""], [[value, trust]])
         if levels:
             rows = [[name, f"{value:.3f}"] for name, value in levels.items()]
@@ -356,11 +355,27 @@ def _decoder(name: DecoderName) -> "AbstractDecoder":
     }[name]()
 
 
+def _warn_beyond(scene: "Scene", speed: float) -> None:
+    """Warns of a speed in px/s outside of the scene's: its unit may have been forgotten."""
+    slowest, fastest = float(scene.speeds.min()), float(scene.speeds.max())
+    if not min(slowest, 0) <= speed <= max(fastest, 0):
+        note(f"warning: --speed is {speed:g} px/s; the scene's are {slowest:g} to {fastest:g}")
+
+
+def _speed_found(estimate: "SpeedEstimate") -> tuple[str, str]:
+    """An estimated speed with its error, and whether it is trusted, in words."""
+    if estimate.tells_nothing:
+        return "none", "restored for all speeds of the scene"
+    value = f"{estimate.speed:,.0f} +- {estimate.error:,.0f}"
+    return value, "trusted" if estimate.trusted else "not trusted: restored for all likely speeds"
+
+
 def _estimate_document(estimate: "SpeedEstimate") -> dict[str, object]:
-    """An estimated speed, as JSON has it."""
+    """An estimated speed, as JSON has it: null where the capture tells nothing."""
+    is_some = not estimate.tells_nothing
     return {
-        "speed_px_per_s": estimate.speed,
-        "error_px_per_s": estimate.error,
+        "speed_px_per_s": estimate.speed if is_some else None,
+        "error_px_per_s": estimate.error if is_some else None,
         "trusted": estimate.trusted,
         "doubt": estimate.doubt,
     }

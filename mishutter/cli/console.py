@@ -40,6 +40,8 @@ _PATIENCE = 2.0
 """Time until work first reports its progress where standard error is no terminal; s."""
 _PAUSE = 10.0
 """Time between two such reports; s."""
+_MANY = 20
+"""Steps from which on they tell how long the rest takes: a few are of unlike lengths."""
 
 _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The errors of the command line parser, whichever Click it was built on."""
@@ -216,8 +218,8 @@ def _console() -> Console:
 def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
     """Shows progress on standard error; yields `update(done, message)`.
 
-    A terminal shows a bar with the elapsed and the remaining time; a file gets a line now and
-    then.
+    A terminal shows a bar with the elapsed time, and with the remaining time of many steps; a file
+    gets a line now and then.
     """
     console = Console(file=sys.stderr)
     if console.is_terminal:
@@ -227,9 +229,8 @@ def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]
             TextColumn("{task.completed:.0f}/{task.total:.0f}"),
             TextColumn("{task.fields[message]}"),
             TimeElapsedColumn(),
-            TextColumn("gone,"),
-            TimeRemainingColumn(),
-            TextColumn("to go"),
+            TextColumn("gone"),
+            *([TimeRemainingColumn(), TextColumn("to go")] if total >= _MANY else []),
             console=console,
             transient=True,
         ) as progress:
@@ -261,7 +262,7 @@ class _State:
         now = time.monotonic()
         words = f"{self._done} of {self._total} after {now - self._begin:.0f} s"
         done, since = self._first or (0, now)
-        if self._done > done:
+        if self._done > done and self._total >= _MANY:
             remaining = (self._total - self._done) * (now - since) / (self._done - done)
             words += f", about {remaining:.0f} s to go"
         return words

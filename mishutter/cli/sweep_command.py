@@ -240,12 +240,10 @@ def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray", pan: float) 
     limits = scene.limits
     shortest, longest = float(limits.min_half_exposure), float(limits.max_half_exposure)
     half_exposures = np.clip(half_exposures, shortest, longest)
-    by_stroke = np.asarray(limits.acceleration_by_stroke(half_exposures, pan))
-    without_pan = np.asarray(limits.acceleration_by_stroke(half_exposures))
-    by_stroke = np.where(by_stroke > 0, by_stroke, without_pan)
-    top = float(limits.max_top_speed)
-    by_speed = (top - pan if pan < top else top) / (2 * half_exposures)
-    largest = np.minimum(by_stroke, by_speed)
+    beside_pan, alone = (
+        np.asarray(limits.acceleration_of_path(half_exposures, velocity)) for velocity in (pan, 0.0)
+    )
+    largest = np.where(beside_pan > 0, beside_pan, alone)
     return np.geomspace(largest.min() / 10, largest.max(), _NUM_VALUES)
 
 

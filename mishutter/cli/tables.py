@@ -70,10 +70,10 @@ _WORST_OF_DECODER = {
     "found": "worst speed  PSNR dB of a decoder that finds the speed is known in the mean alone\n",
     "told": "worst speed  PSNR dB at the worst of the speeds, of a filter that is told it\n",
 }
-_GAIN = "gain dB      over the best snapshot\n"
+_GAIN = "gain dB      over the best snapshot, at rest or panned\n"
 _FOOT = """\
 light        share that the shutter passes
-stroke px    from mid-exposure to either end
+stroke px    travel of the stage over the exposure, from end to end
 pan px/s     velocity at mid-exposure
 open ms      from first to last light
 ceiling      nothing exceeds it"""
@@ -130,7 +130,7 @@ def _cells(comparison: "Comparison", row: "Row") -> list[str]:
         f"{round(comparison.over_snapshot(row.level), 2) + 0.0:+.2f}",
         level_or_dash(row.worst_psnr),
         f"{float(row.metrics.efficiency):.3f}",
-        f"{float(row.motion.stroke):.1f}",
+        f"{row.stroke:.1f}",
         f"{round(float(row.motion.velocity)) + 0:d}",
         f"{float(row.motion.exposure) * 1e3:.2f}",
         *([] if comparison.costs is None else [last]),

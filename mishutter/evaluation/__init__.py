@@ -36,11 +36,13 @@ from mishutter.evaluation.losses import loss_of_decoder as loss_of_decoder
 from mishutter.evaluation.losses import one_real_number as one_real_number
 from mishutter.evaluation.losses import value_of as value_of
 from mishutter.evaluation.metrics import FILTERS as FILTERS
-from mishutter.evaluation.metrics import FOUND_SHARE as FOUND_SHARE
+from mishutter.evaluation.metrics import LEAST_DIFFERENCE as LEAST_DIFFERENCE
 from mishutter.evaluation.metrics import Metrics as Metrics
 from mishutter.evaluation.metrics import SpectralLevels as SpectralLevels
 from mishutter.evaluation.metrics import evaluate as evaluate
 from mishutter.evaluation.metrics import found_psnr as found_psnr
+from mishutter.evaluation.metrics import found_share as found_share
+from mishutter.evaluation.metrics import smear_difference as smear_difference
 from mishutter.evaluation.metrics import spectral_levels as spectral_levels
 from mishutter.evaluation.metrics import squared_error_within as squared_error_within
 from mishutter.evaluation.needs import ONLY_SPECTRA as ONLY_SPECTRA

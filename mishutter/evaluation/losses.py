@@ -16,9 +16,11 @@ from mishutter._core import compiled, is_concrete, require
 from mishutter.evaluation.metrics import (
     FOUND_SHARE,
     expected_squared_error,
+    found_share,
     freely_aligned,
     kernel_differences,
     known_speed_squared_error,
+    smear_difference,
     squared_errors_by_speed,
 )
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Automatic, Parts, Plan
@@ -312,13 +314,14 @@ class FoundSpeedLoss(AbstractResponseLoss):
 
     $E_k^{s/2}E^{(1-s)/2}/\sigma_f$ of the squared errors $E_k$ of a decoder that is told the speed
     (`KnownSpeedLoss`) and $E$ of one filter for all speeds (`ExpectedErrorLoss`): in decibels, a
-    share $s$ of the gain by being told. On photographs an open shutter on a parabola keeps 0.85 of
+    share $s$ of the gain by being told, the `found_share`, which is 0 where the blur differs too
+    little over the speeds to tell one. On photographs an open shutter on a parabola keeps 0.85 of
     it by total variation and 0.93 by the ensemble filter. A profile that tapers keeps some 0.43, as
-    it hides the speed, and a snapshot nothing. One share for all favours the rivals of an open
-    shutter, whose true gain over them is rather larger.
+    it hides the speed. One share for all favours profiles that taper beside an open shutter, whose
+    true gain over them is rather larger.
 
     Args:
-        share: $s$, from 0 to 1; static.
+        share: $s$ where the blur differs by enough, from 0 to 1; static.
 
     Raises:
         ValueError: if `share` is not within 0 and 1, or, when it is called, if the scene has a
@@ -339,12 +342,13 @@ class FoundSpeedLoss(AbstractResponseLoss):
         self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
     ) -> Float[Array, ""]:
         require_whole(scene, "FoundSpeedLoss")
-        count, rest = plan.num_frequencies, 1 - self.share
+        count = plan.num_frequencies
         told = known_speed_squared_error(scene, motion, response, count)
         untold = expected_squared_error(scene, motion, response, count)
         told, untold = _over_contrast(scene, told), _over_contrast(scene, untold)
-        some = told > 0
-        mixed = jnp.where(some, told, 1.0) ** self.share * jnp.where(some, untold, 1.0) ** rest
+        difference = smear_difference(scene.speeds, scene.weights, motion.half_exposure)
+        some, share = told > 0, found_share(difference, self.share).astype(told.dtype)
+        mixed = jnp.where(some, told, 1.0) ** share * jnp.where(some, untold, 1.0) ** (1 - share)
         return jnp.where(some, mixed, 0.0)
 
 

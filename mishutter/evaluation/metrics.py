@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, ArrayLike, Complex, Float, Num
 
 from mishutter._core import compiled
 from mishutter.blur import condition_number, safe_sqrt
@@ -48,6 +48,10 @@ from mishutter.model import (
 
 FOUND_SHARE = 0.8
 """Share of the gain by being told the speed, in decibels, that a decoder keeps which finds it."""
+LEAST_DIFFERENCE = 29.0
+"""Smear, px, up to whose difference no speed is found: a photograph may be as soft by itself."""
+_ENOUGH_DIFFERENCE = 36.0
+"""Smear, px, from whose difference on the whole `FOUND_SHARE` of the gain is kept."""
 
 FILTERS: dict[DecoderSpeed, str] = {
     "unknown": "one filter for all speeds",
@@ -70,6 +74,8 @@ class Metrics(eqx.Module):
         expected_psnr: PSNR of the best single linear decoder, in linear light; dB.
         known_speed_psnr: PSNR of the best linear decoder that is told the speed; dB. It is at
             least `expected_psnr`, and the difference is the price of not knowing the speed.
+        found_speed_psnr: PSNR of a decoder that finds the speed in the picture: the `found_share`
+            of the way from `expected_psnr` to `known_speed_psnr`; dB.
         worst_speed_psnr: PSNR at the worst of the scene's speeds, by the decoder of
             `expected_psnr`; at most `expected_psnr`; dB.
         worst_known_speed_psnr: PSNR at the worst of the scene's speeds, by the decoder of
@@ -90,6 +96,7 @@ class Metrics(eqx.Module):
     efficiency: Float[Array, ""]
     expected_psnr: Float[Array, ""]
     known_speed_psnr: Float[Array, ""]
+    found_speed_psnr: Float[Array, ""]
     worst_speed_psnr: Float[Array, ""]
     worst_known_speed_psnr: Float[Array, ""]
     bound_share: Float[Array, ""]
@@ -97,14 +104,6 @@ class Metrics(eqx.Module):
     dft_length: int = eqx.field(static=True)
     num_taps: int = eqx.field(static=True)
     toleranced_psnr: Float[Array, ""] | None = None
-
-    @property
-    def found_speed_psnr(self) -> Float[Array, ""]:
-        """PSNR expected of a decoder that finds the speed in the picture; dB.
-
-        A share of the way from `expected_psnr` to `known_speed_psnr` (`FoundSpeedLoss`).
-        """
-        return found_psnr(self.expected_psnr, self.known_speed_psnr)
 
     def psnr_of(self, decoder_speed: DecoderSpeed) -> Float[Array, ""]:
         """PSNR expected of a decoder; dB.
@@ -140,14 +139,52 @@ class Metrics(eqx.Module):
         return "\n".join(["Metrics(", *lines, ")"])
 
 
-def found_psnr(untold: Array | float, told: Array | float) -> Float[Array, ""]:
+def smear_difference(
+    speeds: Num[ArrayLike, "n"], weights: Num[ArrayLike, "n"], half_exposure: ArrayLike
+) -> Float[Array, ""]:
+    r"""Difference of the smear over the exposure between the fastest and the slowest object; px.
+
+    $2T(\max|s| - \min|s|)$ over the speeds that occur: both signs of one have blurs of one size.
+
+    Args:
+        speeds: Speeds $s$ relative to the sensor; px/s.
+        weights: Probability of each.
+        half_exposure: $T$; s.
+    """
+    sizes, occurs = jnp.abs(jnp.asarray(speeds)), jnp.asarray(weights) > 0
+    fastest = jnp.max(jnp.where(occurs, sizes, 0.0))
+    slowest = jnp.min(jnp.where(occurs, sizes, jnp.inf))
+    return 2 * jnp.asarray(half_exposure, sizes.dtype) * (fastest - slowest)
+
+
+def found_share(difference: ArrayLike, share: float = FOUND_SHARE) -> Float[Array, ""]:
+    r"""Share of the gain by being told the speed that a decoder keeps which finds it, in decibels.
+
+    0 up to $d_0$ = 29 px of the `smear_difference` $d$, where the blur differs too little over the
+    speeds to tell one; $(3 - 2x)x^2$ of the whole share, $x = (d - d_0)/(d_1 - d_0)$, to $d_1$ = 36
+    px; and all of it from there on.
+
+    Args:
+        difference: $d$; px.
+        share: The share where the blur differs by enough.
+    """
+    difference = jnp.asarray(difference)
+    x = (difference - LEAST_DIFFERENCE) / (_ENOUGH_DIFFERENCE - LEAST_DIFFERENCE)
+    x = jnp.clip(x, 0.0, 1.0)
+    return share * (3 - 2 * x) * x**2
+
+
+def found_psnr(untold: ArrayLike, told: ArrayLike, share: ArrayLike) -> Float[Array, ""]:
     """PSNR expected of a decoder that finds the speed, by those of two others; dB.
 
     Args:
         untold: PSNR of one filter for all speeds; dB.
         told: PSNR of a filter that is told the speed; dB.
+        share: The `found_share`.
     """
-    return jnp.where(told == untold, untold, untold + FOUND_SHARE * (told - untold))
+    untold, told = jnp.asarray(untold), jnp.asarray(told)
+    share = jnp.asarray(share, told.dtype)
+    return jnp.where(told == untold, untold, untold + share * (told - untold))
 
 
 def evaluate(
@@ -246,13 +283,17 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
     every = _moments(scene, motion, response, power)
     each = _moments(scene, motion, response, power, told=True)
     by_speed = _errors_by_speed(scene, every, each, power)
+    untold = -10 * jnp.log10(_squared_error(every.lost, power))
+    told = -10 * jnp.log10(_told_squared_error(scene, each, power))
+    difference = smear_difference(scene.speeds, scene.weights, motion.half_exposure)
     return Metrics(
         condition_number=condition_number(response.still_kernel, num_frequencies=plan.dft_length),
         kernel_difference=raw,
         relative_kernel_difference=relative,
         efficiency=response.efficiency,
-        expected_psnr=-10 * jnp.log10(_squared_error(every.lost, power)),
-        known_speed_psnr=-10 * jnp.log10(_told_squared_error(scene, each, power)),
+        expected_psnr=untold,
+        known_speed_psnr=told,
+        found_speed_psnr=found_psnr(untold, told, found_share(difference)),
         worst_speed_psnr=-10 * jnp.log10(_worst(scene, by_speed)),
         worst_known_speed_psnr=-10 * jnp.log10(_worst(scene, _squared_error(each.lost, power))),
         bound_share=bound_share(scene, motion, response),

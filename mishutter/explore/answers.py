@@ -15,10 +15,12 @@ from mishutter.evaluation import (
     coarser,
     evaluate,
     found_psnr,
+    found_share,
     kernel_phase,
     kernels_at_speeds,
     loss_of_decoder,
     sizes,
+    smear_difference,
     spectral_levels,
 )
 from mishutter.hardware import Design
@@ -155,8 +157,11 @@ def curves(
     transmittance, _ = profile_of(shutter, tau)
     time = np.linspace(-half, half, _PATH_POINTS)
     levels = spectral_levels(scene, motion, shutter)
+    stroke = float(scene.limits.of_stage(motion).extent)
     numbers = (
-        None if at_once else _numbers(evaluate(scene, motion, shutter), motion, scene.decoder_speed)
+        None
+        if at_once
+        else _numbers(evaluate(scene, motion, shutter), motion, stroke, scene.decoder_speed)
     )
     return {
         "time": _short(tau * half * 1e3),
@@ -168,7 +173,7 @@ def curves(
         "of_decoder": FILTERS[scene.decoder_speed],
         **_signal(levels, scene.decoder_speed),
         **_over_speeds(levels, scene.decoder_speed),
-        "numbers": {"psnr": _level(scene, levels)} if numbers is None else numbers,
+        "numbers": {"psnr": _level(scene, motion, levels)} if numbers is None else numbers,
     }
 
 
@@ -214,7 +219,7 @@ def _over_speeds(levels: SpectralLevels, speed: DecoderSpeed) -> Numbers:
     return {"speeds": _short(speeds[shown]), "psnr": _short(levels.of(speed).psnr[shown])}
 
 
-def _level(scene: Scene, levels: SpectralLevels) -> float:
+def _level(scene: Scene, motion: AbstractMotion, levels: SpectralLevels) -> float:
     """PSNR over all speeds by the scene's decoder."""
     speeds, weights = levels.speeds, np.asarray(scene.weights)
     places = np.searchsorted(speeds, np.asarray(scene.speeds)).clip(0, speeds.size - 1)
@@ -224,11 +229,15 @@ def _level(scene: Scene, levels: SpectralLevels) -> float:
         return -10 * math.log10(error) if error > 0 else math.inf
 
     if scene.decoder_speed == "found":
-        return float(found_psnr(mean(levels.untold.psnr), mean(levels.told.psnr)))
+        relative = np.asarray(scene.speeds) - np.asarray(motion.velocity)
+        share = found_share(smear_difference(relative, scene.weights, motion.half_exposure))
+        return float(found_psnr(mean(levels.untold.psnr), mean(levels.told.psnr), share))
     return mean(levels.of(scene.decoder_speed).psnr)
 
 
-def _numbers(metrics: Metrics, motion: AbstractMotion, speed: DecoderSpeed) -> Numbers:
+def _numbers(
+    metrics: Metrics, motion: AbstractMotion, stroke: float, speed: DecoderSpeed
+) -> Numbers:
     """Numbers of a design beside its curves and in its row of the table."""
     worst = metrics.worst_psnr_of(speed)
     return {
@@ -238,7 +247,7 @@ def _numbers(metrics: Metrics, motion: AbstractMotion, speed: DecoderSpeed) -> N
         "condition": float(metrics.condition_number),
         "relative": float(metrics.relative_kernel_difference),
         "light": float(metrics.efficiency),
-        "stroke_px": float(motion.stroke),
+        "stroke_px": stroke,
         "pan_px_per_s": float(motion.velocity) + 0.0,
         "open_ms": float(motion.exposure) * 1e3,
     }
@@ -251,7 +260,7 @@ def table(comparison: "Comparison") -> Numbers:
         comparison: The comparison.
     """
     rows = [
-        _numbers(row.metrics, row.motion, row.speed)
+        _numbers(row.metrics, row.motion, row.stroke, row.speed)
         | {
             "name": row.name,
             "gain": comparison.over_snapshot(row.level),

@@ -200,7 +200,7 @@ def restored(
 
 def _plain(estimate: SpeedEstimate | None) -> dict[str, object] | None:
     """The fields of an estimate that are no arrays; px/s."""
-    names = ("speed", "error", "trusted", "doubt")
+    names = ("speed", "error", "trusted", "doubt", "tells_nothing")
     return None if estimate is None else {name: getattr(estimate, name) for name in names}
 
 

@@ -180,7 +180,7 @@ def _line(row: Row) -> str:
         f"{row.name:<21}{row.psnr:>9.2f}{worst}{float(m.condition_number):>8.2f}"
         f"{float(m.kernel_difference):>8.4f}{float(m.relative_kernel_difference):>7.3f}"
         f"{float(m.efficiency):>7.3f}{float(m.bound_share):>7.3f}"
-        f"{float(row.motion.stroke):>11.2f}{float(row.motion.velocity) + 0.0:>10.1f}"
+        f"{row.stroke:>11.2f}{float(row.motion.velocity) + 0.0:>10.1f}"
         f"{float(row.motion.exposure) * 1e3:>13.3f}{loss:>9}{within}"
     )
 

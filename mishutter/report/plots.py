@@ -231,12 +231,12 @@ def motion_text(motion: AbstractMotion) -> str:
     Args:
         motion: The motion.
     """
-    parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
-    if float(motion.stroke) > 0:
-        parts.append(f"stroke {float(motion.stroke):.3g} px")
-    if float(motion.velocity) != 0:
-        parts.append(f"pan {float(motion.velocity):.4g} px/s")
-    return ", ".join(parts)
+    exposure = f"{float(motion.exposure) * 1e3:.3g} ms"
+    stroke, pan = float(motion.stroke), float(motion.velocity)
+    if stroke <= 0:
+        return exposure if pan == 0 else f"{exposure}, pan {pan:.4g} px/s"
+    beside = "" if pan == 0 else f" beside a pan of {pan:.4g} px/s"
+    return f"{exposure}, stroke {stroke:.3g} px{beside}"
 
 
 def plot_transfer(
@@ -305,7 +305,7 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False
             label=shown_name(name),
             **style,
         )
-    label = f"PSNR of restored picture / dB ({_kind(linear)})"
+    label = f"PSNR of one photograph, restored / dB ({_kind(linear)})"
     axes.set(xlabel="object speed / (px/s)", ylabel=label)
     _legend(figure, axes)
     return figure

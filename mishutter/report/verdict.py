@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from mishutter.hardware import Design
 from mishutter.model import AbstractDevice, FirstOrderShutter, Scene, SplineShutter, command_of
 from mishutter.search import (
+    BEST_SNAPSHOT,
     SHAPED_ON_FREE_PATH,
     SNAPSHOTS,
     Entry,
@@ -39,6 +40,7 @@ def verdict_lines(rows: Sequence[Row], own: Row | None, snapshot: Row, most: flo
             f"{_WORTH_IT} dB.",
             f"Use an ordinary shutter: {choice.setting}, {choice.level:.2f} dB{at_worst}. "
             f"Ceiling: {most:.2f} dB.",
+            *_of_pan(rows, choice),
             *beside,
         ]
     if own is not None and choice.takes < own.takes:
@@ -54,6 +56,15 @@ def verdict_lines(rows: Sequence[Row], own: Row | None, snapshot: Row, most: flo
         f"It is {below:.2f} dB below what any path and any shutter could reach ({most:.2f} dB).",
         *beside,
     ]
+
+
+def _of_pan(rows: Sequence[Row], snapshot: Row) -> list[str]:
+    """The sentence on what a snapshot gains by its pan over one whose sensor stands still."""
+    at_rest = next(row for row in rows if row.name == BEST_SNAPSHOT)
+    gain = snapshot.lead_over(at_rest)
+    if gain < _TELLING:
+        return []
+    return [f"The pan alone brings {gain:.2f} dB: a snapshot at rest has {at_rest.level:.2f} dB."]
 
 
 def _to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
@@ -78,10 +89,13 @@ def _to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
 def _beside(rows: Sequence[Row], choice: Row, own: Row | None) -> list[str]:
     """Sentences on a better camera than the one to build, and on the nearest simpler one."""
     lines, top = [], best_row(rows)
-    if choice.speed != "unknown" and choice.takes == {"a stage"}:
+    is_coded = choice.name not in SNAPSHOTS
+    if choice.speed == "found" and choice.hides_speed:
+        lines.append("No speed can be found: the blur differs too little over the speeds.")
+    elif choice.speed != "unknown" and choice.takes == {"a stage"} and is_coded:
         knows = "finds" if choice.speed == "found" else "is told"
         lines.append(f"A stage and a decoder that {knows} the speed: no shutter is needed.")
-    is_other = own is not None and own is not choice and choice.name not in SNAPSHOTS
+    is_other = own is not None and own is not choice and is_coded
     if own is not None and is_other and own.takes == choice.takes:
         lines.append(f"{_capitalised(own.name)} takes as much and has {own.level:.2f} dB.")
     gain = top.lead_over(choice)
@@ -92,7 +106,7 @@ def _beside(rows: Sequence[Row], choice: Row, own: Row | None) -> list[str]:
             f"{_capitalised(top.name)} has {top.level:.2f} dB{with_more}: {gain:.2f} more."
         )
     simpler = [row for row in rows if row is not own and _is_simpler(row, choice)]
-    if simpler and choice.name not in SNAPSHOTS:
+    if simpler and is_coded:
         nearest = best_row(simpler)
         below = choice.lead_over(nearest)
         side = f"{abs(below):.2f} dB {'below' if below >= 0 else 'above'} it"

@@ -34,7 +34,7 @@ from mishutter.camera import (
     rows_last,
     through_optics,
 )
-from mishutter.evaluation import FOUND_SHARE, PLANNED, Automatic, Plan, sensor_view
+from mishutter.evaluation import PLANNED, Automatic, Plan, found_share, sensor_view
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -48,7 +48,6 @@ from mishutter.model import (
 )
 from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.restore.decoders.linear import expected_squared_error, squared_error_of
-from mishutter.restore.decoders.speed import are_told_apart, speeds_to_try
 from mishutter.restore.decoders.speed_finding import decoder_of, informed
 from mishutter.restore.image_quality import psnr
 
@@ -364,7 +363,7 @@ def _expected_levels(
     """Levels that the ensemble filter is expected to reach, of its scene and of one picture; dB.
 
     A decoder that finds the speed keeps a share of what being told it would bring, in decibels
-    (`FoundSpeedLoss`), and nothing of it where no speed is looked for, as in a snapshot.
+    (`found_share`), and nothing of it where no speed is looked for, as in a snapshot.
 
     Args:
         model: Blur and noise of a decoder for all speeds.
@@ -372,9 +371,11 @@ def _expected_levels(
         rows: Light of the picture; shape `(..., columns)`.
         speeds: Speeds of the picture relative to the sensor; px/s.
     """
-    share = {"unknown": 0.0, "found": FOUND_SHARE, "told": 1.0}[decoder_speed]
-    if decoder_speed == "found" and not are_told_apart(*speeds_to_try(model)):
-        share = 0.0
+    share = {
+        "unknown": 0.0,
+        "found": float(found_share(model.smear_difference)),
+        "told": 1.0,
+    }[decoder_speed]
     untold = np.append(squared_error_of(model, rows, speeds), expected_squared_error(model))
     told = untold
     if share > 0:

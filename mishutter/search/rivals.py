@@ -111,13 +111,21 @@ class Row:
         return f"Row({self.reading!r}, {self.name!r}, {self.level:.2f} dB, {self.setting})"
 
     @cached_property
+    def stroke(self) -> float:
+        """Distance from the lowest to the highest position of the stage over the exposure; px.
+
+        It holds the pan, unless turning the camera makes that.
+        """
+        of_stage = self.motion.without_velocity() if self.turns else self.motion
+        return float(of_stage.extent)
+
+    @cached_property
     def takes(self) -> frozenset[str]:
         """Parts that it needs beside a camera at rest with an ordinary shutter."""
-        of_stage = self.motion.without_velocity() if self.turns else self.motion
         stays_open = isinstance(self.shutter, RectShutter)
         stays_open = stays_open or float(self.metrics.efficiency) > _OPEN
         takes = {
-            "a stage": float(of_stage.extent) >= _STANDS_STILL,
+            "a stage": self.stroke >= _STANDS_STILL,
             "a shutter": not stays_open,
         }
         return frozenset(part for part, is_needed in takes.items() if is_needed)
@@ -153,6 +161,13 @@ class Row:
         return float(self.metrics.psnr_of(self.speed))
 
     @property
+    def hides_speed(self) -> bool:
+        """Whether being told the speed would bring something, and looking for it nothing."""
+        metrics = self.metrics
+        untold, told = float(metrics.expected_psnr), float(metrics.known_speed_psnr)
+        return float(metrics.found_speed_psnr) <= untold < told
+
+    @property
     def worst_psnr(self) -> float | None:
         """PSNR at the worst speed by the judging decoder; None if it finds the speed; dB."""
         level = self.metrics.worst_psnr_of(self.speed)
@@ -160,13 +175,13 @@ class Row:
 
     @property
     def setting(self) -> str:
-        """Exposure, pan and stroke of the motion with their units."""
+        """Exposure, pan and stroke of the motion with their units; a pan alone says its own."""
         motion = self.motion
         parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
         if _pans(motion):
             parts.append(f"pan {float(motion.velocity):.0f} px/s")
         if float(motion.stroke) >= _STANDS_STILL:
-            parts.append(f"stroke {float(motion.stroke):.3g} px")
+            parts.append(f"stroke {self.stroke:.3g} px")
         return ", ".join(parts if len(parts) > 1 else [*parts, "at rest"])
 
     def lead_over(self, other: "Row") -> float:

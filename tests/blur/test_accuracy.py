@@ -183,6 +183,7 @@ def test_objects_at_rest(slug, precision):
         assert not np.any(derivatives[:, : ARGUMENTS.index("shutter")])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
 @pytest.mark.parametrize("slug", ["hann", "spline-symmetric"])
 def test_slow_objects_under_a_symmetric_profile(slug, precision):

@@ -32,6 +32,7 @@ LARGEST = {np.float64: 8.0, np.float32: 6.0}
 """Longest stroke, as a power of ten px."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slug", "dtype", "seed"),
     [("flutter", np.float32, 12), ("tukey", np.float64, 3)],

@@ -39,6 +39,7 @@ def test_sums_are_those_of_the_waves(counts, distance, dtype):
     assert error < allowed * np.sum(np.abs(light))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("counts", COUNTS)
 def test_derivatives_are_those_of_the_sums(counts):
     """By positions and by light, forward; reverse mode is its transpose."""

@@ -441,6 +441,7 @@ def test_a_layer_that_only_panning_brings_onto_the_sensor():
         np.testing.assert_allclose(found, wanted, atol=WAVES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("border", ["reflect", "edge", "wrap", "zero"])
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_footage_is_exposed_frame_by_frame(motion, border):

@@ -24,6 +24,7 @@ import pytest
 from PIL import Image
 from support.bad_scenes import LINES, edited
 from support.command_line import (
+    ON_PARABOLAS,
     SMALL_SCENE,
     SMALL_SEARCH,
     environment,
@@ -32,7 +33,7 @@ from support.command_line import (
     refused,
 )
 
-from mishutter import cli, example_scene, read_scene
+from mishutter import RectShutter, cli, example_scene, optimise, read_scene
 
 # The face is `main` alone, which never waits long enough without a bar to say so.
 from mishutter.cli.console import working
@@ -47,7 +48,7 @@ def small_scene(tmp_path_factory):
     rows = np.random.default_rng(5).normal(size=(9, 150)).cumsum(axis=1)
     write_picture(folder / "photo.png", 0.5 + 0.4 * np.sin(rows / 3))
     path = folder / "scene.toml"
-    path.write_text(SMALL_SCENE)
+    path.write_text(ON_PARABOLAS)
     return path
 
 
@@ -278,8 +279,10 @@ def test_an_interrupt_says_what_was_kept_and_how_to_go_on(
 @pytest.mark.slow
 def test_an_interrupt_after_the_search_keeps_the_design(small_scene, monkeypatch, capsys, tmp_path):
     """What took longest is in the folder, and the line holds the command that goes on from it."""
+    compared = []
 
-    def interrupt(*_, **__):
+    def interrupt(_, motion, entries, loss):
+        compared.append((motion, entries))
         raise KeyboardInterrupt
 
     # A signal would have to come between two steps of the command.
@@ -290,9 +293,10 @@ def test_an_interrupt_after_the_search_keeps_the_design(small_scene, monkeypatch
     told = capsys.readouterr().err
     command = shlex.split(told.split("`")[1])
     assert command[:3] == ["mishutter", "compare", str(small_scene)]
-    monkeypatch.undo()
-    assert cli.main([*command[1:], "--noise-seeds", "0"]) == 0
-    assert "design" in capsys.readouterr().out
+    assert cli.main(command[1:]) == 130
+    (motion, found), (again, read) = compared
+    assert eqx.tree_equal(again, motion)
+    assert eqx.tree_equal(read["design"].shutter, found["optimised"].shutter)
 
 
 def test_a_termination_is_143(monkeypatch):
@@ -350,8 +354,15 @@ def test_an_error_that_nobody_reads_is_2(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("are_messages_read", [True, False])
 def test_a_design_whose_reader_leaves_is_kept(are_messages_read, small_scene, tmp_path):
-    """`mishutter optimise --out DIR | head -1` and `2>&1 | head -1` end with 0 and all files."""
-    options = [str(small_scene), *SMALL_SEARCH, "--out", str(tmp_path / "kept")]
+    """`mishutter optimise --out DIR | head -1` and `2>&1 | head -1` end with 0 and all files.
+
+    Nothing moves in the scene, for which little is compiled.
+    """
+    scene = small_scene.with_name("still.toml")
+    speeds, others = ON_PARABOLAS.split("[light]")
+    assert "list_px_per_s" in speeds
+    scene.write_text(f"[speeds]\nlist_px_per_s = [0]\n[light]{others}")
+    options = [str(scene), *SMALL_SEARCH, "--out", str(tmp_path / "kept")]
     with unread() as stream:
         done = subprocess.run(
             [sys.executable, "-m", "mishutter", "optimise", *options],
@@ -498,12 +509,19 @@ def test_json_is_one_strict_document(optimised):
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_a_search_makes_no_nan(small_scene, capsys):
-    """With `jax_debug_nans`, which ends with the operation that makes one, it runs to its end."""
+    """With `jax_debug_nans`, which ends with the operation that makes one, it runs to its end.
+
+    Also on free paths, of a shutter that is shaped and of one that stays open.
+    """
+    place = small_scene.with_name("free.toml")
+    place.write_text(SMALL_SCENE)
+    scene, few = read_scene(place), {"num_coefficients": 6, "num_starts": 2, "max_steps": 3}
     jax.clear_caches()
     with jax.debug_nans(True):
         assert cli.main(["optimise", str(small_scene), *SMALL_SEARCH]) == 0
+        optimise(scene, free={"shutter", "half_exposure", "path"}, **few)
+        optimise(scene, shutter=RectShutter(), free={"half_exposure", "path"}, **few)
     assert "dB" in capsys.readouterr().out
 
 

@@ -151,6 +151,10 @@ def test_work_in_a_pipe_says_now_and_then_how_long_it_takes(monkeypatch, capsys)
         time.sleep(0.28)
         update(9, "loss 0.9")
         time.sleep(0.3)
+    with progress_bar("comparing", 8) as update:
+        for done in (2, 6):
+            update(done, "")
+            time.sleep(0.2)
     with working("planning"):
         time.sleep(0.3)
     out, err = capsys.readouterr()
@@ -159,4 +163,5 @@ def test_work_in_a_pipe_says_now_and_then_how_long_it_takes(monkeypatch, capsys)
     assert re.fullmatch(r"searching: 7 of 40 after \d+ s", first)
     told = re.compile(r"searching: 9 of 40 after \d+ s, about \d+ s to go")
     assert any(map(told.fullmatch, others))
+    assert any(re.fullmatch(r"comparing: 6 of 8 after \d+ s", line) for line in others)
     assert others[-1] == "planning ..."

@@ -156,7 +156,7 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
 def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
     """A device that lags is taken to have settled at its first level."""
     device = FirstOrderShutter(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
-    scene = Scene(SCENE.speeds, device=device)
+    scene = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
     shutter = scene.light(HannShutter(), MOTION)
     replace(a_design(shutter), scene=scene).save(tmp_path / "design.json")
     assert cli.main(["export", str(tmp_path / "design.json"), "--levels", "9"]) == 0
@@ -190,7 +190,9 @@ def test_a_design_for_another_shutter_is_noted(folder, tmp_path, capsys):
     note_other_device(tmp_path, design, design.scene)
     assert capsys.readouterr().err == ""
     device = FirstOrderShutter(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
-    note_other_device(tmp_path, design, Scene(SCENE.speeds, device=device))
+    note_other_device(
+        tmp_path, design, Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
+    )
     assert capsys.readouterr().err == (
         f"{tmp_path}: the scene's shutter is taken, not the design's. Design: It follows at once "
         "and loses no light. Scene: It rises from 10 to 90 % in 1 ms and falls in 2 ms, 0.3 ms "

@@ -29,6 +29,7 @@ def _error(num_frames, exposure, num_frequencies=2048):
     return np.mean(power * noise / (signal * passed**2 + noise))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("max_frames", [1, 2, 6])
 def test_the_best_burst_is_the_best(max_frames):
     """Its frames, its exposure and its level, within those that its rate leaves."""

@@ -74,6 +74,7 @@ def test_the_reference(motion, shutter, layers, mean_level, psnr):
     np.testing.assert_allclose(metrics.expected_psnr, psnr, rtol=0, atol=REFERENCE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", [SNAPSHOT, SWEPT], ids=["snapshot", "swept"])
 def test_objects_that_cover_everything_move_as_a_whole(motion):
     """With a share of 1 the picture is the objects', with a share of 0 a background's at rest."""
@@ -113,6 +114,7 @@ def test_wide_objects_have_hardly_any_edges():
     np.testing.assert_allclose(levels[-1], 27.36155, rtol=0, atol=REFERENCE)
 
 
+@pytest.mark.slow
 def test_layers_of_one_speed_are_one_picture():
     """Where both layers move alike nothing is uncovered: the error is of the picture's spectrum."""
     layers = Occlusion(front_share=0.4, object_width=50.0, background="moving")
@@ -126,6 +128,7 @@ def test_layers_of_one_speed_are_one_picture():
     np.testing.assert_allclose(one.expected_psnr, twice.expected_psnr, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 def test_a_short_snapshot_sees_no_edges(name):
     """Over a short exposure nothing moves: little but noise is lost, as of one speed."""
@@ -134,6 +137,7 @@ def test_a_short_snapshot_sees_no_edges(name):
     np.testing.assert_allclose(metrics.expected_psnr, metrics.known_speed_psnr, rtol=0, atol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 def test_the_errors_at_each_speed_have_the_expected_mean(name):
     """A decoder that is told more loses no more, and the worst speed is no better than the mean."""
@@ -142,6 +146,7 @@ def test_the_errors_at_each_speed_have_the_expected_mean(name):
     assert float(metrics.worst_speed_psnr) <= float(metrics.expected_psnr)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 @pytest.mark.parametrize("motion", [SNAPSHOT, SWEPT], ids=["snapshot", "swept"])
 def test_no_camera_exceeds_the_ceiling(name, motion):
@@ -150,6 +155,7 @@ def test_no_camera_exceeds_the_ceiling(name, motion):
     assert float(metrics.known_speed_psnr) < float(ceiling(LAYERS[name]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 def test_folded_speeds_change_nothing(name):
     """Mirrored speeds of a symmetric shutter are computed once; without a plan, each."""
@@ -158,6 +164,7 @@ def test_folded_speeds_change_nothing(name):
     np.testing.assert_allclose(planned, every, rtol=0, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cutoff", "nearness"), [(0.5, 0.12), (0.12, 0.3)], ids=["every frequency", "soft optics"]
 )
@@ -173,6 +180,7 @@ def test_a_search_knows_the_error_by_few_frequencies(name, cutoff, nearness):
         np.testing.assert_allclose(20 * np.log10(values[0] / values[1]), 0, atol=nearness)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["still", "moving"])
 def test_the_decoder_leaves_what_is_expected(name):
     """The ensemble filter of a scene of two layers is the filter whose error is expected."""
@@ -181,6 +189,7 @@ def test_the_decoder_leaves_what_is_expected(name):
     np.testing.assert_allclose(-10 * np.log10(error), expected, rtol=0, atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 def test_a_pan_is_a_change_of_all_speeds(name):
     """A sensor that pans meets the objects and a still background less its velocity."""
@@ -212,6 +221,7 @@ def test_losses_are_the_metrics(loss):
     np.testing.assert_allclose(level, getattr(metrics, f"{of[type(loss)]}_psnr"), rtol=0, atol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["still", "moving"])
 def test_derivatives_follow_the_loss(name):
     """By motion, profile, light, speeds and layers they agree with central differences."""
@@ -242,6 +252,7 @@ def test_derivatives_follow_the_loss(name):
     np.testing.assert_allclose(slope, differences, rtol=2e-4, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_hessian_is_the_slope_of_the_slope():
     """Forward over reverse gives second derivatives by the profile and the motion."""
     scene, profile = LAYERS["still"], SplineShutter.fit(HannShutter(), num_coefficients=4)
@@ -261,6 +272,7 @@ def test_the_hessian_is_the_slope_of_the_slope():
     np.testing.assert_allclose(hessian, np.array(differences), rtol=1e-3, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_single_precision_is_near():
     """In float32 the expected PSNR is that of float64 to 1e-3 dB."""
     scene = LAYERS["still"]
@@ -272,6 +284,7 @@ def test_single_precision_is_near():
     np.testing.assert_allclose(level, expected, rtol=0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_free_path_of_one_acceleration_is_a_parabola():
     """A free path has its own alignment, and the same error where it is the same path."""
     path = FreeMotion.fit(SWEPT, num_pieces=4)
@@ -279,6 +292,7 @@ def test_a_free_path_of_one_acceleration_is_a_parabola():
     np.testing.assert_allclose(levels[0].expected_psnr, levels[1].expected_psnr, rtol=0, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_errors_of_no_size_cost_nothing():
     """Within tolerances each error is another camera; of errors near 0 all are the same."""
     tiny = scene_of(STILL, tolerances=Tolerances(acceleration=1e-9, delay=1e-12, speed=1e-6))

@@ -36,6 +36,7 @@ def psnr(scene, motion, shutter):
     return -20 * np.log10(loss * float(scene.deviation))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_random_scenes(seed):
     """Strokes to 2,000 px, by a reference that has neither nodes nor waves."""

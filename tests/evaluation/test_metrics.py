@@ -101,6 +101,7 @@ def test_known_speed_psnr_is_that_of_a_filter_for_each_speed():
     assert found.known_speed_psnr > found.expected_psnr
 
 
+@pytest.mark.slow
 def test_a_camera_at_rest_is_aligned_at_mid_exposure():
     """A snapshot's figure comes from the same code, without a vertex."""
     still = StillCamera(half_exposure=0.0021)

@@ -70,6 +70,7 @@ def assert_alike(first, second, dtype):
         np.testing.assert_allclose(one, other, rtol=RELATIVE[dtype], atol=RELATIVE[dtype])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
 @pytest.mark.parametrize("velocity", VELOCITIES)
 @pytest.mark.parametrize("kind", KINDS)

@@ -56,6 +56,7 @@ def test_every_straight_path_is_one_motion(motion):
     assert float(view.motion.half_exposure) == HALF
 
 
+@pytest.mark.slow
 def test_what_the_sensor_sees_is_seen_so_again():
     """What came through the door passes it unchanged: the response is the same to the last bit."""
     first = sensor_view(SCENE, PANNING, TukeyShutter(0.41))

@@ -215,6 +215,7 @@ def test_no_filter_beats_the_best():
     assert "6 %" in costs.text()
 
 
+@pytest.mark.slow
 def test_the_error_of_a_filter():
     """It is the mean of |1 - GH|^2 over cameras and the noise through G, of either filter."""
     scene = _with(replace(LOOSE, transmittance=0.0))

@@ -31,9 +31,13 @@ max_stroke_px = 7.3
 max_top_speed_px_per_s = 1300
 min_half_exposure_ms = 2.1
 max_half_exposure_ms = 17
+max_jerk_px_per_s3 = 1e15
 [picture]
 path = "example"
 """
+
+TABLE = "window.mishutter?.answers.table > 0"
+"""Whether a table has come, with the verdict."""
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +60,13 @@ def served(place):
 
 @pytest.fixture
 def page(served):
-    """The browser at a new tab of the page whose first table has come; its console stays quiet."""
+    """The browser at a new tab of the page that was first answered; its console stays quiet."""
     driver, address = served
     own = driver.current_window_handle
     driver.switch_to.new_window("tab")
     chromium.resize(driver, 1280, 800)
     driver.get(address)
-    chromium.wait(driver, "window.mishutter?.answers.table > 0")
+    chromium.wait(driver, "window.mishutter?.answers.first > 0")
     yield driver
     said = [entry["message"] for entry in chromium.complaints(driver)]
     for handle in set(driver.window_handles) - {own}:
@@ -135,6 +139,7 @@ def test_every_control_moves_the_design(page):
 
 def test_a_bad_number_is_said_and_the_design_stays(page):
     """What the library refuses is shown in its words; a good number takes it away."""
+    chromium.wait(page, TABLE)
     box = page.find_element("id", "f-sensor-read_noise_e")
     shown = page.find_element("id", "verdict").text
     box.clear()
@@ -200,20 +205,25 @@ def scene_at(text):
 
 def test_pins_are_compared_and_taken_away(page):
     """A pin is a row of the table until it is taken away."""
-    chromium.wait(page, "!document.getElementById('pin').disabled")
-    chromium.after(page, "table", lambda: click(page, "pin"))
-    assert page.find_elements("css selector", "tr[data-name='pin 1']")
+    pin(page)
+    chromium.wait(page, """document.querySelector("tr[data-name='pin 1']")""")
     away = page.find_element("css selector", "#pins button")
     chromium.after(page, "table", away.click)
     assert not page.find_elements("css selector", "tr[data-name='pin 1']")
 
 
-def uploaded(page, place):
-    """Upload a picture; the answer that shows it."""
+def pin(page):
+    """Pin the finished design, and see the page answered."""
+    chromium.wait(page, "!document.getElementById('pin').disabled")
+    chromium.after(page, "first", lambda: click(page, "pin"))
+
+
+def uploaded(page, place, kind="photograph"):
+    """Upload a picture; the answer to it of some kind."""
     noise = np.random.default_rng(5).integers(40, 200, (60, 75), dtype=np.uint8)
     Image.fromarray(np.repeat(np.repeat(noise, 4, 0), 4, 1)).save(place / "mine.png")
     box = page.find_element("id", "picture-file")
-    return chromium.after(page, "photograph", lambda: box.send_keys(str(place / "mine.png")))
+    return chromium.after(page, kind, lambda: box.send_keys(str(place / "mine.png")))
 
 
 def test_a_photograph_is_uploaded_and_magnified(page, place):
@@ -254,10 +264,10 @@ def test_a_reload_keeps_the_scene_and_a_second_tab_has_its_own(page):
 
 def filled(page, place):
     """An upload, a pin and a slider moved; the scene before the slider."""
-    uploaded(page, place)
-    chromium.after(page, "table", lambda: click(page, "pin"))
+    uploaded(page, place, "finished")
+    pin(page)
     before = scene_of(page)
-    chromium.after(page, "table", lambda: chromium.slide(page, "sensor.read_noise_e", 700))
+    chromium.after(page, "first", lambda: chromium.slide(page, "sensor.read_noise_e", 700))
     return before
 
 
@@ -304,6 +314,7 @@ def test_a_server_that_began_anew_is_said(page, place):
 
 def test_nothing_is_loaded_from_elsewhere(page):
     """All that the page loads comes from its own server."""
+    chromium.wait(page, TABLE)
     loaded = page.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
     own = page.current_url
     assert [name for name in loaded if not name.startswith((own, "data:"))] == []

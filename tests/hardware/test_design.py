@@ -119,6 +119,7 @@ def test_a_saved_design_has_its_device_and_tolerances(design, device, tmp_path):
     assert eqx.tree_equal(read.shutter, light)
 
 
+@pytest.mark.slow
 def test_a_saved_design_gives_back_what_hides_what(design, tmp_path):
     """And with it the same expected errors, by a plan of as many effective speeds."""
     layers = Occlusion(

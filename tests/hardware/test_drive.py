@@ -162,6 +162,7 @@ def test_a_path_beyond_the_limit_on_travel_is_told_of(most, tmp_path, capsys):
     assert (f"stage.csv travels {travel:.4g} px" in said) == (most is None)
 
 
+@pytest.mark.slow
 def test_a_stage_whose_response_is_not_known_is_sent_the_path():
     """There is no column for it, and no figure."""
     table = drive_table(replace(a_design(HannShutter()), scene=_scene()), num_steps=5)

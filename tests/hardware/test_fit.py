@@ -97,10 +97,15 @@ def scores(camera):
     return np.array([*own, *((camera.coefficients - profile) / camera.coefficient_errors)])
 
 
+@pytest.fixture(scope="module")
+def camera():
+    """The camera of points at known speeds."""
+    return fit(pictures(4), SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
+
+
 @pytest.mark.slow
-def test_points_at_known_speeds_show_the_camera():
+def test_points_at_known_speeds_show_the_camera(camera):
     """Motion, delay, lens and profile lie within their error bars, and the residuals are noise."""
-    camera = fit(pictures(4), SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
     assert np.all(np.abs(scores(camera)) < 4)
     assert np.mean(np.abs(scores(camera)) < 2) > 0.75
     assert abs(camera.reduced_chi_squared - 1) < 0.25
@@ -244,9 +249,8 @@ def test_a_fit_whose_residuals_are_too_small_is_doubted():
 
 
 @pytest.mark.slow
-def test_a_scene_file_of_what_was_built_is_ready(tmp_path):
+def test_a_scene_file_of_what_was_built_is_ready(camera, tmp_path):
     """It loads with the fitted motion, within limits that were too narrow, and is evaluated."""
-    camera = fit(pictures(4), SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
     limits = Limits(
         max_stroke=30.0,
         max_top_speed=6100.0,

@@ -55,6 +55,7 @@ def test_transmittance_is_that_of_the_formula(slug):
     assert type(command_of(light)) is type(command)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.0, 810.0])
 @pytest.mark.parametrize("slug", ["hann", "spline", "flutter"])
 def test_kernels_are_a_mixture(slug, speed):

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support.designs import SCENE, on_parabolas
 
 from mishutter import (
     AbstractShutter,
@@ -184,6 +185,7 @@ def test_single_precision_follows():
     np.testing.assert_allclose(found, exact, rtol=0, atol=4e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "shutter",
     [DeclaredSlit(jnp.asarray(0.51)), LeafShutter(jnp.asarray(0.37), jnp.asarray(0.29))],
@@ -237,7 +239,7 @@ def test_one_with_parameters_is_designed_saved_and_compared(tmp_path):
     """The best slit is a shorter open exposure, so it ends where the best rect does."""
     before = list(kinds.KINDS)
     register_shutter(DeclaredSlit)
-    scene = example_scene()
+    scene = on_parabolas(SCENE)
     try:
         design = optimise(scene, shutter=DeclaredSlit(jnp.array(0.6)), num_starts=4)
         design.save(tmp_path / "slit.json")

@@ -38,6 +38,7 @@ MOTIONS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", ROUNDING)
 @pytest.mark.parametrize("slug", SHUTTERS)
 def test_the_form_is_the_shutter(slug, dtype):
@@ -101,6 +102,7 @@ def test_a_piecewise_shutter_of_ones_own_has_the_form_too():
     np.testing.assert_allclose(own.expected_psnr, window.expected_psnr, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", MOTIONS, ids=["moving", "at-rest"])
 @pytest.mark.parametrize("slug", SHUTTERS)
 def test_kernels_of_known_speeds_are_those_of_the_shutter(slug, motion):

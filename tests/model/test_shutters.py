@@ -101,6 +101,7 @@ def test_a_profile_bends_at_its_very_middle(shutter, piece, distance, bend):
     np.testing.assert_allclose(found, bend, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("sigma", [0.05, 0.4, 5.0])
 def test_means_of_a_gaussian_are_exact(sigma, dtype):

@@ -28,7 +28,16 @@ from mishutter import (
 from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
 from mishutter.model import write_picture
-from mishutter.report import Report, document, photograph_of, photographs, shown_rows, write_report
+from mishutter.report import (
+    BackgroundGain,
+    Report,
+    background_line,
+    document,
+    photograph_of,
+    photographs,
+    shown_rows,
+    write_report,
+)
 from mishutter.report.document import pictured_rows
 from mishutter.report.photographs import Photographs, _middle_rows, shown_speeds
 from mishutter.search import (
@@ -49,6 +58,7 @@ DESIGNS = {
     BEST_SNAPSHOT: (StillCamera(half_exposure=1.3e-3), RectShutter()),
 }
 PANNED = LinearMotion(half_exposure=17.5e-3, velocity=-12345.0)
+HALF_STILL = BackgroundGain(0.5, 0.414)
 
 
 @pytest.fixture(scope="module")
@@ -245,13 +255,15 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
         seen.append(capsys.readouterr().out)
         return result
 
-    # Only what is printed before it matters, and it takes long.
+    # Only what is printed before it matters, and both take long.
     monkeypatch.setattr(app, "_photographed", photographed)
+    monkeypatch.setattr("mishutter.report.background_gains", lambda scene, step: (HALF_STILL,))
     spoken = app.Delivery(None, as_json=False, num_seeds=1, every_photograph=False)
     app._deliver(report, spoken)
     app._deliver(report, spoken._replace(as_json=True))
     assert seen[0].startswith("A verdict.\n")
     assert "Same motion" in seen[0]
+    assert background_line((HALF_STILL,)) in " ".join(seen[0].split())
     assert seen[1] == ""
     assert json.loads(capsys.readouterr().out)["files"] == []
 

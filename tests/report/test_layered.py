@@ -69,7 +69,8 @@ def test_small_and_grey_pictures_make_a_scene(shape):
     assert np.all(np.isfinite(made.truth))
 
 
-@pytest.mark.parametrize("background_speed", [0.0, pytest.param(-700.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("background_speed", [0.0, -700.0])
 def test_layers_come_back_as_well_as_is_expected(background_speed):
     """By the same filter, of two layers with these speeds: a moving camera's, and a snapshot's."""
     layers = seen(128, background_speed)
@@ -77,6 +78,7 @@ def test_layers_come_back_as_well_as_is_expected(background_speed):
         assert each.psnr == pytest.approx(each.expected_psnr, abs=0.4)
 
 
+@pytest.mark.slow
 def test_a_picture_without_detail_is_restored_to_its_noise():
     """Of layers without texture nothing but noise is left, as is expected."""
     flat = layered_scene(ms.Picture(np.full((40, 320, 1), 0.3)), 0.0, SPEED)

@@ -1,6 +1,7 @@
 """Pictures say what they show: labelled axes with units, lines that survive a grey printout."""
 
 import os
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -147,6 +148,7 @@ def test_speeds_of_one_value_are_told_apart_in_grey():
     assert all(line.get_fillstyle() == "none" for line in lines)
 
 
+@pytest.mark.slow
 def test_profiles_span_their_own_exposures(figures):
     """In ms, from shut to shut, each with the share of light that it passes."""
     lines = {line.get_label(): line for line in figures["profiles"].axes[0].get_lines()}
@@ -551,7 +553,8 @@ def test_a_drive_is_drawn_at_the_middle_of_its_steps():
 
 def test_a_drive_shows_the_shutter_behind_its_device():
     """Its levels are sent; the light that passes lags behind them."""
-    scene = Scene(SCENE.speeds, device=FirstOrderShutter(rise_time=2e-3, fall_time=2e-3))
+    device = FirstOrderShutter(rise_time=2e-3, fall_time=2e-3)
+    scene = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
     table = drive_table(replace(a_design(HannShutter()), scene=scene))
     top = plot_drive(table).axes[0]
     labels = [text.get_text() for text in top.get_legend().get_texts()]

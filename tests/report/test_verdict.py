@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import pytest
 from support.designs import SCENE
-from support.rows import made_up, verdict
+from support.rows import PANNED, made_up, verdict
 
 from mishutter import HannShutter, ceiling
 from mishutter.report import with_verdict
@@ -43,7 +43,7 @@ def test_the_verdict_is_of_the_best_that_was_given():
     comparison = verdict(levels | {BEST_SNAPSHOT: 21.0, "rect": 23.2}, "a", "b")
     assert comparison.verdict == (
         "Do not build b for this scene: rect has 23.20 dB.\n"
-        f"It takes a stage: 20 ms, pan -12345 px/s, stroke 21.9 px. Ceiling: {most}.\n"
+        f"It takes a stage: 20 ms, pan -12345 px/s, stroke 247 px. Ceiling: {most}.\n"
         "Hann has 23.30 dB with a shutter too: 0.10 more.\n"
         "The nearest simpler camera, best snapshot, is 2.20 dB below it."
     )
@@ -79,6 +79,7 @@ def test_a_camera_that_does_not_pay_is_not_advised():
     comparison = verdict(levels | {BEST_PANNED_SNAPSHOT: 26.0}, "a")
     assert comparison.verdict.startswith("Do not build a coded camera for this scene")
     assert "Use an ordinary shutter: 4 ms, pan -1500 px/s, 26.00 dB." in comparison.verdict
+    assert "The pan alone brings 2.00 dB: a snapshot at rest has 24.00 dB." in comparison.verdict
     assert comparison.gain == pytest.approx(-1.91)
 
 
@@ -119,11 +120,31 @@ def test_a_decoder_that_finds_the_speed_needs_no_shutter_where_an_open_one_is_as
     words = "A stage and a decoder that finds the speed: no shutter is needed."
     for level, speed, is_said in ((23.0, "found", 1), (23.0, "unknown", 0), (25.0, "found", 0)):
         rows = [
-            replace(row, speed=speed, metrics=replace(row.metrics, known_speed_psnr=known))
+            replace(
+                row,
+                speed=speed,
+                metrics=replace(row.metrics, found_speed_psnr=found, expected_psnr=found - 1),
+            )
             for row in made_up({"rect": 24.0, "Hann": level, BEST_SNAPSHOT: 22.0})
-            for known in [row.metrics.expected_psnr]
+            for found in [row.metrics.expected_psnr]
         ]
         assert (words in with_verdict(rows, {}, SCENE).verdict) == bool(is_said)
+
+
+def test_a_snapshot_that_pans_is_not_said_to_find_the_speed():
+    """Nothing of the verdict follows from a decoder that finds it, whatever the stage does."""
+    rows = [replace(row, speed="found") for row in made_up({BEST_SNAPSHOT: 1.0, "rect": 1.0})]
+    better = replace(rows[0].metrics, found_speed_psnr=rows[0].metrics.found_speed_psnr + 1)
+    panned = replace(rows[0], name=BEST_PANNED_SNAPSHOT, motion=PANNED, metrics=better)
+    said = with_verdict([*rows, panned], {}, SCENE).verdict
+    assert said.startswith("Do not build a coded camera")
+    assert "The pan alone brings 1.00 dB" in said
+    assert "finds the speed" not in said
+    assert "No speed can be found: the blur differs too little over the speeds." not in said
+    found = panned.metrics.found_speed_psnr
+    short = replace(panned.metrics, expected_psnr=found, known_speed_psnr=found + 0.5)
+    said = with_verdict([*rows, replace(panned, metrics=short)], {}, SCENE).verdict
+    assert "No speed can be found: the blur differs too little over the speeds." in said
 
 
 def test_rows_are_judged_at_the_worst_speed_where_the_loss_is():

@@ -117,6 +117,7 @@ def test_a_spectrum_between_its_steps():
     np.testing.assert_allclose(steep.picture_spectrum(1000)[1:-1], np.exp(-19 * wanted), rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OF_ROWS)
 def test_a_capture_alone_may_be_traced(name):
     """What is known of the blur is worked out once, and the rest compiles."""
@@ -213,6 +214,7 @@ def test_wiener_is_that_of_scikit_image():
     np.testing.assert_allclose(found, wanted, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DECODERS)
 def test_borders_are_nearly_as_good_as_the_middle(name):
     """The outermost kernel length is within 3 dB of the rest where the scene goes on beyond."""
@@ -250,6 +252,7 @@ def test_borders_are_far_better_than_wrapped(name):
     assert np.all(found.border > found.recorded - (2.5 if best else 6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OF_ROWS)
 def test_planes_are_independent(name):
     """A picture in a batch is restored as it is alone, whatever stands beside it."""
@@ -279,6 +282,7 @@ def test_a_picture_turned_over_is_restored_as_it_is(name):
         np.testing.assert_allclose(np.flip(over, axis), upright, atol=rounding)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DECODERS)
 @pytest.mark.parametrize("columns", [1, 7])
 def test_pictures_narrower_than_the_kernel(name, columns):
@@ -339,6 +343,7 @@ def test_ten_accelerated_steps_go_as_far_as_twenty_five():
     assert quick < next(plain) < next(plain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("photon_rate", "read_noise"), [(3e4, 4.0), (1e5, 60.0)])
 def test_a_likely_picture_keeps_the_noise_out(photon_rate, read_noise):
     """In little light, or much noise of reading, it is better than thirty steps of it."""

@@ -23,6 +23,7 @@ def decibels(error):
     return -10 * np.log10(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 def test_of_its_own_scene_it_is_the_expected_error(name):
     """The filter's error on pictures of its scene is what `evaluate` expects of them."""
@@ -54,6 +55,7 @@ def test_fast_speeds_are_computed_at_low_frequencies_alone():
         assert np.all(row[2 * count :] == 0)
 
 
+@pytest.mark.slow
 def test_tolerances_change_no_filter():
     """A decoder knows the camera as it was designed, with a background as without."""
     tolerances = ms.Tolerances(acceleration=0.05)

@@ -19,6 +19,7 @@ DIM, BRIGHT = 600 / 0.0016, 2e7
 WITHIN_DB = 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("photon_rate", [DIM, BRIGHT])
 @pytest.mark.parametrize(
     ("motion", "shutter"),

@@ -30,6 +30,7 @@ def gaussian_rows(rows=96, columns=1200, seed=3):
     return np.maximum(0.5 + 0.1 * coloured, 0)[..., None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shutter", [ms.RectShutter(), ms.HannShutter()], ids=["rect", "hann"])
 @pytest.mark.parametrize("photon_rate", [3e4, 3e5, 1e7])
 def test_measured_error_is_the_expected_one(shutter, photon_rate):
@@ -46,6 +47,7 @@ CHIPPED = ms.ChippedShutter([0.9, 0.2, 1.0, 0.6, 0.4])
 DECODERS = {"ensemble": ms.EnsembleDecoder(), "wiener": ms.WienerDecoder()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", DECODERS)
 @pytest.mark.parametrize("kind", ["parabola", "line"])
 def test_a_sensor_that_pans_restores_as_one_at_rest_at_shifted_speeds(kind, slug):
@@ -135,6 +137,7 @@ def textbook_filter(known, shutter, columns):
     return power * mean / (power * np.sum(shares * np.abs(responses) ** 2, axis=0) + noise)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shutter", [ms.RectShutter(), ms.HannShutter()], ids=["rect", "hann"])
 @pytest.mark.parametrize("photon_rate", [3e4, 1e6, 1e8])
 def test_a_continuous_picture_leaves_the_error_that_evaluate_expects(shutter, photon_rate):

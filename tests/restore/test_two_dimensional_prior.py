@@ -164,6 +164,7 @@ def test_total_variation_takes_its_strength():
         assert rough[0] > 1.05 * rough[1] > 1.1 * rough[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.0, 1000.0, 2000.0])
 def test_rows_that_go_together_tell_more(speed):
     """A prior in two dimensions gains over the best filter at each speed, and rows are needed."""

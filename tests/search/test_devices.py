@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.designs import LIMITS, MOTION, SCENE, SMALL
+from support.designs import LIMITS, MOTION, PARABOLAS, SCENE, SMALL
 
 from mishutter import (
     Burst,
@@ -112,6 +112,7 @@ def test_a_pixel_that_any_exposure_fills():
         optimise(_scene(full_well=99.0), MOTION)
 
 
+@pytest.mark.slow
 def test_the_best_snapshot_of_a_sweep_fills_no_pixel():
     """The same as a search finds."""
     scene = _scene(full_well=130.0)
@@ -151,7 +152,9 @@ def test_a_sweep_over_scenes_of_different_devices():
 def test_a_shutter_that_loses_light_is_not_built():
     """The verdict names what is as good with less, the notes what device and burst do."""
     scene = _scene(
-        device=IdealShutter(transmission=0.3), burst=Burst(frames_per_s=200, max_frames=4)
+        device=IdealShutter(transmission=0.3),
+        burst=Burst(frames_per_s=200, max_frames=4),
+        limits=PARABOLAS,
     )
     found = compare(scene, optimise(scene, MOTION, num_starts=4))
     assert found.verdict.startswith("Do not build")
@@ -255,7 +258,7 @@ def test_a_sweep_searches_no_levels():
 @pytest.mark.slow
 def test_a_comparison_is_of_light_and_names_the_blind_drive():
     """Windows go through the device, the open shutter does not, and the notes say what it does."""
-    scene = _scene(device=SLOW)
+    scene = _scene(device=SLOW, limits=PARABOLAS)
     found = optimise(scene, MOTION, num_starts=4)
     table = compare(scene, found)
     losses, times, slots, blind = table.notes

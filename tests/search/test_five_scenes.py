@@ -41,7 +41,7 @@ def _designs(scene, loss):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("loss", "slug"),
-    [*(("expected_error", slug) for slug in SCENES), ("design", "night"), ("design", "fast")],
+    [*(("expected_error", slug) for slug in SCENES), ("design", "fast")],
 )
 def test_free_profile_beats_tukey_beats_hann(slug, loss):
     """In the loss that tuned them; for the expected error, in the measured picture too."""

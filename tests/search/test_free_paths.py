@@ -169,6 +169,7 @@ def test_a_comparison_has_an_open_shutter_on_a_free_path(found):
     row = table.row("open on a free path")
     assert row.loss == pytest.approx(found[1].loss, rel=1e-5)
     assert table.rivals["a stage"] is row
+    assert max(each.level for each in table.rows) <= table.ceiling
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.designs import MOTION, OUTLIER, SCENE, SLOW
+from support.designs import MOTION, SCENE, SLOW, on_parabolas
 from support.helpers import ROUNDING
 from support.rows import made_up
 
@@ -44,22 +44,22 @@ def test_a_snapshot_pans_with_the_most_objects_of_a_range_about_rest():
 @pytest.mark.slow
 def test_designs_keep_or_start_from_their_own_motions():
     """A design that this loss found for this scene stays as it is; another is tuned."""
-    loss = ExpectedErrorLoss()
-    finished = optimise(OUTLIER, SLOW, HannShutter(), loss=loss, free="acceleration")
-    elsewhere = OUTLIER.bare(weights=np.array([0.2, 0.3, 0.4, 0.1]))
+    loss, scene = ExpectedErrorLoss(), on_parabolas(SCENE)
+    finished = optimise(scene, SLOW, HannShutter(), loss=loss, free="acceleration")
+    elsewhere = scene.bare(weights=np.array([0.2, 0.3, 0.2, 0.2, 0.1]))
     other = optimise(elsewhere, MOTION, HannShutter(), loss=loss, free="half_exposure")
     names: list[str] = []
-    search = RivalSearch(OUTLIER, loss)
+    search = RivalSearch(scene, loss)
     rows = compared_rows(search, MOTION, {"found": finished, "other": other}, names.append)
     row = {(row.name, row.reading): row for row in rows}
     same, tuned = row["found", OWN_BEST_MOTION], row["other", OWN_BEST_MOTION]
     assert {"found", "other", BEST_SNAPSHOT} <= set(names)
-    assert is_finished(finished, OUTLIER, loss)
-    assert not is_finished(finished, OUTLIER, DesignLoss())
+    assert is_finished(finished, scene, loss)
+    assert not is_finished(finished, scene, DesignLoss())
     assert same.motion is finished.motion
     assert (same.loss, same.metrics) == (finished.loss, finished.metrics)
     assert tuned.motion is not other.motion
-    assert tuned.loss <= float(loss(OUTLIER, other.motion, other.shutter)) * (1 + ROUNDING)
+    assert tuned.loss <= float(loss(scene, other.motion, other.shutter)) * (1 + ROUNDING)
     assert row["other", SAME_MOTION].motion is MOTION
 
 

@@ -40,6 +40,11 @@ LINES = {
         "must hold known keys only, perhaps `[decoder] speed`; got",
     ),
     "key-of-another-section": (_RATE, "read_noise = 3", "perhaps `[sensor] read_noise_e`"),
+    "key-of-no-section": (
+        _RATE,
+        "exposure_ms = 3",
+        "`[light]` must hold known keys only (photon_rate_per_s, white_e, white_ms,",
+    ),
     "unknown-section": ("[light]", "[lihgt]", "perhaps `[light]`; got 'lihgt'"),
     "section-twice": ("[light]", "[speeds]", "must be a TOML file; got: Cannot declare"),
     "not-toml": ("[light]", "[light", "must be a TOML file; got: "),

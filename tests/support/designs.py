@@ -1,12 +1,22 @@
 """A small scene that searches run on in seconds."""
 
+import equinox as eqx
+
 from mishutter import Limits, ParabolicMotion, Scene
 from mishutter.evaluation import Plan
 
 FREE_NAMES = ("shutter", "half_exposure", "velocity", "acceleration")
 """All that moves on a sensor of constant acceleration."""
 MOTION = ParabolicMotion(acceleration=22.0 / 1e-4, half_exposure=1e-2)
-LIMITS = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03)
+_BOUNDS = {
+    "max_stroke": 30.0,
+    "max_top_speed": 2e4,
+    "min_half_exposure": 5e-4,
+    "max_half_exposure": 0.03,
+}
+LIMITS = Limits(**_BOUNDS)
+MOST_JERK = 1e15
+"""A jerk that no design here comes near, of which no stage takes a free path; px/s^3."""
 SCENE = Scene.uniform(
     max_speed=2000.0, num_speeds=5, photon_rate=1e5, read_noise=10.0, limits=LIMITS
 )
@@ -22,3 +32,11 @@ OUTLIER = Scene(
 """Rare objects that are left behind at less loss than keeping up with them costs."""
 SLOW = ParabolicMotion(acceleration=15.0 / 9e-4, half_exposure=3e-2)
 """A motion that leaves them behind."""
+
+PARABOLAS = Limits(**_BOUNDS, max_jerk=MOST_JERK)
+"""The same limits for a stage that takes no free path: rivals on one take most of the time."""
+
+
+def on_parabolas(scene: Scene) -> Scene:
+    """A scene of the limits here, for a stage that takes no free path."""
+    return eqx.tree_at(lambda each: each.limits, scene, PARABOLAS)

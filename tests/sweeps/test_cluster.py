@@ -155,6 +155,7 @@ def test_a_store_that_a_worker_does_not_see(tmp_path):
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_blocks_that_workers_wrote_elsewhere_are_missed(worker, tmp_path, monkeypatch):
     """A sweep does not end as if they were there."""
     # A worker in this process has no other disk to write to.

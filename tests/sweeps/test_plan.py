@@ -16,7 +16,6 @@ from mishutter import (
     Limits,
     Scene,
     SplineShutter,
-    TukeyShutter,
     plan,
     sweep,
 )
@@ -34,11 +33,10 @@ AXES: dict[str, Any] = {
 }
 LIGHT: dict[str, Any] = {"photon_rate": 2e4, "read_noise": 3.0}
 FAMILIES = {
-    "symmetric": {"Hann": HannShutter(), "Tukey": TukeyShutter(0.37), "bell": GaussianShutter(0.3)},
+    "symmetric": {"Hann": HannShutter(), "bell": GaussianShutter(0.3)},
     "any": {
         "flutter": ChippedShutter(RASKAR_CODE),
         "spline": SplineShutter(0.5 + 0.45 * np.sin(1.7 * np.arange(9) + 0.3)),
-        "Hann": HannShutter(),
     },
 }
 
@@ -93,7 +91,7 @@ def compare_sweeps(scenes, axes, shutters):
 @pytest.mark.slow
 @pytest.mark.parametrize("family", ["symmetric", "any"])
 def test_nothing_changes(family):
-    """80 points of scenes of ten kinds."""
+    """80 points of scenes of ten kinds, by shutters for which speeds fold and by others."""
     assert compare_sweeps(random_scenes(), AXES, FAMILIES[family]) >= 50
 
 
@@ -102,7 +100,8 @@ def test_nothing_changes_on_many_scenes():
     """Twelve scenes, moving and at rest."""
     scenes = {str(seed): random_scene(seed)[0] for seed in range(12)}
     axes = {"accelerations": [0.0, 9e4], "half_exposures": [0.011]}
-    assert compare_sweeps(scenes, axes, FAMILIES["any"]) >= 24
+    shutters = {"Hann": HannShutter(), "spline": FAMILIES["any"]["spline"]}
+    assert compare_sweeps(scenes, axes, shutters) >= 24
 
 
 def speeds_under(shutter, scene, *, skips):

@@ -215,16 +215,16 @@ MIDDLES = {
 def test_each_scene_is_measured_from_the_middle_of_its_speeds():
     """As far as its sensor may pan; the velocity is a coordinate of it."""
     scenes = {name: scene for name, (scene, _) in MIDDLES.items()}
-    few = grid(accelerations=[0.0, 9e4], half_exposures=[3.1e-3])
+    few = grid(accelerations=[9e4], half_exposures=[3.1e-3])
     found = sweep(scenes, **few)
     assert found.velocity.dims == ("scene",)
     assert found.velocity.attrs["units"] == "px/s"
     for name, (scene, velocity) in MIDDLES.items():
-        part, alone = found.sel(scene=name), sweep(scene, **few)
+        part, alone = found.sel(scene=name), sweep(scene, **few, metrics="efficiency")
         assert float(part.velocity) == velocity == float(alone.velocity)
         assert alone.velocity.dims == ()
         assert differences(part, scene, SHUTTERS, inside_points(part)) == []
-        assert len(inside_points(part)) == 2
+        assert len(inside_points(part)) == 1
 
 
 @pytest.mark.slow

@@ -493,7 +493,7 @@ function showTable() {
     for (const [, key, digits] of COLUMNS) { const cell = document.createElement("td"); cell.textContent = key in row ? rounded(row[key], digits) : "–"; line.append(cell); }
     return line;
   }));
-  $("ceiling").textContent = `Nothing exceeds ${decibel(comparison.ceiling)}: no path, shutter or linear decoder. Gain is over the best snapshot at rest.`;
+  $("ceiling").textContent = `Nothing exceeds ${decibel(comparison.ceiling)}: no path, shutter or linear decoder. Gain is over the best snapshot, at rest or panned.`;
   $("notes").replaceChildren(...comparison.notes.map((note) => { const item = document.createElement("li"); item.textContent = note; return item; }));
 }
 
@@ -523,6 +523,7 @@ function showPins() {
 // with the doubt where it is not.
 function speedKnown({ knows, found }) {
   if (!found) return knows === "told" ? "; told the speed" : "";
+  if (found.tells_nothing) return `; no speed found: ${found.doubt}`;
   const speed = `${rounded(found.speed, 0)} ± ${rounded(found.error, 0)} px/s`;
   return found.trusted ? `; speed found: ${speed}` : `; speed in doubt, ${speed}: ${found.doubt}`;
 }

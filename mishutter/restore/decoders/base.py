@@ -29,6 +29,7 @@ from mishutter.evaluation import (
     needed_speeds,
     picture_power,
     sensor_view,
+    smear_difference,
     with_shares,
 )
 from mishutter.model import (
@@ -79,6 +80,12 @@ class BlurModel(eqx.Module):
     mean_level: float = eqx.field(static=True)
     optics: Optics = eqx.field(static=True)
     layers: Scene | None = None
+
+    @property
+    def smear_difference(self) -> float:
+        """Difference of the smear between the fastest and the slowest object; px."""
+        half_exposure = self.motion.half_exposure
+        return float(smear_difference(self.speeds, self.weights, half_exposure))
 
     @property
     def noise(self) -> float:

@@ -27,7 +27,7 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.camera import as_pixels, distinct_colours, rows_last
-from mishutter.evaluation import PLANNED
+from mishutter.evaluation import LEAST_DIFFERENCE, PLANNED
 from mishutter.model import (
     LUMINANCE,
     AbstractMotion,
@@ -62,9 +62,6 @@ _OCTAVES = ((0.008, 0.018), (0.018, 0.04), (0.04, 0.09), (0.09, 0.2))
 _LEAST_POWER = 1e-14
 """Least variance of the noise: prevents a logarithm of 0 where a camera has none."""
 LITTLE = "Little in the picture tells the speed."
-SHORT = "The blur is too short at all speeds to tell one."
-_LEAST_TOLD = 16
-"""Steps of 2 px below which speeds do not differ: a photograph may be as soft as its blur."""
 _DENIED = 0.01
 """Probability of the speed of all rows below which a band of them is said to have another."""
 _UNUSUAL = 0.01
@@ -417,16 +414,6 @@ def speeds_to_try(model: BlurModel) -> tuple[Float[np.ndarray, "s"], float]:
     return speeds, max(reach, float(speeds[1] - speeds[0]))
 
 
-def are_told_apart(speeds: Float[np.ndarray, "s"], reach: float) -> bool:
-    """Whether the blur differs by more over the speeds to try than photographs may by themselves.
-
-    Args:
-        speeds: The `speeds_to_try`; px/s.
-        reach: The least difference that counts; px/s.
-    """
-    return bool(np.ptp(speeds) >= _LEAST_TOLD * reach)
-
-
 def _likeness(one: np.ndarray, other: np.ndarray) -> float:
     """Highest correlation of two blurs, wherever they are laid over each other; at most 1."""
     across, first, second = (
@@ -466,7 +453,8 @@ class SpeedEstimate(NamedTuple):
 
     Attributes:
         speed: The speed; px/s. Where speeds of both signs relative to the sensor have one blur,
-            the one that is more of the scene.
+            the one that is more of the scene; where the capture tells nothing, the mean of those
+            that were tried.
         error: Its standard error; px/s.
         trusted: Whether a decoder does well to take it for the speed.
         speeds: Speeds that were tried, ascending; px/s.
@@ -487,6 +475,11 @@ class SpeedEstimate(NamedTuple):
     second_speed: float | None = None
     is_unusual: bool = False
 
+    @property
+    def tells_nothing(self) -> bool:
+        """Whether all of several speeds are as likely as before the capture."""
+        return self.speeds.size > 1 and bool(np.ptp(self.weights) == 0)
+
     def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
         """The estimate in the frame of a scene, from one relative to a sensor that pans.
 
@@ -504,6 +497,14 @@ class SpeedEstimate(NamedTuple):
             return estimate
         second = pan + sign * self.second_speed
         return estimate._replace(second_speed=second, doubt=_doubt_of_two(second, speed))
+
+
+def _doubt_of_short(difference: float) -> str:
+    """The sentence that the blur differs by too little over the speeds to tell one; px."""
+    return (
+        f"The blur differs by {difference:.1f} px over the speeds of the scene, and a photograph "
+        f"may be as soft by itself: more than {LEAST_DIFFERENCE:g} px tell a speed."
+    )
 
 
 def _doubt_of_two(some: float, every: float) -> str:
@@ -581,12 +582,13 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
     irradiance, noise = luminance(np.asarray(planes), model)
     statistics = prior()
     speeds, reach = speeds_to_try(model)
-    is_short = not are_told_apart(speeds, reach)
+    difference = model.smear_difference
+    is_short = difference <= LEAST_DIFFERENCE
     is_narrow = irradiance.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
     if speeds.size == 1 or is_short or is_narrow or not np.ptp(irradiance) > 0:
         flat = np.full(speeds.size, 1 / speeds.size)
-        posterior = Posterior(speeds, flat, reach, 1.0)
-        doubt = "" if speeds.size == 1 else SHORT if is_short else LITTLE
+        posterior = Posterior(speeds, flat, np.inf, 1.0)
+        doubt = "" if speeds.size == 1 else _doubt_of_short(difference) if is_short else LITTLE
         return SpeedEstimate(posterior.speed, posterior.error, not doubt, speeds, flat, doubt)
     parts = parts_of(irradiance, model, speeds, noise, statistics)
     verdict = judged(parts, speeds, reach, statistics)

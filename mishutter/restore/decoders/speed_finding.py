@@ -21,9 +21,10 @@ _DOUBT = 0.5
 """Weight of the scene's own speeds where the posterior is all over: of the multiples of d and of
 its square, the true speeds of open shutters in the photographs of the prior are likeliest by this.
 """
-_UNUSUAL_POWER = 0.5
-"""Power of the probabilities of a picture unlike those of the prior: of 0.3, 0.5, 0.7 and 1 the
-highest by which the ensemble filter loses at most 0.3 dB on each photograph of the prior.
+_UNUSUAL_POWER = 0.4
+"""Power of the probabilities of a picture unlike those of the prior: of 0.2, 0.3, 0.4, 0.5 and 0.7
+the highest by which the ensemble filter loses at most 0.3 dB on each photograph of the prior, by
+open shutters of 30 and 38 ms, with each of four noises.
 """
 _LEAST_WEIGHT = 1e-3
 """Probability below which a speed is left to the scene's own."""
@@ -37,7 +38,7 @@ class SpeedFindingDecoder(AbstractDecoder):
     those of the posterior, $(1 - d^2/2)\,p(s)$, and the scene's own, at $d^2/2$ times their
     weights, where $d$ is the probability of all speeds but the likeliest and its neighbours: the
     wider a posterior is, the more often it is wrong. Of a picture whose spectrum is unlike those of
-    the prior, $\sqrt{p(s)}$ takes the place of $p(s)$. Where nothing tells speeds apart, as in a
+    the prior, $p(s)^{0.4}$ takes the place of $p(s)$. Where nothing tells speeds apart, as in a
     snapshot, the inner decoder restores as it would alone.
 
     Args:
@@ -105,8 +106,8 @@ def decoder_of(knows: DecoderSpeed, inner: AbstractDecoder) -> AbstractDecoder:
 
 def at_speed(model: BlurModel, estimate: SpeedEstimate) -> BlurModel:
     """The model of a decoder that takes account of a speed relative to the sensor."""
-    if not estimate.trusted and np.ptp(estimate.weights) == 0:
-        return model  # the capture tells nothing of the speed
+    if estimate.tells_nothing:
+        return model
     if estimate.trusted:
         speeds, weights = np.array([estimate.speed]), np.ones(1)
     else:
