@@ -30,6 +30,7 @@ from mishutter.cli.console import (
     progress_bar,
     start_jax,
     take_any_text,
+    working,
     write_error,
     write_json,
 )
@@ -48,7 +49,10 @@ from mishutter.cli.help import (
     GroupedCommands,
 )
 from mishutter.cli.laboratory import (
+    AS_DESIGNED,
+    AS_MEASURED,
     CameraFiles,
+    Cameras,
     CeilingOption,
     ClosedOption,
     ColumnOption,
@@ -61,6 +65,7 @@ from mishutter.cli.laboratory import (
     PositionScaleOption,
     StepsOption,
     cameras,
+    note_other_device,
 )
 from mishutter.cli.options import (
     CoefficientsOption,
@@ -267,6 +272,7 @@ def compare(
 
     scene = scene_of(scene_file)
     windows = {name: named_shutter(name) for name in shutters or []}
+    camera = Cameras({})
     if drive is not None or measured is not None:
         if designs is not None and len(designs) > 1:
             raise ValueError(
@@ -287,17 +293,20 @@ def compare(
             opened=opened,
             column=column,
         )
-        saved = cameras(scene, files)
+        camera = cameras(scene, files)
+        saved = camera.designs
         motion = next(iter(saved.values())).motion
     else:
         paths = short_names(designs or [], {*taken_names(), *windows})
         saved = {name: Design.load(path) for name, path in paths.items()}
+        for name, path in paths.items():
+            note_other_device(path, saved[name], scene)
         motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
     folder = None if out is None else writable_folder(out)
     delivery = Delivery(folder, json, noise_seeds, every_photograph)
     with interruptible(lambda: AGAIN):
         result = _compared(scene, motion, saved | windows, loss_of(loss, scene))
-        _deliver(result, delivery)
+        _deliver(_beside_design(result, camera, middle_ms * 1e-3), delivery)
 
 
 for _command, _group in (
@@ -326,6 +335,28 @@ def _compared(
     with progress_bar("comparing", total) as update:
         comparison = beside_baselines(scene, motion, entries, loss=loss, step=_counting(update))
     return Report(scene, comparison, tuple(entries))
+
+
+def _beside_design(report: "Report", camera: Cameras, middle: float) -> "Report":
+    """Adds what a measured shutter loses against its design, and its best shift."""
+    from mishutter.report import measured_camera
+    from mishutter.search import OWN_BEST_MOTION
+
+    if camera.trace is None or camera.profile is None:
+        return report
+    all_rows = report.comparison.rows
+    rows = {row.name: row for row in all_rows if row.reading == OWN_BEST_MOTION}
+    with working("shifting the measured shutter"):
+        measured = measured_camera(
+            report.scene,
+            rows,
+            camera.trace,
+            camera.profile,
+            middle=middle,
+            measured=AS_MEASURED,
+            designed=AS_DESIGNED,
+        )
+    return replace(report, measured=measured)
 
 
 class Delivery(NamedTuple):

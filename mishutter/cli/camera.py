@@ -212,7 +212,7 @@ def simulate(
         opened=opened,
         column=column,
     )
-    designs = cameras(scene, files_of_camera)
+    designs = cameras(scene, files_of_camera).designs
     used = list(designs.values())[-1] if designs else None
     motion = scene.motion if used is None else used.motion
     window = "hann" if shutter is None else shutter

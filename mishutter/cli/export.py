@@ -25,6 +25,7 @@ class FormatName(Enum):
     COLUMN = "column"
     KEYSIGHT = "keysight"
     RIGOL = "rigol"
+    SIGLENT = "siglent"
     NPY = "npy"
     PULSES = "pulses"
 
@@ -35,10 +36,19 @@ _BY_CONTENT = {
     FormatName.COLUMN: "the half exposure and the levels' transmittances",
     FormatName.KEYSIGHT: "the scale of positions and the levels' transmittances",
     FormatName.RIGOL: "the half exposure and the levels' transmittances",
+    FormatName.SIGLENT: "the levels' transmittances",
     FormatName.NPY: "the half exposure, the scale of positions and the levels' transmittances",
     FormatName.PULSES: "the half exposure",
 }
 """Numbers that a file of each format lacks, and that its reader asks for."""
+_LEVELS = {
+    "unknown": "expected PSNR / dB",
+    "found": "expected PSNR, speed found / dB",
+    "told": "expected PSNR, told the speed / dB",
+}
+"""Names of the level that a design's decoder is expected to reach."""
+_WITHOUT_TIME = (FormatName.COLUMN, FormatName.RIGOL, FormatName.NPY)
+"""Formats whose sample rate is set at the generator."""
 
 
 def export(
@@ -80,8 +90,8 @@ def export(
             metavar="NAME",
             rich_help_panel=TABLE,
             help="csv: names, units, one row for each step. column: one column from -1 to 1. "
-            "keysight: CSV of shutter, position and gate. rigol: .RAF. npy: array of (channels, "
-            "samples). pulses: times closed and open of each pulse, us.",
+            "keysight: CSV of shutter, position and gate. rigol: .RAF. siglent: CSV of EasyWave. "
+            "npy: array of (channels, samples). pulses: times closed and open of each pulse, us.",
         ),
     ] = FormatName.CSV,
 ) -> None:
@@ -114,6 +124,7 @@ def export(
         T, scale = float(saved.motion.half_exposure) * 1e3, table.position_scale
         numbers = f"T = {T!r} ms, 1 is {scale!r} px, levels from {floor:g} to {ceiling:g}"
         note(f"not in the file: {_BY_CONTENT[form]} ({numbers})")
+    _note_what_to_set(table, form)
     if folder is None and not json:
         sys.stdout.write(drive_bytes(table, form.value).decode())
         return
@@ -125,6 +136,24 @@ def export(
         _print_losses(document)
     if files:
         note(f"{folder}: {', '.join(files)}")
+
+
+def _note_what_to_set(table: "DriveTable", form: FormatName) -> None:
+    """Says what no file holds: the rate of the samples, and the level before the exposure."""
+    if table.is_open:
+        note("the shutter is open all the time: it needs no drive")
+        return
+    count, exposure = table.level.size, table.exposure
+    if form in _WITHOUT_TIME:
+        note(
+            f"set the generator to {count / exposure:,.6g} samples a second: {count} samples in "
+            f"{exposure * 1e3:.5g} ms, or {1 / exposure:.5g} repetitions a second"
+        )
+    if table.settling_time > 0:
+        note(
+            f"the shutter must stand at level {table.level[0]} from {table.settling_time * 1e3:.3g}"
+            " ms before the exposure on: the design takes it to have settled there"
+        )
 
 
 def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
@@ -157,7 +186,7 @@ def _without_path(design: "Design") -> str:
         return f"the stage stays at rest while the camera pans at {velocity:g} px/s"
     return (
         f"the stage pans at {velocity:g} px/s, and no limit says how it gets there: set "
-        "max_acceleration in [limits] of the scene"
+        "max_acceleration_g or max_acceleration_px_per_s2 in [limits] of the scene"
     )
 
 
@@ -169,7 +198,7 @@ def _print_losses(document: Mapping[str, Any]) -> None:
     rows = [
         [name, *(f"{document[key][field]:.4g}" for key in columns.values())]
         for name, field in (
-            ("expected PSNR / dB", "expected_psnr"),
+            (_LEVELS[document["decoder_speed"]], "psnr_of_decoder"),
             ("condition number", "condition_number"),
             ("relative kernel difference", "relative_kernel_difference"),
             ("efficiency", "efficiency"),

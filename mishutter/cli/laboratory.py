@@ -12,7 +12,7 @@ from mishutter.cli.help import CAMERA
 from mishutter.cli.options import as_path
 
 if TYPE_CHECKING:
-    from mishutter.hardware import Design
+    from mishutter.hardware import Design, MeasuredProfile, Trace
     from mishutter.model import AbstractMotion, Scene
 
 AS_DESIGNED = "as designed"
@@ -100,7 +100,7 @@ MiddleOption = Annotated[
         "--mid-exposure-ms",
         metavar="MS",
         rich_help_panel=CAMERA,
-        help="Time of mid-exposure on the clock of the trace.",
+        help="Reading of the oscilloscope's clock at mid-exposure.",
     ),
 ]
 ClosedOption = Annotated[
@@ -157,16 +157,44 @@ class CameraFiles(NamedTuple):
     column: str | None
 
 
-def cameras(scene: "Scene", files: CameraFiles) -> "dict[str, Design]":
+class Cameras(NamedTuple):
+    """One camera as its files describe it.
+
+    Attributes:
+        designs: The camera as designed, as driven and as measured, for each with a file.
+        trace: The trace of the camera as measured; None without one.
+        profile: The profile that it shows.
+    """
+
+    designs: "dict[str, Design]"
+    trace: "Trace | None" = None
+    profile: "MeasuredProfile | None" = None
+
+
+def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
+    """Says that a scene's device stands in the place of another that a design is for."""
+    import equinox as eqx
+
+    from mishutter.report import device_notes
+
+    if eqx.tree_equal(design.scene.device, scene.device):
+        return
+    ideal = ["It follows at once and loses no light."]
+    own, taken = (" ".join(device_notes(each.device) or ideal) for each in (design.scene, scene))
+    note(f"{path}: the scene's shutter is taken, not the design's. Design: {own} Scene: {taken}")
+
+
+def cameras(scene: "Scene", files: CameraFiles) -> Cameras:
     """The camera as designed, as driven and as measured, for each of which there is a file."""
     from mishutter.evaluation import transmittance
-    from mishutter.hardware import GIVEN, Design
+    from mishutter.hardware import GIVEN, Design, given_design
 
     _require_table(files)
     designs: dict[str, Design] = {}
     motion = scene.motion
     if files.design is not None:
         saved = Design.load(files.design)
+        note_other_device(files.design, saved, scene)
         motion = saved.motion
         profile = transmittance(scene, motion, saved.command)
         designs[AS_DESIGNED] = replace(saved, scene=scene, shutter=profile, loss_name=GIVEN)
@@ -184,9 +212,12 @@ def cameras(scene: "Scene", files: CameraFiles) -> "dict[str, Design]":
         )
         motion = driven.motion
         designs[AS_DRIVEN] = driven
-    if files.measured is not None:
-        designs[AS_MEASURED] = _measured(scene, motion, files, files.measured)
-    return designs
+    if files.measured is None:
+        return Cameras(designs)
+    trace, profile = _measured(motion, files, files.measured)
+    outcome = f"Measured by {files.measured.name}."
+    camera = given_design(scene, motion, profile.shutter, outcome, is_measured=True)
+    return Cameras(designs | {AS_MEASURED: camera}, trace, profile)
 
 
 def _require_table(files: CameraFiles) -> None:
@@ -203,11 +234,15 @@ def _require_table(files: CameraFiles) -> None:
         require(files.drive is not None or value is None, name, requirement, value)
 
 
-def _measured(scene: "Scene", motion: "AbstractMotion", files: CameraFiles, path: Path) -> "Design":
-    from mishutter.hardware import given_design, measured_profile, read_trace
+def _measured(
+    motion: "AbstractMotion", files: CameraFiles, path: Path
+) -> "tuple[Trace, MeasuredProfile]":
+    """A trace and the profile that it shows; notes say what is odd."""
+    from mishutter.hardware import measured_profile, read_trace
 
+    trace = read_trace(path, column=files.column)
     profile = measured_profile(
-        read_trace(path, column=files.column),
+        trace,
         half_exposure=float(motion.half_exposure),
         middle=files.middle_ms * 1e-3,
         closed=files.closed,
@@ -216,5 +251,4 @@ def _measured(scene: "Scene", motion: "AbstractMotion", files: CameraFiles, path
     )
     for sentence in profile.notes:
         note(f"{path}: {sentence}")
-    outcome = f"Measured by {path.name}."
-    return given_design(scene, motion, profile.shutter, outcome, is_measured=True)
+    return trace, profile

@@ -20,6 +20,8 @@ def print_comparison(report: "Report") -> None:
 
     comparison = report.comparison
     print_text(comparison.verdict)
+    if report.measured is not None:
+        print_text("\n".join(report.measured.lines()))
     print_text()
     for reading in dict.fromkeys(row.reading for row in comparison.rows):
         rows = [row for row in comparison.rows if row.reading == reading]

@@ -393,6 +393,18 @@ def loss_of_decoder(scene: Scene) -> AbstractLoss:
     return next(loss() for loss in losses if loss.decoder_speed == scene.decoder_speed)
 
 
+def decoder_speed_of(loss_name: str, scene: Scene) -> DecoderSpeed:
+    """Knowledge of the speed of the decoder that a design is for.
+
+    Args:
+        loss_name: Representation of the loss that the design minimises.
+        scene: The scene, which names the decoder of any other loss.
+    """
+    losses = (ExpectedErrorLoss, FoundSpeedLoss, KnownSpeedLoss, WorstSpeedLoss)
+    by_name: dict[str, DecoderSpeed | None] = {loss.__name__: loss.decoder_speed for loss in losses}
+    return by_name.get(loss_name.partition("(")[0]) or scene.decoder_speed
+
+
 def _over_contrast(scene: Scene, squared: Float[Array, ""]) -> Float[Array, ""]:
     """Root of a squared error over the picture's deviation; 0 for a picture without any."""
     variance = scene.deviation.astype(squared.dtype) ** 2

@@ -26,3 +26,4 @@ from mishutter.hardware.traces import MeasuredProfile as MeasuredProfile
 from mishutter.hardware.traces import Trace as Trace
 from mishutter.hardware.traces import for_a_fit as for_a_fit
 from mishutter.hardware.traces import measured_profile as measured_profile
+from mishutter.hardware.traces import span_of_shifts as span_of_shifts

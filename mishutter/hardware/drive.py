@@ -20,11 +20,18 @@ from mishutter._core import (
     require_positive_int,
     write_bytes,
 )
-from mishutter.evaluation import Metrics, evaluate, without_tolerances
+from mishutter.evaluation import (
+    Metrics,
+    decoder_speed_of,
+    evaluate,
+    transmittance,
+    without_tolerances,
+)
 from mishutter.hardware.design import Design, metrics_to_dict, package_version
 from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes, require_levels
 from mishutter.model import (
     AbstractMotion,
+    AbstractShutter,
     ChippedShutter,
     diffused,
     slot_means,
@@ -43,7 +50,8 @@ class DriveTable:
         begin: Beginning of each step, from mid-exposure; s.
         wanted: Mean over each step of the profile that the design sends.
         level: Drive level of each step.
-        transmittance: Transmittance at that level.
+        transmittance: Transmittance at that level, which is sent: what the scene's device makes of
+            it is `passed_transmittance`.
         num_levels: Number of levels.
     """
 
@@ -83,8 +91,29 @@ class DriveTable:
         return float(np.max(np.abs(self.position))) or 1.0
 
     def shutter(self) -> ChippedShutter:
-        """The shutter that the levels make."""
+        """The shutter that the levels send, before the scene's device."""
         return ChippedShutter(self.transmittance)
+
+    def passed(self) -> AbstractShutter:
+        """The transmittance that the scene's device makes of the levels; they without one."""
+        return transmittance(self.design.scene, self.design.motion, self.shutter())
+
+    @property
+    def passed_transmittance(self) -> Float[np.ndarray, "n"]:
+        """Mean over each step of the transmittance behind the scene's device."""
+        dtype = common_dtype(*jax.tree.leaves((self.design.command, self.design.motion)))
+        return np.asarray(slot_means(self.passed(), self.level.size, dtype), np.float64)
+
+    @property
+    def settling_time(self) -> float:
+        """Time before the exposure from which on the shutter must stand at its first level; s."""
+        device = self.design.scene.device
+        return 0.0 if device is None else float(device.settling_time)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether every step has the highest level: a shutter that is open needs no drive."""
+        return int(self.level.min()) == self.num_levels - 1
 
     def metrics(self) -> Metrics:
         """Metrics of the driven shutter on the design's motion and scene."""
@@ -111,15 +140,19 @@ class DriveTable:
             self.wanted,
             self.level,
             self.transmittance,
+            self.passed_transmittance,
             self.position,
             self.velocity,
             strict=True,
         )
         lines = [
-            "begin,wanted_transmittance,level,transmittance,sensor_position,sensor_velocity",
-            "ms,1,1,1,px,px/s",
+            "begin,wanted_transmittance,level,transmittance,passed_transmittance,"
+            "sensor_position,sensor_velocity",
+            "ms,1,1,1,1,px,px/s",
         ]
-        lines += [f"{t:.9g},{w:.9g},{n:d},{v:.9g},{x:.9g},{u:.9g}" for t, w, n, v, x, u in rows]
+        lines += [
+            f"{t:.9g},{w:.9g},{n:d},{v:.9g},{p:.9g},{x:.9g},{u:.9g}" for t, w, n, v, p, x, u in rows
+        ]
         return "\n".join(lines) + "\n"
 
     def stage_csv(self) -> str | None:
@@ -188,7 +221,9 @@ class DriveTable:
     def to_dict(self) -> dict[str, Any]:
         """The table and its metrics, as plain numbers."""
         blind = self.blind_metrics()
-        of_blind = {} if blind is None else {"metrics_of_blind_stage": metrics_to_dict(blind)}
+        speed = decoder_speed_of(self.design.loss_name, self.design.scene)
+        metrics = {"metrics": self.metrics(), "metrics_of_design": self.design.metrics}
+        metrics |= {} if blind is None else {"metrics_of_blind_stage": blind}
         return {
             "mishutter": package_version(),
             "num_levels": self.num_levels,
@@ -199,11 +234,16 @@ class DriveTable:
             "wanted_transmittance": self.wanted.tolist(),
             "level": self.level.tolist(),
             "transmittance": self.transmittance.tolist(),
+            "passed_transmittance": self.passed_transmittance.tolist(),
+            "settling_time_ms": self.settling_time * 1e3,
             "sensor_position_px": self.position.tolist(),
             "sensor_velocity_px_per_s": self.velocity.tolist(),
-            "metrics": metrics_to_dict(self.metrics()),
-            "metrics_of_design": metrics_to_dict(self.design.metrics),
-        } | of_blind
+            "decoder_speed": speed,
+            **{
+                name: metrics_to_dict(each) | {"psnr_of_decoder": float(each.psnr_of(speed))}
+                for name, each in metrics.items()
+            },
+        }
 
 
 def drive_table(

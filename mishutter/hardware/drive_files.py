@@ -6,6 +6,7 @@ r"""Drive tables as files that laboratories load, written and read back.
 | `column` | one column, -1 to 1 | drive | half exposure, levels |
 | `keysight` | `SampleRate=` and columns | half exposure, drive, position, gate | levels, scale |
 | `rigol` | 16-bit little-endian words, the low 14 bits | drive | half exposure, levels, steps |
+| `siglent` | EasyWave CSV: settings, then time and drive | drive, half exposure | levels |
 | `npy` | (channels, samples): drive, position, gate | those | half exposure, levels, scale |
 | `pulses` | time closed and time open of each pulse, us | open and closed | half exposure |
 
@@ -56,6 +57,7 @@ _TABLE = {
     "wanted_transmittance": {"1": 1.0},
     "level": {"1": 1.0},
     "transmittance": {"1": 1.0},
+    "passed_transmittance": {"1": 1.0},
     "sensor_position": {"px": 1.0},
     "sensor_velocity": {"px/s": 1.0},
 }
@@ -141,6 +143,13 @@ def _rigol(table: Table) -> bytes:
     return np.rint((_drive(table) + 1) / 2 * _WORDS).astype("<u2").tobytes()
 
 
+def _siglent(table: Table) -> bytes:
+    count, exposure = table.level.size, table.exposure
+    settings = [f"data length,{count}", f"frequency,{1 / exposure!r}", "amp,2", "offset,0"]
+    rows = [f"{k * exposure / count:.9e},{y!r}" for k, y in enumerate(_drive(table).tolist())]
+    return "\n".join([*settings, "phase,0", *[""] * 7, "xpos,value", *rows, ""]).encode()
+
+
 def _npy(table: Table) -> bytes:
     file = io.BytesIO()
     np.save(file, _channels(table), allow_pickle=False)
@@ -165,6 +174,7 @@ _WRITERS: dict[str, Callable[[Table], bytes]] = {
     "column": _column,
     "keysight": _keysight,
     "rigol": _rigol,
+    "siglent": _siglent,
     "npy": _npy,
     "pulses": _pulse_list,
 }
@@ -173,6 +183,7 @@ DRIVE_FORMATS = {
     "column": ".csv",
     "keysight": ".csv",
     "rigol": ".RAF",
+    "siglent": ".csv",
     "npy": ".npy",
     "pulses": ".csv",
 }
@@ -267,6 +278,8 @@ def _samples(content: bytes, name: str, num_steps: int | None) -> _Samples:
         return _from_table(lines, name)
     if set(names) & {"wait", "width"}:
         return _from_pulses(lines, name)
+    if names[0].startswith("data len"):  # some files of EasyWave have "data lenth"
+        return _from_siglent(lines, name)
     if "=" in lines[0] or names[0] in _HARDWARE:
         return _from_keysight(lines, name)
     kinds = ", ".join(DRIVE_FORMATS)
@@ -397,6 +410,24 @@ def _gated(
         share = None if share is None else share[gate == 1]
     drive = _within("a drive", drive, -1.0, name)
     return drive, None if share is None else _within("a position", share, -1.0, name)
+
+
+def _from_siglent(lines: list[str], name: str) -> _Samples:
+    heading = next((k for k, line in enumerate(lines) if cells(line)[0] == "xpos"), len(lines) - 1)
+    settings = {key: value for key, *rest in map(cells, lines[:heading]) for value in rest[:1]}
+    for key, wanted in (("amp", 2.0), ("offset", 0.0)):
+        value = settings.get(key, "")
+        is_wanted = _is_value(value) and float(value) == wanted
+        requirement = f"have {key},{wanted:g}, by which values are from -1 to 1"
+        require(is_wanted, name, requirement, Unquoted(f"{key},{value}"))
+    value = settings.get("frequency", "")
+    is_positive = _is_value(value) and 0 < float(value) < np.inf
+    require(is_positive, name, "have a frequency above 0 Hz", value)
+    drive = number_rows(lines[heading + 1 :], 2, name)[:, 1]
+    length = cells(lines[0])[-1]
+    require(length == str(drive.size), name, f"hold its data length, {length} values", drive.size)
+    drive = _within("a drive", drive, -1.0, name)
+    return _Samples(1 / float(value) / 2, drive=drive)
 
 
 def _from_rigol(content: bytes, name: str, num_steps: int | None) -> _Samples:

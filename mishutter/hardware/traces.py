@@ -86,23 +86,50 @@ def within_exposure(
         name: The trace's name in an error.
 
     Raises:
-        ValueError: if the trace begins late, ends early, has a gap or too few samples.
+        ValueError: if the trace does not reach over the exposure, has a gap there or too few
+            samples.
     """
     tau = (np.asarray(trace.time) - middle) / half_exposure
     inside = np.abs(tau) <= 1
     count = int(inside.sum())
-    requirement = (
-        f"have at least {_LEAST} samples within the exposure of {half_exposure * 2e3:g} ms"
-    )
+    begin, end = (f"{1e3 * (middle + side * half_exposure):.6g}" for side in (-1, 1))
+    exposure = f"the exposure, {begin} to {end} ms by its clock"
     first, last = float(np.min(trace.time)), float(np.max(trace.time))
-    span = f"times from {first:.4g} to {last:.4g} s, mid-exposure being at {middle:.4g} s"
+    span = f"times from {first * 1e3:.4g} to {last * 1e3:.4g} ms"
+    longest = 2 * _LONGEST_GAP
+    reaches = bool(np.min(tau) <= longest - 1 and np.max(tau) >= 1 - longest)
+    requirement = (
+        f"reach over {exposure}, or be read with that clock's mid-exposure: `middle` or "
+        "`--mid-exposure-ms`"
+    )
+    require(reaches, name, requirement, Unquoted(span))
+    requirement = f"have at least {_LEAST} samples within {exposure}"
     require(count >= _LEAST, name, requirement, Unquoted(f"{count} of {span}"))
     ends = np.concatenate([[-1.0], tau[inside], [1.0]])
     gap = float(np.max(np.diff(ends))) / 2
-    requirement = "cover the exposure in steps of at most 1/16 of it"
-    got = Unquoted(f"{gap * half_exposure * 2e3:.3g} ms, {span}")
+    requirement = f"have no gap above 1/16 of {exposure}"
+    got = Unquoted(f"one of {gap * half_exposure * 2e3:.3g} ms")
     require(gap <= _LONGEST_GAP, name, requirement, got)
     return tau
+
+
+def span_of_shifts(trace: Trace, half_exposure: float, middle: float) -> tuple[float, float]:
+    """Shifts of mid-exposure at which a trace covers the exposure; least and greatest, s.
+
+    They are at most a quarter of the exposure either way, and end at a gap of the trace.
+
+    Args:
+        trace: The trace, which covers the exposure at `middle`.
+        half_exposure: $T$; s.
+        middle: Mid-exposure on the clock of the trace; s.
+    """
+    time, begin, end = np.asarray(trace.time), middle - half_exposure, middle + half_exposure
+    gaps = np.flatnonzero(np.diff(time) > _LONGEST_GAP * 2 * half_exposure)
+    firsts, lasts = [time[0], *time[gaps + 1]], [*time[gaps], time[-1]]
+    first = max((t for t in firsts if t <= begin), default=begin)
+    last = min((t for t in lasts if t >= end), default=end)
+    most = half_exposure / 2
+    return max(float(first - begin), -most), min(float(last - end), most)
 
 
 def measured_profile(

@@ -3,10 +3,12 @@ r"""Devices of shutters: each turns a command into a transmittance.
 A profile $w(\tau)$ is a command. The electronics of a device send it as it is, or the mean of each
 of equal slots of the exposure, which they hold, at one of the levels that the device has. It
 follows at once, or as a first-order system, whose state $x$ approaches the level by a time
-constant of its own where it rises and where it falls. Its first level is held from long before
-the exposure, whose beginning and end are the sensor's own. A device of transmission $t$ and
-leakage $\ell$ shows the state as the transmittance $t\,(\ell + (1 - \ell)\,x(\tau))$. A shutter
-that stays open over the exposure needs no device.
+constant of its own where it rises and where it falls. The sensor, or the light, begins and ends
+the exposure: the device may stand at its first level before, and is taken to have settled there,
+as it has after `settling_time`. A shutter that has to begin and end the exposure itself starts
+dark and closes late, which none of these models. A device of transmission $t$ and leakage $\ell$
+shows the state as the transmittance $t\,(\ell + (1 - \ell)\,x(\tau))$. A shutter that stays open
+over the exposure needs no device.
 """
 
 from abc import abstractmethod
@@ -41,6 +43,8 @@ NUM_SLOTS = 128
 """Slots of a device that has levels and none given."""
 _TEN_TO_NINETY = float(np.log(9.0))
 """Time from 10 to 90 % of a first-order system, in time constants."""
+_TO_SETTLE = float(np.log(1e3))
+"""Time to a thousandth of the way that is left, in time constants."""
 
 
 class AbstractDevice(eqx.Module):
@@ -77,6 +81,11 @@ class AbstractDevice(eqx.Module):
     @abstractmethod
     def relaxed(self) -> "AbstractDevice":
         """The same device without levels, whose light can be differentiated by the command."""
+
+    @property
+    @abstractmethod
+    def settling_time(self) -> float | Array:
+        """Time before the exposure from which on the first level must be held; s."""
 
     @abstractmethod
     def light(
@@ -179,6 +188,10 @@ class IdealShutter(AbstractDevice):
     def relaxed(self) -> "IdealShutter":
         return IdealShutter(transmission=self.transmission, leakage=self.leakage)
 
+    @property
+    def settling_time(self) -> float | Array:
+        return 0.0
+
     def light(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
     ) -> AbstractShutter:
@@ -195,8 +208,10 @@ class FirstOrderShutter(AbstractDevice):
     r"""A device that opens and closes gradually, as liquid crystals do.
 
     In a slot of level $c$ its state follows $\dot x = (c - x)/\theta$, with $\theta = t/\ln 9$ of
-    the rise time $t$ where $c > x$ and of the fall time elsewhere: exactly, by exponentials. The
-    first level is held from long before the exposure, at whose beginning the state is at rest.
+    the rise time $t$ where $c > x$ and of the fall time elsewhere: exactly, by exponentials. At the
+    beginning of the exposure the state is the first level: the device must hold that from
+    `settling_time` before on, of the delay and the time to a thousandth of the way. One that was
+    closed until then starts dark and is another shutter.
 
     A smooth command is sent as the mean of each slot. With 64 slots a design of the built-in scene
     loses less than 0.01 dB by that.
@@ -272,6 +287,11 @@ class FirstOrderShutter(AbstractDevice):
             delay=self.delay,
         )
 
+    @property
+    def settling_time(self) -> float | Array:
+        slower = jnp.maximum(self.rise_time, self.fall_time) * (_TO_SETTLE / _TEN_TO_NINETY)
+        return slower if self.delay is None else slower + self.delay
+
     def light(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
     ) -> AbstractShutter:
@@ -340,6 +360,10 @@ class SwitchedShutter(AbstractDevice):
     @property
     def relaxed(self) -> IdealShutter:
         return IdealShutter(transmission=self.transmission, leakage=self.leakage)
+
+    @property
+    def settling_time(self) -> float | Array:
+        return 0.0
 
     def light(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype

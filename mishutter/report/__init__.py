@@ -16,6 +16,8 @@ from mishutter.report.document import document as document
 from mishutter.report.document import shown_rows as shown_rows
 from mishutter.report.document import write_report as write_report
 from mishutter.report.fit_plots import plot_fit as plot_fit
+from mishutter.report.measured import MeasuredCamera as MeasuredCamera
+from mishutter.report.measured import measured_camera as measured_camera
 from mishutter.report.photographs import photograph_of as photograph_of
 from mishutter.report.photographs import photographs as photographs
 from mishutter.report.plots import motion_text as motion_text
@@ -31,3 +33,4 @@ from mishutter.report.plots import shown_name as shown_name
 from mishutter.report.sweep_plots import plot_front as plot_front
 from mishutter.report.sweep_plots import plot_map as plot_map
 from mishutter.report.sweep_plots import write_pictures as write_pictures
+from mishutter.report.verdict import device_notes as device_notes

@@ -19,6 +19,7 @@ from mishutter.report.backgrounds import (
 )
 from mishutter.report.comparison import Comparison
 from mishutter.report.layered import layered_captures, layered_scene
+from mishutter.report.measured import MeasuredCamera
 from mishutter.report.photographs import (
     ENSEMBLE,
     Photographs,
@@ -56,6 +57,7 @@ class Report:
         photographs: The photograph restored by each on its own best motion; None without one.
         design: The result of a search; None without one.
         backgrounds: Gains of the best cameras where part of the picture stands still.
+        measured: A measured shutter beside its design; None without a trace.
     """
 
     scene: Scene
@@ -64,6 +66,7 @@ class Report:
     photographs: Photographs | None = None
     design: Design | None = None
     backgrounds: tuple[BackgroundGain, ...] = ()
+    measured: MeasuredCamera | None = None
 
 
 def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
@@ -107,11 +110,13 @@ def document(report: Report) -> dict[str, object]:
     design: dict[str, object] = {}
     if report.design is not None:
         design["design"] = report.design.to_dict()
+    measured = {} if report.measured is None else {"as_measured": report.measured.to_dict()}
     backgrounds = [
         {"still_share": each.still_share, "gain_db": each.gain} for each in report.backgrounds
     ]
     return design | {
         "comparison": report.comparison.to_dict(),
+        **measured,
         "before_a_background": backgrounds,
         "photographs": photographs,
     }

@@ -5,6 +5,7 @@ is touched. Lines differ in style as well as colour, so that they survive a grey
 """
 
 import io
+import itertools
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count, cycle
@@ -154,7 +155,10 @@ def plot_profiles(designs: Named) -> "Figure":
 
 
 def plot_drive(table: DriveTable) -> "Figure":
-    """Draws a drive table: transmittance as designed and as driven, and the sensor's path.
+    """Draws a drive table: the transmittance that is sent, and the sensor's path.
+
+    Beside the levels stands the command that they stand for, and the transmittance behind the
+    device of a scene that has one.
 
     Args:
         table: The drive table.
@@ -162,12 +166,16 @@ def plot_drive(table: DriveTable) -> "Figure":
     figure, (top, bottom) = _new(2, height=2.6)
     step = float(table.design.motion.exposure) * 1e3 / table.begin.size
     edges = np.append(table.begin * 1e3, table.begin[-1] * 1e3 + step)
-    first, second, *_ = (style for style, _ in zip(line_styles(), range(2), strict=False))
-    top.stairs(table.transmittance, edges, label=f"driven, {table.num_levels} levels", **first)
-    top.plot(edges[:-1] + step / 2, table.wanted, label="designed", **second)
-    top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
-    top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    first, second, third = itertools.islice(line_styles(), 3)
+    top.stairs(table.transmittance, edges, label=f"sent, {table.num_levels} levels", **first)
+    top.plot(edges[:-1] + step / 2, table.wanted, label="sent as designed", **second)
     time, motion = np.linspace(edges[0], edges[-1], _NUM_POINTS), table.design.motion
+    if table.design.scene.device is not None:
+        tau = np.linspace(-1, 1, _NUM_POINTS, dtype=np.dtype(motion.half_exposure.dtype))
+        passed, _ = profile_of(table.passed(), tau)
+        top.plot(time, passed, label="behind the device", **third)
+    top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
+    top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     bottom.plot(time, np.asarray(motion.position(time * 1e-3)), **first)
     bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
     return figure

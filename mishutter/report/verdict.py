@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 from mishutter.hardware import Design
-from mishutter.model import FirstOrderShutter, Scene, SplineShutter, command_of
+from mishutter.model import AbstractDevice, FirstOrderShutter, Scene, SplineShutter, command_of
 from mishutter.search import (
     BEST_SNAPSHOT,
     SHAPED_ON_FREE_PATH,
@@ -144,15 +144,24 @@ def comparison_notes(
         rows: The rows at their own best motions, without a burst.
         burst: The best burst; None where the scene has none.
     """
-    notes = [*_device_notes(scene), *_blind_drive_notes(entries), *_limit_notes(scene, rows)]
+    notes = [
+        *device_notes(scene.device),
+        *_blind_drive_notes(scene, entries),
+        *_limit_notes(scene, rows),
+    ]
     return tuple(notes if burst is None else [*notes, _burst_note(burst)])
 
 
-def _device_notes(scene: Scene) -> list[str]:
-    """The light that the shutter passes, how fast it follows, and the levels that it holds."""
-    device, notes = scene.device, []
+def device_notes(device: AbstractDevice | None) -> list[str]:
+    """The light that a shutter passes, how fast it follows, and the levels that it holds.
+
+    Args:
+        device: The device; None, of which there is nothing to say, for a shutter that follows at
+            once and loses no light.
+    """
+    notes: list[str] = []
     if device is None:
-        return []
+        return notes
     t, closed = float(device.transmission), float(device.transmission * device.leakage)
     if t != 1 or closed != 0:
         notes.append(
@@ -160,15 +169,18 @@ def _device_notes(scene: Scene) -> list[str]:
         )
     if isinstance(device, FirstOrderShutter):
         rise, fall = (float(x) * 1e3 for x in (device.rise_time, device.fall_time))
-        notes.append(f"It rises from 10 to 90 % in {rise:.3g} ms and falls in {fall:.3g} ms.")
+        late = "" if device.delay is None else f", {float(device.delay) * 1e3:.3g} ms late"
+        notes.append(f"It rises from 10 to 90 % in {rise:.3g} ms and falls in {fall:.3g} ms{late}.")
     if device.num_slots is not None:
         levels = "any level" if device.levels is None else f"one of {device.levels} levels"
         notes.append(f"It holds {levels} over each of {device.num_slots} slots.")
     return notes
 
 
-def _blind_drive_notes(entries: Mapping[str, Entry]) -> list[str]:
-    """Levels of designs for a device that follows every command, sent to one that does not."""
+def _blind_drive_notes(scene: Scene, entries: Mapping[str, Entry]) -> list[str]:
+    """Levels of designs for a device that follows every command, sent to the scene's."""
+    if scene.device is None:
+        return []
     levels = [entry.blind_psnr for entry in entries.values() if isinstance(entry, Design)]
     return [
         f"Sent blindly, the design for a device that follows at once has {level:.2f} dB."

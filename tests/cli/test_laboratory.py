@@ -4,6 +4,7 @@ Whatever is wrong with one is said in one line, before anything is computed or w
 """
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,10 @@ from mishutter import (
     Design,
     DesignLoss,
     ExpectedErrorLoss,
+    FirstOrderShutter,
     HannShutter,
+    RectShutter,
+    Scene,
     SplineShutter,
     cli,
     read_drive,
@@ -27,6 +31,7 @@ from mishutter import (
 
 # A comparison searches for minutes; the tests read what it would be given.
 from mishutter.cli import app
+from mishutter.cli.laboratory import note_other_device
 from mishutter.hardware import GIVEN, given_design
 from mishutter.model import seen_from
 from mishutter.search import is_finished
@@ -116,7 +121,7 @@ def test_each_wrong_option_is_one_line(slug, folder, tmp_path, capsys):
     assert message in refused(capsys, *(a.format(**places) for a in arguments))
 
 
-@pytest.mark.parametrize("form", ["csv", "column", "keysight", "rigol", "npy", "pulses"])
+@pytest.mark.parametrize("form", ["csv", "column", "keysight", "rigol", "siglent", "npy", "pulses"])
 def test_export_writes_what_is_read_back(form, folder, tmp_path, capsys):
     """Each format makes a file and a picture; what the reader must be told is said."""
     given = ["export", folder / "design.json", "--format", form, "--steps", "24"]
@@ -130,6 +135,69 @@ def test_export_writes_what_is_read_back(form, folder, tmp_path, capsys):
     found = read_drive(tmp_path / name, design.motion, position_scale=document["position_scale_px"])
     steps = np.asarray(found.shutter.transmittances)
     np.testing.assert_allclose(steps, document["transmittance"], atol=4e-5)
+
+
+@pytest.mark.parametrize("form", ["column", "keysight", "rigol", "siglent"])
+def test_export_says_what_to_set(form, folder, tmp_path, capsys):
+    """A format without time is told of with the rate of its samples, 24 in 20 ms."""
+    given = ["export", folder / "design.json", "--format", form, "--steps", "24"]
+    assert cli.main([*map(str, given), "--json", "--out", str(tmp_path)]) == 0
+    set_to = "set the generator to 1,200 samples a second: 24 samples in 20 ms, or 50 repetitions"
+    assert (set_to in capsys.readouterr().err) == (form in {"column", "rigol"})
+
+
+def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
+    """Its table holds one level, which needs no drive."""
+    a_design(RectShutter()).save(tmp_path / "design.json")
+    assert cli.main(["export", str(tmp_path / "design.json"), "--steps", "4"]) == 0
+    assert capsys.readouterr().err == "the shutter is open all the time: it needs no drive\n"
+
+
+def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
+    """A device that lags is taken to have settled at its first level."""
+    device = FirstOrderShutter(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
+    scene = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
+    shutter = scene.light(HannShutter(), MOTION)
+    replace(a_design(shutter), scene=scene).save(tmp_path / "design.json")
+    assert cli.main(["export", str(tmp_path / "design.json"), "--levels", "9"]) == 0
+    out, err = capsys.readouterr()
+    settled = 0.3 + 2 * np.log(1e3) / np.log(9)
+    assert f"must stand at level 0 from {settled:.3g} ms before the exposure on" in err
+    rows = np.array([[float(x) for x in line.split(",")] for line in out.splitlines()[2:]])
+    assert np.max(np.abs(rows[:, 3] - rows[:, 4])) > 0.1
+
+
+def test_export_prints_the_level_of_the_designs_decoder(folder, tmp_path, capsys):
+    """One that is told the speed is not judged by one filter for all."""
+    design = replace(Design.load(folder / "design.json"), loss_name="KnownSpeedLoss()")
+    design.save(tmp_path / "design.json")
+    given = ["export", str(tmp_path / "design.json"), "--out", str(tmp_path)]
+    assert cli.main(given) == 0
+    out, _ = capsys.readouterr()
+    line = next(line for line in out.splitlines() if "told the speed / dB" in line)
+    assert f"{float(design.metrics.known_speed_psnr):.4g}" in line
+    assert cli.main([*given, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["decoder_speed"] == "told"
+    assert document["metrics_of_design"]["psnr_of_decoder"] == pytest.approx(
+        float(design.metrics.known_speed_psnr)
+    )
+
+
+def test_a_design_for_another_shutter_is_noted(folder, tmp_path, capsys):
+    """The scene's device stands in the place of the design's, and both are told."""
+    design = Design.load(folder / "design.json")
+    note_other_device(tmp_path, design, design.scene)
+    assert capsys.readouterr().err == ""
+    device = FirstOrderShutter(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
+    note_other_device(
+        tmp_path, design, Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
+    )
+    assert capsys.readouterr().err == (
+        f"{tmp_path}: the scene's shutter is taken, not the design's. Design: It follows at once "
+        "and loses no light. Scene: It rises from 10 to 90 % in 1 ms and falls in 2 ms, 0.3 ms "
+        "late. It holds any level over each of 64 slots.\n"
+    )
 
 
 def test_text_goes_to_the_terminal(folder, capsys):
@@ -167,6 +235,7 @@ def test_compare_takes_designed_driven_and_measured(folder, tmp_path, capsys, mo
     seen = []
     # The cameras are whole before the comparison, which searches for minutes.
     monkeypatch.setattr(app, "_compared", lambda *given: seen.append(given))
+    monkeypatch.setattr(app, "_beside_design", lambda *given: None)
     monkeypatch.setattr(app, "_deliver", lambda *given: None)
     files = ["--drive", tmp_path / "drive.csv", "--measured", tmp_path / "trace.csv"]
     assert cli.main([str(x) for x in (*given, *files)]) == 0, capsys.readouterr().err
@@ -195,6 +264,7 @@ def test_an_export_of_several_channels_is_read_by_options(folder, tmp_path, caps
     seen = []
     # The cameras are whole before the comparison, which searches for minutes.
     monkeypatch.setattr(app, "_compared", lambda *given: seen.append(given))
+    monkeypatch.setattr(app, "_beside_design", lambda *given: None)
     monkeypatch.setattr(app, "_deliver", lambda *given: None)
     files = ["compare", folder / "scene.toml", "--measured", tmp_path / "scope.csv"]
     line = refused(capsys, *files)

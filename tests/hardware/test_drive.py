@@ -211,10 +211,11 @@ def test_the_table_is_in_the_units_that_it_names():
     time = half * (np.arange(8) / 4 - 1)
     position = float(MOTION.stroke) * (time / half) ** 2
     velocity = float(MOTION.top_speed) * time / half
-    columns = (time * 1e3, table.wanted, table.level, table.transmittance, position, velocity)
+    sent = table.transmittance
+    columns = (time * 1e3, table.wanted, table.level, sent, sent, position, velocity)
     lines = table.to_csv().splitlines()
     rows = [[float(cell) for cell in line.split(",")] for line in lines[2:]]
-    assert lines[1] == "ms,1,1,1,px,px/s"
+    assert lines[1] == "ms,1,1,1,1,px,px/s"
     np.testing.assert_allclose(rows, np.transpose(columns), rtol=1e-8)
     document = table.to_dict()
     assert document["step_ms"] == pytest.approx(2e3 * half / 8)

@@ -35,6 +35,7 @@ KEEPS = {
     "column": (1e-15, False),
     "keysight": (1e-15, True),
     "rigol": (0.83 / 2 / 16383 * (1 + 1e-9), False),
+    "siglent": (1e-15, False),
     "npy": (1e-15, True),
 }
 """Largest error of a transmittance, and whether positions travel."""
@@ -133,6 +134,28 @@ def test_a_keysight_file_is_what_its_maker_describes(tmp_path):
     assert np.all(np.abs(numbers) <= 1)
     assert np.max(np.abs(numbers[:, 1])) == 1
     assert numbers[:, 2].tolist() == [1] * 37 + [0]
+
+
+def test_a_siglent_file_is_as_others_write_it(tmp_path):
+    """Settings, seven empty lines, names in line 13, then times in s and values in [-1, 1]."""
+    path = tmp_path / "siglent.csv"
+    a_table(num_levels=9).save(path, form="siglent")
+    lines = path.read_text().splitlines()
+    assert lines[0] == "data length,37"
+    assert float(lines[1].removeprefix("frequency,")) == pytest.approx(1 / (2 * HALF))
+    assert lines[2:13] == ["amp,2", "offset,0", "phase,0", *[""] * 7, "xpos,value"]
+    numbers = np.array([[float(x) for x in line.split(",")] for line in lines[13:]])
+    np.testing.assert_allclose(numbers[:, 0], np.arange(37) * 2 * HALF / 37, rtol=1e-9)
+    assert np.all(np.abs(numbers[:, 1]) <= 1)
+    text = path.read_text()
+    for change, message in (
+        (("amp,2", "amp,5"), "have amp,2, by which values are from -1 to 1; got amp,5"),
+        (("data length,37", "data length,36"), "hold its data length, 36 values; got 37"),
+        (("frequency,", "frequency,-"), "have a frequency above 0 Hz; got '-"),
+    ):
+        path.write_text(text.replace(*change))
+        with pytest.raises(ValueError, match=message):
+            read_drive(path, OTHER)
 
 
 def test_a_rigol_file_is_what_its_maker_describes(tmp_path):

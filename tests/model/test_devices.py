@@ -274,6 +274,15 @@ def test_a_level_that_is_held_is_at_rest():
     np.testing.assert_allclose(np.asarray(light.transmittance(np.linspace(-1, 1, 9))), 0.37)
 
 
+def test_a_device_settles_from_any_level():
+    """A thousandth of the way is left after `settling_time`, be it open or closed before."""
+    device = _lagged(TIMES["late"])
+    rise, fall, delay = (float(x) for x in (device.rise_time, device.fall_time, device.delay))
+    way = np.exp(-(float(device.settling_time) - delay) * np.log(9) / max(rise, fall))
+    assert way == pytest.approx(1e-3, rel=1e-4)
+    assert float(IdealShutter(num_slots=9).settling_time) == 0
+
+
 @jax.jit
 def _number(times, half, levels):
     """Efficiency and taps, in one number, of levels through a device."""

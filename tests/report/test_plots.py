@@ -1,6 +1,7 @@
 """Pictures say what they show: labelled axes with units, lines that survive a grey printout."""
 
 import os
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -14,6 +15,7 @@ from support.photographs import photograph
 from support.sweeps import SCENE, grid
 
 from mishutter import (
+    FirstOrderShutter,
     HannShutter,
     ParabolicMotion,
     Picture,
@@ -547,6 +549,20 @@ def test_a_drive_is_drawn_at_the_middle_of_its_steps():
     half = float(table.design.motion.half_exposure) * 1e3
     np.testing.assert_allclose(top.lines[0].get_xdata(), half * np.array([-3, -1, 1, 3]) / 4)
     np.testing.assert_allclose(top.patches[0].get_data().edges, half * np.linspace(-1, 1, 5))
+
+
+def test_a_drive_shows_the_shutter_behind_its_device():
+    """Its levels are sent; the light that passes lags behind them."""
+    device = FirstOrderShutter(rise_time=2e-3, fall_time=2e-3)
+    scene = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
+    table = drive_table(replace(a_design(HannShutter()), scene=scene))
+    top = plot_drive(table).axes[0]
+    labels = [text.get_text() for text in top.get_legend().get_texts()]
+    assert labels == ["sent, 256 levels", "sent as designed", "behind the device"]
+    passed = top.lines[1].get_ydata()
+    tau = np.linspace(-1, 1, passed.size)
+    np.testing.assert_allclose(passed, table.passed().transmittance(tau), atol=1e-6)
+    assert np.max(np.abs(passed - np.asarray(HannShutter().transmittance(tau)))) > 0.1
 
 
 def _rows(figure, across):

@@ -263,7 +263,7 @@ def test_a_comparison_is_of_light_and_names_the_blind_drive():
     table = compare(scene, found)
     losses, times, slots, blind = table.notes
     assert losses.startswith("The shutter passes 90.0% of the light when open")
-    assert times == "It rises from 10 to 90 % in 4 ms and falls in 7 ms."
+    assert times.startswith("It rises from 10 to 90 % in 4 ms and falls in 7 ms")
     assert slots == "It holds any level over each of 24 slots."
     assert f"{found.blind_psnr:.2f} dB" in blind
     assert max(map(len, table.notes)) <= 80

@@ -190,15 +190,16 @@ TRACES = {
     ),
     "trace-in-seconds": (
         trace(units="s,V"),
-        "must have at least 32 samples within the exposure of 20 ms; got 1 of times from -12 to 12",
+        "must have at least 32 samples within the exposure, -10 to 10 ms by its clock; got 1 of ",
     ),
     "trace-gap": (
         trace(lambda t, v: (t[(t < 2) | (t > 5)], v[(t < 2) | (t > 5)])),
-        "must cover the exposure in steps of at most 1/16 of it; got 3.",
+        "must have no gap above 1/16 of the exposure, -10 to 10 ms by its clock; got one of 3.",
     ),
     "trace-cut-off": (
         trace(lambda t, v: (t[t < 8], v[t < 8])),
-        "must cover the exposure in steps of at most 1/16 of it; got ",
+        "must reach over the exposure, -10 to 10 ms by its clock, or be read with that clock's "
+        "mid-exposure: `middle` or `--mid-exposure-ms`; got times from -12 to 7.9 ms",
     ),
     "trace-of-the-dark": (
         trace(lambda t, v: (t, 0.01 * np.random.default_rng(5).standard_normal(t.size))),

@@ -1,0 +1,112 @@
+"""A measured shutter beside its design: what it loses, and what a shift of it gives back."""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from mishutter.hardware import (
+    MeasuredProfile,
+    Trace,
+    given_design,
+    measured_profile,
+    span_of_shifts,
+)
+from mishutter.model import Scene
+from mishutter.search import Row
+
+_TELLING = 0.005
+"""Least gain that a sentence mentions; dB."""
+_PRECISION = 1e-3
+"""Precision of a shift, in half exposures."""
+
+
+class MeasuredCamera(NamedTuple):
+    """Levels of a measured shutter, as it was sent and as it would be best sent.
+
+    Attributes:
+        level: Expected PSNR as measured; dB.
+        design_level: That of the design; None without one.
+        earlier: Time by which the shutter is best sent earlier against the stage and the
+            exposure, which stay; s, negative for later.
+        shifted_level: Expected PSNR then; dB.
+    """
+
+    level: float
+    design_level: float | None
+    earlier: float
+    shifted_level: float
+
+    def lines(self) -> list[str]:
+        """Sentences on the loss against the design, and on the best shift."""
+        lines = [f"As measured: {self.level:.2f} dB{self._beside_design(self.level)}."]
+        if self.shifted_level < self.level + _TELLING:
+            return [*lines, "No shift of it against the stage has more."]
+        way = "earlier" if self.earlier > 0 else "later"
+        beside = self._beside_design(self.shifted_level)
+        shift = f"{abs(self.earlier) * 1e3:.2g} ms {way}"
+        return [*lines, f"Sent {shift} it has {self.shifted_level:.2f} dB{beside}."]
+
+    def to_dict(self) -> dict[str, float | None]:
+        """The levels and the shift, as plain numbers."""
+        return {
+            "level_db": self.level,
+            "design_level_db": self.design_level,
+            "best_sent_earlier_ms": self.earlier * 1e3,
+            "shifted_level_db": self.shifted_level,
+        }
+
+    def _beside_design(self, level: float) -> str:
+        if self.design_level is None:
+            return ""
+        below = self.design_level - level
+        return f", {abs(below):.2f} dB {'below' if below >= 0 else 'above'} the design"
+
+
+def measured_camera(
+    scene: Scene,
+    rows: dict[str, Row],
+    trace: Trace,
+    profile: MeasuredProfile,
+    *,
+    middle: float,
+    measured: str,
+    designed: str,
+) -> MeasuredCamera:
+    r"""A measured shutter beside its design, and at its best shift against the stage.
+
+    The shift maximises the level that judges the rows, over at most a quarter of the exposure
+    either way and as far as the trace goes: a bounded search in one variable, of which each value
+    is a fit of the trace at another mid-exposure, by the same levels of closed and open.
+
+    Args:
+        scene: The scene that the rows were measured on.
+        rows: Rows by name.
+        trace: Times and levels.
+        profile: The profile that the trace shows at `middle`.
+        middle: Mid-exposure on the clock of the trace; s.
+        measured: Name of the row of the measured shutter.
+        designed: Name of the row of its design, which there may be.
+    """
+    from scipy.optimize import minimize_scalar
+
+    row = rows[measured]
+    half = float(row.motion.half_exposure)
+
+    def loss(earlier: float) -> float:
+        moved = measured_profile(
+            trace,
+            half_exposure=half,
+            middle=middle + earlier,
+            closed=profile.closed,
+            opened=profile.opened,
+        )
+        camera = given_design(scene, row.motion, moved.shutter, "Shifted.", is_measured=True)
+        return -replace(row, shutter=camera.shutter, metrics=camera.metrics).level
+
+    best: Any = minimize_scalar(
+        loss,
+        bounds=span_of_shifts(trace, half, middle),
+        method="bounded",
+        options={"xatol": _PRECISION * half},
+    )
+    design_level = rows[designed].level if designed in rows else None
+    return MeasuredCamera(row.level, design_level, float(best.x), -float(best.fun))
