@@ -47,8 +47,8 @@ SCENE = Scene(
 ACCELERATION, HALF_EXPOSURE = 2.3e5, 9e-3
 POINT = np.array([1.03, 0.97, 0.1, 0.55, 0.95, 0.9, 0.35])
 """Acceleration and half exposure over those above, and coefficients of a spline."""
-PLAN = Plan(num_taps=120, dft_length=512, num_frequencies=64, num_nodes=192)
-_GAUSS_NODES = 48
+PLAN = Plan(num_taps=120, dft_length=512, num_frequencies=64, num_nodes=256)
+_GAUSS_NODES = 64
 
 
 def by_loss(loss: AbstractLoss):
