@@ -262,7 +262,7 @@ class _State:
         now = time.monotonic()
         words = f"{self._done} of {self._total} after {now - self._begin:.0f} s"
         done, since = self._first or (0, now)
-        if self._done > done and self._total >= _MANY:
+        if done < self._done < self._total and self._total >= _MANY:
             remaining = (self._total - self._done) * (now - since) / (self._done - done)
             words += f", about {remaining:.0f} s to go"
         return words

@@ -122,8 +122,7 @@ def _ceiling(comparison: "Comparison", columns: "Sequence[str]") -> list[str]:
 def _cells(comparison: "Comparison", row: "Row") -> list[str]:
     from mishutter.report import level_or_dash
 
-    within = row.metrics.toleranced_psnr
-    last = "" if within is None else f"{float(within):.2f}"
+    last = "" if row.within is None else f"{row.within:.2f}"
     return [
         row.name if row.num_frames == 1 else f"{row.name}, {row.num_frames} frames",
         f"{row.psnr:.2f}",

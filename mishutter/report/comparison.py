@@ -61,7 +61,8 @@ class Comparison:
             between them, unless a design exceeds the ceiling of these by dwelling at the listed.
         notes: Sentences for the foot of the tables: the light that the shutter loses, and what a
             burst would reach.
-        costs: Cost of each tolerance to the best design; None for a scene without tolerances.
+        costs: Cost of each tolerance to the best design; None for a scene without tolerances, and
+            where a decoder that knows the speed, or the worst speed, judges.
     """
 
     rows: tuple[Row, ...]
@@ -174,7 +175,7 @@ def _line(row: Row) -> str:
     """A row under the names of `_HEADER`."""
     m = row.metrics
     loss = "" if row.loss is None else f"{row.loss:.4f}"
-    within = "" if m.toleranced_psnr is None else f"{float(m.toleranced_psnr):>11.2f}"
+    within = "" if row.within is None else f"{row.within:>11.2f}"
     worst = f"{level_or_dash(row.worst_psnr):>13}"
     return (
         f"{row.name:<21}{row.psnr:>9.2f}{worst}{float(m.condition_number):>8.2f}"
@@ -279,7 +280,7 @@ def with_verdict(rows: Sequence[Row], entries: Mapping[str, Entry], scene: Scene
     own = best if best.name in entries else None
     lines = verdict_lines(list(at_best.values()), own, snapshot, most)
     costs = None
-    if scene.tolerances is not None:
+    if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)
     gain = best.level - snapshot.level
     return Comparison(tuple(rows), "\n".join(lines), gain, most, notes, costs)

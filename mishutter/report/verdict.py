@@ -43,17 +43,16 @@ def verdict_lines(rows: Sequence[Row], own: Row | None, snapshot: Row, most: flo
             *_of_pan(rows, choice),
             *beside,
         ]
-    if own is not None and choice.takes < own.takes:
-        return [
-            f"Do not build {own.name} for this scene: {choice.name} has {choice.level:.2f} dB.",
-            f"It takes {_in_words(choice.takes)}: {choice.setting}. Ceiling: {most:.2f} dB.",
-            *beside,
-        ]
-    below = max(most - choice.level, 0.0)
+    reach = (
+        f"It takes {_in_words(choice.takes)}: {choice.setting}. Ceiling: {most:.2f} dB."
+        if own is not None and choice.takes < own.takes
+        else f"It is {max(most - choice.level, 0.0):.2f} dB below what any path and any shutter "
+        f"could reach ({most:.2f} dB)."
+    )
     return [
         f"Build {choice.name}: {choice.level:.2f} dB{at_worst}, "
         f"{choice.lead_over(snapshot):.2f} dB above the {snapshot.name}.",
-        f"It is {below:.2f} dB below what any path and any shutter could reach ({most:.2f} dB).",
+        reach,
         *beside,
     ]
 
@@ -106,8 +105,8 @@ def _beside(rows: Sequence[Row], choice: Row, own: Row | None) -> list[str]:
             f"{_capitalised(top.name)} has {top.level:.2f} dB{with_more}: {gain:.2f} more."
         )
     simpler = [row for row in rows if row is not own and _is_simpler(row, choice)]
-    if simpler and is_coded:
-        nearest = best_row(simpler)
+    nearest = best_row(simpler) if simpler else choice
+    if is_coded and nearest is not choice and nearest.name not in SNAPSHOTS:
         below = choice.lead_over(nearest)
         side = f"{abs(below):.2f} dB {'below' if below >= 0 else 'above'} it"
         lines.append(f"The nearest simpler camera, {nearest.name}, is {side}.")
@@ -134,7 +133,7 @@ def _capitalised(name: str) -> str:
 
 
 def comparison_notes(
-    scene: Scene, entries: Mapping[str, Entry], rows: Iterable[Row], burst: Row | None
+    scene: Scene, entries: Mapping[str, Entry], rows: Sequence[Row], burst: Row | None
 ) -> tuple[str, ...]:
     """Sentences for the foot of the tables.
 
@@ -148,6 +147,7 @@ def comparison_notes(
         *device_notes(scene.device),
         *_blind_drive_notes(scene, entries),
         *_limit_notes(scene, rows),
+        *_tolerance_notes(scene, rows),
     ]
     return tuple(notes if burst is None else [*notes, _burst_note(burst)])
 
@@ -196,6 +196,16 @@ def _limit_notes(scene: Scene, rows: Iterable[Row]) -> list[str]:
         beyond = beyond_limits(scene, row.motion, row.shutter)
         names = ", ".join(name.replace("_", " ") for name in beyond)
         notes += [f"{row.name} is outside the scene's limits: {names}."] if beyond else []
+    return notes
+
+
+def _tolerance_notes(scene: Scene, rows: Sequence[Row]) -> list[str]:
+    """The cameras and the decoders whose tolerances are not known."""
+    if scene.tolerances is None:
+        return []
+    notes = ["No free path is compared: tolerances are those of a parabola."]
+    if all(row.within is None for row in rows):
+        notes.append("Levels are without tolerances, which count for one filter in the mean alone.")
     return notes
 
 

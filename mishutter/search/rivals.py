@@ -145,13 +145,19 @@ class Row:
 
     @property
     def level(self) -> float:
-        """Expected PSNR that judges it, within the tolerances of a scene that has any; dB.
+        """Expected PSNR that judges it, within the tolerances of a scene that has any; dB."""
+        return self.psnr if self.within is None else self.within
 
-        A decoder that knows the speed, and the worst speed, judge the camera as designed.
+    @property
+    def within(self) -> float | None:
+        """Expected PSNR within the tolerances of the scene; dB.
+
+        None without any, and where a decoder that knows the speed, or the worst speed, judges:
+        these judge the camera as designed.
         """
-        within = self.metrics.toleranced_psnr
+        level = self.metrics.toleranced_psnr
         is_mean = self.speed == "unknown" and not self.at_worst
-        return float(within) if is_mean and within is not None else self.psnr
+        return float(level) if is_mean and level is not None else None
 
     @property
     def psnr(self) -> float:

@@ -42,10 +42,9 @@ def test_the_verdict_is_of_the_best_that_was_given():
         assert comparison.verdict == text
     comparison = verdict(levels | {BEST_SNAPSHOT: 21.0, "rect": 23.2}, "a", "b")
     assert comparison.verdict == (
-        "Do not build b for this scene: rect has 23.20 dB.\n"
+        "Build rect: 23.20 dB, 2.20 dB above the best snapshot.\n"
         f"It takes a stage: 20 ms, pan -12345 px/s, stroke 247 px. Ceiling: {most}.\n"
-        "Hann has 23.30 dB with a shutter too: 0.10 more.\n"
-        "The nearest simpler camera, best snapshot, is 2.20 dB below it."
+        "Hann has 23.30 dB with a shutter too: 0.10 more."
     )
     without = verdict(levels | {BEST_SNAPSHOT: 22.3})
     assert without.gain == 1
@@ -98,10 +97,10 @@ def test_the_plainest_of_equals_is_advised():
     """A parabola before a free path, an ordinary shutter before a made one, fewer parts first."""
     levels = {"a": 26.51, OPEN_ON_FREE_PATH: 26.57, "rect": 26.55, BEST_SNAPSHOT: 24.0}
     lines = verdict(levels, "a").verdict.splitlines()
-    assert lines[0] == "Do not build a for this scene: rect has 26.55 dB."
+    assert lines[0] == "Build rect: 26.55 dB, 2.55 dB above the best snapshot."
     assert lines[2] == "Open on a free path has 26.57 dB: 0.02 more."
     better = verdict(levels | {OPEN_ON_FREE_PATH: 26.66}, "a").verdict.splitlines()
-    assert better[0] == "Do not build a for this scene: open on a free path has 26.66 dB."
+    assert better[0] == "Build open on a free path: 26.66 dB, 2.66 dB above the best snapshot."
     assert better[-1] == "The nearest simpler camera, rect, is 0.11 dB below it."
     other = verdict({CODED_AT_REST: 26.6, "rect": 26.55, BEST_SNAPSHOT: 24.0})
     assert other.verdict.startswith(f"Build {CODED_AT_REST}: 26.60 dB")  # no stage for a shutter
