@@ -20,7 +20,7 @@ from mishutter.evaluation import (
 )
 from mishutter.hardware import Design, metrics_to_dict, motion_to_dict
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
-from mishutter.report.verdict import comparison_notes, verdict_lines
+from mishutter.report.verdict import comparison_notes, row_to_build, verdict_lines
 from mishutter.search import (
     BEST_BURST,
     OWN_BEST_MOTION,
@@ -63,6 +63,8 @@ class Comparison:
             burst would reach.
         costs: Cost of each tolerance to the best design; None for a scene without tolerances, and
             where a decoder that knows the speed, or the worst speed, judges.
+        choice: The camera to build, or the snapshot to use instead; None where nothing is to be
+            restored.
     """
 
     rows: tuple[Row, ...]
@@ -71,6 +73,7 @@ class Comparison:
     ceiling: float
     notes: tuple[str, ...] = ()
     costs: ToleranceCosts | None = None
+    choice: Row | None = None
 
     def __repr__(self) -> str:
         """The number of rows and the first line of the verdict; `str` is the `text`."""
@@ -278,9 +281,10 @@ def with_verdict(rows: Sequence[Row], entries: Mapping[str, Entry], scene: Scene
     if most < best_row(coded).level:  # a design that dwells at the listed speeds
         most = float(ceiling(scene, continuous=False))
     own = best if best.name in entries else None
-    lines = verdict_lines(list(at_best.values()), own, snapshot, most)
+    choice = row_to_build(list(at_best.values()), own, snapshot)
+    lines = verdict_lines(list(at_best.values()), choice, own, snapshot, most)
     costs = None
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)
     gain = best.level - snapshot.level
-    return Comparison(tuple(rows), "\n".join(lines), gain, most, notes, costs)
+    return Comparison(tuple(rows), "\n".join(lines), gain, most, notes, costs, choice)

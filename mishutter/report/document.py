@@ -40,6 +40,8 @@ from mishutter.search import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_TO_BUILD = "build.json"
+"""The camera to build, where the verdict names another than the design."""
 _OF_PHOTOGRAPH = frozenset({"psnr.png", "photograph.png", "layers.png"})
 """Pictures of the scene's photograph."""
 _MOST_ROWS = 5
@@ -172,7 +174,8 @@ def write_report(
     for name, write in writers.items():
         write(folder / name)
         wrote(name)
-    for name in _OF_PHOTOGRAPH - set(writers):
+    older = _OF_PHOTOGRAPH if report.design is None else {*_OF_PHOTOGRAPH, _TO_BUILD}
+    for name in older - set(writers):
         (folder / name).unlink(missing_ok=True)
     return list(writers)
 
@@ -182,6 +185,9 @@ def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
     writers: dict[str, Callable[[Path], None]] = {}
     if report.design is not None:
         writers |= {"design.json": report.design.save, "profile.csv": report.design.write_profile}
+        choice = report.comparison.choice
+        if choice is not None and choice.design is not None and choice.name not in report.names:
+            writers[_TO_BUILD] = choice.design.save
     writers["report.json"] = lambda path: write_text(path, strict_json(document(report)) + "\n")
     return writers | {
         name: partial(_save_drawn, drawn) for name, drawn in _drawings(report).items()

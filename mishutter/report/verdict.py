@@ -22,16 +22,18 @@ _TELLING = 0.005
 """Least gain that a verdict mentions; dB."""
 
 
-def verdict_lines(rows: Sequence[Row], own: Row | None, snapshot: Row, most: float) -> list[str]:
+def verdict_lines(
+    rows: Sequence[Row], choice: Row, own: Row | None, snapshot: Row, most: float
+) -> list[str]:
     """Sentences on the camera to build, the ceiling, and the cameras beside it.
 
     Args:
         rows: The rows at their own best motions, without a burst.
+        choice: The `row_to_build`.
         own: The best row of the user's shutters and designs; None without any.
         snapshot: The best snapshot.
         most: The ceiling; dB.
     """
-    choice = _to_build(rows, own, snapshot)
     beside = _beside(rows, choice, own)
     at_worst = " at the worst speed" if choice.at_worst else ""
     if choice.name in SNAPSHOTS:
@@ -66,12 +68,17 @@ def _of_pan(rows: Sequence[Row], snapshot: Row) -> list[str]:
     return [f"The pan alone brings {gain:.2f} dB: a snapshot at rest has {at_rest.level:.2f} dB."]
 
 
-def _to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
+def row_to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
     """The row to build: the plainest of all that are about as good as the best.
 
     Rows within `_WORTH_IT` are about as good, and a coded camera must exceed the best snapshot by
     that much. Of rows that are as good and as plain, the best of the user's is preferred; if it
     pays, it is also preferred to a profile on a free path, which asks more of a stage.
+
+    Args:
+        rows: The rows at their own best motions, without a burst.
+        own: The best row of the user's shutters and designs; None without any.
+        snapshot: The best snapshot.
     """
     top = best_row(rows)
     if own is not None and own.lead_over(snapshot) >= _WORTH_IT:

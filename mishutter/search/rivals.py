@@ -93,6 +93,7 @@ class Row:
         speed: Knowledge that the judging decoder has of the speed, as `Scene.decoder_speed`.
         num_frames: Frames of the motion's exposure that are added up; 1 but for a burst.
         at_worst: Whether it is judged at the worst speed, and not by the mean over speeds.
+        design: The design that a search found; None on the same motion, and of a burst.
     """
 
     reading: str
@@ -105,6 +106,7 @@ class Row:
     speed: DecoderSpeed = "unknown"
     num_frames: int = 1
     at_worst: bool = False
+    design: Design | None = None
 
     def __repr__(self) -> str:
         """The name and the level; the table has the rest."""
@@ -477,7 +479,8 @@ def _are_equal(first: PyTree, second: PyTree) -> bool:
 def _row(name: str, design: Design) -> Row:
     shutter, motion = design.shutter, design.motion
     turns = _turns(design.scene)
-    return Row(OWN_BEST_MOTION, name, shutter, motion, design.loss, design.metrics, turns)
+    loss, metrics = design.loss, design.metrics
+    return Row(OWN_BEST_MOTION, name, shutter, motion, loss, metrics, turns, design=design)
 
 
 def _turns(scene: Scene) -> bool:

@@ -14,6 +14,7 @@ from support.photographs import photograph
 
 from mishutter import (
     Comparison,
+    Design,
     HannShutter,
     LinearMotion,
     Picture,
@@ -27,6 +28,7 @@ from mishutter import (
 # Tables of the terminal, whose folder's face is `main` alone; a command would search for minutes.
 from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
+from mishutter.hardware import given_design
 from mishutter.model import write_picture
 from mishutter.report import (
     BackgroundGain,
@@ -38,7 +40,9 @@ from mishutter.report import (
     shown_rows,
     write_report,
 )
-from mishutter.report.document import pictured_rows
+
+# The names of the files alone: to write the pictures takes seconds.
+from mishutter.report.document import _writers, pictured_rows
 from mishutter.report.photographs import Photographs, _middle_rows, shown_speeds
 from mishutter.search import (
     BEST_BURST,
@@ -279,6 +283,25 @@ def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):
     assert told == written
     assert {path.name for path in tmp_path.iterdir()} == kept | set(written)
     assert not stale & set(written)
+
+
+def test_the_camera_to_build_is_saved_where_it_is_not_the_design(report, tmp_path):
+    """A verdict for a rival leaves its design beside that of the search, to be exported."""
+    design, rival = (
+        given_design(SCENE, MOTION, s, "given") for s in (HannShutter(), RectShutter())
+    )
+    rows = {row.name: row for row in report.comparison.rows}
+    for name, names in (("rect", ("optimised",)), ("Hann", ("Hann",))):
+        choice = replace(rows[name], design=rival)
+        comparison = replace(report.comparison, choice=choice)
+        given = replace(report, comparison=comparison, names=names, design=design)
+        saved = [name for name in _writers(given) if name.endswith(".json")]
+        assert saved == ["design.json", *["build.json"] * (name == "rect"), "report.json"]
+    choice = replace(rows["rect"], design=rival)
+    comparison = replace(report.comparison, choice=choice)
+    writers = _writers(replace(report, comparison=comparison, names=("optimised",), design=design))
+    writers["build.json"](tmp_path / "build.json")
+    assert isinstance(Design.load(tmp_path / "build.json").shutter, RectShutter)
 
 
 def test_a_narrow_photograph_is_left_out_with_a_note(report, tmp_path):
