@@ -16,11 +16,10 @@ from mishutter._core import compiled, is_concrete, require
 from mishutter.evaluation.metrics import (
     FOUND_SHARE,
     expected_squared_error,
-    found_share,
+    found_share_of,
     freely_aligned,
     kernel_differences,
     known_speed_squared_error,
-    smear_difference,
     squared_errors_by_speed,
 )
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Automatic, Parts, Plan
@@ -346,8 +345,8 @@ class FoundSpeedLoss(AbstractResponseLoss):
         told = known_speed_squared_error(scene, motion, response, count)
         untold = expected_squared_error(scene, motion, response, count)
         told, untold = _over_contrast(scene, told), _over_contrast(scene, untold)
-        difference = smear_difference(scene, motion.half_exposure, response.efficiency)
-        some, share = told > 0, found_share(difference, self.share).astype(told.dtype)
+        share = found_share_of(scene, motion, response, self.share).astype(told.dtype)
+        some = told > 0
         mixed = jnp.where(some, told, 1.0) ** share * jnp.where(some, untold, 1.0) ** (1 - share)
         return jnp.where(some, mixed, 0.0)
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core import compiled
+from mishutter._core import as_array_like, compiled, namespace_of
 from mishutter.blur import condition_number, safe_sqrt
 from mishutter.evaluation.ensembles import (
     drive_variance,
@@ -52,6 +52,10 @@ LEAST_DIFFERENCE = 29.0
 """Smear, px, up to whose difference no speed is found: a photograph may be as soft by itself."""
 _ENOUGH_DIFFERENCE = 36.0
 """Smear, px, from whose difference on the whole `FOUND_SHARE` of the gain is kept."""
+
+Number = Float[Array | np.ndarray, ""] | float
+"""One number, of NumPy where it is known."""
+Speeds = Float[Array | np.ndarray, "n"]
 
 FILTERS: dict[DecoderSpeed, str] = {
     "unknown": "one filter for all speeds",
@@ -139,31 +143,38 @@ class Metrics(eqx.Module):
         return "\n".join(["Metrics(", *lines, ")"])
 
 
-@compiled
-def smear_difference(
-    scene: Scene, half_exposure: ArrayLike, efficiency: ArrayLike
-) -> Float[Array, ""]:
-    r"""Difference of the smear over the exposure between the fastest and the slowest object; px.
-
-    $2T\,(\eta/t)(\max|s| - \min|s|)$ over the speeds that occur: both signs of one have blurs of
-    one size. The throughput $\eta$ over the transmission $t$ of the scene's device counts only the
-    time that the shutter is open.
+def open_time(scene: Scene, half_exposure: Number, efficiency: Number) -> Number:
+    r"""Time for which an open shutter would let as much light through, $2T\eta/t$; s, scalar.
 
     Args:
-        scene: The scene, with its speeds $s$ relative to the sensor.
+        scene: The scene, whose device has the transmission $t$: an open shutter needs none.
         half_exposure: $T$; s.
-        efficiency: $\eta$, behind the device.
+        efficiency: Throughput $\eta$ behind the device.
     """
-    sizes, occurs = jnp.abs(scene.speeds), scene.weights > 0
-    fastest = jnp.max(jnp.where(occurs, sizes, 0.0))
-    slowest = jnp.min(jnp.where(occurs, sizes, jnp.inf))
-    half, open_share = (jnp.asarray(x, sizes.dtype) for x in (half_exposure, efficiency))
-    if scene.device is not None:  # an open shutter needs none
-        open_share = jnp.minimum(open_share / scene.device.transmission.astype(sizes.dtype), 1.0)
-    return 2 * half * open_share * (fastest - slowest)
+    open_share = efficiency
+    if scene.device is not None:
+        transmission = as_array_like(efficiency, scene.device.transmission)
+        open_share = namespace_of(efficiency).minimum(efficiency / transmission, 1.0)
+    return 2 * as_array_like(efficiency, half_exposure) * open_share
 
 
-def found_share(difference: ArrayLike, share: float = FOUND_SHARE) -> Float[Array, ""]:
+def smear_difference(speeds: Speeds, weights: Speeds, open_time: Number) -> Number:
+    r"""Difference of the smear over an exposure between the fastest and the slowest object; px.
+
+    $\max|s| - \min|s|$ over the speeds that occur, as both signs of one have blurs of one size,
+    times the `open_time`: dark ends of an exposure tell no speed.
+
+    Args:
+        speeds: Speeds $s$ relative to the sensor; px/s.
+        weights: Probability of each.
+        open_time: The time; s.
+    """
+    space, sizes, occurs = namespace_of(speeds), abs(speeds), weights > 0
+    slowest = space.min(space.where(occurs, sizes, np.inf))
+    return open_time * (space.max(space.where(occurs, sizes, 0.0)) - slowest)
+
+
+def found_share(difference: Number, share: float = FOUND_SHARE) -> Number:
     r"""Share of the gain by being told the speed that a decoder keeps which finds it, in decibels.
 
     0 up to $d_0$ = 29 px of the `smear_difference` $d$, where the blur differs too little over the
@@ -174,9 +185,8 @@ def found_share(difference: ArrayLike, share: float = FOUND_SHARE) -> Float[Arra
         difference: $d$; px.
         share: The share where the blur differs by enough.
     """
-    difference = jnp.asarray(difference)
     x = (difference - LEAST_DIFFERENCE) / (_ENOUGH_DIFFERENCE - LEAST_DIFFERENCE)
-    x = jnp.clip(x, 0.0, 1.0)
+    x = namespace_of(difference).clip(x, 0.0, 1.0)
     return share * (3 - 2 * x) * x**2
 
 
@@ -291,7 +301,6 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
     by_speed = _errors_by_speed(scene, every, each, power)
     untold = -10 * jnp.log10(_squared_error(every.lost, power))
     told = -10 * jnp.log10(_told_squared_error(scene, each, power))
-    difference = smear_difference(scene, motion.half_exposure, response.efficiency)
     return Metrics(
         condition_number=condition_number(response.still_kernel, num_frequencies=plan.dft_length),
         kernel_difference=raw,
@@ -299,7 +308,7 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
         efficiency=response.efficiency,
         expected_psnr=untold,
         known_speed_psnr=told,
-        found_speed_psnr=found_psnr(untold, told, found_share(difference)),
+        found_speed_psnr=found_psnr(untold, told, found_share_of(scene, motion, response)),
         worst_speed_psnr=-10 * jnp.log10(_worst(scene, by_speed)),
         worst_known_speed_psnr=-10 * jnp.log10(_worst(scene, _squared_error(each.lost, power))),
         bound_share=bound_share(scene, motion, response),
@@ -307,6 +316,14 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
         dft_length=plan.dft_length,
         num_taps=plan.num_taps,
     )
+
+
+def found_share_of(
+    scene: Scene, motion: AbstractMotion, response: Response, share: float = FOUND_SHARE
+) -> Float[Array, ""]:
+    """The `found_share` of a response, of a scene in the frame of the sensor."""
+    time = open_time(scene, motion.half_exposure, response.efficiency)
+    return jnp.asarray(found_share(smear_difference(scene.speeds, scene.weights, time), share))
 
 
 def kernel_differences(

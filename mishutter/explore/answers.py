@@ -19,6 +19,7 @@ from mishutter.evaluation import (
     kernel_phase,
     kernels_at_speeds,
     loss_of_decoder,
+    open_time,
     sensor_view,
     sizes,
     smear_difference,
@@ -233,8 +234,8 @@ def _level(
 
     if scene.decoder_speed == "found":
         view = sensor_view(scene, motion, shutter)
-        efficiency = view.shutter.efficiency()
-        share = found_share(smear_difference(view.scene, view.motion.half_exposure, efficiency))
+        time = open_time(view.scene, view.motion.half_exposure, view.shutter.efficiency())
+        share = found_share(smear_difference(view.scene.speeds, view.scene.weights, time))
         return float(found_psnr(mean(levels.untold.psnr), mean(levels.told.psnr), share))
     return mean(levels.of(scene.decoder_speed).psnr)
 

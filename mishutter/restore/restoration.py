@@ -373,7 +373,7 @@ def _expected_levels(
     """
     share = {
         "unknown": 0.0,
-        "found": float(found_share(model.smear_difference)),
+        "found": float(found_share(np.asarray(model.smear_difference))),
         "told": 1.0,
     }[decoder_speed]
     untold = np.append(squared_error_of(model, rows, speeds), expected_squared_error(model))

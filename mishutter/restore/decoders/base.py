@@ -27,6 +27,7 @@ from mishutter.evaluation import (
     background_of,
     moments_on_dft,
     needed_speeds,
+    open_time,
     picture_power,
     sensor_view,
     smear_difference,
@@ -64,7 +65,7 @@ class BlurModel(eqx.Module):
             variance.
         mean_level: Mean of the picture.
         optics: The lens.
-        smear_difference: Difference of the smear between the fastest and the slowest object; px.
+        open_time: Time for which an open shutter would let as much light through; s.
         layers: The scene, seen from the motion, where objects hide part of a background; None
             where the picture moves as a whole.
     """
@@ -80,8 +81,13 @@ class BlurModel(eqx.Module):
     power: Float[np.ndarray, "m"]
     mean_level: float = eqx.field(static=True)
     optics: Optics = eqx.field(static=True)
-    smear_difference: float = eqx.field(static=True)
+    open_time: float = eqx.field(static=True)
     layers: Scene | None = None
+
+    @property
+    def smear_difference(self) -> float:
+        """Difference of the smear between the fastest and the slowest object; px."""
+        return float(smear_difference(self.speeds, self.weights, np.asarray(self.open_time)))
 
     @property
     def noise(self) -> float:
@@ -277,6 +283,6 @@ def _known_blur(
         power=np.asarray(power, np.float64),
         mean_level=float(scene.mean_level),
         optics=scene.optics,
-        smear_difference=float(smear_difference(scene, motion.half_exposure, efficiency)),
+        open_time=float(open_time(scene, motion.half_exposure, np.asarray(efficiency))),
         layers=layers,
     )
