@@ -42,6 +42,7 @@ from mishutter.evaluation.metrics import SpectralLevels as SpectralLevels
 from mishutter.evaluation.metrics import evaluate as evaluate
 from mishutter.evaluation.metrics import found_psnr as found_psnr
 from mishutter.evaluation.metrics import found_share as found_share
+from mishutter.evaluation.metrics import found_share_of as found_share_of
 from mishutter.evaluation.metrics import open_time as open_time
 from mishutter.evaluation.metrics import smear_difference as smear_difference
 from mishutter.evaluation.metrics import spectral_levels as spectral_levels

@@ -345,7 +345,7 @@ class FoundSpeedLoss(AbstractResponseLoss):
         told = known_speed_squared_error(scene, motion, response, count)
         untold = expected_squared_error(scene, motion, response, count)
         told, untold = _over_contrast(scene, told), _over_contrast(scene, untold)
-        share = found_share_of(scene, motion, response, self.share).astype(told.dtype)
+        share = found_share_of(scene, motion, response.efficiency, self.share).astype(told.dtype)
         some = told > 0
         mixed = jnp.where(some, told, 1.0) ** share * jnp.where(some, untold, 1.0) ** (1 - share)
         return jnp.where(some, mixed, 0.0)

@@ -308,7 +308,9 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
         efficiency=response.efficiency,
         expected_psnr=untold,
         known_speed_psnr=told,
-        found_speed_psnr=found_psnr(untold, told, found_share_of(scene, motion, response)),
+        found_speed_psnr=found_psnr(
+            untold, told, found_share_of(scene, motion, response.efficiency)
+        ),
         worst_speed_psnr=-10 * jnp.log10(_worst(scene, by_speed)),
         worst_known_speed_psnr=-10 * jnp.log10(_worst(scene, _squared_error(each.lost, power))),
         bound_share=bound_share(scene, motion, response),
@@ -319,10 +321,10 @@ def measured(scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
 
 
 def found_share_of(
-    scene: Scene, motion: AbstractMotion, response: Response, share: float = FOUND_SHARE
+    scene: Scene, motion: AbstractMotion, efficiency: Number, share: float = FOUND_SHARE
 ) -> Float[Array, ""]:
-    """The `found_share` of a response, of a scene in the frame of the sensor."""
-    time = open_time(scene, motion.half_exposure, response.efficiency)
+    """The `found_share` of a throughput, of a scene in the frame of the sensor."""
+    time = open_time(scene, motion.half_exposure, efficiency)
     return jnp.asarray(found_share(smear_difference(scene.speeds, scene.weights, time), share))
 
 

@@ -15,14 +15,12 @@ from mishutter.evaluation import (
     coarser,
     evaluate,
     found_psnr,
-    found_share,
+    found_share_of,
     kernel_phase,
     kernels_at_speeds,
     loss_of_decoder,
-    open_time,
     sensor_view,
     sizes,
-    smear_difference,
     spectral_levels,
 )
 from mishutter.hardware import Design
@@ -234,8 +232,7 @@ def _level(
 
     if scene.decoder_speed == "found":
         view = sensor_view(scene, motion, shutter)
-        time = open_time(view.scene, view.motion.half_exposure, view.shutter.efficiency())
-        share = found_share(smear_difference(view.scene.speeds, view.scene.weights, time))
+        share = found_share_of(view.scene, view.motion, view.shutter.efficiency())
         return float(found_psnr(mean(levels.untold.psnr), mean(levels.told.psnr), share))
     return mean(levels.of(scene.decoder_speed).psnr)
 
