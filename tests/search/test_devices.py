@@ -150,14 +150,14 @@ def test_a_sweep_over_scenes_of_different_devices():
 
 @pytest.mark.slow
 def test_a_shutter_that_loses_light_is_not_built():
-    """The verdict names what is as good with less, the notes what device and burst do."""
+    """The verdict names the camera without one, the notes what device and burst do."""
     scene = _scene(
         device=IdealShutter(transmission=0.3),
         burst=Burst(frames_per_s=200, max_frames=4),
         limits=PARABOLAS,
     )
     found = compare(scene, optimise(scene, MOTION, num_starts=4))
-    assert found.verdict.startswith("Do not build")
+    assert found.verdict.startswith("Build rect")
     assert 2 <= len(found.verdict.splitlines()) <= 4
     light, frames = found.notes
     assert light == "The shutter passes 30.0% of the light when open, 0.00% when closed."
