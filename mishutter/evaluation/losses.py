@@ -13,10 +13,9 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled, is_concrete, require
+from mishutter.evaluation.found_speed import FOUND_SHARE, found_share_of
 from mishutter.evaluation.metrics import (
-    FOUND_SHARE,
     expected_squared_error,
-    found_share_of,
     freely_aligned,
     kernel_differences,
     known_speed_squared_error,
