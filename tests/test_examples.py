@@ -6,7 +6,6 @@ import pytest
 
 import mishutter
 
-SLOW = {"optimise"}
 NAMES = (
     *("optimise", "plan"),
     *("Scene", "blur_kernel", "transfer_function", "evaluate", "ceiling", "sweep"),
@@ -14,10 +13,8 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in NAMES],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
 def test_an_example_prints_what_it_shows(name):
     """Typed line by line into a fresh Python, by numbers that both precisions have."""
     found = getattr(mishutter, name)

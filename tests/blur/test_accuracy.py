@@ -10,7 +10,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from support.cases import EVERY_SHUTTER, QUICK, SHUTTERS
+from support.cases import SHUTTERS
 from support.helpers import (
     ARGUMENTS,
     DERIVATIVE_OF_LARGEST,
@@ -139,7 +139,10 @@ def check(point, arguments=ARGUMENTS):
         assert derivative_error(column, point, argument, max(exact)) <= 1, (argument, point)
 
 
-@pytest.mark.parametrize("slug", QUICK)
+@pytest.mark.parametrize(
+    "slug",
+    ["hann", *(pytest.param(slug, marks=pytest.mark.slow) for slug in ("flutter", "spline"))],
+)
 def test_taps_and_derivatives(slug):
     """Taps and their derivatives by every argument, at 20 points of each kind of shutter."""
     rng = np.random.default_rng(11)
@@ -159,8 +162,9 @@ def test_points_that_missed_once(name):
     check(Point(slug, stroke, a, T, s, np.array(taps.split(), dtype), frame))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
-@pytest.mark.parametrize("slug", EVERY_SHUTTER)
+@pytest.mark.parametrize("slug", SHUTTERS)
 def test_objects_at_rest(slug, precision):
     """All light on the tap that holds position 0, with no derivative but the shutter's."""
     dtype, T = DTYPES[precision], DTYPES[precision](0.0173)

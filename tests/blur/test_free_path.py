@@ -122,6 +122,7 @@ def test_equal_accelerations_are_a_parabola(shutter):
         np.testing.assert_allclose(*responses, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_an_object_at_rest_on_the_sensor_for_a_while():
     """All the light of a piece over which the sensor keeps pace falls on one tap, the lowest."""
     motion = FreeMotion(accelerations=[5.0, 0.0, 9.0], half_exposure=1.0, durations=[1.0, 2.0, 1.0])

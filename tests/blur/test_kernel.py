@@ -168,6 +168,7 @@ def test_forward_and_reverse_mode_agree():
         np.testing.assert_allclose(f, r, atol=1e-12 * np.max(np.abs(f)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [-0.3, 1200.4, 2.9e7])
 def test_forward_and_reverse_mode_agree_by_phase(phase):
     """To 1e-12, also where taps are so narrow that their edges' derivatives all but cancel."""

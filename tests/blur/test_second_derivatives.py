@@ -228,6 +228,7 @@ def test_a_free_path_has_second_derivatives_by_the_shutter():
     np.testing.assert_allclose(jax.grad(slope)(0.43), differences, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("inner", "outer"), [(0, 0), (0, 1), (1, 0)])
 def test_a_second_derivative_by_a_free_path_is_refused(inner, outer):
     """By name, in place of a number that would lack terms."""

@@ -30,6 +30,7 @@ MOTION = ParabolicMotion(acceleration=310.0, half_exposure=0.31)
 FREQUENCY = np.array([0.0, 0.013, -0.21, 0.47, 3.1, 77.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", ["gaussian", "chips", "spline-symmetric"])
 def test_zero_frequency_is_the_efficiency(slug):
     """And opposite frequencies are conjugate."""
@@ -104,6 +105,7 @@ def test_lists_are_arrays():
     assert jnp.array_equal(found, transfer_function(HannShutter(), MOTION, **given))
 
 
+@pytest.mark.slow
 def test_still_and_closed_cameras():
     """No motion: the efficiency at every frequency. Nothing open: zero."""
     still = StillCamera(half_exposure=0.02)

@@ -86,6 +86,7 @@ def test_positions_past_all_numbers_stay_on_the_grid():
     np.testing.assert_allclose(sum_of_waves(position, light, 64, 64), alone, rtol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("numpy", [True, False])
 @pytest.mark.parametrize(("known", "factor"), [(256, 2), (256, 12), (7, 3), (1, 16)])
 def test_finer_steps_hold_each_step_s_power(known, factor, numpy):

@@ -60,6 +60,7 @@ def test_read_noise_is_paid_by_each_frame():
     assert float(many.scene.photon_rate) == pytest.approx(2e4 * many.num_frames)
 
 
+@pytest.mark.slow
 def test_no_frame_fills_a_pixel():
     """Of 60 electrons, half of what the best frame would take."""
     burst = best_burst(_scene(full_well=60.0))

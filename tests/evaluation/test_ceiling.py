@@ -159,6 +159,7 @@ def test_no_random_design_exceeds_the_ceiling(name):
         assert _held(scene, evaluate(scene, motion, shutter, plan=PLAN), highest), motion
 
 
+@pytest.mark.slow
 def test_the_plan_of_an_evaluation_makes_no_difference():
     """On the grids that `evaluate` chooses by itself the bound holds too."""
     scene = SCENES["mostly one"]

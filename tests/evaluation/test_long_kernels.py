@@ -50,6 +50,7 @@ def test_many_random_scenes():
     assert worst < PSNR_ERROR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("further", [0.0, 512.0, 1024.0, 4096.0])
 def test_objects_that_one_period_lies_between(further):
     """Two kernels that far apart once looked alike at 256 frequencies."""

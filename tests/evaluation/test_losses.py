@@ -68,6 +68,7 @@ def test_every_loss_is_among_them():
 PROFILE = np.array([0.1, 0.55, 0.8, 1.0, 0.9, 0.35])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stroke", [3.0, 45.0, 130.0])
 @pytest.mark.parametrize("shutter", [RectShutter(), TukeyShutter(0.4)], ids=["rect", "tukey"])
 def test_smoothed_condition_number_keeps_its_bound(stroke, shutter):
@@ -542,6 +543,7 @@ def test_a_loss_has_one_value(seed):
         assert value == pytest.approx(design.loss, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("num_taps", [100, 1024, 1025, 3000])
 def test_a_long_kernel_is_folded_onto_its_transform(num_taps):
     """Which has every sample of the spectrum that a longer one has there."""

@@ -325,6 +325,7 @@ def test_published_condition_number_of_the_flutter_shutter():
     assert abs(float(condition_number(kernel, num_frequencies=256)) - 19.57) < 0.01
 
 
+@pytest.mark.slow
 def test_no_design_exceeds_the_wedge_bound_everywhere():
     """The worst case over speeds in [-S, S] stays below the bound."""
     scene = Scene.uniform(max_speed=2000.0, num_speeds=9, photon_rate=1e5, read_noise=5.0)
@@ -360,6 +361,7 @@ def test_the_vertex_alignment_changes_no_power():
     assert np.max(np.abs(np.abs(response.spectra) - np.abs(public))) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("taper", [0.004, 0.11, 0.7])
 def test_the_grid_resolves_a_long_flat_top(taper):
     """However the exposure is cut, a fast object's response is right at every frequency."""

@@ -77,6 +77,7 @@ def test_a_plan_keeps_each_speed_once():
     assert sampled_view(scene, motion, HannShutter(), SMALL, ONLY_SPECTRA).plan is SMALL
 
 
+@pytest.mark.slow
 def test_a_traced_motion_that_exceeds_its_sizes_is_refused():
     """The sizes of a motion that is traced follow from the limits; beyond them it is an error."""
 

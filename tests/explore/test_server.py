@@ -233,6 +233,7 @@ def test_a_copy_of_a_tab_has_a_state_of_its_own(started):
     assert reloaded == ["shared", "left"]
 
 
+@pytest.mark.slow
 def test_sessions_that_are_kept_are_bounded(started):
     """The oldest is forgotten, and a tab that comes for it begins anew."""
 

@@ -138,6 +138,7 @@ def test_numbers_of_the_page_are_of_the_scene_with_its_background():
     assert level < float(evaluate(whole, motion, HannShutter()).expected_psnr) - 0.05
 
 
+@pytest.mark.slow
 def test_curves_and_numbers_are_of_the_decoder_of_the_scene():
     """Its level is drawn at once as `evaluate` measures it, and its worst speed is in the table."""
     motion = ParabolicMotion(acceleration=1.3e5, half_exposure=0.011)

@@ -224,6 +224,7 @@ def test_the_table_is_in_the_units_that_it_names():
     np.testing.assert_allclose(document["sensor_velocity_px_per_s"], velocity)
 
 
+@pytest.mark.slow
 def test_the_sensor_of_a_table_pans():
     """It is at v t + a t^2 px, with v + 2 a t px/s; one of no acceleration at v t."""
     half = float(MOTION.half_exposure)

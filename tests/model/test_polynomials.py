@@ -94,6 +94,7 @@ class Ramps(AbstractPiecewiseShutter):
         return TriangleShutter().piece_mean(piece, from_left, distance, width)
 
 
+@pytest.mark.slow
 def test_a_piecewise_shutter_of_ones_own_has_the_form_too():
     """Its metrics are those of the window that it copies."""
     assert isinstance(in_one_form(Ramps(), np.dtype(float)), PolynomialShutter)

@@ -46,6 +46,7 @@ def _stepped(stage, path, sent, num_steps=600):
     return np.array(times), np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", STAGES.values(), ids=STAGES)
 @pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
 def test_what_a_stage_makes_of_a_path_solves_its_equation(stage, path):

@@ -75,6 +75,7 @@ def report():
     return Report(SCENE, Comparison(tuple(rows), "A verdict.", 0.1, 31.0), ())
 
 
+@pytest.mark.slow
 def test_a_condition_says_of_which_row_it_is(report, capsys):
     """Where phases differ, the few rows that have another are named."""
     print_comparison(report)

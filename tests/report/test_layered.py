@@ -111,6 +111,7 @@ def test_the_background_is_judged_where_the_object_never_is():
     np.testing.assert_array_equal(covered, np.arange(10 - 4, 10 + 6))
 
 
+@pytest.mark.slow
 def test_the_picture_of_layers_names_speeds_and_levels():
     """Each camera has a column: captured, and restored with its PSNR beside that expected."""
     found = captures(3e8, "Hann", OPEN_SHUTTER)

@@ -51,6 +51,7 @@ def test_the_text_holds_both_levels_and_the_costs(comparison):
     assert document["rows"][0]["metrics"]["toleranced_psnr"] == row.level
 
 
+@pytest.mark.slow
 def test_the_terminal_shows_the_table(comparison, capsys):
     """The costs are a table of their own, and each row has its level within tolerances."""
     print_comparison(Report(_within(), comparison, ("own",)))

@@ -105,6 +105,7 @@ def test_captured_and_restored_in_portions(kind):
         np.testing.assert_array_equal(one, exchanged(other))
 
 
+@pytest.mark.slow
 def test_a_photograph_at_every_speed():
     """Levels are the same, pictures turned; one that is too short is told so by its rows."""
     wide = example_picture().light[100:120, 100:500]

@@ -181,6 +181,7 @@ def test_banded_product_is_the_periodic_convolution(num_taps):
         np.testing.assert_allclose(found(jnp.asarray(rows)), wanted, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("num_taps", [51, 41])
 def test_richardson_lucy_is_that_of_scikit_image(num_taps):
     """Thirty iterations agree with scikit-image's to 1e-4 at its border rule and start."""

@@ -35,6 +35,7 @@ def test_of_its_own_scene_it_is_the_expected_error(name):
     assert decibels(own) == pytest.approx(float(expected), abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", ["still", "moving"])
 def test_a_filter_is_best_in_its_own_world(world):
     """The filter of pictures that move as a whole leaves more of layers than theirs does."""

@@ -99,6 +99,7 @@ def test_no_design_fills_a_pixel(full_well, name):
         assert found.loss == pytest.approx(unlimited.loss, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_held_motion_that_fills_pixels_is_said():
     """In the outcome, as one outside other limits is."""
     scene = _scene(full_well=500.0)

@@ -93,6 +93,7 @@ def test_every_path_is_within_the_limits(case):
         np.testing.assert_allclose(slopes[:, index], difference, atol=1e-6 * scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", SPACES.values(), ids=SPACES)
 def test_the_box_holds_what_it_gives(case):
     """A design's own place in the box is the place that it came from, path and all."""

@@ -133,6 +133,7 @@ def test_mistakes(slug, swept):
     assert message in str(caught.value)
 
 
+@pytest.mark.slow
 def test_nothing_within_limits(swept):
     """There is no best point then, the front is empty, and gains are unknown."""
     none = swept.where(False)
@@ -217,6 +218,7 @@ def test_a_snapshot_that_pans_at_one_of_two_speeds():
     assert gain > 0.1
 
 
+@pytest.mark.slow
 def test_gain_over_the_best_snapshot(swept):
     """At each point it is the PSNR less one number, named for a picture."""
     gain = gain_over_snapshot(swept, SCENE)
