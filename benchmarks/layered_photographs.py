@@ -23,7 +23,7 @@ import mishutter as ms
 from benchmarks import harness
 from benchmarks.occlusion import CAMERAS, SPEEDS, decibels, pairs_of
 from benchmarks.photographs import PHOTOGRAPHS, in_steps
-from mishutter.model.images import shipped_picture
+from mishutter.pictures.images import shipped_picture
 
 NUM_ROWS, COLUMNS = 256, 512
 PERIOD = 2 * COLUMNS

@@ -16,7 +16,7 @@ import mishutter as ms
 from benchmarks import harness
 from benchmarks.scenes import scenes
 from mishutter.model import steady
-from mishutter.model.images import shipped_picture
+from mishutter.pictures.images import shipped_picture
 
 PHOTOGRAPHS = {
     "astronaut.png": 100,

@@ -13,7 +13,7 @@ import mishutter as ms
 from benchmarks import harness
 from benchmarks.photographs import PHOTOGRAPHS
 from benchmarks.scenes import scenes
-from mishutter.model.images import shipped_picture
+from mishutter.pictures.images import shipped_picture
 from mishutter.restore.decoders.base import BlurModel
 
 SCENES = {"built-in": 0, "night": 1, "daylight": 2, "slow": 4}

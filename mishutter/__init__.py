@@ -62,7 +62,6 @@ if TYPE_CHECKING:
     from mishutter.model import LinearMotion as LinearMotion
     from mishutter.model import Occlusion as Occlusion
     from mishutter.model import ParabolicMotion as ParabolicMotion
-    from mishutter.model import Picture as Picture
     from mishutter.model import RectShutter as RectShutter
     from mishutter.model import Scene as Scene
     from mishutter.model import SecondOrderStage as SecondOrderStage
@@ -74,14 +73,15 @@ if TYPE_CHECKING:
     from mishutter.model import TriangleShutter as TriangleShutter
     from mishutter.model import TukeyShutter as TukeyShutter
     from mishutter.model import baselines as baselines
-    from mishutter.model import example_picture as example_picture
     from mishutter.model import example_scene as example_scene
-    from mishutter.model import read_picture as read_picture
     from mishutter.model import read_scene as read_scene
     from mishutter.model import register_shutter as register_shutter
-    from mishutter.model import row_power_spectrum as row_power_spectrum
     from mishutter.model import stage_path as stage_path
-    from mishutter.model import write_picture as write_picture
+    from mishutter.pictures import Picture as Picture
+    from mishutter.pictures import example_picture as example_picture
+    from mishutter.pictures import read_picture as read_picture
+    from mishutter.pictures import row_power_spectrum as row_power_spectrum
+    from mishutter.pictures import write_picture as write_picture
     from mishutter.report import Comparison as Comparison
     from mishutter.report import compare as compare
     from mishutter.restore import AbstractDecoder as AbstractDecoder
@@ -138,6 +138,7 @@ else:
 __version__ = "0.1.0"
 
 _FOLDERS = (
+    "pictures",
     "model",
     "blur",
     "evaluation",

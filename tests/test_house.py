@@ -22,6 +22,7 @@ FLOORS = [
     {"evaluation"},
     {"blur"},
     {"model"},
+    {"pictures"},
     {"_core"},
 ]
 """Folders from the top floor down; a folder imports only those on lower floors."""

@@ -44,6 +44,7 @@ UNITS = {
 }
 """What the end of a key says of its unit."""
 _FOLDERS = {
+    "pictures": "Pictures",
     "model": "Scenes, shutters and motions",
     "blur": "Kernels and transfer functions",
     "evaluation": "Metrics, losses and ceilings",

@@ -54,14 +54,12 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Optics,
-    Picture,
     Scene,
     lens_response,
-    pixels_along,
     require_scene,
-    turned,
     white_electrons,
 )
+from mishutter.pictures import Picture, pixels_along, turned
 
 MAX_REACH = 1 << 13
 """Furthest that light of a capture may be displaced; px."""

@@ -22,18 +22,15 @@ from mishutter._core import (
 )
 from mishutter.blur import waves_on_dft
 from mishutter.camera.rows import PAD_MODES, continued, period_of
-from mishutter.model import (
+from mishutter.model import AbstractMotion, AbstractShutter, Optics, piecewise
+from mishutter.pictures import (
     PICTURE_SUFFIXES,
-    AbstractMotion,
-    AbstractShutter,
     Decoded,
-    Optics,
     Picture,
     PictureWarning,
     checked_white,
     examined,
     light_of,
-    piecewise,
     turned,
 )
 

@@ -23,7 +23,8 @@ from mishutter._core import (
     validated,
 )
 from mishutter.camera.rows import PAD_MODES
-from mishutter.model import Picture, Speed, White, read_opacity, read_picture
+from mishutter.model import Speed, White
+from mishutter.pictures import Picture, read_opacity, read_picture
 
 _FARTHEST = 10**9
 """Columns or rows that a layer's corner may lie from the sensor's."""

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mishutter.camera import Frames, Layers
-    from mishutter.model import Picture, Scene
+    from mishutter.model import Scene
+    from mishutter.pictures import Picture
     from mishutter.restore import AbstractDecoder, SpeedEstimate
 
 _NUM_TICKS = 100
@@ -192,7 +193,8 @@ def simulate(
     start_jax()
     import jax
 
-    from mishutter.model import Picture, named_shutter, read_speed, write_picture
+    from mishutter.model import named_shutter, read_speed
+    from mishutter.pictures import Picture, write_picture
     from mishutter.report import motion_text, plot_capture, save_figure, shown_name
     from mishutter.restore import capture_and_restore
 
@@ -319,7 +321,8 @@ def _subject(
     path: Path | None, scene: "Scene", white: float | None, linear: bool
 ) -> "Picture | Layers | Frames":
     from mishutter.camera import VIDEO_SUFFIXES, is_layers_file, read_frames, read_layers
-    from mishutter.model import read_picture, scene_picture
+    from mishutter.model import scene_picture
+    from mishutter.pictures import read_picture
 
     if path is None or is_layers_file(path):
         subject = "the scene's photograph" if path is None else "a layered scene"
@@ -383,7 +386,7 @@ def _estimate_document(estimate: "SpeedEstimate") -> dict[str, object]:
 
 def _quality(photographed: "Picture | Layers | Frames", restored: "np.ndarray") -> dict[str, float]:
     """PSNR of a restored photograph; empty for layers and footage, which have no single truth."""
-    from mishutter.model import Picture
+    from mishutter.pictures import Picture
     from mishutter.restore import psnr
 
     if not isinstance(photographed, Picture):

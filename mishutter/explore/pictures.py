@@ -15,13 +15,12 @@ from jaxtyping import Float
 
 from mishutter._core import require
 from mishutter.camera import kernel_layout
-from mishutter.model import (
+from mishutter.model import Scene, picture_arguments
+from mishutter.pictures import (
     PICTURE_FORMATS,
     PICTURE_SUFFIXES,
     Axis,
     Picture,
-    Scene,
-    picture_arguments,
     pixels_along,
     read_picture,
     to_display,

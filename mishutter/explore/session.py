@@ -29,16 +29,14 @@ from mishutter.explore.pictures import Reader, reader, restored, uploaded
 from mishutter.hardware import Design
 from mishutter.model import (
     EXAMPLE_PICTURE,
-    Axis,
     ChippedShutter,
     Scene,
     SceneFile,
     Speed,
-    example_picture,
     example_scene_text,
-    read_picture,
     scene_of_tables,
 )
+from mishutter.pictures import Axis, example_picture, read_picture
 from mishutter.search import optimise
 
 if TYPE_CHECKING:

@@ -26,7 +26,6 @@ from mishutter._core import (
     shown,
 )
 from mishutter.model.devices import AbstractDevice
-from mishutter.model.images import Axis, checked_white
 from mishutter.model.limits import Limits
 from mishutter.model.motion import (
     AbstractMotion,
@@ -38,6 +37,7 @@ from mishutter.model.optics import WIDEST_BLUR, Optics, frequencies, on_steps
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.shutters import AbstractShutter
 from mishutter.model.tolerances import Tolerances
+from mishutter.pictures import Axis, checked_white
 
 DEFAULT_MEAN = 0.25
 DEFAULT_DEVIATION = 0.2

@@ -30,13 +30,6 @@ from mishutter.model.devices import (
     SwitchedShutter,
     device_of,
 )
-from mishutter.model.images import (
-    Axis,
-    Picture,
-    example_picture,
-    read_picture,
-    row_power_spectrum,
-)
 from mishutter.model.limits import Demand, Limits
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.occlusion import Occlusion
@@ -71,6 +64,13 @@ from mishutter.model.scene_units import (
 )
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.tolerances import Tolerances
+from mishutter.pictures import (
+    Axis,
+    Picture,
+    example_picture,
+    read_picture,
+    row_power_spectrum,
+)
 
 _Kind = TypeVar("_Kind")
 Photographs = Callable[[str, float | None, bool, Axis], Mapping[str, Any]]

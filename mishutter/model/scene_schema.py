@@ -5,10 +5,10 @@ from typing import Annotated, Literal, final
 from pydantic import Field
 
 from mishutter._core import Section
-from mishutter.model.images import Axis
 from mishutter.model.occlusion import Background
 from mishutter.model.optics import WIDEST_BLUR
 from mishutter.model.scene import DecoderSpeed
+from mishutter.pictures import Axis
 
 Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
 ListOfSpeeds = Annotated[list[Speed], Field(min_length=1, max_length=1000)]

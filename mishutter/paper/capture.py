@@ -6,15 +6,9 @@
 import jax
 import numpy as np
 
-from mishutter.model import (
-    AbstractShutter,
-    ParabolicMotion,
-    Picture,
-    Scene,
-    row_power_spectrum,
-    shipped_picture,
-)
+from mishutter.model import AbstractShutter, ParabolicMotion, Scene
 from mishutter.paper.numbers import PlainNumbers
+from mishutter.pictures import Picture, row_power_spectrum, shipped_picture
 from mishutter.restore import (
     AbstractDecoder,
     RestoredPhotograph,

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mishutter.model import to_display
 from mishutter.paper.numbers import KernelNumbers, SpectrumNumbers, SpeedNumbers
+from mishutter.pictures import to_display
 from mishutter.restore import RestoredPhotograph
 
 _STYLE = {

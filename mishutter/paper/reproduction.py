@@ -19,7 +19,6 @@ from mishutter.model import (
     GaussianShutter,
     HannShutter,
     Limits,
-    Picture,
     RectShutter,
     Scene,
     SplineShutter,
@@ -55,6 +54,7 @@ from mishutter.paper.numbers import (
     SpeedNumbers,
 )
 from mishutter.paper.page import report_page, statements
+from mishutter.pictures import Picture
 from mishutter.report import save_figure
 from mishutter.restore import RestoredPhotograph, ghost_energy
 from mishutter.search import optimise

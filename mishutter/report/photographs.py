@@ -6,15 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mishutter.camera import kernel_layout
-from mishutter.model import (
-    AbstractMotion,
-    Axis,
-    Picture,
-    Scene,
-    pixels_along,
-    scene_picture,
-    turned,
-)
+from mishutter.model import AbstractMotion, Scene, scene_picture
+from mishutter.pictures import Axis, Picture, pixels_along, turned
 from mishutter.restore import (
     ROWS_TO_FIND,
     AbstractDecoder,

@@ -24,17 +24,8 @@ from mishutter.evaluation import (
     spectral_levels,
 )
 from mishutter.hardware import DriveTable
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    Axis,
-    DecoderSpeed,
-    Picture,
-    Scene,
-    profile_of,
-    to_display,
-    turned,
-)
+from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, profile_of
+from mishutter.pictures import Axis, Picture, to_display, turned
 from mishutter.report.layered import LayeredCapture, LayeredScene
 from mishutter.restore import RestoredPhotograph
 

@@ -15,7 +15,7 @@ from mishutter._core import (
     require_positive_int,
     shape_of,
 )
-from mishutter.model import to_display
+from mishutter.pictures import to_display
 
 _ROWS_AT_ONCE = 128
 

@@ -35,17 +35,8 @@ from mishutter.camera import (
     through_optics,
 )
 from mishutter.evaluation import PLANNED, Automatic, Plan, found_share, sensor_view
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    Axis,
-    DecoderSpeed,
-    Picture,
-    Scene,
-    pixels_along,
-    require_scene,
-    turned,
-)
+from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, require_scene
+from mishutter.pictures import Axis, Picture, pixels_along, turned
 from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
 from mishutter.restore.decoders.linear import expected_squared_error, squared_error_of
 from mishutter.restore.decoders.speed_finding import decoder_of, informed

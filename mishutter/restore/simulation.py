@@ -20,7 +20,8 @@ from mishutter.camera import (
     simulate_capture,
 )
 from mishutter.evaluation import PLANNED, Automatic, Plan
-from mishutter.model import AbstractMotion, AbstractShutter, Picture, Scene, require_scene, turned
+from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
+from mishutter.pictures import Picture, turned
 from mishutter.restore.decoders import (
     AbstractDecoder,
     EnsembleDecoder,

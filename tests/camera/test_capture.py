@@ -17,7 +17,8 @@ from support.time_sampling import captured_footage, captured_layers, captured_pi
 from support.videos import film
 
 import mishutter as ms
-from mishutter.model import noise_power, shipped_picture
+from mishutter.model import noise_power
+from mishutter.pictures import shipped_picture
 
 HALF = 0.011
 MOVING = ms.ParabolicMotion(acceleration=27.0 / HALF**2, half_exposure=HALF)

@@ -38,7 +38,7 @@ from mishutter import RectShutter, cli, example_scene, optimise, read_scene
 # The face is `main` alone, which never waits long enough without a bar to say so.
 from mishutter.cli.console import working
 from mishutter.hardware import Design
-from mishutter.model import write_picture
+from mishutter.pictures import write_picture
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ import mishutter as ms
 from mishutter import cli
 
 # No message tells this limit to a pixel, and a test just below it would decode 150 megapixels.
-from mishutter.model.images import MAX_PIXELS
+from mishutter.pictures.images import MAX_PIXELS
 
 ROWS, COLUMNS = 11, 43
 CODED = np.random.default_rng(9).integers(0, 256, (ROWS, COLUMNS, 4)).astype(np.uint8)

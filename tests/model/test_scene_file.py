@@ -21,15 +21,8 @@ from mishutter import (
     SwitchedShutter,
     Tolerances,
 )
-from mishutter.model import (
-    example_picture,
-    example_scene,
-    read_scene,
-    row_power_spectrum,
-    scene_picture,
-    scene_text,
-    write_picture,
-)
+from mishutter.model import example_scene, read_scene, scene_picture, scene_text
+from mishutter.pictures import example_picture, row_power_spectrum, write_picture
 
 
 def written(folder, text, name="scene.toml"):

@@ -29,7 +29,7 @@ from mishutter import (
 from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
 from mishutter.hardware import given_design
-from mishutter.model import write_picture
+from mishutter.pictures import write_picture
 from mishutter.report import (
     BackgroundGain,
     Report,

@@ -28,7 +28,8 @@ from mishutter import (
     write_picture,
 )
 from mishutter.hardware import TargetPicture, read_measurements
-from mishutter.model import read_scene, scene_text, turned
+from mishutter.model import read_scene, scene_text
+from mishutter.pictures import turned
 from mishutter.report import plot_photograph
 
 GIVEN = {"photon_rate": 1e5, "read_noise": 4.0, "limits": Limits(max_stroke=30.0)}

@@ -57,7 +57,7 @@ def photograph(first=100, last=124):
 
 def portrait():
     """Rows whose ends differ, as those of most photographs do."""
-    from mishutter.model import shipped_picture
+    from mishutter.pictures import shipped_picture
 
     return shipped_picture("astronaut.png").luminance[100:228, :, None].astype(np.float64)
 

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from support.cameras import camera, scene
 
 import mishutter as ms
-from mishutter.model import shipped_picture
+from mishutter.pictures import shipped_picture
 
 # Filters and operators of a decoder, checked against their formulas; it returns only a picture.
 from mishutter.restore.decoders.borders import continuation

@@ -15,7 +15,7 @@ import numpy as np
 
 import mishutter as ms
 from benchmarks.photographs import PHOTOGRAPHS
-from mishutter.model import shipped_picture
+from mishutter.pictures import shipped_picture
 
 # Periodic rows in place of continued ones, for which decoders have no argument.
 from mishutter.restore.decoders.borders import Continuation

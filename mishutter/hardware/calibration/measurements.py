@@ -24,7 +24,7 @@ from mishutter._core import (
 )
 from mishutter.hardware.trace_files import read_trace
 from mishutter.hardware.traces import Trace
-from mishutter.model import Axis, pixels_along, turned
+from mishutter.pictures import Axis, pixels_along, turned
 
 TARGETS = ("point", "edge")
 END = 4

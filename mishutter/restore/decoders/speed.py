@@ -28,15 +28,8 @@ from mishutter._core import (
 )
 from mishutter.camera import as_pixels, distinct_colours, rows_last
 from mishutter.evaluation import LEAST_DIFFERENCE, PLANNED
-from mishutter.model import (
-    LUMINANCE,
-    AbstractMotion,
-    AbstractShutter,
-    Scene,
-    require_scene,
-    require_whole,
-    turned,
-)
+from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene, require_whole
+from mishutter.pictures import LUMINANCE, turned
 from mishutter.restore.decoders.base import BlurModel, blur_model
 
 # In single precision, and typed, which SciPy's own are not.

@@ -23,7 +23,7 @@ from mishutter._core import (
     shape_of,
     write_bytes,
 )
-from mishutter.model.picture_files import MAX_PIXELS, PICTURE_FORMATS, Decoded, decoded, deep_png
+from mishutter.pictures.files import MAX_PIXELS, PICTURE_FORMATS, Decoded, decoded, deep_png
 
 GAMMA = 2.2
 """Exponent of the coding of pictures (the paper's section 4.2)."""

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import mishutter as ms
-from mishutter.model import read_opacity
+from mishutter.pictures import read_opacity
 
 # The formula of the transfer curve and the limit of size, to which pictures are held.
-from mishutter.model.images import GAMMA, MAX_PIXELS
+from mishutter.pictures.images import GAMMA, MAX_PIXELS
 
 ROWS, COLUMNS = 13, 29
 CODED = np.random.default_rng(7).integers(0, 256, (ROWS, COLUMNS, 4)).astype(np.uint8)
