@@ -379,20 +379,28 @@ def _by_motion(loss, scene, shutter, plan):
     return value
 
 
-every_shutter_and_precision = pytest.mark.parametrize(
-    ("shutter", "dtype"),
+_TUKEY = TukeyShutter(0.4)
+_OTHERS = {
+    "rect": (RectShutter(), np.float64),
+    "spline": (SplineShutter(PROFILE), np.float64),
+    "float32": (_TUKEY, np.float32),
+}
+every_loss_and_shutter = pytest.mark.parametrize(
+    ("slug", "shutter", "dtype"),
     [
-        pytest.param(RectShutter(), np.float64, id="rect"),
-        pytest.param(TukeyShutter(0.4), np.float64, id="tukey"),
-        pytest.param(SplineShutter(PROFILE), np.float64, id="spline"),
-        pytest.param(TukeyShutter(0.4), np.float32, id="tukey, float32"),
+        *(pytest.param(slug, _TUKEY, np.float64, id=slug) for slug in LOSSES),
+        *(
+            pytest.param(slug, *others, id=f"{slug}, {name}")
+            for slug in ("design", "expected_error")
+            for name, others in _OTHERS.items()
+        ),
     ],
 )
+"""Every loss by one shutter; one of kernels and one of spectra by the others and in float32."""
 
 
 @pytest.mark.slow
-@every_shutter_and_precision
-@pytest.mark.parametrize("slug", LOSSES)
+@every_loss_and_shutter
 def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, dtype):
     """Aligned at mid-exposure, with the slope by exposure of one that is known to be still."""
     scene = Scene(np.array([-1900.0, 0.0, 700.0], dtype), photon_rate=1e5, read_noise=10.0)
@@ -417,8 +425,7 @@ def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, d
 
 
 @pytest.mark.slow
-@every_shutter_and_precision
-@pytest.mark.parametrize("slug", LOSSES)
+@every_loss_and_shutter
 def test_a_scene_at_rest_does_not_see_a_short_stroke(slug, shutter, dtype):
     """Its loss is one for all strokes from 0 on, with no slope, whoever traces the motion."""
     scene = Scene(np.zeros(2, dtype), photon_rate=1e5, read_noise=10.0)

@@ -125,7 +125,7 @@ def test_a_point_that_did_not_converge_is_marked():
         assert np.isfinite(found.loss.values[:, 0]).tolist() == [True, False]
 
 
-NUM_RANDOM = 8
+NUM_RANDOM = 4
 
 
 @pytest.mark.slow
