@@ -213,7 +213,7 @@ def _tolerance_notes(scene: Scene, rows: Sequence[Row]) -> list[str]:
         return []
     notes = ["No free path is compared: tolerances are those of a parabola."]
     if all(row.within is None for row in rows):
-        notes.append("Levels are without tolerances, which count for one filter in the mean alone.")
+        notes.append("Levels are without tolerances: those need one filter and the mean of speeds.")
     return notes
 
 

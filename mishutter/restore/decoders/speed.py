@@ -502,10 +502,10 @@ def _doubt_of_short(difference: float) -> str:
     )
 
 
-def _doubt_of_two(some: float, every: float) -> str:
-    """The doubt of a picture some of whose rows have a speed of their own; px/s."""
+def _doubt_of_two(second: float, speed: float) -> str:
+    """The doubt of a picture some of whose rows have a second speed; px/s."""
     return (
-        f"Some rows seem to move at {some:,.0f} px/s, where all rows together do at {every:,.0f}."
+        f"Some rows seem to move at {second:,.0f} px/s, where all rows together do at {speed:,.0f}."
     )
 
 
