@@ -15,7 +15,7 @@ from mishutter._core.checks import Unquoted, describe
 Place = tuple[Any, ...]
 """Path to a key: the names of its tables, its own name, and indices of lists."""
 _FEW_KEYS = 10
-"""Keys of a table, at most, that an error about an unknown one lists."""
+"""Most keys of a table that an error about an unknown key lists."""
 
 
 class Section(BaseModel):
@@ -116,7 +116,11 @@ def requirement(problem: Mapping[str, Any]) -> str:
 
 
 def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place], str]) -> str:
-    """An error about an unknown key: with the nearest of its table, the same of another, or all."""
+    """An error about an unknown key, which suggests keys.
+
+    It suggests the nearest key of the same table, or else almost the same key of another table,
+    or else all keys of a small table.
+    """
     *tables, key = place
     names = tuple(part for part in tables if isinstance(part, str))
     places = [p for p in _known_keys(model) if p != names]

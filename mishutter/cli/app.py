@@ -341,7 +341,7 @@ def _compared(
 
 
 def _beside_design(report: "Report", camera: Cameras, middle: float) -> "Report":
-    """Adds what a measured shutter loses against its design, and its best shift."""
+    """Adds the loss of a measured shutter against its design, and its best shift."""
     from mishutter.report import measured_camera
     from mishutter.search import OWN_BEST_MOTION
 
@@ -430,7 +430,7 @@ def _photographed(result: "Report", delivery: Delivery) -> "Report":
 
 
 def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
-    """A callback that moves a bar on by one at each call, and shows the name that it is told."""
+    """A callback that advances a bar by one step, and shows the name that it is called with."""
     count = itertools.count(1)
     return lambda name: update(next(count), name)
 

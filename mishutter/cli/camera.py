@@ -359,7 +359,7 @@ def _decoder(name: DecoderName) -> "AbstractDecoder":
 
 
 def _warn_beyond(scene: "Scene", speed: float) -> None:
-    """Warns of a speed in px/s outside of the scene's: its unit may have been forgotten."""
+    """Warns of a speed in px/s outside the scene's range: its unit may have been forgotten."""
     slowest, fastest = float(scene.speeds.min()), float(scene.speeds.max())
     if not min(slowest, 0) <= speed <= max(fastest, 0):
         note(f"warning: --speed is {speed:g} px/s; the scene's are {slowest:g} to {fastest:g}")

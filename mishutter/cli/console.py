@@ -41,7 +41,7 @@ _PATIENCE = 2.0
 _PAUSE = 10.0
 """Time between two such reports; s."""
 _MANY = 20
-"""Steps from which on they tell how long the rest takes: a few are of unlike lengths."""
+"""Fewest steps whose remaining time is shown: the lengths of a few steps differ too much."""
 
 _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The errors of the command line parser, whichever Click it was built on."""

@@ -40,13 +40,13 @@ _BY_CONTENT = {
     FormatName.NPY: "the half exposure, the scale of positions and the levels' transmittances",
     FormatName.PULSES: "the half exposure",
 }
-"""Numbers that a file of each format lacks, and that its reader asks for."""
+"""Numbers that a file of each format does not hold, and that its reader needs."""
 _LEVELS = {
     "unknown": "expected PSNR / dB",
     "found": "expected PSNR, speed found / dB",
     "told": "expected PSNR, told the speed / dB",
 }
-"""Names of the level that a design's decoder is expected to reach."""
+"""Names of the expected level, by the decoder's knowledge of the speed."""
 _WITHOUT_TIME = (FormatName.COLUMN, FormatName.RIGOL, FormatName.NPY)
 """Formats whose sample rate is set at the generator."""
 
@@ -139,7 +139,7 @@ def export(
 
 
 def _note_what_to_set(table: "DriveTable", form: FormatName) -> None:
-    """Says what no file holds: the rate of the samples, and the level before the exposure."""
+    """Notes the settings that no file holds: the sample rate, and the level before the exposure."""
     if table.is_open:
         note("the shutter is open all the time: it needs no drive")
         return

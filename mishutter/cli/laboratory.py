@@ -161,9 +161,9 @@ class Cameras(NamedTuple):
     """One camera as its files describe it.
 
     Attributes:
-        designs: The camera as designed, as driven and as measured, for each with a file.
+        designs: The camera as designed, as driven and as measured, each only if it has a file.
         trace: The trace of the camera as measured; None without one.
-        profile: The profile that it shows.
+        profile: The profile that the trace shows; None without a trace.
     """
 
     designs: "dict[str, Design]"
@@ -172,7 +172,7 @@ class Cameras(NamedTuple):
 
 
 def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
-    """Says that a scene's device stands in the place of another that a design is for."""
+    """Notes that a scene's device replaces the device that a design was made for."""
     import equinox as eqx
 
     from mishutter.report import device_notes
@@ -185,7 +185,7 @@ def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
 
 
 def cameras(scene: "Scene", files: CameraFiles) -> Cameras:
-    """The camera as designed, as driven and as measured, for each of which there is a file."""
+    """The camera as designed, as driven and as measured, each only if it has a file."""
     from mishutter.evaluation import transmittance
     from mishutter.hardware import GIVEN, Design, given_design
 
@@ -237,7 +237,7 @@ def _require_table(files: CameraFiles) -> None:
 def _measured(
     motion: "AbstractMotion", files: CameraFiles, path: Path
 ) -> "tuple[Trace, MeasuredProfile]":
-    """A trace and the profile that it shows; notes say what is odd."""
+    """A trace and the profile that it shows; every oddity is noted on standard error."""
     from mishutter.hardware import measured_profile, read_trace
 
     trace = read_trace(path, column=files.column)

@@ -1,7 +1,7 @@
-"""The part of the gain by being told the speed that a decoder keeps which finds it in the picture.
+"""Share of the gain from being told the speed that a decoder keeps if it finds the speed itself.
 
-Photographs of many cameras say how large it is (`benchmarks/speed.py`). A speed shows where the
-blur differs over the speeds by more than a photograph may be soft by itself.
+`benchmarks/speed.py` measures the share on photographs, for several cameras. A speed can be found
+only if the blur differs between speeds by more than the softness that a photograph has of its own.
 """
 
 import jax.numpy as jnp
@@ -12,22 +12,23 @@ from mishutter._core import as_array_like, namespace_of
 from mishutter.model import AbstractMotion, Scene
 
 FOUND_SHARE = 0.8
-"""Share of the gain by being told the speed, in decibels, that a decoder keeps which finds it."""
+"""Share of the gain from being told the speed, in decibels, that a speed-finding decoder keeps."""
 LEAST_DIFFERENCE = 29.0
-"""Smear, px, up to whose difference no speed is found: a photograph may be as soft by itself."""
+"""Greatest `smear_difference` at which no speed is found: photographs may be as soft; px."""
 _ENOUGH_DIFFERENCE = 36.0
-"""Smear, px, from whose difference on the whole `FOUND_SHARE` of the gain is kept."""
+"""Least `smear_difference` at which the decoder keeps the whole `FOUND_SHARE`; px."""
 
 Number = Float[Array | np.ndarray, ""] | float
-"""One number, of NumPy where it is known."""
+"""One number; a NumPy scalar where it is concrete."""
 Speeds = Float[Array | np.ndarray, "n"]
 
 
 def open_time(scene: Scene, half_exposure: Number, efficiency: Number) -> Number:
-    r"""Time for which an open shutter would let as much light through, $2T\eta/t$; s, scalar.
+    r"""Time in which an open shutter would pass as much light, $2T\eta/t$; s, scalar.
 
     Args:
-        scene: The scene, whose device has the transmission $t$: an open shutter needs none.
+        scene: The scene. $t$ is the transmission of its device, whose loss an open shutter does
+            not have; 1 without a device.
         half_exposure: $T$; s.
         efficiency: Throughput $\eta$ behind the device.
     """
@@ -41,13 +42,13 @@ def open_time(scene: Scene, half_exposure: Number, efficiency: Number) -> Number
 def smear_difference(speeds: Speeds, weights: Speeds, open_time: Number) -> Number:
     r"""Difference of the smear over an exposure between the fastest and the slowest object; px.
 
-    $\max|s| - \min|s|$ over the speeds that occur, as both signs of one have blurs of one size,
-    times the `open_time`: dark ends of an exposure tell no speed.
+    $\max|s| - \min|s|$ over the speeds that occur, times the `open_time`. The sign does not count,
+    because $s$ and $-s$ smear equally far; nor do dark ends of the exposure, which tell no speed.
 
     Args:
         speeds: Speeds $s$ relative to the sensor; px/s.
-        weights: Probability of each.
-        open_time: The time; s.
+        weights: Probability of each speed.
+        open_time: The `open_time` of the exposure; s.
     """
     space, sizes, occurs = namespace_of(speeds), abs(speeds), weights > 0
     slowest = space.min(space.where(occurs, sizes, np.inf))
@@ -55,15 +56,15 @@ def smear_difference(speeds: Speeds, weights: Speeds, open_time: Number) -> Numb
 
 
 def found_share(difference: Number, share: float = FOUND_SHARE) -> Number:
-    r"""Share of the gain by being told the speed that a decoder keeps which finds it, in decibels.
+    r"""Share of the gain from being told the speed, in decibels, that finding the speed keeps.
 
-    0 up to $d_0$ = 29 px of the `smear_difference` $d$, where the blur differs too little over the
-    speeds to tell one; $(3 - 2x)x^2$ of the whole share, $x = (d - d_0)/(d_1 - d_0)$, to $d_1$ = 36
-    px; and all of it from there on.
+    It depends on the `smear_difference` $d$. Up to $d_0$ = 29 px it is 0, as the blur differs too
+    little between speeds to tell them apart. From there to $d_1$ = 36 px it is $(3 - 2x)x^2$ of
+    the whole share, with $x = (d - d_0)/(d_1 - d_0)$; beyond, it is the whole share.
 
     Args:
         difference: $d$; px.
-        share: The share where the blur differs by enough.
+        share: The whole share.
     """
     x = (difference - LEAST_DIFFERENCE) / (_ENOUGH_DIFFERENCE - LEAST_DIFFERENCE)
     x = namespace_of(difference).clip(x, 0.0, 1.0)
@@ -71,7 +72,7 @@ def found_share(difference: Number, share: float = FOUND_SHARE) -> Number:
 
 
 def found_psnr(untold: ArrayLike, told: ArrayLike, share: ArrayLike) -> Float[Array, ""]:
-    """PSNR expected of a decoder that finds the speed, by those of two others; dB.
+    """PSNR expected of a decoder that finds the speed, from the PSNRs of two others; dB.
 
     Args:
         untold: PSNR of one filter for all speeds; dB.
@@ -86,6 +87,6 @@ def found_psnr(untold: ArrayLike, told: ArrayLike, share: ArrayLike) -> Float[Ar
 def found_share_of(
     scene: Scene, motion: AbstractMotion, efficiency: Number, share: float = FOUND_SHARE
 ) -> Float[Array, ""]:
-    """The `found_share` of a throughput, of a scene in the frame of the sensor."""
+    """The `found_share` of a camera with this throughput; the scene is in the sensor's frame."""
     time = open_time(scene, motion.half_exposure, efficiency)
     return jnp.asarray(found_share(smear_difference(scene.speeds, scene.weights, time), share))

@@ -312,11 +312,11 @@ class FoundSpeedLoss(AbstractResponseLoss):
 
     $E_k^{s/2}E^{(1-s)/2}/\sigma_f$ of the squared errors $E_k$ of a decoder that is told the speed
     (`KnownSpeedLoss`) and $E$ of one filter for all speeds (`ExpectedErrorLoss`): in decibels, a
-    share $s$ of the gain by being told, the `found_share`, which is 0 where the blur differs too
-    little over the speeds to tell one. On photographs an open shutter on a parabola keeps 0.85 of
-    it by total variation and 0.93 by the ensemble filter. A profile that tapers keeps some 0.43, as
-    it hides the speed. One share for all favours profiles that taper beside an open shutter, whose
-    true gain over them is rather larger.
+    share $s$ of the gain from being told the speed. This `found_share` is 0 where the blur differs
+    too little between speeds to tell them apart. On photographs an open shutter on a parabola keeps
+    0.85 of the gain by total variation and 0.93 by the ensemble filter. A profile that tapers hides
+    the speed and keeps some 0.43. As the share is the same for all profiles, it favours those that
+    taper: the true lead of an open shutter over them is rather larger.
 
     Args:
         share: $s$ where the blur differs by enough, from 0 to 1; static.
@@ -392,7 +392,7 @@ def loss_of_decoder(scene: Scene) -> AbstractLoss:
 
 
 def decoder_speed_of(loss_name: str, scene: Scene) -> DecoderSpeed:
-    """Knowledge of the speed of the decoder that a design is for.
+    """The knowledge of the speed that a design's decoder has.
 
     Args:
         loss_name: Representation of the loss that the design minimises.

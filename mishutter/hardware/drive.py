@@ -50,8 +50,8 @@ class DriveTable:
         begin: Beginning of each step, from mid-exposure; s.
         wanted: Mean over each step of the profile that the design sends.
         level: Drive level of each step.
-        transmittance: Transmittance at that level, which is sent: what the scene's device makes of
-            it is `passed_transmittance`.
+        transmittance: Transmittance at that level, as it is sent; the scene's device turns it into
+            `passed_transmittance`.
         num_levels: Number of levels.
     """
 
@@ -95,7 +95,7 @@ class DriveTable:
         return ChippedShutter(self.transmittance)
 
     def passed(self) -> AbstractShutter:
-        """The transmittance that the scene's device makes of the levels; they without one."""
+        """The transmittance behind the scene's device; that of the levels without a device."""
         return transmittance(self.design.scene, self.design.motion, self.shutter())
 
     @property
@@ -106,7 +106,7 @@ class DriveTable:
 
     @property
     def settling_time(self) -> float:
-        """Time before the exposure from which on the shutter must stand at its first level; s."""
+        """Time for which the shutter must stand at its first level before the exposure; s."""
         device = self.design.scene.device
         return 0.0 if device is None else float(device.settling_time)
 

@@ -114,9 +114,9 @@ def within_exposure(
 
 
 def span_of_shifts(trace: Trace, half_exposure: float, middle: float) -> tuple[float, float]:
-    """Shifts of mid-exposure at which a trace covers the exposure; least and greatest, s.
+    """Least and greatest shift of mid-exposure at which a trace still covers the exposure; s.
 
-    They are at most a quarter of the exposure either way, and end at a gap of the trace.
+    Shifts are at most a quarter of the exposure either way, and never cross a gap of the trace.
 
     Args:
         trace: The trace, which covers the exposure at `middle`.

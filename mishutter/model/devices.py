@@ -3,12 +3,12 @@ r"""Devices of shutters: each turns a command into a transmittance.
 A profile $w(\tau)$ is a command. The electronics of a device send it as it is, or the mean of each
 of equal slots of the exposure, which they hold, at one of the levels that the device has. It
 follows at once, or as a first-order system, whose state $x$ approaches the level by a time
-constant of its own where it rises and where it falls. The sensor, or the light, begins and ends
-the exposure: the device may stand at its first level before, and is taken to have settled there,
-as it has after `settling_time`. A shutter that has to begin and end the exposure itself starts
-dark and closes late, which none of these models. A device of transmission $t$ and leakage $\ell$
-shows the state as the transmittance $t\,(\ell + (1 - \ell)\,x(\tau))$. A shutter that stays open
-over the exposure needs no device.
+constant of its own where it rises and where it falls. The sensor or the light source begins and
+ends the exposure. The device may therefore stand at its first level before, and is assumed to have
+settled there, which takes `settling_time`. A shutter that has to begin and end the exposure itself
+starts dark and closes late; no device here models that. A device of transmission $t$ and leakage
+$\ell$ turns the state into the transmittance $t\,(\ell + (1 - \ell)\,x(\tau))$. A shutter that
+stays open over the exposure needs no device.
 """
 
 from abc import abstractmethod
@@ -44,7 +44,7 @@ NUM_SLOTS = 128
 _TEN_TO_NINETY = float(np.log(9.0))
 """Time from 10 to 90 % of a first-order system, in time constants."""
 _TO_SETTLE = float(np.log(1e3))
-"""Time to a thousandth of the way that is left, in time constants."""
+"""Time until a thousandth of a step remains, in time constants."""
 
 
 class AbstractDevice(eqx.Module):
@@ -80,12 +80,12 @@ class AbstractDevice(eqx.Module):
     @property
     @abstractmethod
     def relaxed(self) -> "AbstractDevice":
-        """The same device without levels, whose light can be differentiated by the command."""
+        """The same device without levels; its transmittance has derivatives by the command."""
 
     @property
     @abstractmethod
     def settling_time(self) -> float | Array:
-        """Time before the exposure from which on the first level must be held; s."""
+        """Time for which the first level must be held before the exposure; s."""
 
     @abstractmethod
     def light(
@@ -209,9 +209,9 @@ class FirstOrderShutter(AbstractDevice):
 
     In a slot of level $c$ its state follows $\dot x = (c - x)/\theta$, with $\theta = t/\ln 9$ of
     the rise time $t$ where $c > x$ and of the fall time elsewhere: exactly, by exponentials. At the
-    beginning of the exposure the state is the first level: the device must hold that from
-    `settling_time` before on, of the delay and the time to a thousandth of the way. One that was
-    closed until then starts dark and is another shutter.
+    beginning of the exposure the state is the first level: the device must hold that for
+    `settling_time` before, which is the delay plus the time until a thousandth of a step remains.
+    A device that was closed until then starts dark, and has another transmittance.
 
     A smooth command is sent as the mean of each slot. With 64 slots a design of the built-in scene
     loses less than 0.01 dB by that.

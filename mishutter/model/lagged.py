@@ -27,7 +27,7 @@ class LaggedShutter(AbstractPiecewiseShutter):
     r"""State of a first-order device over an exposure.
 
     Each slot is two pieces, the transient and the rest at its level, of which either may have no
-    length: what is left of the way after 28 time constants, 7e-13, is left out.
+    length: the 7e-13 of a step that remain after 28 time constants are left out.
 
     Args:
         begins: Ends of the slots, ascending from -1 to 1; shape `(n + 1,)`.
@@ -149,7 +149,7 @@ def lagged(
         )
         levels = levels[jnp.clip(sent, 0, count - 1)]
     lengths = jnp.diff(begins.high) + jnp.diff(begins.low)
-    rise, fall = _some(rise), _some(fall)
+    rise, fall = _above_zero(rise), _above_zero(fall)
 
     def step(state: Array, slot: tuple[Array, Array]):
         level, length = slot
@@ -161,7 +161,7 @@ def lagged(
     return LaggedShutter(begins, levels, starts, constants)
 
 
-def _some(constant: Array) -> Array:
-    """A time constant of which there is some, with the derivative of that which is given."""
+def _above_zero(constant: Array) -> Array:
+    """A time constant held above 0, so that times over it are finite; its derivative stays."""
     least = float(np.finfo(np.dtype(constant.dtype)).tiny) ** 0.25
     return constant + jax.lax.stop_gradient(jnp.maximum(constant, least) - constant)

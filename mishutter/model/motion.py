@@ -1021,7 +1021,7 @@ def is_known_zero(value: ArrayLike) -> bool:
 
 
 def as_parabolic(motion: AbstractMotion) -> AbstractMotion:
-    """The same motion as the one kind that holds all but free ones, for programs that serve all."""
+    """The motion as a `ParabolicMotion`, unless it is free: all kinds then share a program."""
     if not isinstance(motion, AbstractSteadyMotion):
         return motion
     return ParabolicMotion(
@@ -1045,7 +1045,7 @@ def _zero_like(value: Array) -> Array:
 
 
 def _as_velocity(velocity: ArrayLike, half_exposure: Array, kind: str) -> Array:
-    """A velocity; the 0 that stands for none takes the precision of the exposure."""
+    """A velocity; a Python 0, which stands for none, takes the precision of the exposure."""
     if isinstance(velocity, float | int) and velocity == 0:
         return _zero_like(half_exposure)
     return as_float(velocity, f"{kind}(velocity=...)")

@@ -461,13 +461,13 @@ class Scene(eqx.Module):
 
 
 def require_scene(scene: object) -> None:
-    """Refuse what is no scene, such as the path of its file."""
+    """Refuse an object that is not a scene, such as the path of a scene's file."""
     requirement = "be a `Scene`, as `Scene.load(path)` reads one from a file"
     require(isinstance(scene, Scene), "scene", requirement, scene)
 
 
 def require_whole(scene: Scene | None, user: str) -> None:
-    """Refuse a scene with a background to what is for pictures that move as a whole."""
+    """Refuse a scene with a background, for a user that needs pictures that move as a whole."""
     whole = scene is None or scene.occlusion is None
     requirement = f"move as a whole for {user}, without an occlusion"
     require(whole, "scene", requirement, Unquoted("objects in front of a background"))

@@ -1,8 +1,8 @@
 r"""Commands as drive electronics send them: one level held over each of equal slots.
 
-A slot holds the mean of the profile over it. Where a device shows few levels, each slot takes the
-level nearest to its mean and to what the slots before it left over (error diffusion, after Floyd
-and Steinberg, 1976): the light is that of the profile in the mean over a few slots.
+A slot holds the mean of the profile over it. Where a device has few levels, each slot takes the
+level nearest to its mean plus the error that the slots before it left (error diffusion, after Floyd
+and Steinberg, 1976): over a few slots the mean transmittance is that of the profile.
 """
 
 import jax

@@ -1,4 +1,4 @@
-"""Pictures: their files, their light, and the spectrum of their rows."""
+"""Pictures: their files, their linear light, and the power spectrum of their rows."""
 
 from mishutter.pictures.files import PICTURE_FORMATS as PICTURE_FORMATS
 from mishutter.pictures.files import PICTURE_SUFFIXES as PICTURE_SUFFIXES

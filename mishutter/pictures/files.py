@@ -1,4 +1,4 @@
-"""Pixels of a picture file at all of its bits, and of a 16-bit PNG."""
+"""Reads the pixels of a picture file at its full depth, and encodes a 16-bit PNG."""
 
 import logging
 import warnings
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 MAX_PIXELS = 150_000_000
 """The reader refuses a larger picture before it decodes it."""
 PICTURE_FORMATS = "PNG, JPEG, TIFF, BMP, WebP, PGM or PPM"
-"""Formats that are read; each of them is tested to be read right, and any other is refused."""
+"""Formats that are read, each of them under test; any other is refused."""
 PICTURE_SUFFIXES = (
     ".png",
     *(".jpg", ".jpeg"),
@@ -25,7 +25,7 @@ PICTURE_SUFFIXES = (
     ".webp",
     *(".pgm", ".ppm"),
 )
-"""Suffixes of such files; the contents of a file say what it is."""
+"""Suffixes of such files; the contents of a file decide its format."""
 _BY_PILLOW = ("PNG", "JPEG", "MPO", "TIFF", "BMP", "WEBP", "PPM")
 """Pillow's names for these formats; a telephone's JPEG with further pictures in it is an MPO."""
 _ORIENTATION = 274
@@ -49,7 +49,7 @@ class Decoded(NamedTuple):
     Attributes:
         colour: Grey, or red, green and blue; shape `(rows, columns, 1 or 3)`.
         alpha: Opacity in `[0, 1]`, if the file holds one; shape `(rows, columns)`.
-        full: Value that is white by what the file says of its depth.
+        full: Value of white at the depth that the file states.
         is_first: Whether it is the first of several pictures in the file.
     """
 
@@ -64,8 +64,8 @@ def decoded(path: Path) -> Decoded:
 
     Raises:
         OSError: if the file cannot be read.
-        Exception: with the reason, if it is not a picture of a kind that is read, damaged or of
-            too many pixels.
+        Exception: with the reason, if the file is no picture of a format that is read, is damaged
+            or has too many pixels.
     """
     with path.open("rb") as file:
         head = file.read(25)
@@ -94,7 +94,7 @@ def deep_png(pixels: UInt16[np.ndarray, "rows columns channels"]) -> bytes:
 
 
 def _decoded_deep_png(path: Path) -> Decoded:
-    """A PNG of 16 bits a channel, of which Pillow would keep 8 in colour."""
+    """A PNG of 16 bits a channel; Pillow would keep only 8 bits of a colour picture."""
     import imagecodecs
     from PIL import Image
 
@@ -107,7 +107,7 @@ def _decoded_deep_png(path: Path) -> Decoded:
 
 
 def _with_alpha_last(pixels: np.ndarray, is_first: bool) -> Decoded:
-    """Grey or colour, with opacity in the last of two or four channels."""
+    """Splits opacity, the last of two or four channels, from grey or colour."""
     pixels = pixels[..., None] if pixels.ndim == 2 else pixels
     full = float(np.iinfo(pixels.dtype).max)
     if pixels.shape[2] not in (2, 4):
@@ -120,9 +120,9 @@ def _share(alpha: np.ndarray, full: float) -> np.ndarray:
 
 
 def _decoded_tiff(path: Path) -> Decoded:
-    """The first of a TIFF's pictures that is none of reduced size and no mask.
+    """The first picture of a TIFF that is neither of reduced size nor a mask.
 
-    Black is 0, and opacity does not multiply the colours, whatever the file holds.
+    In the result black is 0 and colours are not multiplied by opacity, whatever the file holds.
     """
     import tifffile
 
@@ -149,9 +149,9 @@ def _decoded_tiff(path: Path) -> Decoded:
 
 
 def _whole_pages(file: "TiffFile") -> Iterator[tuple[int | None, "TiffPage"]]:
-    """Pictures of full size, and the number of the page that each is; None of one within a page.
+    """Pictures of full size, each after its page number, which is None for one within a page.
 
-    Raw files begin with a small picture, and have the others within its page.
+    Raw files begin with a small picture, whose page holds the others.
     """
     pages: Any = file.pages
     for index, page in enumerate(pages):
@@ -162,12 +162,12 @@ def _whole_pages(file: "TiffFile") -> Iterator[tuple[int | None, "TiffPage"]]:
 
 
 def _has_few_bits(page: "TiffPage", most: int = 7) -> bool:
-    """Whether channels have as few bits as Pillow reads."""
+    """Whether a channel has at most `most` bits; Pillow reads such grey values right."""
     return isinstance(page.bitspersample, int) and page.bitspersample <= most
 
 
 def _direct(page: "TiffPage", orientation: int) -> Decoded:
-    """Values of a page that are grey, or red, green and blue, as they are."""
+    """Values of a page that is grey, or red, green and blue, without Pillow."""
     bits, dtype = page.bitspersample, page.dtype
     if not isinstance(bits, int) or dtype is None or dtype.kind not in "uf" or bits > 64:
         raise ValueError(f"{bits} bits a channel, {'of no kind' if dtype is None else dtype.name}")
@@ -195,7 +195,7 @@ def _direct(page: "TiffPage", orientation: int) -> Decoded:
 
 
 def _divided_by_alpha(colour: np.ndarray, alpha: np.ndarray, full: float) -> np.ndarray:
-    """Colours without the opacity that multiplies them; black where they are clear."""
+    """Colours divided by the opacity that multiplies them; black where the opacity is 0."""
     share = alpha[..., None].astype(np.float64)
     plain = colour * np.divide(1, share, out=np.zeros_like(share), where=share > 0)
     plain = np.rint(plain) if colour.dtype.kind == "u" else plain
@@ -215,7 +215,7 @@ def _require_size(columns: int, rows: int) -> None:
 
 
 def _is_first(file: "Image.Image") -> bool:
-    """Whether a file goes on with pictures of equal standing: not with a telephone's previews."""
+    """Whether a file holds more pictures of equal standing; a telephone's previews are not."""
     return file.format != "MPO" and getattr(file, "n_frames", 1) > 1
 
 
@@ -242,7 +242,7 @@ def _decoded_by_pillow(path: Path, page: int = 0) -> Decoded:
 
 
 def _decoded_map(file: "Image.Image") -> Decoded:
-    """A grey or colour map, whose heading says which value is white."""
+    """A PGM or PPM picture, whose header gives the value of white."""
     how: Any = file.tile[0][3]  # type: ignore[attr-defined]
     white = how[-1] if isinstance(how, tuple) else 65535 if how == "I;16B" else 255
     if file.mode not in ("1", "L", "I", "RGB"):
@@ -250,7 +250,7 @@ def _decoded_map(file: "Image.Image") -> Decoded:
     if file.mode == "RGB" and white > 255:
         raise ValueError("a PPM of more than 8 bits a channel")
     pixels = np.asarray(file.convert("L") if file.mode == "1" else file)
-    # Pillow stretches values to 8 or 16 bits, and rounds them; as whole numbers they come back.
+    # Pillow stretches values to 8 or 16 bits and rounds; scaled back and rounded they are exact.
     stretch = white / (65535 if file.mode == "I" else 255)
     values = np.rint(pixels * stretch).astype(np.uint16 if white > 255 else np.uint8)
     return Decoded(values[..., None] if values.ndim == 2 else values, None, float(white))

@@ -33,15 +33,15 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 _READ = "read_picture(path=...)"
 _WRITE = "write_picture(path=...)"
 _DEPTHS = (8, 10, 12, 14)
-"""Bits that cameras have, and whose values their software writes as they are into 16."""
+"""Depths of cameras, bits, whose software stores values in 16 bits without scaling them."""
 
 
 Axis = Literal["rows", "columns"]
-"""The axis of a picture along which things move: across along its rows, down along its columns."""
+"""Axis of a picture along which things move: along its rows (across) or its columns (up, down)."""
 
 
 class PictureWarning(UserWarning):
-    """A picture may mean something else than it was read as."""
+    """The values of a picture may mean something other than they were read as."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Picture:
     """A picture in linear light.
 
     Attributes:
-        light: Light, white = 1; shape `(rows, columns, channels)`, 1 or 3 channels, float32.
+        light: Linear light, white = 1; shape `(rows, columns, channels)`, 1 or 3 channels, float32.
         matte: Opacity, if the file holds one; shape `(rows, columns)`, in `[0, 1]`.
         name: Its name in an error.
     """
@@ -89,11 +89,13 @@ class Picture:
 
 
 def turned(light: Any, axis: Axis) -> Any:
-    """A picture whose things move along an axis as one whose things move along its rows, or back.
+    """Exchanges rows and columns where things move along columns, so that they move along rows.
+
+    A second call turns the picture back.
 
     Args:
         light: Shape `(rows, columns)`, or `(..., rows, columns, channels)`.
-        axis: Rows and columns are exchanged where it is `"columns"`.
+        axis: The axis of motion; a picture stays as it is if this is `"rows"`.
     """
     if axis == "rows":
         return light
@@ -104,7 +106,7 @@ def turned(light: Any, axis: Axis) -> Any:
 
 
 def pixels_along(axis: Axis) -> str:
-    """The name of a picture's pixels by number along an axis: rows are so many columns long."""
+    """The word that counts pixels along an axis: the length of a row is a number of columns."""
     return "columns" if axis == "rows" else "rows"
 
 
@@ -113,12 +115,12 @@ def _axes_of(irradiance: Any) -> tuple[int, int]:
 
 
 class RowSpectrum(NamedTuple):
-    """The fields of a scene that follow from a picture: `Scene(**spectrum._asdict())` fields.
+    """The fields of a scene that follow from a picture, for `Scene(..., **spectrum._asdict())`.
 
     Attributes:
         power_spectrum: Mean power of the rows in equal steps of (0, 0.5) cycles/px.
         mean_level: Mean of the luminance in linear light.
-        deviation: Its standard deviation.
+        deviation: Standard deviation of the luminance.
     """
 
     power_spectrum: np.ndarray
@@ -134,12 +136,12 @@ def read_picture(
     Whole numbers (up to 16 bits; grey, RGB, alpha, palette, CMYK) are divided by the greatest that
     the file's depth allows, or by `white`, and raised to the power 2.2 unless they are `linear`;
     colour profiles are not applied. Floating-point TIFFs are linear light already. A picture is
-    turned upright as its orientation tag says. Of a file with several pages the first that is not
+    turned upright as its orientation tag says. If a file has several pages, the first that is not
     marked as reduced is read. A band of a TIFF is opacity where the file says so.
 
     Args:
         path: A PNG, JPEG, TIFF, BMP, WebP, PGM or PPM file.
-        white: Value of the file that is white: 4095 for 12 bits, also where they stand in 16.
+        white: Value of white in the file: 4095 for 12 bits, even if they are stored in 16.
         linear: Whether the file's numbers are linear light.
 
     Returns:
@@ -147,8 +149,8 @@ def read_picture(
 
     Raises:
         OSError: if there is no such file, or it cannot be read.
-        ValueError: if it is not a picture of these formats, damaged, larger than 150 megapixels,
-            or holds a value that is not light or is above `white`.
+        ValueError: if the file is no picture of these formats, is damaged, is larger than 150
+            megapixels, or holds a value that is not finite, below 0 or above `white`.
 
     Warns:
         PictureWarning: if all values fit in fewer bits than the file has, or it has more pages.
@@ -162,7 +164,7 @@ def read_picture(
 def examined(
     path: str | Path, white: ArrayLike | None, linear: bool
 ) -> tuple[Picture, tuple[str, ...]]:
-    """A picture as `read_picture` reads it, and what is in doubt, a sentence each."""
+    """A picture as `read_picture` reads it, and a sentence for each doubt about it."""
     path, white = Path(path), checked_white("read_picture(white=...)", white)
     file = _file(path)
     irradiance = light_of(file, path, white, linear)
@@ -190,10 +192,10 @@ def light_of(
 
 
 def checked_white(subject: str, white: ArrayLike | None) -> float | None:
-    """A value of white as a number of Python.
+    """A value of white as a Python float; None stays None.
 
     Raises:
-        ValueError: if it is no finite number above 0.
+        ValueError: if `white` is not a finite number above 0.
     """
     if white is None:
         return None
@@ -207,7 +209,7 @@ def read_opacity(path: str | Path) -> Float[np.ndarray, "rows columns"]:
     """Read a grey picture as opacity: its values as the file holds them, without gamma.
 
     Args:
-        path: A picture as `read_picture` reads; of one in colour the luminance is taken.
+        path: A file that `read_picture` reads; the opacity is the luminance of a colour picture.
 
     Returns:
         Opacity in `[0, 1]`; shape `(rows, columns)`, float32.
@@ -243,7 +245,7 @@ def write_picture(path: str | Path, light: Picture | np.ndarray) -> None:
     the last.
 
     Args:
-        path: Where to; its folder exists.
+        path: File to write; its folder must exist.
         light: A `Picture`, or an array of shape `(rows, columns)` or
             `(rows, columns, channels)`.
 
@@ -282,10 +284,10 @@ def to_display(irradiance: np.ndarray) -> np.ndarray:
 def row_power_spectrum(picture: Picture, num_frequencies: int = 256) -> RowSpectrum:
     r"""Mean power spectrum of a picture's rows, and its mean and deviation.
 
-    The periodogram of each row's luminance in linear light, without the picture's mean
-    and under a Hann window (the jump between a row's ends would otherwise count as
-    contrast), averaged over rows and over each of `num_frequencies` equal steps whose
-    centres are $(m + \tfrac12) / 2M$ cycles/px.
+    The spectrum is the periodogram of each row's luminance in linear light, without the
+    picture's mean and under a Hann window (the jump between a row's ends would otherwise
+    count as contrast), averaged over rows and over each of `num_frequencies` equal steps
+    whose centres are $(m + \tfrac12) / 2M$ cycles/px.
 
     Args:
         picture: The picture.
@@ -317,7 +319,7 @@ def row_power_spectrum(picture: Picture, num_frequencies: int = 256) -> RowSpect
 
 
 def _file(path: Path) -> Decoded:
-    """A picture as `decoded` gives it, or one line that says why not."""
+    """Decodes a picture file; a failure becomes an error of one line with the reason."""
     if not path.exists():
         raise FileNotFoundError(f"`{_READ}` must name a file; got {str(path)!r}, not found.")
     if path.is_dir():
@@ -339,7 +341,7 @@ def _file(path: Path) -> Decoded:
 
 
 def _shares(file: Decoded, path: Path, white: float | None) -> np.ndarray:
-    """Values over that of white; shape `(rows, columns, channels)`, float32."""
+    """Values divided by that of white; shape `(rows, columns, channels)`, float32."""
     colour, full = file.colour, file.full if white is None else float(white)
     if np.issubdtype(colour.dtype, np.floating):
         finite = bool(np.all(np.isfinite(colour)))
@@ -353,7 +355,7 @@ def _shares(file: Decoded, path: Path, white: float | None) -> np.ndarray:
 
 
 def _doubts(file: Decoded, path: Path, white: float | None) -> tuple[str, ...]:
-    """Warnings about a file that may have another meaning than the one it is read with."""
+    """Warnings about a file whose values may mean something other than they are read as."""
     doubts = []
     most = int(file.colour.max()) if file.full == np.iinfo(np.uint16).max else 0
     if white is None and 0 < most < 1 << _DEPTHS[-1]:

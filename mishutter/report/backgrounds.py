@@ -91,7 +91,7 @@ def before_still_background(scene: Scene, still_share: float) -> Scene:
 
 
 def background_line(gains: tuple[BackgroundGain, ...]) -> str:
-    """The sentence that says what is left of a gain before a background; empty of no gains."""
+    """The sentence on the gains that remain before a background; empty without gains."""
     if not gains:
         return ""
     parts = []

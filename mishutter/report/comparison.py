@@ -51,20 +51,21 @@ class Comparison:
 
     Attributes:
         rows: One row for each shutter and reading.
-        verdict: Lines of text: the camera to build for this scene, or to use instead; the level
-            that no camera exceeds; a better camera than that to build, if there is one; and the
-            nearest simpler one.
+        verdict: Lines of text: the camera to build for this scene, or the snapshot to use instead;
+            the level that no camera exceeds; a better camera than the one to build, if there is
+            one; and the nearest simpler camera.
         gain: Gain of the best of the user's designs, or else of the best coded camera, over the
             best snapshot, panned where that is allowed, both within the scene's tolerances; dB,
             negative where the snapshot is better.
-        ceiling: Expected PSNR that no camera exceeds; dB. Speeds in equal steps stand for those
-            between them, unless a design exceeds the ceiling of these by dwelling at the listed.
-        notes: Sentences for the foot of the tables: the light that the shutter loses, and what a
-            burst would reach.
+        ceiling: Expected PSNR that no camera exceeds; dB. Speeds in equal steps stand for all
+            speeds between them, unless a design exceeds that ceiling by dwelling at the listed
+            speeds.
+        notes: Sentences for the foot of the tables: the light that the shutter loses, and the level
+            that a burst would reach.
         costs: Cost of each tolerance to the best design; None for a scene without tolerances, and
             where a decoder that knows the speed, or the worst speed, judges.
-        choice: The camera to build, or the snapshot to use instead; None where nothing is to be
-            restored.
+        choice: The camera to build, or the snapshot to use instead; None where there is nothing to
+            restore.
     """
 
     rows: tuple[Row, ...]
@@ -84,9 +85,9 @@ class Comparison:
 
     @property
     def rivals(self) -> dict[str, Row]:
-        """The best row of each purchase, the simplest first; bursts take another camera.
+        """The best row of each purchase, the simplest first; no burst, which is another camera.
 
-        The rows of a purchase are all that take no more than it, since its owner may use less.
+        The rows of a purchase are all those that need no more parts, since its owner may use fewer.
         """
         return best_of_each_purchase(self.rows)
 
@@ -202,32 +203,35 @@ def compare(
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
 
-    Every row is judged by the decoder that the scene names, by `KnownSpeedLoss` or
-    `FoundSpeedLoss` by one that is told the speed of the picture or finds it, and by
-    `WorstSpeedLoss` at the worst of the speeds.
+    Every row is judged by the decoder that the scene names, unless the loss names another. With
+    `KnownSpeedLoss` the decoder is told the speed of the picture, with `FoundSpeedLoss` it finds
+    the speed, and with `WorstSpeedLoss` rows are judged at the worst of the speeds.
 
-    *Own best motion*: exposure, velocity and acceleration, none included, tuned for each by the
-    same loss within the scene's limits, from `motion` or from the motion of a `Design`; a
-    `Design` of this loss for this scene is finished and stays as it is. *Same motion*:
-    every shutter on `motion`.
+    *Own best motion*: exposure, velocity and acceleration are tuned for each shutter by the same
+    loss within the scene's limits, from `motion` or from the motion of a `Design`; the best
+    acceleration may be none. A `Design` of this loss for this scene is finished and stays as it is.
+    *Same motion*: every shutter is on `motion`.
 
-    Rivals beside the windows, tuned alike: the best Tukey, its taper too; the best snapshot, an
-    open shutter at rest, and where the sensor may pan the best panned snapshot; the best coded
-    still, a free profile without acceleration, and where that pans the best at rest; an open
-    shutter and a free profile on the best free path, unless the scene has tolerances or limits the
-    jerk of its stage; and the best burst of a scene that has a `Burst`.
+    These rivals stand beside the windows, and are tuned alike: the best Tukey, whose taper is tuned
+    too; the best snapshot, which is an open shutter at rest, and where the sensor may pan the best
+    panned snapshot; the best coded still, which is a free profile without acceleration, and where
+    that pans the best one at rest; an open shutter and a free profile on the best free path, unless
+    the scene has tolerances or limits the jerk of its stage; and the best burst of a scene that has
+    a `Burst`.
 
     Args:
         scene: Speeds, light, noise and limits.
-        motion: Motion of the first reading, and the start of the second; or a design, which
-            is compared on its own motion, as "optimised" where no `shutters` are given.
+        motion: The motion of the reading *same motion*, from which *own best motion* starts; or a
+            design, which is compared on its own motion, as "optimised" where no `shutters` are
+            given.
         shutters: Profiles or designs to compare with the baselines, by name. Those of a
             list are "shutter 0" and so on.
-        loss: The loss that tunes the motions, or a function of scene, motion and shutter; the
-            expected error by default, and instead of a loss that ignores the number of photons.
+        loss: The loss that tunes the motions, or a function of scene, motion and shutter. The loss
+            of the scene's decoder is the default, and replaces a loss that ignores the number of
+            photons.
         step: Called with the name of each shutter once it has its own best motion.
-        plan: The parts to compute: a plan is made for each shutter and motion; None computes
-            everything.
+        plan: The parts to compute; by default a plan is made for each shutter and motion. None
+            computes everything.
 
     Returns:
         The table and the verdict.
@@ -261,7 +265,7 @@ def _entries(shutters: object) -> dict[str, Entry]:
 
 
 def with_verdict(rows: Sequence[Row], entries: Mapping[str, Entry], scene: Scene) -> Comparison:
-    """Judges rows of a scene.
+    """Adds the verdict, the gain and the ceiling to the rows of a scene.
 
     Args:
         rows: One row for each shutter and reading, with a snapshot at its own best motion.

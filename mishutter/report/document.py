@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _TO_BUILD = "build.json"
-"""The camera to build, where the verdict names another than the design."""
+"""File of the camera to build, if the verdict names another one than the design."""
 _OF_PHOTOGRAPH = frozenset({"psnr.png", "photograph.png", "layers.png"})
 """Pictures of the scene's photograph."""
 _MOST_ROWS = 5

@@ -1,4 +1,4 @@
-"""A measured shutter beside its design: what it loses, and what a shift of it gives back."""
+"""A measured shutter beside its design: its loss, and the part that a shift in time wins back."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -20,14 +20,14 @@ _PRECISION = 1e-3
 
 
 class MeasuredCamera(NamedTuple):
-    """Levels of a measured shutter, as it was sent and as it would be best sent.
+    """Levels of a measured shutter, as measured and at its best shift in time.
 
     Attributes:
         level: Expected PSNR as measured; dB.
-        design_level: That of the design; None without one.
-        earlier: Time by which the shutter is best sent earlier against the stage and the
-            exposure, which stay; s, negative for later.
-        shifted_level: Expected PSNR then; dB.
+        design_level: Expected PSNR of the design; dB, None without a design.
+        earlier: Best advance of the shutter against the stage and the exposure, which stay as they
+            are; s, negative for a delay.
+        shifted_level: Expected PSNR with that advance; dB.
     """
 
     level: float
@@ -73,9 +73,10 @@ def measured_camera(
 ) -> MeasuredCamera:
     r"""A measured shutter beside its design, and at its best shift against the stage.
 
-    The shift maximises the level that judges the rows, over at most a quarter of the exposure
-    either way and as far as the trace goes: a bounded search in one variable, of which each value
-    is a fit of the trace at another mid-exposure, by the same levels of closed and open.
+    The best shift maximises the level by which rows are judged. It is at most a quarter of the
+    exposure either way, and the trace must still cover the exposure. A bounded search in one
+    variable finds it; every step fits the trace again at another mid-exposure, with the same levels
+    of the closed and of the open shutter.
 
     Args:
         scene: The scene that the rows were measured on.
@@ -84,7 +85,7 @@ def measured_camera(
         profile: The profile that the trace shows at `middle`.
         middle: Mid-exposure on the clock of the trace; s.
         measured: Name of the row of the measured shutter.
-        designed: Name of the row of its design, which there may be.
+        designed: Name of the row of its design; there may be no such row.
     """
     from scipy.optimize import minimize_scalar
 

@@ -148,8 +148,8 @@ def plot_profiles(designs: Named) -> "Figure":
 def plot_drive(table: DriveTable) -> "Figure":
     """Draws a drive table: the transmittance that is sent, and the sensor's path.
 
-    Beside the levels stands the command that they stand for, and the transmittance behind the
-    device of a scene that has one.
+    The upper picture shows the levels, the command that they stand for, and, if the scene has a
+    device, the transmittance behind it.
 
     Args:
         table: The drive table.

@@ -60,7 +60,7 @@ def verdict_lines(
 
 
 def _of_pan(rows: Sequence[Row], snapshot: Row) -> list[str]:
-    """The sentence on what a snapshot gains by its pan over one whose sensor stands still."""
+    """The sentence on the gain of a panned snapshot over one at rest."""
     at_rest = next(row for row in rows if row.name == BEST_SNAPSHOT)
     gain = snapshot.lead_over(at_rest)
     if gain < _TELLING:
@@ -71,9 +71,10 @@ def _of_pan(rows: Sequence[Row], snapshot: Row) -> list[str]:
 def row_to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
     """The row to build: the plainest of all that are about as good as the best.
 
-    Rows within `_WORTH_IT` are about as good, and a coded camera must exceed the best snapshot by
-    that much. Of rows that are as good and as plain, the best of the user's is preferred; if it
-    pays, it is also preferred to a profile on a free path, which asks more of a stage.
+    Rows within `_WORTH_IT` of the best are about as good, and a coded camera must exceed the best
+    snapshot by that much. Among equally good and plain rows the best of the user's is preferred.
+    If that one is worth building, it is also preferred to a profile on a free path, which asks more
+    of a stage.
 
     Args:
         rows: The rows at their own best motions, without a burst.
@@ -121,7 +122,7 @@ def _beside(rows: Sequence[Row], choice: Row, own: Row | None) -> list[str]:
 
 
 def _is_simpler(row: Row, choice: Row) -> bool:
-    """Whether a row is plainer, or as plain with a fixed kind of profile for a free one."""
+    """Whether a row is plainer, or as plain with a fixed profile in place of a free one."""
     if row.is_plainer_than(choice):
         return True
     is_free = "a shutter" in choice.takes and isinstance(command_of(choice.shutter), SplineShutter)
@@ -160,11 +161,11 @@ def comparison_notes(
 
 
 def device_notes(device: AbstractDevice | None) -> list[str]:
-    """The light that a shutter passes, how fast it follows, and the levels that it holds.
+    """Sentences on the transmission of a shutter, its speed, and the levels that it holds.
 
     Args:
-        device: The device; None, of which there is nothing to say, for a shutter that follows at
-            once and loses no light.
+        device: The device; None for a shutter that follows at once and loses no light, for which
+            there are no sentences.
     """
     notes: list[str] = []
     if device is None:
@@ -185,7 +186,7 @@ def device_notes(device: AbstractDevice | None) -> list[str]:
 
 
 def _blind_drive_notes(scene: Scene, entries: Mapping[str, Entry]) -> list[str]:
-    """Levels of designs for a device that follows every command, sent to the scene's."""
+    """Levels of designs for a device that follows every command, sent to the scene's device."""
     if scene.device is None:
         return []
     levels = [entry.blind_psnr for entry in entries.values() if isinstance(entry, Design)]
@@ -207,12 +208,12 @@ def _limit_notes(scene: Scene, rows: Iterable[Row]) -> list[str]:
 
 
 def _tolerance_notes(scene: Scene, rows: Sequence[Row]) -> list[str]:
-    """The cameras and the decoders whose tolerances are not known."""
+    """Sentences on the cameras and the decoders for which tolerances are not computed."""
     if scene.tolerances is None:
         return []
     notes = ["No free path is compared: tolerances are those of a parabola."]
     if all(row.within is None for row in rows):
-        notes.append("Levels are without tolerances, which count for one filter in the mean alone.")
+        notes.append("Levels are without tolerances: those need one filter and the mean of speeds.")
     return notes
 
 

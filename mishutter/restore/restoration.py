@@ -351,10 +351,10 @@ def restore_by_each(
 def _expected_levels(
     model: BlurModel, decoder_speed: DecoderSpeed, rows: np.ndarray, speeds: np.ndarray
 ) -> tuple[float, Float[np.ndarray, "s"]]:
-    """Levels that the ensemble filter is expected to reach, of its scene and of one picture; dB.
+    """Levels that the ensemble filter is expected to reach, for its scene and for one picture; dB.
 
-    A decoder that finds the speed keeps a share of what being told it would bring, in decibels
-    (`found_share`), and nothing of it where no speed is looked for, as in a snapshot.
+    A decoder that finds the speed keeps a share of the gain from being told it, in decibels
+    (`found_share`), and none of it where no speed is looked for, as in a snapshot.
 
     Args:
         model: Blur and noise of a decoder for all speeds.

@@ -93,7 +93,7 @@ class Row:
         speed: Knowledge that the judging decoder has of the speed, as `Scene.decoder_speed`.
         num_frames: Frames of the motion's exposure that are added up; 1 but for a burst.
         at_worst: Whether it is judged at the worst speed, and not by the mean over speeds.
-        design: The design that a search found; None on the same motion, and of a burst.
+        design: The design that a search found; None for the reading *same motion* and for a burst.
     """
 
     reading: str
@@ -116,14 +116,14 @@ class Row:
     def stroke(self) -> float:
         """Distance from the lowest to the highest position of the stage over the exposure; px.
 
-        It holds the pan, unless turning the camera makes that.
+        It includes the pan, unless turning the camera makes the pan.
         """
         of_stage = self.motion.without_velocity() if self.turns else self.motion
         return float(of_stage.extent)
 
     @cached_property
     def takes(self) -> frozenset[str]:
-        """Parts that it needs beside a camera at rest with an ordinary shutter."""
+        """Parts that are needed in addition to a camera at rest with an ordinary shutter."""
         stays_open = isinstance(self.shutter, RectShutter)
         stays_open = stays_open or float(self.metrics.efficiency) > _OPEN
         takes = {
@@ -154,8 +154,8 @@ class Row:
     def within(self) -> float | None:
         """Expected PSNR within the tolerances of the scene; dB.
 
-        None without any, and where a decoder that knows the speed, or the worst speed, judges:
-        these judge the camera as designed.
+        None for a scene without tolerances, and where a decoder that knows the speed, or the worst
+        speed, judges: these judge the camera as designed.
         """
         level = self.metrics.toleranced_psnr
         is_mean = self.speed == "unknown" and not self.at_worst
@@ -170,7 +170,7 @@ class Row:
 
     @property
     def hides_speed(self) -> bool:
-        """Whether being told the speed would bring something, and looking for it nothing."""
+        """Whether being told the speed would gain something, but looking for it gains nothing."""
         metrics = self.metrics
         untold, told = float(metrics.expected_psnr), float(metrics.known_speed_psnr)
         return float(metrics.found_speed_psnr) <= untold < told
@@ -183,7 +183,7 @@ class Row:
 
     @property
     def setting(self) -> str:
-        """Exposure, pan and stroke of the motion with their units; a pan alone says its own."""
+        """Exposure, pan and stroke of the motion with units; a pan alone is without its stroke."""
         motion = self.motion
         parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
         if _pans(motion):
@@ -218,13 +218,13 @@ def plainest(rows: Iterable[Row], top: Row, *, within: float) -> Row:
 
 
 def best_of_each_purchase(rows: Iterable[Row]) -> dict[str, Row]:
-    """The best row of each purchase, the simplest purchase first; a burst takes another camera.
+    """The best row of each purchase, the simplest first; no burst, which is another camera.
 
-    The best row of a purchase is the best of all rows that need no more, the plainest of equals:
-    whoever has bought more may use less of it.
+    The best row of a purchase is the best of all rows that need no more parts, and the plainest of
+    equals: whoever has bought more may use less of it.
 
     Args:
-        rows: Rows of both readings, of which those at their own best motion count.
+        rows: Rows of both readings; only those at their own best motion count.
     """
     rows = [row for row in rows if row.reading == OWN_BEST_MOTION and row.name != BEST_BURST]
     return {

@@ -98,7 +98,8 @@ _SAME = 1e-5
 """Difference of losses, as a share of them, up to which two searches ended in one place."""
 _NUM_STARTS, _FEW_SPEEDS = 16, 8
 """Starts by default, and the number of speeds below which there are more, in inverse proportion.
-Few speeds take less time and make more valleys, as each of them alone decides what is open."""
+With few speeds a search takes less time and has more local minima, as each speed decides by itself
+when the shutter is open."""
 MAX_STEPS = 400
 """Steps of a minimisation, and of a polish, at most, by default."""
 NUM_COEFFICIENTS = 24
@@ -320,7 +321,7 @@ class KnownDesign(NamedTuple):
 
 
 class Start(NamedTuple):
-    """The arguments of `optimise` that say what is searched.
+    """The arguments of `optimise` that define the problem of a search.
 
     Attributes:
         scene: Speeds, light, noise and limits.

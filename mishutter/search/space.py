@@ -489,7 +489,7 @@ class SearchFrame(NamedTuple):
 
 
 def search_frame(scene: Scene, motion: AbstractMotion, free: Iterable[str]) -> SearchFrame:
-    """A scene and a motion in the frame of the sensor, unless its velocity is among what is free.
+    """A scene and a motion in the frame of the sensor, unless the search may move its velocity.
 
     Raises:
         ValueError: if the scene is none, or the motion.

@@ -113,7 +113,7 @@ class AbstractPiecewiseShutter(AbstractShutter):
 
     evaluates_by_numpy: ClassVar[bool] = False
     """Whether `breakpoints` of known parameters compiles nothing, and `piece_transmittance` takes
-    and gives NumPy's arrays where its offsets are such. A kind that says nothing need not."""
+    and gives NumPy's arrays where its offsets are such. The default is False."""
 
     @abstractmethod
     def dtype(self) -> np.dtype | None:

@@ -244,7 +244,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         tau = jnp.asarray(tau, common_dtype(self.taper, tau))
         depth = jnp.maximum(1 - jnp.abs(tau), 0)
         taper = self.taper.astype(tau.dtype)
-        ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / _some(taper), 1)) ** 2
+        ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / _above_zero(taper), 1)) ** 2
         return _inside(tau, jnp.where(depth >= taper, 1.0, ramp))
 
     @property
@@ -256,7 +256,7 @@ class TukeyShutter(AbstractAdjustableShutter):
 
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         (taper,) = as_numpy(self.taper)
-        space, taper = namespace_of(taper), _some(taper.astype(dtype))
+        space, taper = namespace_of(taper), _above_zero(taper.astype(dtype))
         # Not a constant: XLA would take (1 - taper) - 1 for -taper, rounding and all.
         one, zero = space.where(taper >= 0, space.ones_like(taper), taper), space.zeros_like(taper)
         high, low = two_sum(one, -taper)
@@ -267,7 +267,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
     ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         taper = as_array_like(offset, self.taper).astype(np.finfo(offset.dtype).dtype)
-        space, taper = namespace_of(offset, taper), _some(taper).astype(offset.dtype)
+        space, taper = namespace_of(offset, taper), _above_zero(taper).astype(offset.dtype)
         quarter_turn = np.pi / (2 * taper)
         rising, falling = (quarter_turn * offset[piece] for piece in (0, 2))
         flat = space.ones_like(offset[1])
@@ -280,7 +280,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         distance: Float[Array, "*cells"],
         width: Float[Array, "*cells"],
     ) -> Float[Array, "*cells"]:
-        taper = _some(self.taper.astype(width.dtype))
+        taper = _above_zero(self.taper.astype(width.dtype))
         flat = piece == 1
         rising, rest = (piece == 0) == from_left, taper - distance
         height, depth = jnp.where(rising, distance, rest), jnp.where(rising, rest, distance)
@@ -299,10 +299,10 @@ def _inside(tau: Array, value: Array) -> Array:
     return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
 
 
-def _some(taper: Array | np.ndarray) -> Array | np.ndarray | np.floating:
-    """A taper of which there is some: no sum sees it, but places on its ramp are known.
+def _above_zero(taper: Array | np.ndarray) -> Array | np.ndarray | np.floating:
+    """A taper held above 0, so that offsets over it are finite; the bound is too small for any sum.
 
-    The derivative is that of the taper, so that at 0 it is that of the ramp that begins there.
+    The derivative is that of the taper itself: at 0, that of the ramp that begins there.
     """
     least = float(np.finfo(np.dtype(taper.dtype)).tiny) ** 0.25
     if isinstance(taper, np.ndarray):

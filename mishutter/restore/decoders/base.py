@@ -65,7 +65,7 @@ class BlurModel(eqx.Module):
             variance.
         mean_level: Mean of the picture.
         optics: The lens.
-        open_time: Time for which an open shutter would let as much light through; s.
+        open_time: Time in which an open shutter would pass as much light; s.
         layers: The scene, seen from the motion, where objects hide part of a background; None
             where the picture moves as a whole.
     """

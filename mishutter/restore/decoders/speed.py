@@ -1,8 +1,9 @@
-r"""One speed of a whole picture, estimated from a capture of it.
+r"""The speed of a picture that moves as a whole, estimated from one capture of it.
 
-Two things tell it. The ripple of $|H_s(f)|^2$ shows in the power spectrum of the capture, and
-only the right phase of $H_s$, undone, makes edges: few, high, and flat between (Wiggins 1978,
-minimum entropy deconvolution). Either alone is wrong in too many captures.
+Two kinds of evidence tell the speed. The ripple of $|H_s(f)|^2$ shows in the power spectrum of the
+capture; and only the phase of the right $H_s$, once it is undone, leaves edges that are few and
+high, with flat areas between them (Wiggins 1978, minimum entropy deconvolution). Either kind alone
+is wrong in too many captures.
 """
 
 import itertools
@@ -37,46 +38,46 @@ _rfft2: Callable[[np.ndarray], np.ndarray] = scipy.fft.rfft2  # type: ignore[ass
 _irfft2: Callable[[np.ndarray], np.ndarray] = scipy.fft.irfft2  # type: ignore[assignment]
 _fast_length: Callable[[int], int] = scipy.fft.next_fast_len  # type: ignore[assignment]
 STEP = 2.0
-"""Steps of the speeds that are tried: so much more smear over the exposure, px."""
+"""Step between the speeds that are tried, as smear over the exposure; px."""
 _LEAST_STEPS, _MOST_STEPS = 32, 512
 _BEYOND = 0.1
 """Distance beyond the scene's speeds to which others are tried, as a share of their range."""
 _TAPER = 0.25
 """Share of a row in which the window rises and falls."""
 _MOST_ROWS, _MOST_COLUMNS, _MOST_BLURS = 512, 1024, 4
-"""Rows and columns of a tile, at most; or so many blurs in its rows."""
+"""Most rows and columns of a tile; its rows may be longer, up to so many lengths of the blur."""
 _MOST_BANDS, _LEAST_ROWS = 4, 64
-"""Bands of rows whose speeds are compared, of at least so many rows each."""
+"""Most bands of rows whose speeds are compared, and the fewest rows of a band."""
 _LEAST_COLUMNS = 64
 _FREEDOM = 4.0
-"""Degrees of freedom of Student's t: a photograph has lines in its spectrum that no trend has."""
+"""Degrees of freedom of Student's t: a photograph's spectrum has lines that no smooth one has."""
 _OCTAVES = ((0.008, 0.018), (0.018, 0.04), (0.04, 0.09), (0.09, 0.2))
 """Bands along the rows in which edges count; cycles/px."""
 _LEAST_POWER = 1e-14
-"""Least variance of the noise: prevents a logarithm of 0 where a camera has none."""
+"""Least variance of the noise: prevents a logarithm of 0 for a camera without noise."""
 LITTLE = "Little in the picture tells the speed."
 _DENIED = 0.01
-"""Probability of the speed of all rows below which a band of them is said to have another."""
+"""A band of rows has another speed if it gives the speed of all rows less than this probability."""
 _UNUSUAL = 0.01
-"""Share of the pictures of the prior that are further from its mean than one that is unusual."""
+"""Share of the prior's pictures, those farthest from its mean, that count as unusual."""
 _NUM_STEPS, _NUM_MORE_STEPS = 12, 4
-"""Steps towards the likeliest spectrum for all speeds, and from there on for each."""
+"""Steps to the likeliest spectrum for all speeds together, then from there for each speed."""
 _LOWEST = 2
-"""Frequencies of the DFT that are left to the window, at either end."""
+"""Number of DFT frequencies left out at either end, where the window leaks."""
 
 
 class Prior(NamedTuple):
-    """Statistics of photographs, which `python -m benchmarks.speed fit` makes.
+    """Statistics of photographs, fitted by `python -m benchmarks.speed fit`.
 
     Attributes:
         mean: Mean of the coefficients of a smooth logarithm of a power spectrum.
         precision: Inverse of their covariance.
         misfit: Variance of the logarithm about a smooth spectrum.
-        spectrum_weight: Weight of the evidence of the spectrum.
-        phase_weight: Weight of the sparsity.
-        trust: Probability near the mode from which on a speed is trusted.
-        width: Width of error bars, in units of the posterior's width near its mode: weights that
-            are right for errors that are gross are too low for those that are fine.
+        spectrum_weight: Weight of the evidence from the spectrum.
+        phase_weight: Weight of the evidence from the edges.
+        trust: Least probability near the mode at which a speed is trusted.
+        width: Width of error bars, in units of the posterior's width near its mode: the two
+            weights suit gross errors, and are too low for fine ones.
     """
 
     mean: Float[np.ndarray, "11"]
@@ -99,14 +100,13 @@ def prior() -> Prior:
 
 
 class Energies(NamedTuple):
-    r"""Negative logarithms of how likely each speed is by the parts of the evidence.
+    r"""Negative logarithm of the evidence for each speed, by kind of evidence.
 
     Attributes:
-        spectrum: The one by the power spectrum.
+        spectrum: Energy from the power spectrum.
         phase: Mean of $\log(1 + u^2)$, by octave.
         counts: Number of waves of each octave.
-        distance: Squared distance of the picture's spectrum from the mean of the prior, by its
-            covariance.
+        distance: Squared Mahalanobis distance of the picture's spectrum from the prior's mean.
     """
 
     spectrum: Float[np.ndarray, "s"]
@@ -118,7 +118,7 @@ class Energies(NamedTuple):
 def windows(
     rows: int, columns: int
 ) -> tuple[Float[np.ndarray, "{rows}"], Float[np.ndarray, "{columns}"]]:
-    """Windows of a tile: a sine down its columns; along its rows flat but for the ends."""
+    """Windows of a tile: a sine down its columns; along its rows flat except near the ends."""
     down = np.sin(np.pi * (np.arange(rows) + 0.5) / rows)
     return down, _flat_window(columns)
 
@@ -133,7 +133,7 @@ class Bands(NamedTuple):
 
     Attributes:
         members: Indices of the DFT down the rows, by band of their frequency.
-        counts: Number of independent ones in each band.
+        counts: Number of independent frequencies in each band.
         along: Indices of the DFT along the rows.
         terms: Terms of the smooth spectrum at every frequency.
     """
@@ -146,7 +146,7 @@ class Bands(NamedTuple):
 
 @lru_cache(maxsize=4)
 def bands(rows: int, columns: int) -> Bands:
-    """The bands of a tile of some shape."""
+    """The bands of a tile of this shape."""
     down = np.abs(np.fft.fftfreq(rows))
     edges = [-1.0, 0.6 / rows, 2.5 / rows]
     if rows > 12:
@@ -155,7 +155,7 @@ def bands(rows: int, columns: int) -> Bands:
     pairs = itertools.pairwise(edges)
     members = [np.flatnonzero((down > low) & (down <= high)) for low, high in pairs]
     members = [band for band in members if band.size]
-    # A sine window makes 1.5 neighbours of a DFT one.
+    # Under a sine window 1.5 neighbouring frequencies of a DFT count as one independent one.
     counts = np.maximum(np.array([band.size for band in members]) / 1.5, 1.0)[:, None]
     along = slice(_LOWEST, columns // 2 + 1 - _LOWEST)
     fx = np.fft.rfftfreq(columns)[along]
@@ -187,7 +187,7 @@ def log_power(tile: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "b k
 def _power_through_window(
     responses: Complex[np.ndarray, "s k"], columns: int
 ) -> Float[np.ndarray, "s k"]:
-    """Power of some responses in the spectrum of a windowed row."""
+    """Power of each response, as the spectrum of a windowed row shows it."""
     leak = np.abs(np.fft.fft(_flat_window(columns))) ** 2
     leak = np.concatenate([leak[-6:], leak[:7]])
     power = np.abs(responses) ** 2
@@ -199,7 +199,7 @@ class Blurs(NamedTuple):
     """Blurs of the speeds in rows of one width.
 
     Attributes:
-        power: $|H_s|^2$ in the spectrum of a windowed row.
+        power: $|H_s|^2$, as the spectrum of a windowed row shows it.
         phases: Factors that undo the phase of $H_s$.
     """
 
@@ -220,10 +220,10 @@ def _spectrum_energy(
     layout: Bands,
     statistics: Prior,
 ) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s 11"]]:
-    r"""Laplace's evidence of each speed by the power spectrum; and the likeliest coefficients.
+    r"""Energy of each speed from the power spectrum, by Laplace; and the likeliest coefficients.
 
-    $\log$ power is $\log(S |H_s|^2 + N)$ with $\log S$ linear in coefficients whose prior is
-    Gaussian. The steps are Gauss's and Newton's, with the weights of Student's t.
+    The model of the $\log$ power is $\log(S |H_s|^2 + N)$, with $\log S$ linear in coefficients
+    whose prior is Gaussian. Gauss-Newton steps, weighted for Student's t, find the coefficients.
 
     Args:
         observed: The `log_power`.
@@ -280,8 +280,8 @@ def _phase_energy(
 ) -> tuple[Float[np.ndarray, "o s"], Float[np.ndarray, "o"]]:
     r"""Mean of $\log(1 + u^2)$ by octave and speed, and the number of waves of each octave.
 
-    $u$ is the tile with the phase of $H_s$ undone, of unit variance; its amplitudes are the same
-    for all speeds.
+    $u$ is the tile with the phase of $H_s$ undone, scaled to unit variance; its amplitudes are the
+    same for all speeds.
     """
     rows, columns = tile.shape
     taper = np.outer(_flat_window(rows), _flat_window(columns)).astype(tile.dtype)
@@ -293,7 +293,7 @@ def _phase_energy(
         mask = 1 / (1 + np.exp(-8 * (octave - np.log2(low))))
         mask /= 1 + np.exp(8 * (octave - np.log2(high)))
         mask[0] = 0
-        # Low octaves are coarse, and cheap on a coarse grid.
+        # A coarse grid is enough for low octaves, and cheap.
         num_waves = min(octave.size, 1 + _fast_length(max(32, int(2 * high * columns))))
         lines = min(rows, 2 * _fast_length(max(32, int(3 * high * rows))))
         part = spectrum[:, :num_waves] * mask[:num_waves].astype(tile.dtype)
@@ -310,7 +310,7 @@ def _phase_energy(
 def energies(
     tile: Float[np.ndarray, "rows columns"], blurs: Blurs, noise: float, statistics: Prior
 ) -> Energies:
-    """The parts of the evidence of each speed, from one tile in single precision."""
+    """Energies of each speed, from one tile in single precision."""
     rows, columns = tile.shape
     layout = bands(rows, columns)
     power = blurs.power[:, layout.along]
@@ -345,7 +345,7 @@ class Posterior(NamedTuple):
 
     @property
     def mode(self) -> int:
-        """Index of the likeliest."""
+        """Index of the likeliest speed."""
         return int(np.argmax(self.weights))
 
     @property
@@ -361,9 +361,10 @@ class Posterior(NamedTuple):
 
     @property
     def error(self) -> float:
-        r"""Root of $\sum p\,d^2$, $d$ the distance from `speed`, times `width` if near; px/s.
+        r"""Root of $\sum p\,d^2$; px/s.
 
-        It is no less than that by rounding to the steps.
+        $d$ is the distance from `speed`, times `width` for speeds near the mode. The error is at
+        least that of rounding to the steps.
         """
         distance = (self.speeds - self.speed) * np.where(self.near, self.width, 1.0)
         rounding = self.width * np.diff(self.speeds[:2]).sum() / np.sqrt(12)
@@ -371,24 +372,25 @@ class Posterior(NamedTuple):
 
     @property
     def at_end(self) -> bool:
-        """Whether the mode is at an end of the range that other speeds may lie beyond."""
+        """Whether the mode is at an end of the range beyond which the speed may lie; 0 is none."""
         first = self.mode < 2 and self.speeds[0] != 0
         return self.speeds.size > 1 and (first or self.mode >= self.speeds.size - 2)
 
     def around(self, speed: float) -> float:
-        """Probability of being nearly a speed."""
+        """Probability of the speeds within twice the `reach` of a speed."""
         return float(self.weights @ (np.abs(self.speeds - speed) <= 2 * self.reach))
 
     def trusted(self, share: float) -> bool:
-        """Whether a share of the probability is near the mode, and the mode at no end."""
+        """Whether at least a share of the probability is near a mode that is at no end."""
         return bool(self.weights @ self.near >= share) and not self.at_end
 
 
 def speeds_to_try(model: BlurModel) -> tuple[Float[np.ndarray, "s"], float]:
     """Speeds relative to the sensor at equal steps, and the least difference that counts; px/s.
 
-    They cover the range of the model's and a tenth of it more at either end. If speeds of both
-    signs have blurs of one shape, more alike than those a step apart, only those from 0 up count.
+    They cover the range of the model's speeds, and a tenth of it more at either end. Where both
+    signs of a speed have blurs more alike than two speeds one step apart, only speeds from 0 up
+    are tried.
     """
     occurs = model.speeds[model.weights > 0]
     low, high = float(np.min(occurs)), float(np.max(occurs))
@@ -408,7 +410,7 @@ def speeds_to_try(model: BlurModel) -> tuple[Float[np.ndarray, "s"], float]:
 
 
 def _likeness(one: np.ndarray, other: np.ndarray) -> float:
-    """Highest correlation of two blurs, wherever they are laid over each other; at most 1."""
+    """Highest normalised correlation of two blurs over all shifts; at most 1."""
     across, first, second = (
         np.max(np.fft.irfft(a * np.conj(b))) for a, b in ((one, other), (one, one), (other, other))
     )
@@ -418,7 +420,7 @@ def _likeness(one: np.ndarray, other: np.ndarray) -> float:
 def posterior_of(
     parts: list[Energies], speeds: Float[np.ndarray, "s"], reach: float, statistics: Prior
 ) -> Posterior:
-    """The posterior by the evidence of some tiles of one picture."""
+    """The posterior from the evidence of tiles of one picture."""
     energy = statistics.spectrum_weight * np.mean([part.spectrum for part in parts], axis=0)
     waves = np.sqrt(np.sum([part.counts for part in parts], axis=0))
     phase = np.mean([part.phase for part in parts], axis=0)
@@ -430,10 +432,10 @@ def posterior_of(
 def tiles_of(
     irradiance: Float[np.ndarray, "rows columns"], num_taps: int
 ) -> list[list[np.ndarray]]:
-    """A picture as rows of tiles of about equal size, from each of which evidence is taken.
+    """Cuts a picture into rows of tiles of about equal size; each tile gives evidence.
 
-    There are at least two rows of them where each can be high enough to tell a speed, so that a
-    part of the picture at another speed shows in one of them.
+    There are at least two rows of tiles where the picture is high enough for that, so that a part
+    of the picture at another speed shows in one of them.
     """
     widest = max(_MOST_COLUMNS, _MOST_BLURS * num_taps)
     rows, columns = -(-irradiance.shape[0] // _MOST_ROWS), -(-irradiance.shape[1] // widest)
@@ -445,18 +447,18 @@ class SpeedEstimate(NamedTuple):
     """The speed of a whole picture, estimated from one capture of it.
 
     Attributes:
-        speed: The speed; px/s. Where speeds of both signs relative to the sensor have one blur,
-            the one that is more of the scene; where the capture tells nothing, the mean of those
-            that were tried.
-        error: Its standard error; px/s.
-        trusted: Whether a decoder does well to take it for the speed.
+        speed: The speed; px/s. Where both signs relative to the sensor have the same blur, the
+            sign is that in which the scene's speeds go further; where the capture tells nothing,
+            this is the mean of the speeds that were tried.
+        error: Standard error of the speed; px/s.
+        trusted: Whether a decoder should restore for this speed alone.
         speeds: Speeds that were tried, ascending; px/s.
         weights: Their probabilities.
-        doubt: A sentence about the evidence against it; empty where there is none.
-        second_speed: Speed at which a band of rows seems to move by itself, px/s; None if all rows
+        doubt: A sentence that says why the speed is not trusted; empty if it is.
+        second_speed: Speed at which a band of rows seems to move instead, px/s; None if all rows
             seem to move at `speed`.
         is_unusual: Whether fewer than one in a hundred pictures of the prior would have a spectrum
-            like this one's, so that the evidence is worth less.
+            as far from its mean; the evidence is then worth less.
     """
 
     speed: float
@@ -470,11 +472,11 @@ class SpeedEstimate(NamedTuple):
 
     @property
     def tells_nothing(self) -> bool:
-        """Whether all of several speeds are as likely as before the capture."""
+        """Whether the capture leaves several speeds, all equally likely."""
         return self.speeds.size > 1 and bool(np.ptp(self.weights) == 0)
 
     def of(self, scene: Scene, motion: AbstractMotion) -> "SpeedEstimate":
-        """The estimate in the frame of a scene, from one relative to a sensor that pans.
+        """Converts an estimate relative to a sensor that pans into the frame of a scene.
 
         Args:
             scene: The scene.
@@ -493,17 +495,17 @@ class SpeedEstimate(NamedTuple):
 
 
 def _doubt_of_short(difference: float) -> str:
-    """The sentence that the blur differs by too little over the speeds to tell one; px."""
+    """The doubt of a scene over whose speeds the blur differs by too few px."""
     return (
         f"The blur differs by {difference:.1f} px over the speeds of the scene, and a photograph "
         f"may be as soft by itself: more than {LEAST_DIFFERENCE:g} px tell a speed."
     )
 
 
-def _doubt_of_two(some: float, every: float) -> str:
-    """The sentence that names the speed of some rows and that of all; px/s."""
+def _doubt_of_two(second: float, speed: float) -> str:
+    """The doubt of a picture some of whose rows have a second speed; px/s."""
     return (
-        f"Some rows seem to move at {some:,.0f} px/s, where all rows together do at {every:,.0f}."
+        f"Some rows seem to move at {second:,.0f} px/s, where all rows together do at {speed:,.0f}."
     )
 
 
@@ -520,8 +522,8 @@ def estimate_speed(
     makes few edges. The prior and both weights are fitted to photographs.
 
     Args:
-        capture: Light in units of a fully open exposure, as `simulate_capture` gives it; shape
-            `(rows, columns)` or `(rows, columns, channels)`; concrete.
+        capture: Irradiance in units of a fully open exposure, as `simulate_capture` gives it;
+            shape `(rows, columns)` or `(rows, columns, channels)`; concrete.
         scene: Speeds that may occur, light, noise, lens and device; concrete.
         motion: Motion of the sensor; concrete.
         shutter: Transmittance over the exposure; concrete.
@@ -530,8 +532,9 @@ def estimate_speed(
         The speed, its error and any doubt; see `SpeedEstimate`.
 
     Raises:
-        ValueError: if the capture is traced, not finite or no picture, or the scene has no light,
-            or a background, before which no one speed is the picture's.
+        ValueError: if the capture is traced, not finite or not a picture; if the scene has no light
+            or the shutter lets none through; or if the scene has a background, as no single speed
+            is then the picture's.
 
     Examples:
         >>> import jax
@@ -567,7 +570,7 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
         model: Blur and noise.
 
     Raises:
-        ValueError: if the capture is traced, or of a scene with a background.
+        ValueError: if the capture is traced, or if the scene has a background.
     """
     require_whole(model.layers, "the speed to be found")
     concrete, got = is_concrete(planes), Unquoted("a tracer")
@@ -598,10 +601,10 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
 
 
 class Verdict(NamedTuple):
-    """The posterior of all rows, the weights of speeds, and any doubt about a single speed.
+    """The posterior of all rows, the weights of the speeds, and any doubt about a single speed.
 
-    A second speed, px/s, is that of rows that disagree with all; None where none do. The spectrum
-    of a picture is unusual beyond a quantile of the distances that the prior has.
+    `second_speed`, px/s, is the speed of rows that disagree with the rest; None if none do.
+    `is_unusual` says that the spectrum is beyond a quantile of the prior's distances.
     """
 
     whole: Posterior
@@ -614,7 +617,7 @@ class Verdict(NamedTuple):
 def judged(
     parts: list[list[Energies]], speeds: Float[np.ndarray, "s"], reach: float, statistics: Prior
 ) -> Verdict:
-    """Verdict by the evidence of the bands of a picture, together and apart."""
+    """Judges the evidence of the bands of a picture, all together and each by itself."""
     all_parts = [part for band in parts for part in band]
     whole = posterior_of(all_parts, speeds, reach, statistics)
     each = [posterior_of(band, speeds, reach, statistics) for band in parts]
@@ -629,7 +632,7 @@ def judged(
     if denials:
         second = min(denials, key=lambda p: p.around(whole.speed)).speed
         doubt = _doubt_of_two(second, whole.speed)
-        # As likely a false alarm as a second speed.
+        # The disagreement is as likely a false alarm as a second speed.
         weights = (whole.weights + np.mean([p.weights for p in each], axis=0)) / 2
     furthest = chdtri(len(statistics.mean), _UNUSUAL)
     is_unusual = bool(np.mean([part.distance for part in all_parts]) > furthest)
@@ -658,7 +661,7 @@ def parts_of(
     noise: float,
     statistics: Prior,
 ) -> list[list[Energies]]:
-    """The evidence by bands of rows, from above down, and by tiles in them."""
+    """The evidence of each tile, by bands of rows from top to bottom."""
     bands_of_tiles = tiles_of(irradiance, model.num_taps)
     tiles = [(i, tile) for i, band in enumerate(bands_of_tiles) for tile in band]
     widths = {tile.shape[1] for _, tile in tiles}

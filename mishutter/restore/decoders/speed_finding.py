@@ -16,36 +16,37 @@ from mishutter.restore.decoders.speed import SpeedEstimate, speed_in
 from mishutter.restore.decoders.total_variation import TotalVariationDecoder
 
 ROWS_TO_FIND = 256
-"""Rows of a photograph in which its speed is found: few of them do not tell it."""
+"""Rows of a photograph from which its speed is found: a few rows do not tell it."""
 _DOUBT = 0.5
-"""Weight of the scene's own speeds where the posterior is all over: of the multiples of d and of
-its square, the true speeds of open shutters in the photographs of the prior are likeliest by this.
+"""Weight of the scene's own speeds where the posterior spreads over all speeds. Among multiples of
+d and of its square, this one makes the true speeds of the prior's photographs likeliest, if open
+shutters capture them.
 """
 _UNUSUAL_POWER = 0.4
-"""Power of the probabilities of a picture unlike those of the prior: of 0.2, 0.3, 0.4, 0.5 and 0.7
-the highest by which the ensemble filter loses at most 0.3 dB on each photograph of the prior, by
-open shutters of 30 and 38 ms, with each of four noises.
+"""Power that probabilities are raised to if the picture is unlike those of the prior. Of 0.2, 0.3,
+0.4, 0.5 and 0.7 it is the highest with which the ensemble filter loses at most 0.3 dB on each
+photograph of the prior, with open shutters of 30 and 38 ms and each of four noises.
 """
 _LEAST_WEIGHT = 1e-3
-"""Probability below which a speed is left to the scene's own."""
+"""Least probability of a speed that is restored for; the scene's own speeds stand for the rest."""
 
 
 @final
 class SpeedFindingDecoder(AbstractDecoder):
-    r"""Finds the speed of a picture that moves as a whole, and restores by it.
+    r"""Finds the speed of a picture that moves as a whole, and restores the picture for it.
 
-    A speed that is trusted takes the place of all of the scene's. Where none is, the speeds are
-    those of the posterior, $(1 - d^2/2)\,p(s)$, and the scene's own, at $d^2/2$ times their
-    weights, where $d$ is the probability of all speeds but the likeliest and its neighbours: the
-    wider a posterior is, the more often it is wrong. Of a picture whose spectrum is unlike those of
-    the prior, $p(s)^{0.4}$ takes the place of $p(s)$. Where nothing tells speeds apart, as in a
-    snapshot, the inner decoder restores as it would alone.
+    A trusted speed replaces all speeds of the scene. If no speed is trusted, the inner decoder
+    restores for the speeds of the posterior, weighted by $(1 - d^2/2)\,p(s)$, and for those of the
+    scene, at $d^2/2$ times their weights. Here $d$ is the probability of all speeds but the
+    likeliest and its neighbours: the wider a posterior is, the more often it is wrong. If the
+    picture's spectrum is unlike those of the prior, $p(s)^{0.4}$ replaces $p(s)$. Where nothing
+    tells speeds apart, as in a snapshot, the inner decoder restores as it would alone.
 
     Args:
-        inner: The decoder that restores, knowing these speeds.
+        inner: The decoder that restores the picture, once it is given these speeds.
 
     Raises:
-        ValueError: if a capture is traced, or of a scene with a background.
+        ValueError: if a capture is traced, or if the scene has a background.
     """
 
     inner: AbstractDecoder = eqx.field(default_factory=TotalVariationDecoder)
@@ -67,17 +68,17 @@ class Informed(NamedTuple):
     decoder: AbstractDecoder
     model: BlurModel
     estimate: SpeedEstimate | None
-    """Relative to the sensor; None of a decoder that looks for no speed."""
+    """Estimate relative to the sensor; None for a decoder that looks for no speed."""
 
 
 def informed(
     decoders: Sequence[AbstractDecoder], planes: ArrayLike, model: BlurModel
 ) -> list[Informed]:
-    """Decoders of one picture, after those that look for its speed have looked for it, together.
+    """Estimates the speed of a picture once, for all those decoders that look for it.
 
     Args:
-        decoders: The methods.
-        planes: Light of the picture, as `speed_in` takes it.
+        decoders: The decoders.
+        planes: Irradiance of the picture, as `speed_in` takes it.
         model: Blur and noise for all speeds.
     """
     finds = any(isinstance(each, SpeedFindingDecoder) for each in decoders)
@@ -94,18 +95,18 @@ def informed(
 
 
 def decoder_of(knows: DecoderSpeed, inner: AbstractDecoder) -> AbstractDecoder:
-    """The decoder that finds the speed where one does, by another that restores.
+    """Wraps a decoder in a `SpeedFindingDecoder` if the speed is to be found.
 
     Args:
-        knows: What it knows of the speed.
-        inner: The decoder that restores.
+        knows: The decoder's knowledge of the speed, as `Scene.decoder_speed`.
+        inner: The decoder that restores the picture.
     """
     finds = knows == "found" and not isinstance(inner, SpeedFindingDecoder)
     return SpeedFindingDecoder(inner) if finds else inner
 
 
 def at_speed(model: BlurModel, estimate: SpeedEstimate) -> BlurModel:
-    """The model of a decoder that takes account of a speed relative to the sensor."""
+    """The model for the speeds that an estimate leaves; all are relative to the sensor."""
     if estimate.tells_nothing:
         return model
     if estimate.trusted:
@@ -120,6 +121,6 @@ def at_speed(model: BlurModel, estimate: SpeedEstimate) -> BlurModel:
         share = share[is_likely] / np.sum(share[is_likely])
         speeds = np.concatenate([estimate.speeds[is_likely], model.speeds])
         weights = np.concatenate([(1 - doubt) * share, doubt * model.weights])
-    # Taps for all speeds that were tried, so that one program restores by any of them.
+    # Enough taps for every speed that was tried, so that one program restores for any of them.
     num_taps, _ = kernel_layout(model.motion, *estimate.speeds.tolist(), least_taps=model.num_taps)
     return replace(model, speeds=speeds, weights=weights, num_taps=num_taps)
