@@ -233,7 +233,7 @@ def test_quality_is_that_of_a_photograph(subject, tmp_path, scene, capsys):
     assert ("no PSNR: " in printed.err) == (subject != "a.png")
 
 
-@pytest.mark.filterwarnings("default::mishutter.model.PictureWarning")
+@pytest.mark.filterwarnings("default::mishutter.pictures.PictureWarning")
 def test_a_picture_of_few_bits_is_noted_and_may_be_told(tmp_path, scene, capsys):
     """Untold, one line says what its white may be; `--white` and `--linear` make it light."""
     import tifffile
