@@ -44,7 +44,7 @@ UNITS = {
 }
 """What the end of a key says of its unit."""
 _FOLDERS = {
-    "pictures": "Pictures",
+    "pictures": "Pictures and their files",
     "model": "Scenes, shutters and motions",
     "blur": "Kernels and transfer functions",
     "evaluation": "Metrics, losses and ceilings",

@@ -163,7 +163,9 @@ def test_points_that_missed_once(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("slug", "precision"), zip(SHUTTERS, itertools.cycle(DTYPES)))
+@pytest.mark.parametrize(
+    ("slug", "precision"), list(zip(SHUTTERS, itertools.cycle(DTYPES), strict=False))
+)
 def test_objects_at_rest(slug, precision):
     """All light on the tap that holds position 0, with no derivative but the shutter's."""
     dtype, T = DTYPES[precision], DTYPES[precision](0.0173)
