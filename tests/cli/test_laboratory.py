@@ -153,6 +153,7 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
     assert capsys.readouterr().err == "the shutter is open all the time: it needs no drive\n"
 
 
+@pytest.mark.slow
 def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
     """A device that lags is taken to have settled at its first level."""
     device = FirstOrderShutter(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
@@ -167,6 +168,7 @@ def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
     assert np.max(np.abs(rows[:, 3] - rows[:, 4])) > 0.1
 
 
+@pytest.mark.slow
 def test_export_prints_the_level_of_the_designs_decoder(folder, tmp_path, capsys):
     """One that is told the speed is not judged by one filter for all."""
     design = replace(Design.load(folder / "design.json"), loss_name="KnownSpeedLoss()")

@@ -46,6 +46,7 @@ def test_the_best_burst_is_the_best(max_frames):
     assert float(burst.motion.exposure) == pytest.approx(found[best].x, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_burst_ends_with_the_longest_exposure():
     """At 60 frames a second only three of them begin within 40 ms."""
     assert best_burst(_scene(burst=Burst(frames_per_s=60.0, max_frames=50))).num_frames == 3

@@ -237,6 +237,7 @@ def test_none_of_two_thousand_paths_exceeds_the_ceiling(name):
     _check_paths(SCENES[name], 7 * len(name), 500)
 
 
+@pytest.mark.slow
 def test_paths_of_the_test_are_measured_as_designs_are():
     """A straight path, cut into segments, has the metrics of a panning camera."""
     scene, velocity = SCENES["dim"], np.full(7, 640.0)
@@ -247,6 +248,7 @@ def test_paths_of_the_test_are_measured_as_designs_are():
     np.testing.assert_allclose(-10 * np.log10(told), found.known_speed_psnr, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_one_speed_has_the_ceiling_of_a_camera_that_keeps_up_with_it():
     """Panning with an open shutter reaches it; the best a camera at rest can do does not."""
     scene = Scene([700.0], photon_rate=7e4, read_noise=6.0, limits=LIMITS)

@@ -55,7 +55,7 @@ LAYERS = {
 @pytest.mark.parametrize(
     ("motion", "shutter", "layers", "mean_level", "psnr"),
     [
-        (SNAPSHOT, RectShutter(), STILL, 0.25, 27.1784),
+        pytest.param(SNAPSHOT, RectShutter(), STILL, 0.25, 27.1784, marks=pytest.mark.slow),
         (SWEPT, HannShutter(), STILL, 0.25, 26.7466),
         (
             ParabolicMotion(acceleration=30 / 0.009**2, half_exposure=0.009),

@@ -87,6 +87,7 @@ def test_a_camera_at_rest_displaces_nothing():
     assert found.extent == 80
 
 
+@pytest.mark.slow
 def test_what_travels_too_far_is_refused():
     """By a call and a search, and left out of a sweep: no tap is cut, no wave repeats."""
     scene = Scene([0.0, 20000.0], **LIGHT, limits=Limits(max_stroke=45.0, max_top_speed=4500.0))

@@ -377,6 +377,7 @@ def test_the_grid_resolves_a_long_flat_top(taper):
     assert np.max(np.abs(np.abs(response.spectra) - np.abs(np.stack(public)))) < 1e-13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "noise", "shutter"),
     [

@@ -273,6 +273,7 @@ def test_what_no_hardware_has_is_refused(slug):
         drive_table(a_design(HannShutter()), **arguments)
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_table(saved, capsys):
     """Without a folder the table itself is the result: names, units, one line a step."""
     assert cli.main(["export", str(saved), "--steps", "9", "--levels", "5"]) == 0

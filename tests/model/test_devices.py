@@ -214,6 +214,7 @@ def test_what_a_device_makes_of_a_command(slug):
     np.testing.assert_allclose(np.asarray(again.transmittance(TAU)), light.transmittance(TAU))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", TIMES)
 def test_the_state_of_a_first_order_device_is_exact(slug):
     """Its values and its light against 50 digits, of times from none to for ever."""

@@ -160,6 +160,7 @@ def test_profiles_span_their_own_exposures(figures):
         assert light.max() == pytest.approx(1)
 
 
+@pytest.mark.slow
 def test_the_error_of_a_transfer_ends_at_the_expected_psnr(figures):
     """As the table has it, and in the legend, so that the better design ends below the other."""
     ratios, errors = figures["transfer"].axes

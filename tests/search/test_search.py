@@ -532,6 +532,7 @@ def test_certificate_is_zero_at_a_corner_that_pushes_outwards():
     assert projected_gradient_norm(corner, np.array([-0.25, -3.0])) == 0.25
 
 
+@pytest.mark.slow
 def test_the_certificate_is_that_of_the_design_returned(monkeypatch):
     """A polish that makes things worse is thrown away, and its certificate with it."""
 
