@@ -3,7 +3,6 @@
 Modules that take seconds to import are imported inside the commands.
 """
 
-import gc
 import itertools
 import shlex
 import sys
@@ -94,8 +93,6 @@ if TYPE_CHECKING:
 
 _INTERRUPTED = 130
 """The exit code of an interrupt, which the parser of the command line returns too."""
-_ALLOCATIONS = 50_000
-"""Objects after which Python looks for garbage: JAX makes many that stay."""
 
 app = typer.Typer(
     name="mishutter",
@@ -438,7 +435,6 @@ def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line, or shows its help if there are no arguments; returns the exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
-    gc.set_threshold(_ALLOCATIONS)
     take_any_text()
     with closable_output():
         return _run(words)
