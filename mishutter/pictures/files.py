@@ -50,13 +50,13 @@ class Decoded(NamedTuple):
         colour: Grey, or red, green and blue; shape `(rows, columns, 1 or 3)`.
         alpha: Opacity in `[0, 1]`, if the file holds one; shape `(rows, columns)`.
         full: Value of white at the depth that the file states.
-        is_first: Whether it is the first of several pictures in the file.
+        has_more: Whether the file holds further pictures, which are not read.
     """
 
     colour: np.ndarray
     alpha: np.ndarray | None
     full: float
-    is_first: bool = False
+    has_more: bool = False
 
 
 def decoded(path: Path) -> Decoded:
@@ -101,18 +101,18 @@ def _decoded_deep_png(path: Path) -> Decoded:
     with Image.open(path) as file:
         _require_size(file.width, file.height)
         orientation = file.getexif().get(_ORIENTATION, 1)
-        is_first = _is_first(file)
+        has_more = _has_more(file)
     pixels = _upright(imagecodecs.png_decode(path.read_bytes()), orientation)
-    return _with_alpha_last(pixels, is_first)
+    return _with_alpha_last(pixels, has_more)
 
 
-def _with_alpha_last(pixels: np.ndarray, is_first: bool) -> Decoded:
+def _with_alpha_last(pixels: np.ndarray, has_more: bool) -> Decoded:
     """Splits opacity, the last of two or four channels, from grey or colour."""
     pixels = pixels[..., None] if pixels.ndim == 2 else pixels
     full = float(np.iinfo(pixels.dtype).max)
     if pixels.shape[2] not in (2, 4):
-        return Decoded(pixels, None, full, is_first)
-    return Decoded(pixels[..., :-1], _share(pixels[..., -1], full), full, is_first)
+        return Decoded(pixels, None, full, has_more)
+    return Decoded(pixels[..., :-1], _share(pixels[..., -1], full), full, has_more)
 
 
 def _share(alpha: np.ndarray, full: float) -> np.ndarray:
@@ -131,7 +131,7 @@ def _decoded_tiff(path: Path) -> Decoded:
         index, page = next(pages, (None, None))
         if page is None:
             raise ValueError("a TIFF of reduced pictures alone")
-        is_first = next(pages, None) is not None
+        has_more = next(pages, None) is not None
         _require_size(page.imagewidth, page.imagelength)
         meaning = page.photometric
         if meaning in _CONVERTED or (meaning <= _BLACK_IS_ZERO and _has_few_bits(page)):
@@ -139,13 +139,13 @@ def _decoded_tiff(path: Path) -> Decoded:
                 raise ValueError(f"{_CONVERTED[meaning]} of {page.bitspersample} bits a channel")
             if index is None:
                 raise ValueError("a TIFF whose picture lies within a page of another")
-            return _decoded_by_pillow(path, index)._replace(is_first=is_first)
+            return _decoded_by_pillow(path, index)._replace(has_more=has_more)
         if meaning not in (_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB):
             raise ValueError(f"a TIFF whose values are {getattr(meaning, 'name', meaning)}")
         first: Any = file.pages[0]
         tag = page.tags.get(_ORIENTATION) or first.tags.get(_ORIENTATION)
         pixels = _direct(page, 1 if tag is None else tag.value)
-        return pixels._replace(is_first=is_first)
+        return pixels._replace(has_more=has_more)
 
 
 def _whole_pages(file: "TiffFile") -> Iterator[tuple[int | None, "TiffPage"]]:
@@ -214,7 +214,7 @@ def _require_size(columns: int, rows: int) -> None:
         raise ValueError(f"{columns} x {rows} pixels")
 
 
-def _is_first(file: "Image.Image") -> bool:
+def _has_more(file: "Image.Image") -> bool:
     """Whether a file holds more pictures of equal standing; a telephone's previews are not."""
     return file.format != "MPO" and getattr(file, "n_frames", 1) > 1
 
@@ -226,7 +226,7 @@ def _decoded_by_pillow(path: Path, page: int = 0) -> Decoded:
         if file.format not in _BY_PILLOW:
             raise ValueError(f"a {file.format} file")
         _require_size(file.width, file.height)
-        is_first = _is_first(file)
+        has_more = _has_more(file)
         if page:
             file.seek(page)
         if file.format == "PPM":
@@ -238,7 +238,7 @@ def _decoded_by_pillow(path: Path, page: int = 0) -> Decoded:
         else:
             mode = "RGBA" if has_alpha else "L" if upright.mode == "1" else "RGB"
         pixels = np.asarray(upright.convert(mode) if mode != upright.mode else upright)
-    return _with_alpha_last(pixels, is_first)
+    return _with_alpha_last(pixels, has_more)
 
 
 def _decoded_map(file: "Image.Image") -> Decoded:

@@ -364,6 +364,6 @@ def _doubts(file: Decoded, path: Path, white: float | None) -> tuple[str, ...]:
             f"{path}: its greatest value is {most} of 65535, as of {depth} bits in 16; "
             f"they are read right with `white` {(1 << depth) - 1}"
         )
-    if file.is_first:
+    if file.has_more:
         doubts.append(f"{path}: it holds several pictures, of which the first is read")
     return tuple(doubts)

@@ -16,8 +16,8 @@ DESIGNED = "designed"
 """Name of a camera that was designed for a picture with a background."""
 _NUM_STARTS = 4
 """Starts of a search, which on the scenes of the benchmarks finds what four times as many do."""
-_TELLING = 0.05
-"""Gain that a line tells; dB."""
+_NAMED = 0.05
+"""Least gain before a background that the sentence names; dB."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def background_gains(
             metrics=design.metrics,
         )
         gain = max(camera.level - snapshot.level, 0.0)
-        gains.append(BackgroundGain(share, gain, camera if gain >= _TELLING else snapshot))
+        gains.append(BackgroundGain(share, gain, camera if gain >= _NAMED else snapshot))
         step(f"{share:.0%} still")
     return tuple(gains)
 
@@ -97,7 +97,7 @@ def background_line(gains: tuple[BackgroundGain, ...]) -> str:
     parts = []
     for each in gains:
         of_picture = "half of the picture" if each.still_share == 0.5 else f"{each.still_share:.0%}"
-        gain = f"{each.gain:+.2f} dB" if each.gain >= _TELLING else "none"
+        gain = f"{each.gain:+.2f} dB" if each.gain >= _NAMED else "none"
         parts.append(f"{gain} where {of_picture} stands still")
     return (
         "This is of a picture that moves as a whole. Objects that move before a background leave "

@@ -11,10 +11,9 @@ from mishutter.hardware import (
     span_of_shifts,
 )
 from mishutter.model import Scene
+from mishutter.report.verdict import LEAST_SHOWN
 from mishutter.search import Row
 
-_TELLING = 0.005
-"""Least gain that a sentence mentions; dB."""
 _PRECISION = 1e-3
 """Precision of a shift, in half exposures."""
 
@@ -38,7 +37,7 @@ class MeasuredCamera(NamedTuple):
     def lines(self) -> list[str]:
         """Sentences on the loss against the design, and on the best shift."""
         lines = [f"As measured: {self.level:.2f} dB{self._beside_design(self.level)}."]
-        if self.shifted_level < self.level + _TELLING:
+        if self.shifted_level < self.level + LEAST_SHOWN:
             return [*lines, "No shift of it against the stage has more."]
         way = "earlier" if self.earlier > 0 else "later"
         beside = self._beside_design(self.shifted_level)

@@ -18,8 +18,8 @@ from mishutter.search import (
 
 _WORTH_IT = 0.1
 """Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
-_TELLING = 0.005
-"""Least gain that a verdict mentions; dB."""
+LEAST_SHOWN = 0.005
+"""Least gain that two decimals show; dB."""
 
 
 def verdict_lines(
@@ -63,7 +63,7 @@ def _of_pan(rows: Sequence[Row], snapshot: Row) -> list[str]:
     """The sentence on the gain of a panned snapshot over one at rest."""
     at_rest = next(row for row in rows if row.name == BEST_SNAPSHOT)
     gain = snapshot.lead_over(at_rest)
-    if gain < _TELLING:
+    if gain < LEAST_SHOWN:
         return []
     return [f"The pan alone brings {gain:.2f} dB: a snapshot at rest has {at_rest.level:.2f} dB."]
 
@@ -106,7 +106,7 @@ def _beside(rows: Sequence[Row], choice: Row, own: Row | None) -> list[str]:
     if own is not None and is_other and own.takes == choice.takes:
         lines.append(f"{_capitalised(own.name)} takes as much and has {own.level:.2f} dB.")
     gain = top.lead_over(choice)
-    if gain >= _TELLING:
+    if gain >= LEAST_SHOWN:
         more = top.takes - choice.takes
         with_more = f" with {_in_words(more)} too" if more else ""
         lines.append(
