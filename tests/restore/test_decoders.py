@@ -141,7 +141,7 @@ def test_a_restoration_differentiates(name):
     rounding of the blur a billion times.
     """
     decoder = DECODERS.get(name, ms.RichardsonLucyDecoder(accelerated=False, start="capture"))
-    captured = ms.simulate_capture(photograph(4, 120), bright(), camera(), ms.HannShutter())
+    captured = ms.simulate_capture(photograph(4, 24), bright(), camera(), ms.HannShutter())
     direction, weights = np.random.default_rng(5).standard_normal((2, *captured.shape))
 
     def seen(step):
@@ -236,20 +236,22 @@ def test_borders_are_nearly_as_good_as_the_middle(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ensemble", "total variation", "accelerated"])
 def test_borders_are_far_better_than_wrapped(name):
-    """Over twelve photographs borders are within 3 dB of the middle, 6 dB above wrapped ones.
+    """Over photographs borders are within 3 dB of the middle, 6 dB above wrapped ones.
 
+    The ensemble filter's over all twelve, those of decoders that iterate over every other one.
     Both in the mean: where a row's ends look alike wrapping does no harm, and where the
     columns at the border hold more contrast than the rest they are worse wherever they lie.
     So it is also held, for each photograph, to how the same columns come out on a sensor
     that goes on beyond them: what was not recorded costs at most 2.5 dB with the
     ensemble filter, 6 dB with the others.
     """
-    measured = [borders.measured(p, DECODERS[name], 3e6) for p in borders.PHOTOGRAPHS]
+    best = name == "ensemble"
+    photographs = list(borders.PHOTOGRAPHS)[:: 1 if best else 2]
+    measured = [borders.measured(p, DECODERS[name], 3e6) for p in photographs]
     found = borders.Borders(*np.array(measured).T)
     assert np.mean(found.border) > np.mean(found.inner) - 3
     assert np.mean(found.border) > np.mean(found.wrapped) + 6
     assert np.mean(found.border) > np.mean(found.reference) + 6
-    best = name == "ensemble"
     assert np.all(found.border > found.recorded - (2.5 if best else 6))
 
 
@@ -270,7 +272,7 @@ def test_planes_are_independent(name):
 def test_a_picture_turned_over_is_restored_as_it_is(name):
     """Upside down of any camera; left to right of one that sees both directions alike."""
     key = jax.random.key(9)
-    decoder, light = DECODERS[name], photograph(100, 119)
+    decoder, light = DECODERS[name], photograph(100, 109)
     for motion, axis in ((camera(), 0), (ms.StillCamera(half_exposure=0.001), 1)):
         known = bright(), motion, ms.HannShutter()
         captured = np.asarray(ms.simulate_capture(light, *known, speed=900.0, key=key))
