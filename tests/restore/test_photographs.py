@@ -16,6 +16,7 @@ HALF = 0.009
 MOVING = ms.ParabolicMotion(acceleration=45 / HALF**2, half_exposure=HALF)
 SNAPSHOT = ms.StillCamera(half_exposure=0.0008)
 DIM, BRIGHT = 600 / 0.0016, 2e7
+NUM_INSTANTS = 4000
 WITHIN_DB = 0.15
 
 
@@ -31,7 +32,7 @@ def test_two_photographs_come_back_as_the_table_promises(motion, shutter, photon
     scene = ms.Scene.uniform(
         max_speed=4500.0, num_speeds=5, photon_rate=photon_rate, read_noise=8.0
     )
-    responses = photographs.sampled_responses(scene, motion, shutter, 4000)
+    responses = photographs.sampled_responses(scene, motion, shutter, NUM_INSTANTS)
     for name in ("camera.png", "coffee.png"):
         rows = photographs.rows_of(name)[::6]
         promised, found = photographs.levels(rows, scene, motion, shutter, responses)
@@ -46,12 +47,12 @@ NUM_SCENES = 5
 def test_twelve_photographs_come_back_as_the_table_promises(index):
     """Each in one of five scenes, by the Hann window that is best there and by a snapshot.
 
-    At 16,000 instants. All of them in every scene are `python -m benchmarks.photographs`.
+    At 4,000 instants. All of them in every scene are `python -m benchmarks.photographs`.
     """
     scene = list(scenes().values())[index]
     window = ms.optimise(scene, scene.motion, ms.HannShutter(), free="half_exposure")
     for motion, shutter in ((window.motion, ms.HannShutter()), (SNAPSHOT, ms.RectShutter())):
-        responses = photographs.sampled_responses(scene, motion, shutter, 16_000)
+        responses = photographs.sampled_responses(scene, motion, shutter, NUM_INSTANTS)
         for photograph in list(photographs.PHOTOGRAPHS)[index::NUM_SCENES]:
             rows = photographs.rows_of(photograph)
             promised, found = photographs.levels(rows, scene, motion, shutter, responses)

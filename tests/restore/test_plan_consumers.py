@@ -21,17 +21,14 @@ from mishutter.search.space import FREE_NAMES, design_space
 
 LOSSES = (ms.ExpectedErrorLoss(), ms.DesignLoss())
 FREE = (("shutter",), ("acceleration", "half_exposure"), FREE_NAMES)
-# Random scenes are of twelve kinds: the many are one of each.
-FEW_AND_MANY = pytest.mark.parametrize(
-    "seeds", [range(3), pytest.param(range(3, 15), marks=pytest.mark.slow)], ids=["few", "many"]
-)
+SEEDS = range(3, 15)
+"""Random scenes are of twelve kinds, and these one of each."""
 
 
 @pytest.mark.slow
-@FEW_AND_MANY
-def test_objectives_of_the_search(seeds):
+def test_objectives_of_the_search():
     """At two points of each space the planned objective is the full one to 1e-12."""
-    for seed in seeds:
+    for seed in SEEDS:
         scene, motion, shutter = random_scene(seed)
         still = isinstance(motion, ms.StillCamera)
         names = [n for n in FREE[seed % 3] if not (still and n == "acceleration")]
@@ -47,10 +44,9 @@ def test_objectives_of_the_search(seeds):
 
 
 @pytest.mark.slow
-@FEW_AND_MANY
-def test_captures_and_decoders(seeds):
+def test_captures_and_decoders():
     """A picture with equal colours, captured at a speed of the scene and restored."""
-    for seed in seeds:
+    for seed in SEEDS:
         scene, motion, shutter = random_scene(seed)
         rows = 0.2 + 0.6 * np.random.default_rng(seed).random((3, 180, 1))
         picture = np.repeat(rows, 3, axis=2) if seed % 2 else rows
