@@ -34,7 +34,7 @@ def _designs(scene, loss):
     hann = optimise(scene, MOTION, HannShutter(), loss=loss, free=MOTION_ONLY)
     tukey = optimise(scene, hann.motion, TukeyShutter(1.0), loss=loss)
     start = starting_shutter(scene).fit(tukey.shutter, 24, symmetric=True)
-    free = optimise(scene, tukey.motion, start, loss=loss, num_starts=4, max_steps=60)
+    free = optimise(scene, tukey.motion, start, loss=loss, num_starts=2, max_steps=60)
     return free, tukey, hann
 
 
@@ -74,7 +74,7 @@ def _check_measured_order(scene, *designs):
 
 def _typical_picture():
     """Random rows of the spectrum, mean and deviation that a scene assumes; linear light."""
-    rows, columns = 96, 1024
+    rows, columns = 32, 1024
     frequency = np.fft.rfftfreq(columns)
     amplitude = 1 / np.sqrt(frequency**2 + 0.01**2)
     amplitude[0] = 0

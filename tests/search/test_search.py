@@ -333,8 +333,15 @@ _SHUTTERS = {"spline": SplineShutter.fit(TukeyShutter(0.45), 10), "tukey": Tukey
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slug", _SHUTTERS)
-@pytest.mark.parametrize("free", [("half_exposure",), ("shutter",), FREE_NAMES])
+@pytest.mark.parametrize(
+    ("slug", "free"),
+    [
+        ("spline", ("shutter",)),
+        ("spline", FREE_NAMES),
+        ("tukey", ("half_exposure",)),
+        ("tukey", FREE_NAMES),
+    ],
+)
 def test_a_search_is_as_precise_as_the_scene_and_the_motion(slug, free):
     """Single precision stays so where JAX's default is double, whatever the shutter's is."""
     speeds, single = np.array([-310.0, 0.0, 520.0], np.float32), np.float32
@@ -434,7 +441,7 @@ def test_a_loss_of_the_package_s_own_functions_needs_no_plan(slug):
     """It is searched over all that can move, wherever light falls there, from scene to scene."""
     loss, scenes = OWN_LOSSES[slug]
     for searched in scenes:
-        design = optimise(searched, loss=loss, num_starts=2, max_steps=8)
+        design = optimise(searched, loss=loss, num_starts=2, max_steps=4)
         value = float(loss(searched, design.motion, design.shutter))
         np.testing.assert_allclose(value, design.loss, rtol=OWN_FREQUENCIES)
         assert design.loss <= design.best_start_loss
