@@ -5,7 +5,7 @@ from typing import ClassVar, final
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.cases import SHUTTERS
+from support.cases import QUICK, SHUTTERS
 from support.programs import compiled_programs
 
 from mishutter import (
@@ -104,8 +104,10 @@ def test_a_piecewise_shutter_of_ones_own_has_the_form_too():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("motion", MOTIONS, ids=["moving", "at-rest"])
-@pytest.mark.parametrize("slug", SHUTTERS)
+@pytest.mark.parametrize(
+    ("slug", "motion"),
+    [*((slug, MOTIONS[0]) for slug in SHUTTERS), *((slug, MOTIONS[1]) for slug in QUICK)],
+)
 def test_kernels_of_known_speeds_are_those_of_the_shutter(slug, motion):
     """Those by the shared program, against `blur_kernel`, which takes the shutter as it is."""
     shutter, speeds = SHUTTERS[slug].shutter(), np.array([0.0, 310.0, -1700.0, 4100.0])
