@@ -107,8 +107,12 @@ def test_a_scene_is_printed_with_its_numbers():
 @pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
 def test_a_saved_design_has_its_device_and_tolerances(design, device, tmp_path):
-    """The device is of its own kind, and makes the same light of the same command."""
-    tolerances = Tolerances(acceleration=0.02, delay=2e-4, num_accelerations=5, num_speeds=7)
+    """The device is of its own kind, and makes the same light of the same command.
+
+    Tolerances stand beside one device, as they are saved apart.
+    """
+    errors = Tolerances(acceleration=0.02, delay=2e-4, num_accelerations=5, num_speeds=7)
+    tolerances = errors if device is DEVICES["gradual"] else None
     places = lambda s: (s.device, s.tolerances)  # noqa: E731
     scene = eqx.tree_at(places, SCENE, (device, tolerances), is_leaf=lambda x: x is None)
     light = scene.light(design.shutter, MOTION)
