@@ -166,11 +166,14 @@ def test_folded_speeds_change_nothing(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("cutoff", "nearness"), [(0.5, 0.12), (0.12, 0.3)], ids=["every frequency", "soft optics"]
+    ("name", "cutoff", "nearness"),
+    [*((name, 0.5, 0.12) for name in LAYERS), ("narrow", 0.12, 0.3), ("moving", 0.12, 0.3)],
 )
-@pytest.mark.parametrize("name", LAYERS)
 def test_a_search_knows_the_error_by_few_frequencies(name, cutoff, nearness):
-    """A search computes the beat at few speeds and frequencies, and knows the error to 0.1 dB."""
+    """A search computes the beat at few speeds and frequencies, and knows the error to 0.1 dB.
+
+    Behind soft optics, of fewer frequencies still, to 0.3 dB.
+    """
     scene = eqx.tree_at(lambda s: s.cutoff_frequency, LAYERS[name], jnp.asarray(cutoff))
     for motion in (SNAPSHOT, SWEPT):
         loss, shutter = ExpectedErrorLoss(), HannShutter()

@@ -45,8 +45,8 @@ def test_random_scenes(seed):
 
 @pytest.mark.slow
 def test_many_random_scenes():
-    """Twenty more; three hundred are `python -m benchmarks.long_kernels`."""
-    worst = max(abs(long_kernels.case(seed)["less exact dB"]) for seed in range(4, 14))
+    """Six more; three hundred are `python -m benchmarks.long_kernels`."""
+    worst = max(abs(long_kernels.case(seed)["less exact dB"]) for seed in range(4, 10))
     assert worst < PSNR_ERROR
 
 

@@ -18,7 +18,6 @@ from mishutter import (
     RectShutter,
     Scene,
     StillCamera,
-    TriangleShutter,
     evaluate,
 )
 
@@ -39,7 +38,6 @@ CASES = {
     "snapshot": (StillCamera(half_exposure=1.3e-3), RectShutter(), 0.6, 70.0, 3e5, "moving"),
     "hann": (parabola(41.0, 8e-3), HannShutter(), 0.35, 110.0, 1e5, "still"),
     "open": (parabola(27.0, 9e-3), RectShutter(), 0.55, 35.0, 2e5, "moving"),
-    "triangle": (parabola(33.0, 5e-3), TriangleShutter(), 0.7, 280.0, 3e4, "moving"),
 }
 every_case = pytest.mark.parametrize("name", CASES)
 
