@@ -1,6 +1,6 @@
 """Taps and their derivatives against 300-digit references over the whole domain.
 
-The short sweep runs always; the full one of 800 points a precision is marked slow. Seeds
+The short sweep runs always; the full one of 400 points a precision is marked slow. Seeds
 are fixed, so a failure names its point and can be repeated.
 """
 
@@ -29,7 +29,7 @@ from support.helpers import (
     tap_error,
 )
 
-FULL_SWEEP = 800
+FULL_SWEEP = 400
 """Points a precision, shared out among the shutters."""
 DTYPES = {"float64": np.float64, "float32": np.float32}
 

@@ -1,6 +1,6 @@
 """Transfer functions and their derivatives against 300-digit references over the whole domain.
 
-The short sweep runs always; the full one of 330 points a precision is marked slow.
+The short sweep runs always; the full one of 110 points a precision is marked slow.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from support.helpers import (
     turning_point,
 )
 
-FULL_SWEEP = 130
+FULL_SWEEP = 110
 """Points a precision, shared out among the shutters."""
 DTYPES = {"float64": np.float64, "float32": np.float32}
 

@@ -23,9 +23,9 @@ NUM_POINTS = 25
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def both(slug, frame, parameters, a, T, s, v, positions):
+def both(make, frame, parameters, a, T, s, v, positions):
     """Taps of the package, and of the dense evaluation."""
-    shutter = SHUTTERS[slug].make(parameters)
+    shutter = make(parameters)
     motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
     if frame == "vertex":
         first = positions[0]
@@ -48,8 +48,8 @@ def test_taps_are_those_of_the_dense_evaluation(slug):
         if point.is_at_rest:  # where the dense evaluation divides by nothing
             continue
         motion = point.acceleration, point.half_exposure, point.speed, point.velocity
-        parameters = SHUTTERS[slug].parameters
-        taps, expected = map(np.asarray, both(slug, point.frame, parameters, *motion, point.taps))
+        make, parameters = SHUTTERS[slug].make, SHUTTERS[slug].parameters
+        taps, expected = map(np.asarray, both(make, point.frame, parameters, *motion, point.taps))
         allowed = TAP_RELATIVE[np.float64] * expected
         allowed = np.maximum(allowed, TAP_OF_LARGEST[np.float64] * expected.max())
         assert np.all(np.abs(taps - expected) <= 2 * allowed), point

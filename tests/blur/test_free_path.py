@@ -38,7 +38,7 @@ LARGEST = {np.float64: 8.0, np.float32: 6.0}
     [("flutter", np.float32, 12), ("tukey", np.float64, 3)],
 )
 def test_taps_and_derivatives(slug, dtype, seed):
-    """By every acceleration, the exposure, speed, velocity and position, at 8 points."""
+    """By every acceleration, the exposure, speed, velocity and position, at 5 points."""
     rng = np.random.default_rng(seed)
     for _ in range(5):
         point = random_path(rng, dtype, slug, largest=LARGEST[dtype])
@@ -54,8 +54,7 @@ def test_taps_and_derivatives(slug, dtype, seed):
         ("rect", np.float32),
         ("hann", np.float64),
         ("tukey", np.float32),
-        ("flutter", np.float64),
-        ("chips", np.float32),
+        ("chips", np.float64),
         ("spline", np.float64),
     ],
 )
@@ -100,9 +99,9 @@ def test_forwards_and_backwards():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shutter", [HannShutter(), TukeyShutter(0.3)], ids=["hann", "tukey"])
-def test_equal_accelerations_are_a_parabola(shutter):
+def test_equal_accelerations_are_a_parabola():
     """Kernels of objects that the sensor keeps up with, exposures and responses of any."""
+    shutter = TukeyShutter(0.3)
     parabola = ParabolicMotion(acceleration=700.0, half_exposure=0.25, velocity=33.0)
     path = FreeMotion.fit(parabola, num_pieces=5)
     frequency = np.array([-0.3, 0.0, 0.01, 0.5, 3.0, 100.0, 1e4])

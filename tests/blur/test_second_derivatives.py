@@ -83,7 +83,6 @@ POINTS = {
         ("rect", "vertex"),
         ("hann", "sensor"),
         ("triangle", "vertex"),
-        ("tukey", "vertex"),
         ("tukey", "sensor"),
         ("spline", "vertex"),
         ("chips", "sensor"),

@@ -87,8 +87,9 @@ SHUTTERS = {
     "chips": _row(_profile(7), ChippedShutter, reference.chips),
     "one-open-chip": _row(np.eye(31)[22], ChippedShutter, reference.chips),
     "spline": _row(_profile(24), SplineShutter, reference.spline),
+    # Of as many coefficients, so that programs of the two are one.
     "spline-closed-middle": _row(
-        _profile(15) * (np.abs(np.arange(15) - 7) > 3), SplineShutter, reference.spline
+        _profile(24) * (np.abs(np.arange(24) - 11.5) > 4), SplineShutter, reference.spline
     ),
     "spline-symmetric": _row(
         _profile(6),

@@ -155,8 +155,8 @@ def panning(rng, relative, gain, dtype):
     return dtype(relative + float(dtype(v))), dtype(v)
 
 
-def _taps(slug, frame, a, T, s, v, shift, parameters, positions):
-    shutter = SHUTTERS[slug].make(parameters)
+def _taps(make, frame, a, T, s, v, shift, parameters, positions):
+    shutter = make(parameters)
     motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
     if frame == "vertex":
         phase = positions[0] + shift
@@ -165,14 +165,17 @@ def _taps(slug, frame, a, T, s, v, shift, parameters, positions):
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def taps_and_derivatives(slug, frame, arguments, positions, direction):
-    """Taps, and their derivatives by each of `ARGUMENTS`, the shutter's along a direction."""
+def taps_and_derivatives(make, frame, arguments, positions, direction):
+    """Taps, and their derivatives by each of `ARGUMENTS`, the shutter's along a direction.
+
+    Cases of one class and as many parameters share a program.
+    """
 
     def along(step):
         *motion, parameters = arguments
         motion = [x + step[i] for i, x in enumerate(motion)]
         moved = parameters + direction * step[5]
-        return _taps(slug, frame, *motion, step[4], moved, positions)
+        return _taps(make, frame, *motion, step[4], moved, positions)
 
     origin = jnp.zeros(len(ARGUMENTS), positions.dtype)
     return along(origin), jax.jacfwd(along)(origin)
@@ -188,7 +191,7 @@ def computed(point):
     """What the package finds at a point: taps `(n,)` and derivatives `(n, 6)`."""
     direction = direction_of(point.parameters)
     taps, derivatives = taps_and_derivatives(
-        point.slug, point.frame, _arguments(point), point.taps, direction
+        SHUTTERS[point.slug].make, point.frame, _arguments(point), point.taps, direction
     )
     return np.asarray(taps), np.asarray(derivatives)
 
@@ -314,17 +317,17 @@ def edge_at_vertex(point):
 
 
 @partial(jax.jit, static_argnums=0)
-def transfer_and_derivatives(slug, arguments, frequencies, direction):
+def transfer_and_derivatives(make, arguments, frequencies, direction):
     """Transfer function, `(2, m)`, and derivatives by each of `TRANSFER_ARGUMENTS`, `(2, m, 6)`.
 
-    Its real and its imaginary part are on the leading axis.
+    Its real and its imaginary part are on the leading axis. Programs are shared as those of taps.
     """
 
     def along(step):
         *motion, parameters = arguments
         a, T, s, v = (x + step[i] for i, x in enumerate(motion))
         response = transfer_function(
-            SHUTTERS[slug].make(parameters + direction * step[5]),
+            make(parameters + direction * step[5]),
             ParabolicMotion(acceleration=a, half_exposure=T, velocity=v),
             speed=s,
             frequency=frequencies + step[4],
@@ -338,7 +341,8 @@ def transfer_and_derivatives(slug, arguments, frequencies, direction):
 def transferred(point, frequencies):
     """What the package finds at a point: responses `(m,)` and derivatives `(m, 6)`."""
     direction = direction_of(point.parameters)
-    parts = transfer_and_derivatives(point.slug, _arguments(point), frequencies, direction)
+    make = SHUTTERS[point.slug].make
+    parts = transfer_and_derivatives(make, _arguments(point), frequencies, direction)
     return [np.asarray(x[0], float) + 1j * np.asarray(x[1], float) for x in parts]
 
 
