@@ -310,3 +310,11 @@ def test_a_server_that_began_anew_is_said(page, place):
     chromium.after(page, "first", lambda: chromium.slide(page, "sensor.read_noise_e", 300))
     assert not page.find_element("id", "lost").is_displayed()
     assert not page.find_element("id", "problem").is_displayed()
+
+
+def test_nothing_is_loaded_from_elsewhere(page):
+    """All that the page loads comes from its own server."""
+    chromium.wait(page, TABLE)
+    loaded = page.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
+    own = page.current_url
+    assert [name for name in loaded if not name.startswith((own, "data:"))] == []
