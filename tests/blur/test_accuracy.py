@@ -1,6 +1,6 @@
 """Taps and their derivatives against 300-digit references over the whole domain.
 
-The short sweep runs always; the full one of 400 points a precision is marked slow. Seeds
+A short sweep of one shutter runs always; the full one, 400 points a precision, is slow. Seeds
 are fixed, so a failure names its point and can be repeated.
 """
 
