@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 REQUIRED = [Requirement(text) for text in PROJECT["dependencies"]]
 EXTRAS = [
     Requirement(t)
@@ -40,7 +40,7 @@ def imported() -> set[str]:
     """Top-level names that the package imports, its own and the standard library's left out."""
     names = set()
     for path in (ROOT / "mishutter").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 names |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
@@ -66,7 +66,11 @@ def test_what_is_installed_is_what_is_declared(requirement):
 @pytest.mark.parametrize("path", sorted((ROOT / ".ci").glob("constraints-*.txt")), ids=str)
 def test_constraints_hold_every_package_in_a_version_that_is_allowed(path):
     """`pip install . -c FILE` takes what was tested, and is never refused."""
-    lines = (line.partition("==") for line in path.read_text().splitlines() if line[:1] != "#")
+    lines = (
+        line.partition("==")
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if line[:1] != "#"
+    )
     known = {name: number for name, _, number in lines}
     for requirement in (*REQUIRED, *EXTRAS):
         assert known[canonicalize_name(requirement.name)] in requirement.specifier

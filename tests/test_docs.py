@@ -22,17 +22,13 @@ PAGES = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / ".pre-commit-config.yaml"]
 )
 
+TEXTS = {page: page.read_text(encoding="utf-8") for page in PAGES}
+
 TITLE = "Improved motion invariant imaging with time varying shutter functions"
 
 FILE = re.compile(r"(?<![\w./*:-])([\w.-]+(?:/[\w.-]+)+\.(?:py|toml|ipynb|png|md))\b")
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]+)\)")
 FUNCTION = re.compile(r"`([\w/]+\.py)` → ((?:`\w+`(?:, | and )?)+)")
-
-
-def every_page(test):
-    return pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))(
-        test
-    )
 
 
 def located(name: str, page: Path) -> Path | None:
@@ -41,23 +37,24 @@ def located(name: str, page: Path) -> Path | None:
     return next((place for place in places if place.exists()), None)
 
 
-@every_page
-def test_files_that_a_page_names_exist(page):
+def test_files_that_a_page_names_exist():
     """A file that moved is followed by every page that leads to it; what changed may be history."""
-    text = page.read_text()
-    links = [link for link in LINK.findall(text) if not (page.parent / link).exists()]
-    assert not links
-    if page.name != "CHANGELOG.md":
-        assert not [name for name in FILE.findall(LINK.sub("", text)) if not located(name, page)]
+    for page, text in TEXTS.items():
+        links = [link for link in LINK.findall(text) if not (page.parent / link).exists()]
+        assert not links, page
+        if page.name != "CHANGELOG.md":
+            names = FILE.findall(LINK.sub("", text))
+            assert not [name for name in names if not located(name, page)], page
 
 
-@every_page
-def test_functions_are_where_a_page_says(page):
+def test_functions_are_where_a_page_says():
     """A journey through the code passes functions and classes that its files define."""
-    for name, functions in FUNCTION.findall(page.read_text()):
+    named = [(page, *names) for page, text in TEXTS.items() for names in FUNCTION.findall(text)]
+    assert named
+    for page, name, functions in named:
         path = located(name, page)
         assert path, name
-        tree = ast.parse(path.read_text())
+        tree = ast.parse(path.read_text(encoding="utf-8"))
         kinds = ast.FunctionDef | ast.ClassDef
         defined = {node.name for node in ast.walk(tree) if isinstance(node, kinds)}
         assert set(re.findall(r"`(\w+)`", functions)) <= defined, name
@@ -75,15 +72,15 @@ NEEDS = [
 ]
 
 
-@every_page
-def test_blocks_are_of_a_kind_that_is_checked(page):
+def test_blocks_are_of_a_kind_that_is_checked():
     """No block escapes by a language that nothing runs; commands that are only shown are few."""
-    for block in blocks(page):
-        assert block.language in RUNNABLE | OTHER_LANGUAGES
-        if block.language == "toml":
-            tomllib.loads(block.text)
-        if block.language == "console":
-            assert all(line.startswith("$ ") for line in block.text.splitlines())
+    for page in PAGES:
+        for block in blocks(page):
+            assert block.language in RUNNABLE | OTHER_LANGUAGES, page
+            if block.language == "toml":
+                tomllib.loads(block.text)
+            if block.language == "console":
+                assert all(line.startswith("$ ") for line in block.text.splitlines()), page
 
 
 @pytest.fixture(scope="module")
@@ -135,17 +132,20 @@ def test_code_for_other_packages_runs(page, package, desk, monkeypatch):
 MODULES = [*sorted((ROOT / "mishutter").rglob("*.py")), ROOT / "benchmarks" / "rivals.py"]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_modules_that_speak_of_the_paper_name_it(path):
+def test_modules_that_speak_of_the_paper_name_it():
     """Equations and sections of the paper are citations only where its title stands beside them."""
-    text = path.read_text()
-    if re.search(r"\b[Tt]he\s+paper\b", text):
-        assert TITLE in text
+    for path in MODULES:
+        text = path.read_text(encoding="utf-8")
+        if re.search(r"\b[Tt]he\s+paper\b", text):
+            assert TITLE in text, path
 
 
 SCENES = {
     "the built-in scene": example_scene_text(),
-    **{f"notebooks/{path.name}": path.read_text() for path in (ROOT / "notebooks").glob("*.toml")},
+    **{
+        f"notebooks/{path.name}": path.read_text(encoding="utf-8")
+        for path in (ROOT / "notebooks").glob("*.toml")
+    },
     **{
         f"{name} of {page.relative_to(ROOT)}": text
         for page in CODE
@@ -155,19 +155,22 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("slug", SCENES)
-def test_a_scene_whose_sensor_moves_says_what_its_stage_does(slug):
+def test_a_scene_whose_sensor_moves_says_what_its_stage_does():
     """Its travel from rest to rest and its acceleration, without which it could not be built."""
-    limits = tomllib.loads(SCENES[slug]).get("limits", {})
-    if "max_stroke_px" in limits:
-        assert limits.keys() & {"max_travel_px", "max_travel_mm"}
-        assert limits.keys() & {"max_acceleration_px_per_s2", "max_acceleration_g"}
+    limits = {slug: tomllib.loads(text).get("limits", {}) for slug, text in SCENES.items()}
+    moving = {slug: keys for slug, keys in limits.items() if "max_stroke_px" in keys}
+    assert moving
+    for slug, keys in moving.items():
+        assert keys.keys() & {"max_travel_px", "max_travel_mm"}, slug
+        assert keys.keys() & {"max_acceleration_px_per_s2", "max_acceleration_g"}, slug
 
 
 def test_the_verdict_has_the_gains_that_were_measured():
     """The page has the benchmark's table, line by line."""
-    measured = (ROOT / "benchmarks" / "results" / "gains.md").read_text().splitlines()
-    page = (ROOT / "docs" / "verdict.md").read_text().splitlines()
+    measured = (
+        (ROOT / "benchmarks" / "results" / "gains.md").read_text(encoding="utf-8").splitlines()
+    )
+    page = (ROOT / "docs" / "verdict.md").read_text(encoding="utf-8").splitlines()
     pictures = ("| as a whole", "| before a still background", "| both layers move")
     rows = [line for line in page if line.startswith(pictures)]
     assert len(rows) > len(pictures)
@@ -176,8 +179,10 @@ def test_the_verdict_has_the_gains_that_were_measured():
 
 def test_six_scenes_have_the_figures_that_were_measured():
     """The page quotes the benchmark digit by digit; a row over two rivals is over the better."""
-    measured = json.loads((ROOT / "benchmarks" / "results" / "scenes.json").read_text())["rows"]
-    page = (ROOT / "docs" / "scenes.md").read_text()
+    measured = json.loads(
+        (ROOT / "benchmarks" / "results" / "scenes.json").read_text(encoding="utf-8")
+    )["rows"]
+    page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
     rows = [line.strip("| ").split(" | ") for line in page.splitlines() if " dB" not in line]
     shown = {row[0]: row[1:] for row in rows if len(row) == _SIX_COLUMNS}
     assert len(measured) == 6

@@ -30,16 +30,13 @@ FLOORS = [
 FOLDERS = set().union(*FLOORS)
 
 FILES = sorted(PACKAGE.rglob("*.py"))
-TREES = {path: ast.parse(path.read_text()) for path in FILES}
+TEXTS = {path: path.read_text(encoding="utf-8") for path in FILES}
+TREES = {path: ast.parse(text) for path, text in TEXTS.items()}
 
 
 def module_name(path: Path) -> str:
     name = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
     return name.removesuffix(".__init__")
-
-
-def every_file(test):
-    return pytest.mark.parametrize("path", FILES, ids=module_name)(test)
 
 
 def imported(tree: ast.AST) -> list[str]:
@@ -73,17 +70,23 @@ def public_names() -> list[str]:
     return [a.asname or a.name for node in public_imports() for a in node.names]
 
 
-@every_file
-def test_imports_point_downwards(path):
-    """A folder imports only folders on lower floors, through the names in their `__init__`."""
+def wrong_imports(path: Path) -> list[str]:
+    """Imports of a file that go upwards, or past the `__init__` of another folder."""
     folder, *inside = module_name(path).split(".")
     if not inside and path.parent == PACKAGE:  # the public face, and `python -m mishutter`
-        return
-    for name in imported(TREES[path]):
-        target, *module = name.split(".")[1:]
-        if target != folder:
-            assert floor(target) > floor(folder), name
-            assert not module, f"{name} is reached past its folder's `__init__`"
+        return []
+    others = [name.split(".")[1:] for name in imported(TREES[path])]
+    return [
+        f"{module_name(path)} imports {'.'.join([target, *module])}"
+        for target, *module in others
+        if target != folder and (module or floor(target) <= floor(folder))
+    ]
+
+
+def test_imports_point_downwards():
+    """A folder imports only folders on lower floors, through the names in their `__init__`."""
+    assert not [line for path in FILES for line in wrong_imports(path)]
+    assert any(imported(tree) for tree in TREES.values())
 
 
 def test_few_modules_lie_at_the_top():
@@ -96,34 +99,37 @@ def test_no_public_name_is_that_of_a_folder():
     assert not [name for name in public_names() if name in FOLDERS]
 
 
-@pytest.mark.parametrize("name", public_names())
-def test_no_public_function_shares_its_modules_name(name):
+def test_no_public_function_shares_its_modules_name():
     """The name of a function is never that of the file that it is written in."""
-    module = getattr(getattr(mishutter, name), "__module__", "")
-    assert module.split(".")[-1] != name
+    modules = {name: getattr(getattr(mishutter, name), "__module__", "") for name in public_names()}
+    assert not [name for name, module in modules.items() if module.split(".")[-1] == name]
 
 
-@every_file
-def test_no_assert_and_no_super(path):
+def is_forbidden(node: ast.AST) -> bool:
+    """Whether a node is an `assert` or a call of `super`."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        return node.func.id == "super"
+    return isinstance(node, ast.Assert)
+
+
+def test_no_assert_and_no_super():
     """The package raises what its user can read, and adds behaviour by wrapping."""
-    for node in ast.walk(TREES[path]):
-        assert not isinstance(node, ast.Assert), f"assert in line {node.lineno}"
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            assert node.func.id != "super", f"super() in line {node.lineno}"
+    nodes = [(path, node) for path, tree in TREES.items() for node in ast.walk(tree)]
+    assert not [f"{module_name(p)}:{node.lineno}" for p, node in nodes if is_forbidden(node)]
 
 
-@every_file
-def test_no_future_annotations(path):
+def test_no_future_annotations():
     """Postponed annotations break `eqx.AbstractVar` and shape checks at run time."""
-    assert "from __future__ import annotations" not in path.read_text()
+    statement = "from __future__ import annotations"
+    assert not [module_name(path) for path, text in TEXTS.items() if statement in text]
 
 
-CLASSES = [
-    pytest.param(node, id=f"{module_name(path)}.{node.name}")
+CLASSES = {
+    f"{module_name(path)}.{node.name}": node
     for path in FILES
     for node in ast.walk(TREES[path])
     if isinstance(node, ast.ClassDef)
-]
+}
 
 
 def bases(node: ast.ClassDef) -> list[str]:
@@ -134,14 +140,14 @@ def is_module(node: ast.ClassDef) -> bool:
     return any(b == "eqx.Module" or b.split(".")[-1].startswith("Abstract") for b in bases(node))
 
 
-@pytest.mark.parametrize("node", CLASSES)
-def test_classes_are_abstract_or_final(node):
+def test_classes_are_abstract_or_final():
     """A class is an interface, named so, or final, marked so; only interfaces are derived from."""
-    if not is_module(node):
-        return
-    decorators = {ast.unparse(d) for d in node.decorator_list}
-    abstract = node.name.removeprefix("_").startswith("Abstract")
-    assert abstract != bool(decorators & {"final", "typing.final"})
+    modules = {name: node for name, node in CLASSES.items() if is_module(node)}
+    assert modules
+    for name, node in modules.items():
+        decorators = {ast.unparse(d) for d in node.decorator_list}
+        abstract = node.name.removeprefix("_").startswith("Abstract")
+        assert abstract != bool(decorators & {"final", "typing.final"}), name
 
 
 def is_field(statement: ast.stmt) -> bool:
@@ -150,11 +156,13 @@ def is_field(statement: ast.stmt) -> bool:
     return not ast.unparse(statement.annotation).startswith(("eqx.Abstract", "ClassVar"))
 
 
-@pytest.mark.parametrize("node", CLASSES)
-def test_fields_sit_in_the_final_class(node):
+def test_fields_sit_in_the_final_class():
     """An interface says by `AbstractVar` what must be there and holds nothing itself."""
-    if is_module(node) and node.name.startswith("Abstract"):
-        assert not [ast.unparse(s) for s in node.body if is_field(s)]
+    interfaces = {n: node for n, node in CLASSES.items() if node.name.startswith("Abstract")}
+    assert interfaces
+    for name, node in interfaces.items():
+        if is_module(node):
+            assert not [ast.unparse(s) for s in node.body if is_field(s)], name
 
 
 def test_public_names_are_re_exported_one_a_line():
@@ -168,11 +176,11 @@ def test_public_names_are_re_exported_one_a_line():
     assert set(mishutter.__all__) <= set(dir(mishutter))
 
 
-@pytest.mark.parametrize("node", public_imports(), ids=lambda node: node.names[0].name)
-def test_public_names_are_those_that_a_type_checker_reads(node):
+def test_public_names_are_those_that_a_type_checker_reads():
     """A name that is imported when it is asked for is the one of the folder it is said to be of."""
-    name = node.names[0].name
-    assert getattr(mishutter, name) is getattr(importlib.import_module(node.module), name)
+    for node in public_imports():
+        name = node.names[0].name
+        assert getattr(mishutter, name) is getattr(importlib.import_module(node.module), name), name
 
 
 def test_importing_the_package_imports_none_of_its_folders():
@@ -184,12 +192,12 @@ def test_importing_the_package_imports_none_of_its_folders():
         mishutter.shutters  # type: ignore[attr-defined]  # noqa: B018
 
 
-@pytest.mark.parametrize("name", public_names())
-def test_public_names_are_documented(name):
+def test_public_names_are_documented():
     """Every public class and function says what it is in one sentence."""
-    value = getattr(mishutter, name)
-    if callable(value):
-        first = (value.__doc__ or "").strip().split("\n")[0]
-        assert first.endswith((".", ":"))
-    else:
-        assert any(f"\n{name} = " in path.read_text() for path in FILES)
+    for name in public_names():
+        value = getattr(mishutter, name)
+        if callable(value):
+            first = (value.__doc__ or "").strip().split("\n")[0]
+            assert first.endswith((".", ":")), name
+        else:
+            assert any(f"\n{name} = " in text for text in TEXTS.values()), name

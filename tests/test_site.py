@@ -71,7 +71,9 @@ def test_every_argument_is_explained():
 
 def test_every_page_can_be_reached_from_the_site_s_menu():
     """The menu names each page that is written or generated, and no other."""
-    menu = set(re.findall(r"[\w/]+\.md$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE))
+    menu = set(
+        re.findall(r"[\w/]+\.md$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    )
     reference = {f"reference/{module}.md" for module in public_names()}
     assert menu == {*written().values(), *generated().values(), *reference}
 
@@ -79,12 +81,12 @@ def test_every_page_can_be_reached_from_the_site_s_menu():
 def test_links_lead_to_the_site_s_pages(tmp_path):
     """A page links to pages, to generated ones for sources, and to copies of other files."""
     write_pages(tmp_path)
-    page = (tmp_path / "index.md").read_text()
+    page = (tmp_path / "index.md").read_text(encoding="utf-8")
     assert "](tutorial.md)" in page
     assert "](citing.md)" in page
     assert "](files/LICENSE)" in page
     assert (tmp_path / "files" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
-    below = (tmp_path / "researchers" / "maps.md").read_text()
+    below = (tmp_path / "researchers" / "maps.md").read_text(encoding="utf-8")
     assert "](../notebooks/03_acceleration_and_exposure.md)" in below
     cell = "[kernels](../docs/researchers/kernels.md#deepinv)"
     page = with_links(cell, "notebooks/04_capture_and_restore.ipynb", tmp_path)
@@ -135,5 +137,7 @@ def test_formulae_become_mathml():
     assert "3 $ and 4 $." in html
     assert 'display="block"' in mathematics.fence("x(t) = a t^2\n", "math")
     for page in (ROOT / "docs").rglob("*.md"):
-        for formula in re.findall(r"^```math\n(.*?)^```", page.read_text(), re.M | re.S):
+        for formula in re.findall(
+            r"^```math\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S
+        ):
             assert "merror" not in mathematics.fence(formula, "math"), Path(page).name

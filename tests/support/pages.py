@@ -41,7 +41,7 @@ def blocks(page: Path) -> list[Block]:
     """The blocks of a page, from top to bottom."""
     return [
         Block(language, text, frozenset(_IMPORT.findall(text)))
-        for language, text in _FENCE.findall(page.read_text())
+        for language, text in _FENCE.findall(page.read_text(encoding="utf-8"))
     ]
 
 
@@ -74,7 +74,7 @@ class Reader:
 
     def _run_commands(self, text: str) -> None:
         for name, content in _HERE.findall(text):
-            Path(name).write_text(content)
+            Path(name).write_text(content, encoding="utf-8")
         lines = _HERE.sub("", text).replace("\\\n", " ").splitlines()
         for line in lines:
             commands = [shlex.split(c, comments=True) for c in line.split(" && ")]
