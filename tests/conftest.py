@@ -57,7 +57,11 @@ def _programs_of_one_module():
     jax.clear_caches()
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Modules with most slow tests come first, so that no process ends long after the others."""
+    """A nightly test is slow; modules with most slow tests come first: workers end together."""
+    for item in items:
+        if item.get_closest_marker("nightly"):
+            item.add_marker("slow")
     slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
     items.sort(key=lambda item: -slow[item.path])

@@ -25,8 +25,12 @@ _QUICK = {
 """Settings of the build where the user chose no others."""
 
 
-def build() -> None:
+def build(*, quick: bool = False) -> None:
     """Write all pages, make the site of them and check its links.
+
+    Args:
+        quick: Run the first notebook alone and show the first scene alone in the gallery. The other
+            notebooks become pages without outputs, so that every link is there to be checked.
 
     Raises:
         SystemExit: with 1 if a page or a link is wrong.
@@ -41,8 +45,11 @@ def build() -> None:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", programs)  # of all kernels and the rest
         with ThreadPoolExecutor(2) as pool:
             names = sorted(path.name for path in FOLDER.glob("*.ipynb"))
-            runs = [pool.submit(write_notebook, name, PAGES) for name in names]
-            _write_generated()
+            runs = [
+                pool.submit(write_notebook, name, PAGES, run=not quick or name == names[0])
+                for name in names
+            ]
+            _write_generated(num_scenes=1 if quick else None)
             for run in runs:
                 run.result()
     print(f"pages written after {time.perf_counter() - begin:.0f} s", flush=True)
@@ -64,7 +71,7 @@ def as_shown(text: str) -> str:
     return _PICTURE.sub(r"[\g<0>](\1)", text)
 
 
-def _write_generated() -> None:
+def _write_generated(num_scenes: int | None) -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -75,4 +82,4 @@ def _write_generated() -> None:
 
     (PAGES / "citing.md").write_text(citing_page())
     write_reference(PAGES)
-    write_gallery(PAGES)
+    write_gallery(PAGES, num_scenes)
