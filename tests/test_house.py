@@ -118,6 +118,36 @@ def test_no_assert_and_no_super():
     assert not [f"{module_name(p)}:{node.lineno}" for p, node in nodes if is_forbidden(node)]
 
 
+def num_positional(node: ast.FunctionDef) -> int:
+    """Positional parameters of a function beside `self` and `cls`."""
+    names = [argument.arg for argument in (*node.args.posonlyargs, *node.args.args)]
+    return len([name for name in names if name not in ("self", "cls")])
+
+
+def test_functions_have_five_positional_parameters_at_most():
+    """A call of more is read wrongly: arguments that travel together are one record."""
+    functions = [
+        (path, node)
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+    ]
+    assert max(num_positional(node) for _, node in functions) > 3
+    assert not [f"{module_name(p)}.{f.name}" for p, f in functions if num_positional(f) > 5]
+
+
+def test_docstrings_are_sentences():
+    """A reader who meets one alone learns what is there: none begins with What, Of or Where."""
+    first_words = {
+        f"{module_name(path)}:{node.lineno}": node.value.value.lstrip().split(" ")[0]
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        if isinstance(node.value.value, str)
+    }
+    assert not [place for place, word in first_words.items() if word in ("What", "Of", "Where")]
+
+
 def test_no_future_annotations():
     """Postponed annotations break `eqx.AbstractVar` and shape checks at run time."""
     statement = "from __future__ import annotations"
