@@ -10,7 +10,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from support.cases import SHUTTERS
+from support.cases import SHUTTERS, SOME_SHUTTERS, daily
 from support.helpers import (
     ARGUMENTS,
     DERIVATIVE_OF_LARGEST,
@@ -151,7 +151,7 @@ def test_taps_and_derivatives(slug):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CORPUS)
+@pytest.mark.parametrize("name", daily(CORPUS, *list(CORPUS)[::3]))
 def test_points_that_missed_once(name):
     """Taps and their derivatives by every argument, where long times all but cancel."""
     kind, motion, taps = CORPUS[name]
@@ -162,9 +162,16 @@ def test_points_that_missed_once(name):
     check(Point(slug, stroke, a, T, s, np.array(taps.split(), dtype), frame))
 
 
+REST_DAILY = ["hann", "gaussian", "flutter", "spline-symmetric"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("slug", "precision"), list(zip(SHUTTERS, itertools.cycle(DTYPES), strict=False))
+    ("slug", "precision"),
+    [
+        pytest.param(slug, precision, marks=() if slug in REST_DAILY else pytest.mark.nightly)
+        for slug, precision in zip(SHUTTERS, itertools.cycle(DTYPES), strict=False)
+    ],
 )
 def test_objects_at_rest(slug, precision):
     """All light on the tap that holds position 0, with no derivative but the shutter's."""
@@ -260,7 +267,7 @@ def test_gaussians_about_as_narrow_as_the_drift(precision):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
-@pytest.mark.parametrize("slug", SHUTTERS)
+@pytest.mark.parametrize("slug", SOME_SHUTTERS)
 def test_taps_and_derivatives_over_the_domain(slug, precision):
     """The full sweep: every tap, and on each tenth point every derivative."""
     rng = np.random.default_rng(2)

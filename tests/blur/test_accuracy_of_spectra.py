@@ -5,7 +5,7 @@ The short sweep runs always; the full one of 110 points a precision is marked sl
 
 import numpy as np
 import pytest
-from support.cases import EVERY_SHUTTER, QUICK, SHUTTERS
+from support.cases import EVERY_SHUTTER, QUICK, SHUTTERS, SOME_SHUTTERS
 from support.helpers import (
     random_frequencies,
     random_point,
@@ -44,7 +44,7 @@ def test_transfer_function_of_a_path_that_turns(slug):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
-@pytest.mark.parametrize("slug", SHUTTERS)
+@pytest.mark.parametrize("slug", SOME_SHUTTERS)
 def test_transfer_function_over_the_domain(slug, precision):
     """The full sweep: six frequencies a point, strokes to 1e4 px; derivatives on each tenth."""
     rng, dtype = np.random.default_rng(7), DTYPES[precision]

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support.cases import daily
 from support.classes import final_classes
 from support.designs import MOTION, SCENE, SMALL
 from support.plan_check import plan_error
@@ -183,7 +184,7 @@ def test_a_spectral_zero_counts_as_the_working_precision():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [0.5, 0.01, 1e-6])
+@pytest.mark.parametrize("share", daily([0.5, 0.01, 1e-6], 0.01))
 @pytest.mark.parametrize("slug", LOSSES)
 def test_dimming_the_shutter_gains_nothing(slug, share):
     """A loss rises, or stays, when every transmittance is scaled down."""
@@ -384,6 +385,7 @@ def _by_motion(loss, scene, shutter, plan):
 
 
 _TUKEY = TukeyShutter(0.4)
+nightly = pytest.mark.nightly
 _OTHERS = {
     "rect": (RectShutter(), np.float64),
     "spline": (SplineShutter(PROFILE), np.float64),
@@ -394,7 +396,9 @@ every_loss_and_shutter = pytest.mark.parametrize(
     [
         *(pytest.param(slug, _TUKEY, np.float64, id=slug) for slug in LOSSES),
         *(
-            pytest.param(slug, *others, id=f"{slug}, {name}")
+            pytest.param(
+                slug, *others, id=f"{slug}, {name}", marks=() if name == "float32" else nightly
+            )
             for slug in ("design", "expected_error")
             for name, others in _OTHERS.items()
         ),

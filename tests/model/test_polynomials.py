@@ -5,7 +5,7 @@ from typing import ClassVar, final
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.cases import QUICK, SHUTTERS
+from support.cases import SHUTTERS, SOME_SHUTTERS
 from support.programs import compiled_programs
 
 from mishutter import (
@@ -40,7 +40,7 @@ MOTIONS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dtype", ROUNDING)
-@pytest.mark.parametrize("slug", SHUTTERS)
+@pytest.mark.parametrize("slug", SOME_SHUTTERS)
 def test_the_form_is_the_shutter(slug, dtype):
     """Transmittance and efficiency are the same, in the same precision."""
     shutter = SHUTTERS[slug].shutter(dtype)
@@ -104,9 +104,9 @@ def test_a_piecewise_shutter_of_ones_own_has_the_form_too():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("slug", SOME_SHUTTERS)
 @pytest.mark.parametrize(
-    ("slug", "motion"),
-    [*((slug, MOTIONS[0]) for slug in SHUTTERS), *((slug, MOTIONS[1]) for slug in QUICK)],
+    "motion", [MOTIONS[0], pytest.param(MOTIONS[1], marks=pytest.mark.nightly)]
 )
 def test_kernels_of_known_speeds_are_those_of_the_shutter(slug, motion):
     """Those by the shared program, against `blur_kernel`, which takes the shutter as it is."""

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from support import borders
 from support.cameras import camera, scene
+from support.cases import daily
 from support.classes import final_classes
 
 import mishutter as ms
@@ -42,6 +43,8 @@ DECODERS = {
     "from an estimate": ms.RichardsonLucyDecoder(),
     "speed finding": ms.SpeedFindingDecoder(ms.EnsembleDecoder()),
 }
+A_KIND_EACH = ["ensemble", "tikhonov", "total variation", "accelerated"]
+"""One that is a filter, one that weighs it, and one of each iteration."""
 OF_ROWS = [name for name in DECODERS if name != "speed finding"]
 """Those that are told nothing by a whole capture: it may be traced, and turned over."""
 
@@ -118,7 +121,7 @@ def test_a_spectrum_between_its_steps():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OF_ROWS)
+@pytest.mark.parametrize("name", daily(OF_ROWS, *A_KIND_EACH))
 def test_a_capture_alone_may_be_traced(name):
     """What is known of the blur is worked out once, and the rest compiles."""
     known = bright(), camera(), ms.HannShutter()
@@ -131,7 +134,7 @@ def test_a_capture_alone_may_be_traced(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*OF_ROWS, "until_noise"])
+@pytest.mark.parametrize("name", daily([*OF_ROWS, "until_noise"], *A_KIND_EACH, "until_noise"))
 def test_a_restoration_differentiates(name):
     """In reverse mode as in forward mode, and along a direction as a difference does.
 
@@ -256,7 +259,7 @@ def test_borders_are_far_better_than_wrapped(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OF_ROWS)
+@pytest.mark.parametrize("name", daily(OF_ROWS, *A_KIND_EACH))
 def test_planes_are_independent(name):
     """A picture in a batch is restored as it is alone, whatever stands beside it."""
     decoder = DECODERS[name]
@@ -268,7 +271,7 @@ def test_planes_are_independent(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OF_ROWS)
+@pytest.mark.parametrize("name", daily(OF_ROWS, *A_KIND_EACH))
 def test_a_picture_turned_over_is_restored_as_it_is(name):
     """Upside down of any camera; left to right of one that sees both directions alike."""
     key = jax.random.key(9)
@@ -287,7 +290,7 @@ def test_a_picture_turned_over_is_restored_as_it_is(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DECODERS)
-@pytest.mark.parametrize("columns", [1, 7])
+@pytest.mark.parametrize("columns", daily([1, 7], 1))
 def test_pictures_narrower_than_the_kernel(name, columns):
     """Rows of any length come back finite, in the shape and precision they came in."""
     model = ms.blur_model(bright(), camera(), ms.HannShutter())
