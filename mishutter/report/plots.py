@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count, cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -65,6 +65,8 @@ _ONE_FILTER = (
 _OTHER_WORLD = ": the verdict is about a picture that moves as a whole; this one does not"
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
+_LINE = 0.21
+"""Height of a line of a legend; inches."""
 MAP_COLOURS = "cividis"
 """Colours of maps, which rise from dark to light in a grey printout and to every eye."""
 _BRIGHTEST_SHARE = 99
@@ -95,7 +97,45 @@ def new_figure(width: float, height: float) -> "Figure":
         def _repr_png_(self) -> bytes:
             return _png(self)
 
-    return Drawing(figsize=(width, height), layout="constrained")
+    return Drawing(figsize=(width, height))
+
+
+class Margins(NamedTuple):
+    """Room for labels around the panels of a figure and between them; inches.
+
+    It is told and not searched for: matplotlib's solvers of layouts take longer than the drawing.
+    """
+
+    left: float = 0.8
+    right: float = 0.15
+    bottom: float = 0.55
+    top: float = 0.15
+    columns: float = 0.9
+    rows: float = 0.4
+
+
+def leave_room(
+    figure: "Figure", margins: Margins, *, num_rows: int = 1, num_columns: int = 1
+) -> None:
+    """Leaves room for the labels of a figure whose panels are a grid.
+
+    Args:
+        figure: The figure.
+        margins: The room.
+        num_rows: Rows of the grid.
+        num_columns: Its columns.
+    """
+    width, height = figure.get_size_inches()
+    across = width - margins.left - margins.right - (num_columns - 1) * margins.columns
+    down = height - margins.bottom - margins.top - (num_rows - 1) * margins.rows
+    figure.subplots_adjust(
+        left=margins.left / width,
+        right=1 - margins.right / width,
+        bottom=margins.bottom / height,
+        top=1 - margins.top / height,
+        wspace=margins.columns * num_columns / across,
+        hspace=margins.rows * num_rows / down,
+    )
 
 
 def save_figure(figure: "Figure", path: str | Path) -> None:
@@ -167,6 +207,7 @@ def plot_drive(table: DriveTable) -> "Figure":
         top.plot(time, passed, label="behind the device", **third)
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
     top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    leave_room(figure, Margins(top=0.4), num_rows=2)
     bottom.plot(time, np.asarray(motion.position(time * 1e-3)), **first)
     bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
     return figure
@@ -183,6 +224,8 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
         speeds: Object speeds; px/s.
     """
     figure = new_figure(9.0, 1.9 * len(designs) + 0.7)
+    margins = Margins(top=0.35, columns=1.0, rows=0.65)
+    leave_room(figure, margins, num_rows=len(designs), num_columns=2)
     panels = figure.subplots(len(designs), 2, squeeze=False, sharex="row")
     for (left, right), (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
         velocity = float(motion.velocity)
@@ -330,6 +373,8 @@ def plot_layers(
     height = _LAYERED_WIDTH * rows / columns + 1.4 * _TITLE
     across = 1 + len(captures)
     figure = new_figure(across * _LAYERED_WIDTH, 2 * height + _TITLE)
+    margins = Margins(0.1, 0.1, 0.1, 2 * _TITLE + 0.1, columns=0.15, rows=1.4 * _TITLE)
+    leave_room(figure, margins, num_rows=2, num_columns=across)
     panels = figure.subplots(2, across, squeeze=False)
     back, front = (layer.speed for layer in subject.layers.layers)
     kind = "still" if back == 0 else "moving"
@@ -395,8 +440,10 @@ def plot_photograph(
     across = 3 * len(speeds)
     shown = turned(scene, axis)
     top = min(2 * height, _CELL * (across - 2) * shown.shape[0] / shown.shape[1])
-    heights = [top + _TITLE, *(height + _TITLE for _ in results)]
-    figure = new_figure(across * _CELL, sum(heights))
+    heights = [top, *(height for _ in results)]
+    figure = new_figure(across * _CELL, sum(heights) + len(heights) * (_TITLE + 0.1))
+    margins = Margins(0.05, 0.05, 0.05, _TITLE + 0.05, columns=0.1, rows=_TITLE + 0.1)
+    leave_room(figure, margins, num_rows=len(heights), num_columns=across)
     grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
     whole = figure.add_subplot(grid[0, : across - 2])
     _show(whole, shown, "the scene, at rest; the box is magnified")
@@ -502,6 +549,7 @@ def plot_capture(
     height = float(np.clip(rows / columns, _LEAST_HEIGHT, _MOST_HEIGHT))
     stretched = max(rows / columns, columns / rows) > _MOST_ELONGATED
     figure = new_figure(len(shown) * width + 0.2, width * height + 0.5)
+    leave_room(figure, Margins(0.1, 0.1, 0.05, 0.45, columns=0.1), num_columns=len(shown))
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, picture) in zip(panels[0], shown.items(), strict=True):
         _show(axes, _shrunk(picture, max(1, columns // _MOST_COLUMNS)), title)
@@ -546,10 +594,18 @@ def _legend(figure: "Figure", axes: "Axes", title: str | None = None) -> None:
     """Writes the names of the lines above all panels; the figure grows by their height."""
     handles, labels = axes.get_legend_handles_labels()
     columns = 2 if max(map(len, labels), default=0) <= _LETTERS_OF_A_COLUMN else 1
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, title=title)
-    width, height = figure.get_size_inches()
-    lines = -(-len(labels) // columns) + (title is not None)
-    figure.set_size_inches(width, height + 0.2 * lines)
+    num_lines = -(-len(labels) // columns) + (title is not None)
+    width, before = figure.get_size_inches()
+    height, room = before + _LINE * (num_lines + 1), figure.subplotpars
+    figure.set_size_inches(width, height)
+    figure.subplots_adjust(
+        bottom=room.bottom * before / height,
+        top=1 - ((1 - room.top) * before + height - before) / height,
+    )
+    place = 0.5, 1 - 0.05 / height
+    figure.legend(
+        handles, labels, loc="upper center", bbox_to_anchor=place, ncols=columns, title=title
+    )
 
 
 def line_styles(width: float = 1.6) -> Iterator[dict[str, Any]]:
@@ -568,6 +624,7 @@ def _new(
     num_panels: int, *, height: float = 4.2, share: bool = False
 ) -> "tuple[Figure, list[Axes]]":
     figure = new_figure(7.0, height * num_panels + 0.4)
+    leave_room(figure, Margins(), num_rows=num_panels)
     panels = figure.subplots(num_panels, 1, squeeze=False, sharex=share)
     for axes in panels[:, 0]:
         draw_grid(axes)

@@ -18,7 +18,9 @@ from mishutter.hardware import shutter_from_dict
 from mishutter.model import Scene, SplineShutter
 from mishutter.report.plots import (
     MAP_COLOURS,
+    Margins,
     draw_grid,
+    leave_room,
     line_styles,
     new_figure,
     save_figure,
@@ -92,6 +94,10 @@ def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> lis
     return list(figures)
 
 
+_OF_MAP = Margins(left=0.95, right=0.75, top=0.65)
+"""Room around a map; its colour bar stands within it."""
+
+
 def plot_map(
     dataset: "xarray.Dataset", metric: str = "expected_psnr", *, shutter: str | None = None
 ) -> "Figure":
@@ -123,6 +129,7 @@ def plot_map(
     if min(values.shape) > 1:
         a, values = a[a > 0], values[a > 0]
     figure = new_figure(7.0, 5.4)
+    leave_room(figure, _OF_MAP)
     axes = figure.subplots()
     draw = _draw_map if min(values.shape) > 1 else _draw_line
     rival = _text(dataset, metric).partition(_GAIN)[2]
@@ -214,7 +221,8 @@ def _draw_zero(axes: "Axes", drawn: _Map) -> None:
         axes.contour(drawn.half, drawn.a, gain, [0.0], colors=colour, linewidths=width)
     axes.plot([], [], color="black", linewidth=2.2, label=_as_good(drawn.rival))
     axes.axis(limits)
-    axes.figure.legend(loc="outside lower center", fontsize="small")
+    leave_room(axes.figure, _OF_MAP._replace(bottom=0.85))
+    axes.figure.legend(loc="lower center", fontsize="small")
 
 
 def _as_good(rival: str) -> str:
@@ -347,6 +355,8 @@ def plot_front(
         solid_capstyle="butt",
     )
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    num_lines = -(-len(axes.get_legend_handles_labels()[1]) // 3)
+    leave_room(figure, Margins(left=0.9, top=0.2 + 0.21 * num_lines, rows=1.0), num_rows=2)
     shown = _spread(_on_axes(axes, places), num_profiles)
     columns = rows[1].subgridspec(1, max(1, len(shown)))
     for column, index in enumerate(shown):

@@ -45,6 +45,7 @@ from mishutter.report import (
     save_figure,
     sweep_plots,
 )
+from mishutter.report.plots import Margins, leave_room, new_figure
 
 MOTION = ParabolicMotion(acceleration=2.3e5, half_exposure=0.0061)
 DESIGNS = {
@@ -79,6 +80,26 @@ FIGURES = {
 @pytest.fixture(scope="module")
 def figures():
     return {name: make() for name, make in FIGURES.items()}
+
+
+def test_no_solver_of_layouts_draws_a_figure():
+    """Room for labels is told: a solver takes longer than all of the drawing."""
+    figure = plot_profiles(DESIGNS)
+    assert figure.get_layout_engine() is None
+
+
+@pytest.mark.parametrize(("num_rows", "num_columns"), [(1, 1), (3, 2)])
+def test_room_is_in_inches(num_rows, num_columns):
+    """Between the edge, the panels and their neighbours, whatever the size of the figure."""
+    figure, margins = new_figure(7.5, 6.5), Margins(0.9, 0.2, 0.6, 0.35, columns=0.7, rows=0.45)
+    leave_room(figure, margins, num_rows=num_rows, num_columns=num_columns)
+    panels = figure.subplots(num_rows, num_columns, squeeze=False)
+    boxes = np.array([[axes.get_position().extents for axes in row] for row in panels])
+    x0, y0, x1, y1 = np.moveaxis(boxes * [7.5, 6.5, 7.5, 6.5], -1, 0)
+    np.testing.assert_allclose([x0[:, 0], x1[:, -1]], [[0.9] * num_rows, [7.3] * num_rows])
+    np.testing.assert_allclose([y0[-1], y1[0]], [[0.6] * num_columns, [6.15] * num_columns])
+    np.testing.assert_allclose(x0[:, 1:] - x1[:, :-1], 0.7)
+    np.testing.assert_allclose(y0[:-1] - y1[1:], 0.45)
 
 
 @pytest.mark.slow
