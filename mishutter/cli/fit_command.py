@@ -96,12 +96,12 @@ def fit(
         cameras = _cameras(camera, saved, drive, redesign)
         levels = {name: float(each.metrics.expected_psnr) for name, each in cameras.items()}
     files = [] if folder is None else _write(camera, cameras, saved.scene, folder)
+    if camera.doubt:  # before the numbers that it is about
+        note(f"mishutter: warning: {camera.doubt}.")
     if json:
         write_json(camera.to_dict() | {"expected_psnr_db": levels, "files": files})
     else:
         _print(camera, levels)
-    if camera.doubt:
-        note(f"mishutter: warning: {camera.doubt}.")
     if files:
         note(f"{folder}: {', '.join(files)}")
 
@@ -140,6 +140,10 @@ def _write(
 
 
 def _print(camera: "FittedCamera", levels: Mapping[str, float]) -> None:
+    print_text(
+        f"Chi squared for each free level: {camera.reduced_chi_squared:.3f}, which noise alone "
+        f"exceeds in {camera.chance:.2g} of fits{IMPLAUSIBLE * bool(camera.doubt)}."
+    )
     rows = [[n, f"{e.value:.6g}", f"{e.error:.2g}"] for n, e in camera.estimates.items()]
     each = zip(camera.coefficients, camera.coefficient_errors, strict=True)
     rows += [[f"transmittance {k}", f"{c:.4f}", f"{e:.2g}"] for k, (c, e) in enumerate(each)]
@@ -148,10 +152,6 @@ def _print(camera: "FittedCamera", levels: Mapping[str, float]) -> None:
         print_text(_above_open(camera))
     for line in camera.not_identifiable:
         print_text(f"Not identifiable: {line}.")
-    print_text(
-        f"Chi squared for each free level: {camera.reduced_chi_squared:.3f}, which noise alone "
-        f"exceeds in {camera.chance:.2g} of fits{IMPLAUSIBLE * bool(camera.doubt)}."
-    )
     rows = [[name, f"{level:.2f}"] for name, level in levels.items()]
     print_table("Expected behind this lens", ["camera", "PSNR / dB"], rows)
 

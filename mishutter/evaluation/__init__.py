@@ -38,6 +38,7 @@ from mishutter.evaluation.losses import WeightedSum as WeightedSum
 from mishutter.evaluation.losses import WorstSpeedLoss as WorstSpeedLoss
 from mishutter.evaluation.losses import as_loss as as_loss
 from mishutter.evaluation.losses import decoder_speed_of as decoder_speed_of
+from mishutter.evaluation.losses import is_of_worst_speed as is_of_worst_speed
 from mishutter.evaluation.losses import loss_of_decoder as loss_of_decoder
 from mishutter.evaluation.losses import one_real_number as one_real_number
 from mishutter.evaluation.losses import value_of as value_of

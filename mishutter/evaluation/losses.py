@@ -403,6 +403,11 @@ def decoder_speed_of(loss_name: str, scene: Scene) -> DecoderSpeed:
     return by_name.get(loss_name.partition("(")[0]) or scene.decoder_speed
 
 
+def is_of_worst_speed(loss_name: str) -> bool:
+    """Whether a design is for the worst of the speeds, by the representation of its loss."""
+    return loss_name.partition("(")[0] == WorstSpeedLoss.__name__
+
+
 def _over_contrast(scene: Scene, squared: Float[Array, ""]) -> Float[Array, ""]:
     """Root of a squared error over the picture's deviation; 0 for a picture without any."""
     variance = scene.deviation.astype(squared.dtype) ** 2

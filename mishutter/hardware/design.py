@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
-from mishutter.evaluation import Metrics, Plan, evaluate, transmittance
+from mishutter.evaluation import (
+    Metrics,
+    Plan,
+    decoder_speed_of,
+    evaluate,
+    is_of_worst_speed,
+    transmittance,
+)
 from mishutter.hardware.design_schema import FORMAT, SAVED_SCENE, SavedDesign, SavedMotion
 from mishutter.hardware.drive_files import read_drive
 from mishutter.model import (
@@ -81,6 +88,27 @@ class Design:
         """Its metrics on its scene, computed at the first use."""
         return evaluate(self.scene, self.motion, self.shutter)
 
+    @property
+    def levels(self) -> dict[str, float]:
+        """Expected PSNR by the decoders that it may have, in words; dB.
+
+        The first is the level that the search maximised, or that of the scene's decoder.
+        """
+        m = self.metrics
+        levels = {
+            "unknown": ("by one linear filter", m.expected_psnr),
+            "within": ("by one linear filter, within the tolerances", m.toleranced_psnr),
+            "worst": ("by one linear filter, at the worst speed", m.worst_speed_psnr),
+            "found": ("by a decoder that finds the speed", m.found_speed_psnr),
+            "told": ("by a linear filter that is told the speed", m.known_speed_psnr),
+        }
+        first: str = decoder_speed_of(self.loss_name, self.scene)
+        if first == "unknown" and m.toleranced_psnr is not None:
+            first = "within"
+        first = "worst" if is_of_worst_speed(self.loss_name) else first
+        order = dict.fromkeys((first, "unknown", "within", "worst", "told"))
+        return {w: float(x) for w, x in map(levels.__getitem__, order) if x is not None}
+
     def __repr__(self) -> str:
         """The camera and its loss in one line, of which nothing has to be computed."""
         return (
@@ -91,11 +119,9 @@ class Design:
     def __str__(self) -> str:
         """The camera, how good it is, and how it was found."""
         m, motion = self.metrics, self.motion
-        within = "" if m.toleranced_psnr is None else f", {float(m.toleranced_psnr):.2f} within dB"
+        levels = "; ".join(f"{level:.2f} dB {words}" for words, level in self.levels.items())
         lines = {
-            "expected": f"{float(m.expected_psnr):.2f} dB by one linear filter{within}; "
-            f"{float(m.worst_speed_psnr):.2f} dB at the worst speed; "
-            f"{float(m.known_speed_psnr):.2f} dB by one that is told the speed",
+            "expected": levels,
             "shutter": f"{self.shutter!r}, light {float(m.efficiency):.3f}",
             "motion": f"{motion!r}, stroke {float(motion.stroke):.4g} px",
             "kernel": f"condition {float(m.condition_number):.3g} at phase {float(m.phase):.3g} px "
@@ -110,7 +136,10 @@ class Design:
 
     def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""
+        level_of, level = next(iter(self.levels.items()))
         parts = {
+            "level_db": level,
+            "level_of": level_of,
             "format": FORMAT,
             "mishutter": package_version(),
             "shutter": shutter_to_dict(self.command),

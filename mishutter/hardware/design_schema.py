@@ -56,8 +56,10 @@ SAVED_SCENE = arguments_of(Scene, "motion")
 
 @final
 class SavedDesign(Part):
-    """A whole design; its metrics are for whoever reads the file, and evaluated anew."""
+    """A whole design; its level and metrics are for whoever reads the file, and evaluated anew."""
 
+    level_db: object = None
+    level_of: object = None
     format: int
     mishutter: str = "unknown"
     shutter: SavedShutter

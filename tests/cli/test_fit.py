@@ -141,6 +141,18 @@ def test_a_transmittance_above_1_is_printed_with_its_meaning(capsys):
     assert "above an open" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("chi_squared", [5.0, 91.0])
+def test_the_doubt_comes_before_the_numbers(chi_squared, capsys):
+    """How well the camera explains its pictures is read before 28 rows of what it is."""
+    camera = a_camera(chi_squared=chi_squared)
+    fit_command._print(camera, {"as built": 27.3})
+    first, *others = capsys.readouterr().out.splitlines()
+    chi = f"Chi squared for each free level: {camera.reduced_chi_squared:.3f}, which"
+    assert first.startswith(chi)
+    assert ("IMPLAUSIBLE, see the warning" in " ".join([first, *others])) == (chi_squared == 91.0)
+    assert not any("Chi squared" in line for line in others)
+
+
 @pytest.mark.slow
 def test_an_implausible_fit_is_said_aloud(folder, tmp_path, capsys):
     """Electrons per level that are three times what they are stand as a doubt wherever it goes."""

@@ -8,17 +8,22 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
-from support.designs import MOTION, SCENE, SMALL
+from support.designs import LIMITS, MOTION, SCENE, SMALL
 
 from mishutter import (
     ChippedShutter,
     Design,
+    DesignLoss,
+    ExpectedErrorLoss,
     FirstOrderShutter,
+    FoundSpeedLoss,
     GaussianShutter,
     HannShutter,
     IdealShutter,
+    KnownSpeedLoss,
     LinearMotion,
     Occlusion,
+    ParabolicMotion,
     RectShutter,
     Scene,
     SplineShutter,
@@ -27,12 +32,13 @@ from mishutter import (
     Tolerances,
     TriangleShutter,
     TukeyShutter,
+    WorstSpeedLoss,
     drive_table,
     plan,
 )
 from mishutter._core import strict_json
 from mishutter.evaluation import Item
-from mishutter.hardware import motion_to_dict, shutter_from_dict, shutter_to_dict
+from mishutter.hardware import given_design, motion_to_dict, shutter_from_dict, shutter_to_dict
 
 SHUTTERS = {
     "rect": RectShutter(),
@@ -345,3 +351,43 @@ def test_nothing_is_left_behind_where_writing_fails(design, tmp_path):
     with pytest.raises(OSError, match="directory"):
         design.save(tmp_path / "design.json")
     assert [file.name for file in tmp_path.iterdir()] == ["design.json"]
+
+
+LEVELS = {
+    "one filter": (ExpectedErrorLoss(), {}, "expected_psnr", "by one linear filter"),
+    "told": (KnownSpeedLoss(), {}, "known_speed_psnr", "by a linear filter that is told the speed"),
+    "found": (FoundSpeedLoss(), {}, "found_speed_psnr", "by a decoder that finds the speed"),
+    "worst": (
+        WorstSpeedLoss(),
+        {},
+        "worst_speed_psnr",
+        "by one linear filter, at the worst speed",
+    ),
+    "tolerances": (
+        ExpectedErrorLoss(),
+        {"tolerances": Tolerances(acceleration=0.04, delay=3e-4)},
+        "toleranced_psnr",
+        "by one linear filter, within the tolerances",
+    ),
+    "the scene's": (
+        DesignLoss(),
+        {"decoder_speed": "found"},
+        "found_speed_psnr",
+        "by a decoder that finds the speed",
+    ),
+}
+
+
+@pytest.mark.parametrize("slug", LEVELS)
+def test_the_level_that_was_optimised_comes_first(slug, tmp_path):
+    """In print and in the file, by the decoder that the loss, or else the scene, designs for."""
+    loss, others, metric, words = LEVELS[slug]
+    scene = Scene([-900.0, 310.0, 900.0], photon_rate=4e4, read_noise=5.0, limits=LIMITS, **others)
+    motion = ParabolicMotion(acceleration=6e4, half_exposure=0.011)
+    design = replace(given_design(scene, motion, HannShutter(), ""), loss_name=repr(loss))
+    level = float(getattr(design.metrics, metric))
+    assert str(design).splitlines()[1].split(None, 1)[1].startswith(f"{level:.2f} dB {words}")
+    design.save(tmp_path / "design.json")
+    saved = json.loads((tmp_path / "design.json").read_text())
+    assert list(saved.items())[:2] == [("level_db", level), ("level_of", words)]
+    assert Design.load(tmp_path / "design.json").levels == design.levels
