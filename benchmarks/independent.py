@@ -460,7 +460,7 @@ def _differing(points: list[np.ndarray], losses: list[float], count: int) -> lis
 
 def compared(scene: Scene) -> tuple[Comparison, dict[str, dict[str, float]]]:
     """A comparison, and its rows `beside` those of this search."""
-    table = compare(scene, optimise(scene))
+    table = compare(scene, optimise(scene), free_paths=True)
     names = {row.name for row in table.rows}
     return table, beside(scene, {name: table.row(name) for name in ROWS if name in names})
 
@@ -547,7 +547,15 @@ def command_agrees(scene: Scene, *, of_photograph: bool) -> bool:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "scene.toml"
         file.write_text(file_of(scene, of_photograph=of_photograph))
-        command = [sys.executable, "-m", "mishutter", "optimise", str(file), "--json"]
+        command = [
+            sys.executable,
+            "-m",
+            "mishutter",
+            "optimise",
+            str(file),
+            "--json",
+            "--free-paths",
+        ]
         printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
         design = optimise(Scene.load(file))
     return json.loads(printed)["design"]["loss"] == float(design.loss)

@@ -6,11 +6,11 @@ from benchmarks.scenes import scenes
 from mishutter import Design, Scene, compare, example_picture, optimise, restore_photograph
 from mishutter.report import (
     motion_text,
+    pictured_rows,
     plot_kernels,
     plot_photograph,
     plot_profiles,
     save_figure,
-    shown_rows,
 )
 
 _ROWS = slice(200, 300)
@@ -22,8 +22,8 @@ _HEAD = """\
 # Gallery
 
 One design for each of six scenes, searched for when this page was built. [Six scenes](scenes.md)
-says which cameras they stand for. Each design stands beside the best snapshot and the best Tukey
-window, each at its own best motion. The photograph is captured with the scene's noise at half of
+says which cameras they stand for. Each design stands beside the best snapshot and the best of its
+rivals, each at its own best motion. The photograph is captured with the scene's noise at half of
 the fastest speed and at the fastest, and restored by one filter that does not know the speed.
 """
 
@@ -41,7 +41,7 @@ def write_gallery(folder: Path, num_scenes: int | None = None) -> None:
 def _entry(name: str, scene: Scene, stem: str, folder: Path) -> str:
     design = optimise(scene)
     comparison = compare(scene, design)
-    rows = dict(list(shown_rows(comparison, (_OWN,)).items())[:_SHOWN])
+    rows = dict(list(pictured_rows(comparison, (_OWN,)).items())[:_SHOWN])
     designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
     fastest = float(scene.max_speed)
     light = example_picture().light[_ROWS]

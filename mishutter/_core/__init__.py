@@ -54,6 +54,7 @@ from mishutter._core.parallel import as_they_end as as_they_end
 from mishutter._core.parallel import in_threads as in_threads
 from mishutter._core.parallel import num_processors as num_processors
 from mishutter._core.parallel import num_threads as num_threads
+from mishutter._core.parallel import once as once
 from mishutter._core.roots import largest_within_one as largest_within_one
 from mishutter._core.validation import Section as Section
 from mishutter._core.validation import in_section as in_section

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import cache, lru_cache
 from threading import Lock
 from typing import Any, ParamSpec, TypeVar
 
@@ -73,6 +73,17 @@ def as_they_end(
             yield future.result()
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def once(function: Callable[[], _Result]) -> Callable[[], _Result]:
+    """A function that is computed by the first thread that calls it; others wait for its result."""
+    lock, remembered = Lock(), cache(function)
+
+    def call() -> _Result:
+        with lock:
+            return remembered()
+
+    return call
 
 
 def _as_caller(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:

@@ -68,9 +68,11 @@ from mishutter.cli.laboratory import (
     note_other_device,
 )
 from mishutter.cli.options import (
+    BackgroundsOption,
     CoefficientsOption,
     EveryPhotographOption,
     FreeOption,
+    FreePathsOption,
     JsonOption,
     LossOption,
     OutOption,
@@ -151,6 +153,7 @@ def optimise(
     json: JsonOption = False,
     loss: LossOption = None,
     free: FreeOption = None,
+    free_paths: FreePathsOption = False,
     num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
         int | None,
@@ -186,6 +189,7 @@ def optimise(
     ] = 0,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
+    backgrounds: BackgroundsOption = False,
     verbose: Annotated[
         bool,
         typer.Option(
@@ -215,11 +219,12 @@ def optimise(
             max_steps=max_steps,
             progress=lambda step, value: update(step, f"loss {value:.6g}"),
         )
-    delivery = Delivery(folder, json, noise_seeds, every_photograph)
+    delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds)
     with interruptible(lambda: _after_search(scene_file, folder)):
         if folder is not None:
             design.save(folder / "design.json")
-        result = _compared(scene, design.motion, {"optimised": design}, chosen)
+        entries = {"optimised": design}
+        result = _compared(scene, design.motion, entries, chosen, free_paths)
         _deliver(replace(result, design=design), delivery)
 
 
@@ -261,8 +266,10 @@ def compare(
     out: OutOption = None,
     json: JsonOption = False,
     loss: LossOption = None,
+    free_paths: FreePathsOption = False,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
+    backgrounds: BackgroundsOption = False,
 ) -> None:
     """Compare shutters, saved designs, drive tables or traces with the baselines."""
     start_jax()
@@ -303,9 +310,10 @@ def compare(
             note_other_device(path, saved[name], scene)
         motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
     folder = None if out is None else writable_folder(out)
-    delivery = Delivery(folder, json, noise_seeds, every_photograph)
+    delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds)
     with interruptible(lambda: AGAIN):
-        result = _compared(scene, motion, saved | windows, loss_of(loss, scene))
+        entries = saved | windows
+        result = _compared(scene, motion, entries, loss_of(loss, scene), free_paths)
         _deliver(_beside_design(result, camera, middle_ms * 1e-3), delivery)
 
 
@@ -326,14 +334,18 @@ def _compared(
     motion: "AbstractMotion",
     entries: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
+    free_paths: bool,
 ) -> "Report":
-    from mishutter.model import baselines
     from mishutter.report import Report
     from mishutter.report import compare as beside_baselines
+    from mishutter.search import RivalSearch, searches
 
-    total = len({*entries, *baselines()}) + 3
-    with progress_bar("comparing", total) as update:
-        comparison = beside_baselines(scene, motion, entries, loss=loss, step=_counting(update))
+    asked = RivalSearch(scene, loss, motion, entries, free_paths=free_paths)
+    with progress_bar("comparing", len(searches(asked))) as update:
+        step = _counting(update)
+        comparison = beside_baselines(
+            scene, motion, entries, loss=loss, free_paths=free_paths, step=step
+        )
     return Report(scene, comparison, tuple(entries))
 
 
@@ -367,34 +379,46 @@ class Delivery(NamedTuple):
         as_json: Whether standard output is one JSON document, and not tables.
         num_seeds: Captures of the photograph at each speed; 0 takes none.
         every_photograph: Whether the photograph is restored at every speed, by three decoders.
+        backgrounds: Whether the gain before a background is computed whatever the verdict is.
     """
 
     folder: Path | None
     as_json: bool
     num_seeds: int
     every_photograph: bool
+    backgrounds: bool
 
 
 def _deliver(result: "Report", delivery: Delivery) -> None:
-    """Print the verdict and its tables at once, then add photographs, then write files."""
+    """Prints the verdict and its tables at once, then adds photographs, then writes files.
+
+    A background comes last, when all that was asked for is there.
+    """
     from mishutter.cli.tables import print_comparison, print_photographs
-    from mishutter.report import background_line, document, write_report
+    from mishutter.report import background_line, document, write_background, write_report
 
     folder = delivery.folder
+
+    def wrote(name: str) -> None:
+        note(f"wrote {name if folder is None else folder / name}")
+
     if not delivery.as_json:
         with closable_output():  # a reader who has read enough still gets the files
             print_comparison(result)
-    result = _before_backgrounds(result)
-    if result.backgrounds and not delivery.as_json:
-        with closable_output():
-            print_text(f"{background_line(result.backgrounds)}\n")
     result = _photographed(result, delivery)
     if result.photographs is not None and not delivery.as_json:
         with closable_output():
             print_photographs(result.photographs.levels, result.comparison.rows[0].speed)
     files = []
     if folder is not None:
-        files = write_report(result, folder, wrote=lambda name: note(f"wrote {folder / name}"))
+        files = write_report(result, folder, wrote=wrote)
+    if delivery.backgrounds or result.comparison.is_to_build:
+        result = _before_backgrounds(result)
+        if result.backgrounds and not delivery.as_json:
+            with closable_output():
+                print_text(f"\n{background_line(result.backgrounds)}")
+        if folder is not None:
+            files += write_background(result, folder, wrote=wrote)
     if delivery.as_json:
         write_json(document(result) | {"files": files})
 
@@ -413,9 +437,9 @@ def _before_backgrounds(result: "Report") -> "Report":
 
 def _photographed(result: "Report", delivery: Delivery) -> "Report":
     """Adds the scene's photograph, captured and restored by each design."""
-    from mishutter.report import photograph_of, photographs, shown_rows
+    from mishutter.report import photograph_of, photographs, pictured_rows
 
-    rows = shown_rows(result.comparison, result.names)
+    rows = pictured_rows(result.comparison, result.names)
     num_seeds, every = delivery.num_seeds, delivery.every_photograph
     picture = photograph_of(result.scene, rows, note=note) if num_seeds > 0 else None
     if picture is None:

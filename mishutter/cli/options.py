@@ -101,6 +101,24 @@ CoefficientsOption = Annotated[
         help="Number of coefficients of the free-form profile.",
     ),
 ]
+FreePathsOption = Annotated[
+    bool,
+    typer.Option(
+        "--free-paths",
+        rich_help_panel=DESIGN,
+        help="Compare free paths too, which take a stage that follows any path, and more than half "
+        "of the time; also `free_paths` in the scene.",
+    ),
+]
+BackgroundsOption = Annotated[
+    bool,
+    typer.Option(
+        "--backgrounds",
+        rich_help_panel=OUTPUT,
+        help="Compute the gain that is left where part of the picture stands still, and draw it; "
+        "without this option only where the verdict is to build.",
+    ),
+]
 SeedsOption = Annotated[
     int,
     typer.Option(

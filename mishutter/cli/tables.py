@@ -93,12 +93,12 @@ def _columns(comparison: "Comparison") -> tuple[str, ...]:
 def _print_purchases(comparison: "Comparison") -> None:
     """Prints the best row of each purchase, and the notes at the foot of both tables."""
     rows = [
-        [f"{takes}: {name}", *numbers[:3], *numbers[4:]]
-        for takes, row in comparison.rivals.items()
-        for name, *numbers in [_cells(comparison, row)]
+        [f"{purchase}: {name}", *numbers[:3], *numbers[4:]]
+        for purchase, row in comparison.rivals.items()
+        for name, *numbers in [_cells(comparison, row, comparison.over_nothing(row.level))]
     ]
     columns = ("purchase: its best", *_columns(comparison)[1:4], *_columns(comparison)[5:])
-    print_table("The gain of each purchase", columns, rows)
+    print_table("The gain of each purchase over buying nothing", columns, rows)
     for line in comparison.notes:
         print_text(line)
 
@@ -119,14 +119,16 @@ def _ceiling(comparison: "Comparison", columns: "Sequence[str]") -> list[str]:
     return ["ceiling", f"{comparison.ceiling:.2f}", f"{gain:+.2f}", *[""] * len(columns[3:])]
 
 
-def _cells(comparison: "Comparison", row: "Row") -> list[str]:
+def _cells(comparison: "Comparison", row: "Row", gain: float | None = None) -> list[str]:
+    """The cells of a row; the gain is over the best snapshot by default."""
     from mishutter.report import level_or_dash
 
+    gain = comparison.over_snapshot(row.level) if gain is None else gain
     last = "" if row.within is None else f"{row.within:.2f}"
     return [
         row.name if row.num_frames == 1 else f"{row.name}, {row.num_frames} frames",
         f"{row.psnr:.2f}",
-        f"{round(comparison.over_snapshot(row.level), 2) + 0.0:+.2f}",
+        f"{round(gain, 2) + 0.0:+.2f}",
         level_or_dash(row.worst_psnr),
         f"{float(row.metrics.efficiency):.3f}",
         f"{row.stroke:.1f}",

@@ -33,7 +33,7 @@ from mishutter.model import (
     profile_of,
     steady,
 )
-from mishutter.search import BEST_BURST, OWN_BEST_MOTION, Row, fills, optimise, plan
+from mishutter.search import OWN_BEST_MOTION, Row, fills, optimise, plan
 
 if TYPE_CHECKING:
     from mishutter.report import Comparison
@@ -281,7 +281,7 @@ def shown_rows(comparison: "Comparison") -> dict[str, Row]:
 
 def can_be_pictured(row: Row) -> bool:
     """Whether one exposure takes the picture of a row: a burst takes several."""
-    return row.name != BEST_BURST
+    return row.is_of_one_exposure
 
 
 def _short(values: Shaped[ArrayLike, "n"], digits: int = 6) -> list[float | None]:

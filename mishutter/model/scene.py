@@ -107,6 +107,8 @@ class Scene(eqx.Module):
         full_well: Electrons at which a pixel is full: searches expose white to no more; no limit
             by default; e-.
         burst: Frames that a rival takes in place of one exposure; no such rival by default.
+        free_paths: Whether comparisons search for rivals on free paths too, which take a stage
+            that follows any path, and more than half of the time.
         stage: How the stage follows what it is sent, which says what to send; by default it is
             where it is sent at once.
         tolerances: How far a camera as it is built may be from its design; the expected error,
@@ -157,6 +159,7 @@ class Scene(eqx.Module):
     picture: str | None = eqx.field(static=True)
     picture_white: float | None = eqx.field(static=True)
     picture_linear: bool = eqx.field(static=True)
+    free_paths: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -174,6 +177,7 @@ class Scene(eqx.Module):
         device: AbstractDevice | None = None,
         full_well: ArrayLike | None = None,
         burst: Burst | None = None,
+        free_paths: bool = False,
         stage: SecondOrderStage | None = None,
         tolerances: Tolerances | None = None,
         occlusion: Occlusion | None = None,
@@ -203,6 +207,7 @@ class Scene(eqx.Module):
         if full_well is not None:
             self.full_well = as_float(full_well, "Scene(full_well=...)")
         self.burst = burst
+        self.free_paths = free_paths
         self.stage = stage
         self.tolerances = tolerances
         self.occlusion = occlusion
@@ -241,6 +246,7 @@ class Scene(eqx.Module):
         for name, kind, requirement in (
             ("limits", Limits, "be `Limits`"),
             ("burst", Burst | None, "be a `Burst`"),
+            ("free_paths", bool, "be True or False"),
             ("stage", SecondOrderStage | None, "be a `SecondOrderStage`"),
             ("tolerances", Tolerances | None, "be `Tolerances`"),
             ("occlusion", Occlusion | None, "be an `Occlusion`"),
@@ -361,7 +367,7 @@ class Scene(eqx.Module):
         weights: ArrayLike | None = None,
         power_spectrum: RowLike | None = None,
     ) -> "Scene":
-        """The numbers without what no integral sees: those of pictures, motion, burst and stage.
+        """The numbers without what no integral sees: those of pictures, motion, rivals and stage.
 
         Args:
             speeds: Speeds in place of the scene's own, with their `weights`.

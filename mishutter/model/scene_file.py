@@ -186,8 +186,8 @@ def _optional_tables(scene: Scene) -> dict[str, dict[str, object]]:
         tables["shutter"] = _device_table(scene.device)
     if scene.stage is not None:
         tables["stage"] = table_of(scene.stage, StageSection)
-    if scene.burst is not None:
-        tables["rivals"] = table_of(scene.burst, RivalsSection)
+    burst = {} if scene.burst is None else table_of(scene.burst, RivalsSection)
+    tables["rivals"] = burst | {"free_paths": scene.free_paths}
     if scene.tolerances is not None:
         tables["tolerances"] = table_of(scene.tolerances, TolerancesSection)
         if float(scene.tolerances.drive_step) == 0:
@@ -258,7 +258,8 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         limits=limits,
         device=None if file.shutter is None else _device(file.shutter, scales),
         stage=_of_kind(SecondOrderStage, file.stage, "[stage]", scales),
-        burst=_of_kind(Burst, file.rivals, "[rivals]", scales),
+        burst=_burst(file.rivals, scales),
+        free_paths=file.rivals.free_paths,
         tolerances=_tolerances(file.tolerances, scales),
         occlusion=occlusion,
         decoder_speed=file.decoder.speed,
@@ -334,6 +335,16 @@ def _of_kind(
 ) -> _Kind | None:
     """The object whose arguments a section holds; None without the section."""
     return None if section is None else kind(**arguments_in(section, kind, place, scales))
+
+
+def _burst(section: RivalsSection, scales: Scales) -> Burst | None:
+    """The frames that a rival takes; None where the section names none."""
+    keys = {"frames_per_s": section.frames_per_s, "max_frames": section.max_frames}
+    missing = [key for key, value in keys.items() if value is None]
+    if len(missing) == len(keys):
+        return None
+    require(not missing, f"[rivals] {''.join(missing)}", "be given", Unquoted("nothing"))
+    return _of_kind(Burst, section, "[rivals]", scales)
 
 
 def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:

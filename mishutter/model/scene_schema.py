@@ -147,10 +147,11 @@ class StageSection(Section):
 
 @final
 class RivalsSection(Section):
-    """Rivals of a kind that only some cameras can be: frames in place of one exposure."""
+    """Rivals that only some cameras can be: frames in place of one exposure, and free paths."""
 
-    frames_per_s: Annotated[float, Field(gt=0, le=1e6)]
-    max_frames: Annotated[int, Field(ge=1, le=1000)]
+    frames_per_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    max_frames: Annotated[int, Field(ge=1, le=1000)] | None = None
+    free_paths: bool = False
 
 
 @final
@@ -234,7 +235,7 @@ class SceneFile(Section):
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()
     stage: StageSection | None = None
-    rivals: RivalsSection | None = None
+    rivals: RivalsSection = RivalsSection()
     tolerances: TolerancesSection | None = None
     decoder: DecoderSection = DecoderSection()
     motion: MotionSection | None = None

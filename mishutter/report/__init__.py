@@ -13,7 +13,8 @@ from mishutter.report.comparison import level_or_dash as level_or_dash
 from mishutter.report.comparison import with_verdict as with_verdict
 from mishutter.report.document import Report as Report
 from mishutter.report.document import document as document
-from mishutter.report.document import shown_rows as shown_rows
+from mishutter.report.document import pictured_rows as pictured_rows
+from mishutter.report.document import write_background as write_background
 from mishutter.report.document import write_report as write_report
 from mishutter.report.fit_plots import plot_fit as plot_fit
 from mishutter.report.measured import MeasuredCamera as MeasuredCamera

@@ -20,9 +20,13 @@ from mishutter.evaluation import (
 )
 from mishutter.hardware import Design, metrics_to_dict, motion_to_dict
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
-from mishutter.report.verdict import comparison_notes, row_to_build, verdict_lines
+from mishutter.report.verdict import (
+    Case,
+    comparison_notes,
+    row_to_build,
+    verdict_of,
+)
 from mishutter.search import (
-    BEST_BURST,
     OWN_BEST_MOTION,
     SNAPSHOTS,
     Entry,
@@ -85,7 +89,7 @@ class Comparison:
 
     @property
     def rivals(self) -> dict[str, Row]:
-        """The best row of each purchase, the simplest first; no burst, which is another camera.
+        """The best row of each purchase, the least first; no burst, which is another camera.
 
         The rows of a purchase are all those that need no more parts, since its owner may use fewer.
         """
@@ -97,6 +101,11 @@ class Comparison:
         rows = (row for row in self.rows if row.reading == OWN_BEST_MOTION)
         return best_row(row for row in rows if row.name in SNAPSHOTS)
 
+    @property
+    def is_to_build(self) -> bool:
+        """Whether the verdict is to build a camera, and not to use a snapshot."""
+        return self.choice is not None and self.choice.name not in SNAPSHOTS
+
     def over_snapshot(self, level: float) -> float:
         """Gain of an expected PSNR over that of the best snapshot that the scene allows; dB.
 
@@ -105,6 +114,15 @@ class Comparison:
         """
         snapshot = self.snapshot.level
         return 0.0 if level == snapshot else level - snapshot
+
+    def over_nothing(self, level: float) -> float:
+        """Gain of an expected PSNR over the best camera that takes nothing to buy; dB.
+
+        Args:
+            level: The expected PSNR; dB.
+        """
+        nothing = self.rivals["nothing"].level
+        return 0.0 if level == nothing else level - nothing
 
     def row(self, name: str, reading: str = OWN_BEST_MOTION) -> Row:
         """The row of a shutter in a reading.
@@ -141,7 +159,7 @@ class Comparison:
             purchase: {
                 "name": row.name,
                 "expected_psnr_db": row.level,
-                "over_snapshot_db": self.over_snapshot(row.level),
+                "over_nothing_db": self.over_nothing(row.level),
                 "motion": motion_to_dict(row.motion),
             }
             for purchase, row in self.rivals.items()
@@ -159,14 +177,14 @@ class Comparison:
             lines += [_line(row) for row in self.rows if row.reading == reading]
             lines.append("")
             if reading == OWN_BEST_MOTION:
-                lines.append("gain of each purchase")
+                lines.append("gain of each purchase over buying nothing")
                 lines += [self._purchase_line(*item) for item in self.rivals.items()]
                 lines += [*self.notes, ""]
                 lines += [] if self.costs is None else [self.costs.text(), ""]
         return "\n".join(lines[:-1])
 
     def _purchase_line(self, purchase: str, row: Row) -> str:
-        gain = f"{self.over_snapshot(row.level):+.2f} dB"
+        gain = f"{self.over_nothing(row.level):+.2f} dB"
         return f"{purchase:<10}{row.name:<21}{row.level:>9.2f} dB, {gain}, {row.setting}"
 
 
@@ -198,6 +216,7 @@ def compare(
     shutters: Mapping[str, Any] | Sequence[Any] | Entry | None = None,
     *,
     loss: AbstractLoss | Callable[..., Any] | None = None,
+    free_paths: bool = False,
     step: Step | None = None,
     plan: Plan | Automatic | None = PLANNED,
 ) -> Comparison:
@@ -215,9 +234,10 @@ def compare(
     These rivals stand beside the windows, and are tuned alike: the best Tukey, whose taper is tuned
     too; the best snapshot, which is an open shutter at rest, and where the sensor may pan the best
     panned snapshot; the best coded still, which is a free profile without acceleration, and where
-    that pans the best one at rest; an open shutter and a free profile on the best free path, unless
-    the scene has tolerances or limits the jerk of its stage; and the best burst of a scene that has
-    a `Burst`.
+    that pans the best one at rest; and the best burst of a scene that has a `Burst`. An open
+    shutter and a free profile on the best free path, which take more than half of the time and a
+    stage that follows any path, are searched for where they are asked for, unless the scene has
+    tolerances or limits the jerk of its stage; the ceiling holds for them too.
 
     Args:
         scene: Speeds, light, noise and limits.
@@ -229,7 +249,9 @@ def compare(
         loss: The loss that tunes the motions, or a function of scene, motion and shutter. The loss
             of the scene's decoder is the default, and replaces a loss that ignores the number of
             photons.
-        step: Called with the name of each shutter once it has its own best motion.
+        free_paths: Whether free paths are compared too, also where the scene does not ask for them.
+        step: Called with the name of each search once it has ended: a shutter's, or the first of a
+            kind of rival.
         plan: The parts to compute; by default a plan is made for each shutter and motion. None
             computes everything.
 
@@ -249,9 +271,10 @@ def compare(
     loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")
     loss = loss if loss.sees_light else loss_of_decoder(scene)
     entries = _entries(shutters) if shutters else {}
-    search = RivalSearch(scene, loss, PLANNED if isinstance(plan, Plan) else plan)
-    rows = compared_rows(search, motion, entries, step or (lambda name: None))
-    return with_verdict(rows, entries, scene)
+    plan = PLANNED if isinstance(plan, Plan) else plan
+    search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths, plan=plan)
+    rows = compared_rows(search, step or (lambda name: None))
+    return with_verdict(rows, entries, scene, free_paths=search.free_paths)
 
 
 def _entries(shutters: object) -> dict[str, Entry]:
@@ -264,7 +287,9 @@ def _entries(shutters: object) -> dict[str, Entry]:
     return entries
 
 
-def with_verdict(rows: Sequence[Row], entries: Mapping[str, Entry], scene: Scene) -> Comparison:
+def with_verdict(
+    rows: Sequence[Row], entries: Mapping[str, Entry], scene: Scene, *, free_paths: bool = False
+) -> Comparison:
     """Adds the verdict, the gain and the ceiling to the rows of a scene.
 
     Args:
@@ -272,23 +297,25 @@ def with_verdict(rows: Sequence[Row], entries: Mapping[str, Entry], scene: Scene
         entries: The shutters and designs to judge, by the names of their rows; without any, the
             best coded camera is judged.
         scene: The scene that the rows were measured for.
+        free_paths: Whether free paths were asked for.
     """
-    at_best = {row.name: row for row in rows if row.reading == OWN_BEST_MOTION}
-    burst = at_best.pop(BEST_BURST, None)
-    notes = comparison_notes(scene, entries, list(at_best.values()), burst)
-    snapshot = best_row(row for row in at_best.values() if row.name in SNAPSHOTS)
+    at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
+    bursts = [row for row in at_best if not row.is_of_one_exposure]
+    at_best = [row for row in at_best if row.is_of_one_exposure]
+    notes = comparison_notes(scene, entries, at_best, bursts, free_paths=free_paths)
+    snapshot = best_row(row for row in at_best if row.name in SNAPSHOTS)
     if np.isposinf(snapshot.level):
         return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf, notes)
-    coded = [row for row in at_best.values() if row.name not in SNAPSHOTS]
+    coded = [row for row in at_best if row.name not in SNAPSHOTS]
     best = best_row([row for row in coded if row.name in entries] or coded)
     most = float(ceiling(scene))
     if most < best_row(coded).level:  # a design that dwells at the listed speeds
         most = float(ceiling(scene, continuous=False))
     own = best if best.name in entries else None
-    choice = row_to_build(list(at_best.values()), own, snapshot)
-    lines = verdict_lines(list(at_best.values()), choice, own, snapshot, most)
+    choice = row_to_build(at_best, own, snapshot)
+    verdict = verdict_of(Case(at_best, choice, own, snapshot, most))
     costs = None
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)
     gain = best.level - snapshot.level
-    return Comparison(tuple(rows), "\n".join(lines), gain, most, notes, costs, choice)
+    return Comparison(tuple(rows), verdict, gain, most, notes, costs, choice)

@@ -28,10 +28,7 @@ from mishutter.report.photographs import (
 )
 from mishutter.restore import RestoredPhotograph
 from mishutter.search import (
-    BEST_BURST,
-    BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
-    BEST_TUKEY,
     OWN_BEST_MOTION,
     SNAPSHOTS,
     Row,
@@ -40,11 +37,12 @@ from mishutter.search import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_DOCUMENT, _LAYERS = "report.json", "layers.png"
 _TO_BUILD = "build.json"
 """File of the camera to build, if the verdict names another one than the design."""
-_OF_PHOTOGRAPH = frozenset({"psnr.png", "photograph.png", "layers.png"})
+_OF_PHOTOGRAPH = frozenset({"psnr.png", "photograph.png", _LAYERS})
 """Pictures of the scene's photograph."""
-_MOST_ROWS = 5
+_MOST_ROWS = 3
 """Most rows of a picture that has one for each design."""
 
 
@@ -71,26 +69,18 @@ class Report:
     measured: MeasuredCamera | None = None
 
 
-def shown_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
-    """Rows to photograph: those of `pictured_rows`, every snapshot and the coded still."""
-    rows = _at_best(comparison)
-    others = (n for n in (*SNAPSHOTS, BEST_CODED_STILL) if n in rows)
-    order = dict.fromkeys((*pictured_rows(comparison, names), *others))
-    return {name: rows[name] for name in order}
-
-
 def pictured_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
     """Rows that pictures show; a picture without room for all shows the first of them.
 
-    The order is: the first of the user's shutters; its rivals, which are the better snapshot, the
-    best Tukey and the best of all; the user's other shutters; Hann and rect.
+    The order is: the first of the user's shutters; its rivals, which are the better snapshot and
+    the best of all; the user's other shutters; Hann.
     """
     rows = _at_best(comparison)
-    rivals = [name for name in rows if name not in names and name != BEST_BURST]
+    rivals = [name for name, row in rows.items() if name not in names and row.is_of_one_exposure]
     level = {name: row.level for name, row in rows.items()}.__getitem__
     snapshot = max((name for name in SNAPSHOTS if name in rows), key=level)
     best = max(rivals, key=level)
-    order = dict.fromkeys((*names[:1], snapshot, BEST_TUKEY, best, *names[1:], "Hann", "rect"))
+    order = dict.fromkeys((*names[:1], snapshot, best, *names[1:], "Hann"))
     return {name: rows[name] for name in order}
 
 
@@ -188,10 +178,39 @@ def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
         choice = report.comparison.choice
         if choice is not None and choice.design is not None and choice.name not in report.names:
             writers[_TO_BUILD] = choice.design.save
-    writers["report.json"] = lambda path: write_text(path, strict_json(document(report)) + "\n")
+    writers[_DOCUMENT] = partial(_write_document, report)
     return writers | {
         name: partial(_save_drawn, drawn) for name, drawn in _drawings(report).items()
     }
+
+
+def write_background(
+    report: Report, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
+) -> list[str]:
+    """Writes the document again, with the gains before a background, and draws such a picture.
+
+    Args:
+        report: The report, whose other files are written.
+        folder: Where the files go.
+        wrote: Called with the name of each new file that is written.
+
+    Returns:
+        The names of the new files: none without a photograph, or without a design.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    _write_document(report, folder / _DOCUMENT)
+    if report.design is None or report.photographs is None:
+        return []
+    rows = pictured_rows(report.comparison, report.names)
+    _save_drawn(lambda: _layered(report, rows), folder / _LAYERS)
+    wrote(_LAYERS)
+    return [_LAYERS]
+
+
+def _write_document(report: Report, path: Path) -> None:
+    write_text(path, strict_json(document(report)) + "\n")
 
 
 def _save_drawn(drawn: "Callable[[], Figure]", path: Path) -> None:
@@ -213,7 +232,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     if shown is None:
         return drawings
     restored = {name: shown.shown[name] for name in few}
-    drawings |= {
+    return drawings | {
         "psnr.png": lambda: plots.plot_psnr(shown.levels[ENSEMBLE], linear=True),
         "photograph.png": lambda: plots.plot_photograph(
             restored,
@@ -223,6 +242,3 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
             decoder_speed=speed,
         ),
     }
-    if report.design is not None:
-        drawings["layers.png"] = lambda: _layered(report, rows)
-    return drawings

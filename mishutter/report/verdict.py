@@ -1,78 +1,201 @@
 """The verdict of a scene: which camera to build, in words, and the notes that stand below it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 from mishutter.hardware import Design
 from mishutter.model import AbstractDevice, FirstOrderShutter, Scene, SplineShutter, command_of
 from mishutter.search import (
     BEST_SNAPSHOT,
     SHAPED_ON_FREE_PATH,
+    SHUTTER,
     SNAPSHOTS,
+    STAGE,
     Entry,
     Row,
     best_row,
     beyond_limits,
-    plainest,
+    forbids_free_path,
+    simplest,
     taken_names,
 )
 
-_WORTH_IT = 0.1
+WORTH_IT = 0.1
 """Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
 LEAST_SHOWN = 0.005
 """Least gain that two decimals show; dB."""
 
 
-def verdict_lines(
-    rows: Sequence[Row], choice: Row, own: Row | None, snapshot: Row, most: float
-) -> list[str]:
-    """Sentences on the camera to build, the ceiling, and the cameras beside it.
+@dataclass(frozen=True)
+class Case:
+    """The rows of a scene that a verdict is about.
 
-    Args:
+    Attributes:
         rows: The rows at their own best motions, without a burst.
         choice: The `row_to_build`.
         own: The best row of the user's shutters and designs; None without any.
         snapshot: The best snapshot.
         most: The ceiling; dB.
     """
-    beside = _beside(rows, choice, own)
-    at_worst = " at the worst speed" if choice.at_worst else ""
-    if choice.name in SNAPSHOTS:
-        return [
-            "Do not build a coded camera for this scene: nothing beats a snapshot by "
-            f"{_WORTH_IT} dB.",
-            f"Use an ordinary shutter: {choice.setting}, {choice.level:.2f} dB{at_worst}. "
-            f"Ceiling: {most:.2f} dB.",
-            *_of_pan(rows, choice),
-            *beside,
-        ]
-    reach = (
-        f"It takes {_in_words(choice.takes)}: {choice.setting}. Ceiling: {most:.2f} dB."
-        if own is not None and choice.takes < own.takes
-        else f"It is {max(most - choice.level, 0.0):.2f} dB below what any path and any shutter "
-        f"could reach ({most:.2f} dB)."
+
+    rows: Sequence[Row]
+    choice: Row
+    own: Row | None
+    snapshot: Row
+    most: float
+
+    @property
+    def is_coded(self) -> bool:
+        """Whether a camera is to be built, and not a snapshot to be used."""
+        return self.choice.name not in SNAPSHOTS
+
+    @cached_property
+    def top(self) -> Row:
+        """The best of all rows."""
+        return best_row(self.rows)
+
+    @cached_property
+    def nearest_simpler(self) -> Row | None:
+        """The best of the rows that are simpler than the choice; None without one that is coded."""
+        simpler = [row for row in self.rows if row is not self.own and self._is_simpler(row)]
+        nearest = best_row(simpler) if simpler else self.choice
+        return None if nearest is self.choice or nearest.name in SNAPSHOTS else nearest
+
+    def _is_simpler(self, row: Row) -> bool:
+        """Whether a row is simpler, or as simple with a fixed profile in place of a free one."""
+        if row.is_simpler_than(self.choice):
+            return True
+        parts = self.choice.required_hardware
+        is_free = isinstance(command_of(self.choice.shutter), SplineShutter)
+        is_fixed = not isinstance(command_of(row.shutter), SplineShutter)
+        return row.required_hardware == parts and SHUTTER in parts and is_free and is_fixed
+
+    @property
+    def level(self) -> str:
+        """The level of the choice, in words."""
+        at_worst = " at the worst speed" if self.choice.at_worst else ""
+        return f"{self.choice.level:.2f} dB{at_worst}"
+
+
+class Rule(NamedTuple):
+    """A sentence of the verdict, and the cases in which it stands there."""
+
+    applies: Callable[[Case], bool]
+    sentence: Callable[[Case], str]
+
+
+def _do_not_build(case: Case) -> str:
+    return (
+        "Do not build a coded camera for this scene: nothing beats a snapshot by "
+        f"{WORTH_IT} dB.\n"
+        f"Use an ordinary shutter: {case.choice.setting}, {case.level}. "
+        f"Ceiling: {case.most:.2f} dB."
     )
-    return [
-        f"Build {choice.name}: {choice.level:.2f} dB{at_worst}, "
-        f"{choice.lead_over(snapshot):.2f} dB above the {snapshot.name}.",
-        reach,
-        *beside,
-    ]
 
 
-def _of_pan(rows: Sequence[Row], snapshot: Row) -> list[str]:
-    """The sentence on the gain of a panned snapshot over one at rest."""
-    at_rest = next(row for row in rows if row.name == BEST_SNAPSHOT)
-    gain = snapshot.lead_over(at_rest)
-    if gain < LEAST_SHOWN:
-        return []
-    return [f"The pan alone brings {gain:.2f} dB: a snapshot at rest has {at_rest.level:.2f} dB."]
+def _pan(case: Case) -> str:
+    """The gain of a pan over a snapshot at rest, and the part that makes it."""
+    at_rest = next(row for row in case.rows if row.name == BEST_SNAPSHOT)
+    part = "a camera that turns" if case.choice.turns else STAGE
+    return (
+        f"The pan brings {case.choice.margin_over(at_rest):.2f} dB and takes {part}: "
+        f"at rest it has {at_rest.level:.2f} dB."
+    )
+
+
+def _build(case: Case) -> str:
+    gain = case.choice.margin_over(case.snapshot)
+    return f"Build {case.choice.name}: {case.level}, {gain:.2f} dB above the {case.snapshot.name}."
+
+
+def _requires_less(case: Case) -> bool:
+    own = case.own
+    return own is not None and case.choice.required_hardware < own.required_hardware
+
+
+def _parts(case: Case) -> str:
+    parts = _in_words(case.choice.required_hardware)
+    return f"It takes {parts}: {case.choice.setting}. Ceiling: {case.most:.2f} dB."
+
+
+def _room(case: Case) -> str:
+    room = max(case.most - case.choice.level, 0.0)
+    return (
+        f"It is {room:.2f} dB below what any path and any shutter could reach ({case.most:.2f} dB)."
+    )
+
+
+def _hides_speed(case: Case) -> bool:
+    return case.choice.speed == "found" and case.choice.hides_speed
+
+
+def _needs_no_shutter(case: Case) -> bool:
+    needs_stage_alone = case.is_coded and case.choice.required_hardware == {STAGE}
+    return needs_stage_alone and case.choice.speed != "unknown" and not _hides_speed(case)
+
+
+def _no_shutter(case: Case) -> str:
+    knows = "finds" if case.choice.speed == "found" else "is told"
+    return f"A stage and a decoder that {knows} the speed: no shutter is needed."
+
+
+def _own_is_no_simpler(case: Case) -> bool:
+    own, choice = case.own, case.choice
+    is_other = own is not None and own is not choice and case.is_coded
+    return is_other and own.required_hardware == choice.required_hardware
+
+
+def _own(case: Case) -> str:
+    return f"{_capitalised(case.own.name)} takes as much and has {case.own.level:.2f} dB."
+
+
+def _more(case: Case) -> str:
+    """The best of all rows, where that is not the choice, and what it takes too."""
+    more = case.top.required_hardware - case.choice.required_hardware
+    with_more = f" with {_in_words(more)} too" if more else ""
+    return (
+        f"{_capitalised(case.top.name)} has {case.top.level:.2f} dB{with_more}: "
+        f"{case.top.margin_over(case.choice):.2f} more."
+    )
+
+
+def _simpler(case: Case) -> str:
+    below = case.choice.margin_over(case.nearest_simpler)
+    side = f"{abs(below):.2f} dB {'below' if below >= 0 else 'above'} it"
+    return f"The nearest simpler camera, {case.nearest_simpler.name}, is {side}."
+
+
+RULES = (
+    Rule(lambda case: not case.is_coded, _do_not_build),
+    Rule(lambda case: not case.is_coded and case.choice.pans, _pan),
+    Rule(lambda case: case.is_coded, _build),
+    Rule(lambda case: case.is_coded and _requires_less(case), _parts),
+    Rule(lambda case: case.is_coded and not _requires_less(case), _room),
+    Rule(
+        _hides_speed,
+        lambda case: "No speed can be found: the blur differs too little over the speeds.",
+    ),
+    Rule(_needs_no_shutter, _no_shutter),
+    Rule(_own_is_no_simpler, _own),
+    Rule(lambda case: case.top.margin_over(case.choice) >= LEAST_SHOWN, _more),
+    Rule(lambda case: case.is_coded and case.nearest_simpler is not None, _simpler),
+)
+"""The sentences of a verdict, in their order."""
+
+
+def verdict_of(case: Case) -> str:
+    """The verdict in a few lines: each rule that applies to the case says its sentence."""
+    return "\n".join(rule.sentence(case) for rule in RULES if rule.applies(case))
 
 
 def row_to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
-    """The row to build: the plainest of all that are about as good as the best.
+    """The row to build: the simplest of all that are about as good as the best.
 
-    Rows within `_WORTH_IT` of the best are about as good, and a coded camera must exceed the best
-    snapshot by that much. Among equally good and plain rows the best of the user's is preferred.
+    Rows within `WORTH_IT` of the best are about as good, and a coded camera must exceed the best
+    snapshot by that much; of snapshots the one at rest is preferred to a pan that buys a stage for
+    a gain that nobody sees. Among equally good and simple rows the best of the user's is preferred.
     If that one is worth building, it is also preferred to a profile on a free path, which asks more
     of a stage.
 
@@ -82,57 +205,21 @@ def row_to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
         snapshot: The best snapshot.
     """
     top = best_row(rows)
-    if own is not None and own.lead_over(snapshot) >= _WORTH_IT:
+    if own is not None and own.margin_over(snapshot) >= WORTH_IT:
         top = best_row(row for row in rows if row.name != SHAPED_ON_FREE_PATH)
-    if top.lead_over(snapshot) < _WORTH_IT:
-        return snapshot
-    if own is not None and own.takes <= top.takes:
-        if top.lead_over(own) < _WORTH_IT <= own.lead_over(snapshot):
+    if top.margin_over(snapshot) < WORTH_IT:
+        at_rest = [row for row in rows if row.name == BEST_SNAPSHOT]
+        return simplest(at_rest, snapshot, within=LEAST_SHOWN)
+    if own is not None and own.required_hardware <= top.required_hardware:
+        if top.margin_over(own) < WORTH_IT <= own.margin_over(snapshot):
             top = own
-    worth = [row for row in rows if row.lead_over(snapshot) >= _WORTH_IT]
-    return plainest(worth, top, within=_WORTH_IT)
+    worth = [row for row in rows if row.margin_over(snapshot) >= WORTH_IT]
+    return simplest(worth, top, within=WORTH_IT)
 
 
-def _beside(rows: Sequence[Row], choice: Row, own: Row | None) -> list[str]:
-    """Sentences on a better camera than the one to build, and on the nearest simpler one."""
-    lines, top = [], best_row(rows)
-    is_coded = choice.name not in SNAPSHOTS
-    if choice.speed == "found" and choice.hides_speed:
-        lines.append("No speed can be found: the blur differs too little over the speeds.")
-    elif choice.speed != "unknown" and choice.takes == {"a stage"} and is_coded:
-        knows = "finds" if choice.speed == "found" else "is told"
-        lines.append(f"A stage and a decoder that {knows} the speed: no shutter is needed.")
-    is_other = own is not None and own is not choice and is_coded
-    if own is not None and is_other and own.takes == choice.takes:
-        lines.append(f"{_capitalised(own.name)} takes as much and has {own.level:.2f} dB.")
-    gain = top.lead_over(choice)
-    if gain >= LEAST_SHOWN:
-        more = top.takes - choice.takes
-        with_more = f" with {_in_words(more)} too" if more else ""
-        lines.append(
-            f"{_capitalised(top.name)} has {top.level:.2f} dB{with_more}: {gain:.2f} more."
-        )
-    simpler = [row for row in rows if row is not own and _is_simpler(row, choice)]
-    nearest = best_row(simpler) if simpler else choice
-    if is_coded and nearest is not choice and nearest.name not in SNAPSHOTS:
-        below = choice.lead_over(nearest)
-        side = f"{abs(below):.2f} dB {'below' if below >= 0 else 'above'} it"
-        lines.append(f"The nearest simpler camera, {nearest.name}, is {side}.")
-    return lines
-
-
-def _is_simpler(row: Row, choice: Row) -> bool:
-    """Whether a row is plainer, or as plain with a fixed profile in place of a free one."""
-    if row.is_plainer_than(choice):
-        return True
-    is_free = "a shutter" in choice.takes and isinstance(command_of(choice.shutter), SplineShutter)
-    is_fixed = not isinstance(command_of(row.shutter), SplineShutter)
-    return row.takes == choice.takes and is_free and is_fixed
-
-
-def _in_words(takes: frozenset[str]) -> str:
-    """The parts that a row takes, in words."""
-    return " and ".join(sorted(takes, reverse=True)) or "neither stage nor shutter"
+def _in_words(parts: frozenset[str]) -> str:
+    """Parts of a camera, in words."""
+    return " and ".join(sorted(parts, reverse=True)) or "neither stage nor shutter"
 
 
 def _capitalised(name: str) -> str:
@@ -141,7 +228,12 @@ def _capitalised(name: str) -> str:
 
 
 def comparison_notes(
-    scene: Scene, entries: Mapping[str, Entry], rows: Sequence[Row], burst: Row | None
+    scene: Scene,
+    entries: Mapping[str, Entry],
+    rows: Sequence[Row],
+    bursts: Iterable[Row],
+    *,
+    free_paths: bool = False,
 ) -> tuple[str, ...]:
     """Sentences for the foot of the tables.
 
@@ -149,15 +241,17 @@ def comparison_notes(
         scene: The scene, whose device loses light.
         entries: Shutters and designs of the user, by name.
         rows: The rows at their own best motions, without a burst.
-        burst: The best burst; None where the scene has none.
+        bursts: The rows at their own best motions that are bursts.
+        free_paths: Whether free paths were asked for.
     """
     notes = [
         *device_notes(scene.device),
         *_blind_drive_notes(scene, entries),
         *_limit_notes(scene, rows),
         *_tolerance_notes(scene, rows),
+        *_path_notes(scene, free_paths),
     ]
-    return tuple(notes if burst is None else [*notes, _burst_note(burst)])
+    return (*notes, *map(_burst_note, bursts))
 
 
 def device_notes(device: AbstractDevice | None) -> list[str]:
@@ -211,10 +305,16 @@ def _tolerance_notes(scene: Scene, rows: Sequence[Row]) -> list[str]:
     """Sentences on the cameras and the decoders for which tolerances are not computed."""
     if scene.tolerances is None:
         return []
-    notes = ["No free path is compared: tolerances are those of a parabola."]
+    notes = []
     if all(row.within is None for row in rows):
         notes.append("Levels are without tolerances: those need one filter and the mean of speeds.")
     return notes
+
+
+def _path_notes(scene: Scene, free_paths: bool) -> list[str]:
+    """The reason for which free paths that were asked for are not compared."""
+    reason = forbids_free_path(scene)
+    return [f"No free path is compared: {reason}."] if free_paths and reason else []
 
 
 def _burst_note(row: Row) -> str:

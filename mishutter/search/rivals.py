@@ -1,8 +1,11 @@
-"""Rivals of a design: windows, snapshots, coded stills, free paths and bursts, each at its best."""
+"""Rivals of a design: snapshots, the best Tukey, coded stills, bursts and free paths.
+
+A new rival is a function that searches for it, and a line of `RIVALS`.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,12 +13,11 @@ import jax
 import numpy as np
 from jaxtyping import Float, PyTree
 
-from mishutter._core import as_they_end, num_processors
+from mishutter._core import as_they_end, num_processors, once
 from mishutter.evaluation import (
     PLANNED,
     AbstractLoss,
     Automatic,
-    Metrics,
     Plan,
     best_burst,
     evaluate,
@@ -25,7 +27,6 @@ from mishutter.hardware import GIVEN, Design
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
-    DecoderSpeed,
     LinearMotion,
     RectShutter,
     Scene,
@@ -35,11 +36,17 @@ from mishutter.model import (
     baselines,
 )
 from mishutter.search.planning import plan as plan_of_scene
+from mishutter.search.rows import (
+    FRAMES,
+    ONE_EXPOSURE,
+    OWN_BEST_MOTION,
+    SAME_MOTION,
+    STAGE,
+    Row,
+)
 from mishutter.search.search import free_by_default, on_free_path, optimise
 from mishutter.search.space import forbids_free_path, mirrors
 
-SAME_MOTION = "same motion"
-OWN_BEST_MOTION = "own best motion"
 OPEN = "rect"
 BEST_TUKEY = "best Tukey"
 BEST_SNAPSHOT = "best snapshot"
@@ -50,194 +57,89 @@ BEST_BURST = "best burst"
 OPEN_ON_FREE_PATH = "open on a free path"
 SHAPED_ON_FREE_PATH = "shaped on a free path"
 SNAPSHOTS = (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT)
-_RIVALS = (
-    BEST_TUKEY,
-    OPEN_ON_FREE_PATH,
-    SHAPED_ON_FREE_PATH,
-    *SNAPSHOTS,
-    BEST_CODED_STILL,
-    CODED_AT_REST,
-    BEST_BURST,
-)
-_PURCHASES = {
-    frozenset[str](): "nothing",
-    frozenset({"a stage"}): "a stage",
-    frozenset({"a shutter"}): "a shutter",
-    frozenset({"a stage", "a shutter"}): "both",
-}
-_OPEN = 1 - 1e-6
-"""Efficiency above which a shutter counts as one that stays open."""
-_SAME_LEVEL = 1e-4
-"""Difference of levels up to which two searches ended in one place; dB."""
 _SLOW_PAN = 0.01
 """Share of the fastest object's speed with which a search for a pan begins."""
-_STANDS_STILL = 0.05
-"""Travel during the exposure below which a sensor counts as standing still; px."""
 
 Step = Callable[[str], None]
 Entry = AbstractShutter | Design
 
 
-@dataclass(frozen=True)
-class Row:
-    """One shutter on one motion.
+class RivalSearch:
+    """The searches of one comparison: what they are for, and the designs that some of them share.
 
     Attributes:
-        reading: `"same motion"` or `"own best motion"`.
-        name: Name of the shutter.
-        shutter: The profile.
-        motion: The motion it is measured on.
-        loss: Value of the loss that tuned it; None on the same motion.
-        metrics: Its metrics.
-        turns: Whether turning the camera makes the pan, and not the stage.
-        speed: Knowledge that the judging decoder has of the speed, as `Scene.decoder_speed`.
-        num_frames: Frames of the motion's exposure that are added up; 1 but for a burst.
-        at_worst: Whether it is judged at the worst speed, and not by the mean over speeds.
-        design: The design that a search found; None for the reading *same motion* and for a burst.
+        scene: Speeds, light, noise and limits.
+        loss: The loss that tunes every design; it depends on how much light an exposure brings.
+        motion: Motion of the reading *same motion*; the scene's by default.
+        start: The motion that searches of a moving sensor begin with.
+        entries: Profiles and designs of the user, by name.
+        free_paths: Whether free paths are asked for, here or by the scene.
+        plan: The plan of the computation: one for each search, or None for everything.
+        open_on_parabola: The best design of an open shutter, computed at the first call.
+        shaped_on_parabola: The best design of a free profile, one of the entries if it can be.
     """
 
-    reading: str
-    name: str
-    shutter: AbstractShutter
-    motion: AbstractMotion
-    loss: float | None
-    metrics: Metrics
-    turns: bool = False
-    speed: DecoderSpeed = "unknown"
-    num_frames: int = 1
-    at_worst: bool = False
-    design: Design | None = None
+    def __init__(
+        self,
+        scene: Scene,
+        loss: AbstractLoss,
+        motion: AbstractMotion | None = None,
+        entries: Mapping[str, Entry] | None = None,
+        *,
+        free_paths: bool = False,
+        plan: Plan | Automatic | None = PLANNED,
+    ) -> None:
+        self.scene, self.loss, self.plan = scene, loss, plan
+        self.motion = scene.motion if motion is None else motion
+        self.start = _searchable(self.motion, scene)
+        self.entries = {} if entries is None else entries
+        self.free_paths = free_paths or scene.free_paths
+        self.open_on_parabola = once(lambda: self.best(self.start, RectShutter()))
+        self.shaped_on_parabola = once(lambda: self.shaped_entry() or self.best(self.start))
 
-    def __repr__(self) -> str:
-        """The name and the level; the table has the rest."""
-        return f"Row({self.reading!r}, {self.name!r}, {self.level:.2f} dB, {self.setting})"
+    def best(
+        self,
+        start: AbstractMotion,
+        shutter: AbstractShutter | None = None,
+        free: Iterable[str] | None = None,
+        plan: Plan | None = None,
+    ) -> Design:
+        """The best design from a motion and a shutter, or from a free-form profile."""
+        plan = self.plan if plan is None else plan
+        return optimise(self.scene, start, shutter, free=free, loss=self.loss, plan=plan)
 
-    @cached_property
-    def stroke(self) -> float:
-        """Distance from the lowest to the highest position of the stage over the exposure; px.
-
-        It includes the pan, unless turning the camera makes the pan.
-        """
-        of_stage = self.motion.without_velocity() if self.turns else self.motion
-        return float(of_stage.extent)
-
-    @cached_property
-    def takes(self) -> frozenset[str]:
-        """Parts that are needed in addition to a camera at rest with an ordinary shutter."""
-        stays_open = isinstance(self.shutter, RectShutter)
-        stays_open = stays_open or float(self.metrics.efficiency) > _OPEN
-        takes = {
-            "a stage": self.stroke >= _STANDS_STILL,
-            "a shutter": not stays_open,
-        }
-        return frozenset(part for part, is_needed in takes.items() if is_needed)
-
-    @cached_property
-    def kind(self) -> tuple[bool, bool]:
-        """Whether the sensor follows another path than a parabola, and whether a shutter is made.
-
-        Of rows that take the same parts, one of a lesser kind is plainer.
-        """
-        return not self.motion.accelerates_constantly, not isinstance(self.shutter, RectShutter)
-
-    def is_plainer_than(self, other: "Row") -> bool:
-        """Whether it takes fewer of the other's parts, or the same parts of a plainer kind."""
-        same = self.takes == other.takes
-        return self.kind < other.kind if same else self.takes < other.takes
-
-    @property
-    def level(self) -> float:
-        """Expected PSNR that judges it, within the tolerances of a scene that has any; dB."""
-        return self.psnr if self.within is None else self.within
-
-    @property
-    def within(self) -> float | None:
-        """Expected PSNR within the tolerances of the scene; dB.
-
-        None for a scene without tolerances, and where a decoder that knows the speed, or the worst
-        speed, judges: these judge the camera as designed.
-        """
-        level = self.metrics.toleranced_psnr
-        is_mean = self.speed == "unknown" and not self.at_worst
-        return float(level) if is_mean and level is not None else None
-
-    @property
-    def psnr(self) -> float:
-        """Expected PSNR of the camera as designed, by the judging decoder; dB."""
-        if self.at_worst:
-            return float(self.metrics.worst_speed_psnr)
-        return float(self.metrics.psnr_of(self.speed))
-
-    @property
-    def hides_speed(self) -> bool:
-        """Whether being told the speed would gain something, but looking for it gains nothing."""
-        metrics = self.metrics
-        untold, told = float(metrics.expected_psnr), float(metrics.known_speed_psnr)
-        return float(metrics.found_speed_psnr) <= untold < told
-
-    @property
-    def worst_psnr(self) -> float | None:
-        """PSNR at the worst speed by the judging decoder; None if it finds the speed; dB."""
-        level = self.metrics.worst_psnr_of(self.speed)
-        return None if level is None else float(level)
-
-    @property
-    def setting(self) -> str:
-        """Exposure, pan and stroke of the motion with units; a pan alone is without its stroke."""
-        motion = self.motion
-        parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
-        if _pans(motion):
-            parts.append(f"pan {float(motion.velocity):.0f} px/s")
-        if float(motion.stroke) >= _STANDS_STILL:
-            parts.append(f"stroke {self.stroke:.3g} px")
-        return ", ".join(parts if len(parts) > 1 else [*parts, "at rest"])
-
-    def lead_over(self, other: "Row") -> float:
-        """Level above that of another row; 0 over itself, also where it is infinite; dB."""
-        return 0.0 if self is other else self.level - other.level
+    def shaped_entry(self) -> Design | None:
+        """The best design of a free profile on a parabola, where it is one of the entries."""
+        for entry in self.entries.values():
+            if isinstance(entry, Design) and is_finished(entry, self.scene, self.loss):
+                if isinstance(entry.command, SplineShutter) and entry.straight is not None:
+                    return entry
+        return None
 
 
-def best_row(rows: Iterable[Row]) -> Row:
-    """The row of the highest level, the first of equals."""
-    return max(rows, key=lambda row: row.level)
+class Rival(NamedTuple):
+    """A kind of camera that stands beside a design, tuned alike.
 
-
-def plainest(rows: Iterable[Row], top: Row, *, within: float) -> Row:
-    """The plainest row of those that are about as good as one: that one, or a plainer row.
-
-    Fewer parts come first, then a parabola before a free path, then an ordinary shutter before a
-    made one, and then the level.
-
-    Args:
-        rows: Rows to choose from.
-        top: The one that they are compared with.
-        within: Level below the top from which on a row is not as good; dB.
+    Attributes:
+        names: Names of its rows, of which a search may find fewer.
+        hardware: Parts that its rows may require.
+        search: Finds its rows.
+        is_asked: Whether a comparison searches for it.
     """
-    plainer = [row for row in rows if row.is_plainer_than(top) and top.lead_over(row) < within]
-    return min([*plainer, top], key=lambda row: (len(row.takes), row.kind, -row.level))
 
+    names: tuple[str, ...]
+    hardware: frozenset[str]
+    search: Callable[[RivalSearch], list[Row]]
+    is_asked: Callable[[RivalSearch], bool] = lambda search: True
 
-def best_of_each_purchase(rows: Iterable[Row]) -> dict[str, Row]:
-    """The best row of each purchase, the simplest first; no burst, which is another camera.
-
-    The best row of a purchase is the best of all rows that need no more parts, and the plainest of
-    equals: whoever has bought more may use less of it.
-
-    Args:
-        rows: Rows of both readings; only those at their own best motion count.
-    """
-    rows = [row for row in rows if row.reading == OWN_BEST_MOTION and row.name != BEST_BURST]
-    return {
-        name: plainest(enough, best_row(enough), within=_SAME_LEVEL)
-        for parts, name in _PURCHASES.items()
-        for enough in [[row for row in rows if row.takes <= parts]]
-        if any(row.takes == parts for row in enough)
-    }
+    def rows(self, search: RivalSearch) -> list[Row]:
+        """Its rows, which know the parts that they may require."""
+        return [replace(row, hardware=self.hardware) for row in self.search(search)]
 
 
 def taken_names() -> tuple[str, ...]:
     """Names of the rows that a comparison adds by itself."""
-    return (*baselines(), *_RIVALS)
+    return (*baselines(), *(name for rival in RIVALS for name in rival.names))
 
 
 def may_be_named(entry: Entry, name: str) -> bool:
@@ -245,74 +147,47 @@ def may_be_named(entry: Entry, name: str) -> bool:
     return name not in taken_names() or _are_equal(baselines().get(name), entry)
 
 
-class RivalSearch(NamedTuple):
-    """Settings of the searches of one comparison.
-
-    Attributes:
-        scene: Speeds, light, noise and limits.
-        loss: The loss that tunes every design; it depends on how much light an exposure brings.
-        plan: The plan of the computation: one for each search, or None for everything.
-    """
-
-    scene: Scene
-    loss: AbstractLoss
-    plan: Plan | Automatic | None = PLANNED
-
-    def best(
-        self,
-        start: AbstractMotion,
-        shutter: AbstractShutter | None = None,
-        free: Iterable[str] | None = None,
-    ) -> Design:
-        """The best design from a motion and a shutter, or from a free-form profile."""
-        return optimise(self.scene, start, shutter, free=free, loss=self.loss, plan=self.plan)
+def searches(search: RivalSearch) -> dict[str, Callable[[], list[Row]]]:
+    """The searches of a comparison by the names of their first rows, the longest first."""
+    rivals = [rival for rival in RIVALS if rival.is_asked(search)]
+    of_rivals = {rival.names[0]: partial(rival.rows, search) for rival in reversed(rivals)}
+    entries = {**search.entries, **baselines()}
+    return of_rivals | {name: partial(_own_best, search, name) for name in entries}
 
 
-def compared_rows(
-    search: RivalSearch, motion: AbstractMotion, entries: Mapping[str, Entry], step: Step
-) -> list[Row]:
+def compared_rows(search: RivalSearch, step: Step) -> list[Row]:
     """Measures shutters, baselines and rivals at their own best motions, and on one motion.
 
     Args:
-        search: The scene, loss and plan of the searches.
-        motion: Motion of the second reading, and the start of the first.
-        entries: Profiles and designs to compare with the baselines, by name.
-        step: Called with the name of each row when its own best motion is known.
+        search: The searches of the comparison.
+        step: Called with the name of each search when it has ended.
 
     Returns:
         The rows at their own best motion, then those on the same motion.
     """
-    scene, loss, plan = search
-    windows = {name: window for name, window in baselines().items() if name not in entries}
-    entries = {**entries, **windows}
+    scene, loss, motion = search.scene, search.loss, search.motion
+    windows = {name: window for name, window in baselines().items() if name not in search.entries}
+    entries = {**search.entries, **windows}
     commands = {n: e.command if isinstance(e, Design) else e for n, e in entries.items()}
     shutters = {name: transmittance(scene, motion, each) for name, each in commands.items()}
-    measure, turns = partial(evaluate, scene, motion, plan=plan), _turns(scene)
+    measure, turns = partial(evaluate, scene, motion, plan=search.plan), _turns(scene)
     on_motion = [
         Row(SAME_MOTION, name, shutter, motion, None, measure(shutter), turns)
         for name, shutter in shutters.items()
     ]
-    # The longest search begins first.
-    start = _searchable(motion, scene)
-    searches = [
-        lambda: _free_profiles(search, start, entries),
-        lambda: [_row(BEST_TUKEY, search.best(start, TukeyShutter(0.5)))],
-        *(
-            partial(_own_best, search, start, name, entry)
-            for name, entry in entries.items()
-            if name != OPEN
-        ),
-        lambda: snapshots(search),
-        lambda: _bursts(scene),
-    ]
     speed = loss.decoder_speed or scene.decoder_speed
     judge = partial(replace, speed=speed, at_worst=loss.of_worst_speed)
     at_best = {}
-    for rows in filter(None, as_they_end(searches, num_processors())):
-        step(rows[0].name)
-        at_best |= {row.name: row if row.name == BEST_BURST else judge(row) for row in rows}
-    names = [name for name in (*shutters, *_RIVALS) if name in at_best]
+    calls = [partial(_named, *item) for item in searches(search).items()]
+    for first_name, rows in as_they_end(calls, num_processors()):
+        step(first_name)
+        at_best |= {row.name: judge(row) if row.is_of_one_exposure else row for row in rows}
+    names = [name for name in dict.fromkeys((*shutters, *taken_names())) if name in at_best]
     return [*(at_best[name] for name in names), *map(judge, on_motion)]
+
+
+def _named(name: str, call: Callable[[], list[Row]]) -> tuple[str, list[Row]]:
+    return name, call()
 
 
 def _searchable(motion: AbstractMotion, scene: Scene) -> AbstractMotion:
@@ -345,6 +220,10 @@ def _unaccelerated(scene: Scene) -> LinearMotion:
     return LinearMotion(half_exposure=_middle_exposure(scene), velocity=velocity)
 
 
+def _best_tukey(search: RivalSearch) -> list[Row]:
+    return [_row(BEST_TUKEY, search.best(search.start, TukeyShutter(0.5)))]
+
+
 def snapshots(search: RivalSearch) -> list[Row]:
     """Searches for the best snapshots: at rest and, where the limits allow a pan, panned."""
     scene = search.scene
@@ -359,10 +238,9 @@ def snapshots(search: RivalSearch) -> list[Row]:
 
 def _best_snapshot(search: RivalSearch) -> Row:
     """Searches for the exposure of a camera at rest with an ordinary shutter."""
-    still = _camera_at_rest(search.scene)
-    if search.plan is PLANNED:
-        search = search._replace(plan=_roomy_plan(search.scene, still, search.loss))
-    return _row(BEST_SNAPSHOT, search.best(still, RectShutter()))
+    still, is_planned = _camera_at_rest(search.scene), search.plan is PLANNED
+    plan = _roomy_plan(search.scene, still, search.loss) if is_planned else None
+    return _row(BEST_SNAPSHOT, search.best(still, RectShutter(), plan=plan))
 
 
 def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
@@ -386,77 +264,81 @@ def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
     )
 
 
-def _free_profiles(
-    search: RivalSearch, start: AbstractMotion, entries: Mapping[str, Entry]
-) -> list[Row]:
-    """Searches that begin with one another's designs: coded stills, open shutters, free paths.
-
-    Free paths have rows where the stage may take one.
-    """
-    scene, loss, plan = search
-    shutter = RectShutter()
-    free = free_by_default(scene, start, shutter)
-    takes_path = "acceleration" in free and not forbids_free_path(scene)
-    shaped = _best_of_entries(search, entries)
-    if shaped is None and takes_path:
-        shaped = search.best(start)
-    rows = _coded_stills(search, shaped)
-    steady = search.best(start, shutter, free)
-    rows.append(_row(OPEN, steady))
-    if takes_path and shaped is not None:
-        on_path = on_free_path(steady, start, loss=loss, plan=plan)
-        beside = [design for design in (steady, on_path) if not design.motion.is_straight]
-        best = on_free_path(shaped, start, loss=loss, shaped=True, beside=beside, plan=plan)
-        rows += [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]
-    return rows
-
-
-def _best_of_entries(search: RivalSearch, entries: Mapping[str, Entry]) -> Design | None:
-    """The best design of a free profile on a parabola, where it is one of the entries."""
-    for entry in entries.values():
-        if isinstance(entry, Design) and is_finished(entry, search.scene, search.loss):
-            if isinstance(entry.command, SplineShutter) and entry.straight is not None:
-                return entry
-    return None
-
-
-def _coded_stills(search: RivalSearch, shaped: Design | None) -> list[Row]:
-    """The best free profile without acceleration, and where that pans the best at rest.
-
-    Args:
-        search: The scene, loss and plan of the searches.
-        shaped: The best design of a free profile, which holds the best one without acceleration.
-    """
+def _coded_stills(search: RivalSearch) -> list[Row]:
+    """The best free profile without acceleration, and where that pans the best at rest."""
     scene = search.scene
+    # The search for a free profile holds the best one without acceleration.
+    shaped = search.shaped_on_parabola() if _takes_free_path(search) else search.shaped_entry()
     best = None if shaped is None else shaped.straight
     if best is None:
         best = search.best(_unaccelerated(scene))
-    rows = [_row(BEST_CODED_STILL, best)]
-    if not _pans(best.motion):
-        return rows
-    return [*rows, _row(CODED_AT_REST, search.best(_camera_at_rest(scene)))]
+    still = _row(BEST_CODED_STILL, best)
+    if not still.pans:
+        return [still]
+    return [still, _row(CODED_AT_REST, search.best(_camera_at_rest(scene)))]
 
 
-def _own_best(search: RivalSearch, start: AbstractMotion, name: str, entry: Entry) -> list[Row]:
-    """Searches for an entry's own best motion, unless it is a design that has it."""
-    if isinstance(entry, Design) and is_finished(entry, search.scene, search.loss):
-        return [_row(name, entry)]
-    shutter = entry.shutter if isinstance(entry, Design) else entry
-    if isinstance(entry, Design) and entry.motion.accelerates_constantly:
-        start = entry.motion
-    parts = free_by_default(search.scene, start, shutter)
-    return [_row(name, search.best(start, shutter, [part for part in parts if part != "shutter"]))]
+def _takes_free_path(search: RivalSearch) -> bool:
+    """Whether free paths are asked for, and the sensor may follow one."""
+    if not search.free_paths or forbids_free_path(search.scene):
+        return False
+    return "acceleration" in free_by_default(search.scene, search.start, RectShutter())
 
 
-def _bursts(scene: Scene) -> list[Row]:
+def _on_free_paths(search: RivalSearch) -> list[Row]:
+    """Free paths of an open and of a shaped shutter, which begin with one another's designs."""
+    loss, plan, start = search.loss, search.plan, search.start
+    shaped, steady = search.shaped_on_parabola(), search.open_on_parabola()
+    on_path = on_free_path(steady, start, loss=loss, plan=plan)
+    beside = [design for design in (steady, on_path) if not design.motion.is_straight]
+    best = on_free_path(shaped, start, loss=loss, shaped=True, beside=beside, plan=plan)
+    return [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]
+
+
+def _best_burst(search: RivalSearch) -> list[Row]:
     """The best burst of a camera that takes any, by a decoder that is told the speed."""
+    scene, shutter = search.scene, RectShutter()
     burst = best_burst(scene)
     if burst is None:
         return []
-    shutter = RectShutter()
     metrics = evaluate(burst.scene, burst.motion, shutter)
     row = Row(OWN_BEST_MOTION, BEST_BURST, shutter, burst.motion, None, metrics)
     return [replace(row, speed="told", turns=_turns(scene), num_frames=burst.num_frames)]
+
+
+RIVALS = (
+    Rival((BEST_TUKEY,), ONE_EXPOSURE, _best_tukey),
+    Rival(SNAPSHOTS, frozenset({STAGE}), snapshots),
+    Rival((BEST_CODED_STILL, CODED_AT_REST), ONE_EXPOSURE, _coded_stills),
+    Rival(
+        (BEST_BURST,),
+        frozenset({STAGE, FRAMES}),
+        _best_burst,
+        is_asked=lambda search: search.scene.burst is not None,
+    ),
+    Rival(
+        (OPEN_ON_FREE_PATH, SHAPED_ON_FREE_PATH),
+        ONE_EXPOSURE,
+        _on_free_paths,
+        is_asked=_takes_free_path,
+    ),
+)
+"""All rivals, in the order of their rows. Searches for the last take longest, and begin first."""
+
+
+def _own_best(search: RivalSearch, name: str) -> list[Row]:
+    """Searches for an entry's own best motion, unless it is a design that has it."""
+    scene, loss, start = search.scene, search.loss, search.start
+    entry = search.entries[name] if name in search.entries else baselines()[name]
+    if isinstance(entry, Design) and is_finished(entry, scene, loss):
+        return [_row(name, entry)]
+    if name == OPEN:
+        return [_row(name, search.open_on_parabola())]
+    shutter = entry.shutter if isinstance(entry, Design) else entry
+    if isinstance(entry, Design) and entry.motion.accelerates_constantly:
+        start = entry.motion
+    parts = free_by_default(scene, start, shutter)
+    return [_row(name, search.best(start, shutter, [part for part in parts if part != "shutter"]))]
 
 
 def is_finished(design: Design, scene: Scene, loss: AbstractLoss) -> bool:
@@ -486,8 +368,3 @@ def _row(name: str, design: Design) -> Row:
 def _turns(scene: Scene) -> bool:
     """Whether the camera is turned to pan."""
     return scene.limits.pans == "camera"
-
-
-def _pans(motion: AbstractMotion) -> bool:
-    """Whether the pan of a sensor is more than counts as standing still."""
-    return abs(float(motion.velocity)) * float(motion.exposure) >= _STANDS_STILL

@@ -21,7 +21,13 @@ from mishutter import (
     SwitchedShutter,
     Tolerances,
 )
-from mishutter.model import example_scene, read_scene, scene_picture, scene_text
+from mishutter.model import (
+    example_scene,
+    example_scene_text,
+    read_scene,
+    scene_picture,
+    scene_text,
+)
 from mishutter.pictures import example_picture, row_power_spectrum, write_picture
 
 
@@ -428,6 +434,7 @@ def test_a_scene_written_is_the_scene_read(slug, tmp_path):
         device=DEVICES[slug],
         full_well=7100.0,
         burst=Burst(frames_per_s=240.0, max_frames=6),
+        free_paths=True,
         stage=SecondOrderStage(bandwidth=43.0, damping=0.35),
         tolerances=Tolerances(acceleration=0.02, delay=1.5e-4, transmittance=0.03, drive_step=5e-5),
         occlusion=Occlusion(front_share=0.4, object_width=83.0, level_difference=0.06),
@@ -455,3 +462,28 @@ def test_a_written_scene_names_its_photograph(tmp_path):
     """The path of the photograph stands for what is read from it."""
     (tmp_path / "scene.toml").write_text(scene_text(example_scene()))
     assert eqx.tree_equal(Scene.load(tmp_path / "scene.toml"), example_scene(), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("keys", "asked", "frames"),
+    [("free_paths = true", True, None), ("frames_per_s = 130\nmax_frames = 3", False, 3)],
+)
+def test_rivals_are_asked_for_one_by_one(keys, asked, frames, tmp_path):
+    """Free paths without frames, and frames without free paths."""
+    path = tmp_path / "scene.toml"
+    path.write_text(example_scene_text() + f"\n[rivals]\n{keys}\n")
+    scene = Scene.load(path)
+    assert scene.free_paths == asked
+    assert (None if scene.burst is None else scene.burst.max_frames) == frames
+
+
+@pytest.mark.parametrize(
+    ("key", "missing"),
+    [("frames_per_s = 130", "max_frames"), ("max_frames = 3\nfree_paths = true", "frames_per_s")],
+)
+def test_frames_need_a_rate_and_a_number(key, missing, tmp_path):
+    """One without the other is refused by the name of the other."""
+    path = tmp_path / "scene.toml"
+    path.write_text(example_scene_text() + f"\n[rivals]\n{key}\n")
+    with pytest.raises(ValueError, match=rf"`\[rivals\] {missing}` must be given; got nothing"):
+        Scene.load(path)

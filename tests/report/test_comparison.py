@@ -92,15 +92,15 @@ def test_what_each_purchase_brings():
     document = comparison.to_dict()["rivals"]
     assert {takes: each["name"] for takes, each in document.items()} == names
     assert document["both"]["expected_psnr_db"] == 24.5
-    assert document["both"]["over_snapshot_db"] == 2.75
+    assert document["both"]["over_nothing_db"] == 3.0
     assert document["a stage"]["motion"]["velocity"] == -12345.0
-    _, table = comparison.text().split("gain of each purchase\n")
+    _, table = comparison.text().split("gain of each purchase over buying nothing\n")
     lines = [" ".join(line.split()) for line in table.splitlines()]
     assert lines[:4] == [
-        "nothing best snapshot 21.50 dB, -0.25 dB, 2.6 ms, at rest",
-        "a stage rect 22.25 dB, +0.50 dB, 20 ms, pan -12345 px/s, stroke 247 px",
-        "a shutter best coded at rest 21.62 dB, -0.12 dB, 2.6 ms, at rest",
-        "both Hann 24.50 dB, +2.75 dB, 20 ms, stroke 22 px",
+        "nothing best snapshot 21.50 dB, +0.00 dB, 2.6 ms, at rest",
+        "a stage rect 22.25 dB, +0.75 dB, 20 ms, pan -12345 px/s, stroke 247 px",
+        "a shutter best coded at rest 21.62 dB, +0.12 dB, 2.6 ms, at rest",
+        "both Hann 24.50 dB, +3.00 dB, 20 ms, stroke 22 px",
     ]
     better = verdict(levels | {"a": 25.0}, "a")
     assert better.rivals["both"].name == "a"

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import jax.numpy as jnp
 import pytest
-from support.designs import SCENE
+from support.designs import SCENE, on_parabolas
 from support.rows import PANNED, made_up, verdict
 
 from mishutter import HannShutter, ceiling
 from mishutter.report import with_verdict
+from mishutter.report.verdict import RULES, Case, row_to_build, verdict_of
 from mishutter.search import (
     BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
@@ -16,6 +17,8 @@ from mishutter.search import (
     CODED_AT_REST,
     OPEN_ON_FREE_PATH,
     SHAPED_ON_FREE_PATH,
+    SNAPSHOTS,
+    best_row,
 )
 
 
@@ -76,8 +79,117 @@ def test_a_camera_that_does_not_pay_is_not_advised():
     comparison = verdict(levels | {BEST_PANNED_SNAPSHOT: 26.0}, "a")
     assert comparison.verdict.startswith("Do not build a coded camera for this scene")
     assert "Use an ordinary shutter: 4 ms, pan -1500 px/s, 26.00 dB." in comparison.verdict
-    assert "The pan alone brings 2.00 dB: a snapshot at rest has 24.00 dB." in comparison.verdict
+    assert (
+        "The pan brings 2.00 dB and takes a stage: at rest it has 24.00 dB." in comparison.verdict
+    )
     assert comparison.gain == pytest.approx(-1.91)
+
+
+@pytest.mark.parametrize(("turns", "part"), [(False, "a stage"), (True, "a camera that turns")])
+def test_a_pan_is_not_free(turns, part):
+    """The verdict says which part makes it, in a line of eighty columns."""
+    levels = {"a": 21.0, BEST_SNAPSHOT: 13.91, BEST_PANNED_SNAPSHOT: 26.25}
+    rows = [replace(row, turns=turns) for row in made_up(levels)]
+    said = with_verdict(rows, {}, SCENE).verdict.splitlines()
+    assert said[2] == f"The pan brings 12.34 dB and takes {part}: at rest it has 13.91 dB."
+    assert len(said[2]) <= 80
+
+
+def test_no_stage_is_bought_for_a_pan_that_nobody_sees():
+    """Of snapshots that two decimals do not tell apart the verdict names the one at rest."""
+    levels = {"a": 23.95, BEST_SNAPSHOT: 24.0}
+    equal, better = (
+        verdict(levels | {BEST_PANNED_SNAPSHOT: panned}, "a") for panned in (24.004, 24.006)
+    )
+    assert equal.choice.name == BEST_SNAPSHOT
+    assert "a stage" not in equal.verdict
+    assert better.choice.name == BEST_PANNED_SNAPSHOT
+    assert "takes a stage" in better.verdict
+
+
+def test_the_owner_of_nothing_buys_the_stage_that_pans():
+    """Gains of purchases are over the snapshot at rest, unless the camera is turned to pan."""
+    levels = {"a": 24.75, BEST_SNAPSHOT: 21.5, BEST_PANNED_SNAPSHOT: 23.25}
+    bought = {
+        turns: with_verdict([replace(row, turns=turns) for row in made_up(levels)], {}, SCENE)
+        for turns in (False, True)
+    }
+    over = {
+        turns: {name: table.over_nothing(row.level) for name, row in table.rivals.items()}
+        for turns, table in bought.items()
+    }
+    assert over[False] == {"nothing": 0.0, "a stage": 1.75, "both": 3.25}
+    assert over[True] == {"nothing": 0.0, "both": 1.5}
+    for turns, table in bought.items():
+        assert table.over_snapshot(24.75) == 1.5  # of every other gain
+        gains = {name: row["over_nothing_db"] for name, row in table.to_dict()["rivals"].items()}
+        assert gains == over[turns]
+
+
+@pytest.mark.parametrize("gain", [0.001, 0.03, 0.05, 0.0999])
+def test_a_gain_of_less_than_a_tenth_builds_nothing(gain):
+    """Whether the row is the user's or the package's, and however near to 0.1 dB it comes."""
+    levels = {"a": 24.0 + gain, "Hann": 23.0, BEST_SNAPSHOT: 24.0}
+    for names in ((), ("a",)):
+        comparison = verdict(levels, *names)
+        assert comparison.choice.name == BEST_SNAPSHOT
+        assert not comparison.is_to_build
+        assert comparison.verdict.startswith("Do not build")
+        more = [line for line in comparison.verdict.splitlines() if line.endswith(" more.")]
+        assert more == (
+            [f"a has {24 + gain:.2f} dB with a stage and a shutter too: {gain:.2f} more."]
+            if gain >= 0.005
+            else []
+        )
+
+
+@pytest.mark.parametrize("short", [0.02, 0.06, 0.0999])
+def test_of_rows_within_a_tenth_the_simplest_or_the_own_is_built(short):
+    """A row that is better by less than 0.1 dB changes nothing; one that is so by more does."""
+    levels = {"a": 25.0, "Hann": 25.0 + short, BEST_SNAPSHOT: 23.0}
+    assert verdict(levels, "a").choice.name == "a"  # the user's own, of as many parts
+    assert verdict(levels).choice.name == "Hann"
+    assert verdict(levels | {"Hann": 25.12}, "a").choice.name == "Hann"
+    assert verdict(levels | {"rect": 25.0 - short + 0.0001}, "a").choice.name == "rect"
+    assert verdict(levels | {"rect": 25.0 - short - 0.1}, "a").choice.name == "a"
+
+
+def test_an_own_row_that_does_not_pay_is_not_preferred():
+    """Beside a better one within 0.1 dB, where the own is above the snapshot by less than that."""
+    levels = {"a": 24.07, "Hann": 24.13, BEST_SNAPSHOT: 24.0}
+    assert verdict(levels, "a").choice.name == "Hann"
+    assert verdict(levels | {"a": 24.11}, "a").choice.name == "a"
+
+
+def test_each_rule_says_its_sentence_once():
+    """Over verdicts of many kinds; a rule that none of them reached would be dead."""
+    cases = [
+        {"a": 24.0, BEST_SNAPSHOT: 24.2, BEST_PANNED_SNAPSHOT: 24.6},
+        {"a": 24.9, BEST_SNAPSHOT: 24.0, "rect": 24.5, SHAPED_ON_FREE_PATH: 25.2},
+        {"a": 24.9, BEST_SNAPSHOT: 24.0, "rect": 24.85},
+        {"a": 24.0, BEST_SNAPSHOT: 23.0, "Hann": 24.4},
+    ]
+    found = [
+        Case(rows, row_to_build(rows, own, snapshot), own, snapshot, 27.0)
+        for levels in cases
+        for rows in [made_up(levels)]
+        for own, snapshot in [(rows[0], best_row(row for row in rows if row.name in SNAPSHOTS))]
+    ]
+    reached = {rule for case in found for rule in RULES if rule.applies(case)}
+    assert len(set(RULES) - reached) == 2  # those of decoders that find or are told the speed
+    for case in found:
+        sentences = [rule.sentence(case) for rule in RULES if rule.applies(case)]
+        assert verdict_of(case) == "\n".join(sentences)
+        assert len(set(sentences)) == len(sentences)
+
+
+def test_a_note_says_why_free_paths_that_were_asked_for_are_missing():
+    """Of a stage whose jerk is limited, and of tolerances; nothing of what was not asked for."""
+    rows = made_up({"a": 24.0, BEST_SNAPSHOT: 23.0})
+    for scene, why in ((on_parabolas(SCENE), "the jerk of the stage"), (SCENE, "")):
+        asked = with_verdict(rows, {}, scene, free_paths=True).notes
+        assert [f"No free path is compared: {why}" in note for note in asked] == [True] * bool(why)
+        assert with_verdict(rows, {}, scene).notes == ()
 
 
 def test_a_free_path_is_advised_where_the_design_does_not_pay():
@@ -91,7 +203,7 @@ def test_a_free_path_is_advised_where_the_design_does_not_pay():
     assert advised[2] == "a takes as much and has 24.00 dB."
 
 
-def test_the_plainest_of_equals_is_advised():
+def test_the_simplest_of_equals_is_advised():
     """A parabola before a free path, an ordinary shutter before a made one, fewer parts first."""
     levels = {"a": 26.51, OPEN_ON_FREE_PATH: 26.57, "rect": 26.55, BEST_SNAPSHOT: 24.0}
     lines = verdict(levels, "a").verdict.splitlines()
@@ -104,7 +216,7 @@ def test_the_plainest_of_equals_is_advised():
     assert other.verdict.startswith(f"Build {CODED_AT_REST}: 26.60 dB")  # no stage for a shutter
 
 
-def test_the_best_of_a_purchase_is_the_plainest_of_one_level():
+def test_the_best_of_a_purchase_is_the_simplest_of_one_level():
     """Where searches end in one place; a level that is higher, however little, is the best."""
     levels = {"a": 25.0, OPEN_ON_FREE_PATH: 25.0, "rect": 25.0, BEST_SNAPSHOT: 24.0}
     assert {row.name for row in verdict(levels).rivals.values()} == {BEST_SNAPSHOT, "rect"}
@@ -135,7 +247,7 @@ def test_a_snapshot_that_pans_is_not_said_to_find_the_speed():
     panned = replace(rows[0], name=BEST_PANNED_SNAPSHOT, motion=PANNED, metrics=better)
     said = with_verdict([*rows, panned], {}, SCENE).verdict
     assert said.startswith("Do not build a coded camera")
-    assert "The pan alone brings 1.00 dB" in said
+    assert "The pan brings 1.00 dB and takes a stage" in said
     assert "finds the speed" not in said
     assert "No speed can be found: the blur differs too little over the speeds." not in said
     found = panned.metrics.found_speed_psnr

@@ -166,7 +166,8 @@ def test_a_free_path_is_better_than_a_parabola(found):
 @pytest.mark.slow
 def test_a_comparison_has_an_open_shutter_on_a_free_path(found):
     """It is what a search for it alone finds, and what a stage alone brings."""
-    table = compare(scene(), found[0].motion, {"own": TukeyShutter(0.6)})
+    own = {"own": TukeyShutter(0.6)}
+    table = compare(scene(), found[0].motion, own, free_paths=True)
     row = table.row("open on a free path")
     assert row.loss == pytest.approx(found[1].loss, rel=1e-5)
     assert table.rivals["a stage"] is row

@@ -1,5 +1,8 @@
 """Rivals of a design: each at its own best motion, and the best of each purchase."""
 
+import time
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.designs import MOTION, SCENE, SLOW, on_parabolas
@@ -7,21 +10,36 @@ from support.helpers import ROUNDING
 from support.rows import made_up
 
 from mishutter import (
+    Burst,
     DesignLoss,
     ExpectedErrorLoss,
     HannShutter,
+    Limits,
     Scene,
+    baselines,
     optimise,
 )
+from mishutter._core import as_they_end, once
 from mishutter.search import (
+    BEST_BURST,
+    BEST_CODED_STILL,
     BEST_SNAPSHOT,
+    BEST_TUKEY,
     CODED_AT_REST,
+    FRAMES,
+    ONE_EXPOSURE,
+    OPEN_ON_FREE_PATH,
     OWN_BEST_MOTION,
+    RIVALS,
     SAME_MOTION,
+    SHUTTER,
+    STAGE,
+    Rival,
     RivalSearch,
     best_of_each_purchase,
     compared_rows,
     is_finished,
+    searches,
     snapshots,
 )
 
@@ -36,7 +54,7 @@ def test_a_snapshot_pans_with_the_most_objects_of_a_range_about_rest():
         read_noise=4.0,
         limits=SCENE.limits,
     )
-    at_rest, panned = snapshots(RivalSearch(scene, ExpectedErrorLoss(), None))
+    at_rest, panned = snapshots(RivalSearch(scene, ExpectedErrorLoss(), plan=None))
     assert float(panned.motion.velocity) == pytest.approx(3000, abs=400)
     assert panned.level > at_rest.level + 0.2
 
@@ -49,11 +67,12 @@ def test_designs_keep_or_start_from_their_own_motions():
     elsewhere = scene.bare(weights=np.array([0.2, 0.3, 0.2, 0.2, 0.1]))
     other = optimise(elsewhere, MOTION, HannShutter(), loss=loss, free="half_exposure")
     names: list[str] = []
-    search = RivalSearch(scene, loss)
-    rows = compared_rows(search, MOTION, {"found": finished, "other": other}, names.append)
+    search = RivalSearch(scene, loss, MOTION, {"found": finished, "other": other})
+    rows = compared_rows(search, names.append)
     row = {(row.name, row.reading): row for row in rows}
     same, tuned = row["found", OWN_BEST_MOTION], row["other", OWN_BEST_MOTION]
     assert {"found", "other", BEST_SNAPSHOT} <= set(names)
+    assert sorted(names) == sorted(searches(search))
     assert is_finished(finished, scene, loss)
     assert not is_finished(finished, scene, DesignLoss())
     assert same.motion is finished.motion
@@ -70,3 +89,57 @@ def test_more_never_brings_less():
     brings = {takes: row.level for takes, row in best.items()}
     assert brings == {"nothing": 23.25, "a stage": 23.5, "a shutter": 23.25, "both": 23.5}
     assert best["both"].name == "rect"
+
+
+def _asked(scene, *, free_paths=False):
+    """Names of the searches of a comparison that are of rivals, and not of windows."""
+    loss = ExpectedErrorLoss()
+    names = searches(RivalSearch(scene, loss, free_paths=free_paths))
+    return {name for name in names if name not in baselines()}
+
+
+def test_rivals_are_searched_for_where_they_are_asked_for():
+    """Free paths by an argument or by the scene, where the stage may take one; bursts by frames."""
+    always = {BEST_TUKEY, BEST_SNAPSHOT, BEST_CODED_STILL}
+    free = always | {OPEN_ON_FREE_PATH}
+    light = {"photon_rate": 6e4, "read_noise": 4.0}
+    by_scene = Scene([-900.0, 900.0], free_paths=True, limits=Limits(max_stroke=17), **light)
+    burst = Scene([-900.0, 900.0], burst=Burst(frames_per_s=130.0, max_frames=3), **light)
+    assert _asked(SCENE) == always
+    assert _asked(SCENE, free_paths=True) == _asked(by_scene) == free
+    assert _asked(on_parabolas(SCENE), free_paths=True) == always
+    assert _asked(burst) == always | {BEST_BURST}
+
+
+def test_each_rival_has_names_of_its_own_and_parts_that_are_bought():
+    """No name stands twice, and only a burst takes parts beyond a stage and a shutter."""
+    names = [name for rival in RIVALS for name in rival.names]
+    assert len(set(names)) == len(names)
+    beyond = {rival.names for rival in RIVALS if not rival.hardware <= ONE_EXPOSURE}
+    assert beyond == {(BEST_BURST,)}
+
+
+def test_rows_know_the_parts_that_their_rival_may_require(monkeypatch):
+    """A burst requires frames whatever its levels; a stage and a shutter that rest do not count."""
+    (row,) = made_up({"Hann": 22.0})
+    kinds = {frozenset({STAGE, FRAMES}): {STAGE, FRAMES}, ONE_EXPOSURE: {STAGE, SHUTTER}}
+    for hardware, required in kinds.items():
+        rival = Rival(("mine",), hardware, lambda search: [replace(row, name="mine")])
+        (found,) = rival.rows(RivalSearch(SCENE, ExpectedErrorLoss()))
+        assert found.required_hardware == required
+        assert found.is_of_one_exposure == (FRAMES not in hardware)
+
+
+def test_a_shared_design_is_searched_for_once():
+    """By the first of several threads that ask at once; the others get the same."""
+    calls = []
+
+    def slow():
+        time.sleep(0.05)
+        calls.append(1)
+        return object()
+
+    shared = once(slow)
+    found = list(as_they_end([shared] * 5, 5))
+    assert len(calls) == 1
+    assert all(each is found[0] for each in found)

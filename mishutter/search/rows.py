@@ -1,0 +1,197 @@
+"""Rows of a comparison: one camera each, how good it is, and the hardware that it requires."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+from mishutter.evaluation import Metrics
+from mishutter.hardware import Design
+from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, RectShutter
+
+SAME_MOTION = "same motion"
+OWN_BEST_MOTION = "own best motion"
+STAGE, SHUTTER, FRAMES = "a stage", "a shutter", "a burst of frames"
+"""Parts that a camera may require beside a sensor at rest with an ordinary shutter."""
+ONE_EXPOSURE = frozenset({STAGE, SHUTTER})
+"""Parts that a camera of one exposure may require."""
+_PURCHASES = {
+    frozenset[str](): "nothing",
+    frozenset({STAGE}): "a stage",
+    frozenset({SHUTTER}): "a shutter",
+    frozenset({STAGE, SHUTTER}): "both",
+}
+_OPEN = 1 - 1e-6
+"""Efficiency above which a shutter counts as one that stays open."""
+_SAME_LEVEL = 1e-4
+"""Difference of levels up to which two searches ended in one place; dB."""
+_STANDS_STILL = 0.05
+"""Travel during the exposure below which a sensor counts as standing still; px."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One shutter on one motion.
+
+    Attributes:
+        reading: `"same motion"` or `"own best motion"`.
+        name: Name of the shutter.
+        shutter: The profile.
+        motion: The motion it is measured on.
+        loss: Value of the loss that tuned it; None on the same motion.
+        metrics: Its metrics.
+        turns: Whether turning the camera makes the pan, and not the stage.
+        speed: Knowledge that the judging decoder has of the speed, as `Scene.decoder_speed`.
+        num_frames: Frames of the motion's exposure that are added up; 1 but for a burst.
+        at_worst: Whether it is judged at the worst speed, and not by the mean over speeds.
+        design: The design that a search found; None for the reading *same motion* and for a burst.
+        hardware: Parts that cameras of its kind may require.
+    """
+
+    reading: str
+    name: str
+    shutter: AbstractShutter
+    motion: AbstractMotion
+    loss: float | None
+    metrics: Metrics
+    turns: bool = False
+    speed: DecoderSpeed = "unknown"
+    num_frames: int = 1
+    at_worst: bool = False
+    design: Design | None = None
+    hardware: frozenset[str] = ONE_EXPOSURE
+
+    def __repr__(self) -> str:
+        """The name and the level; the table has the rest."""
+        return f"Row({self.reading!r}, {self.name!r}, {self.level:.2f} dB, {self.setting})"
+
+    @cached_property
+    def stroke(self) -> float:
+        """Distance from the lowest to the highest position of the stage over the exposure; px.
+
+        It includes the pan, unless turning the camera makes the pan.
+        """
+        of_stage = self.motion.without_velocity() if self.turns else self.motion
+        return float(of_stage.extent)
+
+    @cached_property
+    def required_hardware(self) -> frozenset[str]:
+        """Parts that are needed in addition to a camera at rest with an ordinary shutter.
+
+        A stage that stands still and a shutter that stays open are not needed.
+        """
+        stays_open = isinstance(self.shutter, RectShutter)
+        stays_open = stays_open or float(self.metrics.efficiency) > _OPEN
+        idle = {STAGE: self.stroke < _STANDS_STILL, SHUTTER: stays_open}
+        return frozenset(part for part in self.hardware if not idle.get(part, False))
+
+    @property
+    def is_of_one_exposure(self) -> bool:
+        """Whether it is a camera of one exposure, and no burst."""
+        return FRAMES not in self.hardware
+
+    @property
+    def pans(self) -> bool:
+        """Whether the pan of the sensor is more than counts as standing still."""
+        return abs(float(self.motion.velocity)) * float(self.motion.exposure) >= _STANDS_STILL
+
+    @cached_property
+    def kind(self) -> tuple[bool, bool]:
+        """Whether the sensor follows another path than a parabola, and whether a shutter is made.
+
+        Of rows that require the same parts, one of a lesser kind is simpler.
+        """
+        return not self.motion.accelerates_constantly, not isinstance(self.shutter, RectShutter)
+
+    def is_simpler_than(self, other: "Row") -> bool:
+        """Whether it requires fewer of the other's parts, or the same parts of a simpler kind."""
+        own, others = self.required_hardware, other.required_hardware
+        return self.kind < other.kind if own == others else own < others
+
+    @property
+    def level(self) -> float:
+        """Expected PSNR that judges it, within the tolerances of a scene that has any; dB."""
+        return self.psnr if self.within is None else self.within
+
+    @property
+    def within(self) -> float | None:
+        """Expected PSNR within the tolerances of the scene; dB.
+
+        None for a scene without tolerances, and where a decoder that knows the speed, or the worst
+        speed, judges: these judge the camera as designed.
+        """
+        level = self.metrics.toleranced_psnr
+        is_mean = self.speed == "unknown" and not self.at_worst
+        return float(level) if is_mean and level is not None else None
+
+    @property
+    def psnr(self) -> float:
+        """Expected PSNR of the camera as designed, by the judging decoder; dB."""
+        if self.at_worst:
+            return float(self.metrics.worst_speed_psnr)
+        return float(self.metrics.psnr_of(self.speed))
+
+    @property
+    def hides_speed(self) -> bool:
+        """Whether being told the speed would gain something, but looking for it gains nothing."""
+        metrics = self.metrics
+        untold, told = float(metrics.expected_psnr), float(metrics.known_speed_psnr)
+        return float(metrics.found_speed_psnr) <= untold < told
+
+    @property
+    def worst_psnr(self) -> float | None:
+        """PSNR at the worst speed by the judging decoder; None if it finds the speed; dB."""
+        level = self.metrics.worst_psnr_of(self.speed)
+        return None if level is None else float(level)
+
+    @property
+    def setting(self) -> str:
+        """Exposure, pan and stroke of the motion with units; a pan alone is without its stroke."""
+        motion = self.motion
+        parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
+        if self.pans:
+            parts.append(f"pan {float(motion.velocity):.0f} px/s")
+        if float(motion.stroke) >= _STANDS_STILL:
+            parts.append(f"stroke {self.stroke:.3g} px")
+        return ", ".join(parts if len(parts) > 1 else [*parts, "at rest"])
+
+    def margin_over(self, other: "Row") -> float:
+        """Level above that of another row; 0 over itself, also where it is infinite; dB."""
+        return 0.0 if self is other else self.level - other.level
+
+
+def best_row(rows: Iterable[Row]) -> Row:
+    """The row of the highest level, the first of equals."""
+    return max(rows, key=lambda row: row.level)
+
+
+def simplest(rows: Iterable[Row], top: Row, *, within: float) -> Row:
+    """The simplest row of those that are about as good as one: that one, or a simpler row.
+
+    Fewer parts come first, then a parabola before a free path, then an ordinary shutter before a
+    made one, and then the level.
+
+    Args:
+        rows: Rows to choose from.
+        top: The one that they are compared with.
+        within: Level below the top from which on a row is not as good; dB.
+    """
+    simpler = [row for row in rows if row.is_simpler_than(top) and top.margin_over(row) < within]
+    return min([*simpler, top], key=lambda row: (len(row.required_hardware), row.kind, -row.level))
+
+
+def best_of_each_purchase(rows: Iterable[Row]) -> dict[str, Row]:
+    """The best row of each purchase, the least first; no burst, which is another camera.
+
+    The best row of a purchase is the best of all rows that need no more parts, and the simplest of
+    equals: whoever has bought more may use less of it.
+
+    Args:
+        rows: Rows of both readings; only those at their own best motion count.
+    """
+    rows = [row for row in rows if row.reading == OWN_BEST_MOTION]
+    return {
+        name: simplest(enough, best_row(enough), within=_SAME_LEVEL)
+        for parts, name in _PURCHASES.items()
+        for enough in [[row for row in rows if row.required_hardware <= parts]]
+        if any(row.required_hardware == parts for row in enough)
+    }
